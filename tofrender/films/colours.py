@@ -38,7 +38,7 @@ def units_of(wavelengths: Any) -> list[mi.Color3f]:
 
 
 def channels_by(units: Sequence[mi.Color3f], light: Any) -> list[Any]:
-    """As `channels_of`, with what `units_of` says of the wavelengths."""
+    """Return the channels of light by the colours of its wavelengths, see `units_of`."""
     values: list[Any] = []
     for spectrum in components(light):
         rgb = mi.Color3f(0)

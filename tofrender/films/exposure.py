@@ -1,4 +1,4 @@
-"""How light exposes a film: what an integrator says of it, whatever the film is."""
+"""Exposure: an integrator's description of how light counts, independent of the film."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ BINS, PHASORS, PICTURE = "transient_hdr_film", "phasor_hdr_film", "hdrfilm"
 
 @dataclass(frozen=True)
 class Exposure:
-    """How light of some path length counts on a film.
+    """Weighting of light by its path length on a film.
 
     Attributes:
-        onto: Kinds of film that it makes sense on, of BINS, PHASORS and PICTURE.
+        onto: Supported kinds of film, of BINS, PHASORS and PICTURE.
         pulse: Temporal profile of the light, None for an instant.
         temporal_filter: "box", "gaussian", or "" for the film's `rfilter` in time as well.
         gaussian_stddev: Standard deviation of the Gaussian filter [bins].
-        at_centres: Whether a bin takes the pulse's density at its centre, as a gate does, rather
-            than its energy within the bin.
-        weight: What a contribution counts by its length on a picture; None if all count alike.
-        lacks: Why there can be no picture yet, as the message that refuses it; "" if there can.
+        at_centres: Whether a bin has the pulse's density at its centre, as a gate has, rather than
+            its energy within the bin.
+        weight: Weight of contributions by their length on a picture; None if all count alike.
+        lacks: Message that refuses a picture, "" if there can be one.
     """
 
     onto: tuple[str, ...] = (BINS, PHASORS)

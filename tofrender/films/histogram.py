@@ -94,7 +94,7 @@ class Histogram:
 
     @property
     def sums(self) -> mi.Float:
-        """All sums, padding included."""
+        """Sums of all cells, padding included."""
         if self._folded is not None:
             self._add(self._folded, self._sums)
             self._sums, self._folded = self._folded, None

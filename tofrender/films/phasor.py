@@ -148,7 +148,7 @@ class PhasorHDRFilm(mi.Film):
         return values
 
     def factors(self, pulse: Pulse | None) -> np.ndarray:
-        """What each phasor is multiplied by: the phase of `start_opl`, and the light's pulse."""
+        """Return the factor of each phasor: the phase of `start_opl`, and the light's pulse."""
         factors = []
         for frequency in self.frequencies_hz:
             shift = -2 * math.pi * frequency * self.start_opl / SPEED_OF_LIGHT

@@ -1,4 +1,4 @@
-"""How light is recorded on each kind of film: the only place that tells films apart.
+"""Recordings of light on each kind of film: the only place that tells films apart.
 
 | recording | film | measures |
 |---|---|---|

@@ -1,4 +1,4 @@
-"""Light that lands anywhere on a film, apart from the samples of its pixels.
+"""Splats: contributions anywhere on a film, apart from the samples of its pixels.
 
 A path from a light is connected to the lens, and lands in whatever pixel sees it there. Such
 splats are no samples of that pixel: they are summed, by as many threads as there are, and divided
@@ -78,7 +78,7 @@ def footprint(film: mi.Film, position: mi.Point2f) -> list[tuple[Any, Any, Any]]
 
 
 def _norms(film: mi.Film, width: int, height: int) -> tuple[mi.Float, mi.Float]:
-    """One over the integral of the filter, around each column and row, over what is sampled."""
+    """Return 1 over the filter's integral over the sampled area, around each column and row."""
     rfilter = film.rfilter()
     border = rfilter.border_size() if film.sample_border() else 0
     reach = int(np.ceil(rfilter.radius()))

@@ -323,7 +323,7 @@ class TransientHDRFilm(mi.Film):
         return (int(height), int(width), self.temporal_bins, channels)
 
     def time_slice(self, k: int) -> mi.TensorXf:
-        """One time bin as an image, shape (height, width, channels).
+        """Return one time bin as an image of shape (height, width, channels).
 
         Raises:
             ValueError: There is no bin `k`.

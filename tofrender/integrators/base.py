@@ -1,4 +1,4 @@
-"""What all integrators of this package share: parameters, plans, and rendering."""
+"""Base class of all integrators: parameters, plans, and rendering."""
 
 from __future__ import annotations
 
@@ -124,21 +124,21 @@ class TransientIntegrator(mi.SamplingIntegrator):
     temporal_filter: str = "box"
 
     def exposure(self) -> Exposure:
-        """How light counts on a film."""
+        """Return how light counts on a film."""
         return Exposure(pulse=self.pulse)
 
     def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> Endpoint:
-        """What paths connect to."""
+        """Return the light-sampling technique."""
         if not self.emitter_sampling:
             return self.emitters(EmitterHits, scene, sensor)
         return self.emitters(SceneLights, scene, sensor, light_samples=self.light_samples)
 
     def scattering(self, scene: mi.Scene) -> Scattering:
-        """How paths go on."""
+        """Return the scattering at surfaces."""
         return Materials(scene)
 
     def limits(self, max_opl: Any = None) -> Limits:
-        """Which contributions count; `max_opl` [m] is their greatest length, None if all count."""
+        """Return the limits of paths; `max_opl` [m] is the greatest length, None for any."""
         return Limits(self.max_depth, self.rr_depth, max_opl, self.camera_unwarp)
 
     def emitters(
@@ -153,12 +153,12 @@ class TransientIntegrator(mi.SamplingIntegrator):
     def plan(
         self, scene: mi.Scene, sensor: mi.Sensor | None = None, weight: Weight | None = None
     ) -> Plan:
-        """What is done with the rays of a sensor.
+        """Return the parts of the path loop for the rays of a sensor.
 
         Args:
             scene: The scene.
             sensor: The sensor, None where only rays are known.
-            weight: What light counts by its length where nothing else of it matters.
+            weight: Weight of light by its length, if that is all that counts.
         """
         space = self.space(scene, sensor)
         scattering = space.with_phase_functions(self.scattering(scene))
@@ -314,7 +314,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
             self.pulse.take_width()
 
     def recording(self, film: Any) -> Recording:
-        """How this integrator's light is recorded on a film.
+        """Return the recording of this integrator's light on a film.
 
         Raises:
             TypeError: The film is of the wrong kind; one line.
@@ -329,7 +329,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
         return self.plan(scene, sensor, record.weight)
 
     def sample_arguments(self) -> tuple[Any, ...]:
-        """What a `sample` of a subclass takes besides scene, sampler and ray."""
+        """Return further arguments of a user-defined subclass's `sample`."""
         return ()
 
     def steps(

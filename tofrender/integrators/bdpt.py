@@ -66,7 +66,7 @@ there, which shows what it makes of all light of its lengths |
             )
 
     def mis_strategies(self) -> BidirectionalMIS:
-        """All strategies, or one."""
+        """Return all strategies, or one."""
         return BidirectionalMIS(HEURISTICS[self.mis], self.camera_connections, self.strategy)
 
     def to_string(self) -> str:

@@ -207,7 +207,7 @@ class BothEnds(TransientPath):
         self.target_time = None if target is None else checks.metres("target_time", target)
 
     def mis_strategies(self) -> BidirectionalMIS:
-        """Which strategies count."""
+        """Return which strategies count, and their weights."""
         raise TypeError(
             f"{type(self).__name__}: must define mis_strategies, which strategies count"
         )
@@ -229,7 +229,7 @@ class BothEnds(TransientPath):
         return Gate(self.pulse, target_time if is_array else dr.opaque(mi.Float, target_time))
 
     def exposure(self, target_time: Any = None) -> Exposure:
-        """As for a path tracer; a picture shows all light, or one gate's."""
+        """Return how light counts: on a picture all of it, or that of one gate."""
         target = self.target_time if target_time is None else target_time
         weight = None if target is None else self.gate(target)
         return replace(super().exposure(), onto=(BINS, PHASORS, PICTURE), weight=weight)

@@ -162,7 +162,7 @@ class Derivative:
                 bar.update(shot.spp)
 
     def _shots(self, seed: Any) -> Iterator[Shot]:
-        """All samples of the film's pixels, in passes of one point set; the film is emptied."""
+        """Clear the film, and yield all samples of its pixels in passes of one point set."""
         record, spp, done = self.record, self.spp, 0
         sampler: Any = best_sampler(spp)
         width, height = sampled_size(record.film)

@@ -1,4 +1,4 @@
-"""What has derivatives: refusals of what has none, in one line each, before any work."""
+"""Refusals of renders that have no derivatives, in one line each, before any work."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def tracked(params: Any) -> list[str]:
 
 
 def moving(names: Sequence[str]) -> list[str]:
-    """Those of the parameters of some names that light's way depends on.
+    """Select the names of parameters that move what light meets.
 
     Example:
         >>> moving(["floor.to_world", "floor.bsdf.reflectance.value", "sensor.x_fov"])
@@ -82,7 +82,7 @@ def _shown(names: Sequence[str]) -> str:
 
 
 def _users_level() -> int:
-    """How many calls above its caller the first one is that no renderer makes."""
+    """Return the stack level of the first caller outside of renderers."""
     frame, level = sys._getframe(1), 1
     while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] in RENDERERS:
         frame, level = frame.f_back, level + 1

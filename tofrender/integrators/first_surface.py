@@ -1,4 +1,4 @@
-"""What `simple` and `ao` share: the light of one bounce off white surfaces."""
+"""Base class of `simple` and `ao`: light of one bounce off white surfaces."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Taking many samples in every pixel: lanes, steps, and the way into a film.
+"""Rendering loop over samples: lanes, steps, and their values in a film.
 
 A few lanes follow each pixel through all samples of a step. On a CPU, the lanes of a pixel are
-neighbours in one vector, which one thread works on: each pixel has a single writer, and what it
-deposits need not be atomic. Memory does not depend on the number of samples.
+neighbours in one vector of one thread: each pixel has a single writer, which needs no atomic
+additions. Memory does not depend on the number of samples.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ STEP_SAMPLES, FIRST_SAMPLES = 1 << 22, 1 << 20
 """Camera rays of one kernel launch, at most and in the first."""
 
 STEP_S = 1.0
-"""Time that a step should take [s]: a render shows its progress, stops and is kept between two."""
+"""Time that a step should take [s]: progress, stops and checkpoints come between two steps."""
 
 LANES = {"llvm": 1 << 12, "cuda": 1 << 20}
 """Lanes that keep a device busy; in films with fewer pixels, many lanes share one."""
@@ -46,7 +46,7 @@ LOOPING_SAMPLERS = ("IndependentSampler", "PaddedSobolSampler")
 
 @dataclass(frozen=True)
 class Part:
-    """Which part of a picture's samples are taken, by default all of all pixels.
+    """Range of samples that a render takes, by default all of all pixels.
 
     Attributes:
         first: Samples per pixel that an earlier render with the same seed has taken. `padded_sobol`

@@ -1,4 +1,4 @@
-"""What the path tracers of the course share: bounces, and films with time or without."""
+"""Base class of the course's path tracers: bounces, and films with time or without."""
 
 from __future__ import annotations
 
@@ -45,5 +45,5 @@ class PathTracer(TransientPath):
         return self.max_depth - 1 if self.max_depth > 0 else -1
 
     def exposure(self) -> Exposure:
-        """As for films with time; on a picture all light counts."""
+        """Return how light counts: on a picture all of it."""
         return replace(super().exposure(), onto=(BINS, PHASORS, PICTURE))

@@ -38,7 +38,7 @@ class PathTracerMIS(PathTracer):
 
     @property
     def takes_light_samples(self) -> bool:
-        """Not with one sample of lights and material together."""
+        """Whether vertices may take several emitter samples: not with one-sample MIS."""
         return self.technique == "reuse"
 
     def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> SceneLights | OneSampleLights:

@@ -1,4 +1,4 @@
-"""What an integrator decides before a render: the parts of the path loop."""
+"""Plans: the parts of the path loop that an integrator chooses for a render."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from .first_surface import FirstSurface
 
 
 class Simple(FirstSurface):
-    """One point light, white diffuse surfaces, one bounce (plugin `simple`).
+    """Integrator of one point light and one bounce off white surfaces (plugin `simple`).
 
         L(x) = Phi / (4 pi^2) max(0, cos) / |x - p|^2 V(x, p)
 

@@ -142,7 +142,7 @@ class TimeGatedTransientPath(TransientIntegrator):
         return Gate(self.pulse, target_time if is_array else dr.opaque(mi.Float, target_time))
 
     def exposure(self, target_time: Any = None) -> Exposure:
-        """One gate on a picture, by default the stored one; a gate at the centre of every bin."""
+        """Return how light counts: one gate on a picture, a gate at the centre of every bin."""
         target = self.target_time if target_time is None else target_time
         return Exposure(
             onto=(BINS, PICTURE),

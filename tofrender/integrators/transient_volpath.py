@@ -61,7 +61,7 @@ class TransientVolpath(TransientPath):
     def plan(
         self, scene: mi.Scene, sensor: mi.Sensor | None = None, weight: Weight | None = None
     ) -> Plan:
-        """As of the base; surfaces that let a path straight through are no vertices."""
+        """Return the plan, in which null interactions are no vertices."""
         plan = super().plan(scene, sensor, weight)
         plan.limits.ignore_null = lets_straight_through(scene)
         return plan

@@ -13,7 +13,7 @@ ENDS = ("both", "camera", "light")
 
 
 class TwoStrategies(BidirectionalMIS):
-    """Only (1, t) and (s, 1) count.
+    """MIS of the strategies (1, t) and (s, 1) alone.
 
     Args:
         end: "camera" for the light of (1, t) alone, "light" for that of (s, 1), else "both".

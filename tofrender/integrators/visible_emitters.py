@@ -1,4 +1,4 @@
-"""Lamps that the camera sees without a bounce: pixels of their own, and many more samples there.
+"""Extra samples for pixels in which the camera sees an emitter directly.
 
 All paths that see a lamp directly have nearly the same length, so their light falls into few time
 bins, and more of it than anything else brings: it is most of a film's noise. Finding it takes one
@@ -35,7 +35,7 @@ class VisibleEmitters:
     """Rays that end at the first surface, in the pixels that may see a lamp there.
 
     Args:
-        plan: What is done with camera rays.
+        plan: The plan of the render.
         pixels: Numbers of the pixels, row by row in the sampled area of the film.
         rate: Rays for each sample of such a pixel.
         splats: Whether their light lands as splats do. A film with another filter than box divides
@@ -43,7 +43,7 @@ class VisibleEmitters:
             none of them would come out too bright, 5 % with a sample per pixel.
 
     Attributes:
-        rest: What is left to be done with camera rays.
+        rest: The plan without these rays' light.
     """
 
     def __init__(self, plan: Plan, pixels: np.ndarray, rate: int, splats: bool) -> None:
@@ -54,10 +54,10 @@ class VisibleEmitters:
     def of(
         cls, plan: Tracer, sensor: mi.Sensor, film: mi.Film, tile: Tile | None = None
     ) -> VisibleEmitters | None:
-        """What pays for a camera and a film, or a tile of one; None if nothing does.
+        """Return the rays that pay off for a film, or a tile of one; None if none do.
 
-        Nothing does where no lamp is in view, where lamps fill the picture, and with cameras whose
-        pixels cannot be told from points.
+        None do without a lamp in view, where lamps fill the picture, and with cameras that project
+        no points onto pixels.
         """
         if not isinstance(plan, Plan) or sensor.class_name() not in KINDS:
             return None
@@ -79,7 +79,7 @@ class VisibleEmitters:
     def trace(
         self, sampler: mi.Sampler, ray: mi.Ray3f, origin: Any, measurement: Any, frame: Any = None
     ) -> tuple[Any, Path]:
-        """Find what camera rays see first."""
+        """Add the emission that camera rays hit first."""
         plan = self.plan
         path = plan.start(plan.endpoint, ray, origin, True, frame)
         path, vertex = plan.space.next_vertex(path, sampler)
@@ -107,7 +107,7 @@ def pixels_of(lamps: Any, sensor: mi.Sensor, film: Any) -> np.ndarray:
 
 
 def _within(pixels: np.ndarray, width: int, film: mi.Film, tile: Tile) -> np.ndarray:
-    """Those of a whole film's pixels that are in a tile, numbered as the tile's."""
+    """Select a film's pixels that are in a tile, with their numbers in the tile."""
     own_width, own_height = sampled_size(film)
     y, x = np.divmod(pixels, width)
     x, y = x - tile.x, y - tile.y

@@ -31,10 +31,10 @@ from .surfaces import changing, element, spawn_ray
 
 
 class Detached:
-    """Another scattering, whose random directions lead to the same points of surfaces.
+    """Scattering with detached sampling: sampled directions lead to the same surface points.
 
     Args:
-        inner: The other scattering.
+        inner: The scattering that samples.
         scene: The scene.
         single: Whether it may choose single directions, which are followed as they bsdf_eval.
     """
@@ -44,23 +44,23 @@ class Detached:
 
     @property
     def refracts(self) -> bool:
-        """As the other scattering."""
+        """Delegate to the inner scattering."""
         return self.inner.refracts
 
     def guide(self) -> Any:
-        """As the other scattering."""
+        """Delegate to the inner scattering."""
         return self.inner.guide()
 
     def smooth(self, vertex: Vertex) -> mi.Bool:
-        """As the other scattering."""
+        """Delegate to the inner scattering."""
         return self.inner.smooth(vertex)
 
     def eval_pdf(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> BSDFEval:
-        """As the other scattering."""
+        """Delegate to the inner scattering."""
         return self.inner.eval_pdf(vertex, direction, active)
 
     def complete_sample(self, path: Path, vertex: Vertex) -> Path:
-        """What the other scattering finds; the density that it divides by stays."""
+        """Complete the inner sample; its density is detached."""
         one = copy(path)
         one.β = mi.UnpolarizedSpectrum(1)
         arrived = self.inner.complete_sample(one, vertex)
@@ -71,7 +71,7 @@ class Detached:
     def sample(
         self, vertex: Vertex, connection: Connection | None, sampler: mi.Sampler, active: mi.Bool
     ) -> tuple[Any, BSDFSample]:
-        """Towards a connection as the other scattering; onwards to a point that stays."""
+        """Evaluate a connection, and sample a direction to a detached point."""
         bsdf_eval = (
             None
             if connection is None

@@ -1,4 +1,4 @@
-"""Flights through media, as derivatives follow them.
+"""Derivatives of free flights through media.
 
 How far a flight goes is detached: a point that scatters keeps its place on the way to the surface
 behind it, or its distance where there is none. What the flight carries changes by
@@ -26,7 +26,7 @@ from .records import Connection, MediumPoint, Path, Vertex, extend
 
 
 class AttachedMedia(Media):
-    """Media whose coefficients change, and surfaces where there is a single homogeneous one.
+    """Media with derivatives by coefficients, and by surfaces around one homogeneous medium.
 
     Args:
         media: The media.
@@ -36,7 +36,7 @@ class AttachedMedia(Media):
         vars(self).update(vars(media))
 
     def next_vertex(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
-        """As of the base, with derivatives."""
+        """Delegate to `Media`, with derivatives."""
         with dr.suspend_grad():
             flight, weight = self.sample_flight(path, sampler)
         ray, o, here, medium = path.ray, path.prev.p, flight.scattered, flight.medium
@@ -63,7 +63,7 @@ class AttachedMedia(Media):
         return path, Vertex(point, dr.norm(point.p - o), valid, MediumPoint(mei, here))
 
     def _surface(self, path: Path, flight: Flight) -> mi.SurfaceInteraction3f:
-        """The surface behind a flight; through boundaries, the one that it has met."""
+        """Return the surface behind a flight; through boundaries, the one that it met."""
         if not self.repeats:
             return self.scene.ray_intersect(path.ray, active=path.active)
         met = path.active & ~flight.scattered
@@ -72,7 +72,7 @@ class AttachedMedia(Media):
     def transmittance(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
     ) -> Any:
-        """As of the base, with derivatives."""
+        """Delegate to `Media`, with derivatives."""
         if not self.repeats:
             return super().transmittance(path, vertex, connection, sampler)
         with dr.suspend_grad():
@@ -92,7 +92,7 @@ class AttachedMedia(Media):
         sampler: mi.Sampler,
         active: mi.Bool,
     ) -> Any:
-        """1, with the change of what is left of light after a length."""
+        """Return 1, with the derivative of transmittance over a length."""
         at = mi.Float(0)
         if self.repeats:
             with dr.suspend_grad():
@@ -109,7 +109,7 @@ class AttachedMedia(Media):
     def _medium_at(
         self, medium: Any, ray: mi.Ray3f, o: mi.Point3f, at: mi.Float, active: mi.Bool
     ) -> Any:
-        """The medium at a distance along rays that meet nothing but boundaries before."""
+        """Return the medium at a distance along rays that only cross boundaries before."""
         flight = Flight.start(ray, medium, active, mi.Bool(False))
         while flight.needs_intersection:
             flight = self._intersect(flight, o)

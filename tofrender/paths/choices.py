@@ -1,4 +1,4 @@
-"""Choices between single directions, such as reflection or refraction: the rates of their chances.
+"""Derivatives of the choice between delta lobes, such as reflection or refraction.
 
 A material that chooses with the chance p weights what it has chosen by f/p. A derivative needs that
 of f alone, as the choice itself stays. Mitsuba's materials differ: some hand out a p whose change
@@ -23,7 +23,7 @@ CHOOSERS = ("ThinDielectric", "SmoothPlastic", BLEND)
 
 
 class Choices:
-    """What the materials of a scene leave out of their weights.
+    """Derivatives that the BSDFs of a scene leave out of their sample weights.
 
     Args:
         scene: The scene.
@@ -40,7 +40,7 @@ class Choices:
 
 
 def undifferentiated(bsdf: mi.BSDF) -> str:
-    """What of a material has no derivatives, "" if all has.
+    """Name the part of a BSDF that has no derivatives, "" if there is none.
 
     Example:
         >>> pane = {"type": "thindielectric"}

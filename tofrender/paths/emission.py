@@ -1,4 +1,4 @@
-"""Where light starts: rays from emitters, and the densities with which they are chosen.
+"""Emission sampling: rays from emitters, and their densities.
 
 An emitter is chosen as next-event estimation chooses it, and those of `sampling_weight` 0 too that
 paths can run into. Light starts
@@ -251,7 +251,7 @@ class Emission:
     # -------------------------------------------------------------------------- densities
 
     def ratio(self, emitter: Any, ds: Any, pdf: mi.Float, distance: mi.Float) -> mi.Float:
-        """How much more often a connection finds a point of an emitter than light starts there.
+        """Return the density of a connection to an emitter point over that of emission there.
 
         This is p_c / p_e times distance^2 where p_c is the density of the connection by area, and
         p_e that of light that starts in its direction; for distant light, by direction and without
@@ -284,7 +284,7 @@ class Emission:
     def density(
         self, ref: mi.Interaction3f, ds: Any, pdf: mi.Float, distance: mi.Float
     ) -> mi.Float:
-        """How often light starts at a point that a ray from `ref` has run into.
+        """Return the density of emission at a point that a ray from `ref` has hit.
 
         It is p_e over distance^2, see `ratio` for the arguments; for distant light p_e.
         """

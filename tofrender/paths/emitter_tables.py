@@ -26,7 +26,7 @@ KINDS = CONES | SHAPES | BEAMS | DISTANT
 
 
 def chances(emitters: list[mi.Emitter]) -> tuple[Any, mi.Float, mi.Float]:
-    """How emitters are chosen, None if by their weights alone.
+    """Return the distribution over emitters, None if their weights alone are used.
 
     Also the chance by weight over that chance, and that chance where the weight is 0: both by the
     emitter's number.
@@ -60,7 +60,7 @@ def cones(emitters: list[mi.Emitter]) -> mi.Float:
 
 
 def by_area(emitters: list[mi.Emitter]) -> mi.Float:
-    """One over the area of each surface that shines [1/m²], by the emitter's number.
+    """Return 1 over the area of each area light [1/m²], by the emitter's number.
 
     That is `pdf_position` of its shape, which would ask all living shapes; some have none.
     """

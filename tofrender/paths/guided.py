@@ -104,13 +104,13 @@ class Targets:
 
 
 class Guided:
-    """Another scattering, mixed with directions to targets.
+    """Scattering mixed with directions to target surfaces.
 
     The path's `guide` is the distance to the target point that its ray was sent to, MATERIAL where
     the material chose instead, 0 where nothing is sent to targets.
 
     Args:
-        inner: The other scattering.
+        inner: The scattering by BSDFs.
         targets: The targets.
         senders: Shapes at whose points paths are sent to targets.
         probability: Probability s of that, above 0 and at most 1. With 1 only targets are found.
@@ -124,15 +124,15 @@ class Guided:
 
     @property
     def refracts(self) -> bool:
-        """As the other scattering."""
+        """Delegate to the inner scattering."""
         return self.inner.refracts
 
     def guide(self) -> mi.Float:
-        """Nothing is sent to targets yet."""
+        """Return 0: nothing is sent to targets yet."""
         return mi.Float(0)
 
     def smooth(self, vertex: Vertex) -> mi.Bool:
-        """As the other scattering."""
+        """Delegate to the inner scattering."""
         return self.inner.smooth(vertex)
 
     def sends(self, vertex: Vertex, active: mi.Bool) -> mi.Bool:
@@ -144,7 +144,7 @@ class Guided:
         return (path.guide != 0) & ~path.specular
 
     def eval_pdf(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> BSDFEval:
-        """As the other scattering; the density is that of its own choice."""
+        """Evaluate the BSDF; the density is that of its own sampling."""
         bsdf_eval = self.inner.eval_pdf(vertex, direction, active)
         bsdf_eval.pdf *= self._bsdf_probability(vertex)
         return bsdf_eval
@@ -152,7 +152,7 @@ class Guided:
     def sample(
         self, vertex: Vertex, connection: Connection | None, sampler: mi.Sampler, active: mi.Bool
     ) -> tuple[Any, BSDFSample]:
-        """As the other scattering, but to a target with the probability `probability`.
+        """Sample a direction from the BSDF, or to a target with the probability `probability`.
 
         The bounce has the material's density, and the BSDF over the density of what chose the
         direction, without the target's cosine: that is for `complete_sample`.

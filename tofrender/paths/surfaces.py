@@ -86,7 +86,7 @@ class Boundaries:
 def first_surface(
     scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool | bool = True
 ) -> mi.SurfaceInteraction3f:
-    """What rays meet first that is more than the boundary of a medium; `t` is from the last one.
+    """Intersect rays with surfaces that are no index-matched boundary; `t` is from the last one.
 
     Example:
         >>> fog = {"type": "cube", "bsdf": {"type": "null"}}
@@ -204,7 +204,7 @@ class LampNormals:
     def sample_direction(
         self, at: mi.Interaction3f, u: mi.Point2f, active: Any = True
     ) -> tuple[Any, Any]:
-        """As of the scene: a direction to a point on an emitter, and its radiance over density."""
+        """Sample a direction to an emitter; returns it, and radiance over density."""
         ds, weight = self.scene.sample_emitter_direction(at, u, False, active)
         if not self.exist:
             return ds, weight

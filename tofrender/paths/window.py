@@ -20,7 +20,7 @@ KINDS = {"PerspectiveCamera": "perspective", "ThinLensCamera": "thinlens"}
 
 @dataclass
 class Arrival:
-    """Where a point is connected to the lens, one for each lane.
+    """Connection of a point to the lens, one for each lane.
 
     Attributes:
         lens: The point on the lens [m].
@@ -42,7 +42,7 @@ class Arrival:
 
 
 class Window:
-    """Where a `perspective` or `thinlens` sensor is, and what it looks through.
+    """Position of a `perspective` or `thinlens` sensor, and the window of its film.
 
     Args:
         sensor: The camera.
@@ -103,7 +103,7 @@ class Window:
         self.first, self.size = mi.Point2f(*first.tolist()), mi.Vector2f(width, height)
 
     def plane(self, d: mi.Vector3f) -> tuple[mi.Float, mi.Float]:
-        """Where a direction from the lens meets the plane at distance 1."""
+        """Intersect a direction from the lens with the plane at distance 1."""
         z = dr.dot(d, self.axis)
         return dr.dot(d, self.right) / z, dr.dot(d, self.up) / z
 

@@ -160,14 +160,20 @@ class EmitterEndpoint(Endpoint):
     """Abstract base of the techniques that sample a scene's emitters.
 
     Args:
-        emitters: The emitters.
+        scene, sensor, hide_emitters, discard_direct_light: As for `SceneEmitters`.
     """
 
-    def __init__(self, emitters: SceneEmitters) -> None:
-        self.emitters = emitters
-        self.hide_emitters = emitters.hide_emitters
-
     finds_all = False
+
+    def __init__(
+        self,
+        scene: mi.Scene,
+        sensor: mi.Sensor | None = None,
+        hide_emitters: bool = False,
+        discard_direct_light: bool = False,
+    ) -> None:
+        self.emitters = SceneEmitters(scene, sensor, hide_emitters, discard_direct_light)
+        self.hide_emitters = hide_emitters
 
     @abstractmethod
     def hit_weight(self, path: Path, vertex: Vertex, hit: Hit) -> mi.Float:

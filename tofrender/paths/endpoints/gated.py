@@ -10,7 +10,7 @@ import mitsuba as mi
 
 from ...runtime import checks
 from ..records import BSDFEval, Connection, Hit, Path, Vertex
-from .emitters import EmitterEndpoint, SceneEmitters, power_heuristic
+from .emitters import EmitterEndpoint, power_heuristic
 
 CANDIDATES = 8
 """Emitter samples that a connection is resampled from; only the chosen one costs a shadow ray."""
@@ -43,7 +43,7 @@ class GatedEmitters(EmitterEndpoint):
         hide_emitters: bool = False,
         discard_direct_light: bool = False,
     ) -> None:
-        super().__init__(SceneEmitters(scene, sensor, hide_emitters, discard_direct_light))
+        super().__init__(scene, sensor, hide_emitters, discard_direct_light)
         self.gate = checks.function("gate", gate)
 
     def resample(

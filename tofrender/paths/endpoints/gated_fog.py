@@ -35,7 +35,7 @@ class SampledGate(Protocol):
     """
 
     def __call__(self, opl: mi.Float) -> mi.Float:
-        """Its weight [1/m]."""
+        """Return the weight of a path length [1/m]."""
         ...
 
     opens: mi.Float

@@ -16,7 +16,7 @@ from ..lens import Lens
 from ..protocols import Scattering
 from ..records import BSDFEval, BSDFSample, Connection, Hit, Path, Vertex
 from .camera import LightPath
-from .emitters import EmitterEndpoint, SceneEmitters
+from .emitters import EmitterEndpoint
 
 
 @dataclass
@@ -160,7 +160,7 @@ class LightPaths(EmitterEndpoint):
         hide_emitters: bool = False,
         discard_direct_light: bool = False,
     ) -> None:
-        super().__init__(SceneEmitters(scene, sensor, hide_emitters, discard_direct_light))
+        super().__init__(scene, sensor, hide_emitters, discard_direct_light)
         self.lens, self.emission, self.mis = lens, emission, mis
         self.adjoint, self.max_depth = adjoint, max_depth
 

@@ -1,4 +1,4 @@
-"""How many points on lights a vertex connects to, and which."""
+"""Number and positions of the emitter samples of a vertex."""
 
 from __future__ import annotations
 

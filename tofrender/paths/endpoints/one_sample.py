@@ -7,7 +7,7 @@ import mitsuba as mi
 
 from ..records import Connection, Hit, Path, Vertex
 from ..surfaces import first_surface
-from .emitters import EmitterEndpoint, SceneEmitters
+from .emitters import EmitterEndpoint
 
 
 class OneSampleLights(EmitterEndpoint):
@@ -20,15 +20,6 @@ class OneSampleLights(EmitterEndpoint):
     """
 
     finds_all = True
-
-    def __init__(
-        self,
-        scene: mi.Scene,
-        sensor: mi.Sensor | None = None,
-        hide_emitters: bool = False,
-        discard_direct_light: bool = False,
-    ) -> None:
-        super().__init__(SceneEmitters(scene, sensor, hide_emitters, discard_direct_light))
 
     def hit_weight(self, path: Path, vertex: Vertex, hit: Hit) -> mi.Float:
         """Return 1 after delta lobes, else 0."""

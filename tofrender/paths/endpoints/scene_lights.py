@@ -78,7 +78,7 @@ class SceneLights(EmitterEndpoint):
         discard_direct_light: bool = False,
         light_samples: str | int = 1,
     ) -> None:
-        super().__init__(SceneEmitters(scene, sensor, hide_emitters, discard_direct_light))
+        super().__init__(scene, sensor, hide_emitters, discard_direct_light)
         self.light_samples = checked_count(light_samples)
         self._set_count(1 if isinstance(light_samples, str) else light_samples)
 
@@ -181,15 +181,6 @@ class EmitterHits(EmitterEndpoint):
     """
 
     connects = False
-
-    def __init__(
-        self,
-        scene: mi.Scene,
-        sensor: mi.Sensor | None = None,
-        hide_emitters: bool = False,
-        discard_direct_light: bool = False,
-    ) -> None:
-        super().__init__(SceneEmitters(scene, sensor, hide_emitters, discard_direct_light))
 
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool

@@ -1,4 +1,4 @@
-"""Where light starts that comes from infinitely far away."""
+"""Start of distant light, from which its path length counts."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import mitsuba as mi
 
 @dataclass
 class Wavefronts:
-    """Where distant light starts: planes that touch the sphere around scene and sensor.
+    """Planes on which distant light starts; they touch the sphere around scene and sensor.
 
     Attributes:
         centre: The sphere's centre [m].
@@ -33,5 +33,5 @@ class Wavefronts:
         return cls(centre, radius)
 
     def length(self, p: mi.Point3f, d: mi.Vector3f) -> mi.Float:
-        """Length from `p` along `d` to the plane where the light from there starts [m]."""
+        """Return the length from `p` along `d` to the plane where its light starts [m]."""
         return self.radius - dr.dot(d, p - self.centre)
