@@ -18,7 +18,7 @@ import typer
 
 from ..runtime.checks import printable
 from ..runtime.progress import Terminated, ended_by_signals, hidden, status
-from . import course, dataset, grade, merge, nlos, render, report, teaching, time, view, warp
+from . import course, dataset, grade, merge, nlos, render, report, time, view, warp
 from .answers import Json, answer
 from .options import BAD_INPUT, FAILURE, INTERRUPTED, note
 from .wording import in_options, speak_of
@@ -161,7 +161,7 @@ SHOWN = (
 for command in (
     *SHOWN,
     *(course.start, course.submit, course.release, course.verify, grade.grade),
-    *(teaching.gradescope, teaching.similarity, teaching.new_term),
+    *(grade.gradescope, grade.similarity, grade.new_term),
     *(warp.warptest, view.view, view.compare),
 ):
     app.command()(_telling(command))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..runtime.checks import printable
-from .options import integer, note, say
+from .options import integer, named, note, say, switch
 
 if TYPE_CHECKING:
     from ..course.judge.running import Outcome
@@ -22,8 +22,8 @@ Name = Annotated[str, typer.Argument(metavar="ASSIGNMENT", help="For example a2,
 
 def release(
     assignment: Name,
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Where to make it.")],
-    pdf: Annotated[bool, typer.Option("--pdf", help="PDF, too; Chromium prints it.")] = False,
+    out: Annotated[Path, named("DIR", "Where to make it.", "--out", "-o")],
+    pdf: Annotated[bool, switch("--pdf", "PDF, too; Chromium prints it.")] = False,
 ) -> None:
     """Make what students get of an assignment: a new folder in DIR.
 
@@ -53,9 +53,9 @@ def verify(
     ] = None,
     only: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="WHAT",
-            help="structure, edition, starter, reference, solutions, mutants, or a mutant's id; "
+        named(
+            "WHAT",
+            "structure, edition, starter, reference, solutions, mutants, or a mutant's id; "
             "repeatable.",
         ),
     ] = None,

@@ -7,8 +7,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from . import options as opt
 
 if TYPE_CHECKING:
@@ -19,7 +17,7 @@ Seconds = Annotated[
     float, opt.real(0, "Keep what is done at least so often, seconds of work; 0: never.")
 ]
 Resume = Annotated[
-    bool, typer.Option("--resume", help="Go on where a run was stopped or killed, up to --spp.")
+    bool, opt.switch("--resume", "Go on where a run was stopped or killed, up to --spp.")
 ]
 
 NEVER_S = 1e9
@@ -66,13 +64,13 @@ def alone(out: Path) -> Iterator[None]:
         yield
 
 
-def tell(stop: Stop) -> None:
+def end_if_stopped(stop: Stop) -> None:
     """End the command if it was stopped while its files were written."""
     if stop.requested:
         raise KeyboardInterrupt("interrupted while files were written, which are whole")
 
 
-def require_something(resume: bool, kept: Path | None, out: Path) -> None:
+def require_begun(resume: bool, kept: Path | None, out: Path) -> None:
     """Refuse to go on where there is nothing to go on from."""
     if resume and (kept is None or not is_begun(kept)):
         raise ValueError(f"--resume: no run that writes {out} was stopped; must be left out")

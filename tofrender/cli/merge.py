@@ -9,7 +9,6 @@ import typer
 
 from . import options as opt
 from .keeping import alone
-from .render import Format, Precision
 from .writing import write
 
 
@@ -18,9 +17,9 @@ def merge(
         list[Path], typer.Argument(metavar="DIR...", help="What `tofrender render` has written.")
     ],
     out: opt.Out,
-    format: Annotated[Format, opt.choice(Format, "How to store the transient.")] = "frames",
-    precision: Annotated[Precision, opt.choice(Precision, "Numbers in the EXR files.")] = "float",
-    video: Annotated[bool, typer.Option(help="Write video.mp4 as well.")] = True,
+    format: opt.Format = "frames",
+    precision: opt.Precision = "float",
+    video: opt.Video = True,
     figure: opt.Figure = "png",
     dpi: opt.Dpi = None,
 ) -> None:

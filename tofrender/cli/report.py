@@ -27,8 +27,8 @@ def report(
             help="What `render`, `capture` or `reconstruct` has written, or an .npz, .exr, .zarr.",
         ),
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="HTML file to write.")],
-    title: Annotated[str | None, typer.Option(metavar="TEXT", help="Above everything.")] = None,
+    out: Annotated[Path, opt.named("FILE", "HTML file to write.", "--out", "-o")],
+    title: Annotated[str | None, opt.named("TEXT", "Above everything.")] = None,
     megabytes: Annotated[float, opt.positive("megabytes", "What the file may take.")] = 10.0,
 ) -> None:
     """One page to explore a render, a capture or a reconstruction.

@@ -12,7 +12,7 @@ from ..runtime.progress import EVERY_S
 from ..signals.frequencies import check_frequency
 from . import options as opt
 from .answers import Gate, Json, Phasor, answer
-from .keeping import Resume, Seconds, alone, keeping, require_something, tell
+from .keeping import Resume, Seconds, alone, end_if_stopped, keeping, require_begun
 
 if TYPE_CHECKING:
     import numpy as np
@@ -81,7 +81,7 @@ def phasor(
 
         opt.check_room(out, PARTS * len(freq) * _values(sensor))
         with keeping(out, checkpoint, resume) as kept:
-            require_something(resume, kept and kept.path, out)
+            require_begun(resume, kept and kept.path, out)
             parts = render_amcw_phasor(loaded, sensor, freq, samples, seed, checkpoint=kept)
             with deferred_stop() as stop:
                 files = _write_phasors(out, freq, parts, source, figure, dpi)
@@ -94,7 +94,7 @@ def phasor(
         "height": parts[0].shape[1],
     }
     answer("phasor", as_json, facts, [f"{out}: {', '.join(files)}"])
-    tell(stop)
+    end_if_stopped(stop)
 
 
 def gate(
@@ -131,7 +131,7 @@ def gate(
     integrator = _gated(loaded.integrator(), pulse_width)
     width: float = integrator.pulse.width_opl
     with keeping(out, checkpoint, resume) as kept:
-        require_something(resume, kept and kept.path, out)
+        require_begun(resume, kept and kept.path, out)
         image = render_at_time(loaded, integrator, sensor, at, samples, seed, checkpoint=kept)
         if not image.any():
             raise ValueError(f"--at = {at:g}: no light arrives then; `tofrender render` shows when")
@@ -152,18 +152,14 @@ def gate(
         "height": image.shape[0],
     }
     answer("gate", as_json, facts, [f"{out}: gate.exr, picture.{figure}"])
-    tell(stop)
+    end_if_stopped(stop)
 
 
 def _load(
     source: str, spp: int | None, size: opt.Size | None, max_depth: int | None, variant: str | None
 ) -> tuple[Any, Any, int]:
     """A scene with an integrator that knows time, its sensor, and samples per pixel."""
-    from tofrender.runtime import backend
-
-    backend.activate(variant)
-    backend.require_vectorised()
-    backend.require_unpolarised()
+    opt.activate(variant)
     from tofrender.scenes.in_time import successor_of
     from tofrender.scenes.loading import find_scene, load_scene, require_light, require_sensor
 

@@ -24,15 +24,13 @@ def view(
         ),
     ],
     live: Annotated[
-        bool, typer.Option("--live", help="Render SCENE, ever finer while one looks.")
+        bool, opt.switch("--live", "Render SCENE, ever finer while one looks.")
     ] = False,
     spp: opt.Spp = None,
     size: opt.Pixels = None,
     max_depth: opt.MaxDepth = None,
     seed: opt.Seed = 0,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="With --live: npz file to save to.")
-    ] = None,
+    out: Annotated[Path | None, opt.named("FILE", "With --live: npz file to save to.")] = None,
     host: Host = "127.0.0.1",
     port: Port = None,
     browser: Browser = True,
@@ -45,7 +43,6 @@ def view(
     can go on, and be saved.
     """
     from tofrender.apps.serving import require_panel, serve
-    from tofrender.runtime import backend
 
     if not live and (spp or size or max_depth is not None or out is not None):
         raise ValueError("--live: must be given with --spp, --size, --max-depth or --out")
@@ -59,10 +56,7 @@ def view(
         hint = "add --live to render it" if source in BUILT_IN else "must exist, or be a scene"
         raise ValueError(f"DIR|FILE|SCENE = {checks.shown(source)}: {hint}")
     require_panel()
-    backend.activate(variant)
-    backend.require_vectorised()
-    if live:
-        backend.require_unpolarised()
+    opt.activate(variant, polarised=not live)
 
     from tofrender.apps.view.looking import Live, Saved
     from tofrender.apps.view.window import application
@@ -104,12 +98,9 @@ def compare(
     their differences from a reference are shown. Files are exr, png, jpg, or what `render` writes.
     """
     from tofrender.apps.serving import require_panel, serve
-    from tofrender.runtime import backend
 
     require_panel()
-    backend.activate(variant)
-    backend.require_vectorised()
-    backend.require_unpolarised()
+    opt.activate(variant)
 
     from tofrender.apps.compare.pictures import SCENES, opened, same_size
     from tofrender.apps.compare.window import application

@@ -9,15 +9,11 @@ from typing import Any, get_type_hints
 
 import typer
 
-OTHER_NAMES = {
-    "temporal_bins": "bins",
-    "bin_width_opl": "bin_width",
-    "pulse_width_opl": "pulse_width",
-    "width": "size",
-    "height": "size",
-    "parameters": "define",
-}
-"""What scenes and films call that which options give."""
+from ..rendering.settings import SCENE_NAMES
+
+OTHER_NAMES = {scene_name: name for name, scene_name in SCENE_NAMES.items()}
+OTHER_NAMES |= {"width": "size", "height": "size"}
+"""Names in scenes and films of what options give."""
 
 _options: dict[str, tuple[str, bool]] = {}
 """Names of the options of the command under way, by its parameters, and whether each is given."""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from . import options as opt
-from .streaming import placed
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -49,7 +49,7 @@ def write(
     with io.output_folder(out, overwrite=True, needed_bytes=needed) as folder:
         at_once(summary, transient, *[film] * video)
         if format == "zarr":  # Last, as the film would be lost with the folder if others fail
-            placed(dataset, folder / opt.FILES[format])
+            _place(dataset, folder / opt.FILES[format])
         return sorted(path.name for path in folder.iterdir())
 
 
@@ -79,6 +79,17 @@ def _transient(
         write_png(vis.tonemap(seen["steady"].values), folder / "steady.png")
     else:
         _move_up(io.save_exr_stack(dataset, folder / "frames", precision=precision, **bar))
+
+
+def _place(dataset: xr.Dataset, target: Path) -> None:
+    """Move a film that is on the disk already, or write it."""
+    from tofrender.rendering.store import save_zarr
+
+    source = dataset.encoding.get("source")
+    if source is None:
+        save_zarr(dataset, target)
+    else:
+        os.rename(source, target)
 
 
 def _move_up(folder: Path) -> None:

@@ -12,8 +12,8 @@ import mitsuba as mi
 import numpy as np
 
 from ..paths.surfaces import first_surface
-from ..rendering.asked import Asked
 from ..rendering.job import Job, carry_out, collect, decide
+from ..rendering.settings import RenderSettings
 from ..rendering.window import warn_of_losses
 from ..rendering.workers import require_client
 from ..runtime import backend, checks
@@ -187,9 +187,9 @@ def require_same_capture(found: xr.Dataset, scene: Any, **options: Any) -> None:
 
 def _job(place: Place, name: str = "scene", axis: Any = None) -> Job:
     """A single or confocal capture as a render."""
-    asked = Asked(name, spp=place.spp, seed=place.seed, sensor=place.sensor)
+    settings = RenderSettings(name, spp=place.spp, seed=place.seed, sensor=place.sensor)
     origin = _job_again, place.arguments
-    job = decide(place.plan(), place.integrator, place.scene, asked, origin, axis)
+    job = decide(place.plan(), place.integrator, place.scene, settings, origin, axis)
     job.more, job.mend = place.more, MEND
     return job
 

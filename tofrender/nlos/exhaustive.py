@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import TYPE_CHECKING, NoReturn
 
 import mitsuba as mi
@@ -13,8 +12,8 @@ from ..films.image import time_bins, transient_film
 from ..films.recording import tell_not_finite
 from ..integrators.passes import Part, best_sampler, steps
 from ..integrators.running import interrupted, made_with, run
-from ..rendering.pieces import collect_pieces
-from ..rendering.workers import check_client, pieces_by_workers
+from ..rendering.work_items import ArrayStore
+from ..rendering.workers import check_client, render_by_workers
 from ..runtime import checks
 from ..runtime.checkpoints import Checkpoint, Kept, Within
 from ..runtime.progress import Stop, deferred_stop, progress_bar
@@ -52,7 +51,7 @@ class LaserPoints:
         self.recipe = made_with(place.scene, place.camera, place.integrator, made)
         self.origin = again, place.arguments
 
-    def take(
+    def render(
         self,
         point: tuple[int, int],
         kept: Kept | None = None,
@@ -110,7 +109,7 @@ class LaserPoints:
                 begun = max(0, done - number * spp)
                 state = Kept(begun, spp, 0.0, kept.arrays) if kept and begun else None
                 within = checkpoint and Within(checkpoint, number * spp, whole, arrays)
-                found = self.take(point, state, within, stop)
+                found = self.render(point, state, within, stop)
                 if found is None or (stop.requested and number + 1 < len(self.lit)):
                     again = checkpoint.again if checkpoint else ""
                     raise KeyboardInterrupt(interrupted(number, len(self.lit), POINTS, again))
@@ -123,21 +122,15 @@ class LaserPoints:
         """Render with each point lit, by workers; as `_whole` gives it."""
         check_client(client)
         arrays = self.empty()
-
-        def place(point: tuple[int, int], found: tuple[float, np.ndarray]) -> None:
-            arrays["energy"][point], arrays["values"][point] = found
-
-        collect_pieces(
-            partial(pieces_by_workers, client, self),
-            self.lit,
-            place,
-            arrays,
-            recipe=self.recipe,
-            unit=POINTS,
-            checkpoint=checkpoint,
-            progress=progress,
-        )
+        store = ArrayStore(self, self.lit, arrays, self.recipe, POINTS, checkpoint)
+        store.collect(render_by_workers(client, self, store.left), progress)
         return _whole(arrays)
+
+    def add(
+        self, arrays: dict[str, np.ndarray], point: tuple[int, int], found: tuple[float, np.ndarray]
+    ) -> None:
+        """Add energy and bins of a laser point to the arrays of all."""
+        arrays["energy"][point], arrays["values"][point] = found
 
 
 def _whole(arrays: dict[str, np.ndarray]) -> tuple[np.ndarray, float]:

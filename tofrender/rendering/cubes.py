@@ -29,9 +29,6 @@ Place = tuple[slice, ...]
 class Cube:
     """Values with the axes (..., bins, channels), read by pieces that end where chunks do.
 
-    Args:
-        values: A Dataset's variable or an array; in memory, or on disk as a dask array.
-
     Attributes:
         shape, dtype: As of an array.
         in_memory: Whether pieces are views of an array.
@@ -60,11 +57,7 @@ class Cube:
 
     @classmethod
     def of(cls, name: str, values: Any) -> Cube:
-        """Take real numbers: another cube, a Dataset's variable, or what NumPy makes an array of.
-
-        Raises:
-            ValueError: They are none; one line with the name.
-        """
+        """A cube of real numbers: of a cube, a Dataset's variable, or what NumPy converts."""
         cube = values if isinstance(values, Cube) else None
         if cube is None and hasattr(values, "chunks") and hasattr(values, "dtype"):
             cube = cls(values)
@@ -165,21 +158,13 @@ class Cube:
     # ------------------------------------------------------------------------------- as a whole
 
     def require_finite(self, name: str) -> None:
-        """Refuse values that are NaN or infinite.
-
-        Raises:
-            ValueError: One line as of `checks.finite`.
-        """
+        """Refuse values that are NaN or infinite."""
         if self.dtype.kind == "f":
             parts = (([along.start for along in place], part) for place, part in self.pieces())
             checks.finite_parts(name, parts)
 
     def luminance(self, name: str) -> np.ndarray:
-        """Luminance of all values as an array (..., bins), a view if they have no colours.
-
-        Raises:
-            MemoryError: It does not fit; one line that names the values.
-        """
+        """Luminance of all values as an array (..., bins), a view if they have no colours."""
         channels = self.shape[-1]
         if self.in_memory and channels == 1:
             return luminance(self._held)

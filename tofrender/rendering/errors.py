@@ -24,11 +24,7 @@ ROWS = 1 << 22
 
 
 def parts_of(spp: int) -> int:
-    """Number of parts of so many samples per pixel.
-
-    Raises:
-        ValueError: They cannot be divided; one line.
-    """
+    """Number of parts of so many samples per pixel."""
     found = math.gcd(spp, PARTS)
     if found < LEAST_PARTS:
         raise ValueError(f"spp = {spp}: must be a multiple of {LEAST_PARTS} with errors")
@@ -46,9 +42,6 @@ def seed_of(seed: int, first: int, part: int) -> mi.UInt32:
 
 class Scatter:
     """Mean and scatter of arrays of one shape, of which each is seen once (B. P. Welford, 1962).
-
-    Args:
-        arrays: The first ones, by name; they are taken over.
 
     Attributes:
         count: How many of each name were added.

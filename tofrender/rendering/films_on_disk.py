@@ -31,11 +31,7 @@ CODECS = {
 
 
 def require_zarr() -> Any:
-    """The package zarr.
-
-    Raises:
-        ImportError: It is missing; one line that says how to get it.
-    """
+    """The package zarr."""
     try:
         import zarr
     except ImportError:
@@ -113,11 +109,7 @@ def list_files(film: Path, arrays: Iterable[str] = DIMS | ERRORS) -> None:
 
 
 def require_whole(film: Path, listed: bool = True) -> None:
-    """Refuse a film whose files are not those that are `listed`, or have codecs of their own.
-
-    Raises:
-        ValueError: One line that names the first.
-    """
+    """Refuse a film whose files are not those that are `listed`, or have codecs of their own."""
     for file in (film / "zarr.json", *sorted(film.glob("*/zarr.json"))):
         try:
             codecs = _codecs(json.loads(file.read_text()))

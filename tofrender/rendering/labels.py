@@ -99,11 +99,7 @@ def with_time(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def check_time(dataset: xr.Dataset) -> None:
-    """Refuse a Dataset whose times are not those of its lengths.
-
-    Raises:
-        ValueError: One line that says how to mend it.
-    """
+    """Refuse a Dataset whose times are not those of its lengths."""
     if TIME not in dataset.coords:
         return
     time, opl = (np.asarray(dataset[name].values, np.float64) for name in (TIME, "opl"))

@@ -13,12 +13,12 @@ from ..films.recording import recording, tell_not_finite
 from ..integrators.passes import steps
 from ..runtime import backend, checks, memory
 from ..runtime.progress import progress_bar
-from ..scenes.loading import load_plugin, require_light
-from .asked import Asked, either
+from ..scenes.loading import load_plugin
 from .dataset import coordinates
 from .job import film_of_light, sampler_for
 from .labels import labelled
-from .renderer import opened
+from .renderer import open_scene
+from .settings import RenderSettings, either
 from .window import check_window, windowed_film
 
 if TYPE_CHECKING:
@@ -92,7 +92,9 @@ def strategy_pyramid(
     backend.require_unpolarised()
     bins = either("bins", bins, temporal_bins)
     kind = {"type": KIND, "max_depth": max_depth}
-    asked = Asked(scene, spp, seed, size, bins, window=window, integrator=kind, sensor=sensor)
+    settings = RenderSettings(
+        scene, spp, seed, size, bins, window=window, integrator=kind, sensor=sensor
+    )
     checks.one_of("mis", mis, ("power", "balance"))
     checks.boolean("progress", progress)
     shared = checks.mapping("parameters", parameters)
@@ -101,14 +103,13 @@ def strategy_pyramid(
             raise ValueError(f"parameters with {name!r}: must be others, a pyramid gives this one")
     shared |= kind
     load_plugin("integrator", shared | {"mis": mis})  # Refuses wrong parameters
-    scene, _ = opened(asked)
+    scene, _ = open_scene(settings)
     own = scene.integrator()
     shared = {name: getattr(own, name) for name in KEPT if hasattr(own, name)} | shared
     tracer = load_plugin("integrator", shared | {"mis": mis})
-    require_light(scene)
     camera = scene.sensors()[sensor]
     plan = tracer.plan(scene, camera)
-    film, profile, arrivals = film_of_light(plan, tracer, camera, asked)
+    film, profile, arrivals = film_of_light(plan, tracer, camera, settings)
     check_window(film, arrivals, profile)
     points = sampler_for(camera, None, spp)
     strategies = [
@@ -146,7 +147,7 @@ def strategy_pyramid(
             "t": ("strategy", [t for _, t in strategies]),
         },
         attrs={
-            "scene": asked.name,
+            "scene": settings.scene_label,
             "units": "W m^-2 sr^-1",
             "start_opl": film.start_opl,
             "bin_width_opl": film.bin_width_opl,

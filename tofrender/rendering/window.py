@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..films.image import require_resolved, time_bins, transient_film
 from .arrivals import PATHS, Arrivals
-from .asked import is_auto, start_and_width
 from .dataset import LOST_ENERGY
+from .settings import is_auto, start_and_width
 
 if TYPE_CHECKING:
     from ..signals.pulses import Pulse
@@ -35,7 +35,7 @@ def windowed_film(
 ) -> Any:
     """An empty film of the same pixels as `film`, with the time axis that is asked for.
 
-    The arguments are those of `Asked`; None leaves the film's own.
+    The arguments are those of `RenderSettings`; None leaves the film's own.
     """
     if window is not None:
         start_opl, bin_width = 0.0, 1.0  # Until they are known
