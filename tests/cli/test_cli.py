@@ -198,7 +198,7 @@ def test_help_says_types_ranges_and_defaults(capsys):
         "--spp <int range> Samples per pixel. [1<=x<=16777216]",
         "--start-opl <float> ",
         "--bin-width <float above 0> ",
-        "--seed <int range> Random seed. [default: 0; 0<=x<=4294967295]",
+        "--seed <int range> Seed of all random numbers. [default: 0; 0<=x<=4294967295]",
         "--format <frames|png|multipart|npz|zarr> How to store the transient. [default: frames]",
         "--size WxH ",
     ):

@@ -18,7 +18,7 @@ import typer
 
 from ..runtime.checks import printable
 from ..runtime.progress import Terminated, ended_by_signals, hidden, status
-from . import course, dataset, grade, merge, nlos, render, report, time, view, warp
+from . import course, dataset, grade, nlos, render, report, time, view, warp, writing
 from .answers import Json, answer
 from .options import BAD_INPUT, FAILURE, INTERRUPTED, note
 from .wording import in_options, speak_of
@@ -154,7 +154,7 @@ def doctor(as_json: Json = False) -> None:
 
 SHOWN = (
     *(time.phasor, time.gate, nlos.capture, nlos.reconstruct, warp.warp, report.report),
-    *(render.render, merge.merge, dataset.dataset),
+    *(render.render, writing.merge, dataset.dataset),
 )
 """Commands that show that they work; the others say each thing that they have done."""
 

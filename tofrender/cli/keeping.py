@@ -1,4 +1,4 @@
-"""What commands that take long share: they can be stopped, killed, and go on."""
+"""Checkpoints of commands that take long: they can be stopped, killed, and go on."""
 
 from __future__ import annotations
 
@@ -70,14 +70,14 @@ def end_if_stopped(stop: Stop) -> None:
         raise KeyboardInterrupt("interrupted while files were written, which are whole")
 
 
-def require_begun(resume: bool, kept: Path | None, out: Path) -> None:
+def require_begun(resume: bool, begun: Path | None, out: Path) -> None:
     """Refuse to go on where there is nothing to go on from."""
-    if resume and (kept is None or not is_begun(kept)):
+    if resume and (begun is None or not is_begun(begun)):
         raise ValueError(f"--resume: no run that writes {out} was stopped; must be left out")
 
 
 def on_disk(out: Path) -> Path:
-    """Where the film of `out` is on the disk, beside it."""
+    """Name of the film of `out` on the disk, beside it."""
     from tofrender.runtime.atomic import hidden
 
     return hidden(out, ".zarr")
@@ -94,8 +94,8 @@ def left_work(out: Path) -> Path | None:
     return next((e for e in (hidden(out, ".checkpoint.npz"), film) if e.exists()), None)
 
 
-def is_begun(*kept: Path) -> bool:
+def is_begun(*begun: Path) -> bool:
     """Whether there is a checkpoint, or a film on the disk, finished or not."""
     from tofrender.runtime.atomic import hidden
 
-    return any(each.exists() or hidden(each, ".film").exists() for each in kept)
+    return any(each.exists() or hidden(each, ".film").exists() for each in begun)

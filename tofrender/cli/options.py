@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -24,6 +24,7 @@ from . import completion
 
 if TYPE_CHECKING:
     import xarray as xr
+    from distributed import Client
 
 BAD_INPUT, FAILURE, INTERRUPTED = 2, 1, 130
 """Exit statuses of the command, if not 0."""
@@ -292,17 +293,14 @@ def check_client(workers: int | None, scheduler: str | None) -> None:
         raise ValueError("--scheduler: must be left out with --workers")
 
 
-@contextmanager
-def client_of(workers: int | None, scheduler: str | None) -> Iterator[Any]:
+def client_of(workers: int | None, scheduler: str | None) -> AbstractContextManager[Client | None]:
     """A client of the workers that are asked for, None if none are."""
+    check_client(workers, scheduler)
     if workers is None and scheduler is None:
-        yield None
-        return
+        return nullcontext()
     from tofrender.rendering.workers import workers_for
 
-    check_client(workers, scheduler)
-    with workers_for(workers, scheduler) as client:
-        yield client
+    return workers_for(workers, scheduler)
 
 
 # ------------------------------------------------------------------------------------- the folder

@@ -20,6 +20,8 @@ from .labels import TIME, check_time, labelled
 if TYPE_CHECKING:
     import xarray as xr
 
+    from ..films.transient import TransientHDRFilm
+
 QUANTITIES = ("radiance per bin", "radiance per metre")
 """What a transient may hold: the energy of each bin, or the density at its centre."""
 
@@ -32,7 +34,7 @@ ERRORS = {f"{name}_error": dims for name, dims in DIMS.items()}
 """Standard errors, where a render has them."""
 
 
-def coordinates(film: Any) -> dict[str, np.ndarray]:
+def coordinates(film: TransientHDRFilm) -> dict[str, np.ndarray]:
     """Pixels, bin centres [m], Stokes components and channels of a film's crop window."""
     height, width, bins, channels = film.shape
     x, y = (int(v) for v in film.crop_offset())
@@ -46,7 +48,7 @@ def coordinates(film: Any) -> dict[str, np.ndarray]:
     }
 
 
-def channel_coordinates(film: Any) -> dict[str, np.ndarray]:
+def channel_coordinates(film: TransientHDRFilm) -> dict[str, np.ndarray]:
     """`coordinates`, with Stokes components among the channels, as in `in_channels`."""
     found = coordinates(film)
     names = [f"{s}.{c}" for s in found.pop("stokes", ()) for c in found["channel"]]
@@ -54,7 +56,7 @@ def channel_coordinates(film: Any) -> dict[str, np.ndarray]:
 
 
 def transient_dataset(
-    arrays: Mapping[str, np.ndarray], film: Any, attrs: dict[str, str | int | float]
+    arrays: Mapping[str, np.ndarray], film: TransientHDRFilm, attrs: dict[str, str | int | float]
 ) -> xr.Dataset:
     """Make the Dataset of what a film has collected, with attributes that say how it was made."""
     import xarray as xr
@@ -77,7 +79,7 @@ def transient_dataset(
     )
 
 
-def film_stokes(film: Any) -> int:
+def film_stokes(film: TransientHDRFilm) -> int:
     """Stokes components that a film has, 1 if it does not tell them apart."""
     return film.shape[3] // film.base_channels_count()
 
@@ -131,7 +133,7 @@ def components_of(dataset: Any) -> list[Any]:
     return [dataset.sel(stokes=each, drop=True) for each in dataset["stokes"].values]
 
 
-def check_dataset(dataset: Any) -> None:
+def check_dataset(dataset: object) -> None:
     """Refuse anything but a Dataset like the ones that `render` returns, or a part of one."""
     import xarray as xr
 

@@ -9,7 +9,6 @@ of samples in one point set.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -93,7 +92,7 @@ class Scatter:
         return found
 
 
-def _lines(array: np.ndarray) -> list[Any]:
+def _lines(array: np.ndarray) -> list[slice]:
     """Slices of the first axis that hold a few values each."""
     step = max(1, ROWS // max(1, array[:1].size))
     return [slice(k, k + step) for k in range(0, len(array), step)]

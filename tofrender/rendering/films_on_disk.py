@@ -137,15 +137,15 @@ def require_whole(film: Path, listed: bool = True) -> None:
         )
 
 
-def _codecs(told: Any) -> set[str]:
+def _codecs(metadata: object) -> set[str]:
     """Names of all codecs that metadata have, those within others too."""
-    if isinstance(told, list):
-        return set().union(*map(_codecs, told))
-    if not isinstance(told, dict):
+    if isinstance(metadata, list):
+        return set().union(*map(_codecs, metadata))
+    if not isinstance(metadata, dict):
         return set()
-    found = _codecs([value for name, value in told.items() if name != "attributes"])
+    found = _codecs([value for name, value in metadata.items() if name != "attributes"])
     for name in ("codecs", "index_codecs", "storage_transformers", "compressor", "filters"):
-        for each in told.get(name) or ():
+        for each in metadata.get(name) or ():
             found.add(str(each.get("name") if isinstance(each, dict) else each))
     return found
 

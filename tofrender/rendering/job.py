@@ -44,6 +44,8 @@ if TYPE_CHECKING:
     import xarray as xr
     from distributed import Client
 
+    from ..films.transient import TransientHDRFilm
+    from ..integrators.base import TransientIntegrator
     from ..signals.pulses import Pulse
 
 DEFAULT_SAMPLER = "padded_sobol"
@@ -71,10 +73,10 @@ class Job:
     """
 
     plan: Plan
-    tracer: Any
+    tracer: TransientIntegrator
     scene: mi.Scene
     settings: RenderSettings
-    film: Any
+    film: TransientHDRFilm
     profile: Pulse | None
     arrivals: Arrivals | None
     origin: tuple[Callable[..., Job], Mapping[str, Any]]
@@ -90,7 +92,7 @@ class Job:
         """The sampler for what is missing after `first` samples per pixel."""
         return sampler_for(self.camera, self.settings.sampler, self.settings.spp, first)
 
-    def recording(self, film: Any) -> Recording:
+    def recording(self, film: TransientHDRFilm) -> Recording:
         """How light is recorded on a film."""
         record = recording(film, self.tracer.exposure())
         if brings_sample(self.tracer):
@@ -149,7 +151,7 @@ class Job:
 
 def decide(
     plan: Plan,
-    tracer: Any,
+    tracer: TransientIntegrator,
     scene: mi.Scene,
     settings: RenderSettings,
     origin: tuple[Callable[..., Job], Mapping[str, Any]],
@@ -278,8 +280,8 @@ def warn_of_missing(job: Job, attrs: Mapping[str, Any], stacklevel: int) -> None
 
 
 def film_of_light(
-    plan: Plan, tracer: Any, camera: mi.Sensor, settings: RenderSettings
-) -> tuple[Any, Pulse | None, Arrivals]:
+    plan: Plan, tracer: TransientIntegrator, camera: mi.Sensor, settings: RenderSettings
+) -> tuple[TransientHDRFilm, Pulse | None, Arrivals]:
     """The film with its window, the pulse that it sees, and when light arrives."""
     exposure = tracer.exposure()
     film = windowed_film(camera.film(), *settings.time_axis)
@@ -298,7 +300,7 @@ def film_of_light(
     return film, profile, arrivals
 
 
-def sampler_for(camera: mi.Sensor, sampler: Any, spp: int | None, first: int = 0) -> mi.Sampler:
+def sampler_for(camera: mi.Sensor, sampler: object, spp: int | None, first: int = 0) -> mi.Sampler:
     """The sampler to use, its sample count set to what is missing after `first` samples."""
     given = sampler if isinstance(sampler, mi.Sampler) else camera.sampler()
     count = given.sample_count() if spp is None else spp

@@ -42,7 +42,7 @@ AXES: dict[str, dict[str, str]] = {
     "s": {"units": "1", "long_name": "vertices from a light"},
     "t": {"units": "1", "long_name": "vertices from the lens"},
 }
-"""What coordinates are."""
+"""Units and names of coordinates."""
 
 VARIABLES: dict[str, dict[str, str]] = {
     "sensor_grid": {"units": "m", "long_name": "points looked at"},
@@ -61,7 +61,7 @@ VARIABLES: dict[str, dict[str, str]] = {
     "frame_origin": {"units": "m", "long_name": "origin of the volume"},
     "frame_axes": {"units": "1", "long_name": "axes of the volume"},
 }
-"""What variables are, but for light, which the Dataset's attributes say."""
+"""Those of variables, but for light, which the Dataset's attributes say."""
 
 
 def labels_of(name: str, attrs: Mapping[str, Any]) -> dict[str, str]:

@@ -42,7 +42,7 @@ class Setting:
     """
 
     help: str
-    check: Callable[[str, Any], Any] | None = None
+    check: Callable[[str, Any], object] | None = None
     low: float | None = None
     high: float | None = None
     choices: tuple[str, ...] = ()
@@ -61,10 +61,11 @@ def _field(setting: Setting, default: Any = None) -> Any:
     return field(default=default, metadata={"setting": setting})
 
 
-def start_and_width(window: Any, bins: int) -> tuple[float, float]:
+def start_and_width(window: object, bins: int) -> tuple[float, float]:
     """Start and bin width of a window given as (start, stop)."""
+    ends: Any = window
     try:
-        start, stop = window
+        start, stop = ends
     except (TypeError, ValueError):
         raise ValueError(
             f"window = {checks.shown(window)}: must be 'auto' or (start, stop) in metres"
@@ -77,26 +78,26 @@ def start_and_width(window: Any, bins: int) -> tuple[float, float]:
     return start, (stop - start) / bins
 
 
-def is_auto(value: Any) -> bool:
+def is_auto(value: object) -> bool:
     """Whether a window or a pulse's width is to be found."""
     return isinstance(value, str) and value == "auto"
 
 
-def _check_length(name: str, value: Any) -> float:
+def _check_length(name: str, value: object) -> float:
     return checks.metres(name, value, positive=True)
 
 
-def _check_window(name: str, value: Any) -> None:
+def _check_window(name: str, value: object) -> None:
     if not is_auto(value):
         start_and_width(value, 1)
 
 
-def _check_pulse_width(name: str, value: Any) -> None:
+def _check_pulse_width(name: str, value: object) -> None:
     if not is_auto(value):
         checks.width(name, value)
 
 
-def _check_size(name: str, value: Any) -> None:
+def _check_size(name: str, value: object) -> None:
     if not isinstance(value, tuple | list) or len(value) != 2:
         given = checks.shown(value)
         raise ValueError(f"{name} = {given}: must be (width, height) in pixels")

@@ -65,7 +65,7 @@ class Store:
     def begin(
         cls,
         folder: Path,
-        plan: Mapping[str, Any],
+        plan: Mapping[str, object],
         shape: tuple[int, int, int, int],
         tile: tuple[int, int],
         errors: bool = False,
@@ -250,7 +250,7 @@ def save_zarr(dataset: xr.Dataset, path: str | os.PathLike[str]) -> xr.Dataset:
     return load_zarr(target)
 
 
-def check_film(out: Any, name: str = "out") -> Path:
+def check_film(out: object, name: str = "out") -> Path:
     """Refuse a place where no film can stream to."""
     target = checks.path(name, out)
     if target.suffix != SUFFIX:

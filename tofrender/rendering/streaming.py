@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .job import Job
 
 
-class FilmStore(ResultStore):
+class FilmStore(ResultStore[WorkItem, Receipt]):
     """Keeps the results of work items in a film on disk, and their receipts.
 
     Attributes:

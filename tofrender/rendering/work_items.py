@@ -12,7 +12,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 import mitsuba as mi
 import numpy as np
@@ -27,7 +27,13 @@ from ..runtime.progress import deferred_stop, progress_bar
 from .errors import Scatter, parts_of, seed_of
 
 if TYPE_CHECKING:
+    from ..films.transient import TransientHDRFilm
     from .job import Job
+
+Item = TypeVar("Item", bound=Hashable)
+Result = TypeVar("Result")
+ItemT = TypeVar("ItemT", bound=Hashable, contravariant=True)
+ResultT = TypeVar("ResultT", contravariant=True)
 
 TILE_BYTES = 256 << 20
 """Memory of the bins of a tile, if the whole film does not fit [bytes]."""
@@ -243,7 +249,7 @@ def _render_in_parts(
     return WorkResult(scatter.means | errors, scatter.count * count, not_finite)
 
 
-def _film_of(film: Any, item: WorkItem) -> tuple[Any, Tile | None]:
+def _film_of(film: TransientHDRFilm, item: WorkItem) -> tuple[TransientHDRFilm, Tile | None]:
     """A film for a work item, and where it is in the whole, if it is smaller.
 
     A filter reaches over the edges of a tile: pixels from there that count in it are rendered, too.
@@ -267,7 +273,7 @@ def _film_of(film: Any, item: WorkItem) -> tuple[Any, Tile | None]:
 # ------------------------------------------------------------------------------ collecting many
 
 
-class ResultStore(ABC):
+class ResultStore(ABC, Generic[Item, Result]):
     """Keeps the results of work items as they are finished, in memory or on disk.
 
     Attributes:
@@ -277,24 +283,24 @@ class ResultStore(ABC):
         again: How to go on, for the message of work that was stopped.
     """
 
-    def __init__(self, items: Sequence[Hashable], unit: str, again: str = "") -> None:
+    def __init__(self, items: Sequence[Item], unit: str, again: str = "") -> None:
         self.items, self.unit, self.again = items, unit, again
-        self.finished: set[Hashable] = set()
+        self.finished: set[Item] = set()
 
     @property
-    def left(self) -> list[Any]:
+    def left(self) -> list[Item]:
         """Items that are not finished."""
         return [item for item in self.items if item not in self.finished]
 
     @abstractmethod
-    def put(self, item: Any, result: Any) -> None:
+    def put(self, item: Item, result: Result) -> None:
         """Keep the result of an item."""
 
     @abstractmethod
     def save(self, force: bool = False) -> None:
         """Write a checkpoint, where results are not on disk, if it is time to or if forced."""
 
-    def collect(self, results: Iterator[tuple[Any, Any]], progress: bool = True) -> None:
+    def collect(self, results: Iterator[tuple[Item, Result]], progress: bool = True) -> None:
         """Keep the results of the items that are left, and show how many there are."""
         total, unit = len(self.items), self.unit.removesuffix("s")
         with progress_bar("Rendering", total, unit=unit, enabled=progress) as bar:
@@ -314,23 +320,23 @@ class ResultStore(ABC):
                 raise stopped(error, done, total, self.unit, self.again) from None
 
 
-class Work(Protocol):
+class Work(Protocol[ItemT, ResultT]):
     """Work whose items are rendered apart, and whose results add up in arrays."""
 
-    def add(self, arrays: dict[str, np.ndarray], item: Any, result: Any, /) -> None:
+    def add(self, arrays: dict[str, np.ndarray], item: ItemT, result: ResultT, /) -> None:
         """Add the result of an item to the arrays of the whole."""
         ...
 
 
-class ArrayStore(ResultStore):
+class ArrayStore(ResultStore[Item, Result]):
     """Keeps results in arrays, and these in a checkpoint."""
 
     def __init__(
         self,
-        work: Work,
-        items: Sequence[Hashable],
+        work: Work[Item, Result],
+        items: Sequence[Item],
         arrays: dict[str, np.ndarray],
-        recipe: Mapping[str, Any],
+        recipe: Mapping[str, object],
         unit: str,
         checkpoint: Checkpoint | None = None,
     ) -> None:
@@ -343,7 +349,7 @@ class ArrayStore(ResultStore):
             for name, array in saved.arrays.items():
                 arrays[name][...] = array
 
-    def put(self, item: Any, result: Any) -> None:
+    def put(self, item: Item, result: Result) -> None:
         """Add the result of an item."""
         self._work.add(self._arrays, item, result)
 

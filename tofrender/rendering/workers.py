@@ -12,7 +12,7 @@ import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -160,20 +160,16 @@ def workers_of(scheduler: str) -> Iterator[Client]:
             yield client
 
 
-@contextmanager
-def workers_for(workers: int | None, scheduler: str | None) -> Iterator[Client | None]:
+def workers_for(
+    workers: int | None, scheduler: str | None
+) -> AbstractContextManager[Client | None]:
     """A client of processes here, or of a scheduler's workers; None if neither is asked for."""
     if workers is not None:
-        with local_workers(workers) as client:
-            yield client
-    elif scheduler is not None:
-        with workers_of(scheduler) as client:
-            yield client
-    else:
-        yield None
+        return local_workers(workers)
+    return nullcontext() if scheduler is None else workers_of(scheduler)
 
 
-def check_workers(**given: Any) -> bool:
+def check_workers(**given: object) -> bool:
     """Whether workers are asked for, by one of `workers`, `scheduler` and `client`."""
     names = [name for name, value in given.items() if value is not None]
     if len(names) > 1:
@@ -197,30 +193,30 @@ def require_distributed() -> Any:
     return distributed
 
 
-def require_client(client: Any) -> None:
+def require_client(client: object) -> Any:
     """Refuse what is no client of workers, or is closed."""
-    checks.instance("client", client, require_distributed().Client, "a distributed.Client")
-    if client.asynchronous or client.status != "running":
-        raise ValueError(
-            f"client = {checks.shown(client)}: must be connected, and not asynchronous"
-        )
+    kind = require_distributed().Client
+    found = checks.instance("client", client, kind, "a distributed.Client")
+    if found.asynchronous or found.status != "running":
+        raise ValueError(f"client = {checks.shown(found)}: must be connected, and not asynchronous")
+    return found
 
 
-def check_client(client: Any) -> int:
-    """The number of a client's workers, all of which can render with the versions of this process.
+def check_client(client: object) -> int:
+    """Number of a client's workers, all of which can render with the versions of this process.
 
-    Workers that end while they are asked are left out; they start again.
+    Workers that end meanwhile are left out; they start again.
     """
-    require_client(client)
+    checked = require_client(client)
     lost, own = require_distributed().comm.CommClosedError, versions()
-    found = client.run(versions, on_error="return")
+    found = checked.run(versions, on_error="return")
     found = {worker: its for worker, its in found.items() if not isinstance(its, lost)}
     if not found:
         raise ValueError("client: has no workers; must have one")
     for worker, its in found.items():
         if not isinstance(its, Exception) and its != own:
             raise ValueError(f"client: worker {worker} has {its}; must have {own}")
-    active = client.run(backend.activate, mi.variant(), on_error="return")
+    active = checked.run(backend.activate, mi.variant(), on_error="return")
     for worker, its in [*found.items(), *active.items()]:
         if isinstance(its, Exception) and not isinstance(its, lost):
             raise RuntimeError(f"client: worker {worker} cannot render: {its}")
