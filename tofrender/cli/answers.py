@@ -1,4 +1,4 @@
-"""What commands say when they are done: lines for people or, with --json, one object for scripts.
+"""Output of commands that are done: lines for people or, with --json, one object for scripts.
 
 The classes are the objects' schemas. docs/for_scripts.md describes them; keys may be added.
 """
@@ -125,7 +125,7 @@ def answer(command: str, as_json: bool, facts: Any, lines: Iterable[str]) -> Non
     say(*lines)
 
 
-def of_dataset(kind: Any, dataset: xr.Dataset, more: Mapping[str, Any]) -> Any:
+def dataset_facts(kind: Any, dataset: xr.Dataset, more: Mapping[str, Any]) -> Any:
     """Facts of a schema from a Dataset's attributes, and more."""
     attrs = dataset.attrs
     given = {"bins": dataset.sizes["opl"], "bin_width": attrs["bin_width_opl"], **more}
@@ -134,8 +134,8 @@ def of_dataset(kind: Any, dataset: xr.Dataset, more: Mapping[str, Any]) -> Any:
     return {name: convert(found[name]) for name, convert in get_type_hints(kind).items()}
 
 
-def of_render(dataset: xr.Dataset, out: Path, files: list[str]) -> Render:
+def render_facts(dataset: xr.Dataset, out: Path, files: list[str]) -> Render:
     """Facts of a render."""
     sizes = dataset.sizes
     picture = {"width": sizes["x"], "height": sizes["y"], "channels": sizes["channel"]}
-    return of_dataset(Render, dataset, {"out": out, "files": files, **picture})
+    return dataset_facts(Render, dataset, {"out": out, "files": files, **picture})

@@ -5,22 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from ..runtime import checks
 from . import options as opt
-from .keeping import AGAIN
+from .checkpoints import AGAIN
 
 LAST = 10_000_000
 
 
 def numbers(name: str, value: Any) -> list[int]:
-    """The check of an option that is numbers and ranges, like 17 or 0-99,250.
-
-    Example:
-        >>> numbers("", "0-3,7")
-        [0, 1, 2, 3, 7]
-    """
+    """The check of an option that is numbers and ranges, like 17 or 0-99,250."""
     found: list[int] = []
     for part in str(value).split(","):
         first, dash, last = part.partition("-")
@@ -36,7 +29,7 @@ def numbers(name: str, value: Any) -> list[int]:
 
 
 def dataset(
-    config: Annotated[Path, typer.Argument(metavar="CONFIG", help="TOML file: what to make.")],
+    config: Annotated[Path, opt.argument("CONFIG", "TOML file: what to make.")],
     out: Annotated[Path | None, opt.named("DIR", "Folder to write, ends in .zarr.")] = None,
     only: Annotated[
         Any, opt.checked(numbers, "Only these records, e.g. 17 or 0-99.", metavar="N,N-N")

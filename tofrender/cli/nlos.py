@@ -6,20 +6,18 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from ..runtime.progress import EVERY_S
 from . import completion, options as opt
-from .answers import Capture, Json, Reconstruct, answer, of_dataset
-from .keeping import (
-    AGAIN,
+from .answers import Capture, Json, Reconstruct, answer, dataset_facts
+from .checkpoints import (
     Resume,
     Seconds,
-    alone,
+    checkpointed,
+    end_if_incomplete,
     end_if_stopped,
-    keeping,
-    left_work,
+    exclusively,
     require_begun,
+    unfinished_work,
 )
 
 if TYPE_CHECKING:
@@ -32,9 +30,7 @@ METHODS = ("lct", "fk", "bp", "fbp", "phasor")
 def capture(
     scene: Annotated[
         str,
-        typer.Argument(
-            metavar="SCENE", help="A scene with a relay wall.", autocompletion=completion.scene
-        ),
+        opt.argument("SCENE", "A scene with a relay wall.", completion.scene),
     ],
     out: Annotated[Path, opt.named("FILE", "HDF5 file to write.")],
     mode: Annotated[str, opt.choice(MODES, "Which points of the wall are lit.")] = "confocal",
@@ -80,7 +76,7 @@ def capture(
     shape = developed_shape(loaded.sensors()[0].film())
     if shape is not None:
         opt.check_room(out, math.prod(shape) * (shape[0] * shape[1] if mode == "exhaustive" else 1))
-    if resume and out.exists() and left_work(out) is None:
+    if resume and out.exists() and unfinished_work(out) is None:
         found = io.load_capture(out)
         if found.attrs.get("complete", 1):
             options: dict[str, Any] = {"spp": spp, "seed": seed, "sensor": 0, "wall": names}
@@ -88,7 +84,7 @@ def capture(
             line = f"{out}: already complete, {found.attrs['spp']} samples per pixel"
             answer("capture", as_json, _facts(found, out), [line])
             return
-    with keeping(out, checkpoint, resume) as kept, opt.client_of(workers, scheduler) as client:
+    with checkpointed(out, checkpoint, resume) as kept, opt.client_of(workers, scheduler) as client:
         require_begun(resume, kept and kept.path, out)
         captured = render_capture(
             loaded if client is None else source,
@@ -104,26 +100,22 @@ def capture(
         with deferred_stop() as stop:
             io.save_capture(captured, out, overwrite=resume)
         facts = _facts(captured, out)
-        complete, points = facts["complete"], f"{facts['columns']}x{facts['rows']} points"
         step = f"{facts['bins']} bins of {1000 * facts['bin_width']:g} mm"
-        line = f"{out}: {mode}, {points}, {step}"
-        if complete or as_json:
+        line = f"{out}: {mode}, {facts['columns']}x{facts['rows']} points, {step}"
+        if facts["complete"] or as_json:
             answer("capture", as_json, facts, [line])
-        if not complete:
-            done = f"{captured.attrs['spp']} samples per pixel; {AGAIN}"
-            opt.note(f"error: interrupted after {done}")
-            raise typer.Exit(opt.INTERRUPTED)
+        end_if_incomplete(captured.attrs)
     end_if_stopped(stop)
 
 
 def _facts(captured: xr.Dataset, out: Path) -> Capture:
     """Facts of a capture."""
     rows, columns = captured["sensor_grid"].shape[:2]
-    return of_dataset(Capture, captured, {"out": out, "rows": rows, "columns": columns})
+    return dataset_facts(Capture, captured, {"out": out, "rows": rows, "columns": columns})
 
 
 def reconstruct(
-    source: Annotated[Path, typer.Argument(metavar="FILE", help="What `capture` has written.")],
+    source: Annotated[Path, opt.argument("FILE", "What `capture` has written.")],
     out: opt.Out,
     method: Annotated[str, opt.choice(METHODS, "How to reconstruct.")] = "lct",
     figure: opt.Figure = "png",
@@ -154,7 +146,7 @@ def reconstruct(
     with opt.client_of(workers, scheduler) as client:
         volume = nlos.reconstruct(captured, method, client=client)
     brightness, depth = nlos.max_projection(volume), nlos.depth_map(volume)
-    with alone(out), io.output_folder(out, overwrite=True) as folder:
+    with exclusively(out), io.output_folder(out, overwrite=True) as folder:
         arrays: dict[str, Any] = {
             str(name): volume[name].values for name in (*volume.data_vars, *volume.coords)
         }
@@ -169,11 +161,7 @@ def reconstruct(
     median = float(np.median(seen)) if seen.size else None
     where = "nothing found" if median is None else f"median depth {median:.3f} m"
     files = ["volume.npz", "brightness.exr", "depth.exr", f"volume.{figure}"]
-    facts: Reconstruct = {
-        "out": str(out),
-        "files": files,
-        "source": str(source),
-        "method": method,
-        "median_depth": median,
-    }
+    facts = Reconstruct(
+        out=str(out), files=files, source=str(source), method=method, median_depth=median
+    )
     answer("reconstruct", as_json, facts, [f"{out}: {', '.join(files)}; {where}"])

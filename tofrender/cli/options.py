@@ -55,9 +55,6 @@ class Size(NamedTuple):
         return f"{self.width}x{self.height}"
 
 
-# ------------------------------------------------------------------------------ kinds of options
-
-
 class Refused(typer.BadParameter):
     """A bad value, with all that is said of it behind the option's name."""
 
@@ -120,6 +117,8 @@ def setting(name: str, parse: Callable[[str, Any], Any] | None = None, more: str
     help = f"{described.help}{more}."
     if described.choices:
         return choice(described.choices, help)
+    if described.check is checks.boolean:
+        return switch(f"--{name}", help)
     check = parse or described.check
     assert check is not None
     if parse is None and described.low is not None and described.high is not None:
@@ -130,6 +129,11 @@ def setting(name: str, parse: Callable[[str, Any], Any] | None = None, more: str
 def named(metavar: str, help: str, *names: str) -> Any:
     """An option that is text or a path, with the name of its value."""
     return typer.Option(*names, metavar=metavar, help=help)
+
+
+def argument(metavar: str, help: str, complete: Any = None) -> Any:
+    """An argument that is text or a path, with the name of its value."""
+    return typer.Argument(metavar=metavar, help=help, autocompletion=complete)
 
 
 def switch(name: str, help: str) -> Any:
@@ -152,12 +156,7 @@ def size(example: str, help: str) -> Any:
 
 
 def pulse(name: str, value: Any) -> str | float:
-    """The check of an option that is a pulse's width: auto, none, or metres.
-
-    Example:
-        >>> pulse("", "0.05")
-        0.05
-    """
+    """The check of an option that is a pulse's width: auto, none, or metres."""
     if value in ("auto", NO_PULSE):
         return value
     width = number(value)
@@ -167,12 +166,7 @@ def pulse(name: str, value: Any) -> str | float:
 
 
 def span(name: str, value: Any) -> str | tuple[float, float]:
-    """The check of an option that is a window: auto, scene, or where it starts and stops.
-
-    Example:
-        >>> span("", "3.5,15")
-        (3.5, 15.0)
-    """
+    """The check of an option that is a window: auto, scene, or where it starts and stops."""
     ends = [number(end) for end in str(value).split(",")]
     if value in ("auto", SCENE_TIME):
         return value
@@ -225,14 +219,12 @@ METAVARS: dict[str, dict[str, Any]] = {
 }
 """Values of settings as `--help` and completion show them, where these are no plain numbers."""
 
-# ---------------------------------------------------------------------------------- shared options
-
 Scene = Annotated[
     str,
-    typer.Argument(
-        metavar="SCENE",
-        help=f"{SETTINGS['scene'].help}; `tofrender scenes` lists the names.",
-        autocompletion=completion.scene,
+    argument(
+        "SCENE",
+        f"{SETTINGS['scene'].help}; `tofrender scenes` lists the names.",
+        completion.scene,
     ),
 ]
 Out = Annotated[Path, named("DIR", "Folder to write, made whole.")]
@@ -301,9 +293,6 @@ def client_of(workers: int | None, scheduler: str | None) -> AbstractContextMana
     from tofrender.rendering.workers import workers_for
 
     return workers_for(workers, scheduler)
-
-
-# ------------------------------------------------------------------------------------- the folder
 
 
 @contextmanager

@@ -7,22 +7,21 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from ..rendering.settings import RenderSettings
 from ..runtime.progress import EVERY_S
 from . import options as opt
-from .answers import Json, answer, of_render
-from .keeping import (
+from .answers import Json, answer, render_facts
+from .checkpoints import (
     AGAIN,
     Resume,
     Seconds,
+    checkpointed,
+    end_if_incomplete,
     end_if_stopped,
+    film_path,
     is_begun,
-    keeping,
-    left_work,
-    on_disk,
     require_begun,
+    unfinished_work,
 )
 from .writing import write
 
@@ -68,7 +67,7 @@ def render(
     video: opt.Video = True,
     figure: opt.Figure = "png",
     dpi: opt.Dpi = None,
-    errors: Annotated[bool, opt.switch("--errors", "Measure the noise of each bin.")] = False,
+    errors: Annotated[bool, opt.setting("errors")] = False,
     workers: opt.Workers = None,
     scheduler: opt.Scheduler = None,
     checkpoint: Seconds = EVERY_S,
@@ -118,16 +117,16 @@ def render(
     if checkpoint:  # which has the samples' weight of each bin, too
         opt.check_room(out, cells * channels, cells * (channels + 1))
 
-    complete = _complete(out, job) if resume and left_work(out) is None else None
+    complete = _complete(out, job) if resume and unfinished_work(out) is None else None
     if complete is not None:
         files = sorted(path.name for path in out.iterdir())
         lines = [f"{out}: already complete, {complete.attrs['spp']} samples per pixel"]
-        answer("render", as_json, of_render(complete, out, files), lines)
+        answer("render", as_json, render_facts(complete, out, files), lines)
         return
 
     # ---------------------------------------------------------------------- render and write
-    with keeping(out, checkpoint, resume) as kept, opt.client_of(workers, scheduler) as client:
-        film = on_disk(out)
+    with checkpointed(out, checkpoint, resume) as kept, opt.client_of(workers, scheduler) as client:
+        film = film_path(out)
         if client is None and format != "zarr" and not is_begun(film) and _fits(job):
             earlier = _earlier(out, kept) if resume else None
             dataset = carry_out(job, earlier, kept)
@@ -139,11 +138,8 @@ def render(
             dataset = _on_disk(job, film, client, checkpoint, resume)
         with deferred_stop() as stop:
             files = write(dataset, out, format, precision, video, figure, dpi)
-        answer("render", as_json, of_render(dataset, out, files), _report(dataset, out, files))
-        if not dataset.attrs["complete"]:
-            done = f"{dataset.attrs['spp']} samples per pixel; {AGAIN}"
-            opt.note(f"error: interrupted after {done}")
-            raise typer.Exit(opt.INTERRUPTED)
+        answer("render", as_json, render_facts(dataset, out, files), _report(dataset, out, files))
+        end_if_incomplete(dataset.attrs)
     end_if_stopped(stop)
 
 
@@ -250,7 +246,7 @@ def _earlier(out: Path, kept: Checkpoint | None) -> xr.Dataset | None:
 
 
 def _report(dataset: xr.Dataset, out: Path, files: Sequence[str]) -> list[str]:
-    """What was written, how long it took, and what the window missed."""
+    """Lines on what was written, how long it took, and what the window missed."""
     frames = [name for name in files if name.startswith("frame_")]
     names = [name for name in files if name not in frames]
     if frames:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from ..runtime import checks
 from . import options as opt
 from .report import _seen
@@ -18,9 +16,9 @@ MOST_SPP = 1024
 def view(
     source: Annotated[
         str,
-        typer.Argument(
-            metavar="DIR|FILE|SCENE",
-            help="What a command has written; or a built-in name or XML file, with --live.",
+        opt.argument(
+            "DIR|FILE|SCENE",
+            "What a command has written; or a built-in name or XML file, with --live.",
         ),
     ],
     live: Annotated[
@@ -82,11 +80,9 @@ def view(
 def compare(
     one: Annotated[
         str,
-        typer.Argument(metavar="SCENE|FILE", help="A scene of the course, or a picture's file."),
+        opt.argument("SCENE|FILE", "A scene of the course, or a picture's file."),
     ] = "veach",
-    two: Annotated[
-        str | None, typer.Argument(metavar="[FILE]", help="Another picture of the same size.")
-    ] = None,
+    two: Annotated[str | None, opt.argument("[FILE]", "Another picture of the same size.")] = None,
     host: Host = "127.0.0.1",
     port: Port = None,
     browser: Browser = True,

@@ -118,7 +118,7 @@ def warp(
 def _parameters(
     name: str | None, alpha: float | None, image: str | None, parameters: Any
 ) -> dict[str, Any]:
-    """What is given for a subject; one that it does not take is refused."""
+    """Parameters of a subject; refuses those that it does not have."""
     if name is None and (parameters or alpha is not None or image is not None):
         raise ValueError("NAME: must be given with --alpha, --image or -D")
     for option, value, wants in (("alpha", alpha, "beckmann"), ("image", image, "hierarchical")):

@@ -6,19 +6,15 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from . import options as opt
-from .keeping import alone
+from .checkpoints import exclusively
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
 def merge(
-    sources: Annotated[
-        list[Path], typer.Argument(metavar="DIR...", help="What `tofrender render` has written.")
-    ],
+    sources: Annotated[list[Path], opt.argument("DIR...", "What `tofrender render` has written.")],
     out: opt.Out,
     format: opt.Format = "frames",
     precision: opt.Precision = "float",
@@ -48,7 +44,7 @@ def merge(
     merged = join(renders)
     height, width, bins, channels = in_channels(merged)["transient"].shape
     opt.check_out(out, (height, width, bins, channels), precision)
-    with alone(out), deferred_stop():
+    with exclusively(out), deferred_stop():
         files = write(merged, out, format, precision, video, figure, dpi)
     names = [name for name in files if not name.startswith("frame_")]
     opt.say(f"{out}: {merged.attrs['spp']} samples per pixel, {', '.join(names)}")

@@ -14,16 +14,16 @@ from ..runtime import checks, memory
 from ..signals.colour import luminance
 
 PIECE_BYTES = 8 << 20
-"""About what a piece takes that is read from disk [bytes], unless chunks are larger."""
+"""Size of a piece that is read from disk [bytes], unless chunks are larger."""
 
 VIEW_BYTES = 1 << 20
-"""About what a piece takes that is in memory: it and what is made of it fit into caches."""
+"""Size of a piece in memory [bytes]: it and what is computed of it fit into caches."""
 
 SHARE = 8
 """Blocks that are read as a whole, rows and frames, take at most this part of free memory."""
 
 Place = tuple[slice, ...]
-"""Where a piece is: a slice for each axis."""
+"""Position of a piece: a slice for each axis."""
 
 
 class Cube:
@@ -52,7 +52,7 @@ class Cube:
         self._lock = threading.Lock()
 
     def __reduce__(self) -> tuple[type[Cube], tuple[Any]]:
-        """As what is held: locks and what was read stay where they are."""
+        """Pickle the values alone, without lock and cache."""
         return Cube, (self._held,)
 
     @classmethod
@@ -73,14 +73,12 @@ class Cube:
         return math.prod(self.shape) * self.dtype.itemsize
 
     def view(self, place: Any) -> Cube:
-        """What an index of an array selects, not read yet."""
+        """The part that an index of an array selects, not read yet."""
         return Cube(self._held[place])
 
     def read(self, place: Any = ...) -> np.ndarray:
-        """What an index of an array selects."""
+        """The values that an index of an array selects."""
         return np.asarray(self._held[place])
-
-    # ----------------------------------------------------------------------------- by pieces
 
     def pieces(self) -> Iterator[tuple[Place, np.ndarray]]:
         """All values in pieces of a few megabytes.
@@ -96,7 +94,7 @@ class Cube:
             yield place, self._gather(place)
 
     def row_blocks(self) -> list[Place]:
-        """Where the blocks of `rows` are; each has all bins."""
+        """Positions of the blocks of `rows`; each has all bins."""
         most, axis = self._most(), 0
         while axis < len(self.shape) - 3 and self._row_bytes(axis) > most:
             axis += 1
@@ -146,7 +144,7 @@ class Cube:
         return np.concatenate(found)
 
     def _gather(self, place: Any) -> np.ndarray:
-        """What `read` gives, of which no piece is in memory twice."""
+        """As `read`, with no piece in memory twice."""
         if self.in_memory:
             return self.read(place)
         block = self.view(place)
@@ -154,8 +152,6 @@ class Cube:
         for here, part in block.pieces():
             values[here] = part
         return values
-
-    # ------------------------------------------------------------------------------- as a whole
 
     def require_finite(self, name: str) -> None:
         """Refuse values that are NaN or infinite."""
@@ -175,8 +171,6 @@ class Cube:
             result[place[:-1]] = luminance(values)
         return result
 
-    # ------------------------------------------------------------------------------------- cuts
-
     def _chunks(self) -> list[Sequence[int]]:
         """Sizes of chunks along each axis. In memory, any pixel is one, with all its bins."""
         if not self.in_memory:
@@ -185,7 +179,7 @@ class Cube:
         return [*((1,) * size for size in self.shape[:count]), *((n,) for n in self.shape[count:])]
 
     def _cuts(self) -> list[list[slice]]:
-        """Where pieces begin and end, along each axis."""
+        """Slices of the pieces along each axis."""
         chunks, left = self._chunks(), self._wanted() // self.dtype.itemsize
         unit = math.prod(max(along, default=1) for along in chunks)  # Values of a chunk
         cuts: list[list[slice]] = []

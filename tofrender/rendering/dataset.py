@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ..films.transient import TransientHDRFilm
 
 QUANTITIES = ("radiance per bin", "radiance per metre")
-"""What a transient may hold: the energy of each bin, or the density at its centre."""
+"""Quantities of a transient: energy of each bin, or density at its centre."""
 
 LOST_ENERGY = 0.01
 """Energy outside the window, as a fraction, above which users are warned."""

@@ -1,4 +1,4 @@
-"""Error bars: a render in parts of equal size, each with points of its own, whose scatter tells.
+"""Error bars from the scatter of parts of equal size, each with points of its own.
 
 The parts of one even point set are no independent draws: together they are evener than apart, and
 their scatter would tell too large an error. So each part has its own seed. That costs some of the
@@ -70,7 +70,7 @@ class Scatter:
         return self.squares
 
     def state(self) -> dict[str, np.ndarray]:
-        """All that was seen, for `restored`."""
+        """All of it as arrays, for `restored`."""
         return {"parts": np.array(self.count)} | {
             f"{what}.{name}": array
             for what, arrays in (("mean", self.means), ("square", self.squares))
@@ -79,7 +79,7 @@ class Scatter:
 
     @classmethod
     def restored(cls, state: dict[str, np.ndarray]) -> Scatter | None:
-        """What `state` gave; None if nothing was seen."""
+        """The scatter of a `state`, None of one in which nothing was added."""
         if "parts" not in state:
             return None
         both: dict[str, dict[str, np.ndarray]] = {"mean": {}, "square": {}}

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 FILES = "files.json"
-"""What names all files of a film, with sizes and checksums: one that is missing reads as zeros."""
+"""File that names all files of a film, with sizes and checksums: missing ones read as zeros."""
 
 READ_BYTES = 1 << 24
 

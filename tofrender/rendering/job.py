@@ -93,7 +93,7 @@ class Job:
         return sampler_for(self.camera, self.settings.sampler, self.settings.spp, first)
 
     def recording(self, film: TransientHDRFilm) -> Recording:
-        """How light is recorded on a film."""
+        """Recording of the integrator's light on a film."""
         record = recording(film, self.tracer.exposure())
         if brings_sample(self.tracer):
             record.require_no_lengths(type(self.tracer).__name__)
@@ -274,9 +274,6 @@ def warn_of_missing(job: Job, attrs: Mapping[str, Any], stacklevel: int) -> None
     if attrs["complete"] and job.arrivals is not None:
         outside = attrs["energy_outside_window"]
         warn_of_losses(job.film, outside, job.arrivals, job.profile, job.mend, stacklevel + 1)
-
-
-# ------------------------------------------------------------------------------- its parts
 
 
 def film_of_light(

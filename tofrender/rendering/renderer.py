@@ -167,13 +167,11 @@ def render(
         before the channels, with S0, S1, S2 and S3. Attributes say how it was made, among them
         `energy_outside_window`, the fraction of the steady energy that no bin holds. With `errors`,
         `transient_error` and `steady_error` are standard errors: the truth is within one of them in
-        2 of 3 bins that many paths reach, and less often where few do. Ctrl-C, SIGTERM and SIGHUP
-        return what is finished, with `complete` = 0 and `spp` as far as it got; a second one ends
-        it at once.
+        2 of 3 bins that many paths reach. Ctrl-C, SIGTERM and SIGHUP return what is finished, with
+        `complete` = 0 and `spp` as far as it got; a second one ends it at once.
 
-        With `params`, the pair (steady, transient) in their place, tensors of Dr.Jit's (height,
-        width, channels) and (height, width, bins, channels) of the same radiance, which track
-        gradients.
+        With `params`, the pair (steady, transient), tensors (height, width, channels) and (height,
+        width, bins, channels) of the same radiance, which track gradients.
 
     Raises:
         ValueError: An argument or the scene is wrong, or no light can reach the window.
@@ -294,9 +292,6 @@ def suited(settings: RenderSettings) -> RenderSettings:
     if not steady:
         return settings
     return replace(settings, window="auto", pulse_width=pulse, bins=settings.bins or BINS)
-
-
-# ------------------------------------------------------------------------ before rendering
 
 
 def open_scene(settings: RenderSettings) -> tuple[mi.Scene, Any]:

@@ -35,22 +35,20 @@ class Setting:
     Attributes:
         help: What it sets, and in which unit: for `--help` and `render`'s documentation.
         check: Refuses bad values of a parameter of this name, in one line.
-        low, high: Least and largest number.
-        choices: All names that are allowed.
-        keyword: Text that may stand in place of a number.
+        low, high: Least and largest integer.
+        choices: All names that are allowed; in Python, objects are, too.
         scene_name: Its name in `load_scene`.
     """
 
     help: str
     check: Callable[[str, Any], object] | None = None
-    low: float | None = None
-    high: float | None = None
+    low: int | None = None
+    high: int | None = None
     choices: tuple[str, ...] = ()
-    keyword: str = ""
     scene_name: str = ""
 
 
-def _integer(low: int, high: int, help: str, scene_name: str = "") -> Setting:
+def _integer(help: str, low: int, high: int, scene_name: str = "") -> Setting:
     """A setting that is an integer from `low` to `high`."""
     check = partial(checks.integer, low=low, high=high)
     return Setting(help, check, low, high, scene_name=scene_name)
@@ -117,26 +115,25 @@ class RenderSettings:
     """
 
     scene: Any = field(metadata={"setting": Setting("Built-in name or path of a Mitsuba XML file")})
-    spp: int | None = _field(_integer(1, checks.MAX_SPP, "Samples per pixel"))
-    seed: int = _field(_integer(0, checks.MAX_SEED, "Seed of all random numbers"), 0)
+    spp: int | None = _field(_integer("Samples per pixel", 1, checks.MAX_SPP))
+    seed: int = _field(_integer("Seed of all random numbers", 0, checks.MAX_SEED), 0)
     size: tuple[int, int] | None = _field(
         Setting("Width and height of the picture [pixels]", _check_size, 1, checks.MAX_SIZE)
     )
-    bins: int | None = _field(_integer(1, checks.MAX_BINS, "Number of time bins", "temporal_bins"))
+    bins: int | None = _field(_integer("Number of time bins", 1, checks.MAX_BINS, "temporal_bins"))
     start_opl: float | None = _field(
         Setting("Path length where bins start [m]", checks.metres, scene_name="start_opl")
     )
     bin_width: float | None = _field(
-        Setting("Width of a time bin [m]", _check_length, 0, scene_name="bin_width_opl")
+        Setting("Width of a time bin [m]", _check_length, scene_name="bin_width_opl")
     )
     window: tuple[float, float] | str | None = _field(
-        Setting("Start and stop of all bins, path length [m]", _check_window, keyword="auto")
+        Setting("Start and stop of all bins, path length [m]", _check_window)
     )
     pulse_width: float | str | None = _field(
         Setting(
             "Standard deviation of a Gaussian pulse [m]",
-            *(_check_pulse_width, 0),
-            keyword="auto",
+            _check_pulse_width,
             scene_name="pulse_width_opl",
         )
     )
@@ -147,9 +144,13 @@ class RenderSettings:
             scene_name="max_depth",
         )
     )
-    integrator: Any = _field(Setting("Plugin that follows the paths", choices=INTEGRATORS))  # noqa: RUF009
-    sampler: Any = _field(Setting("Plugin that draws the random numbers", choices=SAMPLERS))  # noqa: RUF009
-    sensor: int = _field(_integer(0, MAX_SENSOR, "Number of the sensor"), 0)
+    integrator: Any = _field(  # noqa: RUF009
+        Setting("Plugin that follows the paths", choices=INTEGRATORS)
+    )
+    sampler: Any = _field(  # noqa: RUF009
+        Setting("Plugin that draws the random numbers", choices=SAMPLERS)
+    )
+    sensor: int = _field(_integer("Number of the sensor", 0, MAX_SENSOR), 0)
     define: Mapping[str, Any] | None = _field(
         Setting("Values of an XML file's parameters", checks.mapping, scene_name="parameters")
     )
@@ -246,7 +247,7 @@ class RenderSettings:
 SETTINGS: dict[str, Setting] = {
     each.name: each.metadata["setting"] for each in fields(RenderSettings)
 } | {
-    "workers": _integer(1, MAX_WORKERS, "Number of processes here that render"),
+    "workers": _integer("Number of processes here that render", 1, MAX_WORKERS),
     "scheduler": Setting("Address of a Dask scheduler, whose workers render", checks.address),
     "progress": Setting("Show a bar for work that takes long", checks.boolean),
 }

@@ -36,7 +36,7 @@ BLOCK_BYTES = 4 << 20
 
 @dataclass
 class Receipt:
-    """What is known of a tile on disk.
+    """Checksums and sums of a tile on disk.
 
     Attributes:
         files: CRC-32C of each file, by its name.
@@ -88,7 +88,7 @@ class Store:
 
     @staticmethod
     def planned(folder: Path) -> dict[str, Any]:
-        """What a film that was begun is of; nothing if there is none."""
+        """Recipe of a film that was begun, empty if there is none."""
         try:
             return dict(json.loads((folder / RECEIPTS / PLAN).read_text()))
         except (OSError, ValueError, TypeError):
@@ -96,8 +96,6 @@ class Store:
 
     def _group(self) -> Any:
         return require_zarr().open_group(self.film, mode="r+", zarr_format=3)
-
-    # ---------------------------------------------------------------------------- work items
 
     def write(self, item: WorkItem, result: WorkResult) -> Receipt:
         """Write the result of a work item, whole tiles."""
@@ -155,8 +153,6 @@ class Store:
             for array in self._arrays
         ]
         return [name for name in names if (self.film / name).exists()]
-
-    # ---------------------------------------------------------------------------- the end
 
     def finish(
         self,
@@ -251,7 +247,7 @@ def save_zarr(dataset: xr.Dataset, path: str | os.PathLike[str]) -> xr.Dataset:
 
 
 def check_film(out: object, name: str = "out") -> Path:
-    """Refuse a place where no film can stream to."""
+    """Refuse a name that a film cannot stream to."""
     target = checks.path(name, out)
     if target.suffix != SUFFIX:
         raise ValueError(f"{name} = {out}: must be the name of a folder that ends in {SUFFIX}")
@@ -262,7 +258,7 @@ def check_film(out: object, name: str = "out") -> Path:
 
 
 def under_way(out: str | os.PathLike[str]) -> Path:
-    """Where a film that streams to `out` is until it is finished."""
+    """Folder of a film that streams to `out`, until it is finished."""
     return atomic.hidden(out, ".film")
 
 

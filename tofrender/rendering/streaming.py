@@ -26,11 +26,7 @@ if TYPE_CHECKING:
 
 
 class FilmStore(ResultStore[WorkItem, Receipt]):
-    """Keeps the results of work items in a film on disk, and their receipts.
-
-    Attributes:
-        receipts: Those of finished items.
-    """
+    """Keeps the receipts of work items whose results are in a film on disk."""
 
     def __init__(self, items: list[WorkItem], film: Store, again: str) -> None:
         super().__init__(items, "tiles", again)
@@ -56,7 +52,10 @@ def stream(
     again: str = "",
     progress: bool = True,
 ) -> xr.Dataset:
-    """Render a job to disk, tile by tile."""
+    """Render a job to disk, tile by tile; the same call goes on with those that are finished.
+
+    A tile under way is saved every `seconds`. `tell` is called with lines on what is done.
+    """
     if client is not None and job.plan.splats:
         raise ValueError("client: must be left out, light lands on all tiles; see `render`")
     target, folder = check_film(out), under_way(out)

@@ -61,7 +61,7 @@ class WorkItem:
     count: int
 
     def pixels(self, array: np.ndarray) -> np.ndarray:
-        """Its pixels of an array of the whole film, (height, width, ...), as a view."""
+        """The item's pixels of an array of the whole film, (height, width, ...), as a view."""
         return array[self.y : self.y + self.height, self.x : self.x + self.width]
 
 
@@ -129,9 +129,6 @@ def sample_ranges(job: Job, workers: int) -> list[WorkItem]:
     return [replace(item, first=low, count=high - low) for low, high in itertools.pairwise(edges)]
 
 
-# -------------------------------------------------------------------------------- rendering one
-
-
 def render_item(
     job: Job,
     item: WorkItem,
@@ -170,13 +167,7 @@ def render_item(
 
 
 class _Samples:
-    """Samples of a work item from one point set, recorded on a film of its own.
-
-    Attributes:
-        record: The recording.
-        done: Samples per pixel that it has from the start, those of a checkpoint.
-        steps: Takes the others.
-    """
+    """Samples of a work item from one point set: `steps` records them on a film of its own."""
 
     def __init__(self, job: Job, item: WorkItem, seed: int | mi.UInt32, saved: Kept | None) -> None:
         film, tile = _film_of(job.film, item)
@@ -276,11 +267,7 @@ def _film_of(film: TransientHDRFilm, item: WorkItem) -> tuple[TransientHDRFilm, 
 class ResultStore(ABC, Generic[Item, Result]):
     """Keeps the results of work items as they are finished, in memory or on disk.
 
-    Attributes:
-        items: All work items.
-        finished: Those whose results are kept.
-        unit: Name of the items in messages.
-        again: How to go on, for the message of work that was stopped.
+    Messages call the items by `unit`, and say by `again` how stopped work goes on.
     """
 
     def __init__(self, items: Sequence[Item], unit: str, again: str = "") -> None:

@@ -48,7 +48,7 @@ THREADS = "TOFRENDER_THREADS"
 
 @dataclass(frozen=True)
 class Order:
-    """What a worker needs to make the same job.
+    """All that a worker needs to make the same job.
 
     Attributes:
         make: Makes a job of `arguments`; found by its name in the worker's own package.

@@ -19,7 +19,7 @@ _options: dict[str, tuple[str, bool]] = {}
 """Names of the options of the command under way, by its parameters, and whether each is given."""
 
 
-def speak_of(command: Callable[..., Any] | None, given: Mapping[str, Any]) -> None:
+def set_command(command: Callable[..., Any] | None, given: Mapping[str, Any]) -> None:
     """From now on, messages are about this command, called with these values; None for none."""
     _options.clear()
     if command is None:
@@ -34,7 +34,7 @@ def speak_of(command: Callable[..., Any] | None, given: Mapping[str, Any]) -> No
         _options[name] = option, given.get(name) != parameter.default
 
 
-def in_options(message: str) -> str:
+def with_option_names(message: str) -> str:
     """A message with the options of the command under way in place of the package's words.
 
     The word that it starts with is an option if that was given; a word in backticks is one
