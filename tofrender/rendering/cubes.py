@@ -124,7 +124,7 @@ class Cube:
             return self._kept[bins.start][..., index - bins.start, :]
 
     def take(self, positions: np.ndarray) -> np.ndarray:
-        """Values at these positions of the flattened array, in any order."""
+        """Values at some positions of the flattened array, in any order."""
         if self.in_memory:
             return self._held.reshape(-1)[positions]
         cuts, stride = self._cuts(), math.prod(self.shape)

@@ -56,7 +56,7 @@ def channel_coordinates(film: TransientHDRFilm) -> dict[str, np.ndarray]:
 
 
 def transient_dataset(
-    arrays: Mapping[str, np.ndarray], film: TransientHDRFilm, attrs: dict[str, str | int | float]
+    arrays: Mapping[str, np.ndarray], film: Any, attrs: dict[str, str | int | float]
 ) -> xr.Dataset:
     """Make the Dataset of what a film has collected, with attributes that say how it was made."""
     import xarray as xr

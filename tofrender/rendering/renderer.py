@@ -203,7 +203,7 @@ def render(
         >>> params["green.reflectance.value"].grad.y[0] > 0
         True
     """
-    arguments = locals().copy()
+    arguments = locals().copy()  # All of them, by name
     backend.require_vectorised()
     checks.boolean("progress", progress)
     if params is not None:
@@ -213,8 +213,7 @@ def render(
         with hidden(not progress):
             return _render_attached(scene, params, spp, seed, integrator, sensor)
     arguments["bins"] = either("bins", bins, temporal_bins)
-    own = {field.name for field in fields(RenderSettings)}
-    record = RenderSettings(**{name: arguments[name] for name in own})
+    record = RenderSettings(**{each.name: arguments[each.name] for each in fields(RenderSettings)})
     by_workers = check_workers(workers=workers, scheduler=scheduler, client=client)
     if out is not None:
         check_film(out)
@@ -226,8 +225,8 @@ def render(
         packed("scene", scene)  # Refuses what cannot be sent
     with hidden(not progress), status("Rendering"):
         job = make_job(record)
-        own = nullcontext(client) if client is not None else workers_for(workers, scheduler)
-        with own as client:
+        given = nullcontext(client) if client is not None else workers_for(workers, scheduler)
+        with given as client:
             if out is not None:
                 return stream(job, out, client=client)
             if client is not None:

@@ -59,20 +59,18 @@ def _field(setting: Setting, default: Any = None) -> Any:
     return field(default=default, metadata={"setting": setting})
 
 
-def start_and_width(window: object, bins: int) -> tuple[float, float]:
+def start_and_width(window: object, bins: int, name: str = "window") -> tuple[float, float]:
     """Start and bin width of a window given as (start, stop)."""
     ends: Any = window
     try:
         start, stop = ends
     except (TypeError, ValueError):
-        raise ValueError(
-            f"window = {checks.shown(window)}: must be 'auto' or (start, stop) in metres"
-        ) from None
-    start, stop = checks.metres("window[0]", start), checks.metres("window[1]", stop)
+        given = checks.shown(window)
+        raise ValueError(f"{name} = {given}: must be 'auto' or (start, stop) in metres") from None
+    start, stop = checks.metres(f"{name}[0]", start), checks.metres(f"{name}[1]", stop)
     if not start < stop < start + checks.MAX_OPL:
-        raise ValueError(
-            f"window = {checks.shown(window)}: must end after it starts, and not at infinity"
-        )
+        given = checks.shown(window)
+        raise ValueError(f"{name} = {given}: must end after it starts, and not at infinity")
     return start, (stop - start) / bins
 
 
@@ -87,7 +85,7 @@ def _check_length(name: str, value: object) -> float:
 
 def _check_window(name: str, value: object) -> None:
     if not is_auto(value):
-        start_and_width(value, 1)
+        start_and_width(value, 1, name)
 
 
 def _check_pulse_width(name: str, value: object) -> None:
@@ -97,8 +95,7 @@ def _check_pulse_width(name: str, value: object) -> None:
 
 def _check_size(name: str, value: object) -> None:
     if not isinstance(value, tuple | list) or len(value) != 2:
-        given = checks.shown(value)
-        raise ValueError(f"{name} = {given}: must be (width, height) in pixels")
+        raise ValueError(f"{name} = {checks.shown(value)}: must be (width, height) in pixels")
     for side in value:
         checks.integer(name, side, 1, checks.MAX_SIZE)
 
