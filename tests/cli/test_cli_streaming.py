@@ -15,7 +15,7 @@ from helpers.hidden_scenes import small_capture
 from test_cli import done, refused
 
 import tofrender
-from tofrender.cli.keeping import on_disk
+from tofrender.cli.checkpoints import film_path
 from tofrender.rendering import workers
 from tofrender.runtime import atomic, memory
 
@@ -172,7 +172,7 @@ if __name__ == "__main__":
     in_tiles(pytest.MonkeyPatch(), 2)
     if sys.argv[1] == "short":
         memory.available = lambda: memory.RESERVE + 40000
-    put, puts = store.Store.put, []
+    put, puts = store.Store.write, []
     def counted(self, *arguments):
         receipt = put(self, *arguments)
         puts.append(None)
@@ -180,7 +180,7 @@ if __name__ == "__main__":
             print("here", flush=True)
             input()
         return receipt
-    store.Store.put = counted
+    store.Store.write = counted
     sys.exit(main(sys.argv[2:]))
 """
 
@@ -259,7 +259,7 @@ def finished(out: Path, **options) -> None:
     """What a run leaves that was killed while it wrote its files."""
     settings = SETTINGS | options.pop("settings", {})
     options = {"spp": 16} | options
-    film = on_disk(out)
+    film = film_path(out)
     render("cornell_box", settings=settings, out=film, **options)
 
 

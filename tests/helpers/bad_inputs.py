@@ -3,6 +3,7 @@
 import os
 import re
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from helpers.made_dataset import make_dataset
+from tofrender.rendering.settings import SETTINGS
 
 LONGEST = 600
 """Characters of a line that can still be read at a glance."""
@@ -203,6 +205,13 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
     "render": (set(), {}),
 }
 
+CHECKED = {
+    **{"_check_size": "sizes", "_check_window": "window", "_check_length": "positive"},
+    **{"_check_pulse_width": "pulse-width", "metres": "metres", "depth": "depth"},
+    **{"mapping": "mapping", "boolean": "boolean", "address": "address"},
+}
+"""The kind of a setting, by the function that checks it."""
+
 TEXTS: dict[str, str] = {
     **{name: name for name in ("nan", "inf", "-inf", "-1", "0", "1.5", "1e30", "True")},
     "2**40": str(1 << 40),
@@ -249,6 +258,16 @@ MORE_TEXTS: dict[str, list[str]] = {
 def kind_of(text: str) -> str:
     """The kind itself, of `"kind?"`, which is one that may be None, or of `"kind but x, y"`."""
     return text.partition(" but ")[0].rstrip("?")
+
+
+def kind_of_setting(name: str) -> str:
+    """The kind of a setting of `render`, by its entry in the table."""
+    setting = SETTINGS[name]
+    if setting.choices:
+        return "choice"
+    if isinstance(setting.check, partial):
+        return "count" if setting.low else "seed"
+    return CHECKED[setting.check.__name__] if setting.check else "source"
 
 
 def bad(kind: str) -> Iterator[tuple[str, Any]]:

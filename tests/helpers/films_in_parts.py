@@ -12,7 +12,7 @@ import numpy as np
 
 import tofrender
 from tofrender.integrators import passes
-from tofrender.rendering import job, pieces, store, streaming
+from tofrender.rendering import work_items
 
 ROOT = Path(__file__).parents[2]
 ROUNDING = 1e-5
@@ -37,8 +37,7 @@ def crop(x: int, y: int, width: int, height: int) -> dict:
 def in_tiles(monkeypatch: Any, rows: float, *, columns: int = 12, bins: int = 40) -> None:
     """Let tiles have at most so many rows of a film, by the memory that they may take."""
     size = int(rows * tofrender.runtime.memory.film_bytes(1, columns, bins, 3))
-    for module in (pieces, job, store, streaming):
-        monkeypatch.setattr(module, "TILE_BYTES", size)
+    monkeypatch.setattr(work_items, "TILE_BYTES", size)
 
 
 def in_small_steps(patch: Any, pixels: int = 2 * 12) -> None:
@@ -54,14 +53,14 @@ def in_small_steps(patch: Any, pixels: int = 2 * 12) -> None:
 
 def watch_steps(patch: Any, look: Callable[[int], object]) -> None:
     """Let `look(number)` be called after each step of a render."""
-    steps = pieces.steps
+    steps = work_items.steps
 
     def watched(*arguments: Any, **options: Any) -> Iterator:
         for number, done in enumerate(steps(*arguments, **options)):
             look(number)
             yield done
 
-    patch.setattr(pieces, "steps", watched)
+    patch.setattr(work_items, "steps", watched)
 
 
 def render(scene: Any, **options: Any):

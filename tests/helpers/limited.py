@@ -12,8 +12,8 @@ import xarray as xr
 from dask.core import flatten
 
 from tofrender.rendering import cubes
-from tofrender.rendering.pieces import Piece, Taken
 from tofrender.rendering.store import Store, load_zarr, under_way
+from tofrender.rendering.work_items import WorkItem, WorkResult
 from tofrender.runtime import memory
 
 
@@ -46,9 +46,9 @@ def write_film(folder: Path, dataset: xr.Dataset, tile: tuple[int, int]) -> xr.D
     for y in range(0, height, rows):
         for x in range(0, width, columns):
             part = dataset.isel(y=slice(y, y + rows), x=slice(x, x + columns))
-            steady, transient = part["steady"].values, part["transient"].values
-            piece = Piece(y, x, *steady.shape[:2], 0, 1)
-            store.put(piece, Taken(steady, transient, 1, 0, 0.0))
+            arrays = {name: part[name].values for name in ("transient", "steady")}
+            item = WorkItem(y, x, *arrays["steady"].shape[:2], 0, 1)
+            store.write(item, WorkResult(arrays, 1))
     coordinates = {str(axis): np.asarray(dataset[axis].values) for axis in dataset.coords}
     store.finish(coordinates, dataset.attrs, folder)
     return load_zarr(folder)

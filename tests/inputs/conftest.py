@@ -6,7 +6,7 @@ import tofrender
 from tofrender.integrators import passes, running
 from tofrender.nlos import exhaustive
 from tofrender.nlos.reconstruction import methods
-from tofrender.rendering import pieces, strategies
+from tofrender.rendering import strategies, work_items
 
 
 @pytest.fixture
@@ -16,7 +16,7 @@ def no_work(monkeypatch):
     def never(*_, **__):
         raise AssertionError("work has started")
 
-    for module in (pieces, strategies, exhaustive, passes, running):
+    for module in (work_items, strategies, exhaustive, passes, running):
         monkeypatch.setattr(module, "steps", never)
     monkeypatch.setattr(methods, "backproject", never)
     monkeypatch.setattr(tofrender.TransientHDRFilm, "prepare", never)

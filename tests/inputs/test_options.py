@@ -4,12 +4,13 @@ from pathlib import Path
 
 import pytest
 import typer
-from helpers.bad_inputs import OTHER_FILES, listing, one_clear_line, sample
+from helpers.bad_inputs import OTHER_FILES, kind_of_setting, listing, one_clear_line, sample
 from helpers.hidden_scenes import small_capture as captured
 from helpers.made_dataset import make_dataset
 
 from tofrender import io
 from tofrender.cli.app import app, main
+from tofrender.rendering.settings import SETTINGS
 
 SCENE = ["cornell_box", "--size", "4x4", "--spp", "1"]
 COMMANDS: dict[str, list[str]] = {
@@ -34,34 +35,27 @@ COMMANDS: dict[str, list[str]] = {
     "new-term": ["a1"],
 }
 KINDS = {
-    "address": "--scheduler",
     "alpha": "--alpha",
-    "choice": "--figure --format --integrator --method --mode --only --points --precision "
-    "--sampler --variant --wall assignment name one",
-    "count": "--bins --count --jobs --port --samples --seeds --spp --workers --wrong",
-    "definition": "-D",
-    "depth": "--max-depth",
+    "choice": "--figure --format --method --mode --only --points --precision --variant --wall "
+    "assignment name one",
+    "count": "--count --jobs --port --samples --seeds --wrong",
     "dots": "--dpi",
     "file": "--module --submission",
     "from 0": "--at --checkpoint",
     "from 30": "--time-limit",
     "host": "--host",
-    "metres": "--start-opl",
-    "positive": "--bin-width --freq --megabytes --memory",
-    "pulse-width": "--pulse-width",
+    "positive": "--freq --megabytes --memory",
     "render": "sources",
-    "seed": "--seed --term",
-    "sensor": "--sensor",
-    "sizes": "--grid --size",
-    "source": "scene",
-    "window": "--window",
+    "seed": "--term",
+    "sizes": "--grid",
 }
 """The kind of each option and argument, see `bad_inputs.KINDS`."""
 OPTIONS = {name: kind for kind, names in KINDS.items() for name in names.split()}
+OPTIONS |= {f"--{name.replace('_', '-')}": kind_of_setting(name) for name in SETTINGS}
 OPTIONS |= {
-    **{"phasor source": "render", "reconstruct source": "file", "view source": "source"},
-    **{"report source": "file", "submit folder": "file", "grade --seed": "count"},
-    **{"gradescope --seed": "count", "gate --pulse-width": "positive"},
+    **{"-D": "definition", "scene": "source", "view source": "source", "phasor source": "render"},
+    **{"reconstruct source": "file", "report source": "file", "submit folder": "file"},
+    **{"grade --seed": "count", "gradescope --seed": "count", "gate --pulse-width": "positive"},
 }
 SAID = {"--wall": "relay_wall", "-D": "", "--submission": ""}
 """What a message names for an option, where that is not the option; no argument is named."""

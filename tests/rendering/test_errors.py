@@ -1,5 +1,6 @@
 """Error bars: as often right as they say, and the same whichever way a render is carried out."""
 
+import dataclasses
 import itertools
 import signal
 
@@ -13,9 +14,10 @@ from oracles.films import disk_light_masses
 from oracles.noise import paths, sphere, truth
 from scipy.stats import t as student
 
-import tofrender
-from tofrender.rendering import pieces
 from tofrender.rendering.errors import PARTS, parts_of, seed_of
+from tofrender.rendering.renderer import make_job
+from tofrender.rendering.settings import RenderSettings
+from tofrender.rendering.work_items import render_item, whole as all_samples
 from tofrender.runtime import memory
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
@@ -175,16 +177,17 @@ def test_parts_have_seeds_of_their_own():
 def test_the_mean_is_that_of_the_parts():
     """Each part is a render of its own, and the errors are theirs by NumPy."""
     whole = render(box(), spp=16, errors=True)
-    job = tofrender.rendering.renderer.make_job(tofrender.rendering.asked.Asked(box(), spp=1))
-    parts = [
-        pieces._at_once(job, pieces.whole(job), None, None, 0, False, seed_of(0, 0, part))
-        for part in range(16)
-    ]
+    job = make_job(RenderSettings(box(), spp=1))
+    parts = []
+    for part in range(16):
+        settings = dataclasses.replace(job.settings, seed=int(seed_of(0, 0, part)[0]))
+        alone = dataclasses.replace(job, settings=settings)
+        parts.append(render_item(alone, all_samples(job), progress=False).arrays)
     assert whole.attrs["spp"] == 16
     for name in ("transient", "steady"):
         found = whole[f"{name}_error"]
         assert (found.dims, found.dtype) == (whole[name].dims, np.float32)
-        values = np.stack([getattr(part, name) for part in parts]).astype(float)
+        values = np.stack([part[name] for part in parts]).astype(float)
         top = whole[name].values.max()
         np.testing.assert_allclose(whole[name].values, values.mean(axis=0), atol=1e-5 * top)
         error = values.std(axis=0, ddof=1) / 4

@@ -26,7 +26,7 @@ from helpers.support import (
 
 import tofrender
 from tofrender.integrators import passes as base
-from tofrender.rendering import pieces
+from tofrender.rendering import work_items
 from tofrender.scenes.settings import SAMPLERS
 
 ALL_TIME = {"start_opl": 3.5, "temporal_bins": 120, "bin_width_opl": 0.25}
@@ -74,7 +74,7 @@ def no_work(monkeypatch):
     def never(*_):
         raise AssertionError("work has started")
 
-    monkeypatch.setattr(pieces, "steps", never)
+    monkeypatch.setattr(work_items, "steps", never)
     monkeypatch.setattr(tofrender.TransientHDRFilm, "prepare", never)
 
 

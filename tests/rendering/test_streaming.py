@@ -32,8 +32,8 @@ from helpers.support import with_film, with_integrator
 
 import tofrender
 from tofrender import load_zarr, save_zarr
-from tofrender.rendering.asked import Asked
 from tofrender.rendering.renderer import make_job
+from tofrender.rendering.settings import RenderSettings
 from tofrender.rendering.store import Store
 from tofrender.rendering.streaming import stream
 
@@ -100,7 +100,7 @@ def flipped(file: Path, place: float) -> None:
 
 def stopped_after(monkeypatch, tiles: int) -> None:
     """Let SIGINT come before the step after so many tiles."""
-    puts, put = [], Store.put
+    puts, put = [], Store.write
 
     def counted(self, *arguments):
         puts.append(None)
@@ -111,7 +111,7 @@ def stopped_after(monkeypatch, tiles: int) -> None:
             puts.append(None)
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(Store, "put", counted)
+    monkeypatch.setattr(Store, "write", counted)
     watch_steps(monkeypatch, look)
 
 
@@ -214,7 +214,7 @@ def test_a_tile_under_way_goes_on(out, monkeypatch, errors):
 def test_a_tile_is_kept_as_often_as_asked(out, monkeypatch, whole):
     """The run ends as by a kill; meanwhile no other one may write there."""
     in_small_steps(monkeypatch)
-    job, told, stops = make_job(Asked(box(), spp=8)), [], []
+    job, told, stops = make_job(RenderSettings(box(), spp=8)), [], []
 
     def look(number):
         if number == 2 and len(receipts(out)) == 2 and not stops:
@@ -331,8 +331,8 @@ def test_a_disk_that_becomes_full_keeps_finished_tiles(out, monkeypatch, capsys,
 _SHORT = """
 import resource, sys, psutil
 import tofrender, zarr
-from tofrender.rendering import streaming
-streaming.TILE_BYTES = 8 << 20
+from tofrender.rendering import work_items
+work_items.TILE_BYTES = 8 << 20
 size = {"width": 100, "height": 100, "temporal_bins": 2000, "bin_width_opl": 0.006}
 options = {"spp": 1, "progress": False}
 tofrender.render("cornell_box", settings=size | {"width": 4, "height": 4}, **options)

@@ -56,9 +56,9 @@ def with_takes(client, wrapper, where=None) -> None:
     def install(wrapper=wrapper):
         from tofrender.rendering import job
 
-        take = getattr(job, "own_take", job.take)
-        job.own_take = take
-        job.take = (
+        take = getattr(job, "own_render_item", job.render_item)
+        job.own_render_item = take
+        job.render_item = (
             take
             if wrapper is None
             else lambda j, piece, **options: wrapper(partial(take, **options), j, piece)

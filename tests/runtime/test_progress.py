@@ -15,7 +15,7 @@ from helpers.processes import python
 
 import tofrender
 from tofrender.integrators import passes as base
-from tofrender.rendering import pieces
+from tofrender.rendering import work_items
 from tofrender.runtime import progress
 from tofrender.runtime.progress import deferred_stop, held_signals, progress_bar
 
@@ -87,7 +87,7 @@ def test_disabled_and_hidden_bars(monkeypatch):
 
 @pytest.mark.parametrize("shown", [True, False])
 def test_render_shows_a_bar(capsys, monkeypatch, ticks, shown):
-    steps = pieces.steps
+    steps = work_items.steps
 
     def watched(*arguments):
         for done in steps(*arguments):
@@ -95,7 +95,7 @@ def test_render_shows_a_bar(capsys, monkeypatch, ticks, shown):
             if shown:
                 ticks[-1].tick()
 
-    monkeypatch.setattr(pieces, "steps", watched)
+    monkeypatch.setattr(work_items, "steps", watched)
     monkeypatch.setattr(base, "STEP_SAMPLES", 64 * 64)
     scene = tofrender.cornell_box(width=8, height=8, temporal_bins=120, bin_width_opl=0.25)
     tofrender.render(scene, spp=256, progress=shown)

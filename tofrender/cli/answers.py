@@ -1,4 +1,4 @@
-"""What commands say when they are done: lines for people or, with --json, one object for scripts.
+"""Output of commands that are done: lines for people or, with --json, one object for scripts.
 
 The classes are the objects' schemas. docs/for_scripts.md describes them; keys may be added.
 """
@@ -6,18 +6,16 @@ The classes are the objects' schemas. docs/for_scripts.md describes them; keys m
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypedDict
+from typing import TYPE_CHECKING, Annotated, Any, TypedDict, get_type_hints
 
-import typer
-
-from .options import say
+from .options import say, switch
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Json = Annotated[bool, typer.Option("--json", help="Say what was made as one JSON object.")]
+Json = Annotated[bool, switch("--json", "Say what was made as one JSON object.")]
 
 
 class Scene(TypedDict):
@@ -34,7 +32,7 @@ class Scenes(TypedDict):
 
 
 class Check(TypedDict):
-    """What `tofrender doctor` has looked at."""
+    """A check of `tofrender doctor`."""
 
     name: str
     ok: bool
@@ -50,21 +48,31 @@ class Doctor(TypedDict):
     checks: list[Check]
 
 
-class Render(TypedDict):
-    """`tofrender render`."""
-
+class _Written(TypedDict):
     out: str
     files: list[str]
-    complete: bool
-    scene: str
+
+
+class _Picture(_Written):
     width: int
     height: int
+
+
+class _Binned(TypedDict):
+    out: str
+    complete: bool
+    scene: str
     bins: int
-    channels: int
     start_opl: float
     bin_width: float
     spp: int
     seed: int
+
+
+class Render(_Picture, _Binned):
+    """`tofrender render`."""
+
+    channels: int
     integrator: str
     pulse: str
     max_depth: int
@@ -74,52 +82,34 @@ class Render(TypedDict):
     energy_outside_window: float
 
 
-class Phasor(TypedDict):
+class Phasor(_Picture):
     """`tofrender phasor`."""
 
-    out: str
-    files: list[str]
     source: str
     frequencies_hz: list[float]
-    width: int
-    height: int
 
 
-class Gate(TypedDict):
+class Gate(_Picture):
     """`tofrender gate`."""
 
-    out: str
-    files: list[str]
     scene: str
     at: float
     pulse_width: float
     spp: int
     seed: int
-    width: int
-    height: int
 
 
-class Capture(TypedDict):
+class Capture(_Binned):
     """`tofrender capture`."""
 
-    out: str
-    complete: bool
-    scene: str
     mode: str
     columns: int
     rows: int
-    bins: int
-    start_opl: float
-    bin_width: float
-    spp: int
-    seed: int
 
 
-class Reconstruct(TypedDict):
+class Reconstruct(_Written):
     """`tofrender reconstruct`."""
 
-    out: str
-    files: list[str]
     source: str
     method: str
     median_depth: float | None
@@ -135,28 +125,17 @@ def answer(command: str, as_json: bool, facts: Any, lines: Iterable[str]) -> Non
     say(*lines)
 
 
-def of_render(dataset: xr.Dataset, out: Path, files: list[str]) -> Render:
+def dataset_facts(kind: Any, dataset: xr.Dataset, more: Mapping[str, Any]) -> Any:
+    """Facts of a schema from a Dataset's attributes, and more."""
+    attrs = dataset.attrs
+    given = {"bins": dataset.sizes["opl"], "bin_width": attrs["bin_width_opl"], **more}
+    complete = {"complete": attrs.get("complete", 1)}  # Captures of earlier versions have none
+    found = complete | attrs | given
+    return {name: convert(found[name]) for name, convert in get_type_hints(kind).items()}
+
+
+def render_facts(dataset: xr.Dataset, out: Path, files: list[str]) -> Render:
     """Facts of a render."""
     sizes = dataset.sizes
-    attrs = dataset.attrs
-    return {
-        "out": str(out),
-        "files": files,
-        "complete": bool(attrs["complete"]),
-        "scene": attrs["scene"],
-        "width": sizes["x"],
-        "height": sizes["y"],
-        "bins": sizes["opl"],
-        "channels": sizes["channel"],
-        "start_opl": float(attrs["start_opl"]),
-        "bin_width": float(attrs["bin_width_opl"]),
-        "spp": int(attrs["spp"]),
-        "seed": int(attrs["seed"]),
-        "integrator": attrs["integrator"],
-        "pulse": attrs["pulse"],
-        "max_depth": int(attrs["max_depth"]),
-        "sampler": attrs["sampler"],
-        "variant": attrs["variant"],
-        "render_seconds": float(attrs["render_seconds"]),
-        "energy_outside_window": float(attrs["energy_outside_window"]),
-    }
+    picture = {"width": sizes["x"], "height": sizes["y"], "channels": sizes["channel"]}
+    return dataset_facts(Render, dataset, {"out": out, "files": files, **picture})

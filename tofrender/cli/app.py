@@ -18,10 +18,10 @@ import typer
 
 from ..runtime.checks import printable
 from ..runtime.progress import Terminated, ended_by_signals, hidden, status
-from . import course, dataset, grade, merge, nlos, render, report, teaching, time, view, warp
+from . import course, dataset, grade, nlos, render, report, time, view, warp, writing
 from .answers import Json, answer
+from .messages import set_command, with_option_names
 from .options import BAD_INPUT, FAILURE, INTERRUPTED, note
-from .wording import in_options, speak_of
 
 app = typer.Typer(
     help="Renders light in flight: transient images of Mitsuba scenes.",
@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         True
     """
     arguments = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
-    speak_of(None, {})
+    set_command(None, {})
     try:
         with warnings.catch_warnings(), ended_by_signals() as came:
             warnings.simplefilter("always", UserWarning)
@@ -75,11 +75,11 @@ def _explain(error: BaseException) -> int:
         return _complain(told, getattr(error, "status", INTERRUPTED))
     bad = (ValueError, MemoryError, FileNotFoundError, FileExistsError, PermissionError)
     status = BAD_INPUT if isinstance(error, bad) else FAILURE
-    return _complain(in_options(str(error)) or type(error).__name__, status)
+    return _complain(with_option_names(str(error)) or type(error).__name__, status)
 
 
 def _warn(message: Warning | str, *_: Any) -> None:
-    note(f"warning: {' '.join(in_options(str(message)).split())}")
+    note(f"warning: {' '.join(with_option_names(str(message)).split())}")
 
 
 def _complain(message: str, status: int) -> int:
@@ -87,10 +87,7 @@ def _complain(message: str, status: int) -> int:
     return status
 
 
-# ---------------------------------------------------------------------------------- commands
-
-
-def _telling(command: Callable[..., None]) -> Callable[..., None]:
+def _wrapped(command: Callable[..., None]) -> Callable[..., None]:
     """A command that is seen to work, and says what goes wrong in words of its options.
 
     Its Ctrl-C reaches `_explain`: Typer would end it without a word.
@@ -100,7 +97,7 @@ def _telling(command: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(command)
     def told(**options: Any) -> None:
-        speak_of(command, options)
+        set_command(command, options)
         try:
             with hidden(not options.get("progress", True)), status(name, shown):
                 command(**options)
@@ -154,14 +151,14 @@ def doctor(as_json: Json = False) -> None:
 
 SHOWN = (
     *(time.phasor, time.gate, nlos.capture, nlos.reconstruct, warp.warp, report.report),
-    *(render.render, merge.merge, dataset.dataset),
+    *(render.render, writing.merge, dataset.dataset),
 )
 """Commands that show that they work; the others say each thing that they have done."""
 
 for command in (
     *SHOWN,
     *(course.start, course.submit, course.release, course.verify, grade.grade),
-    *(teaching.gradescope, teaching.similarity, teaching.new_term),
+    *(grade.gradescope, grade.similarity, grade.new_term),
     *(warp.warptest, view.view, view.compare),
 ):
-    app.command()(_telling(command))
+    app.command()(_wrapped(command))

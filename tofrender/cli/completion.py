@@ -1,4 +1,4 @@
-"""What shells complete: names that are known without importing what has them."""
+"""Completions for shells: names that are known without importing what has them."""
 
 from __future__ import annotations
 
@@ -27,23 +27,19 @@ VARIANTS = tuple(
 
 
 def among(names: Iterable[str]) -> Callable[[str], list[str]]:
-    """Completes to one of some names."""
+    """A function that completes text to one of some names."""
     known = tuple(names)
-
-    def complete(incomplete: str) -> list[str]:
-        return [name for name in known if name.startswith(incomplete)]
-
-    return complete
+    return lambda incomplete: [name for name in known if name.startswith(incomplete)]
 
 
 def scene(incomplete: str) -> list[str]:
-    """Completes a built-in scene, an XML file, or a folder on the way to one."""
+    """Completions to a built-in scene, an XML file, or a folder on the way to one."""
     names = [name.replace("_", "-") for name in SCENES] if "-" in incomplete else SCENES
     return among(names)(incomplete) + paths(incomplete, ".xml")
 
 
 def paths(incomplete: str, *suffixes: str) -> list[str]:
-    """Files that end in one of these, and folders."""
+    """Completions to files that end in one of these, and folders."""
     folder, _, start = incomplete.rpartition("/")
     root = f"{folder}/" if "/" in incomplete else ""
     try:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..runtime.checks import printable
-from .options import integer, note, say
+from .options import argument, integer, named, note, say, switch
 
 if TYPE_CHECKING:
     from ..course.judge.running import Outcome
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 MAX_SEEDS = 10_000
 
-Name = Annotated[str, typer.Argument(metavar="ASSIGNMENT", help="For example a2, or its folder.")]
+Name = Annotated[str, argument("ASSIGNMENT", "For example a2, or its folder.")]
 
 
 def release(
     assignment: Name,
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Where to make it.")],
-    pdf: Annotated[bool, typer.Option("--pdf", help="PDF, too; Chromium prints it.")] = False,
+    out: Annotated[Path, named("DIR", "Where to make it.", "--out", "-o")],
+    pdf: Annotated[bool, switch("--pdf", "PDF, too; Chromium prints it.")] = False,
 ) -> None:
     """Make what students get of an assignment: a new folder in DIR.
 
@@ -53,9 +53,9 @@ def verify(
     ] = None,
     only: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="WHAT",
-            help="structure, edition, starter, reference, solutions, mutants, or a mutant's id; "
+        named(
+            "WHAT",
+            "structure, edition, starter, reference, solutions, mutants, or a mutant's id; "
             "repeatable.",
         ),
     ] = None,
@@ -74,21 +74,19 @@ def verify(
     found = assignments.find(assignment)
     console = Console()
     failed = 0
+
+    def print_line(line: str) -> None:
+        console.print(printable(line), markup=False, highlight=False, soft_wrap=True)
+
     with console.status("") as status:
         checks = run_checks(
             found, seeds=seeds, only=tuple(only or ()), wrong=wrong, say=status.update
         )
         for check in checks:
             mark = "ok    " if check.ok else "FAILED"
-            line = f"{mark}  {check.name:10} {check.seconds:6.1f} s  {check.detail}"
-            console.print(printable(line), markup=False, highlight=False, soft_wrap=True)
+            print_line(f"{mark}  {check.name:10} {check.seconds:6.1f} s  {check.detail}")
             for reason in check.reasons:
-                console.print(
-                    printable(f"        {reason}"),
-                    markup=False,
-                    highlight=False,
-                    soft_wrap=True,
-                )
+                print_line(f"        {reason}")
             failed += not check.ok
     if failed:
         raise typer.Exit(1)
@@ -96,7 +94,7 @@ def verify(
 
 def start(
     assignment: Name,
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder.")],
+    folder: Annotated[Path, argument("FOLDER", "A new folder.")],
 ) -> None:
     """Make a folder to work in: stubs, tests, handout and notebook of an assignment."""
     from tofrender.course import assignments
@@ -120,9 +118,7 @@ def start(
 
 def submit(
     assignment: Name,
-    folder: Annotated[
-        Path, typer.Argument(metavar="FOLDER", help="The folder that `start` has made.")
-    ],
+    folder: Annotated[Path, argument("FOLDER", "The folder that `start` has made.")],
 ) -> None:
     """Run the public tests, and pack what is handed in: FOLDER.zip beside FOLDER.
 

@@ -5,22 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from ..runtime import checks
 from . import options as opt
-from .keeping import AGAIN
+from .checkpoints import AGAIN
 
 LAST = 10_000_000
 
 
 def numbers(name: str, value: Any) -> list[int]:
-    """The check of an option that is numbers and ranges, like 17 or 0-99,250.
-
-    Example:
-        >>> numbers("", "0-3,7")
-        [0, 1, 2, 3, 7]
-    """
+    """The check of an option that is numbers and ranges, like 17 or 0-99,250."""
     found: list[int] = []
     for part in str(value).split(","):
         first, dash, last = part.partition("-")
@@ -36,19 +29,17 @@ def numbers(name: str, value: Any) -> list[int]:
 
 
 def dataset(
-    config: Annotated[Path, typer.Argument(metavar="CONFIG", help="TOML file: what to make.")],
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Folder to write, ends in .zarr.")
-    ] = None,
+    config: Annotated[Path, opt.argument("CONFIG", "TOML file: what to make.")],
+    out: Annotated[Path | None, opt.named("DIR", "Folder to write, ends in .zarr.")] = None,
     only: Annotated[
         Any, opt.checked(numbers, "Only these records, e.g. 17 or 0-99.", metavar="N,N-N")
     ] = None,
-    plan: Annotated[bool, typer.Option("--plan", help="Show the plan and stop.")] = False,
+    plan: Annotated[bool, opt.switch("--plan", "Show the plan and stop.")] = False,
     variant: opt.Variant = None,
     workers: opt.Workers = None,
     scheduler: opt.Scheduler = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on where a run was stopped or killed.")
+        bool, opt.switch("--resume", "Go on where a run was stopped or killed.")
     ] = False,
 ) -> None:
     """Make a data set: many scenes with varied cameras, lights, materials and objects.
@@ -58,13 +49,9 @@ def dataset(
     or killed goes on with --resume, and a DIR that is complete stays. With --only, some records are
     made alone, the same as in all.
     """
-    from tofrender.runtime import backend
-
     if out is None and not plan:
         raise ValueError("--out: must be given, or --plan")
-    backend.activate(variant)  # chooses the LLVM, which must come before anything imports Mitsuba
-    backend.require_vectorised()
-    backend.require_unpolarised()
+    opt.activate(variant)
 
     from tofrender.datasets.making import make_dataset, plan_dataset, require_complete, under_way
     from tofrender.datasets.store import Store

@@ -1,4 +1,4 @@
-"""The command `tofrender grade`."""
+"""The commands `tofrender grade`, `gradescope`, `similarity` and `new-term`."""
 
 from __future__ import annotations
 
@@ -7,11 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from ..runtime import checks
 from .course import Name
-from .options import integer, real, say
+from .options import integer, named, real, say
 
 if TYPE_CHECKING:
     from ..course.grade.classes import Class
@@ -19,57 +17,40 @@ if TYPE_CHECKING:
 
 MAX_JOBS = 256
 MAX_SEED = (1 << 31) - 1
+
+RESULTS = "Results file; with --all the folder of the results files, else beside --csv."
+ROSTER = "With --all, CSV of the class: id, and name, email, section, submission."
+SHEET = (
+    "With --all, CSV of what people say: id, and late_days, note, ids of problems (points instead "
+    "of the tests') and of what is graded by hand."
+)
 SEED = (
     "Seed of the tests that students do not have; else the rubric's, or a drawn one. The results "
     "name it."
 )
 
+TimeLimit = Annotated[float, real(30, "Seconds for one submission.")]
+Memory = Annotated[float, real(1, "GiB of memory for one submission.")]
+TestSeed = Annotated[int | None, integer(1, MAX_SEED, SEED)]
+
 
 def grade(
     assignment: Name,
-    submission: Annotated[
-        Path | None, typer.Option(metavar="DIR|ZIP", help="What one student has handed in.")
-    ] = None,
+    submission: Annotated[Path | None, named("DIR|ZIP", "What one student has handed in.")] = None,
     everyone: Annotated[
-        Path | None, typer.Option("--all", metavar="DIR", help="Folder of a class's submissions.")
+        Path | None, named("DIR", "Folder of a class's submissions.", "--all")
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            metavar="FILE|DIR",
-            help="Results file; with --all the folder of the results files, else beside --csv.",
-        ),
-    ] = None,
-    csv: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="With --all, a line a student.")
-    ] = None,
+    out: Annotated[Path | None, named("FILE|DIR", RESULTS, "--out", "-o")] = None,
+    csv: Annotated[Path | None, named("FILE", "With --all, a line a student.")] = None,
     jobs: Annotated[int, integer(1, MAX_JOBS, "With --all, submissions at a time.")] = 1,
-    roster: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="With --all, CSV of the class: id, and name, email, section, submission.",
-        ),
-    ] = None,
-    sheet: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="With --all, CSV of what people say: id, and late_days, note, ids of problems "
-            "(points instead of the tests') and of what is graded by hand.",
-        ),
-    ] = None,
+    roster: Annotated[Path | None, named("FILE", ROSTER)] = None,
+    sheet: Annotated[Path | None, named("FILE", SHEET)] = None,
     feedback: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", help="With --all, folder of a page a student, and one of the class."
-        ),
+        Path | None, named("DIR", "With --all, folder of a page a student, and one of the class.")
     ] = None,
-    time_limit: Annotated[float, real(30, "Seconds for one submission.")] = 540,
-    memory: Annotated[float, real(1, "GiB of memory for one submission.")] = 4,
-    seed: Annotated[int | None, integer(1, MAX_SEED, SEED)] = None,
+    time_limit: TimeLimit = 540,
+    memory: Memory = 4,
+    seed: TestSeed = None,
 ) -> None:
     """Grade a submission, or a class, with all tests.
 
@@ -180,3 +161,69 @@ def _check_class(
             f"--jobs = {jobs}: must be {cores} or less, the number of cores; tests have time limits"
         )
     return out, csv
+
+
+def gradescope(
+    assignment: Name,
+    out: Annotated[Path, named("FILE", "Zip to write: autograder.zip.", "--out", "-o")],
+    time_limit: TimeLimit = 540,
+    memory: Memory = 4,
+    seed: TestSeed = None,
+) -> None:
+    """Make an autograder for Gradescope: setup.sh, run_autograder, and all that they need.
+
+    Upload it as it is. Choose the largest container, and there a limit above --time-limit.
+    """
+    if out.is_dir():
+        raise ValueError(f"--out = {out}: is a folder; must be a file")
+    if out.suffix.lower() != ".zip":
+        raise ValueError(f"--out = {out}: must end in .zip")
+    from ..course.assignments import find
+    from ..course.grade import gradescope
+
+    found = find(assignment)
+    limits = {"time_limit_s": time_limit, "memory_gib": memory}
+    names = gradescope.write(found, out, **limits, seed=seed or 0)
+    size = out.stat().st_size / 2**20
+    say(f"{out}: {len(names)} files, {size:.1f} MiB; {found.rubric.points:g} points")
+
+
+def similarity(
+    assignment: Name,
+    everyone: Annotated[Path, named("DIR", "Folder of a class's submissions.", "--all")],
+    out: Annotated[Path, named("DIR", "A new folder, for JPlag.", "--out", "-o")],
+) -> None:
+    """Put a class's programs where JPlag compares them, and say how to run it.
+
+    Stubs go apart, so that what everybody was given counts for nobody.
+    """
+    if not everyone.is_dir():
+        raise ValueError(f"--all = {everyone}: is no folder; must be one of submissions")
+    from ..course.assignments import find
+    from ..course.grade import classes, similarity
+
+    found = find(assignment)
+    there, reasons = similarity.write(found, classes.submissions_in(everyone, out), out)
+    for reason in reasons:
+        say(f"warning: {reason}", err=True)
+    say(f"{out}: {len(there)} submissions", "Next, with JPlag 5 or newer:")
+    say(f"  {similarity.command(out)}")
+
+
+def new_term(
+    assignment: Name,
+    term: Annotated[
+        int | None, integer(0, MAX_SEED, "The term; 0 is that of the first year. Else drawn.")
+    ] = None,
+) -> None:
+    """Let the public tests ask for other numbers, so that last year's answers fit no more.
+
+    It writes one line of the rubric. Commit it after `tofrender verify` has passed.
+    """
+    from ..course.assignments import find
+    from ..course.author import terms
+
+    found = find(assignment)
+    before, now = terms.new_term(found, term)
+    say(f"{found.rubric.id}: term {before} is term {now} now", "Next:")
+    say(f"  tofrender verify {assignment} --seeds 200", f"  tofrender release {assignment} -o dist")

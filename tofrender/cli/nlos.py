@@ -4,62 +4,45 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
-
-import typer
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ..runtime.progress import EVERY_S
-from . import completion
-from .answers import Capture, Json, Reconstruct, answer
-from .keeping import AGAIN, Resume, Seconds, alone, keeping, left_work, require_something, tell
-from .options import (
-    INTERRUPTED,
-    Dpi,
-    Figure,
-    Out,
-    Scheduler,
-    Seed,
-    Size,
-    Spp,
-    Variant,
-    Workers,
-    check_apart,
-    check_client,
-    check_file_out,
-    check_out,
-    check_room,
-    choice,
-    client_of,
-    dots,
-    note,
-    size,
+from . import completion, options as opt
+from .answers import Capture, Json, Reconstruct, answer, dataset_facts
+from .checkpoints import (
+    Resume,
+    Seconds,
+    checkpointed,
+    end_if_incomplete,
+    end_if_stopped,
+    exclusively,
+    require_begun,
+    unfinished_work,
 )
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Mode = Literal["confocal", "single", "exhaustive"]
-Method = Literal["lct", "fk", "bp", "fbp", "phasor"]
+MODES = ("confocal", "single", "exhaustive")
+METHODS = ("lct", "fk", "bp", "fbp", "phasor")
 
 
 def capture(
     scene: Annotated[
         str,
-        typer.Argument(
-            metavar="SCENE", help="A scene with a relay wall.", autocompletion=completion.scene
-        ),
+        opt.argument("SCENE", "A scene with a relay wall.", completion.scene),
     ],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="HDF5 file to write.")],
-    mode: Annotated[Mode, choice(Mode, "Which points of the wall are lit.")] = "confocal",
-    grid: Annotated[Size | None, size("64x64", "Points on the wall.")] = None,
+    out: Annotated[Path, opt.named("FILE", "HDF5 file to write.")],
+    mode: Annotated[str, opt.choice(MODES, "Which points of the wall are lit.")] = "confocal",
+    grid: Annotated[opt.Size | None, opt.size("64x64", "Points on the wall.")] = None,
     wall: Annotated[
-        str | None, typer.Option(metavar="ID", help="Shape that is the wall, if not relay_wall.")
+        str | None, opt.named("ID", "Shape that is the wall, if not relay_wall.")
     ] = None,
-    spp: Spp = None,
-    seed: Seed = 0,
-    variant: Variant = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
+    spp: opt.Spp = None,
+    seed: opt.Seed = 0,
+    variant: opt.Variant = None,
+    workers: opt.Workers = None,
+    scheduler: opt.Scheduler = None,
     checkpoint: Seconds = EVERY_S,
     resume: Resume = False,
     as_json: Json = False,
@@ -70,17 +53,13 @@ def capture(
     What is done is kept beside it while it renders. Ctrl-C, SIGTERM and SIGHUP write a confocal or
     single capture as far as it is; with --resume, a stopped one goes on, and a whole one stays.
     """
-    from tofrender.runtime import backend
-
-    check_client(workers, scheduler)
-    check_file_out(out, ".h5", ".hdf5", overwrite=True)
+    opt.check_client(workers, scheduler)
+    opt.check_file_out(out, ".h5", ".hdf5", overwrite=True)
     if out.exists() and not resume:
         raise ValueError(f"--out = {out}: exists already; must be a new file")
     if not out.absolute().parent.is_dir():
         raise ValueError(f"--out = {out}: its folder does not exist; must be in one that does")
-    backend.activate(variant)
-    backend.require_vectorised()
-    backend.require_unpolarised()
+    opt.activate(variant)
 
     from tofrender import io
     from tofrender.films.image import developed_shape
@@ -96,8 +75,8 @@ def capture(
     require_sensor(loaded)
     shape = developed_shape(loaded.sensors()[0].film())
     if shape is not None:
-        check_room(out, math.prod(shape) * (shape[0] * shape[1] if mode == "exhaustive" else 1))
-    if resume and out.exists() and left_work(out) is None:
+        opt.check_room(out, math.prod(shape) * (shape[0] * shape[1] if mode == "exhaustive" else 1))
+    if resume and out.exists() and unfinished_work(out) is None:
         found = io.load_capture(out)
         if found.attrs.get("complete", 1):
             options: dict[str, Any] = {"spp": spp, "seed": seed, "sensor": 0, "wall": names}
@@ -105,8 +84,8 @@ def capture(
             line = f"{out}: already complete, {found.attrs['spp']} samples per pixel"
             answer("capture", as_json, _facts(found, out), [line])
             return
-    with keeping(out, checkpoint, resume) as kept, client_of(workers, scheduler) as client:
-        require_something(resume, kept and kept.path, out)
+    with checkpointed(out, checkpoint, resume) as kept, opt.client_of(workers, scheduler) as client:
+        require_begun(resume, kept and kept.path, out)
         captured = render_capture(
             loaded if client is None else source,
             mode=mode,
@@ -121,54 +100,37 @@ def capture(
         with deferred_stop() as stop:
             io.save_capture(captured, out, overwrite=resume)
         facts = _facts(captured, out)
-        complete, points = facts["complete"], f"{facts['columns']}x{facts['rows']} points"
         step = f"{facts['bins']} bins of {1000 * facts['bin_width']:g} mm"
-        line = f"{out}: {mode}, {points}, {step}"
-        if complete or as_json:
+        line = f"{out}: {mode}, {facts['columns']}x{facts['rows']} points, {step}"
+        if facts["complete"] or as_json:
             answer("capture", as_json, facts, [line])
-        if not complete:
-            done = f"{captured.attrs['spp']} samples per pixel; {AGAIN}"
-            note(f"error: interrupted after {done}")
-            raise typer.Exit(INTERRUPTED)
-    tell(stop)
+        end_if_incomplete(captured.attrs)
+    end_if_stopped(stop)
 
 
 def _facts(captured: xr.Dataset, out: Path) -> Capture:
     """Facts of a capture."""
     rows, columns = captured["sensor_grid"].shape[:2]
-    attrs = captured.attrs
-    return {
-        "out": str(out),
-        "complete": bool(attrs.get("complete", 1)),
-        "scene": str(attrs["scene"]),
-        "mode": attrs["mode"],
-        "columns": columns,
-        "rows": rows,
-        "bins": captured.sizes["opl"],
-        "start_opl": attrs["start_opl"],
-        "bin_width": attrs["bin_width_opl"],
-        "spp": int(attrs["spp"]),
-        "seed": int(attrs["seed"]),
-    }
+    return dataset_facts(Capture, captured, {"out": out, "rows": rows, "columns": columns})
 
 
 def reconstruct(
-    source: Annotated[Path, typer.Argument(metavar="FILE", help="What `capture` has written.")],
-    out: Out,
-    method: Annotated[Method, choice(Method, "How to reconstruct.")] = "lct",
-    figure: Figure = "png",
-    dpi: Dpi = 150,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
+    source: Annotated[Path, opt.argument("FILE", "What `capture` has written.")],
+    out: opt.Out,
+    method: Annotated[str, opt.choice(METHODS, "How to reconstruct.")] = "lct",
+    figure: opt.Figure = "png",
+    dpi: opt.Dpi = 150,
+    workers: opt.Workers = None,
+    scheduler: opt.Scheduler = None,
     as_json: Json = False,
 ) -> None:
     """Reconstruct the hidden scene of a capture.
 
     DIR gets volume.npz, brightness and depth as EXR files, and a picture of the volume.
     """
-    check_client(workers, scheduler)
-    check_out(out)
-    check_apart(out, source)
+    opt.check_client(workers, scheduler)
+    opt.check_out(out)
+    opt.check_apart(out, source)
     for name, value in (("workers", workers), ("scheduler", scheduler)):
         if value is not None and method not in ("bp", "fbp"):
             raise ValueError(f"{name} = {value}: must be left out with `method={method}`")
@@ -180,11 +142,11 @@ def reconstruct(
     from tofrender import io, nlos, vis
 
     captured = io.load_capture(source)
-    check_room(out, captured["transient"].size)
-    with client_of(workers, scheduler) as client:
+    opt.check_room(out, captured["transient"].size)
+    with opt.client_of(workers, scheduler) as client:
         volume = nlos.reconstruct(captured, method, client=client)
     brightness, depth = nlos.max_projection(volume), nlos.depth_map(volume)
-    with alone(out), io.output_folder(out, overwrite=True) as folder:
+    with exclusively(out), io.output_folder(out, overwrite=True) as folder:
         arrays: dict[str, Any] = {
             str(name): volume[name].values for name in (*volume.data_vars, *volume.coords)
         }
@@ -194,16 +156,12 @@ def reconstruct(
             values = np.asarray(image.values, np.float32)[..., None]
             io.save_exr_layers(folder / f"{name}.exr", {"": values}, attrs)
         drawn = vis.reconstruction_figure(volume)
-        io.save_figure(drawn, folder / f"volume.{figure}", **dots(dpi))
+        io.save_figure(drawn, folder / f"volume.{figure}", **opt.dots(dpi))
     seen = depth.values[np.isfinite(depth.values)]
     median = float(np.median(seen)) if seen.size else None
     where = "nothing found" if median is None else f"median depth {median:.3f} m"
     files = ["volume.npz", "brightness.exr", "depth.exr", f"volume.{figure}"]
-    facts: Reconstruct = {
-        "out": str(out),
-        "files": files,
-        "source": str(source),
-        "method": method,
-        "median_depth": median,
-    }
+    facts = Reconstruct(
+        out=str(out), files=files, source=str(source), method=method, median_depth=median
+    )
     answer("reconstruct", as_json, facts, [f"{out}: {', '.join(files)}; {where}"])

@@ -1,35 +1,36 @@
 """Options that commands share, and what turns the text of each into a value.
 
-Types, ranges and choices are Typer's, which shows them in `--help`. Only its words for a bad value
-are replaced, as they do not say the value: each is refused in one line, `--option = value: must be
-...`. Nothing here imports Mitsuba.
+Options of `render`'s settings come from the table in `rendering/settings.py`. Types, ranges and
+choices are shown by Typer in `--help`; only its words for a bad value are replaced, as they do not
+say the value: each is refused in one line, `--option = value: must be ...`. Nothing here imports
+Mitsuba.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, get_args
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
+from ..rendering.settings import SETTINGS
 from ..runtime import checks
 from ..runtime.progress import cleared
 from . import completion
 
 if TYPE_CHECKING:
     import xarray as xr
+    from distributed import Client
 
 BAD_INPUT, FAILURE, INTERRUPTED = 2, 1, 130
-"""What the command's exit status is, if not 0."""
+"""Exit statuses of the command, if not 0."""
 
-MAX_SENSOR = 1 << 16
-
-LEAST_ROOM = 1 << 20
-"""What a figure and a few headers take on a disk [bytes]."""
+FIGURE_BYTES = 1 << 20
+"""Size of a figure and a few headers on a disk [bytes]."""
 
 FILES = {
     "frames": "",
@@ -38,7 +39,10 @@ FILES = {
     "npz": "transient.npz",
     "zarr": "transient.zarr",
 }
-"""What holds the transient in the output folder, by --format."""
+"""The file that holds the transient in the output folder, by --format."""
+
+SCENE_TIME, NO_PULSE = "scene", "none"
+"""Values of --window and --pulse-width that leave time to the scene."""
 
 
 class Size(NamedTuple):
@@ -49,9 +53,6 @@ class Size(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.width}x{self.height}"
-
-
-# ------------------------------------------------------------------------------ kinds of options
 
 
 class Refused(typer.BadParameter):
@@ -66,14 +67,9 @@ class Refused(typer.BadParameter):
 def checked(
     check: Callable[[str, Any], Any], help: str, *names: str, kind: Any = typer.Option, **info: Any
 ) -> Any:
-    """An option whose value is `check("", text)`, where text that spells a number is one.
+    """An option or argument whose value is `check("", text)`, text that spells a number as one.
 
-    Args:
-        check: Returns the value, or raises ValueError with what is to be said behind the name.
-        help: What `--help` says.
-        *names: The option's names, if they are not the parameter's.
-        kind: `typer.Option` or `typer.Argument`.
-        **info: More for `kind`.
+    A bad value makes `check` raise a ValueError with what is to be said behind the option's name.
     """
 
     def parse(text: Any) -> Any:
@@ -107,11 +103,42 @@ def positive(unit: str, help: str) -> Any:
     return checked(check, help, metavar="<float above 0>")
 
 
-def choice(names: Any, help: str, **info: Any) -> Any:
-    """An option that is one of the names of a `Literal`."""
-    allowed = get_args(names)
-    complete = completion.among(allowed)
-    return checked(partial(checks.one_of, allowed=allowed), help, autocompletion=complete, **info)
+def choice(names: Iterable[str], help: str, **info: Any) -> Any:
+    """An option that is one of some names."""
+    allowed = tuple(names)
+    info = {"metavar": f"<{'|'.join(allowed)}>"} | info
+    info |= {"autocompletion": completion.among(allowed)}
+    return checked(partial(checks.one_of, allowed=allowed), help, **info)
+
+
+def setting(name: str, parse: Callable[[str, Any], Any] | None = None, more: str = "") -> Any:
+    """The option of a setting of `render`, by the table; `parse` checks what is no plain number."""
+    described = SETTINGS[name]
+    help = f"{described.help}{more}."
+    if described.choices:
+        return choice(described.choices, help)
+    if described.check is checks.boolean:
+        return switch(f"--{name}", help)
+    check = parse or described.check
+    assert check is not None
+    if parse is None and described.low is not None and described.high is not None:
+        return checked(check, help, min=described.low, max=described.high)
+    return checked(check, help, **METAVARS.get(name, {}))
+
+
+def named(metavar: str, help: str, *names: str) -> Any:
+    """An option that is text or a path, with the name of its value."""
+    return typer.Option(*names, metavar=metavar, help=help)
+
+
+def argument(metavar: str, help: str, complete: Any = None) -> Any:
+    """An argument that is text or a path, with the name of its value."""
+    return typer.Argument(metavar=metavar, help=help, autocompletion=complete)
+
+
+def switch(name: str, help: str) -> Any:
+    """An option without a value, which cannot be negated."""
+    return typer.Option(name, help=help)
 
 
 def size(example: str, help: str) -> Any:
@@ -129,13 +156,8 @@ def size(example: str, help: str) -> Any:
 
 
 def pulse(name: str, value: Any) -> str | float:
-    """The check of an option that is a pulse's width: auto, none, or metres.
-
-    Example:
-        >>> pulse("", "0.05")
-        0.05
-    """
-    if value in ("auto", "none"):
+    """The check of an option that is a pulse's width: auto, none, or metres."""
+    if value in ("auto", NO_PULSE):
         return value
     width = number(value)
     if isinstance(width, str):
@@ -144,14 +166,9 @@ def pulse(name: str, value: Any) -> str | float:
 
 
 def span(name: str, value: Any) -> str | tuple[float, float]:
-    """The check of an option that is a window: auto, scene, or where it starts and stops.
-
-    Example:
-        >>> span("", "3.5,15")
-        (3.5, 15.0)
-    """
+    """The check of an option that is a window: auto, scene, or where it starts and stops."""
     ends = [number(end) for end in str(value).split(",")]
-    if value in ("auto", "scene"):
+    if value in ("auto", SCENE_TIME):
         return value
     if any(isinstance(end, str) for end in ends) or len(ends) != 2:
         allowed = "auto, scene, or start,stop in metres of path, like 3.5,15"
@@ -187,23 +204,34 @@ def number(text: Any) -> Any:
     return text
 
 
-# ---------------------------------------------------------------------------------- shared options
+METAVARS: dict[str, dict[str, Any]] = {
+    "bin_width": {"metavar": "<float above 0>"},
+    "max_depth": {"min": -1},
+    "scheduler": {"metavar": "ADDRESS"},
+    "window": {
+        "metavar": "auto|scene|START,STOP",
+        "autocompletion": completion.among(["auto", SCENE_TIME]),
+    },
+    "pulse_width": {
+        "metavar": "auto|none|METRES",
+        "autocompletion": completion.among(["auto", NO_PULSE]),
+    },
+}
+"""Values of settings as `--help` and completion show them, where these are no plain numbers."""
 
 Scene = Annotated[
     str,
-    typer.Argument(
-        metavar="SCENE",
-        help="Built-in name (see `tofrender scenes`) or Mitsuba XML file.",
-        autocompletion=completion.scene,
+    argument(
+        "SCENE",
+        f"{SETTINGS['scene'].help}; `tofrender scenes` lists the names.",
+        completion.scene,
     ),
 ]
-Out = Annotated[Path, typer.Option(metavar="DIR", help="Folder to write, made whole.")]
-Spp = Annotated[int | None, integer(1, checks.MAX_SPP, "Samples per pixel.")]
-Pixels = Annotated[Size | None, size("256x256", "Picture's size, pixels.")]
-MaxDepth = Annotated[
-    int | None, checked(checks.depth, "Longest path, in segments; -1: any.", min=-1)
-]
-Seed = Annotated[int, integer(0, checks.MAX_SEED, "Random seed.")]
+Out = Annotated[Path, named("DIR", "Folder to write, made whole.")]
+Spp = Annotated[int | None, setting("spp")]
+Pixels = Annotated[Size | None, size("256x256", f"{SETTINGS['size'].help}.")]
+MaxDepth = Annotated[int | None, setting("max_depth")]
+Seed = Annotated[int, setting("seed")]
 Variant = Annotated[
     str | None,
     typer.Option(
@@ -212,15 +240,26 @@ Variant = Annotated[
         autocompletion=completion.among(completion.VARIANTS),
     ),
 ]
-Workers = Annotated[int | None, integer(1, 1024, "Render by so many processes here.")]
-Progress = Annotated[bool, typer.Option(help="Show a bar for work that takes long.")]
-Drawing = Literal["png", "pdf", "svg"]
-Figure = Annotated[Drawing, choice(Drawing, "File of the figure; pdf and svg are vectors.")]
-Dpi = Annotated[int | None, integer(20, 2400, "Dots per inch of the figure's pixels.")]
-Scheduler = Annotated[
-    str | None,
-    checked(checks.address, "Render by the workers of a Dask scheduler.", metavar="ADDRESS"),
+Workers = Annotated[int | None, setting("workers")]
+Scheduler = Annotated[str | None, setting("scheduler")]
+Progress = Annotated[bool, typer.Option(help=f"{SETTINGS['progress'].help}.")]
+Format = Annotated[str, choice(FILES, "How to store the transient.")]
+Precision = Annotated[str, choice(("half", "float"), "Numbers in the EXR files.")]
+Video = Annotated[bool, typer.Option(help="Write video.mp4 as well.")]
+Figure = Annotated[
+    str, choice(("png", "pdf", "svg"), "File of the figure; pdf and svg are vectors.")
 ]
+Dpi = Annotated[int | None, integer(20, 2400, "Dots per inch of the figure's pixels.")]
+
+
+def activate(variant: str | None = None, polarised: bool = False) -> None:
+    """Make a Mitsuba variant active that can render; it chooses the LLVM before any import."""
+    from tofrender.runtime import backend
+
+    backend.activate(variant)
+    backend.require_vectorised()
+    if not polarised:
+        backend.require_unpolarised()
 
 
 def say(*lines: str, err: bool = False) -> None:
@@ -236,7 +275,7 @@ def note(line: str) -> None:
 
 
 def dots(dpi: int | None) -> dict[str, Any]:
-    """What `save_figure` is told, if anything."""
+    """The argument `dpi` of `save_figure`, if it is given."""
     return {} if dpi is None else {"dpi": dpi}
 
 
@@ -246,20 +285,23 @@ def check_client(workers: int | None, scheduler: str | None) -> None:
         raise ValueError("--scheduler: must be left out with --workers")
 
 
-@contextmanager
-def client_of(workers: int | None, scheduler: str | None) -> Iterator[Any]:
-    """The workers that are asked for, None if none are."""
+def client_of(workers: int | None, scheduler: str | None) -> AbstractContextManager[Client | None]:
+    """A client of the workers that are asked for, None if none are."""
+    check_client(workers, scheduler)
     if workers is None and scheduler is None:
-        yield None
-        return
+        return nullcontext()
     from tofrender.rendering.workers import workers_for
 
-    check_client(workers, scheduler)
-    with workers_for(workers, scheduler) as client:
-        yield client
+    return workers_for(workers, scheduler)
 
 
-# ------------------------------------------------------------------------------------- the folder
+@contextmanager
+def _naming_out() -> Iterator[None]:
+    """Errors of a path as errors of --out."""
+    try:
+        yield
+    except (ValueError, OSError) as error:
+        raise ValueError(str(error).replace("path =", "--out =", 1)) from None
 
 
 def check_out(
@@ -268,10 +310,8 @@ def check_out(
     """Refuse a folder that cannot be written, or a disk too small for a transient of `shape`."""
     from tofrender.io import check_output
 
-    try:
+    with _naming_out():
         check_output(out, shape, precision=precision, overwrite=True)
-    except (ValueError, OSError) as error:
-        raise ValueError(_of_out(error)) from None
     check_room(out)
 
 
@@ -279,22 +319,18 @@ def check_file_out(out: Path, *suffixes: str, overwrite: bool = False) -> None:
     """Refuse a file that cannot be written."""
     from tofrender.io.output import check_file, check_room, check_writable
 
-    try:
+    with _naming_out():
         check_file(out, *suffixes, overwrite=overwrite)
         check_writable(out)
-        check_room(out, LEAST_ROOM)
-    except (ValueError, OSError) as error:
-        raise ValueError(_of_out(error)) from None
+        check_room(out, FIGURE_BYTES)
 
 
 def check_room(out: Path, *arrays: int) -> None:
     """Refuse a disk too small for arrays of floats, each of so many values."""
     from tofrender.io.output import check_room
 
-    try:
-        check_room(out, 4 * sum(arrays) + LEAST_ROOM)
-    except OSError as error:
-        raise ValueError(_of_out(error)) from None
+    with _naming_out():
+        check_room(out, 4 * sum(arrays) + FIGURE_BYTES)
 
 
 def check_apart(out: Path, source: Path) -> None:
@@ -304,10 +340,6 @@ def check_apart(out: Path, source: Path) -> None:
         raise ValueError(f"--out = {out}: must be apart from {source}, which is read")
 
 
-def _of_out(error: Exception) -> str:
-    return str(error).replace("path =", "--out =", 1)
-
-
 def check_format(format: str, precision: str) -> None:
     """Refuse half precision where files hold single."""
     if format in ("npz", "zarr", "png") and precision != "float":
@@ -315,7 +347,7 @@ def check_format(format: str, precision: str) -> None:
 
 
 def load_render(out: Path, option: str) -> xr.Dataset:
-    """What `tofrender render` has left in `out`; `option` is what asks for it."""
+    """The render that `tofrender render` wrote to `out`, the value of `option`."""
     from tofrender import io
     from tofrender.rendering.films_on_disk import load_zarr
 

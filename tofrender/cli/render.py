@@ -3,51 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
-from ..runtime import checks
+from ..rendering.settings import RenderSettings
 from ..runtime.progress import EVERY_S
 from . import options as opt
-from .answers import Json, answer, of_render
-from .first_sight import NONE, OWN, at_first_sight, tell_first_sight
-from .keeping import (
+from .answers import Json, answer, render_facts
+from .checkpoints import (
     AGAIN,
     Resume,
     Seconds,
+    checkpointed,
+    end_if_incomplete,
+    end_if_stopped,
+    film_path,
     is_begun,
-    keeping,
-    left_work,
-    on_disk,
-    require_something,
-    tell,
+    require_begun,
+    unfinished_work,
 )
-from .streaming import fits, streamed
 from .writing import write
 
 if TYPE_CHECKING:
     import xarray as xr
+    from distributed import Client
 
     from ..rendering.job import Job
     from ..runtime.checkpoints import Checkpoint
 
-Integrator = Literal[
-    "transient_path",
-    "transient_volpath",
-    "path_tracer_mats",
-    "path_tracer_nee",
-    "path_tracer_mis",
-    "transient_light_tracer",
-    "transient_bdpt",
-    "ao",
-]
-Sampler = Literal[
-    "padded_sobol", "independent", "stratified", "multijitter", "orthogonal", "ldsampler"
-]
-Format = Literal["frames", "png", "multipart", "npz", "zarr"]
-Precision = Literal["half", "float"]
+TIME = ("start_opl", "bin_width", "window", "pulse_width")
+"""Settings that say when to look."""
 
 
 def render(
@@ -55,55 +41,33 @@ def render(
     out: opt.Out,
     spp: opt.Spp = None,
     size: opt.Pixels = None,
-    bins: Annotated[int | None, opt.integer(1, checks.MAX_BINS, "Time bins.")] = None,
-    start_opl: Annotated[
-        float | None, opt.checked(checks.metres, "Where bins start, metres of path.")
-    ] = None,
-    bin_width: Annotated[
-        float | None, opt.positive("metres", "Width of a bin, metres of path.")
-    ] = None,
+    bins: Annotated[int | None, opt.setting("bins")] = None,
+    start_opl: Annotated[float | None, opt.setting("start_opl")] = None,
+    bin_width: Annotated[float | None, opt.setting("bin_width")] = None,
     window: Annotated[
-        Any,
-        opt.checked(
-            opt.span,
-            "Where all bins start and stop, metres of path; auto finds what holds the light.",
-            metavar="auto|scene|START,STOP",
-            autocompletion=opt.completion.among(["auto", OWN]),
-        ),
+        Any, opt.setting("window", opt.span, "; auto finds what holds the light")
     ] = None,
     pulse_width: Annotated[
-        Any,
-        opt.checked(
-            opt.pulse,
-            "Gaussian pulse's standard deviation, metres; auto takes a 128th of the window.",
-            metavar="auto|none|METRES",
-            autocompletion=opt.completion.among(["auto", NONE]),
-        ),
+        Any, opt.setting("pulse_width", opt.pulse, "; auto takes a 128th of the window")
     ] = None,
     max_depth: opt.MaxDepth = None,
-    integrator: Annotated[
-        Integrator | None, opt.choice(Integrator, "What follows the paths.")
-    ] = None,
-    sampler: Annotated[
-        Sampler | None, opt.choice(Sampler, "Mitsuba's sampler, or padded_sobol.")
-    ] = None,
-    sensor: Annotated[int, opt.integer(0, opt.MAX_SENSOR, "Number of the sensor.")] = 0,
+    integrator: Annotated[str | None, opt.setting("integrator")] = None,
+    sampler: Annotated[str | None, opt.setting("sampler")] = None,
+    sensor: Annotated[int, opt.setting("sensor")] = 0,
     variant: opt.Variant = None,
     seed: opt.Seed = 0,
-    format: Annotated[Format, opt.choice(Format, "How to store the transient.")] = "frames",
-    precision: Annotated[Precision, opt.choice(Precision, "Numbers in the EXR files.")] = "float",
+    format: opt.Format = "frames",
+    precision: opt.Precision = "float",
     define: Annotated[
         list[Any] | None,
         opt.checked(
             opt.definition, "XML parameter; repeatable.", "-D", "--define", metavar="NAME=VALUE"
         ),
     ] = None,
-    video: Annotated[bool, typer.Option(help="Write video.mp4 as well.")] = True,
+    video: opt.Video = True,
     figure: opt.Figure = "png",
     dpi: opt.Dpi = None,
-    errors: Annotated[
-        bool, typer.Option("--errors", help="Measure the noise of each bin.")
-    ] = False,
+    errors: Annotated[bool, opt.setting("errors")] = False,
     workers: opt.Workers = None,
     scheduler: opt.Scheduler = None,
     checkpoint: Seconds = EVERY_S,
@@ -128,40 +92,24 @@ def render(
     In a polarised --variant, files have Stokes vectors, in channels S0.R to S3.B of EXR files;
     video, PNG frames and summary are of S0, and a second figure is of the polarisation.
     """
-    from tofrender.runtime import backend
+    options = locals().copy()
 
     # -------------------------------------------------------- check everything, start nothing
     opt.check_format(format, precision)
     opt.check_client(workers, scheduler)
     opt.check_out(out)
-    backend.activate(variant)  # chooses the LLVM, which must come before anything imports Mitsuba
-    backend.require_vectorised()
+    opt.activate(variant, polarised=True)
 
     from tofrender.rendering.job import carry_out, collect
     from tofrender.rendering.renderer import make_job
     from tofrender.runtime.progress import deferred_stop
     from tofrender.scenes.loading import find_scene
 
-    words = {
-        "scene": find_scene(scene),
-        "spp": spp,
-        "seed": seed,
-        "size": size,
-        "bins": bins,
-        "start_opl": start_opl,
-        "bin_width": bin_width,
-        "window": window,
-        "pulse_width": pulse_width,
-        "max_depth": max_depth,
-        "integrator": integrator,
-        "sampler": sampler,
-        "sensor": sensor,
-        "define": dict(define or ()),
-        "errors": errors,
-    }
-    asked = at_first_sight(**words)
-    job = make_job(asked)
-    tell_first_sight(asked, job)
+    options |= {"scene": find_scene(scene), "define": dict(define or ())}
+    names = {field.name for field in fields(RenderSettings)}
+    settings = _with_time({name: options[name] for name in names & options.keys()})
+    job = make_job(settings)
+    _report_time(settings, job)
     height, width, count, channels = job.film.shape
     films = 2 if errors else 1
     cells = height * width * films * count
@@ -169,39 +117,111 @@ def render(
     if checkpoint:  # which has the samples' weight of each bin, too
         opt.check_room(out, cells * channels, cells * (channels + 1))
 
-    done = _complete(out, job) if resume and left_work(out) is None else None
-    if done is not None:
+    complete = _complete(out, job) if resume and unfinished_work(out) is None else None
+    if complete is not None:
         files = sorted(path.name for path in out.iterdir())
-        lines = [f"{out}: already complete, {done.attrs['spp']} samples per pixel"]
-        answer("render", as_json, of_render(done, out, files), lines)
+        lines = [f"{out}: already complete, {complete.attrs['spp']} samples per pixel"]
+        answer("render", as_json, render_facts(complete, out, files), lines)
         return
 
     # ---------------------------------------------------------------------- render and write
-    with keeping(out, checkpoint, resume) as kept, opt.client_of(workers, scheduler) as client:
-        film = on_disk(out)
-        if client is None and format != "zarr" and not is_begun(film) and fits(job):
+    with checkpointed(out, checkpoint, resume) as kept, opt.client_of(workers, scheduler) as client:
+        film = film_path(out)
+        if client is None and format != "zarr" and not is_begun(film) and _fits(job):
             earlier = _earlier(out, kept) if resume else None
             dataset = carry_out(job, earlier, kept)
         elif client is not None and job.plan.splats:
-            require_something(resume, kept and kept.path, out)
+            require_begun(resume, kept and kept.path, out)
             dataset = collect(job, client, kept)
         else:
-            require_something(resume, film, out)
-            dataset = streamed(job, film, client, checkpoint, resume)
+            require_begun(resume, film, out)
+            dataset = _on_disk(job, film, client, checkpoint, resume)
         with deferred_stop() as stop:
             files = write(dataset, out, format, precision, video, figure, dpi)
-        answer("render", as_json, of_render(dataset, out, files), _report(dataset, out, files))
-        if not dataset.attrs["complete"]:
-            done = f"{dataset.attrs['spp']} samples per pixel; {AGAIN}"
-            opt.note(f"error: interrupted after {done}")
-            raise typer.Exit(opt.INTERRUPTED)
-    tell(stop)
+        answer("render", as_json, render_facts(dataset, out, files), _report(dataset, out, files))
+        end_if_incomplete(dataset.attrs)
+    end_if_stopped(stop)
+
+
+def _with_time(options: dict[str, Any]) -> RenderSettings:
+    """Settings in which a time that nobody has chosen is to be found.
+
+    That is a window and a pulse for the built-in scenes and for those of files whose film is
+    steady, unless one of --start-opl, --bin-width, --window and --pulse-width is given.
+    """
+    from ..rendering.renderer import suited
+
+    unset = (opt.SCENE_TIME, opt.NO_PULSE)
+    own: dict[str, Any] = {name: None for name in TIME if options[name] in unset}
+    settings = RenderSettings(**options | own)
+    found = suited(settings)
+    if found is not settings and options["window"] == opt.SCENE_TIME:
+        raise ValueError(
+            f"--window = {opt.SCENE_TIME}: must be auto or START,STOP, the scene's film is steady"
+        )
+    if found is not settings and options["pulse_width"] == opt.NO_PULSE:
+        return replace(found, pulse_width=None)
+    left_open = all(options[name] is None for name in TIME) and isinstance(settings.scene, str)
+    return replace(found, window="auto", pulse_width="auto") if left_open else found
+
+
+def _report_time(settings: RenderSettings, job: Job) -> None:
+    """Say which window and pulse were found, and how to have the scene's own."""
+    if settings.pulse_width != "auto" or settings.window != "auto":
+        return
+    start, stop = job.film.start_opl, job.film.end_opl()
+    found = f"bins from {start:.4g} to {stop:.4g} m"
+    if isinstance(job.settings.pulse_width, float):
+        found += f" and a pulse of {job.settings.pulse_width:g} m"
+    own = "--window auto has no pulse"
+    if not isinstance(settings.scene, Path):
+        own = "--window scene has the scene's own, without a pulse"
+    opt.note(f"note: {found} suit this scene; {own}")
+
+
+def _fits(job: Job) -> bool:
+    """Whether a job's film fits into memory; if not, says so."""
+    from tofrender.rendering.work_items import whole
+
+    try:
+        job.require_memory(whole(job).count)
+    except MemoryError as error:
+        opt.note(f"note: {error}; it is rendered tile by tile on the disk")
+        return False
+    return True
+
+
+def _on_disk(
+    job: Job, film: Path, client: Client | None, seconds: float, resume: bool
+) -> xr.Dataset:
+    """Render a job on the disk, or open what a killed run had finished there."""
+    from tofrender.rendering.dataset import in_channels
+    from tofrender.rendering.films_on_disk import is_film, load_zarr
+    from tofrender.rendering.store import under_way
+    from tofrender.rendering.streaming import stream
+    from tofrender.rendering.work_items import whole
+    from tofrender.runtime import atomic
+
+    if not resume:
+        for left in (film, under_way(film)):
+            atomic.remove(left)
+    if not is_film(film):
+        return stream(job, film, client=client, seconds=seconds, tell=opt.note, again=AGAIN)
+    dataset = load_zarr(film)
+    wanted = job.recipe | {"spp": whole(job).count, "errors": job.settings.errors}
+    found = dataset.attrs | {"errors": "transient_error" in dataset}
+    wanted["shape"], found["shape"] = job.film.shape, in_channels(dataset)["transient"].shape
+    for name, value in wanted.items():
+        its = found.get(name)
+        if its != value:
+            raise ValueError(f"--resume: was rendered with {name} = {its!r}; must be {value!r}")
+    return dataset
 
 
 def _complete(out: Path, job: Job) -> xr.Dataset | None:
     """The render in `out` if it is what `job` would come to, None if there is more to do."""
     from ..rendering.job import check_resume
-    from ..rendering.pieces import whole
+    from ..rendering.work_items import whole
 
     try:
         found = opt.load_render(out, "--resume")
@@ -226,7 +246,7 @@ def _earlier(out: Path, kept: Checkpoint | None) -> xr.Dataset | None:
 
 
 def _report(dataset: xr.Dataset, out: Path, files: Sequence[str]) -> list[str]:
-    """What was written, how long it took, and what the window missed."""
+    """Lines on what was written, how long it took, and what the window missed."""
     frames = [name for name in files if name.startswith("frame_")]
     names = [name for name in files if name not in frames]
     if frames:

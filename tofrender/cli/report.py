@@ -6,8 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 from zipfile import ZipFile
 
-import typer
-
 from ..runtime import checks
 from . import options as opt
 
@@ -16,19 +14,19 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".html", ".htm")
 VOLUME = "volume.npz"
-"""What `tofrender reconstruct` writes."""
+"""File that `tofrender reconstruct` writes."""
 
 
 def report(
     source: Annotated[
         Path,
-        typer.Argument(
-            metavar="DIR|FILE",
-            help="What `render`, `capture` or `reconstruct` has written, or an .npz, .exr, .zarr.",
+        opt.argument(
+            "DIR|FILE",
+            "What `render`, `capture` or `reconstruct` has written, or an .npz, .exr, .zarr.",
         ),
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="HTML file to write.")],
-    title: Annotated[str | None, typer.Option(metavar="TEXT", help="Above everything.")] = None,
+    out: Annotated[Path, opt.named("FILE", "HTML file to write.", "--out", "-o")],
+    title: Annotated[str | None, opt.named("TEXT", "Above everything.")] = None,
     megabytes: Annotated[float, opt.positive("megabytes", "What the file may take.")] = 10.0,
 ) -> None:
     """One page to explore a render, a capture or a reconstruction.
@@ -50,14 +48,14 @@ def report(
 
 
 def _seen(source: Path) -> xr.Dataset:
-    """What a folder or a file holds; of Stokes vectors S0."""
+    """The Dataset of a folder or a file; of Stokes vectors S0."""
     from tofrender.rendering.dataset import components_of
 
     return components_of(_load(source))[0]
 
 
 def _load(source: Path) -> xr.Dataset:
-    """What a folder or a file holds."""
+    """The Dataset of a folder or a file."""
     from tofrender import io
     from tofrender.rendering.films_on_disk import load_zarr
 

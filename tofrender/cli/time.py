@@ -6,13 +6,11 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from ..runtime.progress import EVERY_S
 from ..signals.frequencies import check_frequency
 from . import options as opt
 from .answers import Gate, Json, Phasor, answer
-from .keeping import Resume, Seconds, alone, keeping, require_something, tell
+from .checkpoints import Resume, Seconds, checkpointed, end_if_stopped, exclusively, require_begun
 
 if TYPE_CHECKING:
     import numpy as np
@@ -27,9 +25,8 @@ GATE = 0.03
 def phasor(
     source: Annotated[
         str,
-        typer.Argument(
-            metavar="RENDER_DIR|SCENE",
-            help="What `tofrender render` has written, or a scene as for it.",
+        opt.argument(
+            "RENDER_DIR|SCENE", "What `tofrender render` has written, or a scene as for it."
         ),
     ],
     out: opt.Out,
@@ -72,7 +69,7 @@ def phasor(
         rendered = components_of(opt.load_render(Path(source), "RENDER_DIR"))[0]
         opt.check_room(out, PARTS * len(freq) * rendered["steady"].size)
         parts = transient_to_phasor(rendered, freq)
-        with alone(out), deferred_stop() as stop:
+        with exclusively(out), deferred_stop() as stop:
             files = _write_phasors(out, freq, parts, source, figure, dpi)
     else:
         loaded, sensor, samples = _load(source, spp, size, max_depth, variant)
@@ -80,21 +77,17 @@ def phasor(
         from tofrender.runtime.progress import deferred_stop
 
         opt.check_room(out, PARTS * len(freq) * _values(sensor))
-        with keeping(out, checkpoint, resume) as kept:
-            require_something(resume, kept and kept.path, out)
+        with checkpointed(out, checkpoint, resume) as kept:
+            require_begun(resume, kept and kept.path, out)
             parts = render_amcw_phasor(loaded, sensor, freq, samples, seed, checkpoint=kept)
             with deferred_stop() as stop:
                 files = _write_phasors(out, freq, parts, source, figure, dpi)
-    facts: Phasor = {
-        "out": str(out),
-        "files": files,
-        "source": source,
-        "frequencies_hz": freq,
-        "width": parts[0].shape[2],
-        "height": parts[0].shape[1],
-    }
+    height, width = parts[0].shape[1:3]
+    facts = Phasor(
+        out=str(out), files=files, source=source, frequencies_hz=freq, width=width, height=height
+    )
     answer("phasor", as_json, facts, [f"{out}: {', '.join(files)}"])
-    tell(stop)
+    end_if_stopped(stop)
 
 
 def gate(
@@ -118,8 +111,8 @@ def gate(
     """Render SCENE at one instant, given as a path length.
 
     Paths are those of the scene's integrator, and so is the gate: its pulse, of 0.03 m if it has
-    none. DIR gets gate.exr, the radiance per metre of path at
-    that instant, and picture.png, which says when it is and how bright.
+    none. DIR gets gate.exr, the radiance per metre of path at that instant, and picture.png, which
+    says when it is and how bright.
     """
     opt.check_out(out)
     loaded, sensor, samples = _load(scene, spp, size, max_depth, variant)
@@ -130,8 +123,8 @@ def gate(
     opt.check_room(out, _values(sensor))
     integrator = _gated(loaded.integrator(), pulse_width)
     width: float = integrator.pulse.width_opl
-    with keeping(out, checkpoint, resume) as kept:
-        require_something(resume, kept and kept.path, out)
+    with checkpointed(out, checkpoint, resume) as kept:
+        require_begun(resume, kept and kept.path, out)
         image = render_at_time(loaded, integrator, sensor, at, samples, seed, checkpoint=kept)
         if not image.any():
             raise ValueError(f"--at = {at:g}: no light arrives then; `tofrender render` shows when")
@@ -140,30 +133,28 @@ def gate(
             io.save_exr_layers(folder / "gate.exr", {"": image}, attrs)
             drawn = vis.gate_figure(image, at, width)
             io.save_figure(drawn, folder / f"picture.{figure}", **opt.dots(dpi))
-    facts: Gate = {
-        "out": str(out),
-        "files": ["gate.exr", f"picture.{figure}"],
-        "scene": scene,
-        "at": at,
-        "pulse_width": width,
-        "spp": samples,
-        "seed": seed,
-        "width": image.shape[1],
-        "height": image.shape[0],
-    }
-    answer("gate", as_json, facts, [f"{out}: gate.exr, picture.{figure}"])
-    tell(stop)
+    files = ["gate.exr", f"picture.{figure}"]
+    rows, columns = image.shape[:2]
+    facts = Gate(
+        out=str(out),
+        files=files,
+        width=columns,
+        height=rows,
+        scene=scene,
+        at=at,
+        spp=samples,
+        pulse_width=width,
+        seed=seed,
+    )
+    answer("gate", as_json, facts, [f"{out}: {', '.join(files)}"])
+    end_if_stopped(stop)
 
 
 def _load(
     source: str, spp: int | None, size: opt.Size | None, max_depth: int | None, variant: str | None
 ) -> tuple[Any, Any, int]:
     """A scene with an integrator that knows time, its sensor, and samples per pixel."""
-    from tofrender.runtime import backend
-
-    backend.activate(variant)
-    backend.require_vectorised()
-    backend.require_unpolarised()
+    opt.activate(variant)
     from tofrender.scenes.in_time import successor_of
     from tofrender.scenes.loading import find_scene, load_scene, require_light, require_sensor
 

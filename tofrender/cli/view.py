@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from ..runtime import checks
 from . import options as opt
 from .report import _seen
@@ -18,21 +16,19 @@ MOST_SPP = 1024
 def view(
     source: Annotated[
         str,
-        typer.Argument(
-            metavar="DIR|FILE|SCENE",
-            help="What a command has written; or a built-in name or XML file, with --live.",
+        opt.argument(
+            "DIR|FILE|SCENE",
+            "What a command has written; or a built-in name or XML file, with --live.",
         ),
     ],
     live: Annotated[
-        bool, typer.Option("--live", help="Render SCENE, ever finer while one looks.")
+        bool, opt.switch("--live", "Render SCENE, ever finer while one looks.")
     ] = False,
     spp: opt.Spp = None,
     size: opt.Pixels = None,
     max_depth: opt.MaxDepth = None,
     seed: opt.Seed = 0,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="With --live: npz file to save to.")
-    ] = None,
+    out: Annotated[Path | None, opt.named("FILE", "With --live: npz file to save to.")] = None,
     host: Host = "127.0.0.1",
     port: Port = None,
     browser: Browser = True,
@@ -45,7 +41,6 @@ def view(
     can go on, and be saved.
     """
     from tofrender.apps.serving import require_panel, serve
-    from tofrender.runtime import backend
 
     if not live and (spp or size or max_depth is not None or out is not None):
         raise ValueError("--live: must be given with --spp, --size, --max-depth or --out")
@@ -59,10 +54,7 @@ def view(
         hint = "add --live to render it" if source in BUILT_IN else "must exist, or be a scene"
         raise ValueError(f"DIR|FILE|SCENE = {checks.shown(source)}: {hint}")
     require_panel()
-    backend.activate(variant)
-    backend.require_vectorised()
-    if live:
-        backend.require_unpolarised()
+    opt.activate(variant, polarised=not live)
 
     from tofrender.apps.view.sources import LiveRender, SavedDataset
     from tofrender.apps.view.window import application
@@ -89,11 +81,9 @@ def view(
 def compare(
     one: Annotated[
         str,
-        typer.Argument(metavar="SCENE|FILE", help="A scene of the course, or a picture's file."),
+        opt.argument("SCENE|FILE", "A scene of the course, or a picture's file."),
     ] = "veach",
-    two: Annotated[
-        str | None, typer.Argument(metavar="[FILE]", help="Another picture of the same size.")
-    ] = None,
+    two: Annotated[str | None, opt.argument("[FILE]", "Another picture of the same size.")] = None,
     host: Host = "127.0.0.1",
     port: Port = None,
     browser: Browser = True,
@@ -105,12 +95,9 @@ def compare(
     their differences from a reference are shown. Files are exr, png, jpg, or what `render` writes.
     """
     from tofrender.apps.serving import require_panel, serve
-    from tofrender.runtime import backend
 
     require_panel()
-    backend.activate(variant)
-    backend.require_vectorised()
-    backend.require_unpolarised()
+    opt.activate(variant)
 
     from tofrender.apps.compare.pictures import SCENES, load_picture, same_size
     from tofrender.apps.compare.window import application

@@ -3,74 +3,51 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 
 from ..runtime import checks
 from ..runtime.canvas import FIGURE_SUFFIXES
-from .options import (
-    Dpi,
-    Seed,
-    Variant,
-    check_apart,
-    check_file_out,
-    checked,
-    choice,
-    definition,
-    dots,
-    integer,
-    number,
-    real,
-    say,
+from . import options as opt
+
+WARPS = (
+    *("tent", "uniform_disk", "uniform_sphere", "uniform_hemisphere", "cosine_hemisphere"),
+    *("beckmann", "hierarchical", "no_op", "triangle", "sphere_cap", "quad_light"),
+    *("triangle_light", "sphere_light", "two_lights"),
 )
+NAMED: dict[str, Any] = {"kind": typer.Argument, "metavar": "NAME"}
+POINT_SETS = ("independent", "grid", "stratified", "sobol")
 
-Warp = Literal[
-    "tent",
-    "uniform_disk",
-    "uniform_sphere",
-    "uniform_hemisphere",
-    "cosine_hemisphere",
-    "beckmann",
-    "hierarchical",
-    "no_op",
-    "triangle",
-    "sphere_cap",
-    "quad_light",
-    "triangle_light",
-    "sphere_light",
-    "two_lights",
-]
-PointSet = Literal["independent", "grid", "stratified", "sobol"]
-
-Alpha = Annotated[float | None, real(0, "Roughness of beckmann.")]
-Image = Annotated[str | None, typer.Option(metavar="FILE", help="Image of hierarchical.")]
-Points = Annotated[PointSet, choice(PointSet, "Point set to draw.")]
-Count = Annotated[int, integer(1, checks.MAX_SPP, "Points to draw.")]
-Samples = Annotated[int, integer(1000, 1 << 24, "Samples of the chi-square test.")]
+Alpha = Annotated[float | None, opt.real(0, "Roughness of beckmann.")]
+Image = Annotated[str | None, opt.named("FILE", "Image of hierarchical.")]
+Points = Annotated[str, opt.choice(POINT_SETS, "Point set to draw.")]
+Count = Annotated[int, opt.integer(1, checks.MAX_SPP, "Points to draw.")]
+Samples = Annotated[int, opt.integer(1000, 1 << 24, "Samples of the chi-square test.")]
 Module = Annotated[
     Path | None,
-    typer.Option(metavar="FILE|DIR", help="A student's Python file, or folder of files."),
+    opt.named("FILE|DIR", "A student's Python file, or folder of files."),
 ]
 Parameters = Annotated[
     list[str] | None,
-    checked(definition, "A parameter of NAME, like distance=2.", "-D", metavar="NAME=VALUE"),
+    opt.checked(opt.definition, "Parameter of NAME, like distance=2.", "-D", metavar="NAME=VALUE"),
 ]
-Host = Annotated[str, typer.Option(metavar="ADDRESS", help="Address to listen on.")]
-Port = Annotated[int | None, integer(1, 65535, "Port to listen on; by default a free one.")]
+Host = Annotated[str, opt.named("ADDRESS", "Address to listen on.")]
+Port = Annotated[int | None, opt.integer(1, 65535, "Port to listen on; by default a free one.")]
 Browser = Annotated[bool, typer.Option(help="Open the page, if there is a screen.")]
 
 
 def warptest(
     name: Annotated[
-        Warp | None, choice(Warp, "What to show first, or to test.", kind=typer.Argument)
+        str | None,
+        opt.choice(WARPS, f"What to show first, or to test: {', '.join(WARPS)}.", **NAMED),
     ] = None,
     module: Module = None,
     headless: Annotated[
-        bool, typer.Option("--headless", help="Test without a window; exit status 1 if any fails.")
+        bool, opt.switch("--headless", "Test without a window; exit status 1 if any fails.")
     ] = False,
     out: Annotated[
-        Path | None, typer.Option(metavar="FIG", help="With --headless and NAME: figure to write.")
+        Path | None, opt.named("FIG", "With --headless and NAME: figure to write.")
     ] = None,
     alpha: Alpha = None,
     image: Image = None,
@@ -78,12 +55,12 @@ def warptest(
     points: Points = "independent",
     count: Count = 1024,
     samples: Samples = 1_000_000,
-    dpi: Dpi = None,
-    seed: Seed = 0,
+    dpi: opt.Dpi = None,
+    seed: opt.Seed = 0,
     host: Host = "127.0.0.1",
     port: Port = None,
     browser: Browser = True,
-    variant: Variant = None,
+    variant: opt.Variant = None,
 ) -> None:
     """Look at warps, shapes and lights in the browser: points, grid, and chi-square tests.
 
@@ -99,11 +76,9 @@ def warptest(
         raise ValueError(f"--out = {out}: must be left out without --headless")
 
     from tofrender.apps.serving import require_panel, serve
-    from tofrender.runtime import backend
 
     require_panel()
-    backend.activate(variant)
-    backend.require_vectorised()
+    opt.activate(variant, polarised=True)
 
     from tofrender.apps.warptest import application
 
@@ -111,22 +86,22 @@ def warptest(
     given = _parameters(subject, alpha, image, parameters)
     make, engine = application(subject, module=module, **given)
     try:
-        serve(make, "Warp tester", host=host, port=port, browser=browser, tell=say)
+        serve(make, "Warp tester", host=host, port=port, browser=browser, tell=opt.say)
     finally:
         engine.close()
 
 
 def warp(
-    name: Annotated[Warp, choice(Warp, "What to draw.", kind=typer.Argument)],
-    out: Annotated[Path, typer.Option(metavar="FIG", help="Figure to write: png, pdf, svg.")],
+    name: Annotated[str, opt.choice(WARPS, f"What to draw: {', '.join(WARPS)}.", **NAMED)],
+    out: Annotated[Path, opt.named("FIG", "Figure to write: png, pdf, svg.")],
     alpha: Alpha = None,
     image: Image = None,
     parameters: Parameters = None,
     points: Points = "independent",
     count: Count = 1024,
-    dpi: Dpi = None,
-    seed: Seed = 0,
-    variant: Variant = None,
+    dpi: opt.Dpi = None,
+    seed: opt.Seed = 0,
+    variant: opt.Variant = None,
 ) -> None:
     """Warp points of the unit square, draw them and their density, and test one against the other.
 
@@ -143,13 +118,13 @@ def warp(
 def _parameters(
     name: str | None, alpha: float | None, image: str | None, parameters: Any
 ) -> dict[str, Any]:
-    """What is given for a subject; one that it does not take is refused."""
+    """Parameters of a subject; refuses those that it does not have."""
     if name is None and (parameters or alpha is not None or image is not None):
         raise ValueError("NAME: must be given with --alpha, --image or -D")
     for option, value, wants in (("alpha", alpha, "beckmann"), ("image", image, "hierarchical")):
         if value is not None and name != wants:
             raise ValueError(f"--{option} = {value}: must be left out, {name} has none")
-    given = {key: number(text) for key, text in parameters or ()}
+    given = {key: opt.number(text) for key, text in parameters or ()}
     return given | {k: v for k, v in (("alpha", alpha), ("image", image)) if v is not None}
 
 
@@ -169,14 +144,11 @@ def _headless(
     if out is not None:
         if name is None:
             raise ValueError(f"--out = {out}: must be left out without NAME")
-        check_file_out(out, *FIGURE_SUFFIXES, overwrite=True)
+        opt.check_file_out(out, *FIGURE_SUFFIXES, overwrite=True)
         if "image" in given:
-            check_apart(out, Path(given["image"]))
+            opt.check_apart(out, Path(given["image"]))
 
-    from tofrender.runtime import backend
-
-    backend.activate(variant)
-    backend.require_vectorised()
+    opt.activate(variant, polarised=True)
 
     from tofrender.apps.warptest import engine as engines
     from tofrender.runtime.canvas import save_figure
@@ -194,19 +166,19 @@ def _headless(
                 verdict = case.test(samples=samples, seed=own, tests=len(names))
                 drawn = None if out is None else engines.draw(case, points, count, seed)
             except engines.NoAnswer as error:
-                say(f"{tested}: FAILED, {error}")
+                opt.say(f"{tested}: FAILED, {error}")
                 bad += 1
                 continue
             said = [str(verdict)]
             if out is not None and drawn is not None:
                 figure = engines.figure(drawn, verdict, f"{count} {points} points")
-                save_figure(figure, out, **dots(dpi))
+                save_figure(figure, out, **opt.dots(dpi))
                 said.append(str(out))
-            say(*said)
+            opt.say(*said)
             bad += not verdict.passed
     finally:
         engine.close()
     if len(names) > 1:
-        say(f"{len(names) - bad} of {len(names)} passed")
+        opt.say(f"{len(names) - bad} of {len(names)} passed")
     if bad:
         raise typer.Exit(1)

@@ -1,15 +1,53 @@
-"""The files of a render: the transient image, its sum over time, a video and a figure."""
+"""The command `tofrender merge`, and the files of a render: transient, sum, video, figure."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from . import options as opt
-from .streaming import placed
+from .checkpoints import exclusively
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+def merge(
+    sources: Annotated[list[Path], opt.argument("DIR...", "What `tofrender render` has written.")],
+    out: opt.Out,
+    format: opt.Format = "frames",
+    precision: opt.Precision = "float",
+    video: opt.Video = True,
+    figure: opt.Figure = "png",
+    dpi: opt.Dpi = None,
+) -> None:
+    """Join renders of one scene with other seeds, from any machines.
+
+    Each counts by its samples per pixel. Error bars are joined where all have them, and measured
+    where there are four renders or more.
+    """
+    opt.check_format(format, precision)
+    opt.check_out(out)
+    from tofrender.runtime import backend
+
+    backend.activate()
+    from tofrender.rendering.dataset import in_channels
+    from tofrender.rendering.merging import merge as join
+    from tofrender.runtime.progress import deferred_stop
+
+    renders = []
+    for source in sources:
+        if source.resolve() == out.resolve():
+            raise ValueError(f"--out = {out}: is among what is joined; must be another folder")
+        renders.append(opt.load_render(source, "DIR"))
+    merged = join(renders)
+    height, width, bins, channels = in_channels(merged)["transient"].shape
+    opt.check_out(out, (height, width, bins, channels), precision)
+    with exclusively(out), deferred_stop():
+        files = write(merged, out, format, precision, video, figure, dpi)
+    names = [name for name in files if not name.startswith("frame_")]
+    opt.say(f"{out}: {merged.attrs['spp']} samples per pixel, {', '.join(names)}")
 
 
 def write(
@@ -49,7 +87,7 @@ def write(
     with io.output_folder(out, overwrite=True, needed_bytes=needed) as folder:
         at_once(summary, transient, *[film] * video)
         if format == "zarr":  # Last, as the film would be lost with the folder if others fail
-            placed(dataset, folder / opt.FILES[format])
+            _place(dataset, folder / opt.FILES[format])
         return sorted(path.name for path in folder.iterdir())
 
 
@@ -79,6 +117,17 @@ def _transient(
         write_png(vis.tonemap(seen["steady"].values), folder / "steady.png")
     else:
         _move_up(io.save_exr_stack(dataset, folder / "frames", precision=precision, **bar))
+
+
+def _place(dataset: xr.Dataset, target: Path) -> None:
+    """Move a film that is on the disk already, or write it."""
+    from tofrender.rendering.store import save_zarr
+
+    source = dataset.encoding.get("source")
+    if source is None:
+        save_zarr(dataset, target)
+    else:
+        os.rename(source, target)
 
 
 def _move_up(folder: Path) -> None:

@@ -12,8 +12,8 @@ import mitsuba as mi
 import numpy as np
 
 from ..paths.surfaces import first_surface
-from ..rendering.asked import Asked
 from ..rendering.job import Job, carry_out, collect, decide
+from ..rendering.settings import RenderSettings
 from ..rendering.window import warn_of_losses
 from ..rendering.workers import require_client
 from ..runtime import backend, checks
@@ -130,7 +130,7 @@ def capture(
     if mode == "exhaustive":
         with restored_pose(find_laser(scene)):
             job = ExhaustiveCapture(setup)
-            values, outside = job.render(client, Checkpoint.of(checkpoint), progress)
+            values, outside = job.render_all(client, Checkpoint.of(checkpoint), progress)
         start, width = job.film.start_opl, job.film.bin_width_opl
         attrs["energy_outside_window"] = outside
         warn_of_losses(job.film, outside, mend=WINDOW_SETTINGS, stacklevel=3)
@@ -180,9 +180,9 @@ def require_same_capture(found: xr.Dataset, scene: Any, **options: Any) -> None:
 
 def _job(setup: CaptureSetup, name: str = "scene", axis: Any = None) -> Job:
     """Make a single or confocal capture a render."""
-    asked = Asked(name, spp=setup.spp, seed=setup.seed, sensor=setup.sensor)
+    settings = RenderSettings(name, spp=setup.spp, seed=setup.seed, sensor=setup.sensor)
     origin = _job_in_worker, setup.arguments
-    job = decide(setup.plan(), setup.integrator, setup.scene, asked, origin, axis)
+    job = decide(setup.plan(), setup.integrator, setup.scene, settings, origin, axis)
     job.more, job.mend = setup.more, WINDOW_SETTINGS
     return job
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
@@ -12,8 +11,8 @@ from ..films.image import time_bins, transient_film
 from ..films.recording import warn_not_finite
 from ..integrators.passes import Part, best_sampler, steps
 from ..integrators.running import interrupted, made_with, run
-from ..rendering.pieces import collect_pieces
-from ..rendering.workers import check_client, pieces_by_workers
+from ..rendering.work_items import ArrayStore
+from ..rendering.workers import check_client, render_by_workers
 from ..runtime import checks
 from ..runtime.checkpoints import Checkpoint, Kept, Within
 from ..runtime.progress import Stop, deferred_stop, progress_bar
@@ -53,7 +52,7 @@ class ExhaustiveCapture:
         self.origin = _in_worker, setup.arguments
         self.arrays: dict[str, np.ndarray] = {}
 
-    def take(
+    def render(
         self,
         point: tuple[int, int],
         kept: Kept | None = None,
@@ -85,10 +84,13 @@ class ExhaustiveCapture:
         steady, bins = film.take()
         return float(np.sum(steady, dtype=np.float64)), bins
 
-    def _store(self, point: tuple[int, int], found: tuple[float, np.ndarray]) -> None:
-        self.arrays["energy"][point], self.arrays["values"][point] = found
+    def add(
+        self, arrays: dict[str, np.ndarray], point: tuple[int, int], found: tuple[float, np.ndarray]
+    ) -> None:
+        """Add energy and bins of a laser point to the arrays of all."""
+        arrays["energy"][point], arrays["values"][point] = found
 
-    def render(
+    def render_all(
         self, client: Client | None, checkpoint: Checkpoint | None, progress: bool
     ) -> tuple[np.ndarray, float]:
         """Render with the laser on each point, by workers if there is a client.
@@ -104,16 +106,8 @@ class ExhaustiveCapture:
             self._render_here(checkpoint, progress)
         else:
             check_client(client)
-            collect_pieces(
-                partial(pieces_by_workers, client, self),
-                self.spots,
-                self._store,
-                self.arrays,
-                recipe=self.recipe,
-                unit=POINTS,
-                checkpoint=checkpoint,
-                progress=progress,
-            )
+            store = ArrayStore(self, self.spots, self.arrays, self.recipe, POINTS, checkpoint)
+            store.collect(render_by_workers(client, self, store.left), progress)
         values, energy = self.arrays["values"], self.arrays["energy"]
         inside, total = (float(np.sum(a, dtype=np.float64)) for a in (values[energy > 0], energy))
         return values, min(max(1 - inside / total, 0.0), 1.0) if total else 0.0
@@ -136,11 +130,11 @@ class ExhaustiveCapture:
                 begun = max(0, done - number * spp)
                 state = Kept(begun, spp, 0.0, kept.arrays) if kept and begun else None
                 within = checkpoint and Within(checkpoint, number * spp, whole, arrays)
-                found = self.take(point, state, within, stop)
+                found = self.render(point, state, within, stop)
                 if found is None or (stop.requested and number + 1 < len(self.spots)):
                     again = checkpoint.again if checkpoint else ""
                     raise KeyboardInterrupt(interrupted(number, len(self.spots), POINTS, again))
-                self._store(point, found)
+                self.add(arrays, point, found)
                 done = (number + 1) * spp
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
@@ -19,6 +19,7 @@ from ..runtime.progress import shown
 from ..signals.polarisation import intensity
 
 if TYPE_CHECKING:
+    from ..films.transient import TransientHDRFilm
     from ..signals.pulses import Pulse
 
 PATHS = 1 << 14
@@ -94,7 +95,7 @@ class Arrivals:
 
 @shown("Looking for light")
 @uncollected()
-def find_arrivals(plan: Plan, sensor: mi.Sensor, film: Any, seed: int) -> Arrivals:
+def find_arrivals(plan: Plan, sensor: mi.Sensor, film: TransientHDRFilm, seed: int) -> Arrivals:
     """Trace 16384 paths through random pixels of a film's crop and note when light arrives."""
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})
     sampler.seed(seed, PATHS)

@@ -14,23 +14,20 @@ from ..runtime import checks, memory
 from ..signals.colour import luminance
 
 PIECE_BYTES = 8 << 20
-"""About what a piece takes that is read from disk [bytes], unless chunks are larger."""
+"""Size of a piece that is read from disk [bytes], unless chunks are larger."""
 
 VIEW_BYTES = 1 << 20
-"""About what a piece takes that is in memory: it and what is made of it fit into caches."""
+"""Size of a piece in memory [bytes]: it and what is computed of it fit into caches."""
 
 SHARE = 8
 """Blocks that are read as a whole, rows and frames, take at most this part of free memory."""
 
 Place = tuple[slice, ...]
-"""Where a piece is: a slice for each axis."""
+"""Position of a piece: a slice for each axis."""
 
 
 class Cube:
     """Values with the axes (..., bins, channels), read by pieces that end where chunks do.
-
-    Args:
-        values: A Dataset's variable or an array; in memory, or on disk as a dask array.
 
     Attributes:
         shape, dtype: As of an array.
@@ -55,16 +52,12 @@ class Cube:
         self._lock = threading.Lock()
 
     def __reduce__(self) -> tuple[type[Cube], tuple[Any]]:
-        """As what is held: locks and what was read stay where they are."""
+        """Pickle the values alone, without lock and cache."""
         return Cube, (self._held,)
 
     @classmethod
     def of(cls, name: str, values: Any) -> Cube:
-        """Take real numbers: another cube, a Dataset's variable, or what NumPy makes an array of.
-
-        Raises:
-            ValueError: They are none; one line with the name.
-        """
+        """A cube of real numbers: of a cube, a Dataset's variable, or what NumPy converts."""
         cube = values if isinstance(values, Cube) else None
         if cube is None and hasattr(values, "chunks") and hasattr(values, "dtype"):
             cube = cls(values)
@@ -80,14 +73,12 @@ class Cube:
         return math.prod(self.shape) * self.dtype.itemsize
 
     def view(self, place: Any) -> Cube:
-        """What an index of an array selects, not read yet."""
+        """The part that an index of an array selects, not read yet."""
         return Cube(self._held[place])
 
     def read(self, place: Any = ...) -> np.ndarray:
-        """What an index of an array selects."""
+        """The values that an index of an array selects."""
         return np.asarray(self._held[place])
-
-    # ----------------------------------------------------------------------------- by pieces
 
     def pieces(self) -> Iterator[tuple[Place, np.ndarray]]:
         """All values in pieces of a few megabytes.
@@ -103,7 +94,7 @@ class Cube:
             yield place, self._gather(place)
 
     def row_blocks(self) -> list[Place]:
-        """Where the blocks of `rows` are; each has all bins."""
+        """Positions of the blocks of `rows`; each has all bins."""
         most, axis = self._most(), 0
         while axis < len(self.shape) - 3 and self._row_bytes(axis) > most:
             axis += 1
@@ -133,7 +124,7 @@ class Cube:
             return self._kept[bins.start][..., index - bins.start, :]
 
     def take(self, positions: np.ndarray) -> np.ndarray:
-        """Values at these positions of the flattened array, in any order."""
+        """Values at some positions of the flattened array, in any order."""
         if self.in_memory:
             return self._held.reshape(-1)[positions]
         cuts, stride = self._cuts(), math.prod(self.shape)
@@ -153,7 +144,7 @@ class Cube:
         return np.concatenate(found)
 
     def _gather(self, place: Any) -> np.ndarray:
-        """What `read` gives, of which no piece is in memory twice."""
+        """As `read`, with no piece in memory twice."""
         if self.in_memory:
             return self.read(place)
         block = self.view(place)
@@ -162,24 +153,14 @@ class Cube:
             values[here] = part
         return values
 
-    # ------------------------------------------------------------------------------- as a whole
-
     def require_finite(self, name: str) -> None:
-        """Refuse values that are NaN or infinite.
-
-        Raises:
-            ValueError: One line as of `checks.finite`.
-        """
+        """Refuse values that are NaN or infinite."""
         if self.dtype.kind == "f":
             parts = (([along.start for along in place], part) for place, part in self.pieces())
             checks.finite_parts(name, parts)
 
     def luminance(self, name: str) -> np.ndarray:
-        """Luminance of all values as an array (..., bins), a view if they have no colours.
-
-        Raises:
-            MemoryError: It does not fit; one line that names the values.
-        """
+        """Luminance of all values as an array (..., bins), a view if they have no colours."""
         channels = self.shape[-1]
         if self.in_memory and channels == 1:
             return luminance(self._held)
@@ -190,8 +171,6 @@ class Cube:
             result[place[:-1]] = luminance(values)
         return result
 
-    # ------------------------------------------------------------------------------------- cuts
-
     def _chunks(self) -> list[Sequence[int]]:
         """Sizes of chunks along each axis. In memory, any pixel is one, with all its bins."""
         if not self.in_memory:
@@ -200,7 +179,7 @@ class Cube:
         return [*((1,) * size for size in self.shape[:count]), *((n,) for n in self.shape[count:])]
 
     def _cuts(self) -> list[list[slice]]:
-        """Where pieces begin and end, along each axis."""
+        """Slices of the pieces along each axis."""
         chunks, left = self._chunks(), self._wanted() // self.dtype.itemsize
         unit = math.prod(max(along, default=1) for along in chunks)  # Values of a chunk
         cuts: list[list[slice]] = []

@@ -20,8 +20,10 @@ from .labels import TIME, check_time, labelled
 if TYPE_CHECKING:
     import xarray as xr
 
+    from ..films.transient import TransientHDRFilm
+
 QUANTITIES = ("radiance per bin", "radiance per metre")
-"""What a transient may hold: the energy of each bin, or the density at its centre."""
+"""Quantities of a transient: energy of each bin, or density at its centre."""
 
 LOST_ENERGY = 0.01
 """Energy outside the window, as a fraction, above which users are warned."""
@@ -32,7 +34,7 @@ ERRORS = {f"{name}_error": dims for name, dims in DIMS.items()}
 """Standard errors, where a render has them."""
 
 
-def coordinates(film: Any) -> dict[str, np.ndarray]:
+def coordinates(film: TransientHDRFilm) -> dict[str, np.ndarray]:
     """Pixels, bin centres [m], Stokes components and channels of a film's crop window."""
     height, width, bins, channels = film.shape
     x, y = (int(v) for v in film.crop_offset())
@@ -46,7 +48,7 @@ def coordinates(film: Any) -> dict[str, np.ndarray]:
     }
 
 
-def channel_coordinates(film: Any) -> dict[str, np.ndarray]:
+def channel_coordinates(film: TransientHDRFilm) -> dict[str, np.ndarray]:
     """`coordinates`, with Stokes components among the channels, as in `in_channels`."""
     found = coordinates(film)
     names = [f"{s}.{c}" for s in found.pop("stokes", ()) for c in found["channel"]]
@@ -56,15 +58,7 @@ def channel_coordinates(film: Any) -> dict[str, np.ndarray]:
 def transient_dataset(
     arrays: Mapping[str, np.ndarray], film: Any, attrs: dict[str, str | int | float]
 ) -> xr.Dataset:
-    """Make the Dataset of what a film has collected, with attributes that say how it was made.
-
-    Args:
-        arrays: `transient` (height, width, temporal_bins, channels), `steady` (height, width,
-            channels), and perhaps their standard errors, `transient_error` and `steady_error`;
-            channels are those of all Stokes components.
-        film: Says the coordinates.
-        attrs: The attributes.
-    """
+    """Make the Dataset of what a film has collected, with attributes that say how it was made."""
     import xarray as xr
 
     size = {"film_width": int(film.size().x), "film_height": int(film.size().y)}
@@ -85,7 +79,7 @@ def transient_dataset(
     )
 
 
-def film_stokes(film: Any) -> int:
+def film_stokes(film: TransientHDRFilm) -> int:
     """Stokes components that a film has, 1 if it does not tell them apart."""
     return film.shape[3] // film.base_channels_count()
 
@@ -139,12 +133,8 @@ def components_of(dataset: Any) -> list[Any]:
     return [dataset.sel(stokes=each, drop=True) for each in dataset["stokes"].values]
 
 
-def check_dataset(dataset: Any) -> None:
-    """Refuse anything but a Dataset like the ones that `render` returns, or a part of one.
-
-    Raises:
-        ValueError: One line that says what is missing or contradicts itself.
-    """
+def check_dataset(dataset: object) -> None:
+    """Refuse anything but a Dataset like the ones that `render` returns, or a part of one."""
     import xarray as xr
 
     if not isinstance(dataset, xr.Dataset):
@@ -171,11 +161,7 @@ def check_dataset(dataset: Any) -> None:
 
 
 def check_attributes(what: str, dataset: xr.Dataset) -> None:
-    """Refuse attributes of a render or a capture that contradict its time axis, or are no numbers.
-
-    Raises:
-        ValueError: One line that names the attribute, with `what` it is of.
-    """
+    """Refuse attributes that contradict the time axis, or are no text or numbers."""
     start, width = time_axis(dataset)
     stated = [dataset.attrs.get(name) for name in ("start_opl", "bin_width_opl")]
     if not np.allclose(np.array(stated, dtype=float), (start, width), rtol=1e-6, atol=1e-3 * width):
@@ -189,22 +175,14 @@ def check_attributes(what: str, dataset: xr.Dataset) -> None:
 
 
 def require_finite(dataset: xr.Dataset) -> None:
-    """Refuse a Dataset, of a render or a capture, with light that is NaN or infinite.
-
-    Raises:
-        ValueError: One line that says how many values there are of these, and where the first is.
-    """
+    """Refuse a Dataset, of a render or a capture, with light that is NaN or infinite."""
     for name in DIMS | ERRORS:
         if name in dataset:
             Cube(dataset[name]).require_finite(name)
 
 
 def first_pixel(dataset: xr.Dataset) -> tuple[int, int]:
-    """Column and row of the first pixel.
-
-    Raises:
-        ValueError: The pixels are not consecutive.
-    """
+    """Column and row of the first pixel."""
     for axis in ("y", "x"):
         values = dataset[axis].values
         if values.dtype.kind not in "iu" or (np.diff(values) != 1).any():
@@ -213,12 +191,7 @@ def first_pixel(dataset: xr.Dataset) -> tuple[int, int]:
 
 
 def time_axis(dataset: xr.Dataset) -> tuple[float, float]:
-    """Start of the first bin and width of the bins [m], from the coordinate `opl`.
-
-    Raises:
-        ValueError: The bins are not consecutive, `time` is another than that of `opl`, or the
-            attribute `bin_width_opl` is missing.
-    """
+    """Start of the first bin and width of the bins [m], from the coordinate `opl`."""
     check_time(dataset)
     width = checks.metres("bin_width_opl", dataset.attrs.get("bin_width_opl"), positive=True)
     centres = np.asarray(dataset["opl"].values, dtype=np.float64)

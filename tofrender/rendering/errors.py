@@ -1,4 +1,4 @@
-"""Error bars: a render in parts of equal size, each with points of its own, whose scatter tells.
+"""Error bars from the scatter of parts of equal size, each with points of its own.
 
 The parts of one even point set are no independent draws: together they are evener than apart, and
 their scatter would tell too large an error. So each part has its own seed. That costs some of the
@@ -9,7 +9,6 @@ of samples in one point set.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -24,11 +23,7 @@ ROWS = 1 << 22
 
 
 def parts_of(spp: int) -> int:
-    """Number of parts of so many samples per pixel.
-
-    Raises:
-        ValueError: They cannot be divided; one line.
-    """
+    """Number of parts of so many samples per pixel."""
     found = math.gcd(spp, PARTS)
     if found < LEAST_PARTS:
         raise ValueError(f"spp = {spp}: must be a multiple of {LEAST_PARTS} with errors")
@@ -46,9 +41,6 @@ def seed_of(seed: int, first: int, part: int) -> mi.UInt32:
 
 class Scatter:
     """Mean and scatter of arrays of one shape, of which each is seen once (B. P. Welford, 1962).
-
-    Args:
-        arrays: The first ones, by name; they are taken over.
 
     Attributes:
         count: How many of each name were added.
@@ -78,7 +70,7 @@ class Scatter:
         return self.squares
 
     def state(self) -> dict[str, np.ndarray]:
-        """All that was seen, for `restored`."""
+        """All of it as arrays, for `restored`."""
         return {"parts": np.array(self.count)} | {
             f"{what}.{name}": array
             for what, arrays in (("mean", self.means), ("square", self.squares))
@@ -87,7 +79,7 @@ class Scatter:
 
     @classmethod
     def restored(cls, state: dict[str, np.ndarray]) -> Scatter | None:
-        """What `state` gave; None if nothing was seen."""
+        """The scatter of a `state`, None of one in which nothing was added."""
         if "parts" not in state:
             return None
         both: dict[str, dict[str, np.ndarray]] = {"mean": {}, "square": {}}
@@ -100,7 +92,7 @@ class Scatter:
         return found
 
 
-def _lines(array: np.ndarray) -> list[Any]:
+def _lines(array: np.ndarray) -> list[slice]:
     """Slices of the first axis that hold a few values each."""
     step = max(1, ROWS // max(1, array[:1].size))
     return [slice(k, k + step) for k in range(0, len(array), step)]

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 FILES = "files.json"
-"""What names all files of a film, with sizes and checksums: one that is missing reads as zeros."""
+"""File that names all files of a film, with sizes and checksums: missing ones read as zeros."""
 
 READ_BYTES = 1 << 24
 
@@ -31,11 +31,7 @@ CODECS = {
 
 
 def require_zarr() -> Any:
-    """The package zarr.
-
-    Raises:
-        ImportError: It is missing; one line that says how to get it.
-    """
+    """The package zarr."""
     try:
         import zarr
     except ImportError:
@@ -113,11 +109,7 @@ def list_files(film: Path, arrays: Iterable[str] = DIMS | ERRORS) -> None:
 
 
 def require_whole(film: Path, listed: bool = True) -> None:
-    """Refuse a film whose files are not those that are `listed`, or have codecs of their own.
-
-    Raises:
-        ValueError: One line that names the first.
-    """
+    """Refuse a film whose files are not those that are `listed`, or have codecs of their own."""
     for file in (film / "zarr.json", *sorted(film.glob("*/zarr.json"))):
         try:
             codecs = _codecs(json.loads(file.read_text()))
@@ -145,15 +137,15 @@ def require_whole(film: Path, listed: bool = True) -> None:
         )
 
 
-def _codecs(told: Any) -> set[str]:
+def _codecs(metadata: object) -> set[str]:
     """Names of all codecs that metadata have, those within others too."""
-    if isinstance(told, list):
-        return set().union(*map(_codecs, told))
-    if not isinstance(told, dict):
+    if isinstance(metadata, list):
+        return set().union(*map(_codecs, metadata))
+    if not isinstance(metadata, dict):
         return set()
-    found = _codecs([value for name, value in told.items() if name != "attributes"])
+    found = _codecs([value for name, value in metadata.items() if name != "attributes"])
     for name in ("codecs", "index_codecs", "storage_transformers", "compressor", "filters"):
-        for each in told.get(name) or ():
+        for each in metadata.get(name) or ():
             found.add(str(each.get("name") if isinstance(each, dict) else each))
     return found
 

@@ -6,7 +6,7 @@ import time
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -23,34 +23,34 @@ from ..runtime import checks, memory, plugins
 from ..runtime.checkpoints import Checkpoint
 from ..runtime.versions import versions
 from ..scenes.fingerprint import fingerprint
-from ..scenes.settings import SAMPLERS
 from .arrivals import LAST_OPL, Arrivals, find_arrivals
-from .asked import Asked, is_auto
 from .dataset import check_dataset, components_of, coordinates, require_finite, transient_dataset
 from .errors import parts_of
-from .pieces import (
-    TILE_BYTES,
-    Piece,
-    Taken,
-    collect_pieces,
-    ranges,
-    take,
+from .settings import SAMPLERS, RenderSettings, is_auto
+from .window import MEND, check_window, warn_of_losses, windowed_film
+from .work_items import (
+    ArrayStore,
+    WorkItem,
+    WorkResult,
+    render_item,
+    sample_ranges,
     tile_size,
     tiles,
     whole,
 )
-from .window import MEND, check_window, warn_of_losses, windowed_film
-from .workers import check_client, pieces_by_workers
+from .workers import check_client, render_by_workers
 
 if TYPE_CHECKING:
     import xarray as xr
     from distributed import Client
 
+    from ..films.transient import TransientHDRFilm
+    from ..integrators.base import TransientIntegrator
     from ..signals.pulses import Pulse
 
 DEFAULT_SAMPLER = "padded_sobol"
 
-LOOKING = 0
+ARRIVALS_SEED = 0
 """Seed with which light is looked for: renders of all seeds have one window, and can be joined."""
 
 
@@ -62,43 +62,39 @@ class Job:
         plan: What is done with camera rays.
         tracer: The integrator whose plan that is.
         scene: The scene.
-        asked: What is asked of it.
+        settings: The settings.
         film: The film with its window, empty.
         profile: The pulse that it sees light with.
-        arrivals: When light arrives, None if nobody looked.
-        origin: The function that decides it again in a worker, and its arguments but for the
+        arrivals: When light arrives, None if that was decided elsewhere.
+        origin: The function that makes the job again in a worker, and its arguments but for the
             time axis.
         more: What else the result depends on.
         mend: What decides on the window, for a warning.
     """
 
     plan: Plan
-    tracer: Any
+    tracer: TransientIntegrator
     scene: mi.Scene
-    asked: Asked
-    film: Any
+    settings: RenderSettings
+    film: TransientHDRFilm
     profile: Pulse | None
     arrivals: Arrivals | None
-    origin: tuple[Callable[..., Job], Mapping[str, Any]] | None = None
+    origin: tuple[Callable[..., Job], Mapping[str, Any]]
     more: Mapping[str, Any] = field(default_factory=dict)
     mend: str = MEND
 
     @property
     def camera(self) -> mi.Sensor:
         """The sensor."""
-        return self.scene.sensors()[self.asked.sensor]
+        return self.scene.sensors()[self.settings.sensor]
 
     def points(self, first: int = 0) -> mi.Sampler:
         """The sampler for what is missing after `first` samples per pixel."""
-        return sampler_for(self.camera, self.asked.sampler, self.asked.spp, first)
+        return sampler_for(self.camera, self.settings.sampler, self.settings.spp, first)
 
-    def recording(self, film: Any = None) -> Recording:
-        """How light is recorded on the job's film, or on another one.
-
-        Raises:
-            TypeError: The integrator does not say when light arrives; one line.
-        """
-        record = recording(self.film if film is None else film, self.tracer.exposure())
+    def recording(self, film: TransientHDRFilm) -> Recording:
+        """Recording of the integrator's light on a film."""
+        record = recording(film, self.tracer.exposure())
         if is_user_defined(self.tracer):
             record.require_no_lengths(type(self.tracer).__name__)
         return record
@@ -106,7 +102,8 @@ class Job:
     @cached_property
     def recipe(self) -> dict[str, Any]:
         """All that the picture depends on, but for the number of samples."""
-        film, tracer = self.film, self.tracer
+        film, tracer, points = self.film, self.tracer, self.points()
+        own = type(points) is not mi.Sampler
         return {
             "quantity": "radiance per bin",
             "units": "W m^-2 sr^-1",
@@ -114,12 +111,12 @@ class Job:
             "bin_width_opl": film.bin_width_opl,
             "pulse": str(tracer.pulse or "none"),
             "temporal_filter": tracer.temporal_filter or "as rfilter",
-            "sensor": self.asked.sensor,
+            "sensor": self.settings.sensor,
             "integrator": type(tracer).__name__,
             "max_depth": tracer.max_depth,
             "camera_unwarp": int(tracer.camera_unwarp),
-            "sampler": _sampler_name(self.points()),
-            "seed": self.asked.seed,
+            "sampler": type(points).__name__ if own else points.class_name(),
+            "seed": self.settings.seed,
             "variant": mi.variant(),
             "fingerprint": fingerprint(self.scene, self.camera, tracer),
             "versions": versions(),
@@ -131,28 +128,32 @@ class Job:
         named = {**self.more, **self.recipe, "film": str(self.film)}
         return named | {"fingerprint": named.pop("fingerprint")}  # What has a name is told first
 
-    def take(self, piece: Piece, **options: Any) -> Taken:
-        """Render a piece, see `pieces.take`."""
-        return take(self, piece, **options)
+    def render(self, item: WorkItem, **options: Any) -> WorkResult:
+        """Render a work item, see `render_item`."""
+        return render_item(self, item, **options)
+
+    def add(self, arrays: dict[str, np.ndarray], item: WorkItem, result: WorkResult) -> None:
+        """Add the result of a work item to the arrays of the whole film."""
+        fraction = np.float32(item.count / self.points().sample_count())
+        for name, part in result.arrays.items():
+            pixels = item.pixels(arrays[name])
+            pixels += part if fraction == 1 else fraction * part
+        arrays["not_finite"] += result.not_finite
 
     def require_memory(self, spp: int) -> None:
-        """Refuse a film that does not fit.
-
-        Raises:
-            MemoryError: One line with its size and what would fit.
-        """
+        """Refuse a film that does not fit."""
         channels = self.film.shape[3]
         folds = 2 if spp > MAX_ADDED else 1
         copies = folds * (2 if self.plan.splats else 1)
-        scatter = 2 * channels / memory.stride(channels) if self.asked.errors else 0
+        scatter = 2 * channels / memory.stride(channels) if self.settings.errors else 0
         memory.require_film(*self.film.shape, copies=copies + scatter)
 
 
 def decide(
     plan: Plan,
-    tracer: Any,
+    tracer: TransientIntegrator,
     scene: mi.Scene,
-    asked: Asked,
+    settings: RenderSettings,
     origin: tuple[Callable[..., Job], Mapping[str, Any]],
     axis: tuple[int, float, float] | None = None,
 ) -> Job:
@@ -160,18 +161,15 @@ def decide(
 
     The arguments are as a `Job` has them; `axis` is the number, start and width [m] of the bins, if
     they were decided elsewhere.
-
-    Raises:
-        ValueError: No light can reach the window; one line.
     """
-    camera = scene.sensors()[asked.sensor]
+    camera = scene.sensors()[settings.sensor]
     if axis is not None:
         film, profile, arrivals = transient_film(camera.film(), *axis), None, None
     else:
-        film, profile, arrivals = film_of_light(plan, tracer, camera, asked)
+        film, profile, arrivals = film_of_light(plan, tracer, camera, settings)
         check_window(film, arrivals, profile)
-    job = Job(plan, tracer, scene, asked, film, profile, arrivals, origin)
-    if asked.errors:
+    job = Job(plan, tracer, scene, settings, film, profile, arrivals, origin)
+    if settings.errors:
         parts_of(whole(job).count)
     return job
 
@@ -184,15 +182,16 @@ def carry_out(
 ) -> xr.Dataset:
     """Take all samples of a job; arguments, result and errors are as for `render`."""
     first = 0 if resume is None else _samples_of(resume)
-    piece = whole(job, first)
-    job.require_memory(piece.count)
+    item = whole(job, first)
+    job.require_memory(item.count)
     if resume is not None:
         check_resume(resume, job)
-    taken = take(job, piece, checkpoint=Checkpoint.of(checkpoint), resumed=first, progress=progress)
-    if taken.done < piece.count:
-        said = f"returning {taken.done} of {piece.count} samples per pixel"
-        warnings.warn(f"interrupted: {said}", stacklevel=3)
-    return told(job, labelled(job, taken, taken.done == piece.count, resume))
+    checkpoint = Checkpoint.of(checkpoint)
+    result = render_item(job, item, checkpoint=checkpoint, resumed=first, progress=progress)
+    if result.done < item.count:
+        what = f"returning {result.done} of {item.count} samples per pixel"
+        warnings.warn(f"interrupted: {what}", stacklevel=3)
+    return _dataset_of(job, result, result.done == item.count, resume)
 
 
 def collect(
@@ -201,126 +200,104 @@ def collect(
     checkpoint: Checkpoint | str | PathLike[str] | None = None,
     progress: bool = True,
 ) -> xr.Dataset:
-    """Have a job done by workers, and its film put together here.
-
-    Raises:
-        KeyboardInterrupt: It was stopped; one line.
-        ConnectionError: The scheduler was lost; likewise.
-    """
+    """Have a job done by workers, and its film put together here."""
     workers = check_client(client)
-    if job.plan.splats and job.asked.errors:
+    if job.plan.splats and job.settings.errors:
         raise ValueError("errors = True: must be False with a client for light that lands anywhere")
-    all_of_it, checkpoint = whole(job), Checkpoint.of(checkpoint)
-    job.require_memory(all_of_it.count)
-    if checkpoint is not None:  # The pieces are those that were begun with
+    count, checkpoint = whole(job).count, Checkpoint.of(checkpoint)
+    job.require_memory(count)
+    if checkpoint is not None:  # The work items are those that were begun with
         workers = int(checkpoint.recipe().get("workers", workers))
     if job.plan.splats:
-        pieces = ranges(job, workers)
+        items = sample_ranges(job, workers)
     else:
-        pieces = tiles(job, tile_size(job.film.shape, TILE_BYTES, workers))
+        items = tiles(job, tile_size(job.film.shape, workers))
     height, width, _, channels = job.film.shape
-    shapes = {"transient": job.film.shape, "steady": (height, width, channels)}
-    names = [*shapes, *(f"{name}_error" for name in shapes)] if job.asked.errors else list(shapes)
-    films: dict[str, np.ndarray] = {
-        n: np.zeros(shapes[n.removesuffix("_error")], np.float32) for n in names
-    }
-    films["not_finite"] = np.zeros(1, int)
+    arrays = {}
+    for suffix in ("", "_error") if job.settings.errors else ("",):
+        arrays[f"transient{suffix}"] = np.zeros(job.film.shape, np.float32)
+        arrays[f"steady{suffix}"] = np.zeros((height, width, channels), np.float32)
+    arrays["not_finite"] = np.zeros(1, int)
+    recipe = job.all_of_it | {"spp": count, "workers": workers}
     start = time.perf_counter()
-
-    def place(piece: Piece, taken: Taken) -> None:
-        share = np.float32(piece.count / all_of_it.count)
-        for name, part in taken.arrays.items():
-            its = piece.of(films[name])
-            its += part if share == 1 else share * part
-        films["not_finite"] += taken.not_finite
-
-    collect_pieces(
-        partial(pieces_by_workers, client, job),
-        pieces,
-        place,
-        films,
-        recipe=job.all_of_it | {"spp": all_of_it.count, "workers": workers},
-        unit="pieces",
-        checkpoint=checkpoint,
-        progress=progress,
-    )
+    store = ArrayStore(job, items, arrays, recipe, "pieces", checkpoint)
+    store.collect(render_by_workers(client, job, store.left), progress)
     seconds = time.perf_counter() - start
-    errors = {name: films[f"{name}_error"] for name in shapes} if job.asked.errors else {}
-    found = films["steady"], films["transient"]
-    taken = Taken(*found, all_of_it.count, int(films["not_finite"][0]), seconds, errors)
-    return told(job, labelled(job, taken, True))
+    not_finite = int(arrays.pop("not_finite")[0])
+    return _dataset_of(job, WorkResult(arrays, count, not_finite, seconds), complete=True)
 
 
-def told(job: Job, dataset: xr.Dataset) -> xr.Dataset:
-    """The same, with a warning of what is missing in it."""
-    warn_not_finite(dataset.attrs["contributions_not_finite"], stacklevel=5)
-    if dataset.attrs["complete"] and job.arrivals is not None:
-        outside = dataset.attrs["energy_outside_window"]
-        warn_of_losses(job.film, outside, job.arrivals, job.profile, job.mend, stacklevel=5)
-    return dataset
-
-
-def labelled(
-    job: Job, taken: Taken, complete: bool, resume: xr.Dataset | None = None
+def _dataset_of(
+    job: Job, result: WorkResult, complete: bool, resume: xr.Dataset | None = None
 ) -> xr.Dataset:
-    """The Dataset of what was taken of a whole film, and of what an earlier render had."""
+    """The Dataset of a whole film and of an earlier render; warns of what is missing in it."""
     first = 0 if resume is None else _samples_of(resume)
-    arrays = taken.arrays
-    seconds, not_finite = taken.seconds, taken.not_finite
+    arrays = result.arrays
+    seconds, not_finite = result.seconds, result.not_finite
     if resume is not None:
-        share = np.float32(first / (first + taken.done))
+        earlier_part = np.float32(first / (first + result.done))
         for name, array in arrays.items():
             earlier = resume[name].values.reshape(array.shape)
             if name.endswith("_error"):
-                array[:] = np.hypot(share * earlier, (1 - share) * array)
+                array[:] = np.hypot(earlier_part * earlier, (1 - earlier_part) * array)
             else:
-                array += share * (earlier - array)
+                array += earlier_part * (earlier - array)
         seconds += resume.attrs["render_seconds"]
         not_finite += int(resume.attrs.get("contributions_not_finite", 0))
     colours = job.film.base_channels_count()  # Of S0, the others may be negative
-    steady, transient = (arrays[name][..., :colours] for name in ("steady", "transient"))
-    total = float(np.sum(steady, dtype=np.float64))
-    outside = 1 - float(np.sum(transient, dtype=np.float64)) / total if total else 0.0
-    outside = min(max(outside, 0.0), 1.0)
-    attrs = job.recipe | {
-        "scene": job.asked.name,
-        "spp": first + taken.done,
-        "energy_outside_window": outside,
+    steady, transient = (
+        float(np.sum(arrays[name][..., :colours], dtype=np.float64))
+        for name in ("steady", "transient")
+    )
+    attrs = render_attributes(job, steady, transient) | {
+        "spp": first + result.done,
         "complete": int(complete),
         "contributions_not_finite": not_finite,
         "render_seconds": seconds,
     }
+    warn_of_missing(job, attrs, stacklevel=5)
     return transient_dataset(arrays, job.film, attrs)
 
 
-# ------------------------------------------------------------------------------- its parts
+def render_attributes(job: Job, steady: float, transient: float) -> dict[str, Any]:
+    """Attributes of a Dataset, by the sums of its variables, but for what its samples took."""
+    outside = 1 - transient / steady if steady else 0.0
+    return job.recipe | {
+        "scene": job.settings.scene_label,
+        "energy_outside_window": min(max(outside, 0.0), 1.0),
+    }
+
+
+def warn_of_missing(job: Job, attrs: Mapping[str, Any], stacklevel: int) -> None:
+    """Warn of contributions and of energy that are missing in a render with these attributes."""
+    warn_not_finite(attrs["contributions_not_finite"], stacklevel=stacklevel + 1)
+    if attrs["complete"] and job.arrivals is not None:
+        outside = attrs["energy_outside_window"]
+        warn_of_losses(job.film, outside, job.arrivals, job.profile, job.mend, stacklevel + 1)
 
 
 def film_of_light(
-    plan: Plan, tracer: Any, camera: mi.Sensor, asked: Asked
-) -> tuple[Any, Pulse | None, Arrivals]:
-    """The film with its window.
-
-    Returns:
-        The film, the pulse that it sees, and when light arrives.
-    """
+    plan: Plan, tracer: TransientIntegrator, camera: mi.Sensor, settings: RenderSettings
+) -> tuple[TransientHDRFilm, Pulse | None, Arrivals]:
+    """The film with its window, the pulse that it sees, and when light arrives."""
     exposure = tracer.exposure()
-    film = windowed_film(camera.film(), *asked.timing)
+    film = windowed_film(camera.film(), *settings.time_axis)
     profile = seen_pulse(film, exposure)  # Refuses what does not fit together
-    arrivals = find_arrivals(plan, camera, film, LOOKING)
-    if is_auto(asked.window):
+    arrivals = find_arrivals(plan, camera, film, ARRIVALS_SEED)
+    if is_auto(settings.window):
+        allowed = "must be (start, stop) in metres"
         if not arrivals.any:
-            raise ValueError("window = 'auto': no light found; must be (start, stop) in metres")
+            raise ValueError(f"window = 'auto': no light found; {allowed}")
         if arrivals.energy[-1] > 0:
-            said = f"light arrives after more than {LAST_OPL:g} m, which no window holds"
-            raise ValueError(f"window = 'auto': {said}; must be (start, stop) in metres")
-        film = windowed_film(camera.film(), arrivals.window(tracer.pulse), asked.bins)
+            late = f"light arrives after more than {LAST_OPL:g} m, which no window holds"
+            raise ValueError(f"window = 'auto': {late}; {allowed}")
+        film = windowed_film(camera.film(), arrivals.window(tracer.pulse), settings.bins)
         profile = seen_pulse(film, exposure)  # A filter's width is known when that of a bin is
-        film = windowed_film(camera.film(), arrivals.window(profile), asked.bins)
+        film = windowed_film(camera.film(), arrivals.window(profile), settings.bins)
     return film, profile, arrivals
 
 
-def sampler_for(camera: mi.Sensor, sampler: Any, spp: int | None, first: int = 0) -> mi.Sampler:
+def sampler_for(camera: mi.Sensor, sampler: object, spp: int | None, first: int = 0) -> mi.Sampler:
     """The sampler to use, its sample count set to what is missing after `first` samples."""
     given = sampler if isinstance(sampler, mi.Sampler) else camera.sampler()
     count = given.sample_count() if spp is None else spp
@@ -335,10 +312,6 @@ def sampler_for(camera: mi.Sensor, sampler: Any, spp: int | None, first: int = 0
     return mi.load_dict({"type": plugins.own_name(kind), "sample_count": count - first})
 
 
-def _sampler_name(sampler: mi.Sampler) -> str:
-    return sampler.class_name() if type(sampler) is mi.Sampler else type(sampler).__name__
-
-
 def _samples_of(resume: Any) -> int:
     """Samples per pixel of a Dataset to go on from."""
     try:
@@ -351,11 +324,7 @@ def _samples_of(resume: Any) -> int:
 
 
 def check_resume(resume: xr.Dataset, job: Job) -> None:
-    """Refuse to go on with a render that was made in another way.
-
-    Raises:
-        ValueError: One line that names what differs.
-    """
+    """Refuse to go on with a render that was made in another way."""
     for name, value in job.recipe.items():
         its = resume.attrs.get(name)
         if its != value:
@@ -363,7 +332,7 @@ def check_resume(resume: xr.Dataset, job: Job) -> None:
     for name, value in coordinates(job.film).items():
         if not np.array_equal(resume[name].values, value):
             raise ValueError(f"resume: its coordinate {name} differs; must be that of this render")
-    errors = job.asked.errors
+    errors = job.settings.errors
     if errors != ("transient_error" in resume):
         has = "no errors" if errors else "errors"
         raise ValueError(f"resume: has {has}; must be as asked for, errors = {errors}")

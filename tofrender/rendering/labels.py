@@ -42,7 +42,7 @@ AXES: dict[str, dict[str, str]] = {
     "s": {"units": "1", "long_name": "vertices from a light"},
     "t": {"units": "1", "long_name": "vertices from the lens"},
 }
-"""What coordinates are."""
+"""Units and names of coordinates."""
 
 VARIABLES: dict[str, dict[str, str]] = {
     "sensor_grid": {"units": "m", "long_name": "points looked at"},
@@ -61,7 +61,7 @@ VARIABLES: dict[str, dict[str, str]] = {
     "frame_origin": {"units": "m", "long_name": "origin of the volume"},
     "frame_axes": {"units": "1", "long_name": "axes of the volume"},
 }
-"""What variables are, but for light, which the Dataset's attributes say."""
+"""Those of variables, but for light, which the Dataset's attributes say."""
 
 
 def labels_of(name: str, attrs: Mapping[str, Any]) -> dict[str, str]:
@@ -99,11 +99,7 @@ def with_time(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def check_time(dataset: xr.Dataset) -> None:
-    """Refuse a Dataset whose times are not those of its lengths.
-
-    Raises:
-        ValueError: One line that says how to mend it.
-    """
+    """Refuse a Dataset whose times are not those of its lengths."""
     if TIME not in dataset.coords:
         return
     time, opl = (np.asarray(dataset[name].values, np.float64) for name in (TIME, "opl"))

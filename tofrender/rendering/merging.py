@@ -21,7 +21,6 @@ OWN = {
 }
 """Attributes in which renders that are joined may differ."""
 
-
 MOST_SPP = 1 << 48
 """Samples per pixel of a render that was itself joined."""
 
@@ -64,13 +63,13 @@ def merge(renders: Sequence[xr.Dataset]) -> xr.Dataset:
             raise ValueError(f"renders[{number}]: {error}") from None
     _check_alike(renders)
     counts = np.array([int(render.attrs["spp"]) for render in renders])
-    shares = (counts / counts.sum()).astype(np.float32)
+    weights = (counts / counts.sum()).astype(np.float32)
     variables: dict[str, Any] = {}
     for name in DIMS:
         dims, parts = renders[0][name].dims, [render[name].data for render in renders]
-        mean = sum(share * part for share, part in zip(shares, parts, strict=True))
+        mean = sum(weight * part for weight, part in zip(weights, parts, strict=True))
         variables[name] = (dims, mean)
-        error = _error(name, renders, parts, mean, shares)
+        error = _error(name, renders, parts, mean, weights)
         if error is not None:
             variables[f"{name}_error"] = (dims, error)
     first, attrs = renders[0], dict(renders[0].attrs)
@@ -79,7 +78,7 @@ def merge(renders: Sequence[xr.Dataset]) -> xr.Dataset:
         "spp": int(counts.sum()),
         "seed": ", ".join(str(render.attrs["seed"]) for render in renders),
         "complete": int(all(render.attrs["complete"] for render in renders)),
-        "energy_outside_window": float(np.dot(shares, outside)),
+        "energy_outside_window": float(np.dot(weights, outside)),
     }
     for name in ("render_seconds", "contributions_not_finite"):
         attrs[name] = sum(render.attrs.get(name, 0) for render in renders)
@@ -99,16 +98,16 @@ def _check_numbers(attrs: Mapping[str, Any]) -> None:
 
 
 def _error(
-    name: str, renders: list[Any], parts: list[Any], mean: Any, shares: np.ndarray
+    name: str, renders: list[Any], parts: list[Any], mean: Any, weights: np.ndarray
 ) -> Any | None:
     """Standard error of a mean: from those of the parts, or from their scatter."""
     if all(f"{name}_error" in render for render in renders):
         errors = [render[f"{name}_error"].data for render in renders]
-        return np.sqrt(sum((w * e) ** 2 for w, e in zip(shares, errors, strict=True)))
+        return np.sqrt(sum((w * e) ** 2 for w, e in zip(weights, errors, strict=True)))
     if len(parts) < 4:
         return None
-    # Each part's variance goes as 1 / share: all weighted squares estimate the same
-    scatter = sum(w * (part - mean) ** 2 for w, part in zip(shares, parts, strict=True))
+    # Each part's variance goes as 1 / weight: all weighted squares estimate the same
+    scatter = sum(w * (part - mean) ** 2 for w, part in zip(weights, parts, strict=True))
     return np.sqrt(scatter / np.float32(len(parts) - 1))
 
 

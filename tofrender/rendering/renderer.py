@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import fields, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any, overload
 
@@ -17,9 +17,8 @@ from ..runtime.withheld import Withheld
 from ..scenes.checking import check_scene
 from ..scenes.loading import is_steady, load_plugin, load_scene, require_light, require_sensor
 from ..scenes.packing import packed
-from ..scenes.settings import INTEGRATORS
-from .asked import Asked, either, is_auto
 from .job import Job, carry_out, collect, decide
+from .settings import INTEGRATORS, RenderSettings, either, is_auto
 from .store import check_film
 from .streaming import stream
 from .window import BINS, pulse_width_for, windowed_film
@@ -29,8 +28,11 @@ if TYPE_CHECKING:
     import xarray as xr
     from distributed import Client
 
-FILM_WORDS = {"temporal_bins", "start_opl", "bin_width_opl", "pulse_width_opl"}
-"""Settings that say when to look."""
+TIME_SETTINGS = {"temporal_bins", "start_opl", "bin_width_opl", "pulse_width_opl"}
+"""Changes of a scene that say when to look."""
+
+WITH_PARAMS = {"scene", "params", "spp", "seed", "integrator", "sensor", "progress"}
+"""Arguments that may be given with `params`."""
 
 
 @overload
@@ -107,10 +109,10 @@ def render(
 ) -> xr.Dataset | tuple[mi.TensorXf, mi.TensorXf]:
     """Render a scene in time.
 
-    The words are those of the command `tofrender render`.
+    The arguments are called as the options of the command `tofrender render`.
 
     Args:
-        scene: A built-in name, the path of a Mitsuba XML file, a dict as for `mi.load_dict`, or a
+        scene: Built-in name or path of a Mitsuba XML file; or a dict as for `mi.load_dict`, or a
             loaded scene.
         params: Parameters of a loaded scene, as of `mi.traverse(scene)`, some of which track
             gradients (`dr.enable_grad`). With them, this is `mi.render(scene, params)`, for
@@ -122,24 +124,25 @@ def render(
         size: Width and height of the picture [pixels]; by default the film's.
         bins: Number of time bins; by default the film's, and 300 of a steady one, which turns
             transient. If no more is said of time, it gets the window and the pulse "auto".
-        start_opl: Path length where they start [m]; by default the film's.
-        bin_width: Width of each [m]; by default the film's.
-        window: (start, stop) of the time bins, in metres of path; "auto" finds what holds 99.9 %
-            of the light. It takes the place of `start_opl` and `bin_width`. With `bins`, a scene
-            whose film is steady turns transient.
+        start_opl: Path length where bins start [m]; by default the film's.
+        bin_width: Width of a time bin [m]; by default the film's.
+        window: Start and stop of all bins, path length [m]; "auto" finds what holds 99.9 % of the
+            light. It is given instead of `start_opl` and `bin_width`. With `bins`, a scene whose
+            film is steady turns transient.
         pulse_width: Standard deviation of a Gaussian pulse [m]; "auto" takes a 128th of the window,
             unless the integrator has a pulse; by default the integrator's.
-        max_depth: Longest path, in segments; -1 for any. By default the integrator's.
-        integrator: A plugin name, a dict or an integrator; by default the scene's. By name or dict
-            it takes the place of the scene's while that is loaded, and what it does not say of
-            `max_depth`, `rr_depth` and `hide_emitters` stays as it is there.
-        sampler: `padded_sobol` by default, whatever the scene says: on the Cornell box, its steady
-            picture has about half the variance of Mitsuba's default. A name picks another; an
-            object is cloned, and its own `sample_count` counts if `spp` is not given.
+        max_depth: Longest path in segments, -1 for any; by default the integrator's.
+        integrator: Plugin that follows the paths: a name, a dict or an integrator; by default the
+            scene's. A name or dict replaces the scene's while that is loaded, and what it does not
+            say of `max_depth`, `rr_depth` and `hide_emitters` stays as it is there.
+        sampler: Plugin that draws the random numbers, by default `padded_sobol`, whatever the scene
+            says: on the Cornell box, its steady picture has about half the variance of Mitsuba's
+            default. A name picks another; an object is cloned, and its own `sample_count` counts if
+            `spp` is not given.
         sensor: Number of the sensor.
-        define: Values of the parameters of an XML file, by name.
-        errors: Whether to measure what is noise: the samples are taken in 16 parts (8 or 4 where
-            `spp` is no multiple of 16), each with points of its own, whose scatter tells.
+        define: Values of an XML file's parameters, by name.
+        errors: Measure the noise of each bin: the samples are taken in 16 parts (8 or 4 where `spp`
+            is no multiple of 16), each with points of its own, whose scatter tells.
         resume: A Dataset of the same render with fewer samples, stopped or complete, to go on
             from: only the samples that are missing are taken. `padded_sobol` goes on in the same
             point set.
@@ -148,13 +151,13 @@ def render(
             from it to the same result.
         out: Name of a folder that ends in .zarr. The film streams to it, tile by tile, and may be
             larger than memory. The same call goes on with the tiles of a render that was stopped.
-        workers: Number of processes here that render tiles or, for light that lands anywhere,
-            shares of the samples. The scene must be a name, a file or a dict.
-        scheduler: The address of a Dask scheduler, whose workers do so.
+        workers: Number of processes here that render tiles or, for light that lands anywhere, some
+            of the samples. The scene must be a name, a file or a dict.
+        scheduler: Address of a Dask scheduler, whose workers render.
         client: A `distributed.Client` of one.
-        progress: Whether to show a bar for work that takes long.
-        settings: More of what to change in the scene while it is loaded, keyword arguments of
-            `load_scene` by name.
+        progress: Show a bar for work that takes long.
+        settings: More changes of the scene while it is loaded, as keyword arguments of `load_scene`
+            by name.
         temporal_bins: `bins` by its old name.
 
     Returns:
@@ -164,13 +167,11 @@ def render(
         before the channels, with S0, S1, S2 and S3. Attributes say how it was made, among them
         `energy_outside_window`, the fraction of the steady energy that no bin holds. With `errors`,
         `transient_error` and `steady_error` are standard errors: the truth is within one of them in
-        2 of 3 bins that many paths reach, and less often where few do. Ctrl-C, SIGTERM and SIGHUP
-        return what is finished, with `complete` = 0 and `spp` as far as it got; a second one ends
-        it at once.
+        2 of 3 bins that many paths reach. Ctrl-C, SIGTERM and SIGHUP return what is finished, with
+        `complete` = 0 and `spp` as far as it got; a second one ends it at once.
 
-        With `params`, the pair (steady, transient) in their place, tensors of Dr.Jit's (height,
-        width, channels) and (height, width, bins, channels) of the same radiance, which track
-        gradients.
+        With `params`, the pair (steady, transient), tensors (height, width, channels) and (height,
+        width, bins, channels) of the same radiance, which track gradients.
 
     Raises:
         ValueError: An argument or the scene is wrong, or no light can reach the window.
@@ -202,65 +203,30 @@ def render(
         >>> params["green.reflectance.value"].grad.y[0] > 0
         True
     """
+    arguments = locals().copy()  # All of them, by name
     backend.require_vectorised()
     checks.boolean("progress", progress)
     if params is not None:
-        of_datasets = {
-            "size": size,
-            "bins": bins,
-            "start_opl": start_opl,
-            "bin_width": bin_width,
-            "window": window,
-            "pulse_width": pulse_width,
-            "max_depth": max_depth,
-            "sampler": sampler,
-            "define": define,
-            "errors": errors or None,
-            "resume": resume,
-            "checkpoint": checkpoint,
-            "out": out,
-            "workers": workers,
-            "scheduler": scheduler,
-            "client": client,
-            "settings": settings,
-            "temporal_bins": temporal_bins,
-        }
-        for name, value in of_datasets.items():
-            if value is not None:
+        for name, value in arguments.items():
+            if name not in WITH_PARAMS and value is not None and value is not False:
                 raise ValueError(f"{name} = {checks.shown(value)}: must be left out with `params`")
         with hidden(not progress):
-            return _attached(scene, params, spp, seed, integrator, sensor)
-    asked = Asked(
-        scene=scene,
-        spp=spp,
-        seed=seed,
-        size=size,
-        bins=either("bins", bins, temporal_bins),
-        start_opl=start_opl,
-        bin_width=bin_width,
-        window=window,
-        pulse_width=pulse_width,
-        max_depth=max_depth,
-        integrator=integrator,
-        sampler=sampler,
-        sensor=sensor,
-        define=define,
-        settings=settings,
-        errors=errors,
-    )
-    shared = check_workers(workers=workers, scheduler=scheduler, client=client)
+            return _render_attached(scene, params, spp, seed, integrator, sensor)
+    arguments["bins"] = either("bins", bins, temporal_bins)
+    record = RenderSettings(**{each.name: arguments[each.name] for each in fields(RenderSettings)})
+    by_workers = check_workers(workers=workers, scheduler=scheduler, client=client)
     if out is not None:
         check_film(out)
     if out is not None and checkpoint is not None:
         raise ValueError("checkpoint: must be left out with `out`, which keeps all tiles")
-    if resume is not None and (out is not None or shared):
+    if resume is not None and (out is not None or by_workers):
         raise ValueError("resume: must be left out with `out` and with workers; see `merge`")
-    if shared:
+    if by_workers:
         packed("scene", scene)  # Refuses what cannot be sent
     with hidden(not progress), status("Rendering"):
-        job = make_job(asked)
-        own = nullcontext(client) if client is not None else workers_for(workers, scheduler)
-        with own as client:
+        job = make_job(record)
+        given = nullcontext(client) if client is not None else workers_for(workers, scheduler)
+        with given as client:
             if out is not None:
                 return stream(job, out, client=client)
             if client is not None:
@@ -268,17 +234,14 @@ def render(
             return carry_out(job, resume, checkpoint)
 
 
-def _attached(
+def _render_attached(
     scene: Any, params: Any, spp: int | None, seed: Any, integrator: Any, sensor: int
 ) -> tuple[mi.TensorXf, mi.TensorXf]:
     """Steady and transient light that track gradients."""
     checks.instance("scene", scene, mi.Scene, "a loaded scene with `params`, as of load_scene")
     checks.instance("params", params, mi.SceneParameters, "those of mi.traverse(scene)")
-    asked = Asked(scene, spp=spp, seed=seed, integrator=integrator, sensor=sensor)
-    scene, apart = opened(asked)
-    tracer = _integrator(scene, apart)
-    if tracer.needs_lights:
-        require_light(scene)
+    settings = RenderSettings(scene, spp=spp, seed=seed, integrator=integrator, sensor=sensor)
+    scene, tracer = open_scene(settings)
     light: Any = None
     refused: BaseException | None = None
     try:
@@ -292,72 +255,68 @@ def _attached(
     return light
 
 
-def make_job(asked: Asked, axis: tuple[int, float, float] | None = None) -> Job:
+def make_job(settings: RenderSettings, axis: tuple[int, float, float] | None = None) -> Job:
     """Decide what is rendered.
 
-    Args:
-        asked: What is asked for.
-        axis: Number, start and width [m] of the bins, if they were decided elsewhere.
+    `axis` is the number, start and width [m] of the bins, if they were decided elsewhere.
     """
-    asked = suited(asked)
-    if is_auto(asked.pulse_width):
-        without = make_job(replace(asked, pulse_width=None), axis)
+    settings = suited(settings)
+    if is_auto(settings.pulse_width):
+        without = make_job(replace(settings, pulse_width=None), axis)
         width = pulse_width_for(without)
-        return without if width is None else make_job(replace(asked, pulse_width=width), axis)
-    scene, apart = opened(asked)
-    tracer = _integrator(scene, apart)
-    if tracer.needs_lights:
-        require_light(scene)
-    plan = tracer.plan(scene, scene.sensors()[asked.sensor])
-    return decide(plan, tracer, scene, asked, (_job_again, asked.words), axis)
+        return without if width is None else make_job(replace(settings, pulse_width=width), axis)
+    scene, tracer = open_scene(settings)
+    plan = tracer.plan(scene, scene.sensors()[settings.sensor])
+    return decide(plan, tracer, scene, settings, (_job_in_worker, settings.values), axis)
 
 
-def suited(asked: Asked) -> Asked:
+def _job_in_worker(axis: tuple[int, float, float], **settings: Any) -> Job:
+    """The job of these settings in a worker."""
+    return make_job(RenderSettings(**settings), axis)
+
+
+def suited(settings: RenderSettings) -> RenderSettings:
     """Add bins and a pulse that suit the light of a steady scene, if none are given.
 
-    Nothing is found yet: they are "auto".
+    They are "auto" until they are found.
     """
-    said = (asked.start_opl, asked.bin_width, asked.window, asked.pulse_width)
-    if any(value is not None for value in said) or FILM_WORDS & set(asked.settings or ()):
-        return asked
-    if isinstance(asked.scene, mi.Scene):
-        films = [sensor.film().class_name() for sensor in asked.scene.sensors()]
-        steady, pulse = set(films) == {"HDRFilm"}, None
+    given = (settings.start_opl, settings.bin_width, settings.window, settings.pulse_width)
+    if any(value is not None for value in given) or TIME_SETTINGS & set(settings.settings or ()):
+        return settings
+    if isinstance(settings.scene, mi.Scene):
+        films = {sensor.film().class_name() for sensor in settings.scene.sensors()}
+        steady, pulse = films == {"HDRFilm"}, None
     else:
-        steady, pulse = is_steady(asked.scene, asked.define or {}), "auto"
+        steady, pulse = is_steady(settings.scene, settings.define or {}), "auto"
     if not steady:
-        return asked
-    return replace(asked, window="auto", pulse_width=pulse, bins=asked.bins or BINS)
+        return settings
+    return replace(settings, window="auto", pulse_width=pulse, bins=settings.bins or BINS)
 
 
-def _job_again(axis: Any, **words: Any) -> Job:
-    """The same in a worker."""
-    return make_job(Asked(**words), axis)
-
-
-# ------------------------------------------------------------------------ before rendering
-
-
-def opened(asked: Asked) -> tuple[mi.Scene, Any]:
-    """Load and check a scene: gives it, and the integrator if that is apart."""
+def open_scene(settings: RenderSettings) -> tuple[mi.Scene, Any]:
+    """Load and check a scene, and its integrator or the one that is used instead."""
     backend.require_vectorised()
-    scene, integrator = asked.scene, asked.integrator
+    scene, integrator = settings.scene, settings.integrator
     if not isinstance(scene, mi.Scene):
         try:
-            scene = load_scene(scene, **asked.changes)
+            scene = load_scene(scene, **settings.scene_changes)
         except ValueError as error:
-            error.args = (asked.in_own_words(str(error)),)
+            error.args = (settings.translate(str(error)),)
             raise
         if isinstance(integrator, str | Mapping):
             integrator = None  # It is the scene's now
     require_sensor(scene)
     sensors = scene.sensors()
-    checks.integer("sensor", asked.sensor, 0, len(sensors) - 1)
-    follows = scene.integrator() if integrator is None else _integrator(scene, integrator)
+    checks.integer("sensor", settings.sensor, 0, len(sensors) - 1)
+    tracer = None if integrator is None else _integrator(scene, integrator)
+    follows = scene.integrator() if tracer is None else tracer
     does = {name: getattr(follows, f"follows_{name}", True) for name in ("media", "polarisation")}
-    check_scene(scene, sensors[asked.sensor], **does)  # Those of others are refused later
-    windowed_film(sensors[asked.sensor].film(), *asked.timing)  # Refuses a wrong window first
-    return scene, integrator
+    check_scene(scene, sensors[settings.sensor], **does)  # Those of others are refused later
+    windowed_film(sensors[settings.sensor].film(), *settings.time_axis)  # Refuses a wrong window
+    tracer = _integrator(scene, tracer)
+    if tracer.needs_lights:
+        require_light(scene)
+    return scene, tracer
 
 
 def _integrator(scene: mi.Scene, integrator: Any) -> Any:

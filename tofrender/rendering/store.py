@@ -1,4 +1,4 @@
-"""Films on disk: a Zarr 3 group that grows by pieces, each written once and checked.
+"""Films on disk: a Zarr 3 group that grows by work items, each written once and checked.
 
 A tile of pixels is a shard of the array `transient`, one file, in which blocks of bins can be read
 alone; every block has a CRC-32C. While a film is incomplete, receipts beside it say which tiles are
@@ -23,7 +23,7 @@ from ..runtime.progress import shown
 from .dataset import DIMS, ERRORS, check_dataset, in_channels, of_intensity, plain_attributes
 from .films_on_disk import checksum, list_files, load_zarr, require_zarr
 from .labels import TIME, labels_of
-from .pieces import TILE_BYTES, Piece, Taken, tile_size
+from .work_items import WorkItem, WorkResult, tile_size
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,7 +36,7 @@ BLOCK_BYTES = 4 << 20
 
 @dataclass
 class Receipt:
-    """What is known of a tile on disk.
+    """Checksums and sums of a tile on disk.
 
     Attributes:
         files: CRC-32C of each file, by its name.
@@ -53,11 +53,7 @@ class Receipt:
 
 
 class Store:
-    """A film on disk that is being rendered, begun by `Store.begin`.
-
-    Args:
-        folder: Where it is, with its receipts.
-    """
+    """A film on disk that is being rendered, begun by `Store.begin`."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.film, self.plan = folder, folder / FILM, self.planned(folder)
@@ -69,24 +65,12 @@ class Store:
     def begin(
         cls,
         folder: Path,
-        plan: Mapping[str, Any],
+        plan: Mapping[str, object],
         shape: tuple[int, int, int, int],
         tile: tuple[int, int],
         errors: bool = False,
     ) -> Store:
-        """Go on with a film, or begin one.
-
-        Args:
-            folder: Where it is, made if it is not there.
-            plan: All that it depends on, as JSON can hold it.
-            shape: (height, width, temporal_bins, channels).
-            tile: Rows and columns of a tile.
-            errors: Whether there are error bars.
-
-        Raises:
-            ValueError: The folder is of another render; one line that names what differs.
-            ImportError: The package zarr is missing; one line.
-        """
+        """Go on with a film, or begin one."""
         plan = json.loads(json.dumps(dict(plan) | {"shape": shape, "tile": tile, "errors": errors}))
         found = cls.planned(folder)
         if found:
@@ -104,7 +88,7 @@ class Store:
 
     @staticmethod
     def planned(folder: Path) -> dict[str, Any]:
-        """What a film that was begun is of; nothing if there is none."""
+        """Recipe of a film that was begun, empty if there is none."""
         try:
             return dict(json.loads((folder / RECEIPTS / PLAN).read_text()))
         except (OSError, ValueError, TypeError):
@@ -113,82 +97,62 @@ class Store:
     def _group(self) -> Any:
         return require_zarr().open_group(self.film, mode="r+", zarr_format=3)
 
-    # ------------------------------------------------------------------------------- pieces
-
-    def put(self, piece: Piece, taken: Taken) -> Receipt:
-        """Write a piece that is finished, whole tiles.
-
-        Raises:
-            OSError: There is no room; one line. What was written before stays.
-        """
-        place = np.s_[piece.y : piece.y + piece.height, piece.x : piece.x + piece.width]
-        for name in self._files(piece):  # Zarr would read what is damaged before it writes
+    def write(self, item: WorkItem, result: WorkResult) -> Receipt:
+        """Write the result of a work item, whole tiles."""
+        for name in self._files(item):  # Zarr would read what is damaged before it writes
             (self.film / name).unlink()
         try:
-            for name, array in taken.arrays.items():
-                self._arrays[name][place] = array
+            pixels = np.s_[item.y : item.y + item.height, item.x : item.x + item.width]
+            for name, array in result.arrays.items():
+                self._arrays[name][pixels] = array
         except OSError as error:
             if error.errno not in atomic.DISK_FULL:
                 raise
-            raise atomic.disk_full(self.folder, taken.transient.nbytes) from None
+            raise atomic.disk_full(self.folder, result.arrays["transient"].nbytes) from None
         files = {}
-        for name in self._files(piece):
+        for name in self._files(item):
             atomic.to_disk(self.film / name)
             files[name] = checksum(self.film / name)
-        receipt = Receipt(
-            files,
-            float(of_intensity(taken.steady).sum(dtype=np.float64)),
-            float(of_intensity(taken.transient).sum(dtype=np.float64)),
-            taken.not_finite,
-            taken.seconds,
+        steady, transient = (
+            float(of_intensity(result.arrays[name]).sum(dtype=np.float64))
+            for name in ("steady", "transient")
         )
-        with atomic.replacing(self._receipt(piece)) as file:
+        receipt = Receipt(files, steady, transient, result.not_finite, result.seconds)
+        with atomic.replacing(self._receipt(item)) as file:
             file.write_text(json.dumps(asdict(receipt)))
         return receipt
 
-    def receipt(self, piece: Piece) -> Receipt | None:
-        """The receipt of a piece that is there and undamaged.
-
-        Warns:
-            UserWarning: It is damaged.
-        """
-        path = self._receipt(piece)
+    def receipt(self, item: WorkItem) -> Receipt | None:
+        """The receipt of a work item that is there and undamaged."""
+        path = self._receipt(item)
         if not path.exists():
             return None
         try:
             receipt = Receipt(**json.loads(path.read_text()))
-            whole = all(checksum(self.film / n) == crc for n, crc in receipt.files.items())
+            if all(checksum(self.film / name) == crc for name, crc in receipt.files.items()):
+                return receipt
         except (OSError, ValueError, TypeError):
-            whole, receipt = False, None
-        if not whole:
-            warnings.warn(f"{path.stem} of {self.folder}: is damaged, rendering it", stacklevel=2)
-            return None
-        return receipt
+            pass
+        warnings.warn(f"{path.stem} of {self.folder}: is damaged, rendering it", stacklevel=2)
+        return None
 
-    def checkpoint_path(self, piece: Piece) -> Path:
-        """Where the checkpoint of a piece under way goes."""
-        return self._receipt(piece).with_suffix(".npz")
+    def checkpoint_path(self, item: WorkItem) -> Path:
+        """Name of the checkpoint of a work item under way."""
+        return self._receipt(item).with_suffix(".npz")
 
-    def _receipt(self, piece: Piece) -> Path:
-        return self.folder / RECEIPTS / f"tile {piece.y} {piece.x}.json"
+    def _receipt(self, item: WorkItem) -> Path:
+        return self.folder / RECEIPTS / f"tile {item.y} {item.x}.json"
 
-    def _files(self, piece: Piece) -> list[str]:
-        """Names of the files that hold a piece; one that would hold zeros alone is not there."""
+    def _files(self, item: WorkItem) -> list[str]:
+        """Names of the files that hold a work item; those of zeros alone are not there."""
         rows, columns = self.tile
-        tiles = [
-            (y // rows, x // columns)
-            for y in range(piece.y, piece.y + piece.height, rows)
-            for x in range(piece.x, piece.x + piece.width, columns)
-        ]
         names = [
-            f"{array}/c/{y}/{x}/{rest}"
-            for y, x in tiles
+            "/".join([array, "c", str(y), str(x), *("0" for _ in (DIMS | ERRORS)[array][2:])])
+            for y in range(item.y // rows, -(-(item.y + item.height) // rows))
+            for x in range(item.x // columns, -(-(item.x + item.width) // columns))
             for array in self._arrays
-            for rest in ("/".join("0" for _ in (DIMS | ERRORS)[array][2:]),)
         ]
         return [name for name in names if (self.film / name).exists()]
-
-    # ---------------------------------------------------------------------------- the end
 
     def finish(
         self,
@@ -263,35 +227,27 @@ def save_zarr(dataset: xr.Dataset, path: str | os.PathLike[str]) -> xr.Dataset:
     dataset = in_channels(dataset)
     check_dataset(dataset)
     target = check_film(path, "path")
-    height, width, bins, channels = dataset["transient"].shape
-    rows, columns = tile = tile_size((height, width, bins, channels), TILE_BYTES)
+    shape: Any = dataset["transient"].shape
+    rows, columns = tile = tile_size(shape)
     errors = "transient_error" in dataset
     with atomic.locked(target):
         folder = under_way(target)
         atomic.remove(folder)
-        store = Store.begin(folder, {}, (height, width, bins, channels), tile, errors)
-        for y in range(0, height, rows):
-            for x in range(0, width, columns):
+        store = Store.begin(folder, {}, shape, tile, errors)
+        for y in range(0, shape[0], rows):
+            for x in range(0, shape[1], columns):
                 part = dataset.isel(y=slice(y, y + rows), x=slice(x, x + columns))
-                values = {str(name): part[name].values for name in part.data_vars}
-                piece = Piece(y, x, part.sizes["y"], part.sizes["x"], 0, 1)
-                found = {n: values[f"{n}_error"] for n in DIMS} if errors else {}
-                taken = Taken(values["steady"], values["transient"], 1, 0, 0.0, found)
-                store.put(piece, taken)
+                arrays = {str(name): part[name].values for name in part.data_vars}
+                item = WorkItem(y, x, part.sizes["y"], part.sizes["x"], 0, 1)
+                store.write(item, WorkResult(arrays, 1))
         coordinates = {axis: dataset[axis].values for axis in DIMS["transient"]}
         labels = {str(name): plain_attributes(each) for name, each in dataset.variables.items()}
         store.finish(coordinates, plain_attributes(dataset), target, labels)
     return load_zarr(target)
 
 
-def check_film(out: Any, name: str = "out") -> Path:
-    """Refuse a place where no film can stream to.
-
-    Raises:
-        ValueError: No name of a folder that ends in .zarr; one line.
-        FileExistsError: There is something; one line.
-        PermissionError: The place is not writable; one line.
-    """
+def check_film(out: object, name: str = "out") -> Path:
+    """Refuse a name that a film cannot stream to."""
     target = checks.path(name, out)
     if target.suffix != SUFFIX:
         raise ValueError(f"{name} = {out}: must be the name of a folder that ends in {SUFFIX}")
@@ -302,7 +258,7 @@ def check_film(out: Any, name: str = "out") -> Path:
 
 
 def under_way(out: str | os.PathLike[str]) -> Path:
-    """Where a film that streams to `out` is until it is finished."""
+    """Folder of a film that streams to `out`, until it is finished."""
     return atomic.hidden(out, ".film")
 
 

@@ -1,7 +1,8 @@
-"""What each strategy of bidirectional path tracing finds: pictures in a pyramid."""
+"""Pyramid of pictures, one by each strategy of bidirectional path tracing."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from os import PathLike
 from typing import TYPE_CHECKING, Any
@@ -13,23 +14,27 @@ from ..films.recording import recording, warn_not_finite
 from ..integrators.passes import steps
 from ..runtime import backend, checks, memory
 from ..runtime.progress import progress_bar
-from ..scenes.loading import load_plugin, require_light
-from .asked import Asked, either
-from .dataset import coordinates
+from ..scenes.loading import load_plugin
+from .dataset import DIMS, coordinates
 from .job import film_of_light, sampler_for
 from .labels import labelled
-from .renderer import opened
+from .renderer import open_scene
+from .settings import RenderSettings, either
 from .window import check_window, windowed_film
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from ..films.transient import TransientHDRFilm
+    from ..integrators.base import TransientIntegrator
+
 KIND = "transient_bdpt"
 DEFAULT_DEPTH = 4
-KEPT = ("rr_depth", "hide_emitters")
-"""What stays as the scene's integrator has it."""
+OWN = ("rr_depth", "hide_emitters")
+"""Parameters that stay as the scene's integrator has them."""
 
-GIVEN = ("type", "strategy", "mis", "camera_connections")  # These are what a pyramid is about
+VARIED = ("type", "strategy", "mis", "camera_connections")
+"""Parameters that a pyramid chooses."""
 
 
 def strategy_pyramid(
@@ -92,75 +97,70 @@ def strategy_pyramid(
     backend.require_unpolarised()
     bins = either("bins", bins, temporal_bins)
     kind = {"type": KIND, "max_depth": max_depth}
-    asked = Asked(scene, spp, seed, size, bins, window=window, integrator=kind, sensor=sensor)
+    settings = RenderSettings(
+        scene, spp, seed, size, bins, window=window, integrator=kind, sensor=sensor
+    )
     checks.one_of("mis", mis, ("power", "balance"))
     checks.boolean("progress", progress)
     shared = checks.mapping("parameters", parameters)
-    for name in GIVEN:
+    for name in VARIED:
         if name in shared:
             raise ValueError(f"parameters with {name!r}: must be others, a pyramid gives this one")
     shared |= kind
     load_plugin("integrator", shared | {"mis": mis})  # Refuses wrong parameters
-    scene, _ = opened(asked)
+    scene, _ = open_scene(settings)
     own = scene.integrator()
-    shared = {name: getattr(own, name) for name in KEPT if hasattr(own, name)} | shared
+    shared = {name: getattr(own, name) for name in OWN if hasattr(own, name)} | shared
     tracer = load_plugin("integrator", shared | {"mis": mis})
-    require_light(scene)
     camera = scene.sensors()[sensor]
     plan = tracer.plan(scene, camera)
-    film, profile, arrivals = film_of_light(plan, tracer, camera, asked)
+    film, profile, arrivals = film_of_light(plan, tracer, camera, settings)
     check_window(film, arrivals, profile)
     points = sampler_for(camera, None, spp)
     strategies = [
         (s, segments + 1 - s) for segments in range(1, max_depth + 1) for s in range(segments + 1)
     ]
     memory.require_film(*film.shape, copies=2 * len(strategies) + 2)
-    found: dict[str, list[np.ndarray]] = {"steady": [], "transient": []}
+    steady, transient = [], []
     total = 2 * len(strategies)
     with progress_bar("Rendering", total, unit="picture", enabled=progress) as bar:
-        for weighting in (mis, "none"):
-            for s, t in strategies:
-                alone = shared | {"mis": weighting, "strategy": f"{s},{t}"}
-                steady, transient = _picture(
-                    *(load_plugin("integrator", alone), scene, camera, film, points, seed)
-                )
-                found["steady"].append(steady)
-                found["transient"].append(transient)
-                bar.update(1)
-    pyramid = xr.Dataset(
-        {
-            what: (
-                ("weighting", "strategy", "y", "x", *axes, "channel"),
-                np.stack(pictures).reshape(2, len(strategies), *pictures[0].shape),
-            )
-            for what, axes, pictures in (
-                ("transient", ("opl",), found["transient"]),
-                ("steady", (), found["steady"]),
-            )
-        },
-        coords=coordinates(film)
-        | {
-            "weighting": ["mis", "none"],
-            "strategy": [f"{s},{t}" for s, t in strategies],
-            "s": ("strategy", [s for s, _ in strategies]),
-            "t": ("strategy", [t for _, t in strategies]),
-        },
-        attrs={
-            "scene": asked.name,
-            "units": "W m^-2 sr^-1",
-            "start_opl": film.start_opl,
-            "bin_width_opl": film.bin_width_opl,
-            "max_depth": max_depth,
-            "mis": mis,
-            "spp": points.sample_count(),
-            "seed": seed,
-        },
-    )
-    return labelled(pyramid)
+        for weighting, (s, t) in itertools.product((mis, "none"), strategies):
+            alone = shared | {"mis": weighting, "strategy": f"{s},{t}"}
+            tracer = load_plugin("integrator", alone)
+            picture = _picture(tracer, scene, camera, film, points, seed)
+            steady.append(picture[0])
+            transient.append(picture[1])
+            bar.update(1)
+    variables = {}
+    for name, pictures in (("transient", transient), ("steady", steady)):
+        stacked = np.stack(pictures).reshape(2, len(strategies), *pictures[0].shape)
+        variables[name] = ("weighting", "strategy", *DIMS[name]), stacked
+    strategy = {
+        "weighting": ["mis", "none"],
+        "strategy": [f"{s},{t}" for s, t in strategies],
+        "s": ("strategy", [s for s, _ in strategies]),
+        "t": ("strategy", [t for _, t in strategies]),
+    }
+    attrs = {
+        "scene": settings.scene_label,
+        "units": "W m^-2 sr^-1",
+        "start_opl": film.start_opl,
+        "bin_width_opl": film.bin_width_opl,
+        "max_depth": max_depth,
+        "mis": mis,
+        "spp": points.sample_count(),
+        "seed": seed,
+    }
+    return labelled(xr.Dataset(variables, coordinates(film) | strategy, attrs))
 
 
 def _picture(
-    tracer: Any, scene: mi.Scene, camera: mi.Sensor, film: Any, points: mi.Sampler, seed: int
+    tracer: TransientIntegrator,
+    scene: mi.Scene,
+    camera: mi.Sensor,
+    film: TransientHDRFilm,
+    points: mi.Sampler,
+    seed: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The steady and the transient picture of a strategy, on a film like `film`."""
     window = film.start_opl, film.end_opl()

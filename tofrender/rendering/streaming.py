@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..films.recording import warn_not_finite
-from ..integrators.running import stopped
 from ..runtime import atomic, memory
 from ..runtime.checkpoints import Checkpoint
-from ..runtime.progress import EVERY_S, deferred_stop, progress_bar
+from ..runtime.progress import EVERY_S, deferred_stop
 from .dataset import channel_coordinates
 from .films_on_disk import load_zarr
-from .pieces import TILE_BYTES, Piece, tile_size, tiles, whole
+from .job import render_attributes, warn_of_missing
 from .store import Receipt, Store, check_film, under_way
-from .window import warn_of_losses
-from .workers import check_client, pieces_by_workers
+from .work_items import ResultStore, WorkItem, tile_size, tiles, whole
+from .workers import check_client, render_by_workers
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -27,35 +25,36 @@ if TYPE_CHECKING:
     from .job import Job
 
 
+class FilmStore(ResultStore[WorkItem, Receipt]):
+    """Keeps the receipts of work items whose results are in a film on disk."""
+
+    def __init__(self, items: list[WorkItem], film: Store, again: str) -> None:
+        super().__init__(items, "tiles", again)
+        found = {item: film.receipt(item) for item in items}
+        self.receipts = {item: receipt for item, receipt in found.items() if receipt is not None}
+        self.finished.update(self.receipts)
+
+    def put(self, item: WorkItem, result: Receipt) -> None:
+        """Keep the receipt of an item that is on disk."""
+        self.receipts[item] = result
+
+    def save(self, force: bool = False) -> None:
+        """Do nothing: the film and its receipts are on disk."""
+
+
 def stream(
     job: Job,
     out: str | os.PathLike[str],
     *,
     client: Client | None = None,
     seconds: float = EVERY_S,
-    tell: Any = print,
+    tell: Callable[[str], None] = print,
     again: str = "",
     progress: bool = True,
 ) -> xr.Dataset:
-    """Render a job to disk, tile by tile.
+    """Render a job to disk, tile by tile; the same call goes on with those that are finished.
 
-    Args:
-        job: The render.
-        out: Name of the folder, which appears when all is done. A call for the same job goes on
-            with the tiles of one that was stopped or killed.
-        client: Workers, which see the folder too; this process alone by default.
-        seconds: Time between savings of a tile under way, where no worker renders it [s].
-        tell: Is called with a line that says what is gone on with.
-        again: How to go on, for the message of a render that was stopped.
-        progress: Whether to show a bar for work that takes more than two seconds.
-
-    Returns:
-        The film, read from disk when its values are used.
-
-    Raises:
-        KeyboardInterrupt: The render was stopped; one line that says how to go on.
-        ConnectionError: The scheduler of the workers was lost; likewise.
-        OSError: The disk is full; finished tiles stay.
+    A tile under way is saved every `seconds`. `tell` is called with lines on what is done.
     """
     if client is not None and job.plan.splats:
         raise ValueError("client: must be left out, light lands on all tiles; see `render`")
@@ -63,50 +62,33 @@ def stream(
     shape = job.film.shape
     workers = 1 if client is None else check_client(client)
     with atomic.locked(target, "out"):
-        _require_room(folder, shape, 2 if job.asked.errors else 1)
-        store = _begun(job, folder, workers)
-        planned = [whole(job)] if job.plan.splats else tiles(job, store.tile)
-        receipts = {piece: store.receipt(piece) for piece in planned}
-        left = [piece for piece in planned if receipts[piece] is None]
-        rows, columns = store.tile
-        plan = f"{len(planned)} tiles of {rows} x {columns} pixels"
-        if len(planned) > 1 or client is not None:
+        _require_room(folder, shape, 2 if job.settings.errors else 1)
+        film = _begun(job, folder, workers)
+        rows, columns = film.tile
+        items = [whole(job)] if job.plan.splats else tiles(job, film.tile)
+        results = FilmStore(items, film, again or f"the same call goes on with {folder}")
+        if len(items) > 1 or client is not None:
+            size = atomic.readable(memory.film_bytes(rows, columns, *shape[2:]))
             by = "" if client is None else f", {workers} workers"
-            tell(
-                f"{plan}, {atomic.readable(memory.film_bytes(rows, columns, *shape[2:]))} each{by}"
-            )
-        if len(left) < len(planned):
-            tell(f"resuming from {len(planned) - len(left)} of {len(planned)} tiles")
-        done = (
-            _here(job, store, left, seconds)
-            if client is None
-            else pieces_by_workers(client, job, left, folder)
-        )
-        with progress_bar("Rendering", len(planned), unit="tile", enabled=progress) as bar:
-            bar.update(len(planned) - len(left))
-            try:
-                for piece, receipt in done:
-                    receipts[piece] = receipt
-                    bar.update()
-            except (KeyboardInterrupt, ConnectionError) as error:
-                count = sum(receipt is not None for receipt in receipts.values())
-                on = again or f"the same call goes on with {folder}"
-                raise stopped(error, count, len(planned), "tiles", on) from None
-        attrs = _attributes(job, [receipt for receipt in receipts.values() if receipt])
-        store.finish(channel_coordinates(job.film), attrs, target)
-    warn_not_finite(attrs["contributions_not_finite"])
-    if job.arrivals is not None:
-        warn_of_losses(job.film, attrs["energy_outside_window"], job.arrivals, job.profile)
+            tell(f"{len(items)} tiles of {rows} x {columns} pixels, {size} each{by}")
+        if results.finished:
+            tell(f"resuming from {len(results.finished)} of {len(items)} tiles")
+        if client is None:
+            done = _render_here(job, film, results.left, seconds)
+        else:
+            done = render_by_workers(client, job, results.left, folder)
+        results.collect(done, progress)
+        attrs = _attributes(job, list(results.receipts.values()))
+        film.finish(channel_coordinates(job.film), attrs, target)
+    warn_of_missing(job, attrs, stacklevel=4)
     return load_zarr(target)
 
 
 def _begun(job: Job, folder: Path, workers: int) -> Store:
     """The film under way, or a new one."""
-    count = whole(job).count
-    plan = {"spp": count, **job.all_of_it}
-    tile = Store.planned(folder).get("tile")
-    rows, columns = tile or tile_size(job.film.shape, TILE_BYTES, workers)
-    return Store.begin(folder, plan, job.film.shape, (rows, columns), job.asked.errors)
+    recipe = {"spp": whole(job).count, **job.all_of_it}
+    rows, columns = Store.planned(folder).get("tile") or tile_size(job.film.shape, workers)
+    return Store.begin(folder, recipe, job.film.shape, (rows, columns), job.settings.errors)
 
 
 def _require_room(folder: Path, shape: tuple[int, int, int, int], films: int) -> None:
@@ -118,34 +100,33 @@ def _require_room(folder: Path, shape: tuple[int, int, int, int], films: int) ->
         raise atomic.disk_full(folder, needed)
 
 
-def _here(
-    job: Job, store: Store, pieces: list[Piece], seconds: float
-) -> Iterator[tuple[Piece, Receipt]]:
-    """Render pieces in this process."""
+def _render_here(
+    job: Job, film: Store, items: list[WorkItem], seconds: float
+) -> Iterator[tuple[WorkItem, Receipt]]:
+    """Render work items in this process, each with a checkpoint of its own."""
     with deferred_stop() as stop:
-        for piece in pieces:
+        for item in items:
             checkpoint = None
             if seconds:
-                path = store.checkpoint_path(piece)
+                path = film.checkpoint_path(item)
                 checkpoint = Checkpoint(path, seconds, tell=lambda line: None)
-            taken = job.take(piece, checkpoint=checkpoint, progress=False)
-            if taken.done < piece.count:
+            result = job.render(item, checkpoint=checkpoint, progress=False)
+            if result.done < item.count:
                 raise KeyboardInterrupt
-            yield piece, store.put(piece, taken)
+            yield item, film.write(item, result)
             if checkpoint is not None:
                 checkpoint.remove()
-            if stop.requested and piece != pieces[-1]:
+            if stop.requested and item != items[-1]:
                 raise KeyboardInterrupt
 
 
 def _attributes(job: Job, receipts: list[Receipt]) -> dict[str, Any]:
     """Attributes of a finished film."""
-    steady = sum(receipt.steady for receipt in receipts)
-    outside = 1 - sum(receipt.transient for receipt in receipts) / steady if steady else 0.0
-    return job.recipe | {
-        "scene": job.asked.name,
+    steady, transient = (
+        sum(getattr(r, name) for r in receipts) for name in ("steady", "transient")
+    )
+    return render_attributes(job, steady, transient) | {
         "spp": whole(job).count,
-        "energy_outside_window": min(max(outside, 0.0), 1.0),
         "complete": 1,
         "contributions_not_finite": sum(receipt.not_finite for receipt in receipts),
         "render_seconds": sum(receipt.seconds for receipt in receipts),

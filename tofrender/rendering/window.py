@@ -1,4 +1,4 @@
-"""The window of a render's time bins: what is asked for, and whether light is in it."""
+"""The window of a render's time bins, and whether light is in it."""
 
 from __future__ import annotations
 
@@ -7,11 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 from ..films.image import require_resolved, time_bins, transient_film
 from .arrivals import PATHS, Arrivals
-from .asked import is_auto, start_and_width
 from .dataset import LOST_ENERGY
+from .settings import is_auto, start_and_width
 
 if TYPE_CHECKING:
+    import mitsuba as mi
+
+    from ..films.transient import TransientHDRFilm
     from ..signals.pulses import Pulse
+    from .job import Job
 
 MANY_HITS = 250
 """Contributions near an empty window from which on chance cannot explain that it is empty."""
@@ -27,21 +31,16 @@ PULSES = 128
 
 
 def windowed_film(
-    film: Any,
-    window: Any = None,
+    film: mi.Film,
+    window: object = None,
     bins: int | None = None,
     start_opl: float | None = None,
     bin_width: float | None = None,
-) -> Any:
-    """An empty film of the same pixels as `film`, with the time axis that is asked for.
-
-    The arguments are those of `Asked`; None leaves the film's own.
-    """
-    if window is not None:
-        start_opl, bin_width = 0.0, 1.0  # Until they are known
+) -> TransientHDRFilm:
+    """An empty film of the same pixels as `film`, with the time axis of some `RenderSettings`."""
     own = time_bins(film) or (None, None, None)
-    words = (bins, start_opl, bin_width)
-    axis: Any = [o if word is None else word for o, word in zip(own, words, strict=True)]
+    given = (bins, start_opl, bin_width) if window is None else (bins, 0.0, 1.0)
+    axis: Any = [old if new is None else new for old, new in zip(own, given, strict=True)]
     if None in axis:
         raise ValueError(
             f"film = {film.class_name()}: has no time bins; must be transient_hdr_film, or give "
@@ -54,7 +53,7 @@ def windowed_film(
     return windowed
 
 
-def check_window(film: Any, arrivals: Arrivals, profile: Pulse | None) -> None:
+def check_window(film: TransientHDRFilm, arrivals: Arrivals, profile: Pulse | None) -> None:
     """Refuse a window that no light reaches, and doubt one that none of the test paths reached.
 
     No light reaches a window where none was found while much was nearby, within a quarter of the
@@ -82,7 +81,7 @@ def check_window(film: Any, arrivals: Arrivals, profile: Pulse | None) -> None:
 
 
 def warn_of_losses(
-    film: Any,
+    film: TransientHDRFilm,
     outside: float,
     arrivals: Arrivals | None = None,
     profile: Pulse | None = None,
@@ -102,7 +101,7 @@ def warn_of_losses(
         )
 
 
-def pulse_width_for(job: Any) -> float | None:
+def pulse_width_for(job: Job) -> float | None:
     """A pulse that makes a film of few paths smooth and still shows wavefronts.
 
     Its standard deviation [m] is a 128th of the window, rounded to two digits; a path then lights

@@ -1,6 +1,6 @@
-"""Renders on many processes or machines: a Dask scheduler hands pieces to workers.
+"""Renders on many processes or machines: a Dask scheduler hands work items to workers.
 
-A worker that dies costs the piece that it had, which another takes; one that takes ten times as
+A worker that dies costs the item that it had, which another renders; one that takes ten times as
 long as others is not waited for. The result is that of one process but for rounding.
 """
 
@@ -12,7 +12,7 @@ import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -24,25 +24,23 @@ import mitsuba as mi
 from ..runtime import backend, checks
 from ..runtime.versions import versions
 from ..scenes.packing import packed, unpacked
+from .settings import MAX_WORKERS, SETTINGS
 from .store import Store
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
 PATIENCE, LEAST_WAIT_S = 10.0, 60.0
-"""A piece is given to a second worker after so many times the usual time, but not before [s]."""
+"""An item is given to a second worker after so many times the usual time, but not before [s]."""
 
 ANSWER_S = 10.0
 """Time that a scheduler has to answer [s]."""
 
-LOOK_S = 2.0
-"""Time between looks whether workers are left, while no piece is finished [s]."""
+POLL_S = 2.0
+"""Time between checks whether workers are left, while no item is finished [s]."""
 
-COMES_BACK = "10 minutes"
+RESTART_TIMEOUT = "10 minutes"
 """Time after which a worker that has died, and does not start again, is given up."""
-
-MOST = 1024
-"""Processes, and threads of each, that make sense on one machine."""
 
 THREADS = "TOFRENDER_THREADS"
 """Variable of a worker's environment with the number of threads that it renders on."""
@@ -50,7 +48,7 @@ THREADS = "TOFRENDER_THREADS"
 
 @dataclass(frozen=True)
 class Order:
-    """What a worker needs to make the same job.
+    """All that a worker needs to make the same job.
 
     Attributes:
         make: Makes a job of `arguments`; found by its name in the worker's own package.
@@ -58,6 +56,7 @@ class Order:
         variant: Mitsuba's variant.
         axis: Number of the bins, their start and width [m].
         fingerprint: Of scene, sensor and integrator.
+        folder: A film on disk that workers write to; without, results are sent back.
         key: Tells orders apart.
     """
 
@@ -66,24 +65,31 @@ class Order:
     variant: str
     axis: tuple[int, float, float]
     fingerprint: str
+    folder: str | None
     key: str
 
+    @classmethod
+    def of(cls, job: Any, folder: Path | None) -> Order:
+        """The order for a job."""
+        make, arguments = job.origin
+        for name in ("integrator", "sampler"):
+            if not isinstance(arguments.get(name), str | Mapping | None):
+                kind = type(arguments[name]).__name__
+                raise ValueError(f"{name} = {kind}: cannot be sent to workers; must be a name")
+        film, mark = job.film, job.recipe["fingerprint"]
+        axis = film.shape[2], film.start_opl, film.bin_width_opl
+        sent = {name: packed(name, value) for name, value in arguments.items()}
+        there = None if folder is None else str(folder.resolve())
+        return cls(make, sent, mi.variant() or "", axis, mark, there, uuid.uuid4().hex)
 
-def order_of(job: Any) -> Order:
-    """A job as workers are told of it.
-
-    Raises:
-        ValueError: It holds an object that cannot be sent; one line.
-    """
-    make, arguments = job.origin
-    for name in ("integrator", "sampler"):
-        if not isinstance(arguments.get(name), str | Mapping | None):
-            kind = type(arguments[name]).__name__
-            raise ValueError(f"{name} = {kind}: cannot be sent to workers; must be a name")
-    film, mark = job.film, job.recipe["fingerprint"]
-    axis = film.shape[2], film.start_opl, film.bin_width_opl
-    sent = {name: packed(name, value) for name, value in arguments.items()}
-    return Order(make, sent, mi.variant() or "", axis, mark, uuid.uuid4().hex)
+    def render(self, item: Any) -> Any:
+        """Render a work item here, in a worker: gives its result, or the receipt of its tile."""
+        mi.set_variant(self.variant)
+        job = _job(self)
+        if self.folder is None:
+            return job.render(item, progress=False)
+        store = Store(Path(self.folder))
+        return store.receipt(item) or store.write(item, job.render(item, progress=False))
 
 
 @contextmanager
@@ -102,15 +108,15 @@ def local_workers(count: int, threads: int | None = None) -> Iterator[Client]:
         ImportError: The package distributed or cryptography is missing; one line.
         RuntimeError: A worker cannot start; one line that says why.
     """
-    checks.integer("count", count, 1, MOST)
+    checks.integer("count", count, 1, MAX_WORKERS)
     if threads is not None:
-        checks.integer("threads", threads, 1, MOST)
+        checks.integer("threads", threads, 1, MAX_WORKERS)
     distributed = require_distributed()
     import dask.config
 
     each = max(1, backend.cores() // count) if threads is None else threads
     settings = {
-        "distributed.deploy.lost-worker-timeout": COMES_BACK,
+        "distributed.deploy.lost-worker-timeout": RESTART_TIMEOUT,
         "distributed.scheduler.http.routes": [],  # Their web servers cannot be left out
         "distributed.worker.http.routes": [],
     }
@@ -138,12 +144,7 @@ def local_workers(count: int, threads: int | None = None) -> Iterator[Client]:
 
 @contextmanager
 def workers_of(scheduler: str) -> Iterator[Client]:
-    """A client of the workers of a scheduler, by its address.
-
-    Raises:
-        ValueError: None answers there; one line.
-        ImportError: The package distributed is missing; one line.
-    """
+    """A client of the workers of a scheduler, by its address."""
     distributed = require_distributed()
     from distributed.utils import silence_logging_cmgr
 
@@ -159,47 +160,31 @@ def workers_of(scheduler: str) -> Iterator[Client]:
             yield client
 
 
-@contextmanager
-def workers_for(workers: int | None, scheduler: str | None) -> Iterator[Client | None]:
-    """A client of what is asked for: processes here, a scheduler's, or None if neither is."""
+def workers_for(
+    workers: int | None, scheduler: str | None
+) -> AbstractContextManager[Client | None]:
+    """A client of processes here, or of a scheduler's workers; None if neither is asked for."""
     if workers is not None:
-        with local_workers(workers) as client:
-            yield client
-    elif scheduler is not None:
-        with workers_of(scheduler) as client:
-            yield client
-    else:
-        yield None
+        return local_workers(workers)
+    return nullcontext() if scheduler is None else workers_of(scheduler)
 
 
-def check_workers(**given: Any) -> bool:
-    """Whether workers are asked for, in one of three ways.
-
-    Args:
-        **given: `workers`, `scheduler` and `client`, None where that is not the way.
-
-    Raises:
-        ValueError: They are asked for in two ways, or in a wrong one; one line.
-    """
+def check_workers(**given: object) -> bool:
+    """Whether workers are asked for, by one of `workers`, `scheduler` and `client`."""
     names = [name for name, value in given.items() if value is not None]
     if len(names) > 1:
         raise ValueError(f"{names[1]}: must be left out with `{names[0]}`")
     for name in names:
-        if name == "workers":
-            checks.integer(name, given[name], 1, MOST)
-        elif name == "scheduler":
-            checks.address(name, given[name])
+        check = SETTINGS[name].check if name in SETTINGS else None
+        if check:
+            check(name, given[name])
         else:
             require_client(given[name])
     return bool(names)
 
 
 def require_distributed() -> Any:
-    """The package distributed.
-
-    Raises:
-        ImportError: It is missing; one line that says how to get it.
-    """
+    """The package distributed."""
     try:
         import cryptography  # noqa: F401  # for certificates
         import distributed
@@ -208,92 +193,70 @@ def require_distributed() -> Any:
     return distributed
 
 
-def require_client(client: Any) -> None:
-    """Refuse what is no client of workers, or is closed.
+def require_client(client: object) -> Any:
+    """Refuse what is no client of workers, or is closed."""
+    kind = require_distributed().Client
+    found = checks.instance("client", client, kind, "a distributed.Client")
+    if found.asynchronous or found.status != "running":
+        raise ValueError(f"client = {checks.shown(found)}: must be connected, and not asynchronous")
+    return found
 
-    Raises:
-        ValueError: One line that says what it is.
+
+def check_client(client: object) -> int:
+    """Number of a client's workers, all of which can render with the versions of this process.
+
+    Workers that end meanwhile are left out; they start again.
     """
-    if not isinstance(client, require_distributed().Client):
-        raise ValueError(f"client = {checks.shown(client)}: must be a distributed.Client")
-    if client.asynchronous or client.status != "running":
-        raise ValueError(
-            f"client = {checks.shown(client)}: must be connected, and not asynchronous"
-        )
-
-
-def check_client(client: Any) -> int:
-    """The number of a client's workers, all of which can render with the versions of this process.
-
-    Workers that end while they are asked are left out; they start again.
-
-    Raises:
-        ValueError: There is no worker, or one has other versions; one line.
-        RuntimeError: A worker cannot import this package, or not activate the variant; one line.
-    """
-    require_client(client)
+    checked = require_client(client)
     lost, own = require_distributed().comm.CommClosedError, versions()
-    found = client.run(versions, on_error="return")
+    found = checked.run(versions, on_error="return")
     found = {worker: its for worker, its in found.items() if not isinstance(its, lost)}
     if not found:
         raise ValueError("client: has no workers; must have one")
     for worker, its in found.items():
         if not isinstance(its, Exception) and its != own:
             raise ValueError(f"client: worker {worker} has {its}; must have {own}")
-    active = client.run(backend.activate, mi.variant(), on_error="return")
+    active = checked.run(backend.activate, mi.variant(), on_error="return")
     for worker, its in [*found.items(), *active.items()]:
         if isinstance(its, Exception) and not isinstance(its, lost):
             raise RuntimeError(f"client: worker {worker} cannot render: {its}")
     return len(found)
 
 
-def pieces_by_workers(
-    client: Client, job: Any, pieces: Sequence[Any], folder: Path | None = None
+def render_by_workers(
+    client: Client, job: Any, items: Sequence[Any], folder: Path | None = None
 ) -> Iterator[tuple[Any, Any]]:
-    """Have pieces of a job taken; gives each with what became of it as it is done.
+    """Have work items of a job rendered; gives each with its result as it is done.
 
-    Args:
-        client: The workers.
-        job: The job, with `take(piece)`.
-        pieces: What of it.
-        folder: A film on disk that workers see too, and write to; without, pieces are sent back.
-
-    Raises:
-        RuntimeError: A piece cannot be taken; one line that says why.
+    With `folder`, a film on disk that workers see too, they write to it, and results are receipts.
     """
-    place = None if folder is None else str(folder.resolve())
-    return shared_out(client, partial(_take, order_of(job), place), pieces)
+    return shared_out(client, partial(Order.render, Order.of(job, folder)), items)
 
 
 def shared_out(
     client: Client, work: partial[Any], items: Sequence[Any]
 ) -> Iterator[tuple[Any, Any]]:
-    """Have work done on some items, each by one worker; gives item and result as they are done.
-
-    Raises:
-        RuntimeError: A worker fails; one line that says why.
-        ConnectionError: The scheduler is lost, or all workers here; one line.
-    """
+    """Have work done on some items, each by one worker; gives item and result as they are done."""
     workers = len(client.scheduler_info()["workers"])
 
-    def ask(item: Any, again: int = 0) -> Future:
-        return client.submit(work.func, *work.args, item, priority=again, pure=False)
+    def submit(item: Any, priority: int = 0) -> Future:
+        return client.submit(work.func, *work.args, item, priority=priority, pure=False)
 
-    asked = {ask(item): item for item in items}
+    pending = {submit(item): item for item in items}
     started, left, usual_s = time.monotonic(), set(items), math.inf
     try:
         while left:
             wait = max(LEAST_WAIT_S, PATIENCE * usual_s) if usual_s < math.inf else None
-            done = _next(client, list(asked), wait)
-            if not done:  # All that are out take much longer than the others did
-                asked |= {ask(item, 1): item for item in left}
+            done = _next(client, list(pending), wait)
+            if not done:  # All that are pending take much longer than the others did
+                pending |= {submit(item, 1): item for item in left}
                 continue
             for future in done:
-                item = asked.pop(future)
+                item = pending.pop(future)
                 if future.status == "error":
                     _raise(future)
                 if future.status != "finished":  # Its worker died with it: it is made again
-                    asked[future] = item
+                    pending[future] = item
                 elif item in left:
                     left.remove(item)
                     usual_s = (time.monotonic() - started) * workers / (len(items) - len(left))
@@ -304,16 +267,16 @@ def shared_out(
         raise ConnectionError("the scheduler of the workers is lost") from None
     finally:
         if client.status == "running":
-            client.cancel(list(asked), force=True)
+            client.cancel(list(pending), force=True)
 
 
 def _next(client: Client, futures: list[Future], wait_s: float | None) -> set[Future]:
-    """Those of some futures that are done; none if nothing was for a time [s]."""
+    """Futures that are done; none if none was for a time [s]."""
     distributed = require_distributed()
     until = time.monotonic() + (math.inf if wait_s is None else wait_s)
     while (left_s := until - time.monotonic()) > 0:
         try:
-            wait = distributed.wait(futures, min(LOOK_S, left_s), return_when="FIRST_COMPLETED")
+            wait = distributed.wait(futures, min(POLL_S, left_s), return_when="FIRST_COMPLETED")
             return wait.done
         except TimeoutError:
             _require_workers(client)
@@ -357,21 +320,11 @@ tofrender alone activates no variant.
 """
 
 
-def _take(order: Order, folder: str | None, piece: Any) -> Any:
-    """Take a piece here."""
-    mi.set_variant(order.variant)
-    job = _job(order)
-    if folder is None:
-        return job.take(piece, progress=False)
-    store = Store(Path(folder))
-    return store.receipt(piece) or store.put(piece, job.take(piece, progress=False))
-
-
 _jobs: dict[str, Any] = {}
 
 
 def _job(order: Order) -> Any:
-    """The job of an order, kept for its next piece."""
+    """The job of an order, kept for its next item."""
     if order.key not in _jobs:
         _jobs.clear()
         backend.activate(order.variant)

@@ -1,4 +1,4 @@
-"""Pieces of a render are the render, however it is cut: seams, ranges of samples, borders."""
+"""Work items of a render are the render, however it is cut: seams, ranges of samples, borders."""
 
 import dataclasses
 
@@ -8,9 +8,16 @@ import pytest
 from helpers.films_in_parts import ROUNDING, box, crop
 from helpers.support import agree, with_film, with_integrator
 
-from tofrender.rendering.asked import Asked
-from tofrender.rendering.pieces import Piece, ranges, take, tile_size, tiles, whole
 from tofrender.rendering.renderer import make_job
+from tofrender.rendering.settings import RenderSettings
+from tofrender.rendering.work_items import (
+    WorkItem,
+    render_item,
+    sample_ranges,
+    tile_size,
+    tiles,
+    whole,
+)
 from tofrender.runtime.memory import film_bytes
 
 CUT = (4, 5)
@@ -18,23 +25,23 @@ CUT = (4, 5)
 
 
 def job_of(described, **options):
-    return make_job(Asked(described, **{"spp": 8} | options))
+    return make_job(RenderSettings(described, **{"spp": 8} | options))
 
 
 def put_together(job, size=CUT) -> dict[str, np.ndarray]:
     """All arrays of a render from its tiles, NaN where there is none."""
     found: dict[str, np.ndarray] = {}
     for tile in tiles(job, size):
-        for name, values in take(job, tile, progress=False).arrays.items():
+        for name, values in render_item(job, tile, progress=False).arrays.items():
             shape = (*job.film.shape[:2], *values.shape[2:])
             array = found.setdefault(name, np.full(shape, np.nan, np.float32))
-            tile.of(array)[...] = values
+            tile.pixels(array)[...] = values
     return found
 
 
 def check_tiles(described, size=CUT, **options) -> dict[str, np.ndarray]:
     job = job_of(described, **options)
-    expected = take(job, whole(job), progress=False).arrays
+    expected = render_item(job, whole(job), progress=False).arrays
     found = put_together(job, size)
     assert set(found) == set(expected)
     for name, values in expected.items():
@@ -52,7 +59,7 @@ def test_tiles_cover_each_pixel_once(size):
         assert (tile.first, tile.count) == (0, 8)
         assert 1 <= tile.height <= size[0]
         assert 1 <= tile.width <= size[1]
-        tile.of(covered)[...] += 1
+        tile.pixels(covered)[...] += 1
     assert (covered == 1).all()
 
 
@@ -61,7 +68,7 @@ def test_tiles_cover_each_pixel_once(size):
 @pytest.mark.parametrize("workers", [1, 2, 9])
 def test_tiles_are_no_larger_than_they_may_be(shape, part, workers):
     height, width, bins, channels = shape
-    rows, columns = tile_size(shape, part * film_bytes(*shape), workers)
+    rows, columns = tile_size(shape, workers, part * film_bytes(*shape))
     assert 1 <= rows <= height
     assert 1 <= columns <= width
     size = film_bytes(rows, columns, bins, channels)
@@ -75,7 +82,7 @@ def test_tiles_are_no_larger_than_they_may_be(shape, part, workers):
 
 @pytest.mark.parametrize(("spp", "workers"), [(8, 1), (8, 3), (64, 2), (1000, 3), (1, 4)])
 def test_ranges_cover_each_sample_once(spp, workers):
-    found = ranges(job_of(box(), spp=spp), workers)
+    found = sample_ranges(job_of(box(), spp=spp), workers)
     assert found[0].first == 0
     ends = [piece.first + piece.count for piece in found]
     assert [piece.first for piece in found[1:]] == ends[:-1]
@@ -127,10 +134,10 @@ def test_tiles_of_other_samplers(sampler):
     """
     job, cut, at_once = job_of(box(6, 4), spp=64, sampler=sampler), [], []
     for seed in range(16):
-        asked = dataclasses.replace(job.asked, seed=seed)
-        seeded = dataclasses.replace(job, asked=asked)
+        settings = dataclasses.replace(job.settings, seed=seed)
+        seeded = dataclasses.replace(job, settings=settings)
         cut.append(put_together(seeded, (2, 6)))
-        at_once.append(take(seeded, whole(job), progress=False).arrays)
+        at_once.append(render_item(seeded, whole(job), progress=False).arrays)
     steady, expected = (np.stack([each["steady"] for each in films]) for films in (cut, at_once))
     assert agree(steady, expected)
     assert not agree(np.roll(steady, 2, axis=1), expected)
@@ -145,6 +152,7 @@ def test_tiles_of_other_samplers(sampler):
 @pytest.mark.parametrize("sampler", ["independent", "multijitter", "padded_sobol"])
 def test_no_two_tiles_have_the_same_points(sampler):
     job = job_of(box(), sampler=sampler)
-    left, right = (take(job, Piece(0, x, 9, 4, 0, 8), progress=False).steady for x in (0, 8))
+    results = (render_item(job, WorkItem(0, x, 9, 4, 0, 8), progress=False) for x in (0, 8))
+    left, right = (result.arrays["steady"] for result in results)
     assert np.abs(left - right[:, ::-1]).max() > 0.01 * left.max()  # The box is nearly symmetric
     assert np.abs(left - right).max() > 0.01 * left.max()

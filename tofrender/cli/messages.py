@@ -9,21 +9,17 @@ from typing import Any, get_type_hints
 
 import typer
 
-OTHER_NAMES = {
-    "temporal_bins": "bins",
-    "bin_width_opl": "bin_width",
-    "pulse_width_opl": "pulse_width",
-    "width": "size",
-    "height": "size",
-    "parameters": "define",
-}
-"""What scenes and films call that which options give."""
+from ..rendering.settings import SCENE_NAMES
+
+OTHER_NAMES = {scene_name: name for name, scene_name in SCENE_NAMES.items()}
+OTHER_NAMES |= {"width": "size", "height": "size"}
+"""Names in scenes and films of what options give."""
 
 _options: dict[str, tuple[str, bool]] = {}
 """Names of the options of the command under way, by its parameters, and whether each is given."""
 
 
-def speak_of(command: Callable[..., Any] | None, given: Mapping[str, Any]) -> None:
+def set_command(command: Callable[..., Any] | None, given: Mapping[str, Any]) -> None:
     """From now on, messages are about this command, called with these values; None for none."""
     _options.clear()
     if command is None:
@@ -38,7 +34,7 @@ def speak_of(command: Callable[..., Any] | None, given: Mapping[str, Any]) -> No
         _options[name] = option, given.get(name) != parameter.default
 
 
-def in_options(message: str) -> str:
+def with_option_names(message: str) -> str:
     """A message with the options of the command under way in place of the package's words.
 
     The word that it starts with is an option if that was given; a word in backticks is one

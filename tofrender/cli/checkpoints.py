@@ -1,11 +1,11 @@
-"""What commands that take long share: they can be stopped, killed, and go on."""
+"""Checkpoints of commands that take long: they can be stopped, killed, and go on."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -19,7 +19,7 @@ Seconds = Annotated[
     float, opt.real(0, "Keep what is done at least so often, seconds of work; 0: never.")
 ]
 Resume = Annotated[
-    bool, typer.Option("--resume", help="Go on where a run was stopped or killed, up to --spp.")
+    bool, opt.switch("--resume", "Go on where a run was stopped or killed, up to --spp.")
 ]
 
 NEVER_S = 1e9
@@ -27,7 +27,7 @@ AGAIN = "the same command with --resume goes on"
 
 
 @contextmanager
-def keeping(out: Path, seconds: float, resume: bool) -> Iterator[Checkpoint | None]:
+def checkpointed(out: Path, seconds: float, resume: bool) -> Iterator[Checkpoint | None]:
     """The checkpoint of a command that writes `out`, as nobody else may meanwhile.
 
     What a killed run has left beside `out` is removed; so is the checkpoint when the block ends
@@ -40,7 +40,7 @@ def keeping(out: Path, seconds: float, resume: bool) -> Iterator[Checkpoint | No
         path = hidden(out, ".checkpoint.npz")
         for each in (out, path):
             remove_leftovers(each)
-        left = left_work(out)
+        left = unfinished_work(out)
         if left is not None and not resume:
             raise ValueError(f"--out = {out}: {left} is of a stopped run; {AGAIN}, or remove it")
         checkpoint = None
@@ -49,15 +49,15 @@ def keeping(out: Path, seconds: float, resume: bool) -> Iterator[Checkpoint | No
         try:
             yield checkpoint
         except OSError as error:
-            if error.errno not in DISK_FULL or not is_begun(path, on_disk(out)):
+            if error.errno not in DISK_FULL or not is_begun(path, film_path(out)):
                 raise
             raise OSError(f"{error}; with more room, {AGAIN}") from None
         path.unlink(missing_ok=True)
-        remove(on_disk(out))
+        remove(film_path(out))
 
 
 @contextmanager
-def alone(out: Path) -> Iterator[None]:
+def exclusively(out: Path) -> Iterator[None]:
     """Be the only one that writes `out`, without what killed runs have left beside it."""
     from tofrender.runtime.atomic import locked, remove_leftovers
 
@@ -66,38 +66,45 @@ def alone(out: Path) -> Iterator[None]:
         yield
 
 
-def tell(stop: Stop) -> None:
+def end_if_incomplete(attrs: Mapping[str, Any]) -> None:
+    """End the command, which has written a render or a capture, if that was stopped."""
+    if not attrs.get("complete", 1):
+        opt.note(f"error: interrupted after {attrs['spp']} samples per pixel; {AGAIN}")
+        raise typer.Exit(opt.INTERRUPTED)
+
+
+def end_if_stopped(stop: Stop) -> None:
     """End the command if it was stopped while its files were written."""
     if stop.requested:
         raise KeyboardInterrupt("interrupted while files were written, which are whole")
 
 
-def require_something(resume: bool, kept: Path | None, out: Path) -> None:
+def require_begun(resume: bool, begun: Path | None, out: Path) -> None:
     """Refuse to go on where there is nothing to go on from."""
-    if resume and (kept is None or not is_begun(kept)):
+    if resume and (begun is None or not is_begun(begun)):
         raise ValueError(f"--resume: no run that writes {out} was stopped; must be left out")
 
 
-def on_disk(out: Path) -> Path:
-    """Where the film of `out` is on the disk, beside it."""
+def film_path(out: Path) -> Path:
+    """Name of the film of `out` on the disk, beside it."""
     from tofrender.runtime.atomic import hidden
 
     return hidden(out, ".zarr")
 
 
-def left_work(out: Path) -> Path | None:
+def unfinished_work(out: Path) -> Path | None:
     """Checkpoint or tiles that a stopped or killed run has left of `out`, None without."""
     from tofrender.runtime.atomic import hidden
 
-    film = on_disk(out)
+    film = film_path(out)
     folder = hidden(film, ".film")
     if any(folder.glob("receipts/tile *")):
         return folder
     return next((e for e in (hidden(out, ".checkpoint.npz"), film) if e.exists()), None)
 
 
-def is_begun(*kept: Path) -> bool:
+def is_begun(*begun: Path) -> bool:
     """Whether there is a checkpoint, or a film on the disk, finished or not."""
     from tofrender.runtime.atomic import hidden
 
-    return any(each.exists() or hidden(each, ".film").exists() for each in kept)
+    return any(each.exists() or hidden(each, ".film").exists() for each in begun)

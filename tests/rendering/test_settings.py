@@ -1,42 +1,99 @@
-"""One language: what the command can be asked, `render` can be asked with the same words."""
+"""One table of settings: `render`, the command, their documentation and bad values follow it."""
 
 import functools
 import inspect
 import re
+from dataclasses import fields
 
 import numpy as np
 import pytest
 import xarray as xr
+from helpers.bad_inputs import bad, kind_of_setting, one_clear_line
 from helpers.films_in_parts import ROOT, box, check_same
 from helpers.refusals import refused
+from hypothesis import given, strategies as st
 
 import tofrender
 from tofrender import cornell_box, cornell_box_steady_state, render
 from tofrender.cli.render import render as command
-from tofrender.rendering.asked import Asked
 from tofrender.rendering.renderer import make_job
+from tofrender.rendering.settings import SCENE_NAMES, SETTINGS, RenderSettings
+from tofrender.scenes.settings import CHECKS
+
+RECORD = {field.name: field.default for field in fields(RenderSettings)}
 
 FILES = {"format", "precision", "video", "figure", "dpi", "as_json"}
 """What becomes of the files: in Python, `save_exr_stack` and others are told."""
 
-THE_APPLICATIONS = {"variant"}
-"""In Python, `mitsuba.set_variant`."""
-
-"""A folder, seconds and a switch here; a film on disk, a file and a Dataset there."""
-
 OBJECTS = {"client", "params", "settings", "temporal_bins"}
 """What a command cannot be given, and old names."""
 
+OTHERS = {"resume", "checkpoint", "out", "client", "params", "temporal_bins"}
+"""Arguments of `render` that are files, objects, or old names."""
 
-def test_the_command_and_render_have_the_same_words():
-    ours, its = (set(inspect.signature(each).parameters) for each in (render, command))
-    assert its - ours == FILES | THE_APPLICATIONS
-    assert ours - its == OBJECTS
-    assert set(inspect.signature(Asked).parameters) <= ours
-    assert ours - set(inspect.signature(Asked).parameters) == {
-        *("resume", "checkpoint", "out", "workers", "scheduler", "client", "progress"),
-        *("params", "temporal_bins"),
-    }
+
+def test_render_has_the_settings_of_the_table():
+    parameters = inspect.signature(render).parameters
+    assert set(parameters) == set(SETTINGS) | OTHERS
+    for name, default in RECORD.items():
+        assert name == "scene" or parameters[name].default == default
+    for name in set(parameters) - set(RECORD):
+        assert parameters[name].default is (True if name == "progress" else None)
+
+
+def test_the_command_has_the_settings_of_the_table():
+    ours, its = (inspect.signature(each).parameters for each in (render, command))
+    assert set(its) - set(ours) == FILES | {"variant"}  # In Python, `mitsuba.set_variant`
+    assert set(ours) - set(its) == OBJECTS
+    for name in set(SETTINGS) & set(its):
+        assert its[name].default == ours[name].default
+
+
+def test_the_documentation_says_what_the_table_does():
+    entries = inspect.getdoc(render).partition("Args:\n")[2].partition("\nReturns:")[0]
+    texts = dict(re.findall(r"^    (\w+): ((?:.*\n)(?:     .*\n)*)", entries, re.MULTILINE))
+    assert list(texts) == list(inspect.signature(render).parameters)
+    for name, setting in SETTINGS.items():
+        assert " ".join(texts[name].split()).startswith(setting.help), name
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_bad_values_are_refused(name):
+    check = SETTINGS[name].check
+    for label, value in bad(kind_of_setting(name)) if check else ():
+        if value is not None:
+            with pytest.raises(ValueError, match=" ") as error:
+                check(name, value)
+            assert not one_clear_line(error.value, name, value), label
+
+
+@pytest.mark.parametrize("name", [n for n, each in SETTINGS.items() if each.high is not None])
+@given(value=st.integers(-(2**40), 2**40))
+def test_ranges(name, value):
+    setting, wanted = SETTINGS[name], (value, 1) if name == "size" else value
+    if setting.low <= value <= setting.high and (name, value) != ("max_depth", 0):
+        setting.check(name, wanted)
+    else:
+        with pytest.raises(ValueError, match=rf"{name} = {value}: must be "):
+            setting.check(name, wanted)
+
+
+NUMBERS = st.integers(-10, 2**26) | st.floats() | st.sampled_from(["auto", "x", None, True])
+
+
+@given(value=NUMBERS)
+def test_scenes_and_renders_have_the_same_ranges(value):
+    for name, scene_name in (SCENE_NAMES | {"spp": "spp"}).items():
+        if scene_name in CHECKS and value != "auto":
+            assert accepts(SETTINGS[name].check, value) == accepts(CHECKS[scene_name], value)
+
+
+def accepts(check, value) -> bool:
+    try:
+        check("x", value)
+    except ValueError:
+        return False
+    return True
 
 
 def test_words_and_settings_ask_for_the_same():
@@ -120,10 +177,10 @@ def test_workers_here():
 
 
 def test_what_workers_are_told_makes_the_same_job():
-    asked = Asked(box(), spp=8, bins=30, window="auto", size=(6, 5))
-    job = make_job(asked)
+    settings = RenderSettings(box(), spp=8, bins=30, window="auto", size=(6, 5))
+    job = make_job(settings)
     make, words = job.origin
     again = make(axis=(30, 3.5, 0.4), **words)
-    assert again.asked.words == asked.words
+    assert again.settings.values == settings.values
     assert again.film.shape == job.film.shape == (5, 6, 30, 3)
     assert again.recipe["fingerprint"] == job.recipe["fingerprint"]
