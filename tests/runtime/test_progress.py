@@ -76,13 +76,13 @@ def test_something_is_to_be_seen_within_a_second_but_not_of_short_work(capsys, t
 
 def test_disabled_and_hidden_bars(monkeypatch):
     with progress_bar("Working", 8, enabled=False):
-        assert progress._shown == []
+        assert progress._open == []
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     monkeypatch.setattr(progress, "is_watched", IS_WATCHED)
     with progress.hidden(), progress_bar("Working", 3):
-        assert progress._shown == []
+        assert progress._open == []
     with progress_bar("Working", 3):
-        assert len(progress._shown) == 1
+        assert len(progress._open) == 1
 
 
 @pytest.mark.parametrize("shown", [True, False])

@@ -23,9 +23,8 @@ from ..rendering.cubes import Cube
 from ..rendering.dataset import DIMS, LOST_ENERGY, QUANTITIES, time_axis
 from ..runtime import checks
 from ..runtime.progress import shown
-from ..signals.frequencies import check_frequencies
 from ..signals.phasors import phasor_parts
-from ..signals.units import SPEED_OF_LIGHT
+from ..signals.units import SPEED_OF_LIGHT, check_frequencies
 
 _CHUNK = 1 << 18  # values that are converted to double precision at a time
 

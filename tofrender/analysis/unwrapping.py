@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..runtime import checks
-from ..signals.frequencies import check_frequencies
-from ..signals.units import SPEED_OF_LIGHT
+from ..signals.units import SPEED_OF_LIGHT, check_frequencies
 
 MAX_WRAPS = 4096
 """Wraps of the highest frequency that `unwrap` tries."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..runtime.progress import EVERY_S
-from ..signals.frequencies import check_frequency
+from ..signals.units import check_frequency
 from . import options as opt
 from .answers import Gate, Json, Phasor, answer
 from .keeping import Resume, Seconds, alone, keeping, require_something, tell

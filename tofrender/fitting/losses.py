@@ -16,8 +16,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import checks
-from ..signals.frequencies import check_frequencies
-from ..signals.units import SPEED_OF_LIGHT
+from ..signals.units import SPEED_OF_LIGHT, check_frequencies
 
 TIME = 2
 """The axis of time bins."""

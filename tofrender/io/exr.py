@@ -1,4 +1,4 @@
-"""EXR stacks: one image for each time bin and the steady image, in a folder or one file."""
+"""EXR stacks: an image for each time bin and the steady image, in a folder or one file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..rendering.dataset import DIMS, check_dataset, in_channels, plain_attribut
 from ..runtime import checks, memory
 from ..runtime.atomic import replacing
 from ..signals.polarisation import STOKES
-from .description import describe, parse, refuse_not_finite, restore, warn_of_not_finite
+from .description import describe, named, parse, refuse_not_finite, restore, warn_of_not_finite
 from .multipart import MultipartWriter
 from .output import BYTES_PER_VALUE, check_output, output_folder, stack_bytes
 from .parallel import for_each
@@ -27,17 +27,15 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FORMAT = "tofrender transient stack 1"
-LAYER = "error."
-"""What stands before the channels of standard errors."""
-LEAST_DIGITS = 4
-"""Of a frame's number in its name."""
-#: EXR channel for each list of `channel` coordinates. OpenEXR groups R, G and B as "RGB".
+LAYER = "error."  # Prefix of the channels of standard errors
+LEAST_DIGITS = 4  # Of a frame's number in its name
+# EXR channel for each list of `channel` coordinates. OpenEXR groups R, G and B as "RGB".
 _EXR_CHANNELS = {("R", "G", "B"): "RGB", ("L",): "Y"}
-#: What stands before them where there are Stokes vectors.
+# Prefixes of the channels of Stokes vectors
 _COMPONENTS = tuple(f"{each}." for each in STOKES)
-#: What OpenEXR calls channels that it reads: R, G and B behind a name are one of that name.
+# Channels that OpenEXR reads: R, G and B with a common prefix are one with the prefix's name.
 _READ = (("Y",), ("RGB",), tuple(f"{each}Y" for each in _COMPONENTS), STOKES)
-#: Header names with a meaning of their own, which attributes of a Dataset must not take.
+# Header names with a meaning of their own, which attributes of a Dataset must not use
 _RESERVED = {
     *("channels", "chunkCount", "compression", "dataWindow", "displayWindow", "lineOrder", "name"),
     *("pixelAspectRatio", "screenWindowCenter", "screenWindowWidth", "tiles", "type", "version"),
@@ -56,12 +54,11 @@ def save_exr_stack(
     """Write a rendered Dataset as OpenEXR images that any viewer opens.
 
     Each header holds the Dataset's attributes and, for a frame, `bin_index` and the bin's
-    `opl_start`, `opl_center` and `opl_stop` in metres (as doubles). A cropped render keeps its
-    place: the data window is the crop, the display window the film as far as it is known (the
-    attributes `film_width` and `film_height`, else up to the crop's last pixel). Monochrome
-    Datasets use the channel Y. Those of polarised light have S0.R, S0.G, S0.B to S3.B, or S0.Y to
-    S3.Y. ZIP compression, and a checksum behind the end of each file; the
-    output appears whole or not at all.
+    `opl_start`, `opl_center` and `opl_stop` in metres (as doubles). Of a cropped render, the data
+    window is the crop, the display window the film as far as it is known (the attributes
+    `film_width` and `film_height`, else up to the crop's last pixel). Monochrome Datasets use the
+    channel Y; those of polarised light have S0.R, S0.G, S0.B to S3.B, or S0.Y to S3.Y. Files have
+    ZIP compression and a checksum after their end; the output appears whole or not at all.
 
     Args:
         dataset: The result of `render`: `transient` (y, x, opl, channel), `steady`.
@@ -69,20 +66,20 @@ def save_exr_stack(
             one .exr file whose parts have these names, the steady image first (`"multipart"`).
         layout: `"frames"` or `"multipart"`.
         precision: `"float"` keeps every bit. `"half"` takes about 40 % of the space, rounds to 11
-            bits (relative error up to 2^-11), and loses what is below 6e-8; a bin of a few
-            millimetres holds little light, so it is not the default.
-        overwrite: Replace an earlier output of this package. Other content never is.
+            bits (relative error up to 2^-11), and loses values below 6e-8, which matters for bins
+            of a few millimetres.
+        overwrite: Replace an earlier output of this package; other content is never replaced.
         progress: Show a bar if it takes more than two seconds.
 
     Returns:
         `path`.
 
     Raises:
-        ValueError: Not such a Dataset, no path, an unknown layout or precision, or a finite value
-            above 65504 in half precision.
+        ValueError: Another Dataset, an unknown layout or precision, or a finite value above 65504
+            in half precision.
         FileExistsError: `path` holds something that may not be replaced.
-        PermissionError: The place is not writable.
-        OSError: The disk is full; nothing half-written remains.
+        PermissionError: `path` is not writable.
+        OSError: The disk is full.
 
     Warns:
         UserWarning: A value is NaN or infinite, so that the stack cannot be read again.
@@ -127,9 +124,8 @@ def load_exr_stack(path: str | os.PathLike) -> xr.Dataset:
 
     Raises:
         FileNotFoundError: There is nothing at `path`.
-        ValueError: Not a stack of this package, frames are missing, damaged or unreadable, or
-            they hold values that are not finite.
-        MemoryError: It holds more than fits into memory.
+        ValueError: Not a stack of this package, or frames are missing, damaged or not finite.
+        MemoryError: The stack does not fit into memory.
 
     Example:
         >>> import tempfile, tofrender
@@ -147,12 +143,8 @@ def load_exr_stack(path: str | os.PathLike) -> xr.Dataset:
         if not (folder / "steady.exr").is_file():
             raise ValueError(f"path = {path}: has no steady.exr; must be a saved stack")
         files = sorted(folder.glob("frame_*.exr"))
-        return _assemble(
-            path,
-            _read(folder / "steady.exr")[0],
-            len(files),
-            lambda number: _read(files[number])[0],
-        )
+        steady = _read(folder / "steady.exr")[0]
+        return _assemble(path, steady, len(files), lambda number: _read(files[number])[0])
     steady, *frames = _read(folder)
     return _assemble(path, steady, len(frames), frames.__getitem__)
 
@@ -173,12 +165,9 @@ class _Stack:
         self.channel = _EXR_CHANNELS[colours]
         self.bins = dataset.sizes["opl"]
         self.digits = max(LEAST_DIGITS, len(str(self.bins - 1)))
-        self.windows = _windows(dataset)
-        self.attributes = {
-            key: _native(value)
-            for key, value in plain_attributes(dataset).items()
-            if key not in _RESERVED
-        }
+        attributes = plain_attributes(dataset)
+        self.header = {k: _native(v) for k, v in attributes.items() if k not in _RESERVED}
+        self.header |= {**_windows(dataset), "format": FORMAT}
 
     def name(self, index: int) -> str:
         return "steady" if index < 0 else f"frame_{index:0{self.digits}d}"
@@ -187,8 +176,7 @@ class _Stack:
         """Header and channels of frame `index`, or of the steady image (-1)."""
         import OpenEXR
 
-        header = {**self.attributes, **self.windows, "format": FORMAT}
-        header["compression"] = OpenEXR.ZIP_COMPRESSION
+        header = self.header | {"compression": OpenEXR.ZIP_COMPRESSION}
         header["type"] = OpenEXR.scanlineimage
         images = {"": self._values("", index)}
         if self.errors is not None:
@@ -222,9 +210,9 @@ class _Stack:
         return cube.frame(index)
 
     def encode(self, index: int) -> bytes:
-        """Frame `index` (-1: the steady image) as the bytes of an EXR file.
+        """Encode frame `index` (-1: the steady image) as the bytes of an EXR file.
 
-        Made in memory because OpenEXR hides errors, such as a full disk, while it closes a file.
+        In memory because OpenEXR hides errors, such as a full disk, while it closes a file.
         """
         import OpenEXR
 
@@ -242,13 +230,11 @@ class _Stack:
         with open(path, "wb") as file:
             names = [self.name(index) for index in range(-1, self.bins)]
             parts = MultipartWriter(file, names, self.encode(-1), self.encode(0))
-            numbers = range(len(names))
-            for_each(
-                lambda number: parts.add(number, self.encode(number - 1)),
-                numbers,
-                "Writing EXR",
-                progress=progress,
-            )
+
+            def write(number: int) -> None:
+                parts.add(number, self.encode(number - 1))
+
+            for_each(write, range(len(names)), "Writing EXR", progress=progress)
             parts.finish()
         seal_file(path)
 
@@ -265,7 +251,7 @@ class _Stack:
 
 
 def _native(value: str | int | float) -> Any:
-    """`value` as an EXR attribute: int (32 bits), double or text."""
+    """Convert to an EXR attribute: int (32 bits), double or text."""
     if isinstance(value, float):
         return _double(value)
     return value if isinstance(value, int) and abs(value) < 1 << 31 else str(value)
@@ -286,7 +272,7 @@ def _windows(dataset: xr.Dataset) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 
 def _read(file: Path) -> list[Any]:
-    """The parts of an EXR file."""
+    """Read all parts of an EXR file."""
     import OpenEXR
 
     if not file.is_file():  # A pipe would be waited for
@@ -309,7 +295,7 @@ def _read(file: Path) -> list[Any]:
 
 
 def _size(part: Any) -> int:
-    """Bytes of a part's pixels, as floats."""
+    """Bytes of a part's pixels as float32."""
     (left, top), (right, bottom) = part.header["dataWindow"]
     return (int(right) - int(left) + 1) * (int(bottom) - int(top) + 1) * 4 * len(part.channels)
 
@@ -317,30 +303,24 @@ def _size(part: Any) -> int:
 def _assemble(path: Any, steady: Any, count: int, frame: Callable[[int], Any]) -> xr.Dataset:
     if steady.header.get("format") != FORMAT or "dataset" not in steady.header:
         raise ValueError(f"path = {path}: holds other EXR images; must be a saved stack")
-    try:
-        about = parse(steady.header["dataset"])
-    except ValueError as error:
-        raise ValueError(f"path = {path}: {error}") from None
-    sizes = [about["sizes"][axis] for axis in DIMS["transient"]]
-    bins = about["sizes"]["opl"]
+    with named(path):
+        description = parse(steady.header["dataset"])
+    sizes = [description["sizes"][axis] for axis in DIMS["transient"]]
+    bins = description["sizes"]["opl"]
     if count != bins:
         raise ValueError(f"path = {path}: {count} frames of {bins} are there; must be complete")
     image = _pixels(path, steady)
     if image.shape != (sizes[0], sizes[1], sizes[3]):
         raise ValueError(f"path = {path}: steady with shape {image.shape}: must be of {sizes}")
-    has_errors = "transient_error" in about["variables"]
-    films = 2 if has_errors else 1
-    memory.require_free(f"path = {path}", 4 * films * math.prod(sizes))
-    transient = np.empty(sizes, np.float32)
-    errors = {}
+    has_errors = "transient_error" in description["variables"]
+    memory.require_free(f"path = {path}", 4 * (1 + has_errors) * math.prod(sizes))
+    arrays = {"transient": np.empty(sizes, np.float32), "steady": image}
     if has_errors:
-        errors = {
-            "transient_error": np.empty(sizes, np.float32),
-            "steady_error": _pixels(path, steady, LAYER),
-        }
-    opl = np.full(bins, np.nan)
+        arrays["transient_error"] = np.empty(sizes, np.float32)
+        arrays["steady_error"] = _pixels(path, steady, LAYER)
+    arrays["opl"] = np.full(bins, np.nan)
 
-    def place(number: int) -> None:
+    def read_frame(number: int) -> None:
         part = frame(number)
         pixels, index = _pixels(path, part), part.header.get("bin_index", -1)
         centre = np.ravel(part.header.get("opl_center", ()))
@@ -350,40 +330,37 @@ def _assemble(path: Any, steady: Any, count: int, frame: Callable[[int], Any]) -
             raise ValueError(
                 f"path = {path}: frame {number} does not belong to this stack; must be as saved"
             )
-        transient[:, :, index] = pixels
-        if errors:
-            errors["transient_error"][:, :, index] = _pixels(path, part, LAYER)
-        opl[index] = centre[0]
+        arrays["transient"][:, :, index] = pixels
+        if has_errors:
+            arrays["transient_error"][:, :, index] = _pixels(path, part, LAYER)
+        arrays["opl"][index] = centre[0]
 
-    for_each(place, range(bins), "Reading EXR", progress=True)
-    if np.isnan(opl).any():
+    for_each(read_frame, range(bins), "Reading EXR", progress=True)
+    if np.isnan(arrays["opl"]).any():
         raise ValueError(
             f"path = {path}: two frames have the same bin_index; each must be saved once"
         )
     x, y = (int(first) for first in steady.header["dataWindow"][0])
-    pixels = {"y": y + np.arange(image.shape[0]), "x": x + np.arange(image.shape[1])}
-    try:
-        dataset = restore(
-            about, {"transient": transient, "steady": image, **errors, "opl": opl, **pixels}
-        )
-    except ValueError as error:
-        raise ValueError(f"path = {path}: {error}") from None
+    arrays["y"] = y + np.arange(image.shape[0])
+    arrays["x"] = x + np.arange(image.shape[1])
+    with named(path):
+        dataset = restore(description, arrays)
     refuse_not_finite(path, dataset)
     return dataset
 
 
 def _pixels(path: Any, part: Any, layer: str = "") -> np.ndarray:
+    """Values of an image, or of its standard errors, (height, width, channels)."""
     channels = part.channels
     names = [
         [f"{layer}{kind}" for kind in kinds] for kinds in _READ if f"{layer}{kinds[0]}" in channels
     ]
     known = ({f"{each}{kind}" for each in ("", LAYER) for kind in kinds} for kinds in _READ)
     if len(names) != 1 or not any({*names[0]} <= {*channels} <= kinds for kinds in known):
-        said = ", ".join(channels)
+        found = ", ".join(channels)
         raise ValueError(
-            f"path = {path}: has the channels {said}; must be RGB or Y, or those of S0 to S3"
+            f"path = {path}: has the channels {found}; must be RGB or Y, or those of S0 to S3"
         )
-    found = [channels[name].pixels for name in names[0]]
-    images = [image[..., None] if image.ndim == 2 else image for image in found]
-    whole = images[0] if len(images) == 1 else np.concatenate(images, axis=-1)
-    return whole.astype(np.float32, copy=False)
+    images = [np.atleast_3d(channels[name].pixels) for name in names[0]]
+    pixels = images[0] if len(images) == 1 else np.concatenate(images, axis=-1)
+    return pixels.astype(np.float32, copy=False)

@@ -1,4 +1,4 @@
-"""One EXR file of several named pictures."""
+"""EXR file with several named layers."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..runtime import checks
-from ..runtime.atomic import replacing
-from .output import check_room, check_writable
+from ..runtime.atomic import check_writable, replacing
 
 
 def save_exr_layers(
@@ -21,16 +20,16 @@ def save_exr_layers(
     """Write pictures of one size as the layers of an EXR file.
 
     Args:
-        path: The file, replaced whole if it exists.
+        path: File name; an existing file is replaced.
         layers: Pictures by name, shape (height, width, channels) with 1 or 3 channels. The name
-            "" has the plain channels R, G, B or Y that every viewer shows.
+            "" stands for the channels R, G, B or Y that every viewer shows.
         attrs: Attributes of the header.
 
     Returns:
         `path`.
 
     Raises:
-        ValueError: There are no layers, their sizes differ, or no path; one line.
+        ValueError: There are no layers, or their sizes differ.
 
     Example:
         >>> import tempfile
@@ -57,8 +56,7 @@ def save_exr_layers(
         raise ValueError(f"layers = {given}: have the sizes {sorted(sizes)}; must be one size")
     if target.is_dir():
         raise FileExistsError(f"path = {path}: is a folder; must be the name of a file")
-    check_writable(target)
-    check_room(target, sum(array.nbytes for array in arrays.values()))
+    check_writable(target, sum(array.nbytes for array in arrays.values()))
     channels = {}
     for name, array in arrays.items():
         for c, letter in enumerate("RGB" if array.shape[2] == 3 else "Y"):

@@ -1,4 +1,4 @@
-"""The Dataset in one NumPy archive, without pickles."""
+"""Datasets as NumPy archives without pickles."""
 
 from __future__ import annotations
 
@@ -31,22 +31,22 @@ def save_npz(dataset: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = 
     """Write a rendered Dataset as one .npz file that `numpy.load` opens as well.
 
     The arrays have the Dataset's names; `tofrender` is a JSON text with sizes, channels and all
-    attributes. Nothing is compressed: zlib would take eight times as long. The
-    file appears whole or not at all.
+    attributes. Nothing is compressed: zlib would take eight times as long. The file appears whole
+    or not at all.
 
     Args:
         dataset: The result of `render`.
         path: A file name that ends in .npz.
-        overwrite: Replace a file that is there.
+        overwrite: Replace an existing file.
 
     Returns:
         `path`.
 
     Raises:
-        ValueError: Not such a Dataset, no path, or another suffix.
+        ValueError: Another Dataset, or another suffix.
         FileExistsError: The file exists.
-        PermissionError: The place is not writable.
-        OSError: The disk is full; nothing half-written remains.
+        PermissionError: `path` is not writable.
+        OSError: The disk is full.
 
     Warns:
         UserWarning: A value is NaN or infinite, so that the file cannot be read again.
@@ -83,12 +83,12 @@ def _write(archive: ZipFile, name: str, cube: Cube) -> None:
 
 @shown("Reading NPZ")
 def load_npz(path: str | os.PathLike) -> xr.Dataset:
-    """Read what `save_npz` wrote: the same Dataset, bit by bit.
+    """Read a Dataset that `save_npz` wrote, equal bit by bit.
 
     Raises:
         FileNotFoundError: There is nothing at `path`.
-        ValueError: Not a file of `save_npz`, damaged, or it holds values that are not finite.
-        MemoryError: It holds more than fits into memory.
+        ValueError: Not a file of `save_npz`, damaged, or with values that are not finite.
+        MemoryError: The Dataset does not fit into memory.
 
     Example:
         >>> import tempfile, tofrender
@@ -104,14 +104,14 @@ def load_npz(path: str | os.PathLike) -> xr.Dataset:
         raise FileNotFoundError(f"path = {path}: {what}; must be a file that save_npz wrote")
     try:
         with open(path, "rb") as file, ZipFile(file) as archive:
-            about = parse(read_array(archive, "tofrender"))
-            names = (*_ARRAYS, *(name for name in ERRORS if name in about["variables"]))
-            shapes = shapes_of(about)
-            dataset = restore(about, {n: read_array(archive, n, shapes[n]) for n in names})
+            description = parse(read_array(archive, "tofrender"))
+            names = (*_ARRAYS, *(name for name in ERRORS if name in description["variables"]))
+            shapes = shapes_of(description)
+            dataset = restore(description, {n: read_array(archive, n, shapes[n]) for n in names})
     except MemoryError as error:
         raise MemoryError(f"path = {path}: {error}") from None
     except Exception as error:  # Whatever a damaged file makes zipfile, zlib and NumPy raise
-        said = " ".join(str(error).split())[:200] or type(error).__name__
-        raise ValueError(f"path = {path}: must be a file that save_npz wrote ({said})") from None
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise ValueError(f"path = {path}: must be a file that save_npz wrote ({reason})") from None
     refuse_not_finite(path, dataset)
     return dataset

@@ -15,7 +15,7 @@ def for_each(
 ) -> None:
     """Call `function` on every item in threads; the first error or Ctrl-C cancels the rest.
 
-    Worth it for work that releases the GIL: OpenEXR and Pillow do while they (de)compress.
+    OpenEXR and Pillow release the GIL while they (de)compress.
     """
     with ThreadPoolExecutor(min(16, os.cpu_count() or 1)) as pool:
         futures = [pool.submit(function, item) for item in items]
@@ -30,10 +30,7 @@ def for_each(
 
 
 def at_once(first: Callable[[], Any], *others: Callable[[], Any]) -> None:
-    """Call functions at the same time, the first one in this thread.
-
-    All have ended when the first error is raised.
-    """
+    """Call functions concurrently, the first one in this thread; raise the first error last."""
     with ThreadPoolExecutor(max(1, len(others))) as pool:
         futures = [pool.submit(each) for each in others]
         first()

@@ -1,7 +1,7 @@
-"""A checksum behind the end of a file, where its format does not look: damage is found.
+"""Seals: checksums after the end of a file, where its format does not read, to detect damage.
 
-Other programs read such a file as any, and lose the seal when they write it. Files without a seal
-are taken as they are.
+Other programs read such a file as any, and drop the seal when they write it. Files without a seal
+are accepted.
 """
 
 from __future__ import annotations
@@ -15,17 +15,12 @@ _STEP = 1 << 22
 
 
 def seal(content: bytes) -> bytes:
-    """What a file holds, and its seal.
-
-    Example:
-        >>> len(seal(b"light"))
-        31
-    """
+    """Append a seal to the content of a file."""
     return content + _line(zlib.crc32(content))
 
 
 def seal_file(path: Path) -> None:
-    """Append its seal to a file."""
+    """Append a seal to a file on the disk."""
     with path.open("r+b") as file:
         checksum = 0
         while part := file.read(_STEP):
@@ -34,11 +29,7 @@ def seal_file(path: Path) -> None:
 
 
 def require_unbroken(path: Path) -> None:
-    """Refuse a file that does not hold what its seal says; one without a seal passes.
-
-    Raises:
-        ValueError: One line.
-    """
+    """Raise a ValueError for a file that differs from its seal; one without a seal passes."""
     with path.open("rb") as file:
         size = file.seek(0, 2)
         file.seek(max(0, size - _LENGTH))

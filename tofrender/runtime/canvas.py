@@ -1,4 +1,4 @@
-"""Figures that pyplot knows nothing of: one style for all of them, and one way to save them."""
+"""Matplotlib figures outside of pyplot: one style for all of them, and one way to save them."""
 
 from __future__ import annotations
 
@@ -31,18 +31,14 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True)
 class Palette:
-    """Colours of a theme. Those of text have a contrast to `paper` of 4.5 and more.
-
-    `lines` are those of Okabe and Ito, which the colour-blind tell apart; `good` and `bad` differ
-    for them too. `channels` are those of red, green and blue light.
-    """
+    """Colours of a theme; those of text have a contrast to `paper` of 4.5 and more."""
 
     ink: str
     paper: str
     faint: str
-    lines: tuple[str, ...]
-    channels: tuple[str, str, str]
-    good: str
+    lines: tuple[str, ...]  # Okabe and Ito's, which the colour-blind tell apart
+    channels: tuple[str, str, str]  # Of red, green and blue light
+    good: str  # Told from `bad` by the colour-blind, too
     bad: str
 
 
@@ -74,22 +70,20 @@ class _Style:
     width: float | None = None
 
 
-_USUAL = _Style()
-_STYLE: ContextVar[_Style] = ContextVar("style", default=_USUAL)
+_STYLE: ContextVar[_Style] = ContextVar("style", default=_Style())  # noqa: B039, it is frozen
 
 
 @contextmanager
 def figure_style(*, theme: str | None = None, width: float | None = None) -> Iterator[None]:
-    """Make all figures of the block in one theme and of one width.
+    """Set the theme and the width of all figures that the block makes.
 
-    Letters have 7 to 9 points and lines 0.6 to 1.2 points whatever the width, so that a figure fits
-    its place in a text unscaled: 3.4 inches for a column, 7 for a page. Narrow figures arrange
-    their panels in more rows.
+    Fonts have 7 to 9 points and lines 0.6 to 1.2 points whatever the width, so that a figure goes
+    into a text unscaled: 3.4 inches for a column, 7 for a page. Narrow figures arrange their panels
+    in more rows.
 
     Args:
-        theme: "light" for dark ink on white, "dark" for the other; None for that of a block
-            around, else "light".
-        width: Width of figures [inches], 2.5 to 40; None for that of a block around, else each
+        theme: "light" or "dark"; None for that of an enclosing block, else "light".
+        width: Width of figures [inches], 2.5 to 40; None for that of an enclosing block, else each
             figure's own. Heights follow.
 
     Raises:
@@ -116,30 +110,29 @@ def figure_style(*, theme: str | None = None, width: float | None = None) -> Ite
 
 
 def palette() -> Palette:
-    """Colours of the theme that holds here."""
+    """Colours of the active theme."""
     return PALETTES[_STYLE.get().theme]
 
 
 def figure_width(natural: float) -> float:
-    """The width that `figure_style` asks for, or `natural` [inches]."""
+    """Width set by `figure_style`, or `natural` [inches]."""
     return _STYLE.get().width or natural
 
 
 def in_style(function: Callable[Arguments, Made]) -> Callable[Arguments, Made]:
-    """Draw what a function draws in the style that holds where it is called."""
+    """Decorate a function so that it draws with the active style."""
 
     @functools.wraps(function)
-    def drawn(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Made:
+    def wrapper(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Made:
         from matplotlib import rc_context
 
-        with rc_context(_settings()):
+        with rc_context(_rc_params()):
             return function(*args, **kwargs)
 
-    return drawn
+    return wrapper
 
 
-def _settings() -> dict[Any, Any]:
-    """What Matplotlib calls rcParams."""
+def _rc_params() -> dict[Any, Any]:
     from cycler import cycler
 
     colours = palette()
@@ -174,17 +167,17 @@ def _settings() -> dict[Any, Any]:
 
 
 def new_figure(width: float, height: float, layout: Any = "constrained") -> Figure:
-    """A figure [inches] outside of pyplot, that a notebook shows as the picture it is.
+    """Make a figure [inches] outside of pyplot, which notebooks display.
 
-    It is always drawn with Matplotlib's settings of when it was made. The layout "compressed" keeps
-    pictures close together, and their colour bars as high as them.
+    Later draws use the rcParams of its making. The layout "compressed" keeps pictures close
+    together, and their colour bars as high as them.
     """
     from matplotlib import rc_context, rcParams
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    settings = {name: rcParams[name] for name in _settings()}
+    settings = {name: rcParams[name] for name in _rc_params()}
 
     class Picture(Figure):
         def draw(self, renderer: Any) -> None:
@@ -202,11 +195,11 @@ def new_figure(width: float, height: float, layout: Any = "constrained") -> Figu
 
     class Layout(ConstrainedLayoutEngine):
         def execute(self, fig: Figure) -> None:
-            """Places to five digits: noise in the last ones would make other files each time."""
+            """Round positions to five digits: noise in the last ones would change each file."""
             super().execute(fig)
             for axes in fig.axes:
-                place = axes.get_position(original=True).bounds
-                axes._set_position([round(part, 5) for part in place])  # pyright: ignore
+                bounds = axes.get_position(original=True).bounds
+                axes._set_position([round(part, 5) for part in bounds])  # pyright: ignore
 
     class Canvas(FigureCanvasAgg):
         def draw_idle(self, *args: Any, **kwargs: Any) -> None:
@@ -221,8 +214,8 @@ def new_figure(width: float, height: float, layout: Any = "constrained") -> Figu
 
 # ----------------------------------------------------------------------------------- saving
 
+# Text stays text, and identifiers inside of files stay the same
 _SAVED: dict[Any, Any] = {"svg.fonttype": "none", "pdf.fonttype": 42, "svg.hashsalt": "tofrender"}
-"""Text stays text, and names inside of files stay the same."""
 
 _METADATA: dict[str, dict[str, str | None]] = {
     ".png": {"Software": "tofrender"},
@@ -234,23 +227,23 @@ _METADATA: dict[str, dict[str, str | None]] = {
 def save_figure(figure: Figure, path: str | os.PathLike, *, dpi: float = 200) -> Path:
     """Write a figure as PNG, PDF or SVG, as the path ends.
 
-    The same figure makes the same bytes with the same version of Matplotlib. Letters in PDF and SVG
-    are text, in PDF with their font. The file appears whole or not at all.
+    Equal figures make equal bytes with the same version of Matplotlib. Text in PDF and SVG stays
+    text, in PDF with its font. The file appears whole or not at all.
 
     Args:
         figure: A `matplotlib.figure.Figure`, this package's or another.
-        path: A file name that ends in .png, .pdf or .svg. A file that is there is replaced when
-            the new one is complete.
-        dpi: Pixels per inch, 20 to 2400; of the pictures inside of a PDF or SVG too.
+        path: A file name that ends in .png, .pdf or .svg. An existing file is replaced when the
+            new one is complete.
+        dpi: Pixels per inch, 20 to 2400; of images in a PDF or SVG, too.
 
     Returns:
         `path`.
 
     Raises:
-        ValueError: Another ending, or a resolution out of range.
+        ValueError: Another suffix, or a resolution out of range.
         FileExistsError: `path` is a folder.
-        PermissionError: The place is not writable.
-        OSError: The disk is full; nothing half-written remains.
+        PermissionError: `path` is not writable.
+        OSError: The disk is full.
 
     Example:
         >>> import tempfile
@@ -272,29 +265,19 @@ def save_figure(figure: Figure, path: str | os.PathLike, *, dpi: float = 200) ->
     return target
 
 
-def draw_figure(figure: Figure, place: Any, kind: str, *, dpi: float = 200) -> None:
+def draw_figure(figure: Figure, target: Any, kind: str, *, dpi: float = 200) -> None:
     """Draw a figure as `save_figure` does into a path or a binary stream, as ".png", ".pdf", ..."""
     from matplotlib import rc_context
 
     with rc_context(_SAVED):
-        figure.savefig(place, format=kind[1:], dpi=dpi, metadata=_METADATA[kind])
+        figure.savefig(target, format=kind[1:], dpi=dpi, metadata=_METADATA[kind])
 
 
 def check_figure_path(path: str | os.PathLike, name: str = "path") -> Path:
-    """Refuse a path that no figure can be written to, by its ending or as it is a folder.
-
-    Raises:
-        ValueError, FileExistsError: One line that calls the path `name`.
-
-    Example:
-        >>> check_figure_path("a.jpg")
-        Traceback (most recent call last):
-        ValueError: path = a.jpg: must be a file name that ends in .png, .pdf or .svg
-    """
+    """Require a path with the suffix of a figure that is no folder."""
     target = checks.path(name, path)
     if target.suffix.lower() not in FIGURE_SUFFIXES:
-        endings = " or ".join((", ".join(FIGURE_SUFFIXES[:-1]), FIGURE_SUFFIXES[-1]))
-        raise ValueError(f"{name} = {path}: must be a file name that ends in {endings}")
+        raise ValueError(f"{name} = {path}: must be a file name that ends in .png, .pdf or .svg")
     if os.path.isdir(target):
         raise FileExistsError(f"{name} = {path}: is a folder; must be the name of a file")
     return target

@@ -1,4 +1,4 @@
-"""How bright colours are."""
+"""Luminance of colours."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
 
 
 def luminance(values: np.ndarray) -> np.ndarray:
-    """Luminance of colours, the value itself of what has one channel.
+    """Luminance of colours; with one channel, the value itself.
 
     Args:
         values: Linear values, (..., 1) or (..., 3).

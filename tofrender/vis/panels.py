@@ -12,8 +12,7 @@ from ..analysis.unwrapping import unambiguous_range, unwrap
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style
 from ..runtime.plots import COLUMN, NO_VALUE, PictureGrid, most_of
-from ..signals.frequencies import check_frequencies
-from ..signals.units import SPEED_OF_LIGHT
+from ..signals.units import SPEED_OF_LIGHT, check_frequencies
 from .colours import phase_map
 from .figures import map_axes, picture_aspect
 

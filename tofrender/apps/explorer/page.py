@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...io.output import check_file, check_room, check_writable
+from ...io.output import check_file, check_writable
 from ...runtime import checks
 from ...runtime.atomic import replacing
 from .contents import Contents, contents_of
@@ -122,7 +122,7 @@ def report(
         if len(text) <= most:
             break
         share *= 0.9 * most / len(text)
-    check_room(path, len(text))
+    check_writable(path, len(text))
     with replacing(path, needed_bytes=len(text)) as temporary:
         temporary.write_bytes(text)
     return target
