@@ -23,7 +23,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 import tofrender
 from tofrender import io
 from tofrender.io import exr
-from tofrender.io.seals import _LENGTH as SEAL
+from tofrender.io.files import _LENGTH as SEAL
 from tofrender.runtime import memory
 
 

@@ -286,4 +286,5 @@ def test_no_room_is_a_warning(path, monkeypatch, number):
 
 def test_bad_arguments(tmp_path):
     (tmp_path / "folder.npz").mkdir()
-    refused("is a folder; must be the name of a file", Checkpoint, tmp_path / "folder.npz")
+    said = "is a folder; must be the name of a file"
+    refused(said, Checkpoint, tmp_path / "folder.npz", kind=FileExistsError)

@@ -277,18 +277,17 @@ def check_out(
 
 def check_file_out(out: Path, *suffixes: str, overwrite: bool = False) -> None:
     """Refuse a file that cannot be written."""
-    from tofrender.io.output import check_file, check_writable
+    from tofrender.runtime.atomic import check_file
 
     try:
-        check_file(out, *suffixes, overwrite=overwrite)
-        check_writable(out, LEAST_ROOM)
+        check_file(out, *suffixes, overwrite=overwrite, needed_bytes=LEAST_ROOM)
     except (ValueError, OSError) as error:
         raise ValueError(_of_out(error)) from None
 
 
 def check_room(out: Path, *arrays: int) -> None:
     """Refuse a disk too small for arrays of floats, each of so many values."""
-    from tofrender.io.output import check_writable
+    from tofrender.runtime.atomic import check_writable
 
     try:
         check_writable(out, 4 * sum(arrays) + LEAST_ROOM)

@@ -26,8 +26,8 @@ def write(
     Pictures are of S0 where there are Stokes vectors, which have a figure of their own.
     """
     from tofrender import io, vis
+    from tofrender.io.files import at_once
     from tofrender.io.output import stack_bytes
-    from tofrender.io.parallel import at_once
     from tofrender.rendering.dataset import components_of, in_channels
 
     seen, *others = components_of(dataset)

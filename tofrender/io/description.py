@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -95,21 +93,6 @@ def restore(description: dict[str, Any], arrays: dict[str, np.ndarray]) -> xr.Da
     )
     check_dataset(dataset)
     return in_components(labelled(dataset))
-
-
-@contextmanager
-def named(path: str | os.PathLike) -> Iterator[None]:
-    """Name the file in the errors of the block."""
-    try:
-        yield
-    except ValueError as error:
-        raise ValueError(f"path = {path}: {error}") from None
-
-
-def refuse_not_finite(path: str | os.PathLike, dataset: xr.Dataset) -> None:
-    """Raise a ValueError for a file whose radiance is not finite in all bins and pixels."""
-    with named(path):
-        require_finite(dataset)
 
 
 def warn_of_not_finite(dataset: xr.Dataset, stacklevel: int = 3) -> None:

@@ -13,15 +13,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..rendering.cubes import Cube
-from ..rendering.dataset import DIMS, check_dataset, in_channels, plain_attributes
+from ..rendering.dataset import (
+    DIMS,
+    check_dataset,
+    in_channels,
+    plain_attributes,
+    require_finite,
+)
 from ..runtime import checks, memory
 from ..runtime.atomic import replacing
 from ..signals.polarisation import STOKES
-from .description import describe, named, parse, refuse_not_finite, restore, warn_of_not_finite
+from .description import describe, parse, restore, warn_of_not_finite
+from .files import for_each, named, reading, seal, seal_file
 from .multipart import MultipartWriter
 from .output import BYTES_PER_VALUE, check_output, output_folder, stack_bytes
-from .parallel import for_each
-from .seals import require_unbroken, seal, seal_file
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -71,15 +76,10 @@ def save_exr_stack(
         overwrite: Replace an earlier output of this package; other content is never replaced.
         progress: Show a bar if it takes more than two seconds.
 
-    Returns:
-        `path`.
-
     Raises:
         ValueError: Another Dataset, an unknown layout or precision, or a finite value above 65504
             in half precision.
-        FileExistsError: `path` holds something that may not be replaced.
-        PermissionError: `path` is not writable.
-        OSError: The disk is full.
+        OSError: `path` may not be replaced or is not writable, or the disk is full.
 
     Warns:
         UserWarning: A value is NaN or infinite, so that the stack cannot be read again.
@@ -103,12 +103,26 @@ def save_exr_stack(
     target = check_output(path, shape, layout=layout, precision=precision, overwrite=overwrite)
     warn_of_not_finite(dataset)
     needed = stack_bytes(shape, precision)
-    if layout == "multipart":
-        with replacing(path, needed_bytes=needed) as temporary:
-            stack.write_parts(temporary, progress)
-    else:
-        with output_folder(path, overwrite=overwrite, needed_bytes=needed) as temporary:
-            stack.write_frames(temporary, progress)
+    indices = range(-1, stack.bins)
+    if layout == "frames":
+        with output_folder(path, overwrite=overwrite, needed_bytes=needed) as folder:
+
+            def write(index: int) -> None:
+                (folder / f"{stack.name(index)}.exr").write_bytes(seal(stack.encode(index)))
+
+            for_each(write, indices, "Writing EXR", progress=progress)
+        return target
+    with replacing(path, needed_bytes=needed) as temporary:
+        with open(temporary, "wb") as file:
+            names = [stack.name(index) for index in indices]
+            parts = MultipartWriter(file, names, stack.encode(-1), stack.encode(0))
+
+            def add(index: int) -> None:
+                parts.add(index + 1, stack.encode(index))
+
+            for_each(add, indices, "Writing EXR", progress=progress)
+            parts.finish()
+        seal_file(temporary)
     return target
 
 
@@ -137,16 +151,16 @@ def load_exr_stack(path: str | os.PathLike) -> xr.Dataset:
         True
     """
     folder = checks.path("path", path)
-    if not folder.exists():
-        raise FileNotFoundError(f"path = {path}: does not exist; must be a saved stack")
-    if folder.is_dir():
-        if not (folder / "steady.exr").is_file():
-            raise ValueError(f"path = {path}: has no steady.exr; must be a saved stack")
-        files = sorted(folder.glob("frame_*.exr"))
+    if not folder.is_dir():
+        steady, *frames = _read(folder)
+        with named(path):
+            return _assemble(steady, len(frames), frames.__getitem__)
+    if not (folder / "steady.exr").is_file():
+        raise ValueError(f"path = {path}: has no steady.exr; must be a saved stack")
+    files = sorted(folder.glob("frame_*.exr"))
+    with named(path):
         steady = _read(folder / "steady.exr")[0]
-        return _assemble(path, steady, len(files), lambda number: _read(files[number])[0])
-    steady, *frames = _read(folder)
-    return _assemble(path, steady, len(frames), frames.__getitem__)
+        return _assemble(steady, len(files), lambda number: _read(files[number])[0])
 
 
 class _Stack:
@@ -220,24 +234,6 @@ class _Stack:
         OpenEXR.File(*self.part(index), num_threads=0).write(stream)
         return stream.getvalue()
 
-    def write_frames(self, folder: Path, progress: bool) -> None:
-        def write(index: int) -> None:
-            (folder / f"{self.name(index)}.exr").write_bytes(seal(self.encode(index)))
-
-        for_each(write, range(-1, self.bins), "Writing EXR", progress=progress)
-
-    def write_parts(self, path: Path, progress: bool) -> None:
-        with open(path, "wb") as file:
-            names = [self.name(index) for index in range(-1, self.bins)]
-            parts = MultipartWriter(file, names, self.encode(-1), self.encode(0))
-
-            def write(number: int) -> None:
-                parts.add(number, self.encode(number - 1))
-
-            for_each(write, range(len(names)), "Writing EXR", progress=progress)
-            parts.finish()
-        seal_file(path)
-
     def _round(self, values: np.ndarray) -> np.ndarray:
         with np.errstate(over="ignore"):
             rounded = values.astype(self.dtype)
@@ -275,23 +271,13 @@ def _read(file: Path) -> list[Any]:
     """Read all parts of an EXR file."""
     import OpenEXR
 
-    if not file.is_file():  # A pipe would be waited for
-        raise ValueError(f"path = {file}: is no file; must be an EXR file")
-    require_unbroken(file)
-    try:
+    with reading(file, "a readable EXR file as it was saved"):
         parts = OpenEXR.File(str(file), header_only=True).parts
         memory.require_free(f"path = {file}", sum(map(_size, parts)))
         read = OpenEXR.File(str(file), num_threads=0).parts
         if len(read) != len(parts) or not parts:
-            raise ValueError("it is cut short")
+            raise ValueError("is cut short")
         return read
-    except MemoryError:
-        raise
-    except Exception as error:
-        reason = " ".join(str(error).split())[:200]
-        raise ValueError(
-            f"path = {file}: not a readable EXR file ({reason}); must be as it was saved"
-        ) from None
 
 
 def _size(part: Any) -> int:
@@ -300,56 +286,51 @@ def _size(part: Any) -> int:
     return (int(right) - int(left) + 1) * (int(bottom) - int(top) + 1) * 4 * len(part.channels)
 
 
-def _assemble(path: Any, steady: Any, count: int, frame: Callable[[int], Any]) -> xr.Dataset:
+def _assemble(steady: Any, count: int, frame: Callable[[int], Any]) -> xr.Dataset:
+    """Make a Dataset of the steady image and of frames, which are read in any order."""
     if steady.header.get("format") != FORMAT or "dataset" not in steady.header:
-        raise ValueError(f"path = {path}: holds other EXR images; must be a saved stack")
-    with named(path):
-        description = parse(steady.header["dataset"])
+        raise ValueError("holds other EXR images; must be a saved stack")
+    description = parse(steady.header["dataset"])
     sizes = [description["sizes"][axis] for axis in DIMS["transient"]]
     bins = description["sizes"]["opl"]
     if count != bins:
-        raise ValueError(f"path = {path}: {count} frames of {bins} are there; must be complete")
-    image = _pixels(path, steady)
+        raise ValueError(f"{count} frames of {bins} are there; must be complete")
+    image = _pixels(steady)
     if image.shape != (sizes[0], sizes[1], sizes[3]):
-        raise ValueError(f"path = {path}: steady with shape {image.shape}: must be of {sizes}")
+        raise ValueError(f"steady with shape {image.shape}: must be of {sizes}")
     has_errors = "transient_error" in description["variables"]
-    memory.require_free(f"path = {path}", 4 * (1 + has_errors) * math.prod(sizes))
+    memory.require_free("transient", 4 * (1 + has_errors) * math.prod(sizes))
     arrays = {"transient": np.empty(sizes, np.float32), "steady": image}
     if has_errors:
         arrays["transient_error"] = np.empty(sizes, np.float32)
-        arrays["steady_error"] = _pixels(path, steady, LAYER)
+        arrays["steady_error"] = _pixels(steady, LAYER)
     arrays["opl"] = np.full(bins, np.nan)
 
     def read_frame(number: int) -> None:
         part = frame(number)
-        pixels, index = _pixels(path, part), part.header.get("bin_index", -1)
+        pixels, index = _pixels(part), part.header.get("bin_index", -1)
         centre = np.ravel(part.header.get("opl_center", ()))
         known = isinstance(index, int) and 0 <= index < bins
         known = known and len(centre) == 1 and centre.dtype.kind == "f"
         if not known or pixels.shape != image.shape:
-            raise ValueError(
-                f"path = {path}: frame {number} does not belong to this stack; must be as saved"
-            )
+            raise ValueError(f"frame {number} does not belong to this stack; must be as saved")
         arrays["transient"][:, :, index] = pixels
         if has_errors:
-            arrays["transient_error"][:, :, index] = _pixels(path, part, LAYER)
+            arrays["transient_error"][:, :, index] = _pixels(part, LAYER)
         arrays["opl"][index] = centre[0]
 
     for_each(read_frame, range(bins), "Reading EXR", progress=True)
     if np.isnan(arrays["opl"]).any():
-        raise ValueError(
-            f"path = {path}: two frames have the same bin_index; each must be saved once"
-        )
+        raise ValueError("two frames have the same bin_index; each must be saved once")
     x, y = (int(first) for first in steady.header["dataWindow"][0])
     arrays["y"] = y + np.arange(image.shape[0])
     arrays["x"] = x + np.arange(image.shape[1])
-    with named(path):
-        dataset = restore(description, arrays)
-    refuse_not_finite(path, dataset)
+    dataset = restore(description, arrays)
+    require_finite(dataset)
     return dataset
 
 
-def _pixels(path: Any, part: Any, layer: str = "") -> np.ndarray:
+def _pixels(part: Any, layer: str = "") -> np.ndarray:
     """Values of an image, or of its standard errors, (height, width, channels)."""
     channels = part.channels
     names = [
@@ -358,9 +339,7 @@ def _pixels(path: Any, part: Any, layer: str = "") -> np.ndarray:
     known = ({f"{each}{kind}" for each in ("", LAYER) for kind in kinds} for kinds in _READ)
     if len(names) != 1 or not any({*names[0]} <= {*channels} <= kinds for kinds in known):
         found = ", ".join(channels)
-        raise ValueError(
-            f"path = {path}: has the channels {found}; must be RGB or Y, or those of S0 to S3"
-        )
+        raise ValueError(f"has the channels {found}; must be RGB or Y, or those of S0 to S3")
     images = [np.atleast_3d(channels[name].pixels) for name in names[0]]
     pixels = images[0] if len(images) == 1 else np.concatenate(images, axis=-1)
     return pixels.astype(np.float32, copy=False)

@@ -18,22 +18,19 @@ import numpy as np
 
 from ..nlos.captures import DEVICES, MODES, ON_WALL, check_capture, make_capture
 from ..rendering.cubes import Cube
-from ..rendering.dataset import plain_attributes
+from ..rendering.dataset import plain_attributes, require_finite
 from ..rendering.labels import TIME, labelled, labels_of
 from ..runtime import checks, memory
-from ..runtime.atomic import replacing
+from ..runtime.atomic import check_file, replacing
 from ..runtime.progress import shown
 from ..signals.colour import luminance
 from . import hdf5_fields
-from .description import refuse_not_finite, warn_of_not_finite
-from .output import check_file, check_writable
-from .seals import require_unbroken, seal_file
+from .description import warn_of_not_finite
+from .files import reading, seal_file
 
 if TYPE_CHECKING:
     import xarray as xr
 
-_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-_SUFFIXES = (".h5", ".hdf5")
 _GRIDS = ("grid_xyz", "grid_normals", "grid_format")
 _H_AXES = {1: "T_Sx_Sy", 2: "T_Lx_Ly_Sx_Sy", 3: "T_Si", 4: "T_Li_Si"}
 _NAMES = (
@@ -61,14 +58,9 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
         path: A file name that ends in .h5 or .hdf5.
         overwrite: Replace an existing file.
 
-    Returns:
-        `path`.
-
     Raises:
         ValueError: Not a capture, or another suffix.
-        FileExistsError: The file exists.
-        PermissionError: `path` is not writable.
-        OSError: The disk is full.
+        OSError: `path` may not be replaced or is not writable, or the disk is full.
 
     Warns:
         UserWarning: A value is NaN or infinite, so that the file cannot be read again.
@@ -77,25 +69,19 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
         >>> import tempfile
         >>> wall = np.zeros((4, 4, 3))
         >>> wall[..., 0], wall[..., 1] = np.meshgrid(range(4), range(4))
-        >>> capture = make_capture(
-        ...     np.ones((4, 4, 10)),
-        ...     mode="confocal",
-        ...     start_opl=1.0,
-        ...     bin_width_opl=0.01,
-        ...     sensor_grid=wall,
-        ...     sensor_normals=np.broadcast_to([0, 0, 1], wall.shape),
-        ... )
+        >>> grid = {"sensor_grid": wall, "sensor_normals": np.broadcast_to([0, 0, 1], wall.shape)}
+        >>> window = {"start_opl": 1.0, "bin_width_opl": 0.01}
+        >>> capture = make_capture(np.ones((4, 4, 10)), mode="confocal", **window, **grid)
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     load_capture(save_capture(capture, folder + "/wall.h5")).identical(capture)
         True
     """
     check_capture(capture)
-    target = check_file(path, *_SUFFIXES, overwrite=overwrite)
     fields, cube = _fields(capture), Cube(capture["transient"])
     needed = sum(np.asarray(value).nbytes for value in fields.values()) + (1 << 16)
     coloured = cube.shape[-1] > 1
     needed += 4 * math.prod(cube.shape[:-1]) * (4 if coloured else 1)
-    check_writable(path, needed)
+    target = check_file(path, ".h5", ".hdf5", overwrite=overwrite, needed_bytes=needed)
     warn_of_not_finite(capture, stacklevel=4)
     with replacing(path, needed_bytes=needed) as temporary:
         # Large attributes need the format of HDF5 1.8
@@ -192,28 +178,9 @@ def load_capture(path: str | os.PathLike) -> xr.Dataset:
             file, an unknown format or mode, or values that are not finite.
         MemoryError: The capture does not fit into memory.
     """
-    path = checks.path("path", path)
-    if not path.is_file():
-        what = "is a folder" if path.is_dir() else "does not exist"
-        raise FileNotFoundError(f"path = {path}: {what}; must be an HDF5 file")
-    with open(path, "rb") as stream:
-        is_hdf5 = stream.read(len(_SIGNATURE)) == _SIGNATURE
-    if not is_hdf5:
-        raise ValueError(f"path = {path}: must be an HDF5 file")
-    require_unbroken(path)
-    try:
-        with h5py.File(path, "r") as file:
-            capture = _restore(_read(file))
-    except MemoryError as error:
-        raise MemoryError(f"path = {path}: {error}") from None
-    except OSError as error:
-        reason = "is cut short" if "truncated" in str(error) else "cannot be read"
-        raise ValueError(f"path = {path}: {reason}; must be a whole HDF5 file") from None
-    except Exception as error:  # Whatever a damaged file makes h5py raise
-        reason = " ".join(str(error.args[0] if error.args else error).split())[:300]
-        reason += "" if "must" in reason else "; must be a whole HDF5 file"
-        raise ValueError(f"path = {path}: {reason}") from None
-    refuse_not_finite(path, capture)
+    with reading(path, "a whole HDF5 file") as found, h5py.File(found, "r") as file:
+        capture = _restore(_read(file))
+        require_finite(capture)
     return capture
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..runtime import checks
-from ..runtime.atomic import check_writable, replacing
+from ..runtime.atomic import check_file, replacing
 
 
 def save_exr_layers(
@@ -25,9 +25,6 @@ def save_exr_layers(
             "" stands for the channels R, G, B or Y that every viewer shows.
         attrs: Attributes of the header.
 
-    Returns:
-        `path`.
-
     Raises:
         ValueError: There are no layers, or their sizes differ.
 
@@ -40,7 +37,6 @@ def save_exr_layers(
     """
     import OpenEXR
 
-    target = checks.path("path", path)
     attrs = checks.mapping("attrs", attrs)
     arrays = {
         name: checks.real_array(f"layers[{name!r}]", values, np.float32)
@@ -54,20 +50,15 @@ def save_exr_layers(
     if len(sizes) != 1:
         given = checks.shown(layers)
         raise ValueError(f"layers = {given}: have the sizes {sorted(sizes)}; must be one size")
-    if target.is_dir():
-        raise FileExistsError(f"path = {path}: is a folder; must be the name of a file")
-    check_writable(target, sum(array.nbytes for array in arrays.values()))
+    needed = sum(array.nbytes for array in arrays.values())
+    target = check_file(path, overwrite=True, needed_bytes=needed)
     channels = {}
     for name, array in arrays.items():
         for c, letter in enumerate("RGB" if array.shape[2] == 3 else "Y"):
             channel = f"{name}.{letter}" if name else letter
             channels[channel] = np.ascontiguousarray(array[:, :, c])
-    header = {
-        "compression": OpenEXR.ZIP_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
-        "format": "tofrender layers 1",
-        **{name: str(value) for name, value in attrs.items()},
-    }
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    header |= {"format": "tofrender layers 1", **{k: str(value) for k, value in attrs.items()}}
     with replacing(target) as temporary:
         OpenEXR.File(header, channels).write(str(temporary))
     return target

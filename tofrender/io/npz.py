@@ -12,12 +12,12 @@ import numpy as np
 from numpy.lib import format as npy
 
 from ..rendering.cubes import Cube
-from ..rendering.dataset import ERRORS, check_dataset, in_channels
-from ..runtime import checks
+from ..rendering.dataset import ERRORS, check_dataset, in_channels, require_finite
 from ..runtime.archives import read_array
 from ..runtime.atomic import replacing
 from ..runtime.progress import shown
-from .description import describe, parse, refuse_not_finite, restore, shapes_of, warn_of_not_finite
+from .description import describe, parse, restore, shapes_of, warn_of_not_finite
+from .files import reading
 from .output import check_output, stack_bytes
 
 if TYPE_CHECKING:
@@ -39,14 +39,9 @@ def save_npz(dataset: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = 
         path: A file name that ends in .npz.
         overwrite: Replace an existing file.
 
-    Returns:
-        `path`.
-
     Raises:
         ValueError: Another Dataset, or another suffix.
-        FileExistsError: The file exists.
-        PermissionError: `path` is not writable.
-        OSError: The disk is full.
+        OSError: `path` may not be replaced or is not writable, or the disk is full.
 
     Warns:
         UserWarning: A value is NaN or infinite, so that the file cannot be read again.
@@ -98,20 +93,10 @@ def load_npz(path: str | os.PathLike) -> xr.Dataset:
         ...     load_npz(save_npz(dataset, folder + "/box.npz")).identical(dataset)
         True
     """
-    path = checks.path("path", path)
-    if not path.is_file():
-        what = "is a folder" if path.is_dir() else "does not exist"
-        raise FileNotFoundError(f"path = {path}: {what}; must be a file that save_npz wrote")
-    try:
-        with open(path, "rb") as file, ZipFile(file) as archive:
-            description = parse(read_array(archive, "tofrender"))
-            names = (*_ARRAYS, *(name for name in ERRORS if name in description["variables"]))
-            shapes = shapes_of(description)
-            dataset = restore(description, {n: read_array(archive, n, shapes[n]) for n in names})
-    except MemoryError as error:
-        raise MemoryError(f"path = {path}: {error}") from None
-    except Exception as error:  # Whatever a damaged file makes zipfile, zlib and NumPy raise
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise ValueError(f"path = {path}: must be a file that save_npz wrote ({reason})") from None
-    refuse_not_finite(path, dataset)
+    with reading(path, "a file that save_npz wrote") as file, ZipFile(file) as archive:
+        description = parse(read_array(archive, "tofrender"))
+        names = (*_ARRAYS, *(name for name in ERRORS if name in description["variables"]))
+        shapes = shapes_of(description)
+        dataset = restore(description, {n: read_array(archive, n, shapes[n]) for n in names})
+        require_finite(dataset)
     return dataset

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ..runtime import checks
-from ..runtime.atomic import TEMPORARY_PREFIX, check_writable, replacing
+from ..runtime.atomic import TEMPORARY_PREFIX, check_file, check_writable, replacing
 
 LAYOUTS = ("frames", "multipart", "npz")
 BYTES_PER_VALUE = {"half": 2, "float": 4}
@@ -48,9 +48,7 @@ def check_output(
 
     Raises:
         ValueError: An unknown layout or precision, or a file name with another suffix.
-        FileExistsError: `path` holds something that may not be replaced.
-        PermissionError: `path` is not writable.
-        OSError: The disk is too full.
+        OSError: `path` may not be replaced or is not writable, or the disk is too full.
 
     Example:
         >>> check_output("new_folder", (64, 64, 300, 3)).name
@@ -59,12 +57,13 @@ def check_output(
     target = checks.path("path", path)
     checks.one_of("layout", layout, LAYOUTS)
     checks.one_of("precision", precision, BYTES_PER_VALUE)
-    if layout == "frames":
-        _check_folder(path, overwrite)
-    else:
-        check_file(path, ".npz" if layout == "npz" else ".exr", overwrite=overwrite)
     precision = "float" if layout == "npz" else precision
-    check_writable(path, 0 if shape is None else stack_bytes(shape, precision))
+    needed = 0 if shape is None else stack_bytes(shape, precision)
+    if layout != "frames":
+        suffix = ".npz" if layout == "npz" else ".exr"
+        return check_file(path, suffix, overwrite=overwrite, needed_bytes=needed)
+    _check_folder(path, overwrite)
+    check_writable(path, needed)
     return target
 
 
@@ -77,19 +76,6 @@ def stack_bytes(shape: Sequence[int], precision: str = "float") -> int:
         raise ValueError(f"shape = {checks.shown(shape)}: {allowed}") from None
     values = height * width * (bins + 1) * channels
     return values * BYTES_PER_VALUE[precision] + (bins + 1) * (4096 + 8 * height)
-
-
-def check_file(path: str | os.PathLike, *suffixes: str, overwrite: bool) -> Path:
-    """Require a file name with one of the suffixes that is no folder and may be replaced."""
-    target = checks.path("path", path)
-    overwrite = checks.boolean("overwrite", overwrite)
-    if target.suffix.lower() not in suffixes:
-        raise ValueError(f"path = {path}: must be a file name that ends in {' or '.join(suffixes)}")
-    if os.path.isdir(target):
-        raise FileExistsError(f"path = {path}: is a folder; must be the name of a file")
-    if os.path.exists(target) and not overwrite:
-        raise FileExistsError(f"path = {path}: exists; must be new, or pass overwrite=True")
-    return target
 
 
 @contextmanager
@@ -108,9 +94,7 @@ def output_folder(
         needed_bytes: Size to name when the disk is full [bytes].
 
     Raises:
-        FileExistsError: `path` holds something that may not be replaced.
-        PermissionError: `path` is not writable.
-        OSError: The disk is full.
+        OSError: `path` may not be replaced or is not writable, or the disk is full.
     """
     path = checks.path("path", path)
     if needed_bytes is not None:

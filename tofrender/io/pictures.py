@@ -18,11 +18,11 @@ import numpy as np
 
 from ..rendering.dataset import check_dataset
 from ..runtime import checks
-from ..runtime.atomic import replacing
+from ..runtime.atomic import check_file, check_writable, replacing
 from ..runtime.progress import progress_bar
 from ..vis import Transient, growing_exposure, lit_bins, tonemap
-from .output import check_file, check_output, check_writable, output_folder
-from .parallel import for_each
+from .files import for_each
+from .output import check_output, output_folder
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -54,14 +54,9 @@ def save_png_frames(
         overwrite: Replace an earlier output of this package; other content is never replaced.
         progress: Show a bar if it takes more than two seconds.
 
-    Returns:
-        `path`.
-
     Raises:
         ValueError: A bad exposure or size.
-        FileExistsError: `path` holds something that may not be replaced.
-        PermissionError: `path` is not writable.
-        OSError: The disk is full.
+        OSError: `path` may not be replaced or is not writable, or the disk is full.
 
     Example:
         >>> import tempfile, tofrender
@@ -116,13 +111,9 @@ def save_video(
         all_bins: Show the dark bins before and after the light, see `vis.lit_bins`, too.
         progress: Show a bar if it takes more than two seconds.
 
-    Returns:
-        `path`.
-
     Raises:
         ValueError: A bad exposure, size, rate or suffix.
-        PermissionError: `path` is not writable.
-        OSError: The disk is full.
+        OSError: `path` is not writable, or the disk is full.
 
     Example:
         >>> import tempfile, tofrender
@@ -133,13 +124,12 @@ def save_video(
         'light.mp4'
     """
     checks.boolean("progress", progress)
-    target = check_file(path, ".mp4", ".gif", overwrite=True)
+    target = check_file(path, ".mp4", ".gif", overwrite=True, needed_bytes=_PICTURE)
     kind = target.suffix.lower()
     fastest = 50 if kind == ".gif" else 120
     fps = checks.number("fps", fps, positive=True, high=fastest)
     checks.boolean("all_bins", all_bins)
     frames = _Frames(dataset, exposure, min_size)
-    check_writable(path, _PICTURE)
     with replacing(path) as temporary:
         bins = slice(0, frames.count) if all_bins else lit_bins(frames.sequence.values)
         _encode(frames, bins, temporary, kind, fps, progress)

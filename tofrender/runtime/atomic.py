@@ -134,6 +134,37 @@ def _lock(path: str | os.PathLike, name: str, lock: Path) -> int:
         os.close(file)
 
 
+def check_file(
+    path: str | os.PathLike,
+    *suffixes: str,
+    overwrite: bool,
+    name: str = "path",
+    needed_bytes: int = 0,
+) -> Path:
+    """Require a file name with one of the suffixes, if any are given, that can be written.
+
+    Raises:
+        ValueError: Another suffix.
+        OSError: The file is a folder, exists without `overwrite`, or see `check_writable`.
+
+    Example:
+        >>> check_file("a.jpg", ".png", ".pdf", ".svg", overwrite=True)
+        Traceback (most recent call last):
+        ValueError: path = a.jpg: must be a file name that ends in .png, .pdf or .svg
+    """
+    target = checks.path(name, path)
+    overwrite = checks.boolean("overwrite", overwrite)
+    if suffixes and target.suffix.lower() not in suffixes:
+        allowed = " or ".join(filter(None, [", ".join(suffixes[:-1]), suffixes[-1]]))
+        raise ValueError(f"{name} = {path}: must be a file name that ends in {allowed}")
+    if os.path.isdir(target):
+        raise FileExistsError(f"{name} = {path}: is a folder; must be the name of a file")
+    if os.path.exists(target) and not overwrite:
+        raise FileExistsError(f"{name} = {path}: exists; must be new, or pass overwrite=True")
+    check_writable(path, needed_bytes)
+    return target
+
+
 def check_writable(path: str | os.PathLike, needed_bytes: int = 0) -> None:
     """Raise a PermissionError or OSError if `path` cannot be created, or its disk is too full.
 

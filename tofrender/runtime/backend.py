@@ -59,7 +59,7 @@ atexit.register(_scenes.clear)
 
 
 def hold(scene: Any) -> None:
-    """Keep a scene alive that another than the main thread has loaded, until no kernel is traced."""
+    """Keep a scene alive that a second thread has loaded, until no kernel is traced."""
     if threading.current_thread() is not threading.main_thread():
         _scenes.append(scene)
 

@@ -13,17 +13,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from . import checks
-from .atomic import check_writable, replacing
+from .atomic import check_file, replacing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FIGURE_SUFFIXES = (".png", ".pdf", ".svg")
-NARROWEST, WIDEST = 2.5, 40.0
-"""Widths of figures that text fits into [inches]."""
 
-Arguments = ParamSpec("Arguments")
-Made = TypeVar("Made")
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 # ------------------------------------------------------------------------------------ style
@@ -100,7 +98,7 @@ def figure_style(*, theme: str | None = None, width: float | None = None) -> Ite
     if theme is not None:
         style = replace(style, theme=checks.one_of("theme", theme, PALETTES))
     if width is not None:
-        wide = checks.number("width", width, unit="inches", low=NARROWEST, high=WIDEST)
+        wide = checks.number("width", width, unit="inches", low=2.5, high=40.0)
         style = replace(style, width=wide)
     token = _STYLE.set(style)
     try:
@@ -119,11 +117,11 @@ def figure_width(natural: float) -> float:
     return _STYLE.get().width or natural
 
 
-def in_style(function: Callable[Arguments, Made]) -> Callable[Arguments, Made]:
+def in_style(function: Callable[P, R]) -> Callable[P, R]:
     """Decorate a function so that it draws with the active style."""
 
     @functools.wraps(function)
-    def wrapper(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Made:
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
         from matplotlib import rc_context
 
         with rc_context(_rc_params()):
@@ -236,14 +234,9 @@ def save_figure(figure: Figure, path: str | os.PathLike, *, dpi: float = 200) ->
             new one is complete.
         dpi: Pixels per inch, 20 to 2400; of images in a PDF or SVG, too.
 
-    Returns:
-        `path`.
-
     Raises:
         ValueError: Another suffix, or a resolution out of range.
-        FileExistsError: `path` is a folder.
-        PermissionError: `path` is not writable.
-        OSError: The disk is full.
+        OSError: `path` may not be replaced or is not writable, or the disk is full.
 
     Example:
         >>> import tempfile
@@ -256,9 +249,8 @@ def save_figure(figure: Figure, path: str | os.PathLike, *, dpi: float = 200) ->
     from matplotlib.figure import Figure
 
     checks.instance("figure", figure, Figure, "a figure of Matplotlib")
-    target = check_figure_path(path)
+    target = check_file(path, *FIGURE_SUFFIXES, overwrite=True)
     dpi = checks.number("dpi", dpi, low=20, high=2400)
-    check_writable(path)
     kind = target.suffix.lower()
     with replacing(target) as temporary:
         draw_figure(figure, temporary, kind, dpi=dpi)
@@ -271,13 +263,3 @@ def draw_figure(figure: Figure, target: Any, kind: str, *, dpi: float = 200) -> 
 
     with rc_context(_SAVED):
         figure.savefig(target, format=kind[1:], dpi=dpi, metadata=_METADATA[kind])
-
-
-def check_figure_path(path: str | os.PathLike, name: str = "path") -> Path:
-    """Require a path with the suffix of a figure that is no folder."""
-    target = checks.path(name, path)
-    if target.suffix.lower() not in FIGURE_SUFFIXES:
-        raise ValueError(f"{name} = {path}: must be a file name that ends in .png, .pdf or .svg")
-    if os.path.isdir(target):
-        raise FileExistsError(f"{name} = {path}: is a folder; must be the name of a file")
-    return target

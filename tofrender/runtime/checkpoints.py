@@ -15,7 +15,7 @@ from zipfile import BadZipFile, ZipFile
 import numpy as np
 
 from . import checks
-from .atomic import check_writable, remove_leftovers, replacing
+from .atomic import check_file, remove_leftovers, replacing
 from .progress import EVERY_S
 
 COST = 0.02  # Part of the time that saving may take
@@ -68,17 +68,12 @@ class Checkpoint:
         again: str = "",
         resume: bool = True,
     ) -> None:
-        self.path: Path = checks.path("checkpoint", path)
-        if self.path.suffix != ".npz":
-            raise ValueError(f"checkpoint = {path}: must be a file name that ends in .npz")
-        if self.path.is_dir():
-            raise ValueError(f"checkpoint = {path}: is a folder; must be the name of a file")
+        self.path: Path = check_file(path, ".npz", overwrite=True, name="checkpoint")
         self.seconds = checks.number("seconds", seconds, unit="seconds", positive=True)
         self.tell = checks.function("tell", tell)
         again = checks.instance("again", again, str, "text")
         self.again = again or f"the same call goes on with {path}"
         self.resume = checks.boolean("resume", resume)
-        check_writable(path)
         self._recipe: dict[str, Any] = {}
         self._began = self._saved = time.monotonic()
         self._cost = self._before = 0.0

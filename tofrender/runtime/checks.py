@@ -159,25 +159,14 @@ def _integer(name: str, value: Any, low: int, high: int, allowed: str) -> int:
 
 
 def depth(name: str, value: Any) -> int:
-    """Require a path depth: -1 for no limit, else 1 or more segments.
-
-    Example:
-        >>> depth("max_depth", 0)
-        Traceback (most recent call last):
-        ValueError: max_depth = 0: must be -1 (no limit) or an integer from 1 to 65536
-    """
+    """Require a path depth: -1 for no limit, else 1 or more segments."""
     allowed = f"-1 (no limit) or an integer from 1 to {MAX_DEPTH}"
     found = _integer(name, value, -1, MAX_DEPTH, allowed)
     return _require(name, found, found != 0, allowed)
 
 
 def depth_of_bounces(max_bounces: Any) -> int:
-    """Path depth in segments of a number of surfaces: one more, or -1 for no limit.
-
-    Example:
-        >>> depth_of_bounces(1)
-        2
-    """
+    """Path depth in segments of a number of surfaces: one more, or -1 for no limit."""
     allowed = f"-1 (no limit) or an integer from 0 to {MAX_DEPTH - 1}"
     bounces = _integer("max_bounces", max_bounces, -1, MAX_DEPTH - 1, allowed)
     return bounces if bounces < 0 else bounces + 1
@@ -227,13 +216,7 @@ def metres(name: str, value: Any, *, positive: bool = False) -> float:
 
 
 def width(name: str, value: Any) -> float:
-    """Require the width of a pulse or a bin, in metres that single precision can divide by.
-
-    Example:
-        >>> width("pulse_width_opl", 1e-30)
-        Traceback (most recent call last):
-        ValueError: pulse_width_opl = 1e-30: must be a finite number of metres from 1e-12 to 1e+12
-    """
+    """Require the width of a pulse or a bin, in metres that single precision can divide by."""
     return number(name, value, unit="metres", low=1 / MAX_OPL, high=MAX_OPL)
 
 
@@ -256,13 +239,7 @@ def resolved(name: str, width: float, *lengths: float) -> None:
 
 
 def place(name: str, value: Any, count: int = 3) -> list[float]:
-    """Require a point, `count` finite coordinates in metres.
-
-    Example:
-        >>> place("laser", (0, 1))
-        Traceback (most recent call last):
-        ValueError: laser = (0, 1): must be 3 finite numbers of metres
-    """
+    """Require a point, `count` finite coordinates in metres."""
     try:
         numbers = [metres(name, each) for each in value]
     except (TypeError, ValueError):

@@ -105,11 +105,6 @@ def choose(system: System | None = None) -> Library | None:
 
     A library named by `DRJIT_LIBLLVM_PATH` is the only choice: if it is unusable, no other one
     replaces it, and `refusal` says why.
-
-    Example:
-        >>> library = choose()
-        >>> library is None or library.major >= MINIMUM_MAJOR
-        True
     """
     system = system or System()
     named = _named(system)

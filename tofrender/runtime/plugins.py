@@ -80,10 +80,8 @@ def plugin(class_name: str) -> Any:
 
     variant = mi.variant()
     if class_name not in PLUGINS or variant is None or variant.startswith("scalar"):
-        raise AttributeError(
-            f"tofrender.{class_name} needs an llvm_* or cuda_* variant; the active one is "
-            f"{variant!r}"
-        )
+        needed = "needs an llvm_* or cuda_* variant; the active one is"
+        raise AttributeError(f"tofrender.{class_name} {needed} {variant!r}")
     reason = withheld.refusal(PLUGINS[class_name].home)
     if reason is not None:
         raise withheld.of_name("tofrender", class_name, withheld.Withheld(reason))
@@ -92,12 +90,7 @@ def plugin(class_name: str) -> Any:
 
 
 def own_name(plugin_name: str) -> str:
-    """Name that finds a plugin of ours, whatever other packages have registered.
-
-    Example:
-        >>> own_name("transient_path"), own_name("path")
-        ('tofrender_transient_path', 'path')
-    """
+    """Name that finds a plugin of ours, whatever other packages have registered."""
     ours = any(plugin_name == each.name for each in PLUGINS.values())
     return f"tofrender_{plugin_name}" if ours else plugin_name
 

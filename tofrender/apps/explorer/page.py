@@ -12,9 +12,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...io.output import check_file, check_writable
 from ...runtime import checks
-from ...runtime.atomic import replacing
+from ...runtime.atomic import check_file, check_writable, replacing
 from .contents import Contents, contents_of
 from .module import javascript, style
 
@@ -111,7 +110,6 @@ def report(
         'box.html'
     """
     target = check_file(path, ".html", ".htm", overwrite=overwrite)
-    check_writable(path)
     most = 1e6 * checks.number("megabytes", megabytes, low=0.1, high=1000)
     given: dict[str, Any] = {"orders": orders, "distance_m": distance_m, "title": title}
     share = 0.96  # What is estimated of the size may be a little too small
