@@ -79,7 +79,7 @@ def test_disabled_and_hidden_bars(monkeypatch):
         assert progress._open == []
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     monkeypatch.setattr(progress, "is_watched", IS_WATCHED)
-    with progress.hidden(), progress_bar("Working", 3):
+    with progress.without_bars(), progress_bar("Working", 3):
         assert progress._open == []
     with progress_bar("Working", 3):
         assert len(progress._open) == 1
@@ -176,7 +176,7 @@ def test_inner_work_takes_the_place_of_the_outer(capsys, ticks):
 def test_what_is_said_meanwhile_has_a_line_of_its_own(capsys, ticks):
     with progress.status("Working"):
         ticks[0].tick()
-        with progress.cleared():
+        with progress.bars_cleared():
             print("a note", file=sys.stderr)
         ticks[0].tick()
     line = capsys.readouterr().err.split("\n")[0]

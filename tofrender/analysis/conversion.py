@@ -22,14 +22,14 @@ import numpy as np
 from ..rendering.cubes import Cube
 from ..rendering.dataset import DIMS, LOST_ENERGY, QUANTITIES, time_axis
 from ..runtime import checks
-from ..runtime.progress import shown
+from ..runtime.progress import with_status
 from ..signals.phasors import phasor_parts
 from ..signals.units import SPEED_OF_LIGHT, check_frequencies
 
 _CHUNK = 1 << 18  # values that are converted to double precision at a time
 
 
-@shown("Converting to phasors")
+@with_status("Converting to phasors")
 def transient_to_phasor(
     transient_data: Any,
     frequency_hz: float | Sequence[float],
@@ -195,7 +195,7 @@ def _described(dataset: Any, given: Mapping[str, Any]) -> tuple[float, float, st
             continue
         if name == "quantity" or abs(checks.metres(name, its) - own) > 1e-3 * width:
             raise ValueError(
-                f"{name} = {checks.shown(its)}: must be {own!r}, as the Dataset has it, or left out"
+                f"{name} = {checks.quote(its)}: must be {own!r}, as the Dataset has it, or left out"
             )
     return start, width, quantity
 

@@ -88,7 +88,7 @@ def unwrap(
     frequencies, many = check_frequencies(frequencies_hz, "frequencies_hz")
     if not many or len(frequencies) < 2:
         raise ValueError(
-            f"frequencies_hz = {checks.shown(frequencies_hz)}: must hold two or more frequencies"
+            f"frequencies_hz = {checks.quote(frequencies_hz)}: must hold two or more frequencies"
         )
     phases = checks.real_array("phases", phases, np.float64)
     if phases.shape[:1] != (len(frequencies),):

@@ -130,7 +130,7 @@ def _bind(make: Callable[[], Any], title: str, host: str, port: int | None, toke
 
     any_port, reason = _try(host, 0) if host else (0, "it is empty")
     if reason:
-        raise ValueError(f"host = {checks.shown(host)}: must be an address to listen on ({reason})")
+        raise ValueError(f"host = {checks.quote(host)}: must be an address to listen on ({reason})")
     wanted = [port] if port is not None else [*range(FIRST_PORT, FIRST_PORT + PORTS), any_port]
     for each in wanted:
         free, reason = _try(host, each)

@@ -17,7 +17,7 @@ from typing import Annotated, Any
 import typer
 
 from ..runtime.checks import printable
-from ..runtime.progress import Terminated, ended_by_signals, hidden, status
+from ..runtime.progress import Terminated, ended_by_signals, status, without_bars
 from . import course, dataset, grade, merge, nlos, render, report, teaching, time, view, warp
 from .answers import Json, answer
 from .options import BAD_INPUT, FAILURE, INTERRUPTED, note
@@ -102,7 +102,7 @@ def _telling(command: Callable[..., None]) -> Callable[..., None]:
     def told(**options: Any) -> None:
         speak_of(command, options)
         try:
-            with hidden(not options.get("progress", True)), status(name, shown):
+            with without_bars(not options.get("progress", True)), status(name, shown):
                 command(**options)
         except KeyboardInterrupt as stopped:
             raise RuntimeError from stopped

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, get_args
 import typer
 
 from ..runtime import checks
-from ..runtime.progress import cleared
+from ..runtime.progress import bars_cleared
 from . import completion
 
 if TYPE_CHECKING:
@@ -139,7 +139,7 @@ def pulse(name: str, value: Any) -> str | float:
         return value
     width = number(value)
     if isinstance(width, str):
-        raise ValueError(f"{name} = {checks.shown(value)}: must be auto, none, or metres above 0")
+        raise ValueError(f"{name} = {checks.quote(value)}: must be auto, none, or metres above 0")
     return checks.width(name, width)
 
 
@@ -155,7 +155,7 @@ def span(name: str, value: Any) -> str | tuple[float, float]:
         return value
     if any(isinstance(end, str) for end in ends) or len(ends) != 2:
         allowed = "auto, scene, or start,stop in metres of path, like 3.5,15"
-        raise ValueError(f"{name} = {checks.shown(value)}: must be {allowed}")
+        raise ValueError(f"{name} = {checks.quote(value)}: must be {allowed}")
     start, stop = (checks.metres(name, end) for end in ends)
     if not start < stop < start + checks.MAX_OPL:
         raise ValueError(f"{name} = {value}: must end after it starts, and not at infinity")
@@ -225,7 +225,7 @@ Scheduler = Annotated[
 
 def say(*lines: str, err: bool = False) -> None:
     """Say something on stdout, or on stderr."""
-    with cleared():
+    with bars_cleared():
         for line in lines:
             typer.echo(checks.printable(line), err=err)
 
@@ -326,6 +326,6 @@ def load_render(out: Path, option: str) -> xr.Dataset:
     ):
         if path.exists():
             return load(path)
-    name = checks.shown(str(out))
+    name = checks.quote(str(out))
     what = "pictures, which cannot be read back" if (out / "steady.png").exists() else "no render"
     raise ValueError(f"{option}: {name} holds {what}; must be what `tofrender render` has written")

@@ -245,14 +245,14 @@ def _fixed(where: str, table: Mapping[str, Any]) -> Distribution:
 
 
 def _on_sphere(where: str, table: Mapping[str, Any]) -> Distribution:
-    center = checks.place(f"{where}.center", table.get("center", [0.0, 0.0, 0.0]))
+    center = checks.point(f"{where}.center", table.get("center", [0.0, 0.0, 0.0]))
     radius = _numbers(f"{where}.radius", table.get("radius"))
     least, most = min(radius), max(radius)
     if least <= 0 or list(radius) not in ([most], [least, most]):
         raise ValueError(
             f"{where}.radius = {table['radius']!r}: must be above 0, or [least, largest]"
         )
-    axis = checks.place(f"{where}.axis", table.get("axis", [0.0, 1.0, 0.0]))
+    axis = checks.point(f"{where}.axis", table.get("axis", [0.0, 1.0, 0.0]))
     norm = math.hypot(*axis)
     if not norm > 0:
         raise ValueError(f"{where}.axis = {table['axis']!r}: must not be zero")

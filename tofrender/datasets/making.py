@@ -192,7 +192,7 @@ def require_complete(
 
 def under_way(out: str | os.PathLike[str]) -> Path:
     """Where a data set is until it is finished."""
-    return atomic.hidden(out, ".dataset")
+    return atomic.sibling(out, ".dataset")
 
 
 def _numbers(config: Config, only: Iterable[int] | None) -> list[int]:
@@ -243,7 +243,7 @@ def _texts(value: Any) -> Iterator[str]:
 def _require_room(folder: Path, plan: Plan) -> None:
     """Refuse a disk that the data set does not fit on."""
     there = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
-    if shutil.disk_usage(atomic.nearest_folder(folder)).free < plan.bytes - there:
+    if shutil.disk_usage(atomic.existing_parent(folder)).free < plan.bytes - there:
         raise atomic.disk_full(folder, plan.bytes)
 
 

@@ -111,7 +111,7 @@ def parse_varied(name: str, given: Any) -> Varied:
         times=boolean(f"{where}.times", given.get("times", False)),
         up=_direction(f"{where}.up", given["up"]) if "up" in given else None,
         axis=_direction(f"{where}.axis", axis),
-        around=tuple(checks.place(f"{where}.around", given["around"]))
+        around=tuple(checks.point(f"{where}.around", given["around"]))
         if "around" in given
         else None,
     )
@@ -136,7 +136,7 @@ def _names(where: str, value: Any) -> list[str]:
 
 
 def _direction(name: str, value: Any) -> tuple[float, ...]:
-    found = tuple(checks.place(name, value))
+    found = tuple(checks.point(name, value))
     if not any(found):
         raise ValueError(f"{name} = {value!r}: must not be zero")
     return found

@@ -308,7 +308,7 @@ def _apart(measure: Callable[[Any, Any], Any], rendered: Any, target: Any) -> An
     apart = measure(light, target)
     number = isinstance(apart, dr.ArrayBase) and dr.is_float_v(apart)
     if not number or math.prod(apart.shape) != 1:
-        what = checks.shown(type(apart).__name__)
+        what = checks.quote(type(apart).__name__)
         raise ValueError(f"loss: returned {what}; must return a number of Dr.Jit's")
     return apart
 

@@ -39,7 +39,7 @@ def optimizer_of(given: Any) -> Any:
         return own
     if not isinstance(given, str):
         allowed = f"one of {', '.join(OPTIMIZERS)}, or an optimiser of Mitsuba's"
-        raise ValueError(f"optimizer = {checks.shown(given)}: must be {allowed}")
+        raise ValueError(f"optimizer = {checks.quote(given)}: must be {allowed}")
     kind = checks.one_of("optimizer", given, OPTIMIZERS)
     return mi.ad.Adam(lr=0.0) if kind == "adam" else mi.ad.SGD(lr=0.0)
 
@@ -53,14 +53,14 @@ def loss_of(given: Any, frequency_hz: Any, film: Any) -> Callable[[Any, Any], An
     name = given if isinstance(given, str) else None
     if name != "phasor" and frequency_hz is not None:
         raise ValueError(
-            f"frequency_hz = {checks.shown(frequency_hz)}: must be left out; only "
+            f"frequency_hz = {checks.quote(frequency_hz)}: must be left out; only "
             "loss='phasor' has frequencies"
         )
     if name is None and callable(given):
         return given
     if name is None:
         allowed = f"one of {', '.join(LOSSES)}, or a function"
-        raise ValueError(f"loss = {checks.shown(given)}: must be {allowed}")
+        raise ValueError(f"loss = {checks.quote(given)}: must be {allowed}")
     chosen = LOSSES[checks.one_of("loss", name, tuple(LOSSES))]
     if name == "l2":
         return chosen

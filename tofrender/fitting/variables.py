@@ -107,7 +107,7 @@ class Variables:
         missing = [name for name in self.start if name not in rates]
         if missing:
             raise ValueError(
-                f"learning_rate = {checks.shown(dict(given))}: must have {missing[0]!r}, too"
+                f"learning_rate = {checks.quote(dict(given))}: must have {missing[0]!r}, too"
             )
         return {
             name: checks.number(f"learning_rate[{name!r}]", rates[name], positive=True)
@@ -120,7 +120,7 @@ class Variables:
         for name, value in found.items():
             if name not in self.start:
                 raise ValueError(
-                    f"{what}[{name!r}] = {checks.shown(value)}: must be of {', '.join(self.start)}"
+                    f"{what}[{name!r}] = {checks.quote(value)}: must be of {', '.join(self.start)}"
                 )
         return found
 
@@ -128,7 +128,7 @@ class Variables:
         found = {}
         for name, pair in self._by_name("bounds", bounds).items():
             said = f"bounds[{name!r}]"
-            wrong = f"{said} = {checks.shown(pair)}: must be (low, high), low below high"
+            wrong = f"{said} = {checks.quote(pair)}: must be (low, high), low below high"
             if isinstance(pair, str | bytes | Mapping):
                 raise ValueError(wrong)
             try:
@@ -144,8 +144,8 @@ class Variables:
             below = low is not None and start.min() < low
             if below or (high is not None and start.max() > high):
                 raise ValueError(
-                    f"params[{name!r}] = {checks.shown(start.tolist())}: must be within bounds = "
-                    f"{checks.shown(pair)}"
+                    f"params[{name!r}] = {checks.quote(start.tolist())}: must be within bounds = "
+                    f"{checks.quote(pair)}"
                 )
             found[name] = low, high
         return found
@@ -157,13 +157,13 @@ class Variables:
             near = difflib.get_close_matches(name, list(self.params.keys()), 1)
             hint = f"did you mean {near[0]!r}? Must" if near else "must"
             raise ValueError(
-                f"{said} = {checks.shown(value)}: {hint} be a parameter of the scene, as "
+                f"{said} = {checks.quote(value)}: {hint} be a parameter of the scene, as "
                 "mi.traverse(scene) lists them, or come with `apply`"
             )
         its = self.params[name]
         if not (dr.is_diff_v(its) and dr.is_float_v(its)) or dr.is_matrix_v(its):
             raise ValueError(
-                f"{said} = {checks.shown(value)}: is of type {type(its).__name__}, must be a "
+                f"{said} = {checks.quote(value)}: is of type {type(its).__name__}, must be a "
                 "parameter of floats with derivatives; `apply` can write others"
             )
         return _like(its, _numbers(said, value), said)
@@ -209,7 +209,7 @@ def _named(params: Any) -> dict[str, Any]:
     given = checks.mapping("params", params)
     if not given:
         raise ValueError(
-            f"params = {checks.shown(params)}: must have a name and start value or more"
+            f"params = {checks.quote(params)}: must have a name and start value or more"
         )
     return given
 
@@ -222,10 +222,10 @@ def _numbers(said: str, value: Any) -> np.ndarray:
         checks.finite(said, np.atleast_1d(array))
     except ValueError:
         raise ValueError(
-            f"{said} = {checks.shown(value)}: must be a finite number or an array of such"
+            f"{said} = {checks.quote(value)}: must be a finite number or an array of such"
         ) from None
     if not array.size:
-        raise ValueError(f"{said} = {checks.shown(value)}: must hold a number or more")
+        raise ValueError(f"{said} = {checks.quote(value)}: must hold a number or more")
     return array
 
 

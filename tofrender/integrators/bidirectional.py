@@ -23,7 +23,7 @@ from ..paths.scattering import Materials
 from ..paths.sharing import Sharing
 from ..paths.walk import deliver, walk
 from ..runtime import checks
-from ..runtime.backend import uncollected
+from ..runtime.backend import tracing_lock
 from ..signals.polarisation import unpolarised
 from .plan import Plan
 from .time_gated import NO_TARGET, Gate
@@ -81,7 +81,7 @@ class BidirectionalPlan(Plan):
         """None: connections of the lens find their light, too."""
         return ()
 
-    @uncollected()
+    @tracing_lock()
     def trace(
         self,
         sampler: mi.Sampler,

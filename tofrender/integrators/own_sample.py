@@ -11,7 +11,7 @@ import mitsuba as mi
 from ..films.recording import Recording
 from ..films.sums import Radiance
 from ..paths.camera import CameraSample
-from ..signals.polarisation import light_of, summed
+from ..signals.polarisation import summed, to_stokes
 from .passes import Follow
 
 
@@ -62,7 +62,7 @@ def by_sample(integrator: Any, scene: mi.Scene, record: Recording, *more: Any) -
         ray = mi.RayDifferential3f(camera.ray)
         ray.o = camera.origin
         spectrum, covered, *_aovs = integrator.sample(scene, sampler, ray, *more)
-        total = light_of(spectrum if camera.frame is None else camera.frame @ spectrum)
+        total = to_stokes(spectrum if camera.frame is None else camera.frame @ spectrum)
         valid, finite = mi.Bool(covered), dr.isfinite(summed(total))
         radiance = Radiance(dr.select(valid & finite, total, 0))
         return radiance, valid, dr.select(valid & ~finite, mi.UInt32(1), 0)

@@ -23,7 +23,7 @@ from ..films.contribution import Landing
 from ..films.recording import Recording
 from ..paths.camera import CameraSample, Tile, pixel_corner, sample_camera, sampled_size
 from ..runtime import backend, checks, plugins
-from ..runtime.checkpoints import Kept
+from ..runtime.checkpoints import SavedState
 from ..samplers.padded_sobol import mix
 from .first_seen import FirstSeen
 from .plan import Plan
@@ -58,7 +58,7 @@ class Part:
 
     first: int = 0
     tile: Tile | None = None
-    kept: Kept | None = None
+    kept: SavedState | None = None
 
     @property
     def done(self) -> int:
@@ -166,7 +166,7 @@ def expose(
     while done < spp:
         start, count = time.perf_counter(), min(per_step, (spp - done) // lanes)
         record.write(private)
-        with backend.uncollected():
+        with backend.tracing_lock():
             record.not_finite += _step(record, sampler, shot, pixel, count)
         if look is not None:
             look(count * lanes)
@@ -241,7 +241,7 @@ def _looking(
         record.write(False)
         while count:
             now = min(count, MAX_ADDED // rate)
-            with backend.uncollected():
+            with backend.tracing_lock():
                 record.not_finite += _step(record, sampler, shot, pixel, now, weight=0.0)
             record.fold(wide)
             count -= now
@@ -342,4 +342,4 @@ def best_sampler(spp: Any) -> mi.Sampler:
         ValueError: `spp` is out of range; one line.
     """
     count = checks.integer("spp", spp, 1, checks.MAX_SPP)
-    return mi.load_dict({"type": plugins.own_name("padded_sobol"), "sample_count": count})
+    return mi.load_dict({"type": plugins.qualified_name("padded_sobol"), "sample_count": count})

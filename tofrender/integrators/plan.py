@@ -12,7 +12,7 @@ from ..films.contribution import Contribution
 from ..paths.protocols import Endpoint, Measurement, Scattering, Space
 from ..paths.records import Limits, Path
 from ..paths.walk import deliver, walk
-from ..runtime.backend import uncollected
+from ..runtime.backend import tracing_lock
 
 M = TypeVar("M", bound=Measurement)
 
@@ -73,7 +73,7 @@ class Plan:
         place = space.place(ray)
         return Path.start(ray, origin, active, memory, guide, place, frame, space.index)
 
-    @uncollected()
+    @tracing_lock()
     def trace(
         self,
         sampler: mi.Sampler,

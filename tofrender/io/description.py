@@ -51,7 +51,7 @@ def parse(text: Any) -> dict[str, Any]:
     names = description["channel"]
     are_texts = isinstance(names, list) and all(isinstance(name, str) for name in names)
     if names not in (["L"], ["R", "G", "B"]) and not (are_texts and len(names) == sizes["channel"]):
-        raise ValueError(f"channel = {checks.shown(names)}: must be {sizes['channel']} names")
+        raise ValueError(f"channel = {checks.quote(names)}: must be {sizes['channel']} names")
     variables = _require("variables", description["variables"], (*DIMS, *_AXES))
     for owner, attrs in (("attrs", description["attrs"]), *variables.items()):
         for name, value in _require(owner, attrs, ()).items():
@@ -95,7 +95,7 @@ def restore(description: dict[str, Any], arrays: dict[str, np.ndarray]) -> xr.Da
     return in_components(labelled(dataset))
 
 
-def warn_of_not_finite(dataset: xr.Dataset, stacklevel: int = 3) -> None:
+def warn_not_finite(dataset: xr.Dataset, stacklevel: int = 3) -> None:
     """Warn that a file will not be readable, rather than lose a render of hours."""
     try:
         require_finite(dataset)

@@ -23,7 +23,7 @@ from ..rendering.dataset import (
 from ..runtime import checks, memory
 from ..runtime.atomic import replacing
 from ..signals.polarisation import STOKES
-from .description import describe, parse, restore, warn_of_not_finite
+from .description import describe, parse, restore, warn_not_finite
 from .files import for_each, named, reading, seal, seal_file
 from .multipart import MultipartWriter
 from .output import BYTES_PER_VALUE, check_output, output_folder, stack_bytes
@@ -101,7 +101,7 @@ def save_exr_stack(
     stack = _Stack(dataset, precision)
     shape = dataset["transient"].shape
     target = check_output(path, shape, layout=layout, precision=precision, overwrite=overwrite)
-    warn_of_not_finite(dataset)
+    warn_not_finite(dataset)
     needed = stack_bytes(shape, precision)
     indices = range(-1, stack.bins)
     if layout == "frames":

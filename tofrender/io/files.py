@@ -110,7 +110,7 @@ def for_each(
             raise
 
 
-def at_once(first: Callable[[], Any], *others: Callable[[], Any]) -> None:
+def run_concurrently(first: Callable[[], Any], *others: Callable[[], Any]) -> None:
     """Call functions concurrently, the first one in this thread; raise the first error last."""
     with ThreadPoolExecutor(max(1, len(others))) as pool:
         futures = [pool.submit(each) for each in others]

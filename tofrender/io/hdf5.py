@@ -22,10 +22,10 @@ from ..rendering.dataset import plain_attributes, require_finite
 from ..rendering.labels import TIME, labelled, labels_of
 from ..runtime import checks, memory
 from ..runtime.atomic import check_file, replacing
-from ..runtime.progress import shown
+from ..runtime.progress import with_status
 from ..signals.colour import luminance
 from . import hdf5_fields
-from .description import warn_of_not_finite
+from .description import warn_not_finite
 from .files import reading, seal_file
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ _COLOURS = "tofrender_colours_"  # Attributes of H by their first bin, (bins, ..
 _IN_FIELDS = ("mode", "start_opl", "bin_width_opl", "counts_first_and_last_legs")
 
 
-@shown("Writing HDF5")
+@with_status("Writing HDF5")
 def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = False) -> Path:
     """Write a capture as HDF5 in the layout of y-tal, which can read it.
 
@@ -82,7 +82,7 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
     coloured = cube.shape[-1] > 1
     needed += 4 * math.prod(cube.shape[:-1]) * (4 if coloured else 1)
     target = check_file(path, ".h5", ".hdf5", overwrite=overwrite, needed_bytes=needed)
-    warn_of_not_finite(capture, stacklevel=4)
+    warn_not_finite(capture, stacklevel=4)
     with replacing(path, needed_bytes=needed) as temporary:
         # Large attributes need the format of HDF5 1.8
         with h5py.File(temporary, "w", libver="v108" if coloured else None) as file:
@@ -158,7 +158,7 @@ def _yaml(value: Any) -> str:
     return text.replace("e", ".0e") if isinstance(value, float) and "." not in text else text
 
 
-@shown("Reading HDF5")
+@with_status("Reading HDF5")
 def load_capture(path: str | os.PathLike) -> xr.Dataset:
     """Read a capture in the layout of y-tal, written by `save_capture`, y-tal or others.
 
@@ -235,7 +235,7 @@ def _restore(fields: dict[str, Any]) -> xr.Dataset:
     mode = "exhaustive" if exhaustive else _mode(grids, about.get("mode"))
     channels = about.get("channel") or ["L"]
     if not isinstance(channels, list) or not all(isinstance(name, str) for name in channels):
-        raise ValueError(f"channel = {checks.shown(channels)}: must be a list of names")
+        raise ValueError(f"channel = {checks.quote(channels)}: must be a list of names")
     given = {"sensor_grid": grids["sensor"][0], "sensor_normals": grids["sensor"][1]}
     if mode != "confocal":
         given |= {"laser_grid": grids["laser"][0], "laser_normals": grids["laser"][1]}
@@ -278,7 +278,7 @@ def _pixels(given: Any, capture: xr.Dataset) -> dict[str, list[int]]:
         first = numbers[0] if isinstance(numbers, list) and numbers else None
         if not isinstance(first, int) or numbers != list(range(first, first + size)):
             allowed = f"must be {size} pixels in a row"
-            raise ValueError(f"pixels: {axis} = {checks.shown(numbers)}: {allowed}")
+            raise ValueError(f"pixels: {axis} = {checks.quote(numbers)}: {allowed}")
     return given
 
 
@@ -289,7 +289,7 @@ def _runs(runs: list[int] | None, shape: tuple[int, ...]) -> np.ndarray | None:
     are_counts = isinstance(runs, list) and all(isinstance(n, int) and n >= 0 for n in runs)
     if not are_counts or sum(runs) != math.prod(shape):
         raise ValueError(
-            f"{ON_WALL} = {checks.shown(runs)}: must be runs of {math.prod(shape)} pixels"
+            f"{ON_WALL} = {checks.quote(runs)}: must be runs of {math.prod(shape)} pixels"
         )
     return np.repeat(np.arange(len(runs)) % 2 == 1, runs).reshape(shape)
 

@@ -48,7 +48,7 @@ def save_exr_layers(
             raise ValueError(f"layers[{name!r}] with shape {array.shape}: {allowed}")
     sizes = {array.shape[:2] for array in arrays.values()}
     if len(sizes) != 1:
-        given = checks.shown(layers)
+        given = checks.quote(layers)
         raise ValueError(f"layers = {given}: have the sizes {sorted(sizes)}; must be one size")
     needed = sum(array.nbytes for array in arrays.values())
     target = check_file(path, overwrite=True, needed_bytes=needed)

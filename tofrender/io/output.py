@@ -73,7 +73,7 @@ def stack_bytes(shape: Sequence[int], precision: str = "float") -> int:
         height, width, bins, channels = (checks.integer("shape", n, 1, 1 << 40) for n in shape)
     except (TypeError, ValueError):
         allowed = "must be four integers, height, width, bins and channels"
-        raise ValueError(f"shape = {checks.shown(shape)}: {allowed}") from None
+        raise ValueError(f"shape = {checks.quote(shape)}: {allowed}") from None
     values = height * width * (bins + 1) * channels
     return values * BYTES_PER_VALUE[precision] + (bins + 1) * (4096 + 8 * height)
 

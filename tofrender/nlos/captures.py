@@ -100,7 +100,7 @@ def make_capture(
     more = checks.mapping("attrs", attrs)
     legs = counts_first_and_last_legs
     if not isinstance(legs, int | np.bool_) or legs not in (0, 1):
-        given = checks.shown(legs)
+        given = checks.quote(legs)
         raise ValueError(f"counts_first_and_last_legs = {given}: must be True or False")
     if values.ndim == len(dims) - 1:
         values = values[..., None]
@@ -113,7 +113,7 @@ def make_capture(
         for name, given in (("laser_grid", laser_grid), ("laser_normals", laser_normals)):
             if given is not None:
                 raise ValueError(
-                    f"{name} = {checks.shown(given)}: must be None, as a confocal capture has the "
+                    f"{name} = {checks.quote(given)}: must be None, as a confocal capture has the "
                     "sensor's"
                 )
         laser_grid, laser_normals = sensor_grid, sensor_normals
@@ -142,7 +142,7 @@ def make_capture(
         except (TypeError, ValueError):
             mask = np.array(None)
         if mask.dtype != bool or mask.ndim not in (0, 2):
-            given = checks.shown(on_wall)
+            given = checks.quote(on_wall)
             raise ValueError(f"on_wall = {given}: must be bool (rows, columns)")
         if not mask.all():
             variables[ON_WALL] = (_PIXELS, mask.copy())
@@ -246,7 +246,7 @@ def _check_legs(capture: xr.Dataset, attrs: dict[str, Any]) -> None:
     counts = attrs.get("counts_first_and_last_legs")
     if counts not in (0, 1):
         raise ValueError(
-            f"capture: attribute counts_first_and_last_legs = {checks.shown(counts)}: must be 0, 1"
+            f"capture: attribute counts_first_and_last_legs = {checks.quote(counts)}: must be 0, 1"
         )
     if counts and not all(np.isfinite(capture[f"{d}_origin"].values).all() for d in DEVICES):
         raise ValueError(

@@ -17,9 +17,9 @@ from ..rendering.job import Job, carry_out, collect, decide
 from ..rendering.window import warn_of_losses
 from ..rendering.workers import require_client
 from ..runtime import backend, checks
-from ..runtime.backend import uncollected
+from ..runtime.backend import tracing_lock
 from ..runtime.checkpoints import Checkpoint
-from ..runtime.progress import hidden, status
+from ..runtime.progress import status, without_bars
 from ..scenes.fingerprint import fingerprint
 from ..scenes.packing import packed
 from .captures import MODES, make_capture, without_first_leg
@@ -111,7 +111,7 @@ def capture(
     if client is not None:
         require_client(client)
         packed("scene", scene)  # Refuses what cannot be sent
-    with hidden(not progress), status("Looking at the wall"):
+    with without_bars(not progress), status("Looking at the wall"):
         place = place_of_capture(
             scene, mode=mode, grid=grid, spp=spp, seed=seed, sensor=sensor, wall=relay_wall
         )
@@ -215,7 +215,7 @@ def _laser_points_again(axis: Any, **arguments: Any) -> LaserPoints:
     return LaserPoints(place_of_capture(**arguments), _laser_points_again)
 
 
-@uncollected()
+@tracing_lock()
 def _laser_point(scene: mi.Scene, wall: list[mi.Shape]) -> dict[str, np.ndarray]:
     """The point that the laser of a single capture lights, and the wall's normal there."""
     ray = mi.Ray3f(*axis(find_laser(scene)))

@@ -16,7 +16,7 @@ from ..integrators.running import interrupted, made_with, run
 from ..rendering.pieces import collect_pieces
 from ..rendering.workers import check_client, pieces_by_workers
 from ..runtime import checks
-from ..runtime.checkpoints import Checkpoint, Kept, Within
+from ..runtime.checkpoints import Checkpoint, SavedState, SubCheckpoint
 from ..runtime.progress import Stop, deferred_stop, progress_bar
 from ..runtime.versions import versions
 from .device.focus import focus_laser
@@ -55,8 +55,8 @@ class LaserPoints:
     def take(
         self,
         point: tuple[int, int],
-        kept: Kept | None = None,
-        checkpoint: Within | None = None,
+        kept: SavedState | None = None,
+        checkpoint: SubCheckpoint | None = None,
         stop: Stop | None = None,
         progress: bool = False,
     ) -> tuple[float, np.ndarray] | None:
@@ -108,8 +108,8 @@ class LaserPoints:
                 if done > (number + 1) * spp:  # Where equal, the film of this point was kept
                     continue
                 begun = max(0, done - number * spp)
-                state = Kept(begun, spp, 0.0, kept.arrays) if kept and begun else None
-                within = checkpoint and Within(checkpoint, number * spp, whole, arrays)
+                state = SavedState(begun, spp, 0.0, kept.arrays) if kept and begun else None
+                within = checkpoint and SubCheckpoint(checkpoint, number * spp, whole, arrays)
                 found = self.take(point, state, within, stop)
                 if found is None or (stop.requested and number + 1 < len(self.lit)):
                     again = checkpoint.again if checkpoint else ""

@@ -84,7 +84,7 @@ def place_of_capture(
         scene = load_scene(scene, optimize=False, **_size(grid))
     elif grid is not None:
         raise ValueError(
-            f"grid = {checks.shown(grid)}: must be None for a loaded scene, whose film has its "
+            f"grid = {checks.quote(grid)}: must be None for a loaded scene, whose film has its "
             "size already"
         )
     require_sensor(scene)
@@ -116,7 +116,7 @@ def _size(grid: Any) -> dict[str, Any]:
         width, height = grid
     except (TypeError, ValueError):
         raise ValueError(
-            f"grid = {checks.shown(grid)}: must be a width and a height, for example (64, 64)"
+            f"grid = {checks.quote(grid)}: must be a width and a height, for example (64, 64)"
         ) from None
     return {
         name: checks.integer(f"grid {name}", n, 1, checks.MAX_SIZE)

@@ -29,7 +29,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..scenes.media import media_of
-from ..signals.polarisation import in_world, intensity
+from ..signals.polarisation import bsdf_to_world, intensity
 from .channels import drawn_from, shares_of, value_in
 from .flight import Flight
 from .phases import Phases, Scattered, as_surface
@@ -224,7 +224,7 @@ class Media:
             if flight.turned is None:
                 flight.left *= dr.select(arrives & passes, left, 1)
             else:
-                left = in_world(si, mi.Spectrum(left), -si.wi, si.wi)
+                left = bsdf_to_world(si, mi.Spectrum(left), -si.wi, si.wi)
                 turned = extend(flight.turned, left)
                 flight.turned = dr.select(arrives & passes, turned, flight.turned)
             through |= arrives & passes

@@ -15,7 +15,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..signals.polarisation import extended, unit_throughput
+from ..signals.polarisation import multiply_throughput, unit_throughput
 
 
 @dataclass
@@ -137,7 +137,7 @@ def extend(throughput: Any, factor: Any, importance: bool = False) -> Any:
     The one place that multiplies: a path from the sensor puts new factors on the right, one from a
     light, with `importance`, on the left, which matters where they are Mueller matrices.
     """
-    return extended(throughput, factor, importance)
+    return multiply_throughput(throughput, factor, importance)
 
 
 def _filled(throughput: Any, nothing: mi.Float) -> Any:

@@ -8,7 +8,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..signals.polarisation import in_world, intensity
+from ..signals.polarisation import bsdf_to_world, intensity
 from .choices import Choices
 from .records import Bounce, Connection, Path, Turn, Vertex
 from .refraction import Glass
@@ -62,11 +62,11 @@ class Materials:
         si, bsdf, wo = vertex.si, self.bsdf(vertex), vertex.si.to_local(direction)
         if self.importance:
             f, back = self._adjoint(bsdf, si, wo, active)
-            f = in_world(si, f, si.wi, wo)
+            f = bsdf_to_world(si, f, si.wi, wo)
             pdf = bsdf.pdf(self.radiance, si, wo, active)
         else:
             f, pdf = bsdf.eval_pdf(self.radiance, si, wo, active)
-            f, back = in_world(si, f, wo, si.wi), self._pdf_back(bsdf, si, wo, active)
+            f, back = bsdf_to_world(si, f, wo, si.wi), self._pdf_back(bsdf, si, wo, active)
         return Turn(f, pdf, self._index_behind(bsdf, si, wo, active), back)
 
     def scatter(
@@ -84,7 +84,7 @@ class Materials:
             wo = si.to_local(link.direction)
             f, pdf, bs, weight = bsdf.eval_pdf_sample(self.radiance, si, wo, xi, u, active)
             η = self._index_behind(bsdf, si, wo, link.active)
-            f = in_world(si, f, wo, si.wi)
+            f = bsdf_to_world(si, f, wo, si.wi)
             turn = Turn(f, pdf, η, self._pdf_back(bsdf, si, wo, link.active))
         specular = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
         straight = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Null)
@@ -97,9 +97,9 @@ class Materials:
                 weight * _bent(si, bs.wo, bs.eta),
                 dr.select(smooth, f / bs.pdf, 0),
             )
-            weight = in_world(si, weight, si.wi, bs.wo)
+            weight = bsdf_to_world(si, weight, si.wi, bs.wo)
         else:
-            weight = in_world(si, weight, bs.wo, si.wi)
+            weight = bsdf_to_world(si, weight, bs.wo, si.wi)
             if self.choices is not None:
                 weight *= self.choices.change(bsdf, bs.pdf, specular)
             back = self._pdf_back(bsdf, si, bs.wo, active & ~specular)

@@ -38,7 +38,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..films.contribution import Contribution
-from ..signals.polarisation import intensity, received, summed
+from ..signals.polarisation import apply_throughput, intensity, summed
 from .protocols import Endpoint, Measurement, Scattering, Space
 from .records import Connection, Limits, Path, Turn, Vertex, extend
 
@@ -188,7 +188,7 @@ def meet(
     active = hit.active
     if limits.skips_first:
         active &= path.covered | ~vertex.valid
-    seen = Contribution(received(path.β * share, hit.radiance), path.opl, active)
+    seen = Contribution(apply_throughput(path.β * share, hit.radiance), path.opl, active)
     path.not_finite += deliver(measurement, seen)
     return path
 
@@ -252,7 +252,7 @@ def _along(
     throughput = extend(path.β * share, turn.f, endpoint.importance)
     if link.frame is not None:
         throughput = extend(throughput, link.frame, endpoint.importance)
-    spectrum = received(throughput, link.weight)
+    spectrum = apply_throughput(throughput, link.weight)
     η = path.η * turn.η
     opl = dr.fma(η, link.length, path.opl)
     if endpoint.importance:  # The index is over that around the light; the sensor's is known

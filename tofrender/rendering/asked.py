@@ -103,7 +103,7 @@ class Asked:
             for name in SCENES_OWN:
                 value = getattr(self, name)
                 if value is not None and not (isinstance(value, Mapping) and not value):
-                    shown = name if name == "settings" else f"{name} = {checks.shown(value)}"
+                    shown = name if name == "settings" else f"{name} = {checks.quote(value)}"
                     raise ValueError(
                         f"{shown}: must be left out with a loaded scene, which cannot be changed"
                     )
@@ -187,12 +187,12 @@ def start_and_width(window: Any, bins: int) -> tuple[float, float]:
         start, stop = window
     except (TypeError, ValueError):
         raise ValueError(
-            f"window = {checks.shown(window)}: must be 'auto' or (start, stop) in metres"
+            f"window = {checks.quote(window)}: must be 'auto' or (start, stop) in metres"
         ) from None
     start, stop = checks.metres("window[0]", start), checks.metres("window[1]", stop)
     if not start < stop < start + checks.MAX_OPL:
         raise ValueError(
-            f"window = {checks.shown(window)}: must end after it starts, and not at infinity"
+            f"window = {checks.quote(window)}: must end after it starts, and not at infinity"
         )
     return start, (stop - start) / bins
 
@@ -205,7 +205,7 @@ def is_auto(value: Any) -> bool:
 def _size(name: str, value: Any) -> None:
     """Refuse what is no width and height."""
     if not isinstance(value, tuple | list) or len(value) != 2:
-        given = checks.shown(value)
+        given = checks.quote(value)
         raise ValueError(f"{name} = {given}: must be (width, height) in pixels")
     for side in value:
         checks.integer(name, side, 1, checks.MAX_SIZE)

@@ -332,7 +332,7 @@ def sampler_for(camera: mi.Sensor, sampler: Any, spp: int | None, first: int = 0
         points.set_sample_count(count - first)
         return points
     kind = DEFAULT_SAMPLER if sampler is None else checks.one_of("sampler", sampler, SAMPLERS)
-    return mi.load_dict({"type": plugins.own_name(kind), "sample_count": count - first})
+    return mi.load_dict({"type": plugins.qualified_name(kind), "sample_count": count - first})
 
 
 def _sampler_name(sampler: mi.Sampler) -> str:

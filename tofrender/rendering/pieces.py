@@ -21,7 +21,7 @@ from ..integrators.passes import Part, steps
 from ..integrators.running import UNIT, interrupted, run, stopped
 from ..paths.camera import Tile
 from ..runtime import memory
-from ..runtime.checkpoints import Checkpoint, Kept, Within
+from ..runtime.checkpoints import Checkpoint, SavedState, SubCheckpoint
 from ..runtime.progress import deferred_stop, progress_bar
 from .errors import Scatter, parts_of, seed_of
 
@@ -233,8 +233,8 @@ def collect_pieces(
 def _at_once(
     job: Job,
     piece: Piece,
-    checkpoint: Checkpoint | Within | None,
-    kept: Kept | None,
+    checkpoint: Checkpoint | SubCheckpoint | None,
+    kept: SavedState | None,
     before: int,
     progress: bool,
     seed: Any = None,
@@ -261,7 +261,7 @@ def _in_parts(
     job: Job,
     piece: Piece,
     checkpoint: Checkpoint | None,
-    kept: Kept | None,
+    kept: SavedState | None,
     before: int,
     progress: bool,
 ) -> Taken:
@@ -278,7 +278,7 @@ def _in_parts(
             if checkpoint is not None:
                 state = scatter.state() if scatter else {}
                 state["not_finite_before"] = np.array(not_finite)
-                within = Within(checkpoint, part * count, piece.count, state)
+                within = SubCheckpoint(checkpoint, part * count, piece.count, state)
             if stop.requested:
                 if within is not None:
                     within.save(0, count, {})
@@ -286,7 +286,7 @@ def _in_parts(
             own = replace(piece, first=0, count=count)
             begun = None
             if kept and part * count < done:
-                begun = Kept(done - part * count, count, 0.0, kept.arrays)
+                begun = SavedState(done - part * count, count, 0.0, kept.arrays)
             seed = seed_of(job.asked.seed, piece.first, part)
             taken = _at_once(
                 *(job, own, within, begun if part == first else None),

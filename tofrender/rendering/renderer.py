@@ -12,7 +12,7 @@ import mitsuba as mi
 
 from ..runtime import backend, checks
 from ..runtime.checkpoints import Checkpoint
-from ..runtime.progress import hidden, status
+from ..runtime.progress import status, without_bars
 from ..runtime.withheld import Withheld
 from ..scenes.checking import check_scene
 from ..scenes.loading import is_steady, load_plugin, load_scene, require_light, require_sensor
@@ -227,8 +227,8 @@ def render(
         }
         for name, value in of_datasets.items():
             if value is not None:
-                raise ValueError(f"{name} = {checks.shown(value)}: must be left out with `params`")
-        with hidden(not progress):
+                raise ValueError(f"{name} = {checks.quote(value)}: must be left out with `params`")
+        with without_bars(not progress):
             return _attached(scene, params, spp, seed, integrator, sensor)
     asked = Asked(
         scene=scene,
@@ -257,7 +257,7 @@ def render(
         raise ValueError("resume: must be left out with `out` and with workers; see `merge`")
     if shared:
         packed("scene", scene)  # Refuses what cannot be sent
-    with hidden(not progress), status("Rendering"):
+    with without_bars(not progress), status("Rendering"):
         job = make_job(asked)
         own = nullcontext(client) if client is not None else workers_for(workers, scheduler)
         with own as client:

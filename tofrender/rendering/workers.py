@@ -215,10 +215,10 @@ def require_client(client: Any) -> None:
         ValueError: One line that says what it is.
     """
     if not isinstance(client, require_distributed().Client):
-        raise ValueError(f"client = {checks.shown(client)}: must be a distributed.Client")
+        raise ValueError(f"client = {checks.quote(client)}: must be a distributed.Client")
     if client.asynchronous or client.status != "running":
         raise ValueError(
-            f"client = {checks.shown(client)}: must be connected, and not asynchronous"
+            f"client = {checks.quote(client)}: must be connected, and not asynchronous"
         )
 
 

@@ -59,12 +59,12 @@ def replacing(
     if needed_bytes is not None:
         checks.integer("needed_bytes", needed_bytes, 0, sys.maxsize)
     target.parent.mkdir(parents=True, exist_ok=True)
-    temporary = hidden(target, f"-{secrets.token_hex(4)}{target.suffix}")
+    temporary = sibling(target, f"-{secrets.token_hex(4)}{target.suffix}")
     try:
         if folder:
             temporary.mkdir()
         yield temporary
-        to_disk(temporary)
+        sync(temporary)
         _take_place(temporary, target)
     except OSError as error:
         if error.errno not in DISK_FULL:
@@ -75,7 +75,7 @@ def replacing(
         remove(temporary)
 
 
-def hidden(path: str | os.PathLike, ending: str) -> Path:
+def sibling(path: str | os.PathLike, ending: str) -> Path:
     """Hidden name beside `path`, unique to it, whatever the length of its own name."""
     target = Path(os.path.realpath(path))
     digest = hashlib.sha256(os.fsencode(target.name)).hexdigest()[:8]
@@ -88,8 +88,8 @@ def remove_leftovers(path: str | os.PathLike) -> None:
     No other writer may be at work: hold the lock.
     """
     target = Path(os.path.realpath(path))
-    for leftover in target.parent.glob(f"{hidden(path, '').name}-*"):
-        if leftover.name.startswith(hidden(path, _ASIDE).name) and not target.exists():
+    for leftover in target.parent.glob(f"{sibling(path, '').name}-*"):
+        if leftover.name.startswith(sibling(path, _ASIDE).name) and not target.exists():
             os.rename(leftover, target)
         else:
             remove(leftover)
@@ -104,7 +104,7 @@ def locked(path: str | os.PathLike, name: str = "path") -> Iterator[None]:
     Raises:
         FileExistsError: Another process holds the lock.
     """
-    lock = hidden(path, ".lock")
+    lock = sibling(path, ".lock")
     lock.parent.mkdir(parents=True, exist_ok=True)
     file = _lock(path, name, lock)
     try:
@@ -178,7 +178,7 @@ def check_writable(path: str | os.PathLike, needed_bytes: int = 0) -> None:
         raise PermissionError(
             f"path = {path}: cannot be written ({error.strerror}); {_ALLOWED}"
         ) from None
-    parent = nearest_folder(path)
+    parent = existing_parent(path)
     try:
         os.rmdir(tempfile.mkdtemp(".probe", TEMPORARY_PREFIX, parent))
     except OSError as error:
@@ -193,7 +193,7 @@ def check_writable(path: str | os.PathLike, needed_bytes: int = 0) -> None:
 
 def disk_full(path: str | os.PathLike, needed_bytes: int | None) -> OSError:
     """Make the error for a disk without space for `needed_bytes` at `path`."""
-    folder = nearest_folder(path)
+    folder = existing_parent(path)
     free = f"{readable(shutil.disk_usage(folder).free)} is free"
     if hasattr(os, "statvfs"):
         disk = os.statvfs(folder)
@@ -214,7 +214,7 @@ def readable(count: float) -> str:
     return f"{count:.4g} TiB"
 
 
-def nearest_folder(path: str | os.PathLike) -> Path:
+def existing_parent(path: str | os.PathLike) -> Path:
     """Closest parent of `path` that exists."""
     return next(each for each in Path(os.path.realpath(path)).parents if os.path.exists(each))
 
@@ -227,12 +227,12 @@ def remove(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def to_disk(path: Path, deep: bool = True) -> None:
+def sync(path: Path, deep: bool = True) -> None:
     """Wait until a file, or a folder with its content if `deep`, is on the disk."""
     is_folder = path.is_dir()
     if is_folder and deep:
         for child in path.iterdir():
-            to_disk(child)
+            sync(child)
     if is_folder and os.name == "nt":  # Windows opens no folders
         return
     file = os.open(path, os.O_RDONLY if os.name != "nt" else os.O_RDWR)
@@ -252,7 +252,7 @@ def _take_place(temporary: Path, target: Path) -> None:
         if not _exchange(temporary, target):
             _move_aside(temporary, target)
     with suppress(OSError):
-        to_disk(target.parent, deep=False)
+        sync(target.parent, deep=False)
 
 
 def _exchange(one: Path, other: Path) -> bool:
@@ -267,7 +267,7 @@ def _exchange(one: Path, other: Path) -> bool:
 
 def _move_aside(temporary: Path, target: Path) -> None:
     """Replace a folder in two steps, with a way back."""
-    aside = hidden(target, f"{_ASIDE}{secrets.token_hex(4)}")
+    aside = sibling(target, f"{_ASIDE}{secrets.token_hex(4)}")
     try:
         os.rename(target, aside)
         os.rename(temporary, target)

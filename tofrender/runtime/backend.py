@@ -27,7 +27,7 @@ def cores() -> int:
 
 
 @contextmanager
-def uncollected() -> Iterator[None]:
+def tracing_lock() -> Iterator[None]:
     """Pause garbage collection and lock out other threads while a kernel is traced.
 
     An unused scene may live in a cycle until it is collected. Dr.Jit's virtual calls reach the
@@ -58,7 +58,7 @@ _scenes: list[Any] = []  # Loaded by threads beside the main one
 atexit.register(_scenes.clear)
 
 
-def hold(scene: Any) -> None:
+def keep_alive(scene: Any) -> None:
     """Keep a scene alive that a second thread has loaded, until no kernel is traced."""
     if threading.current_thread() is not threading.main_thread():
         _scenes.append(scene)

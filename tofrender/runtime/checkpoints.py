@@ -23,7 +23,7 @@ _HEADER = "tofrender"  # Name of the array with the description, as JSON
 
 
 @dataclass
-class Kept:
+class SavedState:
     """State of interrupted work."""
 
     done: int  # Units that were done: samples per pixel, laser points
@@ -84,7 +84,9 @@ class Checkpoint:
         """Make a checkpoint of a file name; None and checkpoints stay as they are."""
         return given if given is None or isinstance(given, Checkpoint) else cls(given)
 
-    def begin(self, recipe: Mapping[str, Any], of: int, unit: str, before: int = 0) -> Kept | None:
+    def begin(
+        self, recipe: Mapping[str, Any], of: int, unit: str, before: int = 0
+    ) -> SavedState | None:
         """Start work, and return the state of it that the file holds, if any.
 
         Args:
@@ -162,7 +164,7 @@ class Checkpoint:
         self.path.unlink(missing_ok=True)
         remove_leftovers(self.path)
 
-    def _load(self) -> tuple[dict[str, Any], Kept]:
+    def _load(self) -> tuple[dict[str, Any], SavedState]:
         """Header and state in the file, if all checksums are right."""
         _require_stored(self.path)
         with ZipFile(self.path) as archive:
@@ -178,7 +180,7 @@ class Checkpoint:
         if not isinstance(header["recipe"], dict):
             raise TypeError
         seconds = checks.number("seconds", header["seconds"], unit="seconds")
-        return header, Kept(done, of, seconds, arrays)
+        return header, SavedState(done, of, seconds, arrays)
 
 
 def _require_stored(path: Path) -> None:
@@ -193,7 +195,7 @@ def _dtypes_and_shapes(arrays: Mapping[str, np.ndarray]) -> dict[str, list[Any]]
 
 
 @dataclass
-class Within:
+class SubCheckpoint:
     """Checkpoint of work in many parts, as one of them uses it."""
 
     checkpoint: Checkpoint  # Of all parts

@@ -34,7 +34,7 @@ LISTED = 400  # Characters of the allowed names that a message lists
 # ----------------------------------------------------------------------------------- messages
 
 
-def shown(value: Any) -> str:
+def quote(value: Any) -> str:
     """`repr` for messages: in one line, cut if it is long; arrays by type and shape.
 
     Example:
@@ -64,7 +64,7 @@ def printable(text: str) -> str:
     return text.encode(errors="backslashreplace").decode()
 
 
-def listed(names: Collection[str]) -> str:
+def join_names(names: Collection[str]) -> str:
     """Join names for a message; of very many, the first ones and how many more there are."""
     texts = [each or "''" for each in names]
     ends = accumulate(len(each) + 2 for each in texts)
@@ -73,7 +73,7 @@ def listed(names: Collection[str]) -> str:
     return ", ".join(first) + (f", or {more} more" if more else "")
 
 
-def kind_of(value: Any) -> str:
+def type_name(value: Any) -> str:
     """Name of an array's dtype, or of any other value's type."""
     dtype = getattr(value, "dtype", None)
     return type(value).__name__ if dtype is None else str(dtype)
@@ -121,12 +121,12 @@ def one_of(name: str, value: Any, allowed: Collection[str]) -> str:
         return value
     close = get_close_matches(value, allowed, 1) if isinstance(value, str) else []
     hint = f"did you mean {close[0]!r}? Must" if close else "must"
-    raise ValueError(f"{name} = {shown(value)}: {hint} be one of {listed(allowed)}")
+    raise ValueError(f"{name} = {quote(value)}: {hint} be one of {join_names(allowed)}")
 
 
 def _require(name: str, value: Any, valid: bool, allowed: str) -> Any:
     if not valid:
-        raise ValueError(f"{name} = {shown(value)}: must be {allowed}")
+        raise ValueError(f"{name} = {quote(value)}: must be {allowed}")
     return value
 
 
@@ -206,7 +206,7 @@ def number(
             most = "" if high is None else f"at most {high:g}"
             bounds = " and ".join(filter(None, ["above 0" * positive, least, most]))
             limits = bounds and f" {bounds}"
-        raise ValueError(f"{name} = {shown(value)}: must be {kind}{limits}")
+        raise ValueError(f"{name} = {quote(value)}: must be {kind}{limits}")
     return given
 
 
@@ -238,7 +238,7 @@ def resolved(name: str, width: float, *lengths: float) -> None:
         raise ValueError(f"{name} = {width:g}: must be at least {least:.3g} m, as {rounded}")
 
 
-def place(name: str, value: Any, count: int = 3) -> list[float]:
+def point(name: str, value: Any, count: int = 3) -> list[float]:
     """Require a point, `count` finite coordinates in metres."""
     try:
         numbers = [metres(name, each) for each in value]
@@ -264,11 +264,11 @@ def path(name: str, value: Any) -> Path:
             longest = max(len(os.fsencode(part)) for part in (*Path(text).parts, ""))
             if longest > MAX_NAME or len(text) > MAX_PATH:
                 allowed = f"must have names of at most {MAX_NAME} bytes, {MAX_PATH} in all"
-                raise ValueError(f"{name} = {shown(text)}: {allowed}")
+                raise ValueError(f"{name} = {quote(text)}: {allowed}")
             return Path(text)
         if text:
             value, allowed = text, "must be a name in one line, without NUL"
-    raise ValueError(f"{name} = {shown(value)}: {allowed}")
+    raise ValueError(f"{name} = {quote(value)}: {allowed}")
 
 
 def address(name: str, value: Any) -> str:
@@ -293,7 +293,7 @@ def real_array(name: str, values: Any, dtype: Any = None) -> np.ndarray:
     except (TypeError, ValueError, OverflowError):
         array = np.array(None)
     if array.dtype.kind not in "fiu":
-        raise ValueError(f"{name} of type {kind_of(values)}: must hold real numbers")
+        raise ValueError(f"{name} of type {type_name(values)}: must hold real numbers")
     return array if dtype is None else array.astype(dtype, copy=False)
 
 

@@ -18,7 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from .withheld import Withheld, of_name
+from .withheld import Withheld, error_for
 
 # Names of mitransient that its users look for here, and their replacements
 _REPLACEMENTS = {"focus_emitter_at_relay_wall_pixel": "use focus_laser(scene, pixel=(x, y))"}
@@ -41,7 +41,7 @@ def public_names(package: str, file: str) -> dict[str, str | None]:
     return found
 
 
-def on_demand(
+def attach_stub(
     package: str, file: str
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """Make `__getattr__`, `__dir__` and `__all__` of a package from its stub."""
@@ -56,7 +56,7 @@ def on_demand(
         try:
             module = importlib.import_module(parent)
         except Withheld as reason:
-            raise of_name(package, name, reason) from None
+            raise error_for(package, name, reason) from None
         if not hasattr(module, name):
             return importlib.import_module(f"{parent}.{name}")
         value = getattr(module, name)

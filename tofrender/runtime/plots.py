@@ -35,7 +35,7 @@ def superscript(number: int) -> str:
     return str(number).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
-def scale_of(largest: float) -> tuple[str, Any]:
+def tick_scale(largest: float) -> tuple[str, Any]:
     """Power of ten that makes numbers short, "" for 1, and the formatter of ticks in it."""
     from matplotlib.ticker import FuncFormatter
 
@@ -50,7 +50,7 @@ def _short(value: float) -> str:
     return f"{value:.4g}".replace("-", "−") if abs(value) > 1e-12 else "0"
 
 
-def with_factor(label: str, factor: str) -> str:
+def label_with_factor(label: str, factor: str) -> str:
     """Insert a factor before the unit of a label "name [unit]"."""
     if not factor:
         return label
@@ -69,16 +69,16 @@ def colour_bar(
     location = "bottom" if below else "right"
     bar = first.figure.colorbar(image, ax=axes, location=location, **options)
     low, high = image.get_clim()
-    factor, formatter = scale_of(max(abs(low), abs(high)))
+    factor, formatter = tick_scale(max(abs(low), abs(high)))
     bar.set_ticks(_ticks(low, high, 3 if below else 6))
     bar.formatter = formatter
     bar.update_ticks()
-    bar.set_label(with_factor(label, factor), fontsize=7)
+    bar.set_label(label_with_factor(label, factor), fontsize=7)
     bar.outline.set_linewidth(0.6)
     return bar
 
 
-def most_of(values: np.ndarray) -> tuple[float, float, str]:
+def percentile_range(values: np.ndarray) -> tuple[float, float, str]:
     """Range from the 1st to the 99th percentile, and at which ends a colour bar needs arrows."""
     finite = values[np.isfinite(values)]
     low, high = map(float, np.percentile(finite, (1, 99))) if finite.size else (0.0, 1.0)
@@ -102,7 +102,7 @@ def _ticks(low: float, high: float, most: int) -> list[float]:
 # ----------------------------------------------------------------------- text and the hatch
 
 
-def wrapped(text: str, width: float, size: float = 9) -> str:
+def wrap_text(text: str, width: float, size: float = 9) -> str:
     """Wrap text to a width [inches] at a font size [points]."""
     most = max(12, int(width * 72 / (0.56 * size)))
     return "\n".join(textwrap.fill(line, most) for line in text.splitlines())
@@ -168,7 +168,7 @@ class PictureGrid:
         self.gap = left + 0.05 if own_y else GAP
         self.wide = (width - left - RIGHT - (columns - 1) * self.gap) / columns
         self.high = self.wide * aspect
-        title = wrapped(title, width - 0.1)
+        title = wrap_text(title, width - 0.1)
         top = EDGE + (0.155 * (title.count("\n") + 1) + 0.02 if title else 0.0)
         self.below = [TICKS + LABEL if with_x is None or k in with_x else 0.0 for k in range(rows)]
         self.tops: list[float] = []
@@ -197,7 +197,7 @@ class PictureGrid:
         box = self._box(self._left(column), self.tops[row] + self.high, self.wide, self.high)
         axes = self.figure.add_axes(box, **options)
         size = min(9.0, max(6.0, 71.9 * (self.wide + 0.1) / (0.56 * max(1, len(title)))))
-        axes.set_title(wrapped(title, self.wide + 0.1, size), fontsize=size)
+        axes.set_title(wrap_text(title, self.wide + 0.1, size), fontsize=size)
         return axes
 
     def trim(self, axes: Axes, row: int, column: int) -> None:

@@ -65,7 +65,7 @@ PLUGINS = {
 """Public plugin classes by name.
 
 Another package may register a plugin of the same name, and the last one to do so gets it. Ours are
-therefore registered as "tofrender_..." too, and `own_name` returns the name that is safe.
+therefore registered as "tofrender_..." too, and `qualified_name` returns the name that is safe.
 """
 
 # Modules whose `maker` turns the class of a plugin into its factory, which chooses among classes
@@ -84,19 +84,19 @@ def plugin(class_name: str) -> Any:
         raise AttributeError(f"tofrender.{class_name} {needed} {variant!r}")
     reason = withheld.refusal(PLUGINS[class_name].home)
     if reason is not None:
-        raise withheld.of_name("tofrender", class_name, withheld.Withheld(reason))
+        raise withheld.error_for("tofrender", class_name, withheld.Withheld(reason))
     register(variant)
     return _classes[variant][class_name]
 
 
-def own_name(plugin_name: str) -> str:
+def qualified_name(plugin_name: str) -> str:
     """Name that finds a plugin of ours, whatever other packages have registered."""
     ours = any(plugin_name == each.name for each in PLUGINS.values())
     return f"tofrender_{plugin_name}" if ours else plugin_name
 
 
 @cache
-def load_mitsubas() -> frozenset[str]:
+def load_native_plugins() -> frozenset[str]:
     """Load Mitsuba's native plugins from its package's folder, and return their names.
 
     Mitsuba would search the working folder and that of the scene first, and run what it finds.
@@ -124,7 +124,7 @@ def require_safe_type(name: str) -> None:
 
     if not re.fullmatch(r"[\w-]+", name, re.ASCII):
         raise ValueError(f"type = {name!r}: must be a plugin's name, of letters, digits, - and _")
-    if name in load_mitsubas() or name == "scene":  # That one is built in
+    if name in load_native_plugins() or name == "scene":  # That one is built in
         return
     resolver: Any = mi.file_resolver
     for suffix in (".so", ".dylib", ".dll"):
@@ -138,7 +138,7 @@ def require_safe_type(name: str) -> None:
 
 def register(variant: str) -> None:
     """Register our plugins in `variant`, once: another package's later ones stay in place."""
-    load_mitsubas()
+    load_native_plugins()
     if variant in _classes:
         return
     import mitsuba as mi
@@ -157,7 +157,7 @@ def register(variant: str) -> None:
             if _MAKERS.get(each.name) in loaded:
                 factory = loaded[_MAKERS[each.name]].maker(factory)
         else:
-            factory = withheld.stand_in(class_name, each.name, each.kind, each.home)
+            factory = withheld.placeholder(class_name, each.name, each.kind, each.home)
             if factory is None:
                 continue
         for name in (each.name, f"tofrender_{each.name}"):

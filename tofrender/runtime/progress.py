@@ -131,7 +131,7 @@ def status(description: str, enabled: bool = True) -> Bar:
     return Bar(description, None, "", enabled)
 
 
-def shown(description: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+def with_status(description: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Decorate a function that may take long with a status line."""
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
@@ -146,7 +146,7 @@ def shown(description: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
 
 @contextmanager
-def cleared() -> Iterator[None]:
+def bars_cleared() -> Iterator[None]:
     """Remove bars from the screen while something else is written there."""
     with _lock:
         for each in _open:
@@ -155,7 +155,7 @@ def cleared() -> Iterator[None]:
 
 
 @contextmanager
-def hidden(wanted: bool = True) -> Iterator[None]:
+def without_bars(wanted: bool = True) -> Iterator[None]:
     """Show no bars within the block, if that is `wanted`."""
     global _hidden
     _hidden += wanted

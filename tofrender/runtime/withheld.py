@@ -61,14 +61,14 @@ class _Finder(MetaPathFinder):
             raise Withheld(reason, name=fullname)
 
 
-def of_name(package: str, name: str, reason: Withheld) -> Withheld:
+def error_for(package: str, name: str, reason: Withheld) -> Withheld:
     """Make the error for a public name, with the problem in which it is written, if it is known."""
     problem = _NAMES.get(name)
     text = f": {reason}" if problem is None else f" is yours to write: problem {problem}"
     return Withheld(f"{package}.{name}{text}", name=package)
 
 
-def stand_in(class_name: str, plugin_name: str, kind: str, home: str) -> Any:
+def placeholder(class_name: str, plugin_name: str, kind: str, home: str) -> Any:
     """Make a placeholder for a withheld "integrator" or "emitter"; None for other kinds."""
     import mitsuba as mi
 

@@ -55,7 +55,7 @@ def check_chance(alpha: Any) -> None:
         ValueError: One line with its value.
     """
     if not 0 < checks.number("alpha", alpha, low=0, high=1) < 1:
-        raise ValueError(f"alpha = {checks.shown(alpha)}: must be a number between 0 and 1")
+        raise ValueError(f"alpha = {checks.quote(alpha)}: must be a number between 0 and 1")
 
 
 def chi_square_test(

@@ -68,10 +68,10 @@ def scaled(light: Any, spectrum: Any) -> Any:
 
 def unpolarised(radiance: Any) -> Any:
     """Stokes vector of unpolarised light."""
-    return received(mi.Spectrum(1), radiance) if mi.is_polarized else radiance
+    return apply_throughput(mi.Spectrum(1), radiance) if mi.is_polarized else radiance
 
 
-def received(throughput: Any, radiance: Any) -> Any:
+def apply_throughput(throughput: Any, radiance: Any) -> Any:
     """Throughput times a Stokes vector, or times unpolarised radiance."""
     if not mi.is_polarized:
         return throughput * radiance
@@ -81,24 +81,24 @@ def received(throughput: Any, radiance: Any) -> Any:
     return mi.SpectrumEntry(*[throughput[i, 0] * radiance for i in range(4)])
 
 
-def sent(radiance: Any, throughput: Any, factor: Any) -> Any:
+def apply_light_path(radiance: Any, throughput: Any, factor: Any) -> Any:
     """Radiance times the throughput of a light path and one more factor."""
     if not mi.is_polarized:
-        return extended(radiance * throughput, factor)
-    return received(extended(throughput, factor, importance=True), radiance)
+        return multiply_throughput(radiance * throughput, factor)
+    return apply_throughput(multiply_throughput(throughput, factor, importance=True), radiance)
 
 
-def light_of(spectrum: Any) -> Any:
+def to_stokes(spectrum: Any) -> Any:
     """Convert a spectrum of an integrator of Mitsuba: the first column of its Mueller matrix."""
     if not mi.is_polarized:
         return mi.UnpolarizedSpectrum(mi.unpolarized_spectrum(spectrum))
     if isinstance(spectrum, mi.SpectrumEntry):
         return spectrum
-    return received(mi.Spectrum(spectrum), mi.UnpolarizedSpectrum(1))
+    return apply_throughput(mi.Spectrum(spectrum), mi.UnpolarizedSpectrum(1))
 
 
-def as_spectrum(light: Any) -> mi.Spectrum:
-    """Convert to a spectrum as integrators of Mitsuba return it, the inverse of `light_of`."""
+def to_spectrum(light: Any) -> mi.Spectrum:
+    """Convert to a spectrum as integrators of Mitsuba return it, the inverse of `to_stokes`."""
     if not mi.is_polarized:
         return mi.Spectrum(light)
     zero = mi.UnpolarizedSpectrum(0)
@@ -110,7 +110,7 @@ def unit_throughput() -> Any:
     return mi.Spectrum(1) if mi.is_polarized else mi.UnpolarizedSpectrum(1)
 
 
-def extended(throughput: Any, factor: Any, importance: bool = False) -> Any:
+def multiply_throughput(throughput: Any, factor: Any, importance: bool = False) -> Any:
     """Multiply a throughput by a Mueller matrix, or by a spectrum.
 
     Paths from the sensor multiply new matrices from the right, as light traverses them in reverse;
@@ -123,7 +123,7 @@ def extended(throughput: Any, factor: Any, importance: bool = False) -> Any:
     return mi.Spectrum(*[throughput[i, j] * factor for i in range(4) for j in range(4)])
 
 
-def depolarised(factor: Any) -> Any:
+def depolarise(factor: Any) -> Any:
     """Scattering factor that depolarises."""
     plain = mi.unpolarized_spectrum(factor)
     return mi.depolarizer(plain) if mi.is_polarized else plain
@@ -182,7 +182,9 @@ def _finite(value: Any) -> Any:
     return type(value)(*[_finite(each) for each in (value.s, value.t, value.n)])
 
 
-def in_world(si: mi.SurfaceInteraction3f, f: Any, comes: mi.Vector3f, goes: mi.Vector3f) -> Any:
+def bsdf_to_world(
+    si: mi.SurfaceInteraction3f, f: Any, comes: mi.Vector3f, goes: mi.Vector3f
+) -> Any:
     """Rotate a BSDF's value from its own frames to those of world space.
 
     Args:
@@ -211,10 +213,10 @@ def sensor_frame(sensor: mi.Sensor, ray: mi.Ray3f) -> Any:
     up = sensor.world_transform() @ mi.Vector3f(0, 1, 0)
     across, basis = dr.cross(ray.d, up), mi.mueller.stokes_basis(-ray.d)
     axis = dr.select(dr.squared_norm(across) > 0, dr.normalize(across), basis)
-    return turned(-ray.d, axis)
+    return frame_rotation(-ray.d, axis)
 
 
-def turned(forward: mi.Vector3f, axis: mi.Vector3f) -> Any:
+def frame_rotation(forward: mi.Vector3f, axis: mi.Vector3f) -> Any:
     """Mueller matrix that rotates light along `forward` from Mitsuba's frame to that of `axis`."""
     basis = mi.mueller.stokes_basis(forward)
     return mi.Spectrum(mi.mueller.rotate_stokes_basis(forward, basis, axis))

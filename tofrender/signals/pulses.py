@@ -200,7 +200,7 @@ class SampledPulse:
             energy = checks.real_array("values", values, np.float64)
         except ValueError:
             allowed = "must be a list of finite numbers, 0 or more"
-            raise ValueError(f"values = {checks.shown(values)}: {allowed}") from None
+            raise ValueError(f"values = {checks.quote(values)}: {allowed}") from None
         if energy.ndim != 1 or energy.size == 0:
             raise ValueError(f"values: shape {energy.shape}; must be a list of at least one number")
         if not np.all(np.isfinite(energy)) or np.any(energy < 0):

@@ -49,7 +49,7 @@ def _times(name, value, factor):
     try:
         return value * factor
     except (TypeError, OverflowError):
-        given = checks.shown(value)
+        given = checks.quote(value)
         raise ValueError(f"{name} = {given}: must be a number or an array of any") from None
 
 
@@ -73,6 +73,6 @@ def check_frequencies(value: Any, name: str = "frequency_hz") -> tuple[list[floa
     if values is None:
         return [check_frequency(name, value)], False
     if not values:
-        given = checks.shown(value)
+        given = checks.quote(value)
         raise ValueError(f"{name} = {given}: must hold at least one frequency in hertz")
     return [check_frequency(f"{name}[{i}]", each) for i, each in enumerate(values)], True

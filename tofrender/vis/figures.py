@@ -12,8 +12,8 @@ from ..runtime.plots import (
     NO_VALUE,
     few_ticks,
     hatch_patch,
-    scale_of,
-    with_factor,
+    label_with_factor,
+    tick_scale,
 )
 from ..signals.units import ns_to_opl, opl_to_ns
 from .transient import Transient
@@ -53,9 +53,9 @@ def hatch_area(axes: Axes, extent: tuple[float, float, float, float]) -> None:
 def time_axes(axes: Axes, sequence: Transient) -> None:
     """Time below, path length above, quantity on the left; call it when all is drawn."""
     axes.set_xlabel("time [ns]")
-    factor, formatter = scale_of(max(map(abs, axes.get_ylim())))
+    factor, formatter = tick_scale(max(map(abs, axes.get_ylim())))
     axes.yaxis.set_major_formatter(formatter)
-    quantity = with_factor(sequence.quantity, factor)
+    quantity = label_with_factor(sequence.quantity, factor)
     figure: Any = axes.get_figure(root=True)
     narrow = figure.get_figwidth() < COLUMN
     axes.set_ylabel(quantity.replace(" [", "\n[") if narrow else quantity)

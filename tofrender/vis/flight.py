@@ -9,7 +9,7 @@ import numpy as np
 
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure
-from ..runtime.plots import colour_bar, fit_height, most_of
+from ..runtime.plots import colour_bar, fit_height, percentile_range
 from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
 from .colours import hue_map, time_map
@@ -105,13 +105,13 @@ def light_in_flight(
 def _check_period(period_ns: Any, style: str, sequence: Transient) -> None:
     if style != "rainbow":
         raise ValueError(
-            f"period_ns = {checks.shown(period_ns)}: must be None for style = {style!r}"
+            f"period_ns = {checks.quote(period_ns)}: must be None for style = {style!r}"
         )
     period = checks.number("period_ns", period_ns, unit="nanoseconds", positive=True)
     shortest = opl_to_ns(2 * sequence.bin_width_opl)
     if period < shortest * (1 - 1e-9):
         raise ValueError(
-            f"period_ns = {checks.shown(period_ns)}: must be at least two bins, {shortest:.6g} ns"
+            f"period_ns = {checks.quote(period_ns)}: must be at least two bins, {shortest:.6g} ns"
         )
 
 
@@ -143,7 +143,7 @@ def _by_time(time_ns: np.ndarray) -> tuple[np.ndarray, Any, str]:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    first, last, beyond = most_of(time_ns)
+    first, last, beyond = percentile_range(time_ns)
     scale = ScalarMappable(Normalize(first, last, clip=True), time_map())
     shown = np.isfinite(time_ns)[..., None]
     colour = np.where(shown, scale.to_rgba(np.nan_to_num(time_ns))[..., :3], 1.0)

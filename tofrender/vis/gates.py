@@ -9,7 +9,7 @@ import numpy as np
 
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure
-from ..runtime.plots import colour_bar, fit_height, wrapped
+from ..runtime.plots import colour_bar, fit_height, wrap_text
 from ..signals.units import opl_to_ns
 from .figures import explain_hatch, picture_aspect, pixel_axes
 from .tone import auto_exposure, tonemap
@@ -79,7 +79,7 @@ def gate_figure(
     label = "radiance per metre [W m⁻³ sr⁻¹]"
     colour_bar(scale, axes, label, extend="max" if brighter else "neither")
     if title is not None:
-        figure.suptitle(wrapped(title, wide))
+        figure.suptitle(wrap_text(title, wide))
     explain_hatch(figure, np.isnan(image), dark=True)
     fit_height(figure)
     return figure

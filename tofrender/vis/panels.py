@@ -11,7 +11,7 @@ import numpy as np
 from ..analysis.unwrapping import unambiguous_range, unwrap
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style
-from ..runtime.plots import COLUMN, NO_VALUE, PictureGrid, most_of
+from ..runtime.plots import COLUMN, NO_VALUE, PictureGrid, percentile_range
 from ..signals.units import SPEED_OF_LIGHT, check_frequencies
 from .colours import phase_map
 from .figures import map_axes, picture_aspect
@@ -200,8 +200,8 @@ def _unwrapped(frequencies: list[float], phasors: np.ndarray, lit: np.ndarray) -
     phasors = np.where(lit, phasors, np.nan)
     phases, amplitudes = np.angle(phasors), np.nan_to_num(abs(phasors))
     depth, residual = unwrap(phases, frequencies, amplitudes=amplitudes)
-    near, far, beyond = most_of(depth)
-    worst = most_of(residual)[1]
+    near, far, beyond = percentile_range(depth)
+    worst = percentile_range(residual)[1]
     return [
         _Map(
             "unwrapped",

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime import checks
-from ..runtime.backend import uncollected
+from ..runtime.backend import tracing_lock
 from ..runtime.canvas import figure_width, in_style, new_figure, palette
-from ..runtime.plots import few_ticks, fit_height, wrapped
+from ..runtime.plots import few_ticks, fit_height, wrap_text
 from .figures import picture_aspect
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def plan_figure(
     if not scene.shapes():
         raise ValueError("scene: has no shapes to draw")
     shown = list(VIEWS[checks.one_of("view", view, VIEWS)])
-    lamp = _integrators_laser(scene) if laser is None else np.array(checks.place("laser", laser))
+    lamp = _integrators_laser(scene) if laser is None else np.array(checks.point("laser", laser))
 
     wide = figure_width(4.6)
     figure = new_figure(wide, wide, "compressed")
@@ -110,7 +110,7 @@ def plan_figure(
     axes.grid(alpha=0.25)
     few_ticks(axes)
     if title is not None:
-        axes.set_title(wrapped(title, wide))
+        axes.set_title(wrap_text(title, wide))
     handles, labels = axes.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
     figure.legend(
@@ -235,7 +235,7 @@ def _draw_laser(axes: Axes, beam: Array) -> None:
     axes.plot(*beam[0], "*", color=LASER, ms=11, label="laser", zorder=10, linestyle="none")
 
 
-@uncollected()
+@tracing_lock()
 def _reach(scene: Any, ray: Any) -> tuple[Array, Array]:
     """Where rays start and end [m], each of shape (n, 3).
 

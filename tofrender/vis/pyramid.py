@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from ..rendering.dataset import time_axis
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure
-from ..runtime.plots import wrapped
+from ..runtime.plots import wrap_text
 from .figures import picture_aspect
 from .tone import auto_exposure, tonemap
 
@@ -72,7 +72,7 @@ def pyramid_figure(
     each = wide / (rows + 1)
     high = (each - _BETWEEN) * picture_aspect(pyramid.sizes["y"], pyramid.sizes["x"], 0.3, 3.0)
     named = _title(weighting, what, stops) if title is None else title
-    named = wrapped(named if each > _ROOM else f"{named}\nnumbers are s, t", wide - 0.1)
+    named = wrap_text(named if each > _ROOM else f"{named}\nnumbers are s, t", wide - 0.1)
     top = 0.1 + 0.155 * len(named.splitlines())
     tall = top + rows * (high + _ABOVE) + 0.07
     figure = new_figure(wide, tall, layout=None)

@@ -101,7 +101,7 @@ class Subject:
             if name not in values:
                 takes = " and ".join(values) or "none"
                 raise ValueError(
-                    f"{name} = {checks.shown(value)}: must be left out; "
+                    f"{name} = {checks.quote(value)}: must be left out; "
                     f"{self.title.lower()} has the parameters: {takes}"
                 )
             if name == "image":

@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from ...runtime import checks
-from ...runtime.backend import uncollected
+from ...runtime.backend import tracing_lock
 from .laser import axis, find_laser
 
 
@@ -112,7 +112,7 @@ class NLOSCaptureMeter(mi.Sensor):
         uv = [(k + 0.5) / n for k, n in zip(where, self.film().size(), strict=True)]
         return self.get_shape().sample_position(0.0, mi.Point2f(*uv), True).p
 
-    @uncollected()
+    @tracing_lock()
     def follow_laser(self, scene: mi.Scene) -> None:
         """Look at what the laser looks at, if the film is one pixel of an original one."""
         if self.follows_laser:
@@ -142,5 +142,5 @@ def _point(props: mi.Properties, name: str) -> list[float] | None:
     """Three numbers, None if they are not given."""
     value: Any = props.get(name, None)
     if value is not None and np.shape(value) != (3,):
-        raise ValueError(f"{name} = {checks.shown(value)}: must be three numbers")
+        raise ValueError(f"{name} = {checks.quote(value)}: must be three numbers")
     return None if value is None else [checks.metres(name, float(x)) for x in value]

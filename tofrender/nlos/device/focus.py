@@ -10,11 +10,11 @@ import numpy as np
 
 from ...paths.surfaces import first_surface
 from ...runtime import checks
-from ...runtime.backend import uncollected
+from ...runtime.backend import tracing_lock
 from .laser import find_laser, follow_meters, forget_meters, turn
 
 
-@uncollected()
+@tracing_lock()
 def focus_laser(
     scene: mi.Scene,
     *,
@@ -48,11 +48,11 @@ def focus_laser(
     given = {"point": point, "uv": uv, "pixel": pixel}
     if not isinstance(scene, mi.Scene):
         raise ValueError(
-            f"scene = {checks.shown(scene)}: must be a loaded scene; load_scene loads one"
+            f"scene = {checks.quote(scene)}: must be a loaded scene; load_scene loads one"
         )
     named = [name for name, value in given.items() if value is not None]
     if len(named) != 1:
-        shown = ", ".join(map(checks.shown, given.values()))
+        shown = ", ".join(map(checks.quote, given.values()))
         raise ValueError(f"point, uv, pixel = {shown}: must be one of them, and None the others")
     laser = find_laser(scene)
     follow_meters(scene)
@@ -82,10 +82,10 @@ def focus_laser(
         _require_two("uv", uv, "two numbers from 0 to 1")
         u, v = (checks.number("uv", x, unit="the side") for x in uv)
         if not (0 <= u <= 1 and 0 <= v <= 1):
-            raise ValueError(f"uv = {checks.shown(uv)}: must be two numbers from 0 to 1")
+            raise ValueError(f"uv = {checks.quote(uv)}: must be two numbers from 0 to 1")
         target = _at_uv(camera, (u, v))
     else:
-        target = mi.Point3f(*checks.place("point", point))
+        target = mi.Point3f(*checks.point("point", point))
     turn(laser, target)
     return np.array(target).ravel()
 
@@ -97,7 +97,7 @@ def _require_two(name: str, value: Any, what: str) -> None:
     except TypeError:
         count = 0
     if count != 2:
-        raise ValueError(f"{name} = {checks.shown(value)}: must be {what}")
+        raise ValueError(f"{name} = {checks.quote(value)}: must be {what}")
 
 
 def _at_uv(camera: mi.Sensor, uv: Any) -> mi.Point3f:

@@ -11,7 +11,7 @@ import mitsuba as mi
 
 from ...paths.surfaces import first_surface, is_on
 from ...runtime import checks
-from ...runtime.backend import uncollected
+from ...runtime.backend import tracing_lock
 
 DEFAULT_ID = "relay_wall"
 
@@ -40,7 +40,7 @@ def is_on_relay_wall(
     given = relay_wall_shapes
     shapes = [given] if isinstance(given, mi.Shape) else given
     if not isinstance(shapes, Sequence) or not shapes or isinstance(shapes, str | bytes):
-        raise ValueError(f"relay_wall_shapes = {checks.shown(given)}: must be a shape or several")
+        raise ValueError(f"relay_wall_shapes = {checks.quote(given)}: must be a shape or several")
     for each in shapes:
         checks.instance("relay_wall_shapes", each, mi.Shape, "a shape or several")
     checks.instance("si", si, mi.SurfaceInteraction3f, "an mi.SurfaceInteraction3f")
@@ -90,7 +90,7 @@ def find_shapes(scene: mi.Scene, wanted: Any, what: str) -> list[mi.Shape]:
         if not matches:
             name = each.id() if isinstance(each, mi.Shape) else each
             raise ValueError(
-                f"{what} = {checks.shown(name)}: the scene has no such shape; must be "
+                f"{what} = {checks.quote(name)}: the scene has no such shape; must be "
                 f"one of {ids(scene)} (a load with optimize=False keeps meshes of equal material "
                 "apart)"
             )
@@ -113,12 +113,12 @@ def parse_ids(what: str, value: Any) -> list[str] | None:
         return None
     if not isinstance(value, str):
         raise ValueError(
-            f"{what} = {checks.shown(value)}: must be ids of shapes, separated by commas"
+            f"{what} = {checks.quote(value)}: must be ids of shapes, separated by commas"
         )
     return [each.strip() for each in value.split(",")]
 
 
-@uncollected()
+@tracing_lock()
 def first_hits(scene: mi.Scene, sensor: mi.Sensor) -> tuple[mi.Ray3f, mi.SurfaceInteraction3f]:
     """Rays through the centres of a sensor's pixels, row by row, and what they meet."""
     width, height = (int(n) for n in sensor.film().crop_size())
@@ -128,7 +128,7 @@ def first_hits(scene: mi.Scene, sensor: mi.Sensor) -> tuple[mi.Ray3f, mi.Surface
     return mi.Ray3f(ray), first_surface(scene, mi.Ray3f(ray))
 
 
-@uncollected()
+@tracing_lock()
 def seen_shapes(scene: mi.Scene, sensor: mi.Sensor | None) -> list[mi.Shape]:
     """The shapes that the centres of a sensor's pixels look at; none without a sensor."""
     if sensor is None:

@@ -7,14 +7,14 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ...runtime.backend import uncollected
+from ...runtime.backend import tracing_lock
 from .relay_wall import first_hits, is_on_relay_wall
 
 FLAT = 1e-4
 """Distance from a plane, over a wall's size, up to which the wall is flat."""
 
 
-@uncollected()
+@tracing_lock()
 def wall_points(
     scene: mi.Scene, sensor: mi.Sensor, wall: list[mi.Shape]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

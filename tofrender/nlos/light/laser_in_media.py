@@ -12,7 +12,7 @@ import numpy as np
 
 from ...paths.protocols import Scattering, Space
 from ...paths.records import Path
-from ...runtime.backend import uncollected
+from ...runtime.backend import tracing_lock
 from ...scenes.media import media_of, scatterer_on
 from ..device.relay_wall import first_hits
 from .laser_spot import LaserSpot, Spot
@@ -72,7 +72,7 @@ class LaserInMedia(LaserSpot):
         )
 
 
-@uncollected()
+@tracing_lock()
 def require_clear_way(scene: mi.Scene, sensor: mi.Sensor, laser: np.ndarray) -> None:
     """Refuse fog on the way of a laser to the very points that the sensor looks at.
 

@@ -303,5 +303,5 @@ def _bounces(name: str, value: Any) -> int:
     except ValueError:
         bounces = 0
     if bounces == 0:
-        raise ValueError(f"{name} = {checks.shown(value)}: must be -1 (all) or an integer from 1")
+        raise ValueError(f"{name} = {checks.quote(value)}: must be -1 (all) or an integer from 1")
     return bounces

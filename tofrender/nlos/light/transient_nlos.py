@@ -15,7 +15,7 @@ from ...paths.endpoints import SceneLights
 from ...paths.records import Connection, Path, Vertex
 from ...paths.surfaces import first_surface, is_on
 from ...runtime import checks
-from ...runtime.backend import uncollected
+from ...runtime.backend import tracing_lock
 from ...signals.illuminants import white
 from ..device.laser import (
     GRAZING,
@@ -179,7 +179,7 @@ class TransientNLOSPath(RelayWallPath):
             _no_effect("confocal", stated, f"capture_type is {self.capture_type!r}")
         return self.capture_type
 
-    @uncollected()
+    @tracing_lock()
     def _check_aim(self, scan: Scan, kind: str, sensor: mi.Sensor | None) -> None:
         """Refuse a laser that misses the wall, or that is in its plane."""
         origin, direction = axis(find_laser(scan.scene))

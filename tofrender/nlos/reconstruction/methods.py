@@ -133,7 +133,7 @@ def reconstruct(
     options = _options(method, given)
     if client is not None and method not in SHARED:
         raise ValueError(
-            f"client = {checks.shown(client)}: must be None, as method = {method!r} is done in one "
+            f"client = {checks.quote(client)}: must be None, as method = {method!r} is done in one "
             "process"
         )
     if client is not None:
@@ -171,7 +171,7 @@ def _options(method: str, given: dict[str, Any]) -> dict[str, Any]:
         if method not in _USED_BY[name]:
             allowed = " and ".join(_USED_BY[name])
             raise ValueError(
-                f"{name} = {checks.shown(value)}: must be None, as it is for {allowed} only"
+                f"{name} = {checks.quote(value)}: must be None, as it is for {allowed} only"
             )
         options[name] = value
     if "weighting" in options:

@@ -9,7 +9,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ...signals.polarisation import sent
+from ...signals.polarisation import apply_light_path
 from ..emission import Emission
 from ..lens import Lens
 from ..protocols import Scattering
@@ -138,7 +138,7 @@ class LightPaths(SceneLights):
         active = active & (d2 > 0) & (kept.depth + path.depth + 3 <= self.max_depth)
         there = kept.vertex(distance, active)
         turn = self.adjoint.turn(there, -d, active)
-        weight = sent(self.weight, kept.β, turn.f) / d2
+        weight = apply_light_path(self.weight, kept.β, turn.f) / d2
         return Connection(
             point=kept.si.p,
             direction=d,

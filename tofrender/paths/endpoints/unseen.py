@@ -28,7 +28,7 @@ class Unseen:
 
     def __init__(self, scene: mi.Scene, hide_emitters: bool = False) -> None:
         if not hasattr(scene, "sample_emitter_direction"):
-            raise ValueError(f"scene = {checks.shown(scene)}: must be a loaded scene")
+            raise ValueError(f"scene = {checks.quote(scene)}: must be a loaded scene")
         self.scene = scene
         self.hide_emitters = checks.boolean("hide_emitters", hide_emitters)
 
