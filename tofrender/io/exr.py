@@ -34,12 +34,8 @@ if TYPE_CHECKING:
 FORMAT = "tofrender transient stack 1"
 LAYER = "error."  # Prefix of the channels of standard errors
 LEAST_DIGITS = 4  # Of a frame's number in its name
-# EXR channel for each list of `channel` coordinates. OpenEXR groups R, G and B as "RGB".
-_EXR_CHANNELS = {("R", "G", "B"): "RGB", ("L",): "Y"}
-# Prefixes of the channels of Stokes vectors
-_COMPONENTS = tuple(f"{each}." for each in STOKES)
-# Channels that OpenEXR reads: R, G and B with a common prefix are one with the prefix's name.
-_READ = (("Y",), ("RGB",), tuple(f"{each}Y" for each in _COMPONENTS), STOKES)
+# Channels that OpenEXR reads: R, G and B are "RGB", or their common prefix.
+_READ = (("Y",), ("RGB",), tuple(f"{each}.Y" for each in STOKES), STOKES)
 # Header names with a meaning of their own, which attributes of a Dataset must not use
 _RESERVED = {
     *("channels", "chunkCount", "compression", "dataWindow", "displayWindow", "lineOrder", "name"),
@@ -168,15 +164,14 @@ class _Stack:
 
     def __init__(self, dataset: xr.Dataset, precision: str):
         check_dataset(dataset)
-        self.dataset, self.transient = dataset, Cube(dataset["transient"])
-        has_errors = "transient_error" in dataset
-        self.errors = Cube(dataset["transient_error"]) if has_errors else None
+        self.dataset, self.films = dataset, {"": (Cube(dataset["transient"]), dataset["steady"])}
+        if "transient_error" in dataset:
+            self.films[LAYER] = Cube(dataset["transient_error"]), dataset["steady_error"]
         self.dtype = np.float16 if precision == "half" else np.float32
-        names = tuple(map(str, dataset["channel"].values))
-        self.components = _COMPONENTS if names[0].startswith(_COMPONENTS) else ("",)
-        colours = tuple(n.rpartition(".")[2] for n in names[: len(names) // len(self.components)])
-        checks.one_of("channel", "".join(colours), ["".join(key) for key in _EXR_CHANNELS])
-        self.channel = _EXR_CHANNELS[colours]
+        names = [str(name) for name in dataset["channel"].values]
+        colours = dict.fromkeys(name.rpartition(".")[2] for name in names)
+        checks.one_of("channel", "".join(colours), ("RGB", "L"))
+        self.channels = [name.replace("L", "Y") for name in names]
         self.bins = dataset.sizes["opl"]
         self.digits = max(LEAST_DIGITS, len(str(self.bins - 1)))
         attributes = plain_attributes(dataset)
@@ -192,9 +187,6 @@ class _Stack:
 
         header = self.header | {"compression": OpenEXR.ZIP_COMPRESSION}
         header["type"] = OpenEXR.scanlineimage
-        images = {"": self._values("", index)}
-        if self.errors is not None:
-            images[LAYER] = self._values("_error", index)
         if index < 0:
             header["dataset"] = json.dumps(describe(self.dataset))
         else:
@@ -203,25 +195,12 @@ class _Stack:
             header["opl_center"] = _double(self.dataset["opl"].values[index])
             header["opl_start"] = _double(start + index * width)
             header["opl_stop"] = _double(start + (index + 1) * width)
-        # OpenEXR writes strided arrays wrongly, so the copy is needed.
         channels = {}
-        for layer, values in images.items():
-            parts = np.split(self._round(values), len(self.components), axis=-1)
-            for component, part in zip(self.components, parts, strict=True):
-                if self.channel == "RGB" and not component:
-                    channels[f"{layer}RGB"] = np.ascontiguousarray(part)
-                    continue
-                for k, colour in enumerate(self.channel):
-                    pixels = np.ascontiguousarray(part[..., k])
-                    channels[f"{layer}{component}{colour}"] = pixels
+        for layer, (transient, steady) in self.films.items():
+            values = self._round(steady.values if index < 0 else transient.frame(index))
+            for k, name in enumerate(self.channels):  # OpenEXR writes strided arrays wrongly
+                channels[f"{layer}{name}"] = np.ascontiguousarray(values[..., k])
         return header, channels
-
-    def _values(self, suffix: str, index: int) -> np.ndarray:
-        """Frame `index` (-1: the steady image), or its standard errors."""
-        if index < 0:
-            return self.dataset[f"steady{suffix}"].values
-        cube = self.errors if suffix and self.errors is not None else self.transient
-        return cube.frame(index)
 
     def encode(self, index: int) -> bytes:
         """Encode frame `index` (-1: the steady image) as the bytes of an EXR file.

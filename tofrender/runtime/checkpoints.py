@@ -87,19 +87,11 @@ class Checkpoint:
     def begin(
         self, recipe: Mapping[str, Any], of: int, unit: str, before: int = 0
     ) -> SavedState | None:
-        """Start work, and return the state of it that the file holds, if any.
+        """Start work of `of` units, and return the state of it that the file holds, if any.
 
-        Args:
-            recipe: All that results depend on, as JSON can hold it.
-            of: Number of units to do.
-            unit: Name of the units.
-            before: Number of units that precede all of these.
-
-        Raises:
-            ValueError: The file is of other work, or holds more units than `of`.
-
-        Warns:
-            UserWarning: The file is damaged, and the work starts anew.
+        The recipe has all that results depend on, as JSON can hold it: a file of another recipe, or
+        of more units, is a ValueError. With a damaged file the work starts anew, with a warning.
+        `before` units precede all of these.
         """
         self._recipe = json.loads(json.dumps(recipe))
         self._began = self._saved = time.monotonic()

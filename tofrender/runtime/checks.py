@@ -38,7 +38,7 @@ def quote(value: Any) -> str:
     """`repr` for messages: in one line, cut if it is long; arrays by type and shape.
 
     Example:
-        >>> shown(0.5), len(shown([1] * 100)), shown(1 << 4000)
+        >>> quote(0.5), len(quote([1] * 100)), quote(1 << 4000)
         ('0.5', 80, 'an integer of 4001 bits')
     """
     if isinstance(value, int) and value.bit_length() > 200:

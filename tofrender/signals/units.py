@@ -14,13 +14,7 @@ MIN_FREQUENCY, MAX_FREQUENCY = 1e-9, 1e18
 
 
 def opl_to_ns(opl):
-    """Convert an optical path length to a time of flight.
-
-    Args:
-        opl: Optical path length [m], a number or an array of any kind.
-
-    Returns:
-        t = opl / c [ns], of the same kind and shape.
+    """Time of flight t = opl / c [ns] of an optical path length [m], a number or any array.
 
     Example:
         >>> round(opl_to_ns(3.0), 4)
@@ -30,13 +24,7 @@ def opl_to_ns(opl):
 
 
 def ns_to_opl(time_ns):
-    """Convert a time of flight to an optical path length.
-
-    Args:
-        time_ns: Time [ns], a number or an array of any kind.
-
-    Returns:
-        opl = c t [m], of the same kind and shape.
+    """Optical path length c t [m] of a time of flight [ns], a number or any array.
 
     Example:
         >>> round(ns_to_opl(10.0), 8)
