@@ -23,8 +23,8 @@ from ..rendering.films_on_disk import require_zarr
 from ..rendering.store import check_film
 from ..rendering.workers import THREADS, check_client, shared_out
 from ..runtime import atomic, backend, checks
+from ..runtime.backend import versions
 from ..runtime.progress import deferred_stop, held_signals, progress_bar
-from ..runtime.versions import versions
 from ..scenes.fingerprint import file_digest
 from ..scenes.packing import packed, unpacked
 from .config import Config, parse_config, read_config

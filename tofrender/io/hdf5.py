@@ -191,11 +191,11 @@ def _read(file: h5py.File) -> dict[str, Any]:
     light = items.get("H")
     attrs = {} if light is None else light.attrs
     coloured = [name for name in attrs if name.startswith(_COLOURS)]
-    there = [item for item in items.values() if item is not None]
-    if there:
-        largest = max(there, key=_bytes)
+    full = [item for item in items.values() if item is not None]
+    if full:
+        largest = max(full, key=_bytes)
         what = f"{str(largest.name).strip('/')} with shape {largest.shape}"
-        memory.require_free(what, _COPIES * sum(map(_bytes, there)) * (4 if coloured else 1))
+        memory.require_free(what, _COPIES * sum(map(_bytes, full)) * (4 if coloured else 1))
     found = {name: None if item is None else item[()] for name, item in items.items()}
     colours = {name.removeprefix(_COLOURS): attrs[name] for name in coloured}
     return found | {_COLOURS: colours} | dict.fromkeys(names & set(_OTHERS))
@@ -214,7 +214,7 @@ def _field_of(file: h5py.File, name: str) -> h5py.Dataset | None:
         except Exception as error:
             raise ValueError(f"{name}: cannot be read ({error}); must be a field") from None
     if item is None or (isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)):
-        raise ValueError(f"{name}: is kept in another file; must be in this one")
+        raise ValueError(f"{name}: is in another file; must be in this one")
     return item if isinstance(item, h5py.Dataset) and item.shape is not None else None
 
 

@@ -16,9 +16,9 @@ from ..integrators.running import interrupted, made_with, run
 from ..rendering.pieces import collect_pieces
 from ..rendering.workers import check_client, pieces_by_workers
 from ..runtime import checks
+from ..runtime.backend import versions
 from ..runtime.checkpoints import Checkpoint, SavedState, SubCheckpoint
 from ..runtime.progress import Stop, deferred_stop, progress_bar
-from ..runtime.versions import versions
 from .device.focus import focus_laser
 from .place import Place
 

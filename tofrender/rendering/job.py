@@ -20,8 +20,8 @@ from ..films.recording import Recording, recording, tell_not_finite
 from ..integrators.own_sample import brings_sample
 from ..integrators.plan import Plan
 from ..runtime import checks, memory, plugins
+from ..runtime.backend import versions
 from ..runtime.checkpoints import Checkpoint
-from ..runtime.versions import versions
 from ..scenes.fingerprint import fingerprint
 from ..scenes.settings import SAMPLERS
 from .arrivals import LAST_OPL, Arrivals, find_arrivals

@@ -22,7 +22,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..runtime import backend, checks
-from ..runtime.versions import versions
+from ..runtime.backend import versions
 from ..scenes.packing import packed, unpacked
 from .store import Store
 

@@ -15,7 +15,7 @@ MOST_BYTES = 1 << 28  # Of an array of unknown shape
 
 
 def read_array(archive: ZipFile, name: str, shape: tuple[int, ...] | None = None) -> np.ndarray:
-    """Read an array of an .npz file, and its end, where its checksum is compared.
+    """Read an array of an .npz file to its end, where the checksum is compared.
 
     Raises:
         ValueError: Its header says another shape than `shape`, if given, or more than 256 MiB.

@@ -1,4 +1,4 @@
-"""Write whole or not at all: a temporary sibling that takes its target's place on success."""
+"""Atomic output: a temporary file or folder that replaces its target on success; locks, checks."""
 
 from __future__ import annotations
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import atexit
 import gc
+import json
 import os
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.metadata import version
 from typing import Any
 
 from . import checks, llvm, memory, plugins
@@ -141,6 +143,16 @@ def require_vectorised() -> None:
             f"variant = {variant!r}: cannot render in time, must be an llvm_* or cuda_* variant; "
             "call mi.set_variant('llvm_ad_rgb') first"
         )
+
+
+def versions() -> str:
+    """Versions of this package, Mitsuba and Dr.Jit, as JSON."""
+    import mitsuba as mi
+
+    from .. import __version__
+
+    found = {"tofrender": __version__, "mitsuba": mi.__version__, "drjit": version("drjit")}
+    return json.dumps(found)
 
 
 def cuda_works() -> bool:

@@ -1,4 +1,4 @@
-"""Progress bars, and stopping long work between two of its steps."""
+"""Progress bars, and signals that stop long work between two steps."""
 
 from __future__ import annotations
 
