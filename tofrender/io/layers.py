@@ -54,9 +54,9 @@ def save_exr_layers(
     target = check_file(path, overwrite=True, needed_bytes=needed)
     channels = {}
     for name, array in arrays.items():
+        prefix = f"{name}." if name else ""
         for c, letter in enumerate("RGB" if array.shape[2] == 3 else "Y"):
-            channel = f"{name}.{letter}" if name else letter
-            channels[channel] = np.ascontiguousarray(array[:, :, c])
+            channels[prefix + letter] = np.ascontiguousarray(array[:, :, c])
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     header |= {"format": "tofrender layers 1", **{k: str(value) for k, value in attrs.items()}}
     with replacing(target) as temporary:

@@ -65,7 +65,7 @@ def replacing(
             temporary.mkdir()
         yield temporary
         sync(temporary)
-        _take_place(temporary, target)
+        _move_into_place(temporary, target)
     except OSError as error:
         if error.errno not in DISK_FULL:
             raise
@@ -242,7 +242,7 @@ def sync(path: Path, deep: bool = True) -> None:
         os.close(file)
 
 
-def _take_place(temporary: Path, target: Path) -> None:
+def _move_into_place(temporary: Path, target: Path) -> None:
     if not temporary.is_dir():
         os.replace(temporary, target)
     elif not target.exists():

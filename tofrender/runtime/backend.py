@@ -111,7 +111,7 @@ def activate(variant: str | None = None) -> str:
     chosen: str = variant or mi.variant() or ("cuda_ad_rgb" if cuda_works() else "llvm_ad_rgb")
     if chosen.startswith("llvm"):
         require_llvm()
-    if chosen.startswith("cuda") and not cuda_works():
+    if variant is not None and chosen.startswith("cuda") and not cuda_works():
         raise BackendError(
             f"variant = {chosen!r}: no CUDA device or driver found; use an llvm_* variant"
         )

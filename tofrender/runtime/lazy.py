@@ -25,13 +25,7 @@ _REPLACEMENTS = {"focus_emitter_at_relay_wall_pixel": "use focus_laser(scene, pi
 
 
 def public_names(package: str, file: str) -> dict[str, str | None]:
-    """Names that a package's stub lists, with the module of each, None if it is a module.
-
-    Example:
-        >>> import tofrender
-        >>> public_names("tofrender", tofrender.__file__)["GaussianPulse"]
-        'tofrender.signals.pulses'
-    """
+    """Names that a package's stub lists, with the module of each, None if it is a module."""
     found: dict[str, str | None] = {}
     for node in ast.parse(Path(file).with_suffix(".pyi").read_text(encoding="utf-8")).body:
         if isinstance(node, ast.ImportFrom) and node.level:

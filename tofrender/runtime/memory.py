@@ -33,9 +33,7 @@ def available() -> int:
     """Memory that this process may still allocate on the active device [bytes]."""
     import mitsuba as mi
 
-    if (mi.variant() or "").startswith("cuda"):
-        return _cuda_free()
-    return free_on_host()
+    return _cuda_free() if (mi.variant() or "").startswith("cuda") else free_on_host()
 
 
 def free_on_host() -> int:

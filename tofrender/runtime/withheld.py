@@ -8,9 +8,8 @@ packages that are missing, each with the problem that it solves:
         "names": {"GaussianPulse": "a2.gaussian_pulse"}
     }
 
-Importing one raises `Withheld`, which names the problem; for a public name of such a module, the
-problem in which that name is written. A scene with an integrator or an emitter of such a module
-still loads, with a placeholder that refuses to render.
+Importing one raises `Withheld`, which names the problem. A scene with an integrator or an emitter
+of such a module still loads, with a placeholder that refuses to render.
 """
 
 from __future__ import annotations

@@ -129,7 +129,7 @@ def depolarise(factor: Any) -> Any:
     return mi.depolarizer(plain) if mi.is_polarized else plain
 
 
-def rayleigh(f: Any, comes: mi.Vector3f, goes: mi.Vector3f) -> mi.Spectrum:
+def rayleigh(f: Any, incident: mi.Vector3f, outgoing: mi.Vector3f) -> mi.Spectrum:
     """Mueller matrix of Rayleigh scattering (Bohren and Huffman 1983, section 5.2).
 
     With the cosine c of the scattering angle, polarisation normal to the scattering plane keeps its
@@ -137,13 +137,13 @@ def rayleigh(f: Any, comes: mi.Vector3f, goes: mi.Vector3f) -> mi.Spectrum:
 
     Args:
         f: Phase function for unpolarised light.
-        comes: Unit vector towards the source of light, world space.
-        goes: Unit vector of the scattered light.
+        incident: Unit vector towards the source of light, world space.
+        outgoing: Unit vector of the scattered light.
     """
-    f, c = mi.unpolarized_spectrum(f), -dr.dot(comes, goes)
-    normal, total = dr.cross(comes, goes), 1 + c * c
+    f, c = mi.unpolarized_spectrum(f), -dr.dot(incident, outgoing)
+    normal, total = dr.cross(incident, outgoing), 1 + c * c
     has_plane = dr.squared_norm(normal) > 1e-10  # Else forward or backward: any axis is normal
-    basis = mi.mueller.stokes_basis(goes)
+    basis = mi.mueller.stokes_basis(outgoing)
     axis = dr.select(has_plane, dr.normalize(normal), basis)
     zero = mi.UnpolarizedSpectrum(0)
     difference, phase = f * ((1 - c * c) / total), f * (2 * c / total)
@@ -153,8 +153,8 @@ def rayleigh(f: Any, comes: mi.Vector3f, goes: mi.Vector3f) -> mi.Spectrum:
         *(zero, zero, phase, zero),
         *(zero, zero, zero, phase),
     )
-    before = mi.mueller.stokes_basis(-comes)
-    return mi.mueller.rotate_mueller_basis(matrix, -comes, axis, before, goes, axis, basis)
+    before = mi.mueller.stokes_basis(-incident)
+    return mi.mueller.rotate_mueller_basis(matrix, -incident, axis, before, outgoing, axis, basis)
 
 
 class Finite(dr.CustomOp):
@@ -183,23 +183,24 @@ def _finite(value: Any) -> Any:
 
 
 def bsdf_to_world(
-    si: mi.SurfaceInteraction3f, f: Any, comes: mi.Vector3f, goes: mi.Vector3f
+    si: mi.SurfaceInteraction3f, f: Any, incident: mi.Vector3f, outgoing: mi.Vector3f
 ) -> Any:
     """Rotate a BSDF's value from its own frames to those of world space.
 
     Args:
         si: Surface interaction.
         f: Value of the BSDF.
-        comes: Local unit vector towards the source of light.
-        goes: Local unit vector of the scattered light.
+        incident: Local unit vector towards the source of light.
+        outgoing: Local unit vector of the scattered light.
     """
     if not mi.is_polarized:
         return f
     valid = dr.any(intensity(f) != 0)  # Failed samples have no frame
-    if dr.grad_enabled(si, comes, goes):
+    if dr.grad_enabled(si, incident, outgoing):
         si = type(si)(si)
-        si.sh_frame, comes, goes = (dr.custom(Finite, x) for x in (si.sh_frame, comes, goes))
-    return dr.select(valid, si.to_world_mueller(f, -comes, goes), mi.Spectrum(0))
+        values = si.sh_frame, incident, outgoing
+        si.sh_frame, incident, outgoing = (dr.custom(Finite, x) for x in values)
+    return dr.select(valid, si.to_world_mueller(f, -incident, outgoing), mi.Spectrum(0))
 
 
 def sensor_frame(sensor: mi.Sensor, ray: mi.Ray3f) -> Any:
