@@ -15,11 +15,11 @@ from pathlib import PurePath
 from typing import Any
 
 from .runtime import backend, plugins
-from .runtime.lazy import on_demand
+from .runtime.lazy import attach_stub
 
 __version__ = "0.1.0"
 
-_get, __dir__, __all__ = on_demand(__name__, __file__)  # pyright: ignore[reportUnsupportedDunderAll]
+_get, __dir__, __all__ = attach_stub(__name__, __file__)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:

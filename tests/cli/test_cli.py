@@ -20,7 +20,7 @@ from tofrender.apps.warptest.subjects import SUBJECTS
 from tofrender.cli import nlos as cli_nlos, warp as cli_warp
 from tofrender.cli.app import app, main
 from tofrender.rendering import settings
-from tofrender.runtime.atomic import hidden
+from tofrender.runtime.atomic import sibling
 from tofrender.scenes.settings import INTEGRATORS, SAMPLERS
 
 ROOT = Path(__file__).parents[2]
@@ -348,7 +348,7 @@ def test_ctrl_c(tmp_path):
     assert process.returncode == 130, err
     assert "Traceback" not in err
     assert "error: interrupted after" in err
-    assert names(tmp_path) == {"box", hidden(folder, ".checkpoint.npz").name}
+    assert names(tmp_path) == {"box", sibling(folder, ".checkpoint.npz").name}
     dataset = tofrender.load_exr_stack(folder)
     assert 0.9 < float(dataset.transient.sum() / dataset.steady.sum()) < 1.0
 

@@ -20,7 +20,7 @@ def captured(tmp_path_factory):
 @pytest.mark.parametrize("method", ["lct", "fk"])
 def test_a_hidden_letter_is_found(captured, tmp_path, method, capsys):
     out = tmp_path / method
-    atomic.hidden(out, "-0a1b2c3d").mkdir()  # By one that was killed as it wrote
+    atomic.sibling(out, "-0a1b2c3d").mkdir()  # By one that was killed as it wrote
     for _ in range(2):  # The second time, it replaces its own folder
         status, told, err = run(capsys, "reconstruct", captured, "--method", method, "--out", out)
         assert (status, err) == (0, "")

@@ -99,7 +99,7 @@ def _heard() -> None:
 
 
 def kept(out: Path) -> Path:
-    return atomic.hidden(out, ".checkpoint.npz")
+    return atomic.sibling(out, ".checkpoint.npz")
 
 
 def ended(process: subprocess.Popen, by: int) -> tuple[int, str]:
@@ -214,7 +214,7 @@ def test_two_signals_end_at_once(tmp_path):
 def begun(name: str, out: Path, *options: object) -> subprocess.Popen:
     """A process that has taken the lock of its output."""
     process = started(arguments(name, out, *options), saved=0)
-    while not atomic.hidden(out, ".lock").exists() and process.poll() is None:
+    while not atomic.sibling(out, ".lock").exists() and process.poll() is None:
         time.sleep(0.002)
     return process
 
@@ -296,8 +296,8 @@ def test_a_kill_loses_at_most_the_interval(capsys, tmp_path, monkeypatch):
 def test_leftovers_go(capsys, tmp_path):
     """Of killed writers of this output, not of others."""
     out = tmp_path / "out"
-    mine = [atomic.hidden(out, "-0123abcd"), atomic.hidden(kept(out), "-89abcdef.npz")]
-    other = atomic.hidden(tmp_path / "other", "-0123abcd")
+    mine = [atomic.sibling(out, "-0123abcd"), atomic.sibling(kept(out), "-89abcdef.npz")]
+    other = atomic.sibling(tmp_path / "other", "-0123abcd")
     mine[0].mkdir()
     (mine[0] / "half").write_text("x")
     for each in (mine[1], other):

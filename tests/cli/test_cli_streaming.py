@@ -300,7 +300,7 @@ def test_merge(capsys, tmp_path, format):
         done(capsys, "render", "cornell_box", "--out", folder, *TINY, *options)
     before = [listing(folder) for folder in folders]
     arguments = ["merge", *folders, "--out", tmp_path / "all", "--format", format, "--no-video"]
-    left = atomic.hidden(tmp_path / "all", "-0a1b2c3d")  # By one that was killed as it wrote
+    left = atomic.sibling(tmp_path / "all", "-0a1b2c3d")  # By one that was killed as it wrote
     (left / "frames").mkdir(parents=True)
     with atomic.locked(tmp_path / "all"):
         assert "another process writes it" in refused(capsys, *arguments)

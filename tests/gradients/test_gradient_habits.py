@@ -11,7 +11,7 @@ from helpers.support import plane, point_light
 from oracles.gradients import Bins
 
 import tofrender
-from tofrender.runtime.plugins import own_name
+from tofrender.runtime.plugins import qualified_name
 
 T = mi.ScalarTransform4f
 ALBEDO, FLOOR = "floor.bsdf.reflectance.value", "floor.to_world"
@@ -57,7 +57,7 @@ def derivative(scene: mi.Scene, key: str, **options: Any) -> float:
 
 def gate(target: float, pixels: str = "rgb") -> dict:
     """A film and an integrator."""
-    kind = own_name("time_gated_transient_path")
+    kind = qualified_name("time_gated_transient_path")
     return {
         "film": {"type": "hdrfilm", "pixel_format": pixels},
         "integrator": {"type": kind, "target_time": target, "max_depth": 2},
@@ -174,7 +174,7 @@ def test_things_that_move_before_a_sensor_in_a_grid():
 
 
 def test_integrators_refuse_by_themselves_too():
-    film = {"type": own_name("phasor_hdr_film"), "wl_mean": 10.0, "wl_sigma": 5.0}
+    film = {"type": qualified_name("phasor_hdr_film"), "wl_mean": 10.0, "wl_sigma": 5.0}
     bins = {"temporal_bins": 64, "bin_width_opl": 0.5, "start_opl": 0.0}
     scene = load(film=film | bins)
     parameters, own = attached_to(scene, WIDTH), scene.integrator()

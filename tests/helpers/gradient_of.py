@@ -14,7 +14,7 @@ from oracles.gradients import Arrived, Bins, Gate, Phasor, derived
 
 import tofrender
 from helpers.support import camera, film, scene
-from tofrender.runtime.plugins import own_name
+from tofrender.runtime.plugins import qualified_name
 
 PULSE_KEY = "pulse_width_opl"
 """The width of the pulse among the parameters of an integrator."""
@@ -137,7 +137,7 @@ def own(described: dict) -> dict:
     return {
         key: own(value)
         if isinstance(value, dict)
-        else (own_name(value) if key == "type" else value)
+        else (qualified_name(value) if key == "type" else value)
         for key, value in described.items()
     }
 

@@ -23,7 +23,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 import tofrender
 from tofrender import io
 from tofrender.io import exr
-from tofrender.io.seals import _LENGTH as SEAL
+from tofrender.io.files import _LENGTH as SEAL
 from tofrender.runtime import memory
 
 
@@ -390,12 +390,12 @@ def write_frame(
     **changes: Any,
 ) -> None:
     header, channels = exr._Stack(picture(), "float").part(2)
-    ((name, values),) = channels.items()
-    values = values if pixels is None else pixels
+    values = np.stack([*channels.values()], axis=-1) if pixels is None else pixels
     for each in ("dataWindow", "displayWindow"):
         del header[each]
     header = _without(header | changes, leave_out)
-    channels = {channel or name: values[..., 0].copy() if channel == "Z" else values} | (more or {})
+    image = values[..., 0].copy() if channel == "Z" else values
+    channels = {channel or "RGB": image} | (more or {})
     OpenEXR.File(header, channels).write(str(stack / "frame_0002.exr"))
 
 

@@ -166,4 +166,4 @@ def test_a_damaged_render_has_no_phasors(tmp_path, capsys):
     folder = io.save_exr_stack(make_dataset(2, 3, 3), tmp_path / "render", progress=False)
     (folder / "steady.exr").write_bytes(b"text")
     assert main(["phasor", str(folder), "--freq", "2e7", "--out", str(tmp_path / "out")]) == 2
-    assert "must be as it was saved" in capsys.readouterr().err
+    assert "must be a readable EXR file as it was saved" in capsys.readouterr().err

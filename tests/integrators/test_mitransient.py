@@ -99,7 +99,7 @@ def test_classes_stay_usable(theirs):
     ours = mi.load_dict({"type": "tofrender_transient_path", "pulse_width_opl": 0.1})
     assert type(ours) is tofrender.TransientPath
     assert ours.pulse.width_opl == pytest.approx(0.1)
-    film = mi.load_dict({"type": plugins.own_name("transient_hdr_film")})
+    film = mi.load_dict({"type": plugins.qualified_name("transient_hdr_film")})
     assert type(film) is tofrender.TransientHDRFilm
 
 

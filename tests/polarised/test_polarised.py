@@ -125,7 +125,7 @@ def test_two_mirrors_at_brewsters_angle(twist, monkeypatch):
     assert abs(S[0] - both) < 0.05 * both + 1e-7
     assert np.allclose(S[1:], [-S[0], 0, 0], atol=1e-7)
     if twist == 30:  # Matrices in their own frames
-        monkeypatch.setattr(scattering, "in_world", lambda si, f, comes, goes: f)
+        monkeypatch.setattr(scattering, "bsdf_to_world", lambda si, f, comes, goes: f)
         S = traced(scene, 200_000)
         right = np.allclose(S[1:] / S[0], [-1, 0, 0], atol=0.1)
         assert abs(S[0] - both) > 0.1 * both or not right
@@ -137,8 +137,8 @@ def test_matrices_stand_in_the_order_of_the_path(monkeypatch):
     S = traced(scene, 200_000)
     assert abs(S[0] / 0.0143022 - 1) < 0.05
     assert np.allclose(S[1:] / S[0], [-1, 0, 0], atol=1e-4)
-    right = records.extended
-    monkeypatch.setattr(records, "extended", lambda β, f, importance=False: right(β, f, True))
+    right, name = records.multiply_throughput, "multiply_throughput"
+    monkeypatch.setattr(records, name, lambda β, f, importance=False: right(β, f, True))
     S = traced(scene, 20_000)
     assert not np.allclose(S[1:] / S[0], [-1, 0, 0], atol=0.1)
 
@@ -296,7 +296,7 @@ def test_light_is_a_column_that_stands_right_of_a_matrix():
     rng = np.random.default_rng(0)
     matrix, light = rng.random((4, 4)), rng.random(4)
     stokes = mi.SpectrumEntry(*[mi.UnpolarizedSpectrum(each) for each in light.tolist()])
-    found = polarisation.received(mi.Spectrum(*matrix.ravel().tolist()), stokes)
+    found = polarisation.apply_throughput(mi.Spectrum(*matrix.ravel().tolist()), stokes)
     assert np.ravel(found) == pytest.approx(matrix @ light, rel=1e-5)
 
 
@@ -485,7 +485,7 @@ def test_a_dipole_does_not_shine_along_its_axis():
     matrix = np.array(polarisation.rayleigh(mi.UnpolarizedSpectrum(0.1), comes, goes))
     matrix = matrix.reshape(4, 4)
     for axis, expected in (([0.0, 0.0, 1.0], 0.0), ([0.0, 1.0, 0.0], 0.2)):
-        frame = np.array(polarisation.turned(mi.Vector3f(-1, 0, 0), mi.Vector3f(axis)))
+        frame = np.array(polarisation.frame_rotation(mi.Vector3f(-1, 0, 0), mi.Vector3f(axis)))
         light = np.linalg.inv(frame.reshape(4, 4)) @ [1, 1, 0, 0]  # Oscillates along the axis
         assert np.allclose((matrix @ light)[0], expected, atol=1e-6)
     straight = np.array(polarisation.rayleigh(mi.UnpolarizedSpectrum(1), -goes, goes))

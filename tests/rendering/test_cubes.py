@@ -168,9 +168,9 @@ def same(found: list[np.ndarray], expected: list[np.ndarray]) -> None:
 
 @pytest.fixture
 def one_thread(monkeypatch):
-    from tofrender.io import parallel
+    from tofrender.io import files
 
-    monkeypatch.setattr(parallel.os, "cpu_count", lambda: 1)
+    monkeypatch.setattr(files.os, "cpu_count", lambda: 1)
 
 
 @pytest.mark.parametrize("channels", ["RGB", "L"])

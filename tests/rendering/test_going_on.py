@@ -21,13 +21,13 @@ import pytest
 from helpers.films_in_parts import watch_steps
 from helpers.refusals import refused
 from helpers.support import agree, largest
+from tofrender.rendering.asked import Asked
 
 import tofrender
 from tofrender import nlos
 from tofrender.films import histogram, recording
 from tofrender.integrators import passes
-from tofrender.rendering import job, pieces
-from tofrender.rendering.asked import Asked
+from tofrender.rendering import job, work_items
 from tofrender.rendering.renderer import make_job
 from tofrender.runtime import checkpoints
 from tofrender.runtime.checkpoints import Checkpoint
@@ -343,12 +343,13 @@ def test_parts_weigh_by_their_samples(done):
     decided = make_job(Asked(box(), spp=3 * SPP), axis=(4, 0.0, 3.0))
     shape = decided.film.shape
 
-    def taken(light: float, count: int) -> pieces.Taken:
+    def taken(light: float, count: int) -> work_items.WorkResult:
         steady, transient = (np.ones(s, np.float32) for s in ((*shape[:2], shape[3]), shape))
-        return pieces.Taken(4 * light * steady, light * transient, count, 0, 1.0)
+        arrays = {"steady": 4 * light * steady, "transient": light * transient}
+        return work_items.WorkResult(arrays, count)
 
-    earlier = job.labelled(decided, taken(1.0, SPP), True)
-    result = job.labelled(decided, taken(5.0, done), done == 2 * SPP, earlier)
+    earlier = job._dataset_of(decided, taken(1.0, SPP), True)
+    result = job._dataset_of(decided, taken(5.0, done), done == 2 * SPP, earlier)
     mean = (SPP + 5 * done) / (SPP + done)
     assert result.attrs["spp"] == SPP + done
     np.testing.assert_allclose(result["transient"], mean, rtol=1e-6)
@@ -629,7 +630,7 @@ def test_seconds_add_up(path, small_steps, monkeypatch):
     """By a clock that goes on by a second with each step."""
     now = [0.0]
     clock = SimpleNamespace(monotonic=lambda: now[0], perf_counter=lambda: now[0])
-    for module in (checkpoints, pieces):
+    for module in (checkpoints, work_items):
         monkeypatch.setattr(module, "time", clock)
     watch_steps(monkeypatch, lambda _: now.append(now.pop() + 1))
     small_steps()

@@ -15,7 +15,7 @@ from helpers.processes import ROOT
 from helpers.refusals import refused
 
 from tofrender.runtime import atomic
-from tofrender.runtime.atomic import check_writable, hidden, locked, remove_leftovers, replacing
+from tofrender.runtime.atomic import check_writable, locked, remove_leftovers, replacing, sibling
 
 LONG = "x" * 250
 """As long as names may be, or nearly: 255 bytes."""
@@ -256,11 +256,11 @@ def test_killed_while_the_earlier_folder_is_aside(tmp_path):
 
 
 def test_hidden_names(tmp_path, monkeypatch):
-    path = hidden(tmp_path / "film", ".checkpoint.npz")
+    path = sibling(tmp_path / "film", ".checkpoint.npz")
     assert path.parent == tmp_path
     assert path.name.startswith(".tofrender-")
     assert path.name.endswith(".checkpoint.npz")
-    others = [hidden(tmp_path / n, ".checkpoint.npz") for n in ("film2", "fil", LONG, LONG + "y")]
+    others = [sibling(tmp_path / n, ".checkpoint.npz") for n in ("film2", "fil", LONG, LONG + "y")]
     assert len({path, *others}) == 5
     assert all(len(each.name.encode()) <= 255 for each in others)
     # However a place is written, a second run must find the first one's checkpoint, and its lock
@@ -268,12 +268,12 @@ def test_hidden_names(tmp_path, monkeypatch):
     (tmp_path / "sub").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "film")
     ways = ["film", "./film", tmp_path / "film", "film/", "sub/../film", "link"]
-    assert {Path(hidden(way, ".checkpoint.npz")).resolve() for way in ways} == {path}
+    assert {Path(sibling(way, ".checkpoint.npz")).resolve() for way in ways} == {path}
 
 
 def test_leftovers_of_others_stay(tmp_path):
     write(tmp_path / "film", "one", folder=True)
-    others = [hidden(tmp_path / name, ".checkpoint.npz") for name in ("film", "film2", "fil")]
+    others = [sibling(tmp_path / name, ".checkpoint.npz") for name in ("film", "film2", "fil")]
     others += [tmp_path / ".hidden", tmp_path / "film.txt"]
     for each in others:
         each.write_text("x")
@@ -338,7 +338,7 @@ def test_a_lock_that_its_holder_removes_meanwhile(tmp_path, monkeypatch):
 
     def late(*arguments):
         if not removed:
-            removed.append(os.unlink(hidden(path, ".lock")))
+            removed.append(os.unlink(sibling(path, ".lock")))
         return flock(*arguments)
 
     monkeypatch.setattr(atomic.fcntl, "flock", late)

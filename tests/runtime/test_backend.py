@@ -177,7 +177,7 @@ def test_plugins_follow_the_variant():
             found = getattr(tofrender, name)
             assert found is plugins.plugin(name)
             assert issubclass(found, tuple(getattr(mi, kind) for kind in KINDS))
-            for called in (plugin, plugins.own_name(plugin)):
+            for called in (plugin, plugins.qualified_name(plugin)):
                 assert type(mi.load_dict({"type": called} | REQUIRED.get(plugin, {}))) is found
             assert classes.setdefault((variant, name), found) is found  # The same as before
     assert len(set(classes.values())) == 2 * len(plugins.PLUGINS)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from helpers.support import refused
 
-from tofrender.runtime.atomic import hidden
+from tofrender.runtime.atomic import sibling
 from tofrender.runtime.checkpoints import Checkpoint
 
 WORK = {"scene": "box", "seed": 3, "at": 0.1, "places": [1, 2], "what": None}
@@ -100,7 +100,7 @@ def test_without_resume_it_starts_anew(path):
 def test_remove(path):
     """With what a killed process has left of it."""
     checkpoint = made(saved(path))
-    hidden(path, "-0123abcd.npz").touch()
+    sibling(path, "-0123abcd.npz").touch()
     checkpoint.remove()
     assert names(path.parent) == []
     checkpoint.remove()  # Nothing is there to remove
@@ -286,4 +286,4 @@ def test_no_room_is_a_warning(path, monkeypatch, number):
 
 def test_bad_arguments(tmp_path):
     (tmp_path / "folder.npz").mkdir()
-    refused("is a folder; must be the name of a file", Checkpoint, tmp_path / "folder.npz")
+    refused("is a folder; must be the name", Checkpoint, tmp_path / "folder.npz", kind=OSError)

@@ -163,12 +163,12 @@ def test_pulses_are_asked_while_the_collector_waits():
 def test_who_has_turned_the_collector_off_finds_it_off():
     gc.disable()
     try:
-        with backend.uncollected():
+        with backend.tracing_lock():
             assert not gc.isenabled()
         assert not gc.isenabled()
     finally:
         gc.enable()
-    with pytest.raises(RuntimeError), backend.uncollected():
+    with pytest.raises(RuntimeError), backend.tracing_lock():
         raise RuntimeError
     assert gc.isenabled()
 
@@ -177,11 +177,11 @@ def test_threads_that_trace_take_turns():
     begun = threading.Event()
 
     def trace():
-        with backend.uncollected(), backend.uncollected():
+        with backend.tracing_lock(), backend.tracing_lock():
             begun.set()
 
     other = threading.Thread(target=trace)
-    with backend.uncollected():
+    with backend.tracing_lock():
         other.start()
         assert not begun.wait(0.1)
     other.join()

@@ -76,13 +76,13 @@ def test_something_is_to_be_seen_within_a_second_but_not_of_short_work(capsys, t
 
 def test_disabled_and_hidden_bars(monkeypatch):
     with progress_bar("Working", 8, enabled=False):
-        assert progress._shown == []
+        assert progress._open == []
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     monkeypatch.setattr(progress, "is_watched", IS_WATCHED)
-    with progress.hidden(), progress_bar("Working", 3):
-        assert progress._shown == []
+    with progress.without_bars(), progress_bar("Working", 3):
+        assert progress._open == []
     with progress_bar("Working", 3):
-        assert len(progress._shown) == 1
+        assert len(progress._open) == 1
 
 
 @pytest.mark.parametrize("shown", [True, False])
@@ -176,7 +176,7 @@ def test_inner_work_takes_the_place_of_the_outer(capsys, ticks):
 def test_what_is_said_meanwhile_has_a_line_of_its_own(capsys, ticks):
     with progress.status("Working"):
         ticks[0].tick()
-        with progress.cleared():
+        with progress.bars_cleared():
             print("a note", file=sys.stderr)
         ticks[0].tick()
     line = capsys.readouterr().err.split("\n")[0]

@@ -1,5 +1,5 @@
 """Phasors and depth, sensor models and statistics, computed from rendered light."""
 
-from ..runtime.lazy import on_demand
+from ..runtime.lazy import attach_stub
 
-__getattr__, __dir__, __all__ = on_demand(__name__, __file__)  # pyright: ignore[reportUnsupportedDunderAll]
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)  # pyright: ignore[reportUnsupportedDunderAll]

@@ -21,13 +21,12 @@ import numpy as np
 from ..rendering.cubes import Cube
 from ..rendering.dataset import DIMS, LOST_ENERGY, QUANTITIES, time_axis
 from ..runtime import checks
-from ..runtime.progress import shown
-from ..signals.frequencies import check_frequencies
+from ..runtime.progress import with_status
 from ..signals.phasors import phasor_parts
-from ..signals.units import SPEED_OF_LIGHT
+from ..signals.units import SPEED_OF_LIGHT, check_frequencies
 
 
-@shown("Converting to phasors")
+@with_status("Converting to phasors")
 def transient_to_phasor(
     transient_data: Any,
     frequency_hz: float | Sequence[float],
@@ -190,7 +189,7 @@ def _time_axis_and_quantity(dataset: Any, given: Mapping[str, Any]) -> tuple[flo
             continue
         if name == "quantity" or abs(checks.metres(name, value) - own) > 1e-3 * width:
             raise ValueError(
-                f"{name} = {checks.shown(value)}: must be {own!r}, as the Dataset has it, or left "
+                f"{name} = {checks.quote(value)}: must be {own!r}, as the Dataset has it, or left "
                 "out"
             )
     return start, width, quantity

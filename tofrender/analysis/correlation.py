@@ -53,7 +53,7 @@ def four_bucket(
         raise ValueError(f"offset with shape {base.shape}: must fit I of {I.shape}") from None
     contrast = checks.number("contrast", contrast, positive=True, high=1)
     if not np.isfinite(base).all():
-        raise ValueError(f"offset = {checks.shown(offset)}: must be finite")
+        raise ValueError(f"offset = {checks.quote(offset)}: must be finite")
     if (base < 0).any():
         raise ValueError(f"offset = {np.nanmin(base):g}: must be at least 0")
     if (base < contrast * np.hypot(I, Q) * (1 - 1e-5)).any():
@@ -231,7 +231,7 @@ def _pixel_centre_hits(scene: Any, sensor: int) -> tuple[Any, Any, Any, tuple[in
     y = pixel // width
     size: Any = mi.ScalarVector2f(width, height)
     centre = (mi.Point2f(pixel - y * width, y) + 0.5) / size
-    with backend.uncollected():
+    with backend.tracing_lock():
         ray, _ = camera.sample_ray(camera.shutter_open(), 0.5, centre, mi.Point2f(0.5))
         hides = getattr(scene.integrator(), "hide_emitters", False)
         si = first_surface(scene, behind_emitters(scene, ray) if hides else ray)

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..runtime import checks
-from ..signals.frequencies import check_frequencies
-from ..signals.units import SPEED_OF_LIGHT
+from ..signals.units import SPEED_OF_LIGHT, check_frequencies
 
 MAX_WRAPS = 4096  # wraps of the highest frequency that `unwrap` tries
 
@@ -85,7 +84,7 @@ def unwrap(
     frequencies, many = check_frequencies(frequencies_hz, "frequencies_hz")
     if not many or len(frequencies) < 2:
         raise ValueError(
-            f"frequencies_hz = {checks.shown(frequencies_hz)}: must hold two or more frequencies"
+            f"frequencies_hz = {checks.quote(frequencies_hz)}: must hold two or more frequencies"
         )
     phases = checks.real_array("phases", phases, np.float64)
     if phases.shape[:1] != (len(frequencies),):

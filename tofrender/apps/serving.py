@@ -129,7 +129,7 @@ def _bind(make: Callable[[], Any], title: str, host: str, port: int | None, toke
             continue
         _restrict(server, host)
         return server
-    raise ValueError(f"host = {checks.shown(host)}: must be an address to listen on ({reason})")
+    raise ValueError(f"host = {checks.quote(host)}: must be an address to listen on ({reason})")
 
 
 def _restrict(server: Any, host: str) -> None:

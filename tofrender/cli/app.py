@@ -17,7 +17,7 @@ from typing import Annotated, Any
 import typer
 
 from ..runtime.checks import printable
-from ..runtime.progress import Terminated, ended_by_signals, hidden, status
+from ..runtime.progress import Terminated, ended_by_signals, status, without_bars
 from . import course, dataset, grade, nlos, render, report, time, view, warp, writing
 from .answers import Json, answer
 from .messages import set_command, with_option_names
@@ -99,7 +99,7 @@ def _wrapped(command: Callable[..., None]) -> Callable[..., None]:
     def told(**options: Any) -> None:
         set_command(command, options)
         try:
-            with hidden(not options.get("progress", True)), status(name, shown):
+            with without_bars(not options.get("progress", True)), status(name, shown):
                 command(**options)
         except KeyboardInterrupt as stopped:
             raise RuntimeError from stopped

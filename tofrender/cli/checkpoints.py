@@ -33,11 +33,11 @@ def checkpointed(out: Path, seconds: float, resume: bool) -> Iterator[Checkpoint
     What a killed run has left beside `out` is removed; so is the checkpoint when the block ends
     without an error or `typer.Exit`.
     """
-    from tofrender.runtime.atomic import DISK_FULL, hidden, locked, remove, remove_leftovers
+    from tofrender.runtime.atomic import DISK_FULL, locked, remove, remove_leftovers, sibling
     from tofrender.runtime.checkpoints import Checkpoint
 
     with locked(out, "--out"):
-        path = hidden(out, ".checkpoint.npz")
+        path = sibling(out, ".checkpoint.npz")
         for each in (out, path):
             remove_leftovers(each)
         left = unfinished_work(out)
@@ -87,24 +87,24 @@ def require_begun(resume: bool, begun: Path | None, out: Path) -> None:
 
 def film_path(out: Path) -> Path:
     """Name of the film of `out` on the disk, beside it."""
-    from tofrender.runtime.atomic import hidden
+    from tofrender.runtime.atomic import sibling
 
-    return hidden(out, ".zarr")
+    return sibling(out, ".zarr")
 
 
 def unfinished_work(out: Path) -> Path | None:
     """Checkpoint or tiles that a stopped or killed run has left of `out`, None without."""
-    from tofrender.runtime.atomic import hidden
+    from tofrender.runtime.atomic import sibling
 
     film = film_path(out)
-    folder = hidden(film, ".film")
+    folder = sibling(film, ".film")
     if any(folder.glob("receipts/tile *")):
         return folder
-    return next((e for e in (hidden(out, ".checkpoint.npz"), film) if e.exists()), None)
+    return next((e for e in (sibling(out, ".checkpoint.npz"), film) if e.exists()), None)
 
 
 def is_begun(*begun: Path) -> bool:
     """Whether there is a checkpoint, or a film on the disk, finished or not."""
-    from tofrender.runtime.atomic import hidden
+    from tofrender.runtime.atomic import sibling
 
-    return any(each.exists() or hidden(each, ".film").exists() for each in begun)
+    return any(each.exists() or sibling(each, ".film").exists() for each in begun)

@@ -19,7 +19,7 @@ import typer
 
 from ..rendering.settings import SETTINGS
 from ..runtime import checks
-from ..runtime.progress import cleared
+from ..runtime.progress import bars_cleared
 from . import completion
 
 if TYPE_CHECKING:
@@ -161,7 +161,7 @@ def pulse(name: str, value: Any) -> str | float:
         return value
     width = number(value)
     if isinstance(width, str):
-        raise ValueError(f"{name} = {checks.shown(value)}: must be auto, none, or metres above 0")
+        raise ValueError(f"{name} = {checks.quote(value)}: must be auto, none, or metres above 0")
     return checks.width(name, width)
 
 
@@ -172,7 +172,7 @@ def span(name: str, value: Any) -> str | tuple[float, float]:
         return value
     if any(isinstance(end, str) for end in ends) or len(ends) != 2:
         allowed = "auto, scene, or start,stop in metres of path, like 3.5,15"
-        raise ValueError(f"{name} = {checks.shown(value)}: must be {allowed}")
+        raise ValueError(f"{name} = {checks.quote(value)}: must be {allowed}")
     start, stop = (checks.metres(name, end) for end in ends)
     if not start < stop < start + checks.MAX_OPL:
         raise ValueError(f"{name} = {value}: must end after it starts, and not at infinity")
@@ -264,7 +264,7 @@ def activate(variant: str | None = None, polarised: bool = False) -> None:
 
 def say(*lines: str, err: bool = False) -> None:
     """Say something on stdout, or on stderr."""
-    with cleared():
+    with bars_cleared():
         for line in lines:
             typer.echo(checks.printable(line), err=err)
 
@@ -317,20 +317,18 @@ def check_out(
 
 def check_file_out(out: Path, *suffixes: str, overwrite: bool = False) -> None:
     """Refuse a file that cannot be written."""
-    from tofrender.io.output import check_file, check_room, check_writable
+    from tofrender.runtime.atomic import check_file
 
     with _naming_out():
-        check_file(out, *suffixes, overwrite=overwrite)
-        check_writable(out)
-        check_room(out, FIGURE_BYTES)
+        check_file(out, *suffixes, overwrite=overwrite, needed_bytes=FIGURE_BYTES)
 
 
 def check_room(out: Path, *arrays: int) -> None:
     """Refuse a disk too small for arrays of floats, each of so many values."""
-    from tofrender.io.output import check_room
+    from tofrender.runtime.atomic import check_writable
 
     with _naming_out():
-        check_room(out, 4 * sum(arrays) + FIGURE_BYTES)
+        check_writable(out, 4 * sum(arrays) + FIGURE_BYTES)
 
 
 def check_apart(out: Path, source: Path) -> None:
@@ -360,6 +358,6 @@ def load_render(out: Path, option: str) -> xr.Dataset:
     ):
         if path.exists():
             return load(path)
-    name = checks.shown(str(out))
+    name = checks.quote(str(out))
     what = "pictures, which cannot be read back" if (out / "steady.png").exists() else "no render"
     raise ValueError(f"{option}: {name} holds {what}; must be what `tofrender render` has written")

@@ -76,7 +76,7 @@ def _load(source: Path) -> xr.Dataset:
     if source.suffix.lower() not in loaders or not source.is_file():
         allowed = "a folder of `render` or `reconstruct`, or an .npz, .exr, .zarr, .h5 or .hdf5"
         what = "does not exist" if not source.exists() else "is none of these"
-        given = checks.shown(str(source))
+        given = checks.quote(str(source))
         raise ValueError(f"DIR|FILE = {given}: {what}; must be {allowed}")
     return loaders[source.suffix.lower()](source)
 

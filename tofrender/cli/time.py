@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ..runtime.progress import EVERY_S
-from ..signals.frequencies import check_frequency
+from ..signals.units import check_frequency
 from . import options as opt
 from .answers import Gate, Json, Phasor, answer
 from .checkpoints import Resume, Seconds, checkpointed, end_if_stopped, exclusively, require_begun

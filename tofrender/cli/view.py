@@ -52,7 +52,7 @@ def view(
         from tofrender.scenes import BUILT_IN
 
         hint = "add --live to render it" if source in BUILT_IN else "must exist, or be a scene"
-        raise ValueError(f"DIR|FILE|SCENE = {checks.shown(source)}: {hint}")
+        raise ValueError(f"DIR|FILE|SCENE = {checks.quote(source)}: {hint}")
     require_panel()
     opt.activate(variant, polarised=not live)
 

@@ -64,8 +64,8 @@ def write(
     Pictures are of S0 where there are Stokes vectors, which have a figure of their own.
     """
     from tofrender import io, vis
+    from tofrender.io.files import run_concurrently
     from tofrender.io.output import stack_bytes
-    from tofrender.io.parallel import at_once
     from tofrender.rendering.dataset import components_of, in_channels
 
     seen, *others = components_of(dataset)
@@ -85,7 +85,7 @@ def write(
 
     needed = stack_bytes(in_channels(dataset)["transient"].shape, precision)
     with io.output_folder(out, overwrite=True, needed_bytes=needed) as folder:
-        at_once(summary, transient, *[film] * video)
+        run_concurrently(summary, transient, *[film] * video)
         if format == "zarr":  # Last, as the film would be lost with the folder if others fail
             _place(dataset, folder / opt.FILES[format])
         return sorted(path.name for path in folder.iterdir())

@@ -172,14 +172,14 @@ def _subset(where: str, table: Table) -> Distribution:
 
 def _on_sphere(where: str, table: Table) -> Distribution:
     """A point on a sphere or on a cap of it, uniform by area; its radius is uniform, too."""
-    center = checks.place(f"{where}.center", table.get("center", [0.0, 0.0, 0.0]))
+    center = checks.point(f"{where}.center", table.get("center", [0.0, 0.0, 0.0]))
     radius = _numbers(f"{where}.radius", table.get("radius"))
     low, high = min(radius), max(radius)
     if low <= 0 or list(radius) not in ([high], [low, high]):
         raise ValueError(
             f"{where}.radius = {table['radius']!r}: must be above 0, or [least, largest]"
         )
-    axis = checks.place(f"{where}.axis", table.get("axis", [0.0, 1.0, 0.0]))
+    axis = checks.point(f"{where}.axis", table.get("axis", [0.0, 1.0, 0.0]))
     norm = math.hypot(*axis)
     if not norm > 0:
         raise ValueError(f"{where}.axis = {table['axis']!r}: must not be zero")

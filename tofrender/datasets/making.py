@@ -23,8 +23,8 @@ from ..rendering.films_on_disk import require_zarr
 from ..rendering.store import check_film
 from ..rendering.workers import THREADS, check_client, shared_out
 from ..runtime import atomic, backend, checks
+from ..runtime.backend import versions
 from ..runtime.progress import deferred_stop, held_signals, progress_bar
-from ..runtime.versions import versions
 from ..scenes.fingerprint import file_digest
 from ..scenes.packing import packed, unpacked
 from .config import Config, parse_config, read_config
@@ -188,7 +188,7 @@ def require_complete(
 
 def under_way(out: str | os.PathLike[str]) -> Path:
     """Folder of a data set until it is finished."""
-    return atomic.hidden(out, ".dataset")
+    return atomic.sibling(out, ".dataset")
 
 
 def _numbers(config: Config, only: Iterable[int] | None) -> list[int]:
@@ -237,7 +237,7 @@ def _texts(value: Any) -> Iterator[str]:
 def _require_room(folder: Path, plan: Plan) -> None:
     """Refuse a disk that the data set does not fit on."""
     written = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
-    if shutil.disk_usage(atomic.nearest_folder(folder)).free < plan.bytes - written:
+    if shutil.disk_usage(atomic.existing_parent(folder)).free < plan.bytes - written:
         raise atomic.disk_full(folder, plan.bytes)
 
 

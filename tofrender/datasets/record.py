@@ -18,7 +18,7 @@ from ..integrators.amcw import render_amcw_phasor
 from ..nlos import capture as capture_scene, hidden_depth
 from ..rendering.renderer import render
 from ..runtime import checks
-from ..runtime.versions import versions
+from ..runtime.backend import versions
 from ..scenes.fingerprint import fingerprint
 from .config import Config
 from .layout import GEOMETRY, ORIGINS, Layout

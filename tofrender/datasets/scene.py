@@ -70,10 +70,10 @@ def _transform(where: str, given: Mapping[str, Any]) -> Any:
     scale = given.get("scale", 1.0)
     scale = scale if isinstance(scale, Sequence) else [scale] * 3
     return pose(
-        checks.place(f"{where}.position", given.get("position", [0, 0, 0])),
-        checks.place(f"{where}.axis", given.get("axis", [0, 1, 0])),
+        checks.point(f"{where}.position", given.get("position", [0, 0, 0])),
+        checks.point(f"{where}.axis", given.get("axis", [0, 1, 0])),
         checks.number(f"{where}.angle", given.get("angle", 0.0), unit="degrees"),
-        checks.place(f"{where}.scale", scale),
+        checks.point(f"{where}.scale", scale),
     )
 
 

@@ -77,7 +77,7 @@ class Store:
             for name, array in arrays.items():
                 self._arrays[name][index] = array
                 file = "/".join([name, "c", str(index), *["0"] * array.ndim])
-                atomic.to_disk(self.group_path / file)
+                atomic.sync(self.group_path / file)
                 files[file] = checksum(self.group_path / file)
         except OSError as error:
             if error.errno not in atomic.DISK_FULL:

@@ -116,7 +116,7 @@ def _names(where: str, value: Any) -> list[str]:
 
 
 def _point(name: str, value: Any) -> tuple[float, ...]:
-    return tuple(checks.place(name, value))
+    return tuple(checks.point(name, value))
 
 
 def _direction(name: str, value: Any) -> tuple[float, ...]:

@@ -30,7 +30,7 @@ def transient_film(
 ) -> Any:
     """A new `transient_hdr_film` of the same size, crop and filter, with the given bins [m]."""
     bins = {"temporal_bins": temporal_bins, "start_opl": start_opl, "bin_width_opl": bin_width_opl}
-    plugin = plugins.own_name("transient_hdr_film")
+    plugin = plugins.qualified_name("transient_hdr_film")
     return mi.load_dict({"type": plugin} | pixels_of(film) | bins)
 
 

@@ -10,9 +10,8 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import checks
-from ..signals.frequencies import check_frequencies
 from ..signals.polarisation import STOKES, stokes_count
-from ..signals.units import SPEED_OF_LIGHT
+from ..signals.units import SPEED_OF_LIGHT, check_frequencies
 from .colours import kept
 from .image import box_by_default, image_film, stokes_channels
 from .phasor_sum import PhasorSum

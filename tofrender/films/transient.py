@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import checks
-from ..signals.polarisation import light_of, stokes_count
+from ..signals.polarisation import stokes_count, to_stokes
 from .colours import channels_by, channels_of
 from .histogram import Histogram
 from .image import box_by_default, image_film, stokes_channels
@@ -196,7 +196,7 @@ class TransientHDRFilm(mi.Film):
         if self._splats is None:
             raise RuntimeError("transient_hdr_film: has no room for splats; call expect_splats()")
         k, active = self._bin(distance, active)
-        values = channels_of(light_of(spec), wavelengths, active)
+        values = channels_of(to_stokes(spec), wavelengths, active)
         self._splats.add(pos, [values], k, active)
 
     def add_transient_data(
@@ -221,7 +221,7 @@ class TransientHDRFilm(mi.Film):
             active: Lanes that have a contribution.
         """
         k, active = self._bin(distance, active)
-        values = channels_of(light_of(spec * ray_weight), wavelengths, active)
+        values = channels_of(to_stokes(spec * ray_weight), wavelengths, active)
         self._put(pos, values, k, active)
 
     def add_coloured(

@@ -262,7 +262,7 @@ def _make_optimizer(given: Any) -> Any:
         return own
     if not isinstance(given, str):
         allowed = f"one of {', '.join(OPTIMIZERS)}, or an optimiser of Mitsuba's"
-        raise ValueError(f"optimizer = {checks.shown(given)}: must be {allowed}")
+        raise ValueError(f"optimizer = {checks.quote(given)}: must be {allowed}")
     kind = checks.one_of("optimizer", given, OPTIMIZERS)
     return mi.ad.Adam(lr=0.0) if kind == "adam" else mi.ad.SGD(lr=0.0)
 
@@ -360,7 +360,7 @@ def _evaluate(loss: Callable[[Any, Any], Any], light: Any, target: Any) -> Any:
     error = loss(light, target)
     number = isinstance(error, dr.ArrayBase) and dr.is_float_v(error)
     if not number or math.prod(error.shape) != 1:
-        kind = checks.shown(type(error).__name__)
+        kind = checks.quote(type(error).__name__)
         raise ValueError(f"loss: returned {kind}; must return a number of Dr.Jit's")
     return error
 

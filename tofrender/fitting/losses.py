@@ -17,8 +17,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import checks
-from ..signals.frequencies import check_frequencies
-from ..signals.units import SPEED_OF_LIGHT
+from ..signals.units import SPEED_OF_LIGHT, check_frequencies
 
 TIME = 2  # axis of time bins
 
@@ -153,14 +152,14 @@ def loss_of(given: Any, frequency_hz: Any, film: Any) -> Callable[[Any, Any], An
     name = given if isinstance(given, str) else None
     if name != "phasor" and frequency_hz is not None:
         raise ValueError(
-            f"frequency_hz = {checks.shown(frequency_hz)}: must be left out; only "
+            f"frequency_hz = {checks.quote(frequency_hz)}: must be left out; only "
             "loss='phasor' has frequencies"
         )
     if name is None:
         if callable(given):
             return given
         allowed = f"one of {', '.join(LOSSES)}, or a function"
-        raise ValueError(f"loss = {checks.shown(given)}: must be {allowed}")
+        raise ValueError(f"loss = {checks.quote(given)}: must be {allowed}")
     loss = LOSSES[checks.one_of("loss", name, tuple(LOSSES))]
     if name != "l2" and not hasattr(film, "temporal_bins"):
         raise ValueError(f"loss = {name!r}: must be 'l2' for a film without time bins")

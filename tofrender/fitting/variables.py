@@ -34,7 +34,7 @@ class Variables:
         given = checks.mapping("params", dict(params) if own else params)
         if not given:
             raise ValueError(
-                f"params = {checks.shown(given)}: must have a name and start value or more"
+                f"params = {checks.quote(given)}: must have a name and start value or more"
             )
         self.params = params if own and apply is None else mi.traverse(scene)
         self._apply = apply
@@ -105,7 +105,7 @@ class Variables:
         rates = self._by_name("learning_rate", given)
         for name in self.start:
             if name not in rates:
-                shown = checks.shown(dict(given))
+                shown = checks.quote(dict(given))
                 raise ValueError(f"learning_rate = {shown}: must have {name!r}, too")
             checks.number(f"learning_rate[{name!r}]", rates[name], positive=True)
         return {name: float(rates[name]) for name in self.start}
@@ -115,7 +115,7 @@ class Variables:
         found = checks.mapping(argument, given)
         for name, value in found.items():
             if name not in self.start:
-                shown = f"{argument}[{name!r}] = {checks.shown(value)}"
+                shown = f"{argument}[{name!r}] = {checks.quote(value)}"
                 raise ValueError(f"{shown}: must be of {', '.join(self.start)}")
         return found
 
@@ -123,7 +123,7 @@ class Variables:
         checked = {}
         for name, pair in self._by_name("bounds", bounds).items():
             label = f"bounds[{name!r}]"
-            wrong = f"{label} = {checks.shown(pair)}: must be (low, high), low below high"
+            wrong = f"{label} = {checks.quote(pair)}: must be (low, high), low below high"
             if isinstance(pair, str | bytes | Mapping):
                 raise ValueError(wrong)
             try:
@@ -137,8 +137,8 @@ class Variables:
             below = low is not None and start.min() < low
             if below or (high is not None and start.max() > high):
                 raise ValueError(
-                    f"params[{name!r}] = {checks.shown(start.tolist())}: must be within bounds = "
-                    f"{checks.shown(pair)}"
+                    f"params[{name!r}] = {checks.quote(start.tolist())}: must be within bounds = "
+                    f"{checks.quote(pair)}"
                 )
             checked[name] = low, high
         return checked
@@ -150,13 +150,13 @@ class Variables:
             near = difflib.get_close_matches(name, list(self.params.keys()), 1)
             hint = f"did you mean {near[0]!r}? Must" if near else "must"
             raise ValueError(
-                f"{label} = {checks.shown(value)}: {hint} be a parameter of the scene, as "
+                f"{label} = {checks.quote(value)}: {hint} be a parameter of the scene, as "
                 "mi.traverse(scene) lists them, or come with `apply`"
             )
         parameter = self.params[name]
         if not _is_differentiable(parameter):
             raise ValueError(
-                f"{label} = {checks.shown(value)}: is of type {type(parameter).__name__}, must be "
+                f"{label} = {checks.quote(value)}: is of type {type(parameter).__name__}, must be "
                 "a parameter of floats with derivatives; `apply` can write others"
             )
         return _like(parameter, _numbers(label, value), label)
@@ -194,10 +194,10 @@ def _numbers(label: str, value: Any) -> np.ndarray:
         checks.finite(label, np.atleast_1d(array))
     except ValueError:
         raise ValueError(
-            f"{label} = {checks.shown(value)}: must be a finite number or an array of such"
+            f"{label} = {checks.quote(value)}: must be a finite number or an array of such"
         ) from None
     if not array.size:
-        raise ValueError(f"{label} = {checks.shown(value)}: must hold a number or more")
+        raise ValueError(f"{label} = {checks.quote(value)}: must hold a number or more")
     return array
 
 

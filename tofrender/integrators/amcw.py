@@ -21,7 +21,7 @@ from ..scenes.checking import check_view, require_modelled
 from ..scenes.in_time import path_tracer_of
 from ..signals.modulations import AMCWPulse
 from ..signals.phasors import phasor_parts
-from ..signals.polarisation import as_spectrum
+from ..signals.polarisation import to_spectrum
 from .plan import Tracer
 from .running import made_with, render_all
 from .transient_path import TransientPath
@@ -96,7 +96,7 @@ class AMCWTransientPath(TransientPath):
         origin = ray.o if origin is None else origin
         plan, measure = self.plan(scene), Weighted.zero(weight)
         measured, path = plan.trace(sampler, ray, origin, measure, active)
-        return as_spectrum(measured.total), self.sees(scene, path), []
+        return to_spectrum(measured.total), self.sees(scene, path), []
 
     def exposure(self) -> Exposure:
         """The correlation on a picture; phasors of the light's pulse on a film that stores them."""
@@ -218,7 +218,7 @@ def render_amcw_phasor(
         require_modelled(scene, sensor, **follows(tracer))
     film = mi.load_dict(
         {
-            "type": plugins.own_name("phasor_hdr_film"),
+            "type": plugins.qualified_name("phasor_hdr_film"),
             "frequencies_hz": ", ".join(repr(f) for f in frequencies),
             **pixels_of(sensor.film()),
         }
@@ -250,6 +250,6 @@ def _in_time(own: Any) -> Any:
         return mi.load_dict(path_tracer_of(own))
     if PHASORS in own.exposure().onto:
         return own
-    tracer: Any = mi.load_dict({"type": plugins.own_name("transient_path"), **traits})
+    tracer: Any = mi.load_dict({"type": plugins.qualified_name("transient_path"), **traits})
     tracer.pulse = own.pulse
     return tracer

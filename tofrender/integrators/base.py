@@ -23,7 +23,7 @@ from ..paths.surfaces import transmits
 from ..runtime import checks
 from ..scenes.checking import check_scene
 from ..scenes.media import beyond, media_of
-from ..signals.polarisation import as_spectrum
+from ..signals.polarisation import to_spectrum
 from ..signals.pulses import GaussianPulse, Pulse
 from .derivatives import Derivative, replaced
 from .differentiable import require_changes, require_derivatives, tracked, warn_of_edges
@@ -70,7 +70,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
         )
         if "gradient_sampling" in props and not self.has_derivatives:
             raise ValueError(
-                f"gradient_sampling = {checks.shown(props['gradient_sampling'])}: must be left "
+                f"gradient_sampling = {checks.quote(props['gradient_sampling'])}: must be left "
                 f"out; {type(self).__name__} has no derivatives"
             )
         sampling = props.get("gradient_sampling", "detached")
@@ -81,7 +81,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
             self.light_samples = checked_count("auto" if points is None else points)
         elif points is not None:
             raise ValueError(
-                f"light_samples = {checks.shown(points)}: must be left out; here vertices "
+                f"light_samples = {checks.quote(points)}: must be left out; here vertices "
                 "connect to one light point or none"
             )
 
@@ -186,7 +186,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
         """
         plan = self.plan(scene)
         radiance, path = plan.trace(sampler, ray, ray.o, Radiance.zero(), mi.Bool(active))
-        return as_spectrum(radiance.total), self.sees(scene, path), []
+        return to_spectrum(radiance.total), self.sees(scene, path), []
 
     def sees(self, scene: mi.Scene, path: Path) -> mi.Bool:
         """Lanes that see something, as Mitsuba's `path` says: a surface or an environment."""

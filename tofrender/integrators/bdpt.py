@@ -84,11 +84,11 @@ def _strategy(text: str, max_depth: int, camera_connections: bool) -> tuple[int,
     s, t = (int(n) for n in found.groups()) if found else (0, 0)
     if not found or t < 1 or s + t < 2 or s + t - 1 > max_depth:
         raise ValueError(
-            f"strategy = {checks.shown(text)}: must be 's,t' with s from 0, t from 1, and "
+            f"strategy = {checks.quote(text)}: must be 's,t' with s from 0, t from 1, and "
             f"s + t from 2 to max_depth + 1 = {max_depth + 1}"
         )
     if t == 1 and not camera_connections:
         raise ValueError(
-            f"strategy = {checks.shown(text)}: must have t above 1 without camera_connections"
+            f"strategy = {checks.quote(text)}: must have t above 1 without camera_connections"
         )
     return s, t

@@ -22,7 +22,7 @@ from ..paths.records import Limits, Path
 from ..paths.scattering import Materials
 from ..paths.walk import accumulate, walk
 from ..runtime import checks
-from ..runtime.backend import uncollected
+from ..runtime.backend import tracing_lock
 from ..signals.polarisation import unpolarised
 from .plan import Plan
 from .time_gated import NO_TARGET, Gate
@@ -79,7 +79,7 @@ class BidirectionalPlan(Plan):
         """Return none: connections of the lens find their light, too."""
         return ()
 
-    @uncollected()
+    @tracing_lock()
     def trace(
         self,
         sampler: mi.Sampler,

@@ -105,7 +105,7 @@ class Derivative:
             single = has_mirrors(scene) or self.plan.space.scatters
             self.scattering = Detached(self.scattering, scene, single)
 
-    @backend.uncollected()
+    @backend.tracing_lock()
     def forward(self, seed: Any, fresh: Any) -> Any:
         """The change of what the film develops, where `fresh` parameters change at their rates."""
         gc.collect()  # Scenes that nobody has any more would be asked, too: see `of_one_scene`
@@ -139,7 +139,7 @@ class Derivative:
         image.schedule_storage()
         dr.eval()
 
-    @backend.uncollected()
+    @backend.tracing_lock()
     def reverse(self, seed: Any, gradients: Sequence[Any]) -> None:
         """Propagate the gradient of a loss by what the film develops to parameters.
 

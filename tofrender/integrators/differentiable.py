@@ -78,7 +78,7 @@ def warn_of_edges(names: Sequence[str]) -> None:
 
 
 def _shown(names: Sequence[str]) -> str:
-    return checks.shown(", ".join(names))
+    return checks.quote(", ".join(names))
 
 
 def _users_level() -> int:
@@ -203,7 +203,7 @@ def _require_pulse(record: Recording, by_width: bool) -> None:
     gate = getattr(record.weight, "pulse", gate)
     if hasattr(gate, "support") and not _is_smooth(gate, gate.eval):
         raise ValueError(
-            f"pulse = {checks.shown(gate)}: has hard edges, so that gates have no derivative by "
+            f"pulse = {checks.quote(gate)}: has hard edges, so that gates have no derivative by "
             "length; must be one whose eval is the integral of its derivative, as of GaussianPulse"
         )
     if not isinstance(record, BinRecording):
@@ -216,7 +216,7 @@ def _require_pulse(record: Recording, by_width: bool) -> None:
         )
     if not record.exposure.at_centres and not _is_smooth(pulse, pulse.cdf):
         raise ValueError(
-            f"pulse = {checks.shown(pulse)}: has a cdf without derivative; must be one that is "
+            f"pulse = {checks.quote(pulse)}: has a cdf without derivative; must be one that is "
             "the integral of its derivative, in operations of Dr.Jit"
         )
     if by_width and record.profile is not record.exposure.pulse:

@@ -29,7 +29,7 @@ class FirstSurface(PathTracer):
         for name in ("max_depth", "max_bounces"):
             if name in props:
                 raise ValueError(
-                    f"{name} = {checks.shown(props[name])}: must be left out; light bounces once"
+                    f"{name} = {checks.quote(props[name])}: must be left out; light bounces once"
                 )
         props["max_bounces"] = 1
         super().__init__(props)

@@ -23,7 +23,7 @@ from ..films.histogram import MAX_ADDED
 from ..films.recording import Recording
 from ..paths.camera import Tile, pixel_corner, sample_camera, sampled_size
 from ..runtime import backend, checks, plugins
-from ..runtime.checkpoints import Kept
+from ..runtime.checkpoints import SavedState
 from ..samplers.padded_sobol import mix
 from .plan import Tracer
 from .visible_emitters import VisibleEmitters
@@ -58,7 +58,7 @@ class Part:
 
     first: int = 0
     tile: Tile | None = None
-    kept: Kept | None = None
+    kept: SavedState | None = None
 
     @property
     def done(self) -> int:
@@ -184,7 +184,7 @@ def steps(
     while done < spp:
         start, count = time.perf_counter(), min(per_step, (spp - done) // lanes)
         record.write(private)
-        with backend.uncollected():
+        with backend.tracing_lock():
             record.not_finite += _step(pixels, pixel, count)
         if apart is not None:
             apart.sample(count * lanes)
@@ -267,7 +267,7 @@ class _EmitterPixels:
         self.record.write(False)
         while count:
             now = min(count, MAX_ADDED // self.rate)
-            with backend.uncollected():
+            with backend.tracing_lock():
                 self.record.not_finite += _step(self.pixels, self.pixel, now, weight=0.0)
             self.record.flush(self.reached)
             count -= now
@@ -365,4 +365,4 @@ def best_sampler(spp: Any) -> mi.Sampler:
         ValueError: `spp` is out of range; one line.
     """
     count = checks.integer("spp", spp, 1, checks.MAX_SPP)
-    return mi.load_dict({"type": plugins.own_name("padded_sobol"), "sample_count": count})
+    return mi.load_dict({"type": plugins.qualified_name("padded_sobol"), "sample_count": count})

@@ -13,7 +13,7 @@ from ..paths.camera import behind_emitters
 from ..paths.protocols import Endpoint, Measurement, Parts, Scattering, Space
 from ..paths.records import Limits, Path
 from ..paths.walk import accumulate, walk
-from ..runtime.backend import uncollected
+from ..runtime.backend import tracing_lock
 
 M = TypeVar("M", bound=Measurement)
 
@@ -130,7 +130,7 @@ class Plan(Parts):
         guide, medium = self.scattering.guide(), self.space.medium_at_sensor(ray)
         return Path.start(ray, origin, active, history, guide, medium, frame, self.space.index)
 
-    @uncollected()
+    @tracing_lock()
     def trace(
         self,
         sampler: mi.Sampler,

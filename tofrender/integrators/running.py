@@ -11,7 +11,7 @@ import mitsuba as mi
 
 from ..films.recording import Recording, warn_not_finite
 from ..runtime import checks
-from ..runtime.checkpoints import Checkpoint, Within
+from ..runtime.checkpoints import Checkpoint, SubCheckpoint
 from ..runtime.progress import Stop, deferred_stop, progress_bar
 from ..scenes.fingerprint import fingerprint
 from .passes import Part, best_sampler, steps
@@ -27,7 +27,7 @@ def run(
     *,
     done: int = 0,
     before: int = 0,
-    checkpoint: Checkpoint | Within | None = None,
+    checkpoint: Checkpoint | SubCheckpoint | None = None,
     progress: bool = True,
     stop: Stop | None = None,
 ) -> int:

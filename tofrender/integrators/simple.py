@@ -57,7 +57,7 @@ def _point(name: str, value: Any) -> list[float]:
     """Coordinates of a point."""
     point = _numbers(value)
     if len(point) != 3:
-        raise ValueError(f"{name} = {checks.shown(value)}: must be a point of three finite numbers")
+        raise ValueError(f"{name} = {checks.quote(value)}: must be a point of three finite numbers")
     return point
 
 
@@ -67,7 +67,7 @@ def _colour(name: str, value: Any) -> list[float]:
     colour = _numbers([value] * 3 if is_number else value)
     if len(colour) != 3 or min(colour) < 0:
         raise ValueError(
-            f"{name} = {checks.shown(value)}: must be a number or an RGB colour, 0 or more"
+            f"{name} = {checks.quote(value)}: must be a number or an RGB colour, 0 or more"
         )
     return colour
 

@@ -24,7 +24,7 @@ from ..paths.surfaces import transmits
 from ..runtime import checks
 from ..runtime.checkpoints import Checkpoint
 from ..scenes.checking import check_view
-from ..signals.polarisation import as_spectrum
+from ..signals.polarisation import to_spectrum
 from ..signals.pulses import GaussianPulse, Pulse
 from .base import TransientIntegrator
 from .plan import Plan, Tracer
@@ -125,7 +125,7 @@ class TimeGatedTransientPath(TransientIntegrator):
         origin = ray.o if origin is None else origin
         plan, measure = self.plan(scene, None, gate), Weighted.zero(gate)
         measured, path = plan.trace(sampler, ray, origin, measure, active)
-        return as_spectrum(measured.total), self.sees(scene, path), []
+        return to_spectrum(measured.total), self.sees(scene, path), []
 
     def gate(self, target_time: Any) -> Gate:
         """The gate at a path length [m].
@@ -284,7 +284,7 @@ def render_transient(
         >>> render_transient(scene, integrator, scene.sensors()[0], gates, spp=4).shape
         (16, 16, 30, 3)
     """
-    given = checks.shown(film_config)
+    given = checks.quote(film_config)
     film_config = checks.mapping("film_config", film_config)
     for key in film_config:
         checks.one_of("film_config key", key, FILM_KEYS)

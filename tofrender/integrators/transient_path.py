@@ -83,7 +83,7 @@ all further vertices connect to half as many, rounded up |
     def pulse(self, pulse: Pulse | None) -> None:
         if pulse is not None and not (hasattr(pulse, "cdf") and hasattr(pulse, "support")):
             raise TypeError(
-                f"pulse = {checks.shown(pulse)}: must be a pulse like GaussianPulse(0.03), or None"
+                f"pulse = {checks.quote(pulse)}: must be a pulse like GaussianPulse(0.03), or None"
             )
         self._pulse = copy(pulse) if type(pulse) is GaussianPulse else pulse
 

@@ -11,7 +11,7 @@ import mitsuba as mi
 
 from ..films.recording import Recording
 from ..films.sums import Radiance
-from ..signals.polarisation import light_of, summed
+from ..signals.polarisation import summed, to_stokes
 
 
 def is_user_defined(integrator: Any) -> bool:
@@ -99,7 +99,7 @@ class UserDefinedTracer:
         ray = mi.RayDifferential3f(ray)
         ray.o = origin
         spectrum, valid, *_aovs = self.integrator.sample(self.scene, sampler, ray, *self.more)
-        total = light_of(spectrum if frame is None else frame @ spectrum)
+        total = to_stokes(spectrum if frame is None else frame @ spectrum)
         valid, finite = mi.Bool(valid), dr.isfinite(summed(total))
         not_finite = dr.select(valid & ~finite, mi.UInt32(1), 0)
         radiance = Radiance(dr.select(valid & finite, total, 0))

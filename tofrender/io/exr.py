@@ -1,4 +1,4 @@
-"""EXR stacks: one image for each time bin and the steady image, in a folder or one file."""
+"""EXR stacks: an image for each time bin and the steady image, in a folder or one file."""
 
 from __future__ import annotations
 
@@ -13,31 +13,30 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..rendering.cubes import Cube
-from ..rendering.dataset import DIMS, check_dataset, in_channels, plain_attributes
+from ..rendering.dataset import (
+    DIMS,
+    check_dataset,
+    in_channels,
+    plain_attributes,
+    require_finite,
+)
 from ..runtime import checks, memory
 from ..runtime.atomic import replacing
 from ..signals.polarisation import STOKES
-from .description import describe, parse, refuse_not_finite, restore, warn_of_not_finite
+from .description import describe, parse, restore, warn_not_finite
+from .files import for_each, named, reading, seal, seal_file
 from .multipart import MultipartWriter
 from .output import BYTES_PER_VALUE, check_output, output_folder, stack_bytes
-from .parallel import for_each
-from .seals import require_unbroken, seal, seal_file
 
 if TYPE_CHECKING:
     import xarray as xr
 
 FORMAT = "tofrender transient stack 1"
-LAYER = "error."
-"""What stands before the channels of standard errors."""
-LEAST_DIGITS = 4
-"""Of a frame's number in its name."""
-#: EXR channel for each list of `channel` coordinates. OpenEXR groups R, G and B as "RGB".
-_EXR_CHANNELS = {("R", "G", "B"): "RGB", ("L",): "Y"}
-#: What stands before them where there are Stokes vectors.
-_COMPONENTS = tuple(f"{each}." for each in STOKES)
-#: What OpenEXR calls channels that it reads: R, G and B behind a name are one of that name.
-_READ = (("Y",), ("RGB",), tuple(f"{each}Y" for each in _COMPONENTS), STOKES)
-#: Header names with a meaning of their own, which attributes of a Dataset must not take.
+LAYER = "error."  # Prefix of the channels of standard errors
+LEAST_DIGITS = 4  # Of a frame's number in its name
+# Channels that OpenEXR reads: R, G and B are "RGB", or their common prefix.
+_READ = (("Y",), ("RGB",), tuple(f"{each}.Y" for each in STOKES), STOKES)
+# Header names with a meaning of their own, which attributes of a Dataset must not use
 _RESERVED = {
     *("channels", "chunkCount", "compression", "dataWindow", "displayWindow", "lineOrder", "name"),
     *("pixelAspectRatio", "screenWindowCenter", "screenWindowWidth", "tiles", "type", "version"),
@@ -56,12 +55,11 @@ def save_exr_stack(
     """Write a rendered Dataset as OpenEXR images that any viewer opens.
 
     Each header holds the Dataset's attributes and, for a frame, `bin_index` and the bin's
-    `opl_start`, `opl_center` and `opl_stop` in metres (as doubles). A cropped render keeps its
-    place: the data window is the crop, the display window the film as far as it is known (the
-    attributes `film_width` and `film_height`, else up to the crop's last pixel). Monochrome
-    Datasets use the channel Y. Those of polarised light have S0.R, S0.G, S0.B to S3.B, or S0.Y to
-    S3.Y. ZIP compression, and a checksum behind the end of each file; the
-    output appears whole or not at all.
+    `opl_start`, `opl_center` and `opl_stop` in metres (as doubles). Of a cropped render, the data
+    window is the crop, the display window the film as far as it is known (the attributes
+    `film_width` and `film_height`, else up to the crop's last pixel). Monochrome Datasets use the
+    channel Y; those of polarised light have S0.R, S0.G, S0.B to S3.B, or S0.Y to S3.Y. Files have
+    ZIP compression and a checksum after their end; the output appears whole or not at all.
 
     Args:
         dataset: The result of `render`: `transient` (y, x, opl, channel), `steady`.
@@ -69,20 +67,15 @@ def save_exr_stack(
             one .exr file whose parts have these names, the steady image first (`"multipart"`).
         layout: `"frames"` or `"multipart"`.
         precision: `"float"` keeps every bit. `"half"` takes about 40 % of the space, rounds to 11
-            bits (relative error up to 2^-11), and loses what is below 6e-8; a bin of a few
-            millimetres holds little light, so it is not the default.
-        overwrite: Replace an earlier output of this package. Other content never is.
+            bits (relative error up to 2^-11), and loses values below 6e-8, which matters for bins
+            of a few millimetres.
+        overwrite: Replace an earlier output of this package; other content is never replaced.
         progress: Show a bar if it takes more than two seconds.
 
-    Returns:
-        `path`.
-
     Raises:
-        ValueError: Not such a Dataset, no path, an unknown layout or precision, or a finite value
-            above 65504 in half precision.
-        FileExistsError: `path` holds something that may not be replaced.
-        PermissionError: The place is not writable.
-        OSError: The disk is full; nothing half-written remains.
+        ValueError: Another Dataset, an unknown layout or precision, or a finite value above 65504
+            in half precision.
+        OSError: `path` may not be replaced or is not writable, or the disk is full.
 
     Warns:
         UserWarning: A value is NaN or infinite, so that the stack cannot be read again.
@@ -104,14 +97,28 @@ def save_exr_stack(
     stack = _Stack(dataset, precision)
     shape = dataset["transient"].shape
     target = check_output(path, shape, layout=layout, precision=precision, overwrite=overwrite)
-    warn_of_not_finite(dataset)
+    warn_not_finite(dataset)
     needed = stack_bytes(shape, precision)
-    if layout == "multipart":
-        with replacing(path, needed_bytes=needed) as temporary:
-            stack.write_parts(temporary, progress)
-    else:
-        with output_folder(path, overwrite=overwrite, needed_bytes=needed) as temporary:
-            stack.write_frames(temporary, progress)
+    indices = range(-1, stack.bins)
+    if layout == "frames":
+        with output_folder(path, overwrite=overwrite, needed_bytes=needed) as folder:
+
+            def write(index: int) -> None:
+                (folder / f"{stack.name(index)}.exr").write_bytes(seal(stack.encode(index)))
+
+            for_each(write, indices, "Writing EXR", progress=progress)
+        return target
+    with replacing(path, needed_bytes=needed) as temporary:
+        with open(temporary, "wb") as file:
+            names = [stack.name(index) for index in indices]
+            parts = MultipartWriter(file, names, stack.encode(-1), stack.encode(0))
+
+            def add(index: int) -> None:
+                parts.add(index + 1, stack.encode(index))
+
+            for_each(add, indices, "Writing EXR", progress=progress)
+            parts.finish()
+        seal_file(temporary)
     return target
 
 
@@ -127,9 +134,8 @@ def load_exr_stack(path: str | os.PathLike) -> xr.Dataset:
 
     Raises:
         FileNotFoundError: There is nothing at `path`.
-        ValueError: Not a stack of this package, frames are missing, damaged or unreadable, or
-            they hold values that are not finite.
-        MemoryError: It holds more than fits into memory.
+        ValueError: Not a stack of this package, or frames are missing, damaged or not finite.
+        MemoryError: The stack does not fit into memory.
 
     Example:
         >>> import tempfile, tofrender
@@ -141,20 +147,16 @@ def load_exr_stack(path: str | os.PathLike) -> xr.Dataset:
         True
     """
     folder = checks.path("path", path)
-    if not folder.exists():
-        raise FileNotFoundError(f"path = {path}: does not exist; must be a saved stack")
-    if folder.is_dir():
-        if not (folder / "steady.exr").is_file():
-            raise ValueError(f"path = {path}: has no steady.exr; must be a saved stack")
-        files = sorted(folder.glob("frame_*.exr"))
-        return _assemble(
-            path,
-            _read(folder / "steady.exr")[0],
-            len(files),
-            lambda number: _read(files[number])[0],
-        )
-    steady, *frames = _read(folder)
-    return _assemble(path, steady, len(frames), frames.__getitem__)
+    if not folder.is_dir():
+        steady, *frames = _read(folder)
+        with named(path):
+            return _assemble(steady, len(frames), frames.__getitem__)
+    if not (folder / "steady.exr").is_file():
+        raise ValueError(f"path = {path}: has no steady.exr; must be a saved stack")
+    files = sorted(folder.glob("frame_*.exr"))
+    with named(path):
+        steady = _read(folder / "steady.exr")[0]
+        return _assemble(steady, len(files), lambda number: _read(files[number])[0])
 
 
 class _Stack:
@@ -162,23 +164,19 @@ class _Stack:
 
     def __init__(self, dataset: xr.Dataset, precision: str):
         check_dataset(dataset)
-        self.dataset, self.transient = dataset, Cube(dataset["transient"])
-        has_errors = "transient_error" in dataset
-        self.errors = Cube(dataset["transient_error"]) if has_errors else None
+        self.dataset, self.films = dataset, {"": (Cube(dataset["transient"]), dataset["steady"])}
+        if "transient_error" in dataset:
+            self.films[LAYER] = Cube(dataset["transient_error"]), dataset["steady_error"]
         self.dtype = np.float16 if precision == "half" else np.float32
-        names = tuple(map(str, dataset["channel"].values))
-        self.components = _COMPONENTS if names[0].startswith(_COMPONENTS) else ("",)
-        colours = tuple(n.rpartition(".")[2] for n in names[: len(names) // len(self.components)])
-        checks.one_of("channel", "".join(colours), ["".join(key) for key in _EXR_CHANNELS])
-        self.channel = _EXR_CHANNELS[colours]
+        names = [str(name) for name in dataset["channel"].values]
+        colours = dict.fromkeys(name.rpartition(".")[2] for name in names)
+        checks.one_of("channel", "".join(colours), ("RGB", "L"))
+        self.channels = [name.replace("L", "Y") for name in names]
         self.bins = dataset.sizes["opl"]
         self.digits = max(LEAST_DIGITS, len(str(self.bins - 1)))
-        self.windows = _windows(dataset)
-        self.attributes = {
-            key: _native(value)
-            for key, value in plain_attributes(dataset).items()
-            if key not in _RESERVED
-        }
+        attributes = plain_attributes(dataset)
+        self.header = {k: _native(v) for k, v in attributes.items() if k not in _RESERVED}
+        self.header |= {**_windows(dataset), "format": FORMAT}
 
     def name(self, index: int) -> str:
         return "steady" if index < 0 else f"frame_{index:0{self.digits}d}"
@@ -187,12 +185,8 @@ class _Stack:
         """Header and channels of frame `index`, or of the steady image (-1)."""
         import OpenEXR
 
-        header = {**self.attributes, **self.windows, "format": FORMAT}
-        header["compression"] = OpenEXR.ZIP_COMPRESSION
+        header = self.header | {"compression": OpenEXR.ZIP_COMPRESSION}
         header["type"] = OpenEXR.scanlineimage
-        images = {"": self._values("", index)}
-        if self.errors is not None:
-            images[LAYER] = self._values("_error", index)
         if index < 0:
             header["dataset"] = json.dumps(describe(self.dataset))
         else:
@@ -201,56 +195,23 @@ class _Stack:
             header["opl_center"] = _double(self.dataset["opl"].values[index])
             header["opl_start"] = _double(start + index * width)
             header["opl_stop"] = _double(start + (index + 1) * width)
-        # OpenEXR writes strided arrays wrongly, so the copy is needed.
         channels = {}
-        for layer, values in images.items():
-            parts = np.split(self._round(values), len(self.components), axis=-1)
-            for component, part in zip(self.components, parts, strict=True):
-                if self.channel == "RGB" and not component:
-                    channels[f"{layer}RGB"] = np.ascontiguousarray(part)
-                    continue
-                for k, colour in enumerate(self.channel):
-                    pixels = np.ascontiguousarray(part[..., k])
-                    channels[f"{layer}{component}{colour}"] = pixels
+        for layer, (transient, steady) in self.films.items():
+            values = self._round(steady.values if index < 0 else transient.frame(index))
+            for k, name in enumerate(self.channels):  # OpenEXR writes strided arrays wrongly
+                channels[f"{layer}{name}"] = np.ascontiguousarray(values[..., k])
         return header, channels
 
-    def _values(self, suffix: str, index: int) -> np.ndarray:
-        """Frame `index` (-1: the steady image), or its standard errors."""
-        if index < 0:
-            return self.dataset[f"steady{suffix}"].values
-        cube = self.errors if suffix and self.errors is not None else self.transient
-        return cube.frame(index)
-
     def encode(self, index: int) -> bytes:
-        """Frame `index` (-1: the steady image) as the bytes of an EXR file.
+        """Encode frame `index` (-1: the steady image) as the bytes of an EXR file.
 
-        Made in memory because OpenEXR hides errors, such as a full disk, while it closes a file.
+        In memory because OpenEXR hides errors, such as a full disk, while it closes a file.
         """
         import OpenEXR
 
         stream = io.BytesIO()
         OpenEXR.File(*self.part(index), num_threads=0).write(stream)
         return stream.getvalue()
-
-    def write_frames(self, folder: Path, progress: bool) -> None:
-        def write(index: int) -> None:
-            (folder / f"{self.name(index)}.exr").write_bytes(seal(self.encode(index)))
-
-        for_each(write, range(-1, self.bins), "Writing EXR", progress=progress)
-
-    def write_parts(self, path: Path, progress: bool) -> None:
-        with open(path, "wb") as file:
-            names = [self.name(index) for index in range(-1, self.bins)]
-            parts = MultipartWriter(file, names, self.encode(-1), self.encode(0))
-            numbers = range(len(names))
-            for_each(
-                lambda number: parts.add(number, self.encode(number - 1)),
-                numbers,
-                "Writing EXR",
-                progress=progress,
-            )
-            parts.finish()
-        seal_file(path)
 
     def _round(self, values: np.ndarray) -> np.ndarray:
         with np.errstate(over="ignore"):
@@ -265,7 +226,7 @@ class _Stack:
 
 
 def _native(value: str | int | float) -> Any:
-    """`value` as an EXR attribute: int (32 bits), double or text."""
+    """Convert to an EXR attribute: int (32 bits), double or text."""
     if isinstance(value, float):
         return _double(value)
     return value if isinstance(value, int) and abs(value) < 1 << 31 else str(value)
@@ -286,104 +247,78 @@ def _windows(dataset: xr.Dataset) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 
 def _read(file: Path) -> list[Any]:
-    """The parts of an EXR file."""
+    """Read all parts of an EXR file."""
     import OpenEXR
 
-    if not file.is_file():  # A pipe would be waited for
-        raise ValueError(f"path = {file}: is no file; must be an EXR file")
-    require_unbroken(file)
-    try:
+    with reading(file, "a readable EXR file as it was saved"):
         parts = OpenEXR.File(str(file), header_only=True).parts
         memory.require_free(f"path = {file}", sum(map(_size, parts)))
         read = OpenEXR.File(str(file), num_threads=0).parts
         if len(read) != len(parts) or not parts:
-            raise ValueError("it is cut short")
+            raise ValueError("is cut short")
         return read
-    except MemoryError:
-        raise
-    except Exception as error:
-        reason = " ".join(str(error).split())[:200]
-        raise ValueError(
-            f"path = {file}: not a readable EXR file ({reason}); must be as it was saved"
-        ) from None
 
 
 def _size(part: Any) -> int:
-    """Bytes of a part's pixels, as floats."""
+    """Bytes of a part's pixels as float32."""
     (left, top), (right, bottom) = part.header["dataWindow"]
     return (int(right) - int(left) + 1) * (int(bottom) - int(top) + 1) * 4 * len(part.channels)
 
 
-def _assemble(path: Any, steady: Any, count: int, frame: Callable[[int], Any]) -> xr.Dataset:
+def _assemble(steady: Any, count: int, frame: Callable[[int], Any]) -> xr.Dataset:
+    """Make a Dataset of the steady image and of frames, which are read in any order."""
     if steady.header.get("format") != FORMAT or "dataset" not in steady.header:
-        raise ValueError(f"path = {path}: holds other EXR images; must be a saved stack")
-    try:
-        about = parse(steady.header["dataset"])
-    except ValueError as error:
-        raise ValueError(f"path = {path}: {error}") from None
-    sizes = [about["sizes"][axis] for axis in DIMS["transient"]]
-    bins = about["sizes"]["opl"]
+        raise ValueError("holds other EXR images; must be a saved stack")
+    description = parse(steady.header["dataset"])
+    sizes = [description["sizes"][axis] for axis in DIMS["transient"]]
+    bins = description["sizes"]["opl"]
     if count != bins:
-        raise ValueError(f"path = {path}: {count} frames of {bins} are there; must be complete")
-    image = _pixels(path, steady)
+        raise ValueError(f"{count} frames of {bins} are there; must be complete")
+    image = _pixels(steady)
     if image.shape != (sizes[0], sizes[1], sizes[3]):
-        raise ValueError(f"path = {path}: steady with shape {image.shape}: must be of {sizes}")
-    has_errors = "transient_error" in about["variables"]
-    films = 2 if has_errors else 1
-    memory.require_free(f"path = {path}", 4 * films * math.prod(sizes))
-    transient = np.empty(sizes, np.float32)
-    errors = {}
+        raise ValueError(f"steady with shape {image.shape}: must be of {sizes}")
+    has_errors = "transient_error" in description["variables"]
+    memory.require_free("transient", 4 * (1 + has_errors) * math.prod(sizes))
+    arrays = {"transient": np.empty(sizes, np.float32), "steady": image}
     if has_errors:
-        errors = {
-            "transient_error": np.empty(sizes, np.float32),
-            "steady_error": _pixels(path, steady, LAYER),
-        }
-    opl = np.full(bins, np.nan)
+        arrays["transient_error"] = np.empty(sizes, np.float32)
+        arrays["steady_error"] = _pixels(steady, LAYER)
+    arrays["opl"] = np.full(bins, np.nan)
 
-    def place(number: int) -> None:
+    def read_frame(number: int) -> None:
         part = frame(number)
-        pixels, index = _pixels(path, part), part.header.get("bin_index", -1)
+        pixels, index = _pixels(part), part.header.get("bin_index", -1)
         centre = np.ravel(part.header.get("opl_center", ()))
         known = isinstance(index, int) and 0 <= index < bins
         known = known and len(centre) == 1 and centre.dtype.kind == "f"
         if not known or pixels.shape != image.shape:
-            raise ValueError(
-                f"path = {path}: frame {number} does not belong to this stack; must be as saved"
-            )
-        transient[:, :, index] = pixels
-        if errors:
-            errors["transient_error"][:, :, index] = _pixels(path, part, LAYER)
-        opl[index] = centre[0]
+            raise ValueError(f"frame {number} does not belong to this stack; must be as saved")
+        arrays["transient"][:, :, index] = pixels
+        if has_errors:
+            arrays["transient_error"][:, :, index] = _pixels(part, LAYER)
+        arrays["opl"][index] = centre[0]
 
-    for_each(place, range(bins), "Reading EXR", progress=True)
-    if np.isnan(opl).any():
-        raise ValueError(
-            f"path = {path}: two frames have the same bin_index; each must be saved once"
-        )
+    for_each(read_frame, range(bins), "Reading EXR", progress=True)
+    if np.isnan(arrays["opl"]).any():
+        raise ValueError("two frames have the same bin_index; each must be saved once")
     x, y = (int(first) for first in steady.header["dataWindow"][0])
-    pixels = {"y": y + np.arange(image.shape[0]), "x": x + np.arange(image.shape[1])}
-    try:
-        dataset = restore(
-            about, {"transient": transient, "steady": image, **errors, "opl": opl, **pixels}
-        )
-    except ValueError as error:
-        raise ValueError(f"path = {path}: {error}") from None
-    refuse_not_finite(path, dataset)
+    arrays["y"] = y + np.arange(image.shape[0])
+    arrays["x"] = x + np.arange(image.shape[1])
+    dataset = restore(description, arrays)
+    require_finite(dataset)
     return dataset
 
 
-def _pixels(path: Any, part: Any, layer: str = "") -> np.ndarray:
+def _pixels(part: Any, layer: str = "") -> np.ndarray:
+    """Values of an image, or of its standard errors, (height, width, channels)."""
     channels = part.channels
     names = [
         [f"{layer}{kind}" for kind in kinds] for kinds in _READ if f"{layer}{kinds[0]}" in channels
     ]
     known = ({f"{each}{kind}" for each in ("", LAYER) for kind in kinds} for kinds in _READ)
     if len(names) != 1 or not any({*names[0]} <= {*channels} <= kinds for kinds in known):
-        said = ", ".join(channels)
-        raise ValueError(
-            f"path = {path}: has the channels {said}; must be RGB or Y, or those of S0 to S3"
-        )
-    found = [channels[name].pixels for name in names[0]]
-    images = [image[..., None] if image.ndim == 2 else image for image in found]
-    whole = images[0] if len(images) == 1 else np.concatenate(images, axis=-1)
-    return whole.astype(np.float32, copy=False)
+        found = ", ".join(channels)
+        raise ValueError(f"has the channels {found}; must be RGB or Y, or those of S0 to S3")
+    images = [np.atleast_3d(channels[name].pixels) for name in names[0]]
+    pixels = images[0] if len(images) == 1 else np.concatenate(images, axis=-1)
+    return pixels.astype(np.float32, copy=False)

@@ -1,8 +1,8 @@
-"""Captures in HDF5, as y-tal and the tools around it lay them out.
+"""Captures in HDF5, in the layout of y-tal and related tools.
 
 `H` (T, Sx, Sy) or (T, Lx, Ly, Sx, Sy): time first, x before y, one value per bin. Lengths are
-metres of path. Coordinates of the wall are our world's; those tools expect the wall at z = 0 and
-the hidden scene at z > 0 where they do not take the grids as they are.
+metres of path. Coordinates of the wall are in world space; some of those tools expect the wall at
+z = 0 and the hidden scene at z > 0.
 """
 
 from __future__ import annotations
@@ -18,22 +18,19 @@ import numpy as np
 
 from ..nlos.captures import DEVICES, MODES, ON_WALL, check_capture, make_capture
 from ..rendering.cubes import Cube
-from ..rendering.dataset import plain_attributes
+from ..rendering.dataset import plain_attributes, require_finite
 from ..rendering.labels import TIME, labelled, labels_of
 from ..runtime import checks, memory
-from ..runtime.atomic import replacing
-from ..runtime.progress import shown
+from ..runtime.atomic import check_file, replacing
+from ..runtime.progress import with_status
 from ..signals.colour import luminance
 from . import hdf5_fields
-from .description import refuse_not_finite, warn_of_not_finite
-from .output import check_file, check_room, check_writable
-from .seals import require_unbroken, seal_file
+from .description import warn_not_finite
+from .files import reading, seal_file
 
 if TYPE_CHECKING:
     import xarray as xr
 
-_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-_SUFFIXES = (".h5", ".hdf5")
 _GRIDS = ("grid_xyz", "grid_normals", "grid_format")
 _H_AXES = {1: "T_Sx_Sy", 2: "T_Lx_Ly_Sx_Sy", 3: "T_Si", 4: "T_Li_Si"}
 _NAMES = (
@@ -41,36 +38,29 @@ _NAMES = (
     *(f"{d}_{what}" for d in DEVICES for what in ("xyz", *_GRIDS)),
 )
 _OTHERS = ("data", "data_t")  # of another layout of y-tal's
-_COPIES = 3  # of H, at the most at a time
-_OURS = "tofrender"  # our part of scene_info
-_COLOURS = "tofrender_colours_"  # attributes of H by their first bin, (bins, ..., channels)
-PLAIN = (str, int, float)
+_COPIES = 3  # Of H at a time, at most
+_OURS = "tofrender"  # Our part of scene_info
+_COLOURS = "tofrender_colours_"  # Attributes of H by their first bin, (bins, ..., channels)
 _IN_FIELDS = ("mode", "start_opl", "bin_width_opl", "counts_first_and_last_legs")
 
 
-@shown("Writing HDF5")
+@with_status("Writing HDF5")
 def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = False) -> Path:
-    """Write a capture as HDF5 in the layout of y-tal, which reads it as its own.
+    """Write a capture as HDF5 in the layout of y-tal, which can read it.
 
-    That layout knows no colour: of a capture with three channels `H` is the luminance (ITU-R
-    BT.709), and the channels are kept in attributes of `H`, where they differ. `load_capture` gives
-    back the same Dataset, bit by bit. Other attributes are kept in the field `scene_info`; devices
-    whose place is unknown are NaN. A checksum stands behind the end of the file, which appears
-    whole or not at all.
+    That layout has no colour: of a capture with three channels, `H` is the luminance (ITU-R
+    BT.709), and attributes of `H` hold the channels where they differ. `load_capture` restores the
+    Dataset bit by bit. The field `scene_info` holds all other attributes; unknown positions of
+    devices are NaN. The file has a checksum after its end, and appears whole or not at all.
 
     Args:
-        capture: What `make_capture` or `capture` returns.
+        capture: Result of `make_capture` or `capture`.
         path: A file name that ends in .h5 or .hdf5.
-        overwrite: Replace a file that is there.
-
-    Returns:
-        `path`.
+        overwrite: Replace an existing file.
 
     Raises:
-        ValueError: Not a capture, no path, or another suffix.
-        FileExistsError: The file exists.
-        PermissionError: The place is not writable.
-        OSError: The disk is full; nothing half-written remains.
+        ValueError: Not a capture, or another suffix.
+        OSError: `path` may not be replaced or is not writable, or the disk is full.
 
     Warns:
         UserWarning: A value is NaN or infinite, so that the file cannot be read again.
@@ -79,29 +69,22 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
         >>> import tempfile
         >>> wall = np.zeros((4, 4, 3))
         >>> wall[..., 0], wall[..., 1] = np.meshgrid(range(4), range(4))
-        >>> capture = make_capture(
-        ...     np.ones((4, 4, 10)),
-        ...     mode="confocal",
-        ...     start_opl=1.0,
-        ...     bin_width_opl=0.01,
-        ...     sensor_grid=wall,
-        ...     sensor_normals=np.broadcast_to([0, 0, 1], wall.shape),
-        ... )
+        >>> grid = {"sensor_grid": wall, "sensor_normals": np.broadcast_to([0, 0, 1], wall.shape)}
+        >>> window = {"start_opl": 1.0, "bin_width_opl": 0.01}
+        >>> capture = make_capture(np.ones((4, 4, 10)), mode="confocal", **window, **grid)
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     load_capture(save_capture(capture, folder + "/wall.h5")).identical(capture)
         True
     """
     check_capture(capture)
-    target = check_file(path, *_SUFFIXES, overwrite=overwrite)
-    check_writable(path)
-    warn_of_not_finite(capture, stacklevel=4)
     fields, cube = _fields(capture), Cube(capture["transient"])
     needed = sum(np.asarray(value).nbytes for value in fields.values()) + (1 << 16)
     coloured = cube.shape[-1] > 1
     needed += 4 * math.prod(cube.shape[:-1]) * (4 if coloured else 1)
-    check_room(path, needed)
+    target = check_file(path, ".h5", ".hdf5", overwrite=overwrite, needed_bytes=needed)
+    warn_not_finite(capture, stacklevel=4)
     with replacing(path, needed_bytes=needed) as temporary:
-        # Files of HDF5 1.8 and later have large attributes
+        # Large attributes need the format of HDF5 1.8
         with h5py.File(temporary, "w", libver="v108" if coloured else None) as file:
             _write_light(file, cube)
             for name, value in fields.items():
@@ -111,7 +94,7 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
 
 
 def _write_light(file: h5py.File, cube: Cube) -> None:
-    """Write `H`, some bins at a time, and in its attributes those that have colours."""
+    """Write `H`, some bins at a time, and the colours of coloured bins as its attributes."""
     order = (4, 1, 0, 3, 2) if len(cube.shape) == 6 else (2, 1, 0)
     light = file.create_dataset("H", [cube.shape[axis] for axis in order], np.float32)
     for bins, values in cube.frames():
@@ -144,7 +127,7 @@ def _fields(capture: xr.Dataset) -> dict[str, Any]:
 
 
 def _about(capture: xr.Dataset) -> dict[str, Any]:
-    """What the layout has no field for."""
+    """Content of a capture that the layout has no field for."""
     attrs = {k: v for k, v in plain_attributes(capture).items() if k not in _IN_FIELDS}
     pixels = {str(a): capture[a].values.tolist() for a in capture.dims if str(a)[-1] in "xy"}
     about = {"mode": capture.attrs["mode"], "attrs": attrs, "pixels": pixels}
@@ -152,8 +135,10 @@ def _about(capture: xr.Dataset) -> dict[str, Any]:
     about["labels"] = {}  # But for those that all captures have
     for name, variable in capture.drop_vars(TIME, errors="ignore").variables.items():
         known = labels_of(str(name), capture.attrs)
-        plain = {k: v for k, v in plain_attributes(variable).items() if isinstance(v, PLAIN)}
-        own = {k: v for k, v in plain.items() if known.get(k) != v}
+        attrs = plain_attributes(variable)
+        own = {
+            k: v for k, v in attrs.items() if isinstance(v, str | int | float) and known.get(k) != v
+        }
         about["labels"] |= {str(name): own} if own else {}
     if ON_WALL in capture:  # As runs of pixels in reading order: off, on, off, ...
         row = np.concatenate([[False], capture[ON_WALL].values.ravel()])
@@ -163,7 +148,7 @@ def _about(capture: xr.Dataset) -> dict[str, Any]:
 
 
 def _yaml(value: Any) -> str:
-    """JSON that YAML 1.1 reads in the same way: 1e-05 would be text there, 1.0e-05 is a number."""
+    """Write JSON that YAML 1.1 reads alike: 1e-05 would be text there, 1.0e-05 is a number."""
     if isinstance(value, dict):
         items = (f"{json.dumps(str(k), ensure_ascii=False)}: {_yaml(v)}" for k, v in value.items())
         return "{" + ",\n".join(items) + "}"
@@ -173,13 +158,13 @@ def _yaml(value: Any) -> str:
     return text.replace("e", ".0e") if isinstance(value, float) and "." not in text else text
 
 
-@shown("Reading HDF5")
+@with_status("Reading HDF5")
 def load_capture(path: str | os.PathLike) -> xr.Dataset:
     """Read a capture in the layout of y-tal, written by `save_capture`, y-tal or others.
 
-    Points that a file holds as a list (its formats T_Si, T_Li_Si, N_3) become one row. Normals
-    that it leaves out are those of y-tal's wall, +z, if all points have the same z. What others
-    put into `scene_info` becomes the attribute `scene_info`, as text.
+    Lists of points (the formats T_Si, T_Li_Si, N_3) become one row. Missing normals are those of
+    y-tal's wall, +z, if all points have the same z. The `scene_info` of other programs becomes an
+    attribute of that name, as text.
 
     Args:
         path: An HDF5 file.
@@ -189,48 +174,28 @@ def load_capture(path: str | os.PathLike) -> xr.Dataset:
 
     Raises:
         FileNotFoundError: There is nothing at `path`.
-        ValueError: One line: not HDF5, cut short, a field that is missing or of a wrong shape, a
-            format or mode that is unknown, light or a grid that is not finite, a field that is a
-            link to another file.
-        MemoryError: It holds more than fits into memory.
+        ValueError: Not HDF5, cut short, a field that is missing, of a wrong shape or in another
+            file, an unknown format or mode, or values that are not finite.
+        MemoryError: The capture does not fit into memory.
     """
-    path = checks.path("path", path)
-    if not path.is_file():
-        what = "is a folder" if path.is_dir() else "does not exist"
-        raise FileNotFoundError(f"path = {path}: {what}; must be an HDF5 file")
-    with open(path, "rb") as stream:
-        is_hdf5 = stream.read(len(_SIGNATURE)) == _SIGNATURE
-    if not is_hdf5:
-        raise ValueError(f"path = {path}: must be an HDF5 file")
-    require_unbroken(path)
-    try:
-        with h5py.File(path, "r") as file:
-            capture = _restore(_read(file))
-    except MemoryError as error:
-        raise MemoryError(f"path = {path}: {error}") from None
-    except OSError as error:
-        reason = "is cut short" if "truncated" in str(error) else "cannot be read"
-        raise ValueError(f"path = {path}: {reason}; must be a whole HDF5 file") from None
-    except Exception as error:  # Whatever a damaged file makes h5py raise
-        what = " ".join(str(error.args[0] if error.args else error).split())[:300]
-        what += "" if "must" in what else "; must be a whole HDF5 file"
-        raise ValueError(f"path = {path}: {what}") from None
-    refuse_not_finite(path, capture)
+    with reading(path, "a whole HDF5 file") as found, h5py.File(found, "r") as file:
+        capture = _restore(_read(file))
+        require_finite(capture)
     return capture
 
 
 def _read(file: h5py.File) -> dict[str, Any]:
-    """Values of the fields that are there, None of an empty one."""
+    """Read the fields, None for empty ones."""
     names = set(file)
     items = {name: _field_of(file, name) for name in _NAMES if name in names}
     light = items.get("H")
     attrs = {} if light is None else light.attrs
     coloured = [name for name in attrs if name.startswith(_COLOURS)]
-    there = [item for item in items.values() if item is not None]
-    if there:
-        largest = max(there, key=_bytes)
+    full = [item for item in items.values() if item is not None]
+    if full:
+        largest = max(full, key=_bytes)
         what = f"{str(largest.name).strip('/')} with shape {largest.shape}"
-        memory.require_free(what, _COPIES * sum(map(_bytes, there)) * (4 if coloured else 1))
+        memory.require_free(what, _COPIES * sum(map(_bytes, full)) * (4 if coloured else 1))
     found = {name: None if item is None else item[()] for name, item in items.items()}
     colours = {name.removeprefix(_COLOURS): attrs[name] for name in coloured}
     return found | {_COLOURS: colours} | dict.fromkeys(names & set(_OTHERS))
@@ -241,11 +206,7 @@ def _bytes(item: h5py.Dataset) -> int:
 
 
 def _field_of(file: h5py.File, name: str) -> h5py.Dataset | None:
-    """A field, None if it is empty.
-
-    Raises:
-        ValueError: It is kept in another file; one line.
-    """
+    """Open a field, None if it is empty; a ValueError if it is in another file."""
     item = None
     if not isinstance(file.get(name, getlink=True), h5py.ExternalLink):
         try:
@@ -253,7 +214,7 @@ def _field_of(file: h5py.File, name: str) -> h5py.Dataset | None:
         except Exception as error:
             raise ValueError(f"{name}: cannot be read ({error}); must be a field") from None
     if item is None or (isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)):
-        raise ValueError(f"{name}: is kept in another file; must be in this one")
+        raise ValueError(f"{name}: is in another file; must be in this one")
     return item if isinstance(item, h5py.Dataset) and item.shape is not None else None
 
 
@@ -274,7 +235,7 @@ def _restore(fields: dict[str, Any]) -> xr.Dataset:
     mode = "exhaustive" if exhaustive else _mode(grids, about.get("mode"))
     channels = about.get("channel") or ["L"]
     if not isinstance(channels, list) or not all(isinstance(name, str) for name in channels):
-        raise ValueError(f"channel = {checks.shown(channels)}: must be a list of names")
+        raise ValueError(f"channel = {checks.quote(channels)}: must be a list of names")
     given = {"sensor_grid": grids["sensor"][0], "sensor_normals": grids["sensor"][1]}
     if mode != "confocal":
         given |= {"laser_grid": grids["laser"][0], "laser_normals": grids["laser"][1]}
@@ -299,42 +260,42 @@ def _restore(fields: dict[str, Any]) -> xr.Dataset:
 
 
 def _in_colour(light: np.ndarray, colours: dict[str, Any], channels: list[str]) -> np.ndarray:
-    """Bins as captures have them, (..., bins, channels), from `H` and from what has colours."""
+    """Bins of a capture, (..., bins, channels), from `H` and from the colours of coloured bins."""
     order = (2, 1, 4, 3, 0) if light.ndim == 5 else (2, 1, 0)
     values = np.repeat(light.transpose(order)[..., None], len(channels), axis=-1)
     for first, part in colours.items():
-        its = values[..., int(first) : int(first) + len(part), :]
-        if np.ndim(part) != values.ndim or part.transpose(*order, -1).shape != its.shape:
-            raise ValueError(f"H: colours with shape {np.shape(part)}: must be {its.shape}")
-        its[...] = part.transpose(*order, -1)
+        bins = values[..., int(first) : int(first) + len(part), :]
+        if np.ndim(part) != values.ndim or part.transpose(*order, -1).shape != bins.shape:
+            raise ValueError(f"H: colours with shape {np.shape(part)}: must be {bins.shape}")
+        bins[...] = part.transpose(*order, -1)
     return values
 
 
 def _pixels(given: Any, capture: xr.Dataset) -> dict[str, list[int]]:
-    """Pixels along the axes, each a list of as many whole numbers in a row as the axis has."""
+    """Check the pixels along each axis: consecutive integers, as many as the axis has."""
     for axis, numbers in given.items():
         size = capture.sizes.get(axis, 0) if axis[-1] in "xy" else 0
         first = numbers[0] if isinstance(numbers, list) and numbers else None
         if not isinstance(first, int) or numbers != list(range(first, first + size)):
             allowed = f"must be {size} pixels in a row"
-            raise ValueError(f"pixels: {axis} = {checks.shown(numbers)}: {allowed}")
+            raise ValueError(f"pixels: {axis} = {checks.quote(numbers)}: {allowed}")
     return given
 
 
 def _runs(runs: list[int] | None, shape: tuple[int, ...]) -> np.ndarray | None:
-    """Which pixels are on the wall, from the lengths of runs that are off and on in turn."""
+    """Mask of the pixels on the wall, from lengths of runs that are alternately off and on."""
     if runs is None:
         return None
     are_counts = isinstance(runs, list) and all(isinstance(n, int) and n >= 0 for n in runs)
     if not are_counts or sum(runs) != math.prod(shape):
         raise ValueError(
-            f"{ON_WALL} = {checks.shown(runs)}: must be runs of {math.prod(shape)} pixels"
+            f"{ON_WALL} = {checks.quote(runs)}: must be runs of {math.prod(shape)} pixels"
         )
     return np.repeat(np.arange(len(runs)) % 2 == 1, runs).reshape(shape)
 
 
 def _mode(grids: dict[str, tuple[np.ndarray, np.ndarray]], stated: Any) -> str:
-    """Single or confocal, by the grids; where one point is both, by what we wrote."""
+    """Mode "single" or "confocal" by the grids; for one point, which is both, as `stated`."""
     laser, sensor = grids["laser"][0], grids["sensor"][0]
     modes = ["confocal"] * (laser.shape == sensor.shape and np.allclose(laser, sensor))
     modes += ["single"] * (laser.shape[:2] == (1, 1))
@@ -347,7 +308,7 @@ def _mode(grids: dict[str, tuple[np.ndarray, np.ndarray]], stated: Any) -> str:
 
 
 def _scene_info(text: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Our own part of it, and the attributes that keep another's."""
+    """Our part of `scene_info`, and the attributes that hold that of another program."""
     text = text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text or "")
     try:
         ours = json.loads(text)[_OURS]

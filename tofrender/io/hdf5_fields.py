@@ -1,4 +1,4 @@
-"""Fields of captures in HDF5, each refused in one line if it is not what y-tal writes."""
+"""Checked access to the fields of captures in HDF5, in the layout of y-tal."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from ..runtime import checks
+
 _GRID_AXES = {1: "N_3", 2: "X_Y_3"}
 
 
 def code(fields: dict[str, Any], name: str, known: dict[int, str]) -> str:
-    """Return the meaning of a code, which must be one of those that are known."""
+    """Look up a field that must be a known code."""
     found = number(fields, name)
     if found not in known:
         allowed = ", ".join(f"{key} ({axes})" for key, axes in known.items())
@@ -19,19 +21,15 @@ def code(fields: dict[str, Any], name: str, known: dict[int, str]) -> str:
 
 
 def _field(fields: dict[str, Any], name: str) -> Any:
-    """Return a field, which must be there."""
     if fields.get(name) is None:
-        what = "lacks" if name not in fields else "has nothing in"
-        raise ValueError(f"{what} the field {name}; must have it, as y-tal does")
+        problem = "lacks" if name not in fields else "has nothing in"
+        raise ValueError(f"{problem} the field {name}; must have it, as y-tal does")
     return fields[name]
 
 
 def array(fields: dict[str, Any], name: str) -> np.ndarray:
     """Return a field that must hold real numbers, as float32."""
-    values = np.asarray(_field(fields, name))
-    if values.dtype.kind not in "fiu":
-        raise ValueError(f"{name} of type {values.dtype}: must hold real numbers")
-    return values.astype(np.float32, copy=False)
+    return checks.real_array(name, _field(fields, name), np.float32)
 
 
 def number(fields: dict[str, Any], name: str) -> float:
@@ -61,7 +59,7 @@ def origin(fields: dict[str, Any], name: str) -> np.ndarray | None:
 
 
 def grid(fields: dict[str, Any], device: str) -> tuple[np.ndarray, np.ndarray]:
-    """Points and normals, (rows, columns, 3), of the sensor or the laser."""
+    """Return points and normals, (rows, columns, 3), of the sensor or the laser."""
     axes = code(fields, f"{device}_grid_format", _GRID_AXES)
     name = f"{device}_grid_normals"
     points = array(fields, f"{device}_grid_xyz")

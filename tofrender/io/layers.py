@@ -1,4 +1,4 @@
-"""One EXR file of several named pictures."""
+"""EXR file with several named layers."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..runtime import checks
-from ..runtime.atomic import replacing
-from .output import check_room, check_writable
+from ..runtime.atomic import check_file, replacing
 
 
 def save_exr_layers(
@@ -21,16 +20,13 @@ def save_exr_layers(
     """Write pictures of one size as the layers of an EXR file.
 
     Args:
-        path: The file, replaced whole if it exists.
+        path: File name; an existing file is replaced.
         layers: Pictures by name, shape (height, width, channels) with 1 or 3 channels. The name
-            "" has the plain channels R, G, B or Y that every viewer shows.
+            "" stands for the channels R, G, B or Y that every viewer shows.
         attrs: Attributes of the header.
 
-    Returns:
-        `path`.
-
     Raises:
-        ValueError: There are no layers, their sizes differ, or no path; one line.
+        ValueError: There are no layers, or their sizes differ.
 
     Example:
         >>> import tempfile
@@ -41,7 +37,6 @@ def save_exr_layers(
     """
     import OpenEXR
 
-    target = checks.path("path", path)
     attrs = checks.mapping("attrs", attrs)
     arrays = {
         name: checks.real_array(f"layers[{name!r}]", values, np.float32)
@@ -53,23 +48,17 @@ def save_exr_layers(
             raise ValueError(f"layers[{name!r}] with shape {array.shape}: {allowed}")
     sizes = {array.shape[:2] for array in arrays.values()}
     if len(sizes) != 1:
-        given = checks.shown(layers)
+        given = checks.quote(layers)
         raise ValueError(f"layers = {given}: have the sizes {sorted(sizes)}; must be one size")
-    if target.is_dir():
-        raise FileExistsError(f"path = {path}: is a folder; must be the name of a file")
-    check_writable(target)
-    check_room(target, sum(array.nbytes for array in arrays.values()))
+    needed = sum(array.nbytes for array in arrays.values())
+    target = check_file(path, overwrite=True, needed_bytes=needed)
     channels = {}
     for name, array in arrays.items():
+        prefix = f"{name}." if name else ""
         for c, letter in enumerate("RGB" if array.shape[2] == 3 else "Y"):
-            channel = f"{name}.{letter}" if name else letter
-            channels[channel] = np.ascontiguousarray(array[:, :, c])
-    header = {
-        "compression": OpenEXR.ZIP_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
-        "format": "tofrender layers 1",
-        **{name: str(value) for name, value in attrs.items()},
-    }
+            channels[prefix + letter] = np.ascontiguousarray(array[:, :, c])
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    header |= {"format": "tofrender layers 1", **{k: str(value) for k, value in attrs.items()}}
     with replacing(target) as temporary:
         OpenEXR.File(header, channels).write(str(temporary))
     return target

@@ -1,8 +1,8 @@
-"""One multi-part EXR file out of many single-part ones.
+"""Multi-part EXR files, joined from single-part ones.
 
-OpenEXR's Python writer wants all parts in memory at once, copies them, and compresses them one
-after the other. Compressed chunks are the same in both kinds of file, so parts that threads have
-encoded are put together here as they come ("OpenEXR File Layout", openexr.com).
+OpenEXR's Python writer needs all parts in memory at once, copies them, and compresses one after the
+other. Compressed chunks are the same in both kinds of file, so that threads can encode parts, which
+are appended here in any order ("OpenEXR File Layout", openexr.com).
 """
 
 from __future__ import annotations
@@ -16,15 +16,17 @@ _MULTIPART_FLAG = 0x1000
 
 
 class MultipartWriter:
-    """Writes parts of one size into an empty file; after the first, headers are of equal length.
+    """Writer of parts of one size into an empty file.
 
-    The first part and any other one are given as single-part EXR files, and the names of all parts.
+    Args:
+        file: The file.
+        names: Names of all parts.
+        first, second: The first two parts, as single-part EXR files; all headers after the first
+            have the length of the second.
     """
 
     def __init__(self, file: BinaryIO, names: Sequence[str], first: bytes, second: bytes):
-        self.file = file
-        self.names = names
-        self.lock = Lock()
+        self.file, self.names, self.lock = file, names, Lock()
         self.headers = [b""] * len(names)
         self.offsets = [b""] * len(names)
         self.version = struct.unpack_from("<i", first, 4)[0] | _MULTIPART_FLAG
@@ -55,21 +57,15 @@ class MultipartWriter:
         self.file.write(b"".join(self.headers) + b"\0" + b"".join(self.offsets))
 
     def _header(self, part: bytes, name: str) -> bytes:
-        """The part's header with the attributes that a multi-part file needs."""
-        attributes = part[8 : _header_end(part) - 1]
-        label = name.encode()
-        return b"".join(
-            [
-                attributes,
-                b"name\0string\0" + struct.pack("<i", len(label)) + label,
-                b"chunkCount\0int\0" + struct.pack("<2i", 4, _chunk_count(part)),
-                b"\0",
-            ]
-        )
+        """Header of a part with the attributes that a multi-part file needs."""
+        attributes, label = part[8 : _header_end(part) - 1], name.encode()
+        attributes += b"name\0string\0" + struct.pack("<i", len(label)) + label
+        attributes += b"chunkCount\0int\0" + struct.pack("<2i", 4, _chunk_count(part))
+        return attributes + b"\0"
 
 
 def _header_end(part: bytes) -> int:
-    """Where the table of chunk offsets begins."""
+    """Position of the table of chunk offsets."""
     position = 8  # magic number, version
     while part[position]:  # name, type, size, value; an empty name ends the header
         position = part.index(b"\0", part.index(b"\0", position) + 1) + 1

@@ -1,4 +1,4 @@
-"""The Dataset in one NumPy archive, without pickles."""
+"""Datasets as NumPy archives without pickles."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ import numpy as np
 from numpy.lib import format as npy
 
 from ..rendering.cubes import Cube
-from ..rendering.dataset import ERRORS, check_dataset, in_channels
-from ..runtime import checks
+from ..rendering.dataset import ERRORS, check_dataset, in_channels, require_finite
 from ..runtime.archives import read_array
 from ..runtime.atomic import replacing
-from ..runtime.progress import shown
-from .description import describe, parse, refuse_not_finite, restore, shapes_of, warn_of_not_finite
+from ..runtime.progress import with_status
+from .description import describe, parse, restore, shapes_of, warn_not_finite
+from .files import reading
 from .output import check_output, stack_bytes
 
 if TYPE_CHECKING:
@@ -26,27 +26,22 @@ if TYPE_CHECKING:
 _ARRAYS = ("transient", "steady", "y", "x", "opl")
 
 
-@shown("Writing NPZ")
+@with_status("Writing NPZ")
 def save_npz(dataset: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = False) -> Path:
     """Write a rendered Dataset as one .npz file that `numpy.load` opens as well.
 
     The arrays have the Dataset's names; `tofrender` is a JSON text with sizes, channels and all
-    attributes. Nothing is compressed: zlib would take eight times as long. The
-    file appears whole or not at all.
+    attributes. Nothing is compressed: zlib would take eight times as long. The file appears whole
+    or not at all.
 
     Args:
         dataset: The result of `render`.
         path: A file name that ends in .npz.
-        overwrite: Replace a file that is there.
-
-    Returns:
-        `path`.
+        overwrite: Replace an existing file.
 
     Raises:
-        ValueError: Not such a Dataset, no path, or another suffix.
-        FileExistsError: The file exists.
-        PermissionError: The place is not writable.
-        OSError: The disk is full; nothing half-written remains.
+        ValueError: Another Dataset, or another suffix.
+        OSError: `path` may not be replaced or is not writable, or the disk is full.
 
     Warns:
         UserWarning: A value is NaN or infinite, so that the file cannot be read again.
@@ -63,7 +58,7 @@ def save_npz(dataset: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = 
     check_dataset(dataset)
     shape = dataset["transient"].shape
     target = check_output(path, shape, layout="npz", overwrite=overwrite)
-    warn_of_not_finite(dataset, stacklevel=4)
+    warn_not_finite(dataset, stacklevel=4)
     needed = stack_bytes(shape)
     with replacing(path, needed_bytes=needed) as temporary, ZipFile(temporary, "w") as archive:
         _write(archive, "tofrender", Cube(np.array(json.dumps(describe(dataset)))))
@@ -81,14 +76,14 @@ def _write(archive: ZipFile, name: str, cube: Cube) -> None:
             member.write(np.ascontiguousarray(values).data)
 
 
-@shown("Reading NPZ")
+@with_status("Reading NPZ")
 def load_npz(path: str | os.PathLike) -> xr.Dataset:
-    """Read what `save_npz` wrote: the same Dataset, bit by bit.
+    """Read a Dataset that `save_npz` wrote, equal bit by bit.
 
     Raises:
         FileNotFoundError: There is nothing at `path`.
-        ValueError: Not a file of `save_npz`, damaged, or it holds values that are not finite.
-        MemoryError: It holds more than fits into memory.
+        ValueError: Not a file of `save_npz`, damaged, or with values that are not finite.
+        MemoryError: The Dataset does not fit into memory.
 
     Example:
         >>> import tempfile, tofrender
@@ -98,20 +93,10 @@ def load_npz(path: str | os.PathLike) -> xr.Dataset:
         ...     load_npz(save_npz(dataset, folder + "/box.npz")).identical(dataset)
         True
     """
-    path = checks.path("path", path)
-    if not path.is_file():
-        what = "is a folder" if path.is_dir() else "does not exist"
-        raise FileNotFoundError(f"path = {path}: {what}; must be a file that save_npz wrote")
-    try:
-        with open(path, "rb") as file, ZipFile(file) as archive:
-            about = parse(read_array(archive, "tofrender"))
-            names = (*_ARRAYS, *(name for name in ERRORS if name in about["variables"]))
-            shapes = shapes_of(about)
-            dataset = restore(about, {n: read_array(archive, n, shapes[n]) for n in names})
-    except MemoryError as error:
-        raise MemoryError(f"path = {path}: {error}") from None
-    except Exception as error:  # Whatever a damaged file makes zipfile, zlib and NumPy raise
-        said = " ".join(str(error).split())[:200] or type(error).__name__
-        raise ValueError(f"path = {path}: must be a file that save_npz wrote ({said})") from None
-    refuse_not_finite(path, dataset)
+    with reading(path, "a file that save_npz wrote") as file, ZipFile(file) as archive:
+        description = parse(read_array(archive, "tofrender"))
+        names = (*_ARRAYS, *(name for name in ERRORS if name in description["variables"]))
+        shapes = shapes_of(description)
+        dataset = restore(description, {n: read_array(archive, n, shapes[n]) for n in names})
+        require_finite(dataset)
     return dataset

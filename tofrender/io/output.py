@@ -1,31 +1,24 @@
-"""Where output may go: checked before a render starts and again before anything is replaced."""
+"""Checks of output paths, before a render starts and again before anything is replaced."""
 
 from __future__ import annotations
 
 import os
 import re
-import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from ..runtime import checks
-from ..runtime.atomic import (
-    TEMPORARY_PREFIX,
-    check_writable,
-    disk_full,
-    nearest_folder,
-    replacing,
-)
+from ..runtime.atomic import TEMPORARY_PREFIX, check_file, check_writable, replacing
 
 LAYOUTS = ("frames", "multipart", "npz")
 BYTES_PER_VALUE = {"half": 2, "float": 4}
-#: Files that carry our mark in their first bytes; an output folder of ours holds at least one ...
+# Files with our mark in their first bytes; an output folder of ours holds at least one ...
 _MARKED = re.compile(
     r"(frame_\d{4,}|steady|phasor_[\w.+-]+|gate|brightness|depth)\.(exr|png)|stack\.exr|transient\.npz"
     r"|transient\.zarr"
 )
-#: ... and beside them only these. Nothing but such a folder is ever replaced.
+# ... and beside them only these. Nothing but such a folder is ever replaced.
 _UNMARKED = re.compile(
     r"video\.(mp4|gif)|(summary|polarisation|panel|picture|volume)\.(png|pdf|svg)|volume\.npz|report\.html"
 )
@@ -40,12 +33,12 @@ def check_output(
     precision: str = "float",
     overwrite: bool = False,
 ) -> Path:
-    """Refuse, before any work starts, an output that could not be written in the end.
+    """Check, before any work starts, that an output can be written in the end.
 
     Args:
         path: Folder (`layout="frames"`) or file (`"multipart"`: .exr, `"npz"`: .npz).
-        shape: (height, width, bins, channels) of the transient; with it the free space is
-            compared with the uncompressed size, which is the most that the output can need.
+        shape: (height, width, bins, channels) of the transient, to compare its uncompressed size
+            with the free space.
         layout: `"frames"`, `"multipart"` or `"npz"`.
         precision: `"half"` or `"float"`.
         overwrite: Allow an earlier output of this package at `path`.
@@ -54,10 +47,8 @@ def check_output(
         `path` as a `Path`.
 
     Raises:
-        ValueError: No path, unknown layout or precision, or a file name with another suffix.
-        FileExistsError: `path` holds something that may not be replaced.
-        PermissionError: The place is not writable.
-        OSError: The disk has too little room.
+        ValueError: An unknown layout or precision, or a file name with another suffix.
+        OSError: `path` may not be replaced or is not writable, or the disk is too full.
 
     Example:
         >>> check_output("new_folder", (64, 64, 300, 3)).name
@@ -66,48 +57,25 @@ def check_output(
     target = checks.path("path", path)
     checks.one_of("layout", layout, LAYOUTS)
     checks.one_of("precision", precision, BYTES_PER_VALUE)
-    if layout == "frames":
-        _check_folder(path, overwrite)
-    else:
-        check_file(path, ".npz" if layout == "npz" else ".exr", overwrite=overwrite)
-    check_writable(path)
-    if shape is not None:
-        check_room(path, stack_bytes(shape, "float" if layout == "npz" else precision))
+    precision = "float" if layout == "npz" else precision
+    needed = 0 if shape is None else stack_bytes(shape, precision)
+    if layout != "frames":
+        suffix = ".npz" if layout == "npz" else ".exr"
+        return check_file(path, suffix, overwrite=overwrite, needed_bytes=needed)
+    _check_folder(path, overwrite)
+    check_writable(path, needed)
     return target
 
 
-def check_room(path: str | os.PathLike, needed_bytes: int) -> None:
-    """Refuse a disk with less room than an output needs.
-
-    Raises:
-        OSError: One line that names `path` and the bytes needed and free.
-    """
-    if shutil.disk_usage(nearest_folder(path)).free < needed_bytes:
-        raise disk_full(path, needed_bytes)
-
-
 def stack_bytes(shape: Sequence[int], precision: str = "float") -> int:
-    """The most bytes that a stack of `shape` (height, width, bins, channels) takes on disk."""
+    """Largest size of a stack of `shape` (height, width, bins, channels) on disk [bytes]."""
     try:
         height, width, bins, channels = (checks.integer("shape", n, 1, 1 << 40) for n in shape)
     except (TypeError, ValueError):
         allowed = "must be four integers, height, width, bins and channels"
-        raise ValueError(f"shape = {checks.shown(shape)}: {allowed}") from None
+        raise ValueError(f"shape = {checks.quote(shape)}: {allowed}") from None
     values = height * width * (bins + 1) * channels
     return values * BYTES_PER_VALUE[precision] + (bins + 1) * (4096 + 8 * height)
-
-
-def check_file(path: str | os.PathLike, *suffixes: str, overwrite: bool) -> Path:
-    """Refuse a file name with another suffix, a folder, or a file that may not be replaced."""
-    target = checks.path("path", path)
-    overwrite = checks.boolean("overwrite", overwrite)
-    if target.suffix.lower() not in suffixes:
-        raise ValueError(f"path = {path}: must be a file name that ends in {' or '.join(suffixes)}")
-    if os.path.isdir(target):
-        raise FileExistsError(f"path = {path}: is a folder; must be the name of a file")
-    if os.path.exists(target) and not overwrite:
-        raise FileExistsError(f"path = {path}: exists; must be new, or pass overwrite=True")
-    return target
 
 
 @contextmanager
@@ -116,19 +84,17 @@ def output_folder(
 ) -> Iterator[Path]:
     """Yield an empty temporary folder that becomes `path` when the block succeeds.
 
-    Use it to put several outputs (a stack, a video, a figure) into one folder whole. `path` may
-    not exist, may be empty, or, with `overwrite`, may hold an earlier output of this package;
-    that is checked once more right before it is replaced.
+    For several outputs (a stack, a video, a figure) in one folder. `path` must not exist, be empty,
+    or, with `overwrite`, hold an earlier output of this package; this is checked once more right
+    before it is replaced.
 
     Args:
-        path: The folder to make.
+        path: Folder to create.
         overwrite: Replace an earlier output of this package.
         needed_bytes: Size to name when the disk is full [bytes].
 
     Raises:
-        FileExistsError: `path` holds something that may not be replaced.
-        PermissionError: The place is not writable.
-        OSError: The disk is full.
+        OSError: `path` may not be replaced or is not writable, or the disk is full.
     """
     path = checks.path("path", path)
     if needed_bytes is not None:
@@ -149,9 +115,9 @@ def _check_folder(path: str | os.PathLike, overwrite: bool) -> None:
     if not os.path.isdir(target):
         raise FileExistsError(f"path = {path}: is a file; {allowed}")
     if target == Path.cwd() or os.path.ismount(target):
-        what = "the current folder" if target == Path.cwd() else "a mount point"
+        kind = "the current folder" if target == Path.cwd() else "a mount point"
         raise FileExistsError(
-            f"path = {path}: is {what}, which cannot be replaced whole; must be a folder inside it"
+            f"path = {path}: is {kind}, which cannot be replaced whole; must be a folder inside it"
         )
     files = [file for file in target.iterdir() if not file.name.startswith(TEMPORARY_PREFIX)]
     marked = {f.name for f in files if _MARKED.fullmatch(f.name) and _has_mark(f)}

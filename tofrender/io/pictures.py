@@ -1,7 +1,7 @@
-"""PNG frames and videos of light in flight, with the time written below each picture.
+"""PNG frames and videos of light in flight, with the time below each picture.
 
-Unless an exposure is given, late light is kept visible: the exposure grows as light fades, which
-the time's line says in stops, and the dark is lifted by a stop.
+Unless an exposure is given, it grows as the light fades, which the label says in stops, and shadows
+are lifted by a stop.
 """
 
 from __future__ import annotations
@@ -18,19 +18,20 @@ import numpy as np
 
 from ..rendering.dataset import check_dataset
 from ..runtime import checks
-from ..runtime.atomic import replacing
+from ..runtime.atomic import check_file, check_writable, replacing
 from ..runtime.progress import progress_bar
 from ..vis import Transient, growing_exposure, lit_bins, tonemap
-from .output import check_file, check_output, check_room, check_writable, output_folder
-from .parallel import for_each
+from .files import for_each
+from .output import check_output, output_folder
 
 if TYPE_CHECKING:
     import xarray as xr
 
 _LONGEST_SIDE = 4096
-_PICTURE = 1 << 10  # The least that one takes, bytes
-_MADE_UP, _LIFTED = 0.5, 1.0  # Share of the fading that exposure makes up for; stops for the dark
-_INK, _PAPER = (235, 235, 235), (16, 16, 16)
+_PICTURE = 1 << 10  # Least size of a picture [bytes]
+_COMPENSATION = 0.5  # Fraction of the fading that the exposure compensates
+_LIFT = 1.0  # Of the shadows [stops]
+_TEXT, _BACKGROUND = (235, 235, 235), (16, 16, 16)
 
 
 def save_png_frames(
@@ -49,18 +50,13 @@ def save_png_frames(
         path: The folder; it appears whole or not at all.
         exposure: Gain for all frames; None shows the 99.5th percentile of the light as white, and
             late light brighter, see `vis.growing_exposure`.
-        min_size: Smaller images are enlarged until their shorter side has so many pixels.
-        overwrite: Replace an earlier output of this package. Other content never is.
+        min_size: Enlarge smaller images until their shorter side has so many pixels.
+        overwrite: Replace an earlier output of this package; other content is never replaced.
         progress: Show a bar if it takes more than two seconds.
-
-    Returns:
-        `path`.
 
     Raises:
         ValueError: A bad exposure or size.
-        FileExistsError: `path` holds something that may not be replaced.
-        PermissionError: The place is not writable.
-        OSError: The disk is full; nothing half-written remains.
+        OSError: `path` may not be replaced or is not writable, or the disk is full.
 
     Example:
         >>> import tempfile, tofrender
@@ -73,7 +69,7 @@ def save_png_frames(
     checks.boolean("progress", progress)
     frames = _Frames(dataset, exposure, min_size)
     check_output(path, overwrite=overwrite)
-    check_room(path, _PICTURE * frames.count)
+    check_writable(path, _PICTURE * frames.count)
     digits = max(4, len(str(frames.count - 1)))
     with output_folder(path, overwrite=overwrite) as folder:
 
@@ -85,7 +81,7 @@ def save_png_frames(
 
 
 def write_png(picture: np.ndarray, path: Path) -> None:
-    """Write uint8 (height, width, 3), with the mark by which outputs of this package are known."""
+    """Write uint8 (height, width, 3), with the mark that identifies outputs of this package."""
     from PIL import Image, PngImagePlugin
 
     mark = PngImagePlugin.PngInfo()
@@ -103,26 +99,21 @@ def save_video(
     all_bins: bool = False,
     progress: bool = True,
 ) -> Path:
-    """Write a video, a frame a bin, of the bins in which it is not dark: H.264 in .mp4, or a .gif.
+    """Write a video with a frame for each bin that is not dark: H.264 in .mp4, or a .gif.
 
     Args:
         dataset: The result of `render`.
-        path: A file name that ends in .mp4 or .gif. A file that is there is replaced when the
-            new one is complete.
+        path: A file name that ends in .mp4 or .gif. An existing file is replaced when the new one
+            is complete.
         fps: Frames per second, above 0 and at most 120; at most 50 for a .gif.
-        exposure: Gain for all frames; None shows the 99.5th percentile of the light as white, and
-            late light brighter, see `vis.growing_exposure`.
-        min_size: Smaller images are enlarged until their shorter side has so many pixels.
-        all_bins: Show the dark before and after the light, see `vis.lit_bins`, too.
+        exposure: As for `save_png_frames`.
+        min_size: Enlarge smaller images until their shorter side has so many pixels.
+        all_bins: Show the dark bins before and after the light, see `vis.lit_bins`, too.
         progress: Show a bar if it takes more than two seconds.
-
-    Returns:
-        `path`.
 
     Raises:
         ValueError: A bad exposure, size, rate or suffix.
-        PermissionError: The place is not writable.
-        OSError: The disk is full; nothing half-written remains.
+        OSError: `path` is not writable, or the disk is full.
 
     Example:
         >>> import tempfile, tofrender
@@ -133,22 +124,20 @@ def save_video(
         'light.mp4'
     """
     checks.boolean("progress", progress)
-    target = check_file(path, ".mp4", ".gif", overwrite=True)
+    target = check_file(path, ".mp4", ".gif", overwrite=True, needed_bytes=_PICTURE)
     kind = target.suffix.lower()
     fastest = 50 if kind == ".gif" else 120
     fps = checks.number("fps", fps, positive=True, high=fastest)
     checks.boolean("all_bins", all_bins)
     frames = _Frames(dataset, exposure, min_size)
-    check_writable(path)
-    check_room(path, _PICTURE)
     with replacing(path) as temporary:
-        shown = slice(0, frames.count) if all_bins else lit_bins(frames.sequence.values)
-        _encode(frames, shown, temporary, kind, fps, progress)
+        bins = slice(0, frames.count) if all_bins else lit_bins(frames.sequence.values)
+        _encode(frames, bins, temporary, kind, fps, progress)
     return target
 
 
 class _Frames:
-    """Draws the picture of a bin: tone-mapped, enlarged, its time in a strip below."""
+    """Pictures of bins: tone-mapped, enlarged, with the time in a strip below."""
 
     def __init__(self, dataset: xr.Dataset, exposure: float | None, min_size: int):
         from PIL import ImageFont
@@ -158,51 +147,46 @@ class _Frames:
         self.sequence = Transient.of(dataset)
         (height, width), self.count = self.sequence.size, self.sequence.bins
         if exposure is None:
-            self.gains = growing_exposure(self.sequence.values, share=_MADE_UP)
-            self.lifted = _LIFTED
+            self.gains = growing_exposure(self.sequence.values, share=_COMPENSATION)
+            self.lift = _LIFT
         else:
-            given = checks.number("exposure", exposure, positive=True)
-            self.gains, self.lifted = np.full(self.count, given), 0.0
-        wanted = -(-min_size // min(height, width))
-        self.scale = max(1, min(wanted, _LONGEST_SIDE // max(height, width)))
+            gain = checks.number("exposure", exposure, positive=True)
+            self.gains, self.lift = np.full(self.count, gain), 0.0
+        scale = -(-min_size // min(height, width))
+        self.scale = max(1, min(scale, _LONGEST_SIDE // max(height, width)))
         self.height, self.width = height * self.scale, width * self.scale
         size = max(15, min(self.height, self.width) // 22)
+        self.font = ImageFont.load_default(size)
         label = max((self._label(index) for index in (0, self.count - 1)), key=len)
-        font = ImageFont.load_default(size)
-        self.canvas_width = _even(max(self.width, int(font.getlength(label)) + size))
-        self.canvas_height = _even(self.height + 2 * size)
-        self.font = font
+        sides = max(self.width, int(self.font.getlength(label)) + size), self.height + 2 * size
+        self.canvas_width, self.canvas_height = (side + side % 2 for side in sides)
 
     def draw(self, index: int) -> np.ndarray:
         """Frame `index`, uint8 (height, width, 3), both sides even."""
         from PIL import Image, ImageDraw
 
         linear = self.sequence.values.frame(index)
-        picture = tonemap(linear, exposure=self.gains[index], shadows=self.lifted)
+        picture = tonemap(linear, exposure=self.gains[index], shadows=self.lift)
         picture = picture.repeat(self.scale, axis=0).repeat(self.scale, axis=1)
-        image = Image.new("RGB", (self.canvas_width, self.canvas_height), _PAPER)
+        image = Image.new("RGB", (self.canvas_width, self.canvas_height), _BACKGROUND)
         image.paste(Image.fromarray(picture), ((self.canvas_width - self.width) // 2, 0))
         middle = (self.canvas_width // 2, (self.height + self.canvas_height) // 2)
         label = self._label(index)
-        ImageDraw.Draw(image).text(middle, label, fill=_INK, font=self.font, anchor="mm")
+        ImageDraw.Draw(image).text(middle, label, fill=_TEXT, font=self.font, anchor="mm")
         return np.asarray(image)
 
     def _label(self, index: int) -> str:
-        """When it is, and how much brighter than the first frame it is drawn."""
+        """Time of a bin, and the exposure relative to the first frame."""
         label = self.sequence.label(index)
         if self.gains[-1] == self.gains[0]:
             return label
         return f"{label}   +{np.log2(self.gains[index] / self.gains[0]):.1f} stops"
 
 
-def _even(length: int) -> int:
-    return length + length % 2
-
-
 def _encode(
-    frames: _Frames, shown: slice, target: Path, kind: str, fps: float, progress: bool
+    frames: _Frames, bins: slice, target: Path, kind: str, fps: float, progress: bool
 ) -> None:
-    """Pipe the frames of some bins to ffmpeg."""
+    """Pipe the frames of bins to ffmpeg."""
     import imageio_ffmpeg
 
     size = f"{frames.canvas_width}x{frames.canvas_height}"
@@ -210,13 +194,13 @@ def _encode(
     command += ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", str(fps), "-i", "pipe:0"]
     command += _FORMATS[kind] + ["-y", str(target)]
     with tempfile.TemporaryFile() as log:
-        # In a session of its own, so that Ctrl-C reaches us and not ffmpeg.
+        # In a session of its own, so that Ctrl-C reaches this process and not ffmpeg
         process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=log, stderr=log, start_new_session=True
         )
         pipe = cast(BinaryIO, process.stdin)
         try:
-            indices = range(frames.count)[shown]
+            indices = range(frames.count)[bins]
             with progress_bar("Writing video", len(indices), enabled=progress) as bar:
                 for index in indices:
                     pipe.write(frames.draw(index).tobytes())
@@ -231,11 +215,11 @@ def _encode(
                 pipe.close()
             status = process.wait()
         log.seek(0)
-        said = " ".join(log.read().decode(errors="replace").split())
+        message = " ".join(log.read().decode(errors="replace").split())
     if status:
-        if os.strerror(errno.ENOSPC) in said:
+        if os.strerror(errno.ENOSPC) in message:
             raise OSError(errno.ENOSPC, "disk full")
-        raise RuntimeError(f"ffmpeg failed with status {status}: {said}")
+        raise RuntimeError(f"ffmpeg failed with status {status}: {message}")
 
 
 _FORMATS: dict[str, list[str]] = {

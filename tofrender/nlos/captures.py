@@ -102,7 +102,7 @@ def make_capture(
         for name, given in (("laser_grid", laser_grid), ("laser_normals", laser_normals)):
             if given is not None:
                 allowed = "None, as a confocal capture has the sensor's"
-                raise ValueError(f"{name} = {checks.shown(given)}: must be {allowed}")
+                raise ValueError(f"{name} = {checks.quote(given)}: must be {allowed}")
         laser_grid, laser_normals = sensor_grid, sensor_normals
     elif mode == "single" and np.shape(laser_grid) == (3,):
         laser_grid, laser_normals = (np.reshape(v, (1, 1, -1)) for v in (laser_grid, laser_normals))
@@ -129,7 +129,7 @@ def make_capture(
         except (TypeError, ValueError):
             mask = np.array(None)
         if mask.dtype != bool or mask.ndim not in (0, 2):
-            raise ValueError(f"on_wall = {checks.shown(on_wall)}: must be bool (rows, columns)")
+            raise ValueError(f"on_wall = {checks.quote(on_wall)}: must be bool (rows, columns)")
         if not mask.all():
             variables[ON_WALL] = (_PIXELS, mask.copy())
     sizes: dict[str, int] = {}
@@ -228,7 +228,7 @@ def check_capture(dataset: Any) -> None:
     counts = attrs.get("counts_first_and_last_legs")
     if counts not in (0, 1):
         raise ValueError(
-            f"capture: attribute counts_first_and_last_legs = {checks.shown(counts)}: must be 0, 1"
+            f"capture: attribute counts_first_and_last_legs = {checks.quote(counts)}: must be 0, 1"
         )
     if counts and not all(np.isfinite(dataset[f"{d}_origin"].values).all() for d in DEVICES):
         raise ValueError(

@@ -17,9 +17,9 @@ from ..rendering.settings import RenderSettings
 from ..rendering.window import warn_of_losses
 from ..rendering.workers import require_client
 from ..runtime import backend, checks
-from ..runtime.backend import uncollected
+from ..runtime.backend import tracing_lock
 from ..runtime.checkpoints import Checkpoint
-from ..runtime.progress import hidden, status
+from ..runtime.progress import status, without_bars
 from ..scenes.fingerprint import fingerprint
 from ..scenes.packing import packed
 from .captures import MODES, first_and_last_legs, make_capture, subtract_legs
@@ -106,7 +106,7 @@ def capture(
     if client is not None:
         require_client(client)
         packed("scene", scene)  # Refuses what cannot be sent
-    with hidden(not progress), status("Tracing the relay wall"):
+    with without_bars(not progress), status("Tracing the relay wall"):
         setup = prepare_capture(
             scene, mode=mode, grid=grid, spp=spp, seed=seed, sensor=sensor, wall=relay_wall
         )
@@ -192,7 +192,7 @@ def _job_in_worker(axis: Any, **arguments: Any) -> Job:
     return _job(prepare_capture(**arguments), axis=axis)
 
 
-@uncollected()
+@tracing_lock()
 def _laser_spot(scene: mi.Scene, wall: list[mi.Shape]) -> dict[str, np.ndarray]:
     """Trace the laser spot of a single capture, and the wall's normal there."""
     ray = mi.Ray3f(*axis(find_laser(scene)))

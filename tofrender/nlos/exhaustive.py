@@ -14,9 +14,9 @@ from ..integrators.running import interrupted, made_with, run
 from ..rendering.work_items import ArrayStore
 from ..rendering.workers import check_client, render_by_workers
 from ..runtime import checks
-from ..runtime.checkpoints import Checkpoint, Kept, Within
+from ..runtime.backend import versions
+from ..runtime.checkpoints import Checkpoint, SavedState, SubCheckpoint
 from ..runtime.progress import Stop, deferred_stop, progress_bar
-from ..runtime.versions import versions
 from .device.focus import focus_laser
 from .setup import CaptureSetup, prepare_capture
 
@@ -55,8 +55,8 @@ class ExhaustiveCapture:
     def render(
         self,
         point: tuple[int, int],
-        kept: Kept | None = None,
-        checkpoint: Within | None = None,
+        kept: SavedState | None = None,
+        checkpoint: SubCheckpoint | None = None,
         stop: Stop | None = None,
         progress: bool = False,
     ) -> tuple[float, np.ndarray] | None:
@@ -128,8 +128,8 @@ class ExhaustiveCapture:
                 if done > (number + 1) * spp:  # Where equal, the film of this point was kept
                     continue
                 begun = max(0, done - number * spp)
-                state = Kept(begun, spp, 0.0, kept.arrays) if kept and begun else None
-                within = checkpoint and Within(checkpoint, number * spp, whole, arrays)
+                state = SavedState(begun, spp, 0.0, kept.arrays) if kept and begun else None
+                within = checkpoint and SubCheckpoint(checkpoint, number * spp, whole, arrays)
                 found = self.render(point, state, within, stop)
                 if found is None or (stop.requested and number + 1 < len(self.spots)):
                     again = checkpoint.again if checkpoint else ""

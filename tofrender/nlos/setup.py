@@ -63,7 +63,7 @@ def prepare_capture(
         scene = load_scene(scene, optimize=False, **_film_size(grid))
     elif grid is not None:
         raise ValueError(
-            f"grid = {checks.shown(grid)}: must be None for a loaded scene, whose film has its "
+            f"grid = {checks.quote(grid)}: must be None for a loaded scene, whose film has its "
             "size already"
         )
     require_sensor(scene)
@@ -100,7 +100,7 @@ def _film_size(grid: Any) -> dict[str, Any]:
         width, height = grid
     except (TypeError, ValueError):
         raise ValueError(
-            f"grid = {checks.shown(grid)}: must be a width and a height, for example (64, 64)"
+            f"grid = {checks.quote(grid)}: must be a width and a height, for example (64, 64)"
         ) from None
     sides = {"width": width, "height": height}
     return {

@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..paths.surfaces import is_on
-from ..runtime.backend import uncollected
+from ..runtime.backend import tracing_lock
 from ..scenes.loading import load_scene
 from .device.relay_wall import DEFAULT_ID, find_shapes
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 LAYERS = 256  # most surfaces that a ray passes on its way to a hidden one
 
 
-@uncollected()
+@tracing_lock()
 def hidden_depth(
     scene: mi.Scene | Mapping[str, Any] | str | os.PathLike[str],
     where: xr.Dataset,

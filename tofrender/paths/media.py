@@ -25,7 +25,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..scenes.media import media_of
-from ..signals.polarisation import in_world, intensity
+from ..signals.polarisation import bsdf_to_world, intensity
 from .flight import Flight, channel_probabilities, sample_channel, value_in
 from .phases import Phases, as_surface
 from .protocols import Scattering
@@ -222,7 +222,7 @@ class Media:
             if flight.mueller is None:
                 flight.weight *= dr.select(at_surface & transmits, factor, 1)
             else:
-                factor = in_world(si, mi.Spectrum(factor), -si.wi, si.wi)
+                factor = bsdf_to_world(si, mi.Spectrum(factor), -si.wi, si.wi)
                 product = extend(flight.mueller, factor)
                 flight.mueller = dr.select(at_surface & transmits, product, flight.mueller)
             crosses |= at_surface & transmits

@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..scenes.media import FLAKES, RAYLEIGH, has_flakes
-from ..signals.polarisation import depolarised, rayleigh
+from ..signals.polarisation import depolarise, rayleigh
 from .protocols import Scattering
 from .records import BSDFEval, BSDFSample, Connection, MediumPoint, Path, Vertex
 
@@ -147,7 +147,7 @@ class Phases:
 
     def _scattered(self, f: Any, mei: mi.MediumInteraction3f, wo: mi.Vector3f) -> Any:
         """Return the Mueller matrix of scattering: a depolariser, or Rayleigh's."""
-        factor = depolarised(f)
+        factor = depolarise(f)
         comes, goes = (mei.wi, wo) if self.importance else (wo, mei.wi)
         for medium in self.polarising:
             here = mei.medium == mi.MediumPtr(medium)

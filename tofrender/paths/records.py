@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 import drjit as dr
 import mitsuba as mi
 
-from ..signals.polarisation import extended, unit_throughput
+from ..signals.polarisation import multiply_throughput, unit_throughput
 
 H = TypeVar("H")
 """History that an endpoint keeps of a path."""
@@ -138,7 +138,7 @@ def extend(throughput: Any, factor: Any, importance: bool = False) -> Any:
     A path from the sensor puts new factors on the right, one from a light (`importance`) on the
     left, which matters where they are Mueller matrices.
     """
-    return extended(throughput, factor, importance)
+    return multiply_throughput(throughput, factor, importance)
 
 
 def _widened(throughput: Any, zero: mi.Float) -> Any:

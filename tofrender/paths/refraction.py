@@ -117,7 +117,7 @@ def _index_of_part(bsdf: mi.BSDF, way: mi.BSDFFlags) -> float:
     return float(found) or 1.0
 
 
-@backend.uncollected()
+@backend.tracing_lock()
 def index_around(scene: mi.Scene, sensor: mi.Sensor) -> float:
     """Index of refraction of what a sensor is in, 1 in vacuum and air.
 

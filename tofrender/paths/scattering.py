@@ -7,7 +7,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..signals.polarisation import in_world, intensity
+from ..signals.polarisation import bsdf_to_world, intensity
 from .choices import Choices
 from .records import BSDFEval, BSDFSample, Connection, Path, Vertex
 from .refraction import Glass
@@ -60,11 +60,14 @@ class Materials:
         si, bsdf, wo = vertex.si, self.bsdf(vertex), vertex.si.to_local(direction)
         if self.importance:
             f, pdf_reverse = self._adjoint(bsdf, si, wo, active)
-            f = in_world(si, f, si.wi, wo)
+            f = bsdf_to_world(si, f, si.wi, wo)
             pdf = bsdf.pdf(self.radiance, si, wo, active)
         else:
             f, pdf = bsdf.eval_pdf(self.radiance, si, wo, active)
-            f, pdf_reverse = in_world(si, f, wo, si.wi), self._pdf_reverse(bsdf, si, wo, active)
+            f, pdf_reverse = (
+                bsdf_to_world(si, f, wo, si.wi),
+                self._pdf_reverse(bsdf, si, wo, active),
+            )
         return BSDFEval(f, pdf, self._index_behind(bsdf, si, wo, active), pdf_reverse)
 
     def sample(
@@ -86,7 +89,7 @@ class Materials:
             wo = si.to_local(connection.direction)
             f, pdf, bs, weight = bsdf.eval_pdf_sample(self.radiance, si, wo, xi, u, active)
             η = self._index_behind(bsdf, si, wo, connection.active)
-            f = in_world(si, f, wo, si.wi)
+            f = bsdf_to_world(si, f, wo, si.wi)
             bsdf_eval = BSDFEval(f, pdf, η, self._pdf_reverse(bsdf, si, wo, connection.active))
         specular = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
         null = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Null)
@@ -99,9 +102,9 @@ class Materials:
                 weight * _specular_adjoint(si, bs.wo, bs.eta),
                 dr.select(smooth, f / bs.pdf, 0),
             )
-            weight = in_world(si, weight, si.wi, bs.wo)
+            weight = bsdf_to_world(si, weight, si.wi, bs.wo)
         else:
-            weight = in_world(si, weight, bs.wo, si.wi)
+            weight = bsdf_to_world(si, weight, bs.wo, si.wi)
             if self.choices is not None:
                 weight *= self.choices.change(bsdf, bs.pdf, specular)
             pdf_reverse = self._pdf_reverse(bsdf, si, bs.wo, active & ~specular)

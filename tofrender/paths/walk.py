@@ -31,7 +31,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..films.contribution import Contribution
-from ..signals.polarisation import intensity, received, summed
+from ..signals.polarisation import apply_throughput, intensity, summed
 from .protocols import FurtherConnections, Measurement, MediumConnections, Parts
 from .records import BSDFEval, Connection, Path, Vertex, extend
 
@@ -176,7 +176,7 @@ def add_emission(path: Path, vertex: Vertex, parts: Parts, measurement: Measurem
     active = hit.active
     if limits.skip_first_hit:
         active &= path.valid_ray | ~vertex.valid
-    emitted = received(path.β * hit.mis_weight, hit.radiance)
+    emitted = apply_throughput(path.β * hit.mis_weight, hit.radiance)
     path.not_finite += accumulate(measurement, Contribution(emitted, path.opl, active))
     return path
 
@@ -271,7 +271,7 @@ def _contribution(
     throughput = extend(throughput, bsdf_eval.f, endpoint.importance)
     if connection.frame is not None:
         throughput = extend(throughput, connection.frame, endpoint.importance)
-    spectrum = received(throughput, connection.weight)
+    spectrum = apply_throughput(throughput, connection.weight)
     η = path.η * bsdf_eval.η
     opl = dr.fma(η, connection.length, path.opl)
     if endpoint.importance:  # η is relative to that around the light, the sensor's is known

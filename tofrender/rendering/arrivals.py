@@ -14,8 +14,8 @@ from ..films.contribution import Contribution
 from ..integrators.plan import Plan
 from ..paths.camera import sample_camera, sampled_size
 from ..runtime import checks
-from ..runtime.backend import uncollected
-from ..runtime.progress import shown
+from ..runtime.backend import tracing_lock
+from ..runtime.progress import with_status
 from ..signals.polarisation import intensity
 
 if TYPE_CHECKING:
@@ -93,8 +93,8 @@ class Arrivals:
         return int(self.hits[overlaps].sum())
 
 
-@shown("Looking for light")
-@uncollected()
+@with_status("Looking for light")
+@tracing_lock()
 def find_arrivals(plan: Plan, sensor: mi.Sensor, film: TransientHDRFilm, seed: int) -> Arrivals:
     """Trace 16384 paths through random pixels of a film's crop and note when light arrives."""
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})

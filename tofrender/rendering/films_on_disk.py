@@ -120,7 +120,7 @@ def require_whole(film: Path, listed: bool = True) -> None:
             ) from None
         if wrong:
             raise ValueError(
-                f"path = {film}: {file.relative_to(film)} has the codec {checks.shown(wrong[0])}; "
+                f"path = {film}: {file.relative_to(film)} has the codec {checks.quote(wrong[0])}; "
                 f"must be one of {', '.join(sorted(CODECS))}"
             )
     if not listed:

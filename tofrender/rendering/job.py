@@ -20,8 +20,8 @@ from ..films.recording import Recording, recording, warn_not_finite
 from ..integrators.plan import Plan
 from ..integrators.user_defined import is_user_defined
 from ..runtime import checks, memory, plugins
+from ..runtime.backend import versions
 from ..runtime.checkpoints import Checkpoint
-from ..runtime.versions import versions
 from ..scenes.fingerprint import fingerprint
 from .arrivals import LAST_OPL, Arrivals, find_arrivals
 from .dataset import check_dataset, components_of, coordinates, require_finite, transient_dataset
@@ -309,7 +309,7 @@ def sampler_for(camera: mi.Sensor, sampler: object, spp: int | None, first: int 
         points.set_sample_count(count - first)
         return points
     kind = DEFAULT_SAMPLER if sampler is None else checks.one_of("sampler", sampler, SAMPLERS)
-    return mi.load_dict({"type": plugins.own_name(kind), "sample_count": count - first})
+    return mi.load_dict({"type": plugins.qualified_name(kind), "sample_count": count - first})
 
 
 def _samples_of(resume: Any) -> int:

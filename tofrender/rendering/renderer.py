@@ -12,7 +12,7 @@ import mitsuba as mi
 
 from ..runtime import backend, checks
 from ..runtime.checkpoints import Checkpoint
-from ..runtime.progress import hidden, status
+from ..runtime.progress import status, without_bars
 from ..runtime.withheld import Withheld
 from ..scenes.checking import check_scene
 from ..scenes.loading import is_steady, load_plugin, load_scene, require_light, require_sensor
@@ -209,8 +209,8 @@ def render(
     if params is not None:
         for name, value in arguments.items():
             if name not in WITH_PARAMS and value is not None and value is not False:
-                raise ValueError(f"{name} = {checks.shown(value)}: must be left out with `params`")
-        with hidden(not progress):
+                raise ValueError(f"{name} = {checks.quote(value)}: must be left out with `params`")
+        with without_bars(not progress):
             return _render_attached(scene, params, spp, seed, integrator, sensor)
     arguments["bins"] = either("bins", bins, temporal_bins)
     record = RenderSettings(**{each.name: arguments[each.name] for each in fields(RenderSettings)})
@@ -223,7 +223,7 @@ def render(
         raise ValueError("resume: must be left out with `out` and with workers; see `merge`")
     if by_workers:
         packed("scene", scene)  # Refuses what cannot be sent
-    with hidden(not progress), status("Rendering"):
+    with without_bars(not progress), status("Rendering"):
         job = make_job(record)
         given = nullcontext(client) if client is not None else workers_for(workers, scheduler)
         with given as client:

@@ -65,11 +65,11 @@ def start_and_width(window: object, bins: int, name: str = "window") -> tuple[fl
     try:
         start, stop = ends
     except (TypeError, ValueError):
-        given = checks.shown(window)
+        given = checks.quote(window)
         raise ValueError(f"{name} = {given}: must be 'auto' or (start, stop) in metres") from None
     start, stop = checks.metres(f"{name}[0]", start), checks.metres(f"{name}[1]", stop)
     if not start < stop < start + checks.MAX_OPL:
-        given = checks.shown(window)
+        given = checks.quote(window)
         raise ValueError(f"{name} = {given}: must end after it starts, and not at infinity")
     return start, (stop - start) / bins
 
@@ -95,7 +95,7 @@ def _check_pulse_width(name: str, value: object) -> None:
 
 def _check_size(name: str, value: object) -> None:
     if not isinstance(value, tuple | list) or len(value) != 2:
-        raise ValueError(f"{name} = {checks.shown(value)}: must be (width, height) in pixels")
+        raise ValueError(f"{name} = {checks.quote(value)}: must be (width, height) in pixels")
     for side in value:
         checks.integer(name, side, 1, checks.MAX_SIZE)
 
@@ -182,7 +182,7 @@ class RenderSettings:
             for name in FIXED_WHEN_LOADED:
                 value = getattr(self, name)
                 if value is not None and not (isinstance(value, Mapping) and not value):
-                    shown = name if name == "settings" else f"{name} = {checks.shown(value)}"
+                    shown = name if name == "settings" else f"{name} = {checks.quote(value)}"
                     raise ValueError(
                         f"{shown}: must be left out with a loaded scene, which cannot be changed"
                     )

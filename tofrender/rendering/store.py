@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..runtime import atomic, checks
-from ..runtime.progress import shown
+from ..runtime.progress import with_status
 from .dataset import DIMS, ERRORS, check_dataset, in_channels, of_intensity, plain_attributes
 from .films_on_disk import checksum, list_files, load_zarr, require_zarr
 from .labels import TIME, labels_of
@@ -111,7 +111,7 @@ class Store:
             raise atomic.disk_full(self.folder, result.arrays["transient"].nbytes) from None
         files = {}
         for name in self._files(item):
-            atomic.to_disk(self.film / name)
+            atomic.sync(self.film / name)
             files[name] = checksum(self.film / name)
         steady, transient = (
             float(of_intensity(result.arrays[name]).sum(dtype=np.float64))
@@ -196,12 +196,12 @@ def put_in_place(folder: Path, target: Path, arrays: Iterable[str] = DIMS | ERRO
         warnings.filterwarnings("ignore", "Consolidated metadata is currently not part")
         require_zarr().consolidate_metadata(folder)
     list_files(folder, arrays)
-    atomic.to_disk(folder)
+    atomic.sync(folder)
     os.rename(folder, target)
-    atomic.to_disk(target.parent, deep=False)
+    atomic.sync(target.parent, deep=False)
 
 
-@shown("Writing Zarr")
+@with_status("Writing Zarr")
 def save_zarr(dataset: xr.Dataset, path: str | os.PathLike[str]) -> xr.Dataset:
     """Write a Dataset of `render` as a film on disk, tile by tile.
 
@@ -259,7 +259,7 @@ def check_film(out: object, name: str = "out") -> Path:
 
 def under_way(out: str | os.PathLike[str]) -> Path:
     """Folder of a film that streams to `out`, until it is finished."""
-    return atomic.hidden(out, ".film")
+    return atomic.sibling(out, ".film")
 
 
 def _create(

@@ -96,7 +96,7 @@ def _require_room(folder: Path, shape: tuple[int, int, int, int], films: int) ->
     height, width, bins, channels = shape
     needed = 4 * films * height * width * (bins + 1) * channels
     there = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
-    if shutil.disk_usage(atomic.nearest_folder(folder)).free < needed - there:
+    if shutil.disk_usage(atomic.existing_parent(folder)).free < needed - there:
         raise atomic.disk_full(folder, needed)
 
 

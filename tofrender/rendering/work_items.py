@@ -22,7 +22,7 @@ from ..integrators.passes import Part, steps
 from ..integrators.running import UNIT, interrupted, run, stopped
 from ..paths.camera import Tile
 from ..runtime import memory
-from ..runtime.checkpoints import Checkpoint, Kept, Within
+from ..runtime.checkpoints import Checkpoint, SavedState, SubCheckpoint
 from ..runtime.progress import deferred_stop, progress_bar
 from .errors import Scatter, parts_of, seed_of
 
@@ -169,7 +169,9 @@ def render_item(
 class _Samples:
     """Samples of a work item from one point set: `steps` records them on a film of its own."""
 
-    def __init__(self, job: Job, item: WorkItem, seed: int | mi.UInt32, saved: Kept | None) -> None:
+    def __init__(
+        self, job: Job, item: WorkItem, seed: int | mi.UInt32, saved: SavedState | None
+    ) -> None:
         film, tile = _film_of(job.film, item)
         self.record, self._item, self._tile = job.recording(film), item, tile
         points = job.points()
@@ -190,7 +192,7 @@ def _render_in_parts(
     job: Job,
     item: WorkItem,
     checkpoint: Checkpoint | None,
-    saved: Kept | None,
+    saved: SavedState | None,
     resumed: int,
     progress: bool,
 ) -> WorkResult:
@@ -207,14 +209,14 @@ def _render_in_parts(
             if checkpoint is not None:
                 state = scatter.state() if scatter else {}
                 state["not_finite_before"] = np.array(not_finite)
-                within = Within(checkpoint, before, item.count, state)
+                within = SubCheckpoint(checkpoint, before, item.count, state)
             if stop.requested:
                 if within is not None:
                     within.save(0, count, {})
                 break
             begun = None
             if saved and part == first and before < saved.done:
-                begun = Kept(saved.done - before, count, 0.0, saved.arrays)
+                begun = SavedState(saved.done - before, count, 0.0, saved.arrays)
             seed = seed_of(job.settings.seed, item.first, part)
             samples = _Samples(job, replace(item, first=0, count=count), seed, begun)
             done = run(

@@ -22,7 +22,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..runtime import backend, checks
-from ..runtime.versions import versions
+from ..runtime.backend import versions
 from ..scenes.packing import packed, unpacked
 from .settings import MAX_WORKERS, SETTINGS
 from .store import Store
@@ -198,7 +198,7 @@ def require_client(client: object) -> Any:
     kind = require_distributed().Client
     found = checks.instance("client", client, kind, "a distributed.Client")
     if found.asynchronous or found.status != "running":
-        raise ValueError(f"client = {checks.shown(found)}: must be connected, and not asynchronous")
+        raise ValueError(f"client = {checks.quote(found)}: must be connected, and not asynchronous")
     return found
 
 

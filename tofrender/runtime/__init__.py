@@ -1,1 +1,1 @@
-"""What everything stands on: the machine and its variants, checks, memory, progress, names."""
+"""Base layer: variants and plugins of Mitsuba, checks, memory, files, progress, figures."""

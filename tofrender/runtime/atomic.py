@@ -1,4 +1,4 @@
-"""Write whole or not at all: a temporary sibling that takes its target's place on success."""
+"""Atomic output: a temporary file or folder that replaces its target on success; locks, checks."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ except ImportError:  # Windows has no such locks
 
 TEMPORARY_PREFIX = ".tofrender-"
 _ASIDE = "-earlier-"
+_ALLOWED = "must lie in a folder that you may write to"
 DISK_FULL = {errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC)}
 
 
@@ -33,20 +34,16 @@ def replacing(
     """Yield a hidden temporary path beside `path` that becomes `path` when the block succeeds.
 
     Whatever ends the block early (an error, a full disk, Ctrl-C) removes the temporary and leaves
-    an earlier `path` as it was. The temporary keeps the suffix of `path`, and missing parent
-    folders are made. What was written is on the disk before it takes its place. A folder takes that
-    of another in one exchange where the system has that; elsewhere the other is moved aside first.
+    an earlier `path` as it was. The temporary keeps the suffix of `path`, missing parent folders
+    are made, and the content is on the disk before it is renamed. A folder replaces another in one
+    exchange where the system has that; elsewhere the other is moved aside first.
 
     Args:
         path: File or folder to write. A symbolic link is followed, not replaced.
         folder: Yield an empty folder instead of the name of a file that does not exist yet.
         needed_bytes: Size to name when the disk is full [bytes].
 
-    Yields:
-        The path to write to.
-
     Raises:
-        ValueError: An argument is wrong; one line.
         OSError: The disk is full; one line that names `path` and the bytes needed and free.
 
     Example:
@@ -62,13 +59,13 @@ def replacing(
     if needed_bytes is not None:
         checks.integer("needed_bytes", needed_bytes, 0, sys.maxsize)
     target.parent.mkdir(parents=True, exist_ok=True)
-    temporary = hidden(target, f"-{secrets.token_hex(4)}{target.suffix}")
+    temporary = sibling(target, f"-{secrets.token_hex(4)}{target.suffix}")
     try:
         if folder:
             temporary.mkdir()
         yield temporary
-        to_disk(temporary)
-        _take_place(temporary, target)
+        sync(temporary)
+        _move_into_place(temporary, target)
     except OSError as error:
         if error.errno not in DISK_FULL:
             raise
@@ -78,41 +75,36 @@ def replacing(
         remove(temporary)
 
 
-def hidden(path: str | os.PathLike, ending: str) -> Path:
-    """A hidden name beside `path` that belongs to it, whatever the length of its own."""
+def sibling(path: str | os.PathLike, ending: str) -> Path:
+    """Hidden name beside `path`, unique to it, whatever the length of its own name."""
     target = Path(os.path.realpath(path))
     digest = hashlib.sha256(os.fsencode(target.name)).hexdigest()[:8]
     return target.with_name(f"{TEMPORARY_PREFIX}{digest}{ending}")
 
 
 def remove_leftovers(path: str | os.PathLike) -> None:
-    """Remove what writers of `path` that were killed have left beside it.
+    """Remove temporary files of killed writers of `path`, and restore a folder moved aside.
 
-    A folder that one of them had moved aside goes back. None may be at work: hold the lock.
+    No other writer may be at work: hold the lock.
     """
     target = Path(os.path.realpath(path))
-    for left in target.parent.glob(f"{hidden(path, '').name}-*"):
-        if left.name.startswith(hidden(path, _ASIDE).name) and not target.exists():
-            os.rename(left, target)
+    for leftover in target.parent.glob(f"{sibling(path, '').name}-*"):
+        if leftover.name.startswith(sibling(path, _ASIDE).name) and not target.exists():
+            os.rename(leftover, target)
         else:
-            remove(left)
+            remove(leftover)
 
 
 @contextmanager
 def locked(path: str | os.PathLike, name: str = "path") -> Iterator[None]:
-    """Be the only one that writes `path`, which need not exist; an error calls it `name`.
+    """Hold the lock on writing `path`, which need not exist; an error calls it `name`.
 
-    Where a file system or system has no locks, nobody is kept out.
+    Without effect where the system or the file system has no locks.
 
     Raises:
-        FileExistsError: Another process holds the lock; one line.
-
-    Example:
-        >>> import tempfile
-        >>> with locked(tempfile.mkdtemp() + "/film"):
-        ...     pass
+        FileExistsError: Another process holds the lock.
     """
-    lock = hidden(path, ".lock")
+    lock = sibling(path, ".lock")
     lock.parent.mkdir(parents=True, exist_ok=True)
     file = _lock(path, name, lock)
     try:
@@ -142,12 +134,41 @@ def _lock(path: str | os.PathLike, name: str, lock: Path) -> int:
         os.close(file)
 
 
-def check_writable(path: str | os.PathLike) -> None:
-    """Refuse a place where nothing can be made, by trying (modes say nothing to root).
+def check_file(
+    path: str | os.PathLike,
+    *suffixes: str,
+    overwrite: bool,
+    name: str = "path",
+    needed_bytes: int = 0,
+) -> Path:
+    """Require a file name with one of the suffixes, if any are given, that can be written.
 
     Raises:
-        PermissionError: Nothing may be made there; one line.
-        OSError: There is no room for another file; one line.
+        ValueError: Another suffix.
+        OSError: The file is a folder, exists without `overwrite`, or see `check_writable`.
+
+    Example:
+        >>> check_file("a.jpg", ".png", ".pdf", ".svg", overwrite=True)
+        Traceback (most recent call last):
+        ValueError: path = a.jpg: must be a file name that ends in .png, .pdf or .svg
+    """
+    target = checks.path(name, path)
+    overwrite = checks.boolean("overwrite", overwrite)
+    if suffixes and target.suffix.lower() not in suffixes:
+        allowed = " or ".join(filter(None, [", ".join(suffixes[:-1]), suffixes[-1]]))
+        raise ValueError(f"{name} = {path}: must be a file name that ends in {allowed}")
+    if os.path.isdir(target):
+        raise FileExistsError(f"{name} = {path}: is a folder; must be the name of a file")
+    if os.path.exists(target) and not overwrite:
+        raise FileExistsError(f"{name} = {path}: exists; must be new, or pass overwrite=True")
+    check_writable(path, needed_bytes)
+    return target
+
+
+def check_writable(path: str | os.PathLike, needed_bytes: int = 0) -> None:
+    """Raise a PermissionError or OSError if `path` cannot be created, or its disk is too full.
+
+    By trying: permission bits do not apply to root.
     """
     try:
         os.stat(path)
@@ -155,24 +176,24 @@ def check_writable(path: str | os.PathLike) -> None:
         pass
     except OSError as error:  # A loop of links, say
         raise PermissionError(
-            f"path = {path}: cannot be written ({error.strerror}); must lie in a folder that you "
-            "may write to"
+            f"path = {path}: cannot be written ({error.strerror}); {_ALLOWED}"
         ) from None
-    parent = nearest_folder(path)
+    parent = existing_parent(path)
     try:
         os.rmdir(tempfile.mkdtemp(".probe", TEMPORARY_PREFIX, parent))
     except OSError as error:
         if error.errno in DISK_FULL:
             raise disk_full(path, None) from None
         raise PermissionError(
-            f"path = {path}: cannot write in {parent} ({error.strerror}); "
-            "must lie in a folder that you may write to"
+            f"path = {path}: cannot write in {parent} ({error.strerror}); {_ALLOWED}"
         ) from None
+    if shutil.disk_usage(parent).free < needed_bytes:
+        raise disk_full(path, needed_bytes)
 
 
 def disk_full(path: str | os.PathLike, needed_bytes: int | None) -> OSError:
-    """The one-line error for a disk without room for `needed_bytes` at `path`."""
-    folder = nearest_folder(path)
+    """Make the error for a disk without space for `needed_bytes` at `path`."""
+    folder = existing_parent(path)
     free = f"{readable(shutil.disk_usage(folder).free)} is free"
     if hasattr(os, "statvfs"):
         disk = os.statvfs(folder)
@@ -185,7 +206,7 @@ def disk_full(path: str | os.PathLike, needed_bytes: int | None) -> OSError:
 
 
 def readable(count: float) -> str:
-    """A number of bytes in a readable unit."""
+    """Format a number of bytes with a binary unit."""
     for unit in ("bytes", "KiB", "MiB", "GiB"):
         if count < 1024:
             return f"{count:.4g} {unit}"
@@ -193,29 +214,26 @@ def readable(count: float) -> str:
     return f"{count:.4g} TiB"
 
 
-def nearest_folder(path: str | os.PathLike) -> Path:
-    """The closest parent of `path` that exists."""
-    parent = Path(os.path.realpath(path)).parent
-    while not os.path.exists(parent):
-        parent = parent.parent
-    return parent
+def existing_parent(path: str | os.PathLike) -> Path:
+    """Closest parent of `path` that exists."""
+    return next(each for each in Path(os.path.realpath(path)).parents if os.path.exists(each))
 
 
 def remove(path: Path) -> None:
-    """Remove a file or a folder with all that is in it, if it is there."""
+    """Remove a file or a folder with its content, if it exists."""
     if path.is_dir():
         shutil.rmtree(path, ignore_errors=True)
     else:
         path.unlink(missing_ok=True)
 
 
-def to_disk(path: Path, deep: bool = True) -> None:
-    """Wait until a file, or a folder with all that is in it if `deep`, is on the disk."""
+def sync(path: Path, deep: bool = True) -> None:
+    """Wait until a file, or a folder with its content if `deep`, is on the disk."""
     is_folder = path.is_dir()
     if is_folder and deep:
         for child in path.iterdir():
-            to_disk(child)
-    if is_folder and os.name == "nt":  # It opens none
+            sync(child)
+    if is_folder and os.name == "nt":  # Windows opens no folders
         return
     file = os.open(path, os.O_RDONLY if os.name != "nt" else os.O_RDWR)
     try:
@@ -224,7 +242,7 @@ def to_disk(path: Path, deep: bool = True) -> None:
         os.close(file)
 
 
-def _take_place(temporary: Path, target: Path) -> None:
+def _move_into_place(temporary: Path, target: Path) -> None:
     if not temporary.is_dir():
         os.replace(temporary, target)
     elif not target.exists():
@@ -234,22 +252,22 @@ def _take_place(temporary: Path, target: Path) -> None:
         if not _exchange(temporary, target):
             _move_aside(temporary, target)
     with suppress(OSError):
-        to_disk(target.parent, deep=False)
+        sync(target.parent, deep=False)
 
 
 def _exchange(one: Path, other: Path) -> bool:
-    """Let two folders swap their places in one step; False where the system cannot."""
+    """Swap two folders in one step; False where the system cannot."""
     if not sys.platform.startswith("linux"):
         return False
-    exchange = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
-    here, swap = -100, 2
-    names = os.fsencode(one), os.fsencode(other)
-    return exchange is not None and exchange(here, names[0], here, names[1], swap) == 0
+    renameat2 = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
+    at_fdcwd, rename_exchange = -100, 2
+    names = at_fdcwd, os.fsencode(one), at_fdcwd, os.fsencode(other)
+    return renameat2 is not None and renameat2(*names, rename_exchange) == 0
 
 
 def _move_aside(temporary: Path, target: Path) -> None:
     """Replace a folder in two steps, with a way back."""
-    aside = hidden(target, f"{_ASIDE}{secrets.token_hex(4)}")
+    aside = sibling(target, f"{_ASIDE}{secrets.token_hex(4)}")
     try:
         os.rename(target, aside)
         os.rename(temporary, target)

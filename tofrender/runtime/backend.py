@@ -4,83 +4,81 @@ from __future__ import annotations
 
 import atexit
 import gc
+import json
 import os
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.metadata import version
 from typing import Any
 
 from . import checks, llvm, memory, plugins
 from .progress import held_signals
 
-START = 480 << 20
-"""Address space that Python, Mitsuba, Dr.Jit and LLVM take before anything is rendered [bytes]."""
+# Address space [bytes] of Python, Mitsuba, Dr.Jit and LLVM, and of each of Dr.Jit's threads
+START, THREAD = 480 << 20, 8 << 20
 
-THREAD = 8 << 20
-"""Address space of each of Dr.Jit's threads, one a core [bytes]."""
-
-
+# With one thread, Mitsuba waits forever for pictures that it reads or writes
 LEAST_THREADS = 2
-"""With one, Mitsuba waits forever for pictures that it reads or writes: the waiter blocks it."""
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """Number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager
-def uncollected() -> Iterator[None]:
-    """Let Python's garbage collector and other threads wait while a kernel is traced.
+def tracing_lock() -> Iterator[None]:
+    """Pause garbage collection and lock out other threads while a kernel is traced.
 
-    A scene that nobody holds any more may live in a cycle until it is collected. Dr.Jit calls the
-    parts of all scenes that live: if one goes in the middle, equal functions of one kernel are
-    called in two ways, written twice, and LLVM ends the process ("invalid redefinition"). If one
-    is loaded in the middle, parts that are not finished are called. So threads take turns, and
-    scenes that another thread drops go before the next turn.
+    An unused scene may live in a cycle until it is collected. Dr.Jit's virtual calls reach the
+    parts of all living scenes: if one is collected in the middle, equal functions of one kernel are
+    called in two ways, written twice, and LLVM aborts the process ("invalid redefinition"). If one
+    is loaded in the middle, unfinished parts are called. So threads trace one after the other, and
+    scenes that another thread has dropped are freed in between.
 
-    Also a decorator, for loading, too. One thread may enter it several times.
+    Also a decorator, and used for loading, too. One thread may enter it several times.
     """
-    global _turns
-    with _turn:
-        if not _turns:
-            _let_go()
-        _turns += 1
-        collects = gc.isenabled()
+    global _tracing_depth
+    with _tracing_lock:
+        if not _tracing_depth:
+            _free_unused_scenes()
+        _tracing_depth += 1
+        was_enabled = gc.isenabled()
         gc.disable()
         try:
             yield
         finally:
-            _turns -= 1
-            if collects:
+            _tracing_depth -= 1
+            if was_enabled:
                 gc.enable()
 
 
-_turn, _turns = threading.RLock(), 0
-_scenes: list[Any] = []
+_tracing_lock, _tracing_depth = threading.RLock(), 0
+_scenes: list[Any] = []  # Loaded by threads beside the main one
 atexit.register(_scenes.clear)
 
 
-def hold(scene: Any) -> None:
-    """Let a scene that a thread beside the main one has loaded live until no kernel is traced."""
+def keep_alive(scene: Any) -> None:
+    """Keep a scene alive that a second thread has loaded, until no kernel is traced."""
     if threading.current_thread() is not threading.main_thread():
         _scenes.append(scene)
 
 
-def _let_go() -> None:
-    """Drop scenes that nobody else holds: as many references as to an object held here alone."""
+def _free_unused_scenes() -> None:
+    """Drop scenes with as many references as an object that is referenced here alone."""
     alone = [object()]
     counts = [[sys.getrefcount(each) for each in held] for held in (alone, _scenes)]
     _scenes[:] = [s for s, count in zip(_scenes, counts[1], strict=True) if count > counts[0][0]]
 
 
 class BackendError(RuntimeError):
-    """No variant can render here; the message is one line with the command that mends it."""
+    """No variant can render here; the message is one line with the command that helps."""
 
 
 def activate(variant: str | None = None) -> str:
-    """Make sure that a usable Mitsuba variant is active and our plugins are registered in it.
+    """Activate a Mitsuba variant that works here, with our plugins registered in it.
 
     Args:
         variant: The variant to switch to. None keeps the one that is active; if there is none,
@@ -99,7 +97,7 @@ def activate(variant: str | None = None) -> str:
     """
     _require_address_space()
     _offer_llvm()
-    with held_signals():  # An import of theirs that is interrupted hangs or aborts later
+    with held_signals():  # An interrupted import of theirs hangs or aborts later
         import drjit as dr
         import mitsuba as mi
 
@@ -110,29 +108,21 @@ def activate(variant: str | None = None) -> str:
     if _on_variant_change not in _callbacks:
         _callbacks.append(_on_variant_change)
         mi.detail.add_variant_callback(_on_variant_change)
-    if variant is None and mi.variant() is None:
-        variant = "cuda_ad_rgb" if cuda_works() else "llvm_ad_rgb"
-    if variant is not None and variant.startswith("llvm"):
+    chosen: str = variant or mi.variant() or ("cuda_ad_rgb" if cuda_works() else "llvm_ad_rgb")
+    if chosen.startswith("llvm"):
         require_llvm()
-    if variant is not None and variant.startswith("cuda") and not cuda_works():
+    if variant is not None and chosen.startswith("cuda") and not cuda_works():
         raise BackendError(
-            f"variant = {variant!r}: no CUDA device or driver found; use an llvm_* variant"
+            f"variant = {chosen!r}: no CUDA device or driver found; use an llvm_* variant"
         )
-    if variant is not None and variant != mi.variant():
-        mi.set_variant(variant)
-    active = str(mi.variant())
-    if active.startswith("llvm"):
-        require_llvm()
-    plugins.register(active)
-    return active
+    if chosen != mi.variant():
+        mi.set_variant(chosen)
+    plugins.register(chosen)
+    return chosen
 
 
 def require_unpolarised() -> None:
-    """Refuse variants with polarisation, whose light files and some pictures cannot hold.
-
-    Raises:
-        BackendError: One line that says what can.
-    """
+    """Raise a BackendError under polarised variants, for files that hold no Stokes vectors."""
     import mitsuba as mi
 
     if mi.is_polarized:
@@ -144,11 +134,7 @@ def require_unpolarised() -> None:
 
 
 def require_vectorised() -> None:
-    """Refuse to render under a scalar variant, or under none.
-
-    Raises:
-        BackendError: One line that says which call helps.
-    """
+    """Raise a BackendError under a scalar variant, or under none."""
     import mitsuba as mi
 
     variant = mi.variant()
@@ -159,6 +145,16 @@ def require_vectorised() -> None:
         )
 
 
+def versions() -> str:
+    """Versions of this package, Mitsuba and Dr.Jit, as JSON."""
+    import mitsuba as mi
+
+    from .. import __version__
+
+    found = {"tofrender": __version__, "mitsuba": mi.__version__, "drjit": version("drjit")}
+    return json.dumps(found)
+
+
 def cuda_works() -> bool:
     """Whether Dr.Jit can use a CUDA device on this machine."""
     import drjit as dr
@@ -167,35 +163,28 @@ def cuda_works() -> bool:
 
 
 def require_llvm() -> None:
-    """Refuse an LLVM that would abort the process at the first kernel.
-
-    Raises:
-        BackendError: One line: what was found and the command that mends it.
-    """
+    """Raise a BackendError if the loaded LLVM would abort the process at the first kernel."""
     import drjit as dr
 
-    library = llvm.choose()
-    if not dr.has_backend(dr.JitBackend.LLVM):
-        raise BackendError(
-            llvm.refusal()
-            if library is None
-            else f"{library.path}: Dr.Jit cannot load this LLVM; run `tofrender doctor`"
-        )
-    major = dr.detail.llvm_version()[0]
-    if major < llvm.MINIMUM_MAJOR:
-        raise BackendError(
-            llvm.refusal()
-            if library is None
-            else f"Dr.Jit has loaded LLVM {major}, must be {llvm.MINIMUM_MAJOR} or newer: import "
-            f"tofrender before mitsuba and drjit, or set {llvm.VARIABLE}={library.path}"
-        )
+    library, loads = llvm.choose(), dr.has_backend(dr.JitBackend.LLVM)
+    major = dr.detail.llvm_version()[0] if loads else 0
+    if major >= llvm.MINIMUM_MAJOR:
+        return
+    if library is None:
+        raise BackendError(llvm.refusal())
+    if not loads:
+        raise BackendError(f"{library.path}: Dr.Jit cannot load this LLVM; run `tofrender doctor`")
+    raise BackendError(
+        f"Dr.Jit has loaded LLVM {major}, must be {llvm.MINIMUM_MAJOR} or newer: import tofrender "
+        f"before mitsuba and drjit, or set {llvm.VARIABLE}={library.path}"
+    )
 
 
 _callbacks: list = []
 
 
 def _require_address_space() -> None:
-    """Refuse a limit under which Mitsuba's import would abort, or crash at the first kernel."""
+    """Raise a BackendError if `ulimit -v` would abort Mitsuba's import or the first kernel."""
     if "drjit" in sys.modules:
         return
     limit, left = memory.address_space()
@@ -208,11 +197,9 @@ def _require_address_space() -> None:
 
 
 def _offer_llvm() -> None:
-    """Name the LLVM that Dr.Jit shall load; it reads the variable when it is imported."""
-    if not os.environ.get(llvm.VARIABLE):
-        library = llvm.choose()
-        if library is not None:
-            os.environ[llvm.VARIABLE] = str(library.path)
+    """Set the variable from which Dr.Jit reads the path of LLVM when it is imported."""
+    if not os.environ.get(llvm.VARIABLE) and (library := llvm.choose()):
+        os.environ[llvm.VARIABLE] = str(library.path)
 
 
 def _on_variant_change(_old: str | None, new: str | None) -> None:

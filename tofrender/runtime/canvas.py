@@ -1,4 +1,4 @@
-"""Figures that pyplot knows nothing of: one style for all of them, and one way to save them."""
+"""Matplotlib figures outside of pyplot: one style for all of them, and one way to save them."""
 
 from __future__ import annotations
 
@@ -13,17 +13,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from . import checks
-from .atomic import check_writable, replacing
+from .atomic import check_file, replacing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FIGURE_SUFFIXES = (".png", ".pdf", ".svg")
-NARROWEST, WIDEST = 2.5, 40.0
-"""Widths of figures that text fits into [inches]."""
 
-Arguments = ParamSpec("Arguments")
-Made = TypeVar("Made")
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 # ------------------------------------------------------------------------------------ style
@@ -31,18 +29,14 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True)
 class Palette:
-    """Colours of a theme. Those of text have a contrast to `paper` of 4.5 and more.
-
-    `lines` are those of Okabe and Ito, which the colour-blind tell apart; `good` and `bad` differ
-    for them too. `channels` are those of red, green and blue light.
-    """
+    """Colours of a theme; those of text have a contrast to `paper` of 4.5 and more."""
 
     ink: str
     paper: str
     faint: str
-    lines: tuple[str, ...]
-    channels: tuple[str, str, str]
-    good: str
+    lines: tuple[str, ...]  # Okabe and Ito's, which the colour-blind tell apart
+    channels: tuple[str, str, str]  # Of red, green and blue light
+    good: str  # Told from `bad` by the colour-blind, too
     bad: str
 
 
@@ -74,22 +68,20 @@ class _Style:
     width: float | None = None
 
 
-_USUAL = _Style()
-_STYLE: ContextVar[_Style] = ContextVar("style", default=_USUAL)
+_STYLE: ContextVar[_Style] = ContextVar("style", default=_Style())  # noqa: B039, it is frozen
 
 
 @contextmanager
 def figure_style(*, theme: str | None = None, width: float | None = None) -> Iterator[None]:
-    """Make all figures of the block in one theme and of one width.
+    """Set the theme and the width of all figures that the block makes.
 
-    Letters have 7 to 9 points and lines 0.6 to 1.2 points whatever the width, so that a figure fits
-    its place in a text unscaled: 3.4 inches for a column, 7 for a page. Narrow figures arrange
-    their panels in more rows.
+    Fonts have 7 to 9 points and lines 0.6 to 1.2 points whatever the width, so that a figure goes
+    into a text unscaled: 3.4 inches for a column, 7 for a page. Narrow figures arrange their panels
+    in more rows.
 
     Args:
-        theme: "light" for dark ink on white, "dark" for the other; None for that of a block
-            around, else "light".
-        width: Width of figures [inches], 2.5 to 40; None for that of a block around, else each
+        theme: "light" or "dark"; None for that of an enclosing block, else "light".
+        width: Width of figures [inches], 2.5 to 40; None for that of an enclosing block, else each
             figure's own. Heights follow.
 
     Raises:
@@ -106,7 +98,7 @@ def figure_style(*, theme: str | None = None, width: float | None = None) -> Ite
     if theme is not None:
         style = replace(style, theme=checks.one_of("theme", theme, PALETTES))
     if width is not None:
-        wide = checks.number("width", width, unit="inches", low=NARROWEST, high=WIDEST)
+        wide = checks.number("width", width, unit="inches", low=2.5, high=40.0)
         style = replace(style, width=wide)
     token = _STYLE.set(style)
     try:
@@ -116,30 +108,29 @@ def figure_style(*, theme: str | None = None, width: float | None = None) -> Ite
 
 
 def palette() -> Palette:
-    """Colours of the theme that holds here."""
+    """Colours of the active theme."""
     return PALETTES[_STYLE.get().theme]
 
 
 def figure_width(natural: float) -> float:
-    """The width that `figure_style` asks for, or `natural` [inches]."""
+    """Width set by `figure_style`, or `natural` [inches]."""
     return _STYLE.get().width or natural
 
 
-def in_style(function: Callable[Arguments, Made]) -> Callable[Arguments, Made]:
-    """Draw what a function draws in the style that holds where it is called."""
+def in_style(function: Callable[P, R]) -> Callable[P, R]:
+    """Decorate a function so that it draws with the active style."""
 
     @functools.wraps(function)
-    def drawn(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Made:
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
         from matplotlib import rc_context
 
-        with rc_context(_settings()):
+        with rc_context(_rc_params()):
             return function(*args, **kwargs)
 
-    return drawn
+    return wrapper
 
 
-def _settings() -> dict[Any, Any]:
-    """What Matplotlib calls rcParams."""
+def _rc_params() -> dict[Any, Any]:
     from cycler import cycler
 
     colours = palette()
@@ -174,17 +165,17 @@ def _settings() -> dict[Any, Any]:
 
 
 def new_figure(width: float, height: float, layout: Any = "constrained") -> Figure:
-    """A figure [inches] outside of pyplot, that a notebook shows as the picture it is.
+    """Make a figure [inches] outside of pyplot, which notebooks display.
 
-    It is always drawn with Matplotlib's settings of when it was made. The layout "compressed" keeps
-    pictures close together, and their colour bars as high as them.
+    Later draws use the rcParams of its making. The layout "compressed" keeps pictures close
+    together, and their colour bars as high as them.
     """
     from matplotlib import rc_context, rcParams
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    settings = {name: rcParams[name] for name in _settings()}
+    settings = {name: rcParams[name] for name in _rc_params()}
 
     class Picture(Figure):
         def draw(self, renderer: Any) -> None:
@@ -202,11 +193,11 @@ def new_figure(width: float, height: float, layout: Any = "constrained") -> Figu
 
     class Layout(ConstrainedLayoutEngine):
         def execute(self, fig: Figure) -> None:
-            """Places to five digits: noise in the last ones would make other files each time."""
+            """Round positions to five digits: noise in the last ones would change each file."""
             super().execute(fig)
             for axes in fig.axes:
-                place = axes.get_position(original=True).bounds
-                axes._set_position([round(part, 5) for part in place])  # pyright: ignore
+                bounds = axes.get_position(original=True).bounds
+                axes._set_position([round(part, 5) for part in bounds])  # pyright: ignore
 
     class Canvas(FigureCanvasAgg):
         def draw_idle(self, *args: Any, **kwargs: Any) -> None:
@@ -221,8 +212,8 @@ def new_figure(width: float, height: float, layout: Any = "constrained") -> Figu
 
 # ----------------------------------------------------------------------------------- saving
 
+# Text stays text, and identifiers inside of files stay the same
 _SAVED: dict[Any, Any] = {"svg.fonttype": "none", "pdf.fonttype": 42, "svg.hashsalt": "tofrender"}
-"""Text stays text, and names inside of files stay the same."""
 
 _METADATA: dict[str, dict[str, str | None]] = {
     ".png": {"Software": "tofrender"},
@@ -234,23 +225,18 @@ _METADATA: dict[str, dict[str, str | None]] = {
 def save_figure(figure: Figure, path: str | os.PathLike, *, dpi: float = 200) -> Path:
     """Write a figure as PNG, PDF or SVG, as the path ends.
 
-    The same figure makes the same bytes with the same version of Matplotlib. Letters in PDF and SVG
-    are text, in PDF with their font. The file appears whole or not at all.
+    Equal figures make equal bytes with the same version of Matplotlib. Text in PDF and SVG stays
+    text, in PDF with its font. The file appears whole or not at all.
 
     Args:
         figure: A `matplotlib.figure.Figure`, this package's or another.
-        path: A file name that ends in .png, .pdf or .svg. A file that is there is replaced when
-            the new one is complete.
-        dpi: Pixels per inch, 20 to 2400; of the pictures inside of a PDF or SVG too.
-
-    Returns:
-        `path`.
+        path: A file name that ends in .png, .pdf or .svg. An existing file is replaced when the
+            new one is complete.
+        dpi: Pixels per inch, 20 to 2400; of images in a PDF or SVG, too.
 
     Raises:
-        ValueError: Another ending, or a resolution out of range.
-        FileExistsError: `path` is a folder.
-        PermissionError: The place is not writable.
-        OSError: The disk is full; nothing half-written remains.
+        ValueError: Another suffix, or a resolution out of range.
+        OSError: `path` may not be replaced or is not writable, or the disk is full.
 
     Example:
         >>> import tempfile
@@ -263,38 +249,17 @@ def save_figure(figure: Figure, path: str | os.PathLike, *, dpi: float = 200) ->
     from matplotlib.figure import Figure
 
     checks.instance("figure", figure, Figure, "a figure of Matplotlib")
-    target = check_figure_path(path)
+    target = check_file(path, *FIGURE_SUFFIXES, overwrite=True)
     dpi = checks.number("dpi", dpi, low=20, high=2400)
-    check_writable(path)
     kind = target.suffix.lower()
     with replacing(target) as temporary:
         draw_figure(figure, temporary, kind, dpi=dpi)
     return target
 
 
-def draw_figure(figure: Figure, place: Any, kind: str, *, dpi: float = 200) -> None:
+def draw_figure(figure: Figure, target: Any, kind: str, *, dpi: float = 200) -> None:
     """Draw a figure as `save_figure` does into a path or a binary stream, as ".png", ".pdf", ..."""
     from matplotlib import rc_context
 
     with rc_context(_SAVED):
-        figure.savefig(place, format=kind[1:], dpi=dpi, metadata=_METADATA[kind])
-
-
-def check_figure_path(path: str | os.PathLike, name: str = "path") -> Path:
-    """Refuse a path that no figure can be written to, by its ending or as it is a folder.
-
-    Raises:
-        ValueError, FileExistsError: One line that calls the path `name`.
-
-    Example:
-        >>> check_figure_path("a.jpg")
-        Traceback (most recent call last):
-        ValueError: path = a.jpg: must be a file name that ends in .png, .pdf or .svg
-    """
-    target = checks.path(name, path)
-    if target.suffix.lower() not in FIGURE_SUFFIXES:
-        endings = " or ".join((", ".join(FIGURE_SUFFIXES[:-1]), FIGURE_SUFFIXES[-1]))
-        raise ValueError(f"{name} = {path}: must be a file name that ends in {endings}")
-    if os.path.isdir(target):
-        raise FileExistsError(f"{name} = {path}: is a folder; must be the name of a file")
-    return target
+        figure.savefig(target, format=kind[1:], dpi=dpi, metadata=_METADATA[kind])

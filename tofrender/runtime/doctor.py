@@ -1,7 +1,7 @@
-"""`tofrender doctor`: will rendering work on this machine, and if not, which command helps.
+"""`tofrender doctor`: whether rendering works on this machine, and which command helps if not.
 
-A wrong LLVM ends the process that loads it, so Mitsuba and Dr.Jit are imported and used in
-processes of their own, and whatever happens to them becomes a line of the report.
+A wrong LLVM aborts the process that loads it, so Mitsuba and Dr.Jit run in subprocesses, whose
+failures become lines of the report.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from . import backend, llvm, memory
 if TYPE_CHECKING:
     from rich.console import Console
 
-LEAST_MEMORY = 2**30
-"""Bytes below which little more than the smallest picture can be rendered."""
+LEAST_MEMORY = 2**30  # Bytes below which only the smallest pictures can be rendered
+_PIP = f"{sys.executable} -m pip install"
 
 _ASK_DRJIT = """
 import json, drjit as dr
@@ -54,34 +54,27 @@ print(json.dumps({"variant": mi.variant(), "rate": rate}))
 
 @dataclass(frozen=True)
 class Check:
-    """One line of the report.
-
-    Attributes:
-        name: What was looked at.
-        ok: Whether it is as it should be.
-        detail: What was found.
-        remedy: The command, or the change, that mends it; empty if nothing is wrong.
-        required: Whether rendering fails without it.
-    """
+    """One line of the report."""
 
     name: str
     ok: bool
-    detail: str
-    remedy: str = ""
-    required: bool = True
+    detail: str  # What was found
+    remedy: str = ""  # Command or change that helps
+    required: bool = True  # Whether rendering fails without it
 
 
 def diagnose() -> list[Check]:
-    """Look at everything that rendering depends on; takes a few seconds and never raises."""
+    """Check everything that rendering depends on; takes a few seconds and never raises."""
     answer, _ = _in_process(_ASK_DRJIT)
     cuda = bool(answer.get("cuda"))
+    used = f", Dr.Jit uses {answer['threads']}" if answer.get("threads") else ""
     return [
         Check("Python", True, f"{platform.python_version()} at {sys.executable}"),
         _package("Mitsuba", "mitsuba", "tofrender"),
         _package("Dr.Jit", "drjit", "mitsuba"),
         _check_llvm(required=not cuda),
         _check_cuda(cuda),
-        _check_threads(answer.get("threads")),
+        Check("Threads", True, f"{backend.cores()} for this process{used}"),
         _check_memory(),
         _check_ffmpeg(),
         _check_render(),
@@ -89,11 +82,7 @@ def diagnose() -> list[Check]:
 
 
 def report(checks: list[Check], console: Console | None = None) -> int:
-    """Print the checks as a table, and after it what to do about each problem.
-
-    Returns:
-        The exit status: 0 if rendering will work, 1 if not.
-    """
+    """Print a table of the checks and the remedies; returns the exit status, 0 if all will work."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -101,17 +90,16 @@ def report(checks: list[Check], console: Console | None = None) -> int:
     console = console or Console()
     table = Table(show_header=False, box=None, pad_edge=False)
     for check in checks:
-        mark = ("FAILED", "red") if check.required else ("missing", "yellow")
-        mark = ("ok", "green") if check.ok else mark
-        table.add_row(Text(*mark), check.name, Text(check.detail, overflow="fold"))
+        failed = ("FAILED", "red") if check.required else ("missing", "yellow")
+        mark = Text(*(("ok", "green") if check.ok else failed))
+        table.add_row(mark, check.name, Text(check.detail, overflow="fold"))
     console.print(table)
     for check in checks:
         if check.remedy:
             text = Text.assemble("\n", (f"{check.name}: ", "bold"), check.remedy)
             console.print(text, soft_wrap=True)
-    found = works(checks)
-    console.print("\nRendering will work." if found else "\nRendering will not work.")
-    return 0 if found else 1
+    console.print(f"\nRendering will {'' if works(checks) else 'not '}work.")
+    return 0 if works(checks) else 1
 
 
 def works(checks: list[Check]) -> bool:
@@ -130,7 +118,7 @@ def main() -> int:
 
 
 def _package(name: str, package: str, required_by: str) -> Check:
-    """Whether a package is installed in a version that `required_by` accepts."""
+    """Check that a package is installed in a version that `required_by` accepts."""
     from packaging.requirements import Requirement
 
     try:
@@ -138,7 +126,7 @@ def _package(name: str, package: str, required_by: str) -> Check:
         wanted = next((str(r) for r in requirements if r.name == package), package)
     except metadata.PackageNotFoundError:  # run from a checkout that was not installed
         wanted = package
-    remedy = f'{sys.executable} -m pip install "{wanted}"'
+    remedy = f'{_PIP} "{wanted}"'
     try:
         version = metadata.version(package)
     except metadata.PackageNotFoundError:
@@ -174,17 +162,11 @@ def _check_cuda(works: bool) -> Check:
     return Check("CUDA", True, "no NVIDIA driver; rendering on the CPU")
 
 
-def _check_threads(threads: int | None) -> Check:
-    used = f", Dr.Jit uses {threads}" if threads else ""
-    return Check("Threads", True, f"{backend.cores()} for this process{used}")
-
-
 def _check_memory() -> Check:
     try:
         import psutil
     except ImportError:
-        remedy = f"{sys.executable} -m pip install psutil"
-        return Check("Memory", False, "cannot be measured without psutil", remedy)
+        return Check("Memory", False, "cannot be measured without psutil", f"{_PIP} psutil")
     free = memory.free_on_host()
     detail = f"{free / 2**30:.1f} of {psutil.virtual_memory().total / 2**30:.1f} GiB free"
     if free < LEAST_MEMORY:
@@ -200,7 +182,7 @@ def _check_ffmpeg() -> Check:
         path = imageio_ffmpeg.get_ffmpeg_exe()
         version = imageio_ffmpeg.get_ffmpeg_version()
     except (ImportError, RuntimeError, OSError, subprocess.SubprocessError) as error:
-        remedy = f"{sys.executable} -m pip install --force-reinstall imageio-ffmpeg"
+        remedy = f"{_PIP} --force-reinstall imageio-ffmpeg"
         if os.environ.get("IMAGEIO_FFMPEG_EXE"):
             remedy = "unset IMAGEIO_FFMPEG_EXE"
         return Check("ffmpeg", False, f"no videos: {_last_line(str(error))}", remedy, False)
@@ -219,33 +201,29 @@ def _check_render() -> Check:
     elif error.startswith("ended by"):
         remedy = f"try another LLVM: `unset {llvm.VARIABLE}`, or run: {llvm.install_command()}"
     else:
-        remedy = f"{sys.executable} -m pip install --force-reinstall mitsuba"
+        remedy = f"{_PIP} --force-reinstall mitsuba"
     return Check("Test render", False, re.sub(r"^(\w+\.)+\w+: ", "", error), remedy)
 
 
 def _in_process(code: str) -> tuple[dict, str]:
-    """Run Python code in a process of its own: the JSON object it prints, or what went wrong."""
+    """Run Python code in a subprocess: the JSON object it prints, or what went wrong."""
+    command = [sys.executable, "-P", "-c", code]  # Without the working folder's modules
     try:
-        result = subprocess.run(
-            [sys.executable, "-P", "-c", code],  # Without the working folder's modules
-            capture_output=True,
-            text=True,
-            timeout=120,
-            check=False,
-        )
+        result = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     except subprocess.TimeoutExpired:
         return {}, "not finished after 120 seconds"
     except OSError as error:
         return {}, str(error)
     if result.returncode < 0:
         last = _last_line(result.stderr)
-        return {}, f"ended by {signal.Signals(-result.returncode).name}" + f" ({last})" * bool(last)
+        ended_by = f"ended by {signal.Signals(-result.returncode).name}"
+        return {}, f"{ended_by} ({last})" if last else ended_by
     if result.returncode > 0:
         return {}, _last_line(result.stderr) or f"exit status {result.returncode}"
     return json.loads(_last_line(result.stdout)), ""
 
 
 def _last_line(text: str) -> str:
-    """The last line of an output, which is where Python names the exception."""
+    """Last line of an output, where Python names the exception."""
     lines = [line for line in text.splitlines() if line.strip()]
     return lines[-1].strip() if lines else ""

@@ -1,12 +1,12 @@
-"""Packages whose public names are imported when they are asked for (PEP 562).
+"""Lazy import of packages' public names (PEP 562), from the list in their stub `__init__.pyi`.
 
-The list of names stands once, in the package's stub `__init__.pyi`, as imports that editors and
-type checkers follow too:
+As with the package `lazy_loader`, which knows no stubs with imports from parent packages: the stub
+has imports that editors and type checkers follow, too,
 
     from .pulses import GaussianPulse as GaussianPulse
     from . import io as io
 
-A module that cannot be imported then costs a package its own names and no others.
+and a module that cannot be imported costs its own names and no others.
 """
 
 from __future__ import annotations
@@ -18,50 +18,43 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from .withheld import Withheld, of_name
+from .withheld import Withheld, error_for
 
-INSTEAD = {"focus_emitter_at_relay_wall_pixel": "use focus_laser(scene, pixel=(x, y))"}
-"""Names of mitransient's that its users look for here, and what there is instead."""
+# Names of mitransient that its users look for here, and their replacements
+_REPLACEMENTS = {"focus_emitter_at_relay_wall_pixel": "use focus_laser(scene, pixel=(x, y))"}
 
 
 def public_names(package: str, file: str) -> dict[str, str | None]:
-    """The names that a package's stub lists, with the module that has each, None if it is one.
-
-    Example:
-        >>> import tofrender
-        >>> public_names("tofrender", tofrender.__file__)["GaussianPulse"]
-        'tofrender.signals.pulses'
-    """
+    """Names that a package's stub lists, with the module of each, None if it is a module."""
     found: dict[str, str | None] = {}
     for node in ast.parse(Path(file).with_suffix(".pyi").read_text(encoding="utf-8")).body:
         if isinstance(node, ast.ImportFrom) and node.level:
-            room = package.rsplit(".", node.level - 1)[0]
-            module = node.module and f"{room}.{node.module}"
+            parent = package.rsplit(".", node.level - 1)[0]
+            module = node.module and f"{parent}.{node.module}"
             found |= {alias.name: module for alias in node.names}
     return found
 
 
-def on_demand(
+def attach_stub(
     package: str, file: str
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """The `__getattr__`, `__dir__` and `__all__` of a package that imports its names on demand."""
-    homes = public_names(package, file)
+    """Make `__getattr__`, `__dir__` and `__all__` of a package from its stub."""
+    modules = public_names(package, file)
 
     def get(name: str) -> Any:
-        if name not in homes:
-            instead = f"; {INSTEAD[name]}" if name in INSTEAD else ""
-            raise AttributeError(f"module {package!r} has no attribute {name!r}{instead}")
-        module = homes[name]
-        if module is None:
+        if name not in modules:
+            hint = f"; {_REPLACEMENTS[name]}" if name in _REPLACEMENTS else ""
+            raise AttributeError(f"module {package!r} has no attribute {name!r}{hint}")
+        if (parent := modules[name]) is None:
             return importlib.import_module(f"{package}.{name}")
         try:
-            home = importlib.import_module(module)
+            module = importlib.import_module(parent)
         except Withheld as reason:
-            raise of_name(package, name, reason) from None
-        if not hasattr(home, name):
-            return importlib.import_module(f"{module}.{name}")
-        value = getattr(home, name)
+            raise error_for(package, name, reason) from None
+        if not hasattr(module, name):
+            return importlib.import_module(f"{parent}.{name}")
+        value = getattr(module, name)
         setattr(sys.modules[package], name, value)
         return value
 
-    return get, lambda: sorted({*vars(sys.modules[package]), *homes}), sorted(homes)
+    return get, lambda: sorted({*vars(sys.modules[package]), *modules}), sorted(modules)

@@ -1,13 +1,13 @@
-"""Find and judge the LLVM library that Dr.Jit compiles its CPU kernels with.
+"""Find the LLVM library that Dr.Jit compiles its CPU kernels with.
 
 Dr.Jit loads LLVM at run time: the file that `DRJIT_LIBLLVM_PATH` names, else the first
 `libLLVM.so` that the linker finds. With LLVM 15 or 16 it starts, and then the *process aborts*
 ("Cannot select: fminimum") at the first kernel with a minimum on a CPU with AVX-512; an older
-LLVM it refuses. Debian 12 ships 14 and 15. So the choice is made here, before Dr.Jit is
-imported, and nothing below `MINIMUM_MAJOR` is ever handed to it.
+LLVM it refuses. Debian 12 ships 14 and 15. So the library is chosen here, before Dr.Jit is
+imported, and never below `MINIMUM_MAJOR`.
 
-Versions are read from file names; a name that does not tell is asked in a process of its own.
-Standard library only, because the set-up runs this file before anything is installed:
+Versions are read from file names, else by loading the library in a subprocess. This uses only the
+standard library, because the set-up runs the file before anything is installed:
 
     python tofrender/runtime/llvm.py
 """
@@ -23,16 +23,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-MINIMUM_MAJOR = 17
-"""The oldest LLVM whose code generator knows all that Dr.Jit emits."""
-
-NEWEST_TRIED = 22
-"""The newest LLVM that this package was tried with; newer ones are taken for want of others."""
-
 VARIABLE = "DRJIT_LIBLLVM_PATH"
-
-PREFERRED = 19
-"""The LLVM to install where several can be: all published figures were measured with it."""
+MINIMUM_MAJOR = 17  # The oldest whose code generator knows all that Dr.Jit emits
+NEWEST_TRIED = 22  # Newer ones are used for want of others
+PREFERRED = 19  # The one to install: all published figures were measured with it
 
 _FILE_NAME = re.compile(r"libLLVM(?:[-.]\d[\d.]*)?\.(?:so|dylib)[\d.]*|LLVM-C\.dll")
 _MAJOR = re.compile(r"libLLVM(?:-|\.so\.|\.)(\d+)")
@@ -48,17 +42,11 @@ print(parts[0].value)
 
 @dataclass(frozen=True)
 class Library:
-    """A libLLVM on this machine.
+    """A libLLVM on this machine."""
 
-    Attributes:
-        path: The file, symbolic links resolved.
-        major: Its major version, None where it could not be found out.
-        problem: Why Dr.Jit must not get this library; empty if it may.
-    """
-
-    path: Path
-    major: int | None
-    problem: str = ""
+    path: Path  # Symbolic links resolved
+    major: int | None  # None if the version is unknown
+    problem: str = ""  # Why Dr.Jit must not load it
 
     @property
     def usable(self) -> bool:
@@ -68,25 +56,17 @@ class Library:
 
 @dataclass(frozen=True)
 class System:
-    """What the search and the advice depend on; tests hand in another one.
-
-    Attributes:
-        root: Root of the file system.
-        environ: Environment variables.
-        platform: As `sys.platform` has it.
-        prefixes: Where this Python lives: its virtual environment, and what that was made from.
-        euid: Effective user, 0 is root.
-    """
+    """Machine that is searched; tests pass another one."""
 
     root: Path = Path("/")
     environ: Mapping[str, str] = field(default_factory=lambda: os.environ)
     platform: str = sys.platform
-    prefixes: tuple[Path, ...] = (Path(sys.prefix), Path(sys.base_prefix))
-    euid: int = field(default_factory=lambda: getattr(os, "geteuid", lambda: 1)())
+    prefixes: tuple[Path, ...] = (Path(sys.prefix), Path(sys.base_prefix))  # venv, and its base
+    euid: int = field(default_factory=lambda: getattr(os, "geteuid", lambda: 1)())  # 0 is root
 
     @property
     def distributions(self) -> set[str]:
-        """The names in os-release that this Linux goes by: itself and what it is like."""
+        """ID and ID_LIKE of this Linux, from os-release."""
         for name in ("etc/os-release", "usr/lib/os-release"):
             try:
                 text = (self.root / name).read_text(encoding="utf-8", errors="replace")
@@ -97,15 +77,14 @@ class System:
         return set()
 
     def which(self, command: str) -> str | None:
-        """The path of `command`, None if this system has none."""
+        """Path of `command`, None if this system has none."""
         return shutil.which(command, path=self.environ.get("PATH", ""))
 
 
 def candidates(system: System | None = None) -> list[Library]:
-    """Every libLLVM on this machine, the one that the environment names first.
+    """List every libLLVM on this machine, that of `DRJIT_LIBLLVM_PATH` first.
 
-    Broken links, folders, text files and libraries for other processors are listed with what is
-    wrong with them. Nothing is loaded into this process.
+    Unusable files are listed with their problem. Nothing is loaded into this process.
     """
     system = system or System()
     named = _named(system)
@@ -122,15 +101,10 @@ def candidates(system: System | None = None) -> list[Library]:
 
 
 def choose(system: System | None = None) -> Library | None:
-    """The library that Dr.Jit should load, None if there is none that it can use.
+    """Choose the library that Dr.Jit should load, None if there is none that it can use.
 
-    A library named by `DRJIT_LIBLLVM_PATH` is the only choice: if it is unusable, none is taken in
-    its place, and `refusal` says why.
-
-    Example:
-        >>> library = choose()
-        >>> library is None or library.major >= MINIMUM_MAJOR
-        True
+    A library named by `DRJIT_LIBLLVM_PATH` is the only choice: if it is unusable, no other one
+    replaces it, and `refusal` says why.
     """
     system = system or System()
     named = _named(system)
@@ -138,7 +112,7 @@ def choose(system: System | None = None) -> Library | None:
 
 
 def refusal(system: System | None = None) -> str:
-    """One line for when `choose` finds nothing: what is wrong and the command that mends it."""
+    """Message for when `choose` finds nothing: the problem and the command that helps."""
     system = system or System()
     named, found = _named(system), candidates(system)
     if named:
@@ -155,12 +129,12 @@ def refusal(system: System | None = None) -> str:
 
 
 def loading_error(path: Path) -> str:
-    """Why the library cannot be loaded (a missing dependency, say), empty if it can."""
-    return _ask(path)[1]
+    """Problem of loading the library (a missing dependency, say), empty if there is none."""
+    return _load_in_subprocess(path)[1]
 
 
 def install_command(system: System | None = None) -> str:
-    """The command that installs a usable LLVM on this system."""
+    """Command that installs a usable LLVM on this system."""
     system = system or System()
     sudo = "" if system.euid == 0 else "sudo "
     conda = next((name for name in ("mamba", "conda", "micromamba") if system.which(name)), "conda")
@@ -188,11 +162,7 @@ def install_command(system: System | None = None) -> str:
 
 
 def main() -> int:
-    """Say in one line which LLVM Dr.Jit should get, or on stderr what is wrong and what helps.
-
-    Returns:
-        0 if there is a usable LLVM, 1 if there is none.
-    """
+    """Print which LLVM Dr.Jit should load, or on stderr the problem; returns the exit status."""
     library = choose()
     if library is None:
         problem = refusal()
@@ -206,7 +176,6 @@ def main() -> int:
 
 
 def _best(libraries: list[Library]) -> Library | None:
-    """The usable one to prefer, if there is any."""
     usable = [library for library in libraries if library.usable]
     return max(usable, key=lambda library: _preference(library.major or 0), default=None)
 
@@ -217,7 +186,7 @@ def _preference(major: int) -> tuple[bool, int]:
 
 
 def _named(system: System) -> Library | None:
-    """The library that the environment names; a bare file name is looked up as the linker does."""
+    """Library that the variable names; a bare file name is looked up as the linker does."""
     value = system.environ.get(VARIABLE, "")
     if not value:
         return None
@@ -228,7 +197,7 @@ def _named(system: System) -> Library | None:
 
 
 def _folders(system: System) -> Iterator[Path]:
-    """The folders that may hold libLLVM, those of this environment before the system's."""
+    """Folders that may hold libLLVM, those of this environment before the system's."""
     conda = system.environ.get("CONDA_PREFIX")
     environments = [*([Path(conda)] if conda else []), *system.prefixes]
     if system.platform == "win32":
@@ -251,7 +220,7 @@ def _folders(system: System) -> Iterator[Path]:
 
 
 def _inspect(path: Path) -> Library:
-    """Judge one file without loading it into this process."""
+    """Check one file without loading it into this process."""
     try:
         real = path.resolve(strict=True)
         with real.open("rb") as file:
@@ -265,14 +234,14 @@ def _inspect(path: Path) -> Library:
     if not _is_native(head):
         return Library(real, None, "is not a shared library for this machine")
     match = _MAJOR.match(real.name) or _MAJOR.match(path.name)
-    major, problem = (int(match[1]), "") if match else _ask(real)
+    major, problem = (int(match[1]), "") if match else _load_in_subprocess(real)
     if major and major < MINIMUM_MAJOR:
         problem = f"is LLVM {major}"
     return Library(real, major, problem)
 
 
 def _is_native(head: bytes) -> bool:
-    """Whether a file that starts with these bytes is a library for this interpreter's machine."""
+    """Whether a file that starts with these bytes is a library for this platform."""
     if head[:4] == b"\x7fELF" and sys.platform == "linux":
         with Path("/proc/self/exe").open("rb") as file:
             own = file.read(20)
@@ -283,8 +252,8 @@ def _is_native(head: bytes) -> bool:
     return sys.platform == "win32" and head[:2] == b"MZ"
 
 
-def _ask(path: Path) -> tuple[int | None, str]:
-    """Load the library in a process of its own: its major version, or why it cannot be loaded."""
+def _load_in_subprocess(path: Path) -> tuple[int | None, str]:
+    """Major version of a library and "", or None and why it cannot be loaded."""
     command = [sys.executable, "-I", "-S", "-c", _ASK_VERSION, str(path)]
     try:
         result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
@@ -299,20 +268,15 @@ def _ask(path: Path) -> tuple[int | None, str]:
 
 
 def _apt_package(system: System) -> tuple[str, bool]:
-    """The best libllvm package that apt can install, and whether apt has an index at all."""
+    """Best libllvm package that apt can install, if any, and whether apt has an index at all."""
+    env = {**system.environ, "LC_ALL": "C"}
 
     def query(*arguments: str) -> str:
+        command = ["apt-cache", *arguments]
         try:
-            result = subprocess.run(
-                ["apt-cache", *arguments],
-                capture_output=True,
-                text=True,
-                env={**system.environ, "LC_ALL": "C"},
-                check=False,
-            )
+            return subprocess.run(command, capture_output=True, text=True, env=env).stdout
         except OSError:
             return ""
-        return result.stdout
 
     names = query("pkgnames", "libllvm").split()
     majors = {name: int(match[1]) for name in names if (match := _APT_PACKAGE.fullmatch(name))}

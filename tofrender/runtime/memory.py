@@ -1,14 +1,13 @@
-"""How much memory a film takes and how much there is: refuse before work starts."""
+"""Memory that films need and that is free: what does not fit is refused before work starts."""
 
 from __future__ import annotations
 
 import math
 from pathlib import Path, PurePosixPath
 
-RESERVE = 300 << 20
-"""What a render takes besides its film [bytes]: Mitsuba, kernels, rays."""
-
+RESERVE = 300 << 20  # Bytes of a render besides its film: Mitsuba, kernels, rays
 UNLIMITED = 1 << 62
+MAX_FLOATS = (1 << 32) - 1  # Entries of the largest array that Dr.Jit can make
 
 ROOT = Path("/")
 CGROUPS = {  # controller: mount, and files there with limit, usage, and cache that can be dropped
@@ -19,12 +18,9 @@ CGROUPS = {  # controller: mount, and files there with limit, usage, and cache t
     ),
 }
 
-MAX_FLOATS = (1 << 32) - 1
-"""Entries of the largest array that Dr.Jit can make."""
-
 
 def stride(channels: int) -> int:
-    """Floats that a bin occupies: RGB is padded to four, which can be added as one packet."""
+    """Floats of a bin: RGB is padded to four, which can be added as one packet."""
     return 4 if channels == 3 else channels
 
 
@@ -34,23 +30,21 @@ def film_bytes(height: int, width: int, temporal_bins: int, channels: int) -> in
 
 
 def available() -> int:
-    """Memory that this process may still take on the active device [bytes]."""
+    """Memory that this process may still allocate on the active device [bytes]."""
     import mitsuba as mi
 
-    if (mi.variant() or "").startswith("cuda"):
-        return _cuda_free()
-    return free_on_host()
+    return _cuda_free() if (mi.variant() or "").startswith("cuda") else free_on_host()
 
 
 def free_on_host() -> int:
-    """Memory of the machine that this process may still take [bytes], whatever limits it."""
+    """Host memory that this process may still allocate [bytes], with all limits on it."""
     import psutil
 
     return max(0, min(psutil.virtual_memory().available, *_left_in_cgroups(), address_space()[1]))
 
 
 def address_space() -> tuple[int, int]:
-    """The limit that `ulimit -v` sets on this process, and what is left of it [bytes]."""
+    """Limit of `ulimit -v` on this process, and what is left of it [bytes]."""
     try:
         import resource
     except ImportError:  # Windows has no such limit
@@ -64,11 +58,7 @@ def address_space() -> tuple[int, int]:
 
 
 def require_free(what: str, size: int) -> None:
-    """Refuse what takes more memory of the machine than there is [bytes].
-
-    Raises:
-        MemoryError: One line that starts with `what`.
-    """
+    """Raise a MemoryError if `what` takes more than the free host memory [bytes]."""
     free = free_on_host()
     if size > free:
         raise MemoryError(
@@ -80,11 +70,7 @@ def require_free(what: str, size: int) -> None:
 def require_film(
     height: int, width: int, temporal_bins: int, channels: int, copies: float = 1.0
 ) -> None:
-    """Refuse a film that does not fit; its size is needed `copies` times at the peak.
-
-    Raises:
-        MemoryError: One line with the film's size and what would fit.
-    """
+    """Raise a MemoryError for a film that does not fit `copies` times, with what would fit."""
     size = film_bytes(height, width, temporal_bins, channels)
     part = _part_that_fits(size, copies)
     if part < 1:
@@ -105,7 +91,7 @@ def require_film(
 
 
 def _part_that_fits(size: int, copies: float) -> float:
-    """How much of a film of `size` bytes there is room for; 1 or more if all of it."""
+    """Fraction of a film of `size` bytes that fits; 1 or more if all of it does."""
     part = min(max(0, available() - RESERVE) / (copies * size), MAX_FLOATS * 4 / size)
     left = (address_space()[1] - RESERVE) // math.ceil(copies)
     # Dr.Jit maps the next power of two of bytes, and touches what it needs
@@ -127,7 +113,7 @@ def _cuda_free() -> int:
 
 
 def _left_in_cgroups() -> list[int]:
-    """What each limit on this process's control group, or on one above it, leaves [bytes]."""
+    """Bytes left by each memory limit on this process's control group and on its parents."""
     left = []
     for line in _lines(ROOT / "proc/self/cgroup"):
         _, controllers, path = line.split(":", 2)
@@ -144,7 +130,7 @@ def _left_in_cgroups() -> list[int]:
 
 
 def _lines(path: Path) -> list[str]:
-    """The lines of a file, none if it cannot be read."""
+    """Lines of a file, none if it cannot be read."""
     try:
         return path.read_text().splitlines()
     except OSError:

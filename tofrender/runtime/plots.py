@@ -1,4 +1,4 @@
-"""What figures have in common: colour bars with few numbers, text that fits, grids of pictures."""
+"""Common parts of figures: colour bars with few ticks, wrapped text, grids of pictures."""
 
 from __future__ import annotations
 
@@ -15,12 +15,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLUMN = 5.0
-"""Narrower figures arrange their panels in more rows [inches]."""
-
-NO_VALUE = "no light, or not finished"
-"""What the hatch means."""
-
+COLUMN = 5.0  # Narrower figures arrange their panels in more rows [inches]
+NO_VALUE = "no light, or not finished"  # Meaning of the hatch
 PAD = 0.06
 HATCH: dict[str, Any] = {"facecolor": "0.62", "edgecolor": "0.45", "hatch": "/////"}
 DARK_HATCH: dict[str, Any] = {"facecolor": (38 / 255,) * 3, "edgecolor": "0.45", "hatch": "/////"}
@@ -30,17 +26,17 @@ DARK_HATCH: dict[str, Any] = {"facecolor": (38 / 255,) * 3, "edgecolor": "0.45",
 
 
 def few_ticks(axes: Axes, **options: Any) -> None:
-    """No more ticks on either axis than there is room for."""
+    """Limit the ticks on both axes to those that fit."""
     axes.locator_params(nbins=5, steps=[1, 2, 5, 10], **options)
 
 
 def superscript(number: int) -> str:
-    """A raised integer."""
+    """Format an integer as an exponent."""
     return str(number).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
-def scale_of(largest: float) -> tuple[str, Any]:
-    """A power of ten that makes numbers short, "" for one, and a formatter of ticks in it."""
+def tick_scale(largest: float) -> tuple[str, Any]:
+    """Power of ten that makes numbers short, "" for 1, and the formatter of ticks in it."""
     from matplotlib.ticker import FuncFormatter
 
     power = 0
@@ -54,44 +50,44 @@ def _short(value: float) -> str:
     return f"{value:.4g}".replace("-", "−") if abs(value) > 1e-12 else "0"
 
 
-def with_factor(label: str, factor: str) -> str:
-    """A label "name [unit]" with a factor before its unit."""
+def label_with_factor(label: str, factor: str) -> str:
+    """Insert a factor before the unit of a label "name [unit]"."""
     if not factor:
         return label
     return label.replace("[", f"[{factor} ", 1) if "[" in label else f"{label} [{factor}]"
 
 
 def colour_bar(
-    shown: Any, axes: Any = None, label: str = "", below: bool = False, **options: Any
+    image: Any, axes: Any = None, label: str = "", below: bool = False, **options: Any
 ) -> Any:
-    """A colour bar with few, short numbers, to the right of axes or below them, or in `cax`."""
-    place = options.get("cax", axes)
-    if place is axes:
-        usual = {"aspect": 14, "pad": 0.03} if below else {"aspect": 22, "pad": 0.02}
-        options = usual | options
-    first = place if hasattr(place, "figure") else place[0]
-    where = "bottom" if below else "right"
-    bar = first.figure.colorbar(shown, ax=axes, location=where, **options)
-    low, high = shown.get_clim()
-    factor, formatter = scale_of(max(abs(low), abs(high)))
+    """Add a colour bar with few, short numbers, to the right of axes or below them, or in `cax`."""
+    target = options.get("cax", axes)
+    if target is axes:
+        defaults = {"aspect": 14, "pad": 0.03} if below else {"aspect": 22, "pad": 0.02}
+        options = defaults | options
+    first = target if hasattr(target, "figure") else target[0]
+    location = "bottom" if below else "right"
+    bar = first.figure.colorbar(image, ax=axes, location=location, **options)
+    low, high = image.get_clim()
+    factor, formatter = tick_scale(max(abs(low), abs(high)))
     bar.set_ticks(_ticks(low, high, 3 if below else 6))
     bar.formatter = formatter
     bar.update_ticks()
-    bar.set_label(with_factor(label, factor), fontsize=7)
+    bar.set_label(label_with_factor(label, factor), fontsize=7)
     bar.outline.set_linewidth(0.6)
     return bar
 
 
-def most_of(values: np.ndarray) -> tuple[float, float, str]:
-    """A range that a hundredth is below and one above, and where a colour bar has arrows for it."""
-    known = values[np.isfinite(values)]
-    low, high = map(float, np.percentile(known, (1, 99))) if known.size else (0.0, 1.0)
-    below, above = bool((known < low).any()), bool((known > high).any())
+def percentile_range(values: np.ndarray) -> tuple[float, float, str]:
+    """Range from the 1st to the 99th percentile, and at which ends a colour bar needs arrows."""
+    finite = values[np.isfinite(values)]
+    low, high = map(float, np.percentile(finite, (1, 99))) if finite.size else (0.0, 1.0)
+    below, above = bool((finite < low).any()), bool((finite > high).any())
     return low, high, ("neither", "max", "min", "both")[2 * below + above]
 
 
 def _ticks(low: float, high: float, most: int) -> list[float]:
-    """Few round numbers in a range; zero and one of either sign if it is symmetric."""
+    """Few round numbers in a range; zero and one of either sign if the range is symmetric."""
     from matplotlib.ticker import MaxNLocator
 
     if low == -high and high > 0:
@@ -99,28 +95,28 @@ def _ticks(low: float, high: float, most: int) -> list[float]:
         size = math.floor(0.95 * high / power) * power
         return [-size, 0.0, size]
     found = MaxNLocator(nbins=most, steps=[1, 2, 5, 10]).tick_values(low, high)
-    room = 1e-9 * (high - low)
-    return [float(tick) for tick in found if low - room <= tick <= high + room]
+    tolerance = 1e-9 * (high - low)
+    return [float(tick) for tick in found if low - tolerance <= tick <= high + tolerance]
 
 
 # ----------------------------------------------------------------------- text and the hatch
 
 
-def wrapped(text: str, width: float, size: float = 9) -> str:
-    """Text in lines that fit into so many inches, at a size in points."""
+def wrap_text(text: str, width: float, size: float = 9) -> str:
+    """Wrap text to a width [inches] at a font size [points]."""
     most = max(12, int(width * 72 / (0.56 * size)))
     return "\n".join(textwrap.fill(line, most) for line in text.splitlines())
 
 
 def hatch_patch(meaning: str, dark: bool = False) -> Any:
-    """What a legend shows of the hatch."""
+    """Legend entry of the hatch."""
     from matplotlib.patches import Patch
 
     return Patch(**DARK_HATCH if dark else HATCH, linewidth=0, label=meaning)
 
 
 def fit_height(figure: Figure) -> None:
-    """Give a figure the height that its contents need at its width; make it too high before."""
+    """Set the height that a figure's contents need at its width; make it too high before."""
     for _ in range(2):
         figure.draw_without_rendering()
         figure.set_figheight(max(1.0, figure.get_tightbbox().height + 2 * PAD))
@@ -130,30 +126,26 @@ def fit_height(figure: Figure) -> None:
 
 LEFT, RIGHT, GAP, EDGE = 0.5, 0.14, 0.17, 0.07
 TITLE, LINE, TICKS, LABEL, BAR = 0.22, 0.125, 0.17, 0.16, 0.07
-"""Room for what stands around pictures, at the sizes of letters of `runtime.canvas` [inches]."""
+"""Margins around pictures and heights of text, at the font sizes of `runtime.canvas` [inches]."""
 
 
 class PictureGrid:
-    """A figure of pictures with titles above and colour bars below, as high as it needs to be.
+    """Grid of pictures with titles above and colour bars below; `figure` has the height it needs.
 
     Much faster than a layout by Matplotlib, and without margins.
 
     Args:
-        width: Of the figure [inches].
-        rows: How many rows of pictures.
-        columns: How many in each.
+        width: Width of the figure [inches].
+        rows, columns: Numbers of pictures.
         aspect: Height over width of a picture.
-        title: Above everything, "" for nothing.
-        title_colour: Its colour, None for that of all text.
+        title: Title of the figure, or "".
+        title_colour: Colour of the title, None for that of all text.
         bar_lines: Lines of a colour bar's label.
-        left: Room for what stands to the left of a picture in the first column [inches].
-        own_y: Whether all pictures have that room, for numbers of their own.
-        with_x: Rows whose pictures have room for numbers and a label below; None for all.
-        with_bars: Rows that have room for colour bars; None for all.
-        hatch: What the hatch means, said at the bottom; "" where there is none.
-
-    Attributes:
-        figure: The figure.
+        left: Margin to the left of the first column [inches].
+        own_y: Whether all columns have that margin, for y axes of their own.
+        with_x: Rows with space for the ticks and the label of an x axis; None for all.
+        with_bars: Rows with space for colour bars; None for all.
+        hatch: Meaning of the hatch, for a legend at the bottom, or "".
     """
 
     def __init__(
@@ -176,7 +168,7 @@ class PictureGrid:
         self.gap = left + 0.05 if own_y else GAP
         self.wide = (width - left - RIGHT - (columns - 1) * self.gap) / columns
         self.high = self.wide * aspect
-        title = wrapped(title, width - 0.1)
+        title = wrap_text(title, width - 0.1)
         top = EDGE + (0.155 * (title.count("\n") + 1) + 0.02 if title else 0.0)
         self.below = [TICKS + LABEL if with_x is None or k in with_x else 0.0 for k in range(rows)]
         self.tops: list[float] = []
@@ -201,15 +193,15 @@ class PictureGrid:
             )
 
     def axes(self, row: int, column: int, title: str, **options: Any) -> Axes:
-        """The axes of a picture, with options as of `add_axes`."""
+        """Add the axes of a picture, with options as of `add_axes`."""
         box = self._box(self._left(column), self.tops[row] + self.high, self.wide, self.high)
         axes = self.figure.add_axes(box, **options)
         size = min(9.0, max(6.0, 71.9 * (self.wide + 0.1) / (0.56 * max(1, len(title)))))
-        axes.set_title(wrapped(title, self.wide + 0.1, size), fontsize=size)
+        axes.set_title(wrap_text(title, self.wide + 0.1, size), fontsize=size)
         return axes
 
     def trim(self, axes: Axes, row: int, column: int) -> None:
-        """Leave out numbers and labels that there is no room for; call it when all is drawn."""
+        """Remove ticks and labels of axes without space for them; call it when all is drawn."""
         if column and not self.own_y:
             axes.set_ylabel("")
             axes.tick_params(labelleft=False)
@@ -217,21 +209,17 @@ class PictureGrid:
             axes.set_xlabel("")
             axes.tick_params(labelbottom=False)
 
-    def bar(self, shown: Any, row: int, column: int, label: str, span: int = 1, **options: Any):
-        """A colour bar below one picture or several, which `shown` stands for."""
+    def bar(self, image: Any, row: int, column: int, label: str, span: int = 1, **options: Any):
+        """Add a colour bar of `image` below one picture or several."""
         wide = self._left(column + span - 1) + self.wide - self._left(column)
         bottom = self.tops[row] + self.high + self.below[row] + 0.06 + BAR
         cax = self.figure.add_axes(self._box(self._left(column), bottom, wide, BAR))
-        return colour_bar(shown, cax=cax, label=label, below=True, **options)
+        return colour_bar(image, cax=cax, label=label, below=True, **options)
 
     def _left(self, column: int) -> float:
         return self.left + column * (self.wide + self.gap)
 
     def _box(self, left: float, bottom: float, wide: float, high: float) -> Any:
-        """Parts of the figure, of inches from its left and top."""
-        return (
-            left / self.width,
-            1 - bottom / self.height,
-            wide / self.width,
-            high / self.height,
-        )
+        """Convert inches from the left and top to fractions of the figure."""
+        width, height = self.width, self.height
+        return left / width, 1 - bottom / height, wide / width, high / height

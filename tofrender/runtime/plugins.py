@@ -1,9 +1,9 @@
-"""The Mitsuba plugins of this package: one table of all, and their registration in each variant.
+"""Mitsuba plugins of this package: a table of all, and their registration in each variant.
 
 Classes that derive from Mitsuba's (films, integrators, samplers) belong to the variant that was
 active when their module ran. `MODULES` therefore run once more for every variant that is switched
-to, as Mitsuba's own Python integrators do, and `plugin` finds the class that belongs to the active
-variant. Everything else in the package works in any vectorised variant as it is.
+to, as Mitsuba's own Python integrators do, and `plugin` returns the class of the active variant.
+Everything else in the package works in any vectorised variant as it is.
 """
 
 from __future__ import annotations
@@ -17,143 +17,89 @@ from typing import Any, NamedTuple
 
 from . import withheld
 
-MODULES = (
-    "tofrender.samplers.padded_sobol",
-    "tofrender.films.transient",
-    "tofrender.films.phasor",
-    "tofrender.integrators.base",
-    "tofrender.integrators.transient_path",
-    "tofrender.integrators.transient_volpath",
-    "tofrender.integrators.time_gated",
-    "tofrender.integrators.amcw",
-    "tofrender.integrators.path_tracer",
-    "tofrender.integrators.path_tracer_mats",
-    "tofrender.integrators.path_tracer_nee",
-    "tofrender.integrators.path_tracer_mis",
-    "tofrender.integrators.first_surface",
-    "tofrender.integrators.bidirectional",
-    "tofrender.integrators.light_tracer",
-    "tofrender.integrators.bdpt",
-    "tofrender.integrators.simple",
-    "tofrender.integrators.ao",
-    "tofrender.nlos.device.retroreflector",
-    "tofrender.nlos.device.projector",
-    "tofrender.nlos.device.capture_meter",
-    "tofrender.nlos.light.relay_wall_path",
-    "tofrender.nlos.light.confocal",
-    "tofrender.nlos.light.transient_nlos",
-)
-"""Modules whose classes derive from Mitsuba's, each after those that it builds on."""
-
 
 class Plugin(NamedTuple):
-    """Where a plugin is.
-
-    Attributes:
-        name: What scenes call it.
-        kind: What it is to Mitsuba: "integrator", "film", "sampler", "sensor", "emitter", "bsdf".
-        home: The module that defines its class.
-        maker: A module whose `maker` turns the class into what makes the plugin, where one name
-            stands for several classes.
-    """
+    """Name in scenes, kind (as in `mi.register_film`), and module of a plugin's class."""
 
     name: str
     kind: str
     home: str
-    maker: str | None = None
 
+
+# Modules whose classes derive from Mitsuba's, each after those that it builds on: module below
+# `tofrender`, and class, name and kind of its plugin, if it has one
+_TABLE = (
+    ("samplers.padded_sobol", "PaddedSobolSampler", "padded_sobol", "sampler"),
+    ("films.transient", "TransientHDRFilm", "transient_hdr_film", "film"),
+    ("films.phasor", "PhasorHDRFilm", "phasor_hdr_film", "film"),
+    ("integrators.base",),
+    ("integrators.transient_path", "TransientPath", "transient_path", "integrator"),
+    ("integrators.transient_volpath", "TransientVolpath", "transient_volpath", "integrator"),
+    ("integrators.time_gated", "TimeGatedTransientPath", "time_gated_transient_path", "integrator"),
+    ("integrators.amcw", "AMCWTransientPath", "amcw_transient_path", "integrator"),
+    ("integrators.path_tracer",),
+    ("integrators.path_tracer_mats", "PathTracerMats", "path_tracer_mats", "integrator"),
+    ("integrators.path_tracer_nee", "PathTracerNEE", "path_tracer_nee", "integrator"),
+    ("integrators.path_tracer_mis", "PathTracerMIS", "path_tracer_mis", "integrator"),
+    ("integrators.first_surface",),
+    ("integrators.bidirectional",),
+    ("integrators.light_tracer", "TransientLightTracer", "transient_light_tracer", "integrator"),
+    ("integrators.bdpt", "TransientBDPT", "transient_bdpt", "integrator"),
+    ("integrators.simple", "Simple", "simple", "integrator"),
+    ("integrators.ao", "AmbientOcclusion", "ao", "integrator"),
+    ("nlos.device.retroreflector", "Retroreflector", "retroreflector", "bsdf"),
+    ("nlos.device.projector", "ConfocalProjector", "confocal_projector", "emitter"),
+    ("nlos.device.capture_meter", "NLOSCaptureMeter", "nlos_capture_meter", "sensor"),
+    ("nlos.light.relay_wall_path",),
+    ("nlos.light.confocal", "ConfocalTransientIntegrator", "confocal_transient_path", "integrator"),
+    ("nlos.light.transient_nlos", "TransientNLOSPath", "transient_nlos_path", "integrator"),
+)
+
+MODULES = tuple(f"tofrender.{module}" for module, *_ in _TABLE)
 
 PLUGINS = {
-    "AmbientOcclusion": Plugin("ao", "integrator", "tofrender.integrators.ao"),
-    "AMCWTransientPath": Plugin("amcw_transient_path", "integrator", "tofrender.integrators.amcw"),
-    "ConfocalProjector": Plugin("confocal_projector", "emitter", "tofrender.nlos.device.projector"),
-    "ConfocalTransientIntegrator": Plugin(
-        "confocal_transient_path", "integrator", "tofrender.nlos.light.confocal"
-    ),
-    "NLOSCaptureMeter": Plugin(
-        "nlos_capture_meter", "sensor", "tofrender.nlos.device.capture_meter"
-    ),
-    "PaddedSobolSampler": Plugin("padded_sobol", "sampler", "tofrender.samplers.padded_sobol"),
-    "PathTracerMIS": Plugin(
-        "path_tracer_mis", "integrator", "tofrender.integrators.path_tracer_mis"
-    ),
-    "PathTracerMats": Plugin(
-        "path_tracer_mats", "integrator", "tofrender.integrators.path_tracer_mats"
-    ),
-    "PathTracerNEE": Plugin(
-        "path_tracer_nee", "integrator", "tofrender.integrators.path_tracer_nee"
-    ),
-    "PhasorHDRFilm": Plugin("phasor_hdr_film", "film", "tofrender.films.phasor"),
-    "Retroreflector": Plugin("retroreflector", "bsdf", "tofrender.nlos.device.retroreflector"),
-    "Simple": Plugin("simple", "integrator", "tofrender.integrators.simple"),
-    "TimeGatedTransientPath": Plugin(
-        "time_gated_transient_path", "integrator", "tofrender.integrators.time_gated"
-    ),
-    "TransientBDPT": Plugin("transient_bdpt", "integrator", "tofrender.integrators.bdpt"),
-    "TransientHDRFilm": Plugin("transient_hdr_film", "film", "tofrender.films.transient"),
-    "TransientLightTracer": Plugin(
-        "transient_light_tracer", "integrator", "tofrender.integrators.light_tracer"
-    ),
-    "TransientNLOSPath": Plugin(
-        "transient_nlos_path", "integrator", "tofrender.nlos.light.transient_nlos"
-    ),
-    "TransientPath": Plugin(
-        "transient_path",
-        "integrator",
-        "tofrender.integrators.transient_path",
-        maker="tofrender.nlos.light.confocal",
-    ),
-    "TransientVolpath": Plugin(
-        "transient_volpath", "integrator", "tofrender.integrators.transient_volpath"
-    ),
+    plugin[0]: Plugin(plugin[1], plugin[2], f"tofrender.{module}")
+    for module, *plugin in _TABLE
+    if plugin
 }
 """Public plugin classes by name.
 
-Another package may register a plugin of the same name; the last one to do so has it. Ours are
-therefore registered as "tofrender_..." too, and `own_name` says which name is safe.
+Another package may register a plugin of the same name, and the last one to do so gets it. Ours are
+therefore registered as "tofrender_..." too, and `qualified_name` returns the name that is safe.
 """
+
+# Modules whose `maker` turns the class of a plugin into its factory, which chooses among classes
+_MAKERS = {"transient_path": "tofrender.nlos.light.confocal"}
 
 _classes: dict[str, dict[str, type]] = {}  # variant -> class name -> class
 
 
 def plugin(class_name: str) -> Any:
-    """The plugin class of the active variant.
-
-    Raises:
-        AttributeError: There is no such class, or the active variant cannot have it.
-        Withheld: Students write it.
-    """
+    """Plugin class of the active variant; an AttributeError or Withheld if it has none."""
     import mitsuba as mi
 
     variant = mi.variant()
     if class_name not in PLUGINS or variant is None or variant.startswith("scalar"):
-        raise AttributeError(
-            f"tofrender.{class_name} needs an llvm_* or cuda_* variant; the active one is "
-            f"{variant!r}"
-        )
+        needed = "needs an llvm_* or cuda_* variant; the active one is"
+        raise AttributeError(f"tofrender.{class_name} {needed} {variant!r}")
     reason = withheld.refusal(PLUGINS[class_name].home)
     if reason is not None:
-        raise withheld.of_name("tofrender", class_name, withheld.Withheld(reason))
+        raise withheld.error_for("tofrender", class_name, withheld.Withheld(reason))
     register(variant)
     return _classes[variant][class_name]
 
 
-def own_name(plugin_name: str) -> str:
-    """The name by which a plugin of ours is found, whatever other packages have registered.
-
-    Example:
-        >>> own_name("transient_path"), own_name("path")
-        ('tofrender_transient_path', 'path')
-    """
+def qualified_name(plugin_name: str) -> str:
+    """Name that finds a plugin of ours, whatever other packages have registered."""
     ours = any(plugin_name == each.name for each in PLUGINS.values())
     return f"tofrender_{plugin_name}" if ours else plugin_name
 
 
 @cache
-def load_mitsubas() -> frozenset[str]:
+def load_native_plugins() -> frozenset[str]:
     """Load Mitsuba's native plugins from its package's folder, and return their names.
 
-    Mitsuba would look for each in the working folder and beside the scene first, and run it there.
+    Mitsuba would search the working folder and that of the scene first, and run what it finds.
     """
     import mitsuba as mi
 
@@ -173,17 +119,12 @@ def load_mitsubas() -> frozenset[str]:
 
 
 def require_safe_type(name: str) -> None:
-    """Refuse a plugin's name that would make Mitsuba run native code from outside its package.
-
-    Raises:
-        ValueError: It is no word, or the name of a file in a folder `plugins` that Mitsuba
-            searches; one line.
-    """
+    """Raise a ValueError for a plugin whose native code lies outside of Mitsuba's package."""
     import mitsuba as mi
 
     if not re.fullmatch(r"[\w-]+", name, re.ASCII):
         raise ValueError(f"type = {name!r}: must be a plugin's name, of letters, digits, - and _")
-    if name in load_mitsubas() or name == "scene":  # That one is built in
+    if name in load_native_plugins() or name == "scene":  # That one is built in
         return
     resolver: Any = mi.file_resolver
     for suffix in (".so", ".dylib", ".dll"):
@@ -197,7 +138,7 @@ def require_safe_type(name: str) -> None:
 
 def register(variant: str) -> None:
     """Register our plugins in `variant`, once: another package's later ones stay in place."""
-    load_mitsubas()
+    load_native_plugins()
     if variant in _classes:
         return
     import mitsuba as mi
@@ -211,26 +152,26 @@ def register(variant: str) -> None:
     _classes[variant] = {}
     for class_name, each in PLUGINS.items():
         if each.home in loaded:
-            made: Any = getattr(loaded[each.home], class_name)
-            _classes[variant][class_name] = made
-            if each.maker in loaded:
-                made = loaded[each.maker].maker(made)
+            factory: Any = getattr(loaded[each.home], class_name)
+            _classes[variant][class_name] = factory
+            if _MAKERS.get(each.name) in loaded:
+                factory = loaded[_MAKERS[each.name]].maker(factory)
         else:
-            made = withheld.stand_in(class_name, each.name, each.kind, each.home)
-            if made is None:
+            factory = withheld.placeholder(class_name, each.name, each.kind, each.home)
+            if factory is None:
                 continue
         for name in (each.name, f"tofrender_{each.name}"):
-            getattr(mi, f"register_{each.kind}")(name, made)
+            getattr(mi, f"register_{each.kind}")(name, factory)
 
 
 def _refuse(_: Any) -> Any:
-    """What plugins say under a scalar variant."""
+    """Factory of plugins under scalar variants: raises an error that names those that work."""
     from .backend import require_vectorised
 
     require_vectorised()
 
 
 def _run(module: str) -> Any:
-    """A module, run under the active variant."""
-    before = sys.modules.get(module)
-    return importlib.reload(before) if before else importlib.import_module(module)
+    """Run a module, once more if it was imported, under the active variant."""
+    imported = sys.modules.get(module)
+    return importlib.reload(imported) if imported else importlib.import_module(module)

@@ -1,16 +1,15 @@
-"""The student edition of this package: modules that students write themselves.
+"""Student edition of this package: modules that students write themselves.
 
-A file `withheld.json` beside this module, which only a student edition has, names modules and
-packages that are not there, each with the problem that it solves:
+The file `withheld.json` beside this module, which only a student edition has, names modules and
+packages that are missing, each with the problem that it solves:
 
     {
         "modules": {"tofrender.signals.pulses": "a2.gaussian_pulse", "tofrender.paths.walk": null},
         "names": {"GaussianPulse": "a2.gaussian_pulse"}
     }
 
-Importing one raises `Withheld`, which names the problem; a public name of such a module names the
-problem in which that very name is written. A scene that asks for an integrator or an emitter of
-such a module still loads: one stands in for it that refuses to render.
+Importing one raises `Withheld`, which names the problem. A scene with an integrator or an emitter
+of such a module still loads, with a placeholder that refuses to render.
 """
 
 from __future__ import annotations
@@ -26,17 +25,12 @@ FILE = Path(__file__).with_name("withheld.json")
 
 
 class Withheld(ImportError):
-    """A module is not part of the student edition; the message is one line."""
+    """A module is not part of the student edition."""
 
 
 def modules() -> dict[str, str | None]:
-    """The withheld modules and packages, with the problem that each solves; none, as a rule."""
+    """Withheld modules and packages, with the problem that each solves; usually none."""
     return _content().get("modules", {})
-
-
-def names() -> dict[str, str]:
-    """The withheld public names, with the problem in which each is written; none, as a rule."""
-    return _content().get("names", {})
 
 
 def _content() -> dict[str, Any]:
@@ -44,12 +38,7 @@ def _content() -> dict[str, Any]:
 
 
 def refusal(module: str) -> str | None:
-    """Why `module` cannot be imported; None if it can.
-
-    Example:
-        >>> refusal("tofrender.signals.units") is None
-        True
-    """
+    """Why `module` cannot be imported; None if it can."""
     parts = module.split(".")
     for count in range(len(parts), 1, -1):
         name = ".".join(parts[:count])
@@ -62,34 +51,24 @@ def refusal(module: str) -> str | None:
 
 
 class _Finder(MetaPathFinder):
-    """Finds withheld modules first, to say so."""
+    """Finder of modules that raises `Withheld` before the other finders search."""
 
     def find_spec(self, fullname: str, path: Sequence[str] | None, target: Any = None) -> None:
-        """Refuse a withheld module; leave all others to the other finders.
-
-        Raises:
-            Withheld: The module is withheld.
-        """
+        """Raise `Withheld` for a withheld module."""
         reason = refusal(fullname)
         if reason is not None:
             raise Withheld(reason, name=fullname)
 
 
-def of_name(package: str, name: str, reason: Withheld) -> Withheld:
-    """Why a public name is not there: the problem in which it is written, else why its module."""
+def error_for(package: str, name: str, reason: Withheld) -> Withheld:
+    """Make the error for a public name, with the problem in which it is written, if it is known."""
     problem = _NAMES.get(name)
-    what = f"{package}.{name}"
-    text = (
-        f"{what}: {reason}" if problem is None else f"{what} is yours to write: problem {problem}"
-    )
-    return Withheld(text, name=package)
+    text = f": {reason}" if problem is None else f" is yours to write: problem {problem}"
+    return Withheld(f"{package}.{name}{text}", name=package)
 
 
-def stand_in(class_name: str, plugin_name: str, kind: str, home: str) -> Any:
-    """A plugin that does nothing, for scenes that ask for one that is withheld.
-
-    There is one for an "integrator" or an "emitter"; other kinds get None.
-    """
+def placeholder(class_name: str, plugin_name: str, kind: str, home: str) -> Any:
+    """Make a placeholder for a withheld "integrator" or "emitter"; None for other kinds."""
     import mitsuba as mi
 
     bases: dict[str, Any] = {"integrator": mi.SamplingIntegrator, "emitter": mi.Emitter}
@@ -98,12 +77,10 @@ def stand_in(class_name: str, plugin_name: str, kind: str, home: str) -> Any:
     problem = _NAMES.get(class_name)
     reason = refusal(home)
     if problem is not None:
-        reason = (
-            f"is yours to write: problem {problem}; import your file before the scene is loaded"
-        )
+        reason = f"is yours to write: problem {problem}; import your file before loading the scene"
 
     class YoursToWrite(bases[kind]):
-        """Takes any parameters; an integrator says which problem to solve when it renders."""
+        """Placeholder with any parameters; an integrator names the problem when it renders."""
 
         withheld = f"{plugin_name!r} {reason}" if problem else f"{plugin_name!r}: {reason}"
 
@@ -123,6 +100,7 @@ def stand_in(class_name: str, plugin_name: str, kind: str, home: str) -> Any:
     return YoursToWrite
 
 
-_WITHHELD, _NAMES = modules(), names()
+_WITHHELD: dict[str, str | None] = modules()
+_NAMES: dict[str, str] = _content().get("names", {})
 if _WITHHELD:
     sys.meta_path.insert(0, _Finder())

@@ -1,13 +1,13 @@
 """Sampler plugin `padded_sobol`: a Sobol' (0, 2)-sequence for every pair of random numbers.
 
-Each pair takes the first two Sobol' dimensions anew, under a hash of the pixel and the pair: the
-hash shuffles the order of the points and shifts their digits. Pairs are then independent of each
-other, while each fills the unit square evenly. The n-th point is computed from n alone. A render
-can therefore stop and go on in the same point set, and n can be the counter of a symbolic loop,
-which Mitsuba's stratified samplers do not allow.
+Each pair uses the first two Sobol' dimensions, with the order of the points shuffled and their
+digits shifted by a hash of the pixel and the pair, so that pairs are independent of each other
+while each fills the unit square evenly. The n-th point is computed from n alone: a render can stop
+and resume in the same point set, and n can be the counter of a symbolic loop, which Mitsuba's
+stratified samplers do not allow.
 
 The shuffle is an Owen scramble of n, which keeps every block of 2^k points a (0, 2)-net. The digits
-are shifted, not Owen-scrambled: on the transient Cornell box that leaves a tenth less variance.
+are shifted, not Owen-scrambled, which on the transient Cornell box has a tenth less variance.
 
 Sources: T. Kollig and A. Keller, "Efficient Multidimensional Sampling", CGF 21(3), 2002 (padding,
 digit shifts); B. Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020 (shuffling by a
@@ -34,11 +34,7 @@ def mix(a: mi.UInt32, b: mi.UInt32) -> mi.UInt32:
 
 
 def scramble(x: mi.UInt32, seed: mi.UInt32) -> mi.UInt32:
-    """Owen-scramble the digits of `x`, its *lowest* bit the leading digit.
-
-    Each digit is flipped or not by a hash of the digits before it (Laine and Karras's permutation
-    in Burley's version).
-    """
+    """Owen-scramble the digits of `x`, lowest bit leading (Laine and Karras, as Burley has it)."""
     x = x + seed
     x ^= x * 0x6C50B47C
     x ^= x * 0xB82F1E52
@@ -56,14 +52,14 @@ def pascal(x: mi.UInt32) -> mi.UInt32:
 
 
 def unit_interval(digits: mi.UInt32) -> mi.Float:
-    """Binary digits, lowest bit leading, to a number in [0, 1)."""
+    """Convert binary digits, lowest bit leading, to a number in [0, 1)."""
     return mi.Float(dr.brev(digits) >> 8) * (1 / (1 << 24))
 
 
 class PaddedSobolSampler(mi.Sampler):
     """Padded Sobol' points (plugin `padded_sobol`), the default of `tofrender.render`.
 
-    Powers of two fill the square best; any sample count works.
+    Any sample count works; powers of two fill the square best.
 
     | parameter | default | meaning |
     |---|---|---|
@@ -84,15 +80,15 @@ class PaddedSobolSampler(mi.Sampler):
         self.base_seed = checks.integer("seed", props.get("seed", 0), 0, checks.MAX_SEED)
         super().__init__(props)
         self.lanes_per_pixel: int | None = None
-        self.stride = 1  # From a point of a lane to its next one
+        self.stride = 1  # From one point of a lane to the next
         self.index = mi.UInt32(0)  # Number of the point
-        self.dimension = mi.UInt32(0)  # Number of the pair within the point
+        self.dimension = mi.UInt32(0)  # Number of the pair of dimensions
         self.pixel_hash = self.seed_value = mi.UInt32(0)
 
     def seed(self, seed: int | mi.UInt32, wavefront_size: int = 0xFFFFFFFF) -> None:
         """Start at the first point of every pixel.
 
-        Mitsuba's own integrators never say how many lanes share a pixel; it is all samples then.
+        Mitsuba's own integrators do not set the number of lanes per pixel: all samples then.
         """
         count = self.sample_count()
         guess = count if wavefront_size % count == 0 else 1
@@ -105,44 +101,43 @@ class PaddedSobolSampler(mi.Sampler):
         self.place(pixel)
 
     def place(self, pixel: mi.UInt32) -> None:
-        """Take the points of pixels, given by a number for each lane that tells them apart."""
+        """Set the pixel of each lane, as any number that identifies it."""
         self.pixel_hash = mix(mix(pixel, self.seed_value), mi.UInt32(self.base_seed))
 
     def set_samples_per_wavefront(self, samples_per_wavefront: int) -> None:
-        """Let this many neighbouring lanes share a pixel and its point set."""
+        """Set how many neighbouring lanes share a pixel and its point set."""
         self.lanes_per_pixel = samples_per_wavefront
 
     def advance(self) -> None:
-        """Go on to the next point of each lane."""
+        """Advance to the next point of each lane."""
         self.index = self.index + self.stride
         self.dimension = mi.UInt32(0)
 
     def skip(self, count: int) -> None:
-        """Leave out the next `count` points of each pixel."""
+        """Skip the next `count` points of each pixel."""
         self.index = self.index + dr.opaque(mi.UInt32, count)
 
     def next_1d(self, active: mi.Bool | bool = True) -> mi.Float:
-        """The next number in [0, 1)."""
+        """Return the next number in [0, 1)."""
         pair, point = self._next_pair()
         return unit_interval(point ^ mix(pair, mi.UInt32(1)))
 
     def next_2d(self, active: mi.Bool | bool = True) -> mi.Point2f:
-        """The next point in [0, 1)^2."""
+        """Return the next point in [0, 1)^2."""
         pair, point = self._next_pair()
-        return mi.Point2f(
-            unit_interval(point ^ mix(pair, mi.UInt32(1))),
-            unit_interval(pascal(point) ^ mix(pair, mi.UInt32(2))),
-        )
+        x = unit_interval(point ^ mix(pair, mi.UInt32(1)))
+        y = unit_interval(pascal(point) ^ mix(pair, mi.UInt32(2)))
+        return mi.Point2f(x, y)
 
     def clone(self) -> PaddedSobolSampler:
-        """A copy that goes on from the same point."""
-        twin = self.fork()
+        """Return a copy in the same state."""
+        copy = self.fork()
         for name in ("lanes_per_pixel", "stride", "index", "dimension", "pixel_hash", "seed_value"):
-            setattr(twin, name, getattr(self, name))
-        return twin
+            setattr(copy, name, getattr(self, name))
+        return copy
 
     def fork(self) -> PaddedSobolSampler:
-        """An unseeded sampler with the same parameters."""
+        """Return an unseeded sampler with the same parameters."""
         props = mi.Properties("padded_sobol")
         props["sample_count"] = self.sample_count()
         props["seed"] = self.base_seed
@@ -153,11 +148,11 @@ class PaddedSobolSampler(mi.Sampler):
         dr.schedule(self.index, self.dimension, self.pixel_hash)
 
     def to_string(self) -> str:
-        """A short description."""
+        """Return a short description."""
         return f"PaddedSobolSampler[sample_count = {self.sample_count()}]"
 
     def _next_pair(self) -> tuple[mi.UInt32, mi.UInt32]:
-        """Hash of the pixel and of the next pair of numbers, and the point's number, shuffled."""
+        """Hash of the pixel and the next pair of dimensions, and the shuffled point number."""
         pair = mix(self.pixel_hash, self.dimension)
         self.dimension = self.dimension + 1
         return pair, dr.brev(scramble(dr.brev(self.index), pair))

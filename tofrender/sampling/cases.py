@@ -58,7 +58,7 @@ def bsdf_case(bsdf: dict | mi.BSDF, wi: Any, *, uv: Any = (0.5, 0.5), name: str 
     try:
         u, v = (checks.number("uv", each) for each in uv)
     except (TypeError, ValueError):
-        raise ValueError(f"uv = {checks.shown(uv)}: must be two finite numbers") from None
+        raise ValueError(f"uv = {checks.quote(uv)}: must be two finite numbers") from None
     checks.instance("name", name, str, "text")
     plugin: Any = _loaded("bsdf", bsdf) if isinstance(bsdf, dict) else bsdf
     checks.instance("bsdf", plugin, mi.BSDF, "a BSDF of Mitsuba's or a dict of one")
@@ -112,7 +112,7 @@ def light_case(light: Any, o: Any, *, name: str = "") -> Case:
         return _mitsuba_light(light, origin, name or str(light.get("type")))
     if not (hasattr(light, "sample") and hasattr(light, "pdf")):
         allowed = "must be a shape of tofrender.sampling or a dict of a light"
-        raise ValueError(f"light = {checks.shown(light)}: {allowed}")
+        raise ValueError(f"light = {checks.quote(light)}: {allowed}")
 
     def sample(numbers: mi.Point2f) -> tuple[mi.Vector3f, mi.Float, mi.Float]:
         record = light.sample(dr.opaque(mi.Point3f, origin), numbers)
@@ -161,7 +161,7 @@ def _loaded(what: str, description: dict) -> Any:
     except RuntimeError as error:
         reason = " ".join(str(error).split())
         allowed = f"must be a dict that Mitsuba loads ({reason[:200]})"
-        raise ValueError(f"{what} = {checks.shown(given)}: {allowed}") from None
+        raise ValueError(f"{what} = {checks.quote(given)}: {allowed}") from None
 
 
 def _direction(name: str, value: Any) -> tuple[float, ...]:
@@ -169,5 +169,5 @@ def _direction(name: str, value: Any) -> tuple[float, ...]:
     numbers = point(name, value).tolist()
     length = math.hypot(*numbers)
     if not length > 0:
-        raise ValueError(f"{name} = {checks.shown(value)}: must be a direction, not zero")
+        raise ValueError(f"{name} = {checks.quote(value)}: must be a direction, not zero")
     return tuple(each / length for each in numbers)

@@ -28,7 +28,8 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import checks
-from ..runtime.canvas import check_figure_path, save_figure
+from ..runtime.atomic import check_file
+from ..runtime.canvas import FIGURE_SUFFIXES, save_figure
 from . import domains, histograms
 from .statistics import smallest_allowed
 from .verdicts import Moment, Verdict
@@ -54,7 +55,7 @@ def check_chance(alpha: Any) -> None:
         ValueError: One line with its value.
     """
     if not 0 < checks.number("alpha", alpha, low=0, high=1) < 1:
-        raise ValueError(f"alpha = {checks.shown(alpha)}: must be a number between 0 and 1")
+        raise ValueError(f"alpha = {checks.quote(alpha)}: must be a number between 0 and 1")
 
 
 def chi_square_test(
@@ -120,7 +121,9 @@ def chi_square_test(
     known = checks.mapping("expected_moments", expected_moments)
     for key in known:
         checks.one_of("expected_moments", key, NAMES[dimensions])
-    path = None if figure is None else check_figure_path(figure, "figure")
+    path = None
+    if figure is not None:
+        path = check_file(figure, *FIGURE_SUFFIXES, overwrite=True, name="figure")
     if path is not None and not path.parent.is_dir():
         raise ValueError(f"figure = {path}: {path.parent} must be a folder that exists")
 

@@ -128,7 +128,7 @@ def visible(
     checks.instance("scene", scene, mi.Scene | Shape, "a loaded scene or a shape of sampling")
     checks.instance("record", record, EmitterRecord, "a record of a shape's sample")
     if n is not None and (not dr.is_array_v(n) or dr.size_v(n) != 3):
-        raise ValueError(f"n = {checks.shown(n)}: must be an mi.Vector3f or None")
+        raise ValueError(f"n = {checks.quote(n)}: must be an mi.Vector3f or None")
     normal = record.d if n is None else n
     start = mi.Interaction3f(0, 0, mi.Color0f(), record.o, normal)
     ray = start.spawn_ray_to(record.p)
@@ -149,7 +149,7 @@ def emission_values(emission: Any) -> tuple[float, ...]:
     numbers = np.atleast_1d(numbers)
     if numbers.shape not in ((1,), (3,)) or not np.all(np.isfinite(numbers) & (numbers >= 0)):
         allowed = "must be one number or three, each finite and 0 or more"
-        raise ValueError(f"emission = {checks.shown(emission)}: {allowed}")
+        raise ValueError(f"emission = {checks.quote(emission)}: {allowed}")
     return tuple(numbers.tolist())
 
 
@@ -172,9 +172,9 @@ def affine(transform: Any) -> np.ndarray:
     try:
         matrix = checks.real_array("", getattr(transform, "matrix", transform), np.float64)
     except ValueError:
-        raise ValueError(f"transform = {checks.shown(transform)}: {allowed}") from None
+        raise ValueError(f"transform = {checks.quote(transform)}: {allowed}") from None
     matrix = matrix[..., 0] if matrix.shape == (4, 4, 1) else matrix  # mi.Transform4f of one lane
     right = matrix.shape == (4, 4) and np.all(np.isfinite(matrix))
     if not right or not np.array_equal(matrix[3], [0, 0, 0, 1]):
-        raise ValueError(f"transform = {checks.shown(transform)}: {allowed}")
+        raise ValueError(f"transform = {checks.quote(transform)}: {allowed}")
     return matrix

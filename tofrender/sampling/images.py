@@ -34,7 +34,7 @@ def read_image(image: Any) -> np.ndarray:
     """
     where = "image"
     if isinstance(image, str | os.PathLike):
-        where = f"image = {checks.shown(os.fspath(image))}"
+        where = f"image = {checks.quote(os.fspath(image))}"
         image = _open(checks.path("image", image), where)
     if isinstance(image, mi.Bitmap):
         image = _linear(image, where)

@@ -111,7 +111,7 @@ class Quad(Patch):
             width, height = (checks.metres("size", each, positive=True) for each in size)
         except (TypeError, ValueError):
             raise ValueError(
-                f"size = {checks.shown(size)}: must be two finite numbers above 0"
+                f"size = {checks.quote(size)}: must be two finite numbers above 0"
             ) from None
         edges = matrix[:3, :2] * [width, height]
         e0, e1 = edges.T

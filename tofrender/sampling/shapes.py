@@ -92,7 +92,7 @@ class SurfaceGroup(Shape):
         self.shapes = list(shapes) if isinstance(shapes, Sequence) else []
         if not self.shapes or not all(isinstance(each, Shape) for each in self.shapes):
             allowed = "must be a list of at least one Quad, Triangle, Sphere or SurfaceGroup"
-            raise ValueError(f"shapes = {checks.shown(shapes)}: {allowed}")
+            raise ValueError(f"shapes = {checks.quote(shapes)}: {allowed}")
         self.area = sum(each.area for each in self.shapes)
 
     @property

@@ -107,7 +107,7 @@ def chi_square_suite(cases: Iterable[Case], alpha: float = 1e-3, **options: Any)
     """
     given = list(cases) if isinstance(cases, Iterable) else []
     if not given or not all(isinstance(each, Case) for each in given):
-        raise ValueError(f"cases = {checks.shown(cases)}: must be at least one Case, no other")
+        raise ValueError(f"cases = {checks.quote(cases)}: must be at least one Case, no other")
     cases = given
     check_chance(alpha)
     first = checks.integer("seed", options.pop("seed", 0), 0, checks.MAX_SEED - len(cases))

@@ -33,7 +33,7 @@ def point(name: str, value: Any) -> np.ndarray:
     except (TypeError, ValueError):
         numbers = np.empty(0)
     if numbers.shape != (3,) or not np.all(np.isfinite(numbers)):
-        raise ValueError(f"{name} = {checks.shown(value)}: must be three finite numbers")
+        raise ValueError(f"{name} = {checks.quote(value)}: must be three finite numbers")
     return numbers
 
 

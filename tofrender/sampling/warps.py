@@ -48,7 +48,7 @@ def vector(name: str, value: Any, size: int = 3) -> Any:
         return value
     kind = "Point2f" if size == 2 else "Vector3f"
     raise ValueError(
-        f"{name} = {checks.shown(value)}: must be an mi.{kind}, or another Dr.Jit array of {size} "
+        f"{name} = {checks.quote(value)}: must be an mi.{kind}, or another Dr.Jit array of {size} "
         "coordinates"
     )
 

@@ -72,7 +72,7 @@ def require_modelled(
     active = mi.variant() or "none"
     if not hasattr(scene, "variant_name"):
         allowed = f"a loaded scene of the active variant {active}"
-        raise ValueError(f"scene = {checks.shown(scene)}: must be {allowed}")
+        raise ValueError(f"scene = {checks.quote(scene)}: must be {allowed}")
     if scene.variant_name() != active:
         raise ValueError(
             f"scene: belongs to the variant {scene.variant_name()}; must be one of the active "

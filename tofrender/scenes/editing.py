@@ -27,7 +27,7 @@ SAMPLER_KEPT = ("sample_count", "seed")
 def use_own_plugins(state: Any) -> None:
     """Replace names that other packages may have registered too by those of our own plugins."""
     for node in state.nodes:
-        node.props.set_plugin_name(plugins.own_name(node.props.plugin_name()))
+        node.props.set_plugin_name(plugins.qualified_name(node.props.plugin_name()))
 
 
 def name_shapes(state: Any) -> None:

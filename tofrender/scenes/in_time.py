@@ -47,7 +47,7 @@ def path_tracer_of(integrator: Any) -> dict[str, Any]:
         raise ValueError(_unknown(integrator))
     depth, roulette = int(printed[1]), printed[2] or getattr(integrator, "rr_depth", 5)
     return {
-        "type": plugins.own_name(successor_of(integrator)),
+        "type": plugins.qualified_name(successor_of(integrator)),
         "max_depth": -1 if depth == UNLIMITED else depth,
         "rr_depth": int(roulette),
         "hide_emitters": getattr(integrator, "hide_emitters", False),
@@ -127,7 +127,7 @@ def _replacement(wanted: str | Mapping[str, Any], old: mi.Properties) -> mi.Prop
         given = before | given
     for name, value in given.items():
         if isinstance(value, Mapping):
-            value = mi.load_dict({**value, "type": plugins.own_name(value.get("type", ""))})
+            value = mi.load_dict({**value, "type": plugins.qualified_name(value.get("type", ""))})
         try:
             new[name] = value.item() if hasattr(value, "item") else value
         except TypeError:

@@ -18,8 +18,8 @@ from xml.etree import ElementTree
 import mitsuba as mi
 
 from ..runtime import checks, plugins
-from ..runtime.backend import hold, uncollected
-from ..runtime.progress import held_signals, shown
+from ..runtime.backend import keep_alive, tracing_lock
+from ..runtime.progress import held_signals, with_status
 from . import BUILT_IN
 from .checking import require_inverse
 from .compatibility import use_own_names
@@ -36,7 +36,7 @@ LONGEST = 500
 """Most characters of an error of Mitsuba's in a message."""
 
 
-@shown("Loading the scene")
+@with_status("Loading the scene")
 def load_scene(
     source: mi.Scene | Mapping[str, Any] | str | os.PathLike[str],
     *,
@@ -88,7 +88,7 @@ def load_scene(
         changed = [*given, *parameters]
         if changed:
             raise ValueError(
-                f"{changed[0]} = {checks.shown((given | parameters)[changed[0]])}: a loaded scene "
+                f"{changed[0]} = {checks.quote((given | parameters)[changed[0]])}: a loaded scene "
                 "cannot be changed; give the dict or the XML file that it comes from"
             )
         return source
@@ -98,7 +98,7 @@ def load_scene(
     if isinstance(source, str):
         source = find_scene(source)
     try:
-        with uncollected(), held_signals(), _files_beside(source):
+        with tracing_lock(), held_signals(), _files_beside(source):
             state = _resolved(config, source, parameters)
             use_own_names(state)
             change(state, given)
@@ -110,7 +110,7 @@ def load_scene(
             description = describe(state)  # Of all files as they are loaded
             parser.transform_all(config, state)
             scene = parser.instantiate(config, state)
-            hold(scene)
+            keep_alive(scene)
     except RuntimeError as error:
         raise ValueError(_one_line(str(error))) from None
     if not isinstance(scene, mi.Scene):
@@ -122,7 +122,7 @@ def load_scene(
 def parse_file_of(path: Any, parameters: Mapping[str, Any]) -> Any:
     """Mitsuba's parser state of an XML file, a built-in name or a dict, its references resolved."""
     try:
-        with uncollected(), _files_beside(path):
+        with tracing_lock(), _files_beside(path):
             return _resolved(parser.ParserConfig(mi.variant()), path, parameters)
     except RuntimeError as error:
         raise ValueError(_one_line(str(error))) from None
@@ -140,12 +140,12 @@ def load_plugin(what: str, description: Mapping[str, Any]) -> Any:
     """Instantiate one plugin from a dict; errors name it `what`, e.g. "integrator"."""
     name = description.get("type")
     if not isinstance(name, str):
-        given = checks.shown(dict(description))
+        given = checks.quote(dict(description))
         raise ValueError(f"{what} = {given}: must have a plugin's name as its type")
     require_readable_dict(description)
     try:
-        with uncollected(), held_signals():
-            return mi.load_dict({**description, "type": plugins.own_name(name)})
+        with tracing_lock(), held_signals():
+            return mi.load_dict({**description, "type": plugins.qualified_name(name)})
     except RuntimeError as error:
         raise ValueError(f"{what}: {_one_line(str(error))}") from None
 
@@ -183,7 +183,7 @@ def find_scene(name: str) -> str | Path:
         what = "is a folder" if path.is_dir() else "does not exist"
         raise FileNotFoundError(f"scene = {name!r}: {what}; must be a Mitsuba XML file")
     near = get_close_matches(built_in, BUILT_IN, 3, 0.5)
-    what = f"must be one of {checks.listed(BUILT_IN)} that `tofrender scenes` lists"
+    what = f"must be one of {checks.join_names(BUILT_IN)} that `tofrender scenes` lists"
     if near:
         meant = " or ".join(near)
         what = f"did you mean {meant}? Must be a scene that `tofrender scenes` lists"
@@ -214,7 +214,7 @@ def _parse(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:
     if parameters:
         name, value = next(iter(parameters.items()))
         raise ValueError(
-            f"parameter {name} = {checks.shown(value)}: must be left out, only XML files "
+            f"parameter {name} = {checks.quote(value)}: must be left out, only XML files "
             "have parameters"
         )
     if isinstance(source, str):
@@ -227,7 +227,7 @@ def _parse(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:
             f"or a scene of the active variant {mi.variant()}"
         )
     if source.get("type") != "scene":
-        raise ValueError(f"scene: type = {checks.shown(source.get('type'))}, must be 'scene'")
+        raise ValueError(f"scene: type = {checks.quote(source.get('type'))}, must be 'scene'")
     require_readable_dict(source)
     return parser.parse_dict(config, {k: v for k, v in source.items() if not _is_folder(v)})
 

@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..runtime.backend import uncollected
+from ..runtime.backend import tracing_lock
 from .numbers import floats_of, is_spectral_coefficients, require_all
 
 BOUNDARY = int(mi.BSDFFlags.Null | mi.BSDFFlags.FrontSide | mi.BSDFFlags.BackSide)
@@ -50,7 +50,7 @@ def media_of(scene: mi.Scene, sensor: mi.Sensor | None = None) -> list[mi.Medium
     return media
 
 
-@uncollected()
+@tracing_lock()
 def beyond(scene: mi.Scene, sensors: mi.Medium | None = None) -> mi.Medium | None:
     """The medium infinitely far away, None for vacuum.
 
@@ -124,7 +124,7 @@ def _require_depolarising(medium: mi.Medium) -> None:
             )
 
 
-@uncollected()
+@tracing_lock()
 def _require_consistent(scene: mi.Scene, sensor: mi.Sensor) -> None:
     """Trace rays from a sensor, and compare the current medium with that of each boundary."""
     film, rest = np.arange(1, PROBES + 1)[:, None] * (0.7548777, 0.5698403) % 1, mi.Point2f(0.5)
@@ -177,7 +177,7 @@ def scatters(medium: mi.Medium) -> bool:
     return not leaves or any(np.any(np.asarray(leaf) > 0) for leaf in leaves)
 
 
-@uncollected()
+@tracing_lock()
 def scatterer_on(
     scene: mi.Scene, ray: mi.Ray3f, medium: mi.MediumPtr, sensor: mi.Sensor
 ) -> tuple[mi.Medium | None, mi.MediumPtr]:

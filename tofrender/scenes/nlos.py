@@ -113,15 +113,15 @@ def nlos_patch(
         'rectangle'
     """
     half = checks.metres("side", side, positive=True) / 2
-    where = checks.place("position", position)
+    where = checks.point("position", position)
     angle = checks.number("tilt", tilt, unit="degrees")
     if not -90 < angle < 90:
-        raise ValueError(f"tilt = {checks.shown(tilt)}: must be between -90 and 90 degrees")
+        raise ValueError(f"tilt = {checks.quote(tilt)}: must be between -90 and 90 degrees")
     to_world = pose(where, Y, 180 + angle, [half, half, 1])
     corners = _corners(to_world)
     if not corners[:, 2].min() > 0:
         raise ValueError(
-            f"position = {checks.shown(position)}, side = {checks.shown(side)}: must leave all of "
+            f"position = {checks.quote(position)}, side = {checks.quote(side)}: must leave all of "
             "the patch before the wall"
         )
     patch = {"type": "rectangle", "to_world": to_world, "bsdf": _hidden_material(options)}
@@ -175,7 +175,7 @@ def nlos_bunny(*, distance: float = 1.0, occluder: bool = True, **options: Any) 
     vertices = transformed(bunny()[0], to_world)
     if not vertices[:, 2].min() > 0:
         raise ValueError(
-            f"distance = {checks.shown(distance)}: must leave all of the bunny before the wall"
+            f"distance = {checks.quote(distance)}: must leave all of the bunny before the wall"
         )
     mesh = bunny_mesh(to_world, bsdf=_hidden_material(options))
     options = {"bin_width_opl": 0.008} | options
@@ -222,12 +222,12 @@ def _scene(
     wall_reflectance: float = 0.8,
 ) -> Dict:
     """Wall and device before the `hidden` shape, which has these `points` (n, 3) [m]."""
-    origin, spot = checks.place("device", device), checks.place("target", target, 2)
+    origin, spot = checks.point("device", device), checks.point("target", target, 2)
     if not origin[2] > 0:
-        raise ValueError(f"device = {checks.shown(device)}: must be before the wall, z above 0")
+        raise ValueError(f"device = {checks.quote(device)}: must be before the wall, z above 0")
     if max(map(abs, spot)) > 1:
         raise ValueError(
-            f"target = {checks.shown(target)}: must be on the wall, from -1 to 1 in x and y"
+            f"target = {checks.quote(target)}: must be on the wall, from -1 to 1 in x and y"
         )
     nearest = float(points[:, 2].min())
     start = round(max(0.0, 2 * nearest - LEAD), 2) if start_opl is None else start_opl
@@ -247,7 +247,7 @@ def _scene(
     if checks.boolean("occluder", occluder):
         if not origin[2] < nearest:
             raise ValueError(
-                f"device = {checks.shown(device)}: with an occluder, must be nearer to the wall "
+                f"device = {checks.quote(device)}: with an occluder, must be nearer to the wall "
                 f"than the hidden shape, z below {nearest:g}"
             )
         plate["occluder"] = _occluder(np.array(origin), points)

@@ -40,7 +40,7 @@ def _integrator(name: str, value: Any) -> Any:
     if not isinstance(value, Mapping):
         return checks.one_of(name, value, INTEGRATORS)
     if not isinstance(value.get("type"), str):
-        given = checks.shown(dict(value))
+        given = checks.quote(dict(value))
         raise ValueError(f"{name} = {given}: must have a plugin's name as its type")
     return value
 

@@ -1,4 +1,4 @@
-"""How bright colours are."""
+"""Luminance of colours."""
 
 from __future__ import annotations
 
@@ -11,13 +11,7 @@ LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
 
 
 def luminance(values: np.ndarray) -> np.ndarray:
-    """Luminance of colours, the value itself of what has one channel.
-
-    Args:
-        values: Linear values, (..., 1) or (..., 3).
-
-    Returns:
-        An array without the last axis, of the type of `values`.
+    """Luminance (...) of linear values (..., 3); of (..., 1), the values.
 
     Example:
         >>> luminance(np.array([[2.0, 2.0, 2.0], [0.0, 1.0, 0.0]]))

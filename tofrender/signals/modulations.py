@@ -1,16 +1,17 @@
-"""Modulations: what a correlation sensor weights light by, as a function of its path length.
+"""Modulations: the weight that a correlation sensor gives to light, as a function of path length.
 
-The light is modulated, the sensor multiplies what arrives with a demodulation and integrates. Light
-of one path length thus counts by the **correlation function** of the two, which is periodic in the
-optical path length with period c/f. A modulation here is that function. It offers
+The light is modulated, the sensor multiplies it with a demodulation and integrates. Light of one
+path length is thus weighted by the **correlation function** of the two, which is periodic in the
+optical path length with period c/f. A modulation here is that function:
 
-    eval(opl)                 weight of light that arrives with the path length opl [m]
-    frequency_hz              repetition frequency f [Hz]
+    eval(opl)                 weight of light with the path length opl [m]
+    frequency_hz              repetition frequency f [Hz], from 1e-9 to 1e18
+    phase_offset              phase of the demodulation [rad], any finite number
     get_unambiguous_range()   half a period, c / 2f [m]: depths beyond it wrap around
 
-All correlations are scaled to [-1, 1], as if the sensor reported the difference of two taps that
-share the light. All are functions of the phase x = f opl/c + phase_offset/(2 pi), in turns.
-`eval` takes a Dr.Jit float or a number, and gives back the same kind.
+All correlations are scaled to [-1, 1], as if the sensor reported the difference of two taps, and
+are functions of the phase x = f opl/c + phase_offset/(2 pi), in turns. `eval` accepts a Dr.Jit
+float or a number, and returns the same type. Arguments out of range raise a ValueError.
 """
 
 from __future__ import annotations
@@ -24,12 +25,11 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import checks
-from .frequencies import check_frequency
-from .units import SPEED_OF_LIGHT
+from .units import SPEED_OF_LIGHT, check_frequency
 
 
 class Modulation(Protocol):
-    """What every modulation offers; see the module's text."""
+    """Interface of modulations; see the module's text."""
 
     frequency_hz: float
 
@@ -60,14 +60,11 @@ class _Periodic:
         return x - dr.round(x)
 
     def get_unambiguous_range(self) -> float:
-        """Largest depth that is told apart from a shorter one: c / 2f [m].
-
-        Light and camera together: a depth is half a path.
-        """
+        """Largest unambiguous depth, half of a path: c / 2f [m]."""
         return SPEED_OF_LIGHT / (2.0 * self.frequency_hz)
 
     def __repr__(self) -> str:
-        """Name, frequency and, if there is one, the offset."""
+        """Name, arguments and, if it is not 0, the offset."""
         offset = f", phase_offset={self.phase_offset:g}" if self.phase_offset else ""
         return f"{type(self).__name__}({self._arguments()}{offset})"
 
@@ -83,18 +80,12 @@ class AMCWPulse(_Periodic):
     while +pi/2 gives minus sine and a depth that runs backwards.
 
     Args:
-        frequency_hz: Modulation frequency f [Hz], from 1e-9 to 1e18.
-        phase_offset: Phase of the demodulation [rad], any finite number.
+        frequency_hz: Modulation frequency f [Hz]; also the attribute `frequency`.
+        phase_offset: Phase of the demodulation [rad].
 
     Attributes:
-        frequency_hz: f [Hz]; `frequency` is the same.
-        phase_offset: [rad].
         omega: 2 pi f [rad/s].
         c: Speed of light in vacuum [m/s].
-
-    Raises:
-        ValueError: `frequency_hz` is not a finite number above 0 or out of range, or
-            `phase_offset` is not finite.
 
     Example:
         >>> i, q = AMCWPulse(50e6), AMCWPulse(50e6, phase_offset=-math.pi / 2)
@@ -119,16 +110,12 @@ class SquareWave(_Periodic):
     """Square light times square demodulation, half a period on, half off: a triangle wave.
 
     m(x) = 1 - 4 |x - round(x)|, which is 1 at x = 0 and -1 at x = 1/2. Its harmonics n = 1, 3, 5,
-    ... have amplitudes 8/(pi n)^2, so an algorithm made for cosines reads a phase that is slightly
-    wrong: the "wiggling error" of real cameras.
+    ... have amplitudes 8/(pi n)^2, so an algorithm for cosines measures a slightly wrong phase: the
+    "wiggling error" of real cameras.
 
     Args:
-        frequency_hz: Repetition frequency f [Hz], from 1e-9 to 1e18.
-        phase_offset: Phase of the demodulation [rad], any finite number; -pi/2 for Q.
-
-    Raises:
-        ValueError: `frequency_hz` is not a finite number above 0 or out of range, or
-            `phase_offset` is not finite.
+        frequency_hz: Repetition frequency f [Hz].
+        phase_offset: Phase of the demodulation [rad]; -pi/2 for Q.
 
     Example:
         >>> wave = SquareWave(100e6)
@@ -157,7 +144,7 @@ _SWITCHES = {
 
 
 class HamiltonianCode(_Periodic):
-    """One of the k correlations of a Hamiltonian code: a piecewise-linear function.
+    """Correlation of a Hamiltonian code, one of k: a piecewise-linear function.
 
     The period is divided into n = 6, 12 or 30 slots for k = 3, 4 or 5. The light is a pulse of one
     slot, n times the mean power; each of the k demodulations d_i is binary in every slot, and from
@@ -165,11 +152,11 @@ class HamiltonianCode(_Periodic):
 
         m_i(x) = n * integral of d_i from x to x + 1/n
 
-    runs straight from d_i[j] at x = j/n to d_i[j + 1] at x = (j + 1)/n, and the k correlations
-    together walk along edges of the k-dimensional cube, a closed tour of n different corners, all
-    but the all-on and all-off one (k = 4: all but four). A longer curve in the same cube tells more
-    depths apart at the same noise than a cosine's circle does. For k = 3 the demodulations are one
-    square wave, shifted by thirds of the period; for k = 4 and 5 they differ in shape too.
+    is linear from d_i[j] at x = j/n to d_i[j + 1] at x = (j + 1)/n, and the k correlations together
+    follow edges of the k-dimensional cube, a closed tour of n different corners, all but the all-on
+    and all-off one (k = 4: all but four). This longer curve distinguishes more depths at the same
+    noise than a cosine's circle. For k = 3 the demodulations are one square wave, shifted by thirds
+    of the period; for k = 4 and 5 they differ in shape, too.
 
     Source: Gupta, Velten, Nayar and Breitbach, "What Are Optimal Coding Functions for
     Time-of-Flight Imaging?", ACM Transactions on Graphics 37(2), 2018. The slots for k = 4 and 5
@@ -177,18 +164,12 @@ class HamiltonianCode(_Periodic):
 
     Args:
         k: Number of demodulations: 3, 4 or 5.
-        frequency_hz: Repetition frequency f [Hz], from 1e-9 to 1e18.
-        demodulation: Which of them, from 0 to k - 1; `HamiltonianCode.all` makes all k.
-        phase_offset: Phase of the demodulation [rad], any finite number.
+        frequency_hz: Repetition frequency f [Hz].
+        demodulation: Index i, from 0 to k - 1; `HamiltonianCode.all` makes all k.
+        phase_offset: Phase of the demodulation [rad].
 
     Attributes:
-        k: Number of demodulations.
-        demodulation: Index i.
         code: d_i in each slot, NumPy array of shape (n,) of -1 and 1.
-
-    Raises:
-        ValueError: `k` is not 3, 4 or 5, `demodulation` is not below k, `frequency_hz` is not a
-            finite number above 0 or out of range, or `phase_offset` is not finite.
 
     Example:
         >>> code = HamiltonianCode(3, 20e6)
@@ -208,16 +189,13 @@ class HamiltonianCode(_Periodic):
         switches = _SWITCHES[self.k]
         slots = sum(len(each) for each in switches)  # One switch a slot
         self.code = np.full(slots, -1.0)
-        mine = switches[self.demodulation]
-        for on, off in zip(mine[::2], mine[1::2], strict=True):
+        own = switches[self.demodulation]
+        for on, off in zip(own[::2], own[1::2], strict=True):
             self.code[np.arange(on, off if off > on else off + slots) % slots] = 1.0
 
     @classmethod
     def all(cls, k: int, frequency_hz: float) -> list[HamiltonianCode]:
-        """All k correlations of a code, which together tell depths apart.
-
-        Raises:
-            ValueError: `k` or `frequency_hz` is out of range.
+        """Make all k correlations of a code, which together determine depths.
 
         Example:
             >>> [code.demodulation for code in HamiltonianCode.all(4, 20e6)]
@@ -239,26 +217,6 @@ class HamiltonianCode(_Periodic):
         return f"k={self.k}, {super()._arguments()}, demodulation={self.demodulation}"
 
 
-# Feedback taps of shift registers with the longest possible period, one for each length
-_TAPS = {
-    2: (2, 1),
-    3: (3, 2),
-    4: (4, 3),
-    5: (5, 3),
-    6: (6, 5),
-    7: (7, 6),
-    8: (8, 6, 5, 4),
-    9: (9, 5),
-    10: (10, 7),
-    11: (11, 9),
-    12: (12, 6, 4, 1),
-    13: (13, 4, 3, 1),
-    14: (14, 5, 3, 1),
-    15: (15, 14),
-    16: (16, 15, 13, 4),
-}
-
-
 class MSequence(_Periodic):
     """Maximal-length binary sequence of N = 2^n_bits - 1 chips, correlated with itself.
 
@@ -268,54 +226,42 @@ class MSequence(_Periodic):
 
         m(x) = max(1 - (1 + 1/N) N |x - round(x)|, -1/N)
 
-    Light paths that differ by more than a chip do not mix but for the floor. (Light is not
-    negative: a source of power 1 + s instead of the sequence s adds its mean, 1/N, and the floor is
-    0.) `phase_offset` moves the peak to opl = -phase_offset/(2 pi) c/f: scan it over a period to
-    sample a transient chip by chip.
+    Light paths that differ by more than a chip mix only by the floor. (Light is not negative: a
+    source of power 1 + s instead of the sequence s adds its mean, 1/N, and the floor is 0.)
+    `phase_offset` moves the peak to opl = -phase_offset/(2 pi) c/f: scan it over a period to sample
+    a transient chip by chip.
 
     Source: Golomb, "Shift Register Sequences", 1967; for time of flight: Kadambi et al., "Coded
     Time of Flight Cameras", ACM Transactions on Graphics 32(6), 2013.
 
     Args:
         n_bits: Length of the register, from 2 to 16.
-        frequency_hz: Frequency f at which the whole sequence repeats [Hz], from 1e-9 to 1e18; chips
-            follow at N f.
-        phase_offset: Phase of the demodulation [rad] of the whole sequence, any finite number.
+        frequency_hz: Frequency f at which the whole sequence repeats [Hz]; chips follow at N f.
+        phase_offset: Phase of the demodulation [rad] of the whole sequence.
 
     Attributes:
-        n_bits: Length of the register.
         n_chips: N.
-        code: The sequence, NumPy array of shape (N,) of -1 and 1.
-
-    Raises:
-        ValueError: `n_bits` is out of range, `frequency_hz` is not a finite number above 0 or out
-            of range, or `phase_offset` is not finite.
 
     Example:
         >>> sequence = MSequence(3, 10e6)
         >>> sequence.code.tolist()
-        [1.0, 1.0, 1.0, -1.0, -1.0, 1.0, -1.0]
+        [1.0, 1.0, 1.0, -1.0, 1.0, -1.0, -1.0]
         >>> chip = 2 * sequence.get_unambiguous_range() / sequence.n_chips
         >>> [round(sequence.eval(x * chip), 4) for x in (0, 0.5, 1, 3)]
         [1.0, 0.4286, -0.1429, -0.1429]
     """
 
     def __init__(self, n_bits: int, frequency_hz: float, phase_offset: float = 0.0) -> None:
-        self.n_bits = checks.integer("n_bits", n_bits, min(_TAPS), max(_TAPS))
+        self.n_bits = checks.integer("n_bits", n_bits, 2, 16)
         self.n_chips = 2**self.n_bits - 1
         super().__init__(frequency_hz, phase_offset)
 
     @cached_property
     def code(self) -> np.ndarray:
-        """The sequence, shape (n_chips,), of -1 and 1."""
-        chips = np.empty(self.n_chips)
-        register = self.n_chips  # All ones; any state but 0 gives the same sequence, shifted
-        for i in range(self.n_chips):
-            last = self.n_bits - 1
-            chips[i] = 1.0 if register >> last & 1 else -1.0
-            fed_back = sum(register >> (tap - 1) & 1 for tap in _TAPS[self.n_bits]) & 1
-            register = (register << 1 | fed_back) & self.n_chips
-        return chips
+        """Sequence of SciPy's shift register, NumPy array of shape (n_chips,) of -1 and 1."""
+        from scipy.signal import max_len_seq
+
+        return 2.0 * max_len_seq(self.n_bits)[0] - 1.0
 
     def eval(self, opl: mi.Float) -> mi.Float:
         """Weight in [-1/N, 1] of light with the path length `opl` [m]."""

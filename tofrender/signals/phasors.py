@@ -1,6 +1,6 @@
-"""What a phasor says: amplitude, phase and depth, in the convention P = sum L exp(+i 2 pi f opl/c).
+"""Amplitude, phase and depth of phasors, in the convention P = sum L exp(+i 2 pi f opl/c).
 
-All of the package goes by this one: I = Re P, Q = Im P, a later arrival turns the phase forwards.
+The whole package uses it: I = Re P, Q = Im P, a longer path increases the phase.
 """
 
 # ruff: noqa: E741 (I and Q are what the field calls them)
@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..runtime import checks
-from .frequencies import check_frequencies
-from .units import SPEED_OF_LIGHT
+from .units import SPEED_OF_LIGHT, check_frequencies
 
 
 def phasor_parts(
@@ -24,7 +23,7 @@ def phasor_parts(
     """Amplitude, phase and depth of phasors I + iQ.
 
     depth = c (phase mod 2 pi) / (4 pi f) is half the path length, wrapped to [0, c / 2f): the
-    distance of a surface where light and camera coincide and all light takes the direct path.
+    distance of a surface if light and camera coincide and all light is direct.
 
     Args:
         I: Real part, any shape; for a sequence of frequencies the first axis is theirs.
@@ -44,10 +43,7 @@ def phasor_parts(
         True
     """
     frequencies, many = check_frequencies(frequency_hz)
-    I, Q = (
-        checks.real_array("I", I, np.float64),
-        checks.real_array("Q", Q, np.float64),
-    )
+    I, Q = checks.real_array("I", I, np.float64), checks.real_array("Q", Q, np.float64)
     if I.shape != Q.shape or (many and I.shape[:1] != (len(frequencies),)):
         first = f", {len(frequencies)} frequencies first" if many else ""
         raise ValueError(f"I, Q with shapes {I.shape}, {Q.shape}: must be equal{first}")

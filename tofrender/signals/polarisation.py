@@ -1,19 +1,17 @@
 # pyright: reportArgumentType=false, reportOperatorIssue=false, reportAttributeAccessIssue=false
 """Polarised light: Stokes vectors and Mueller matrices, and plain spectra in other variants.
 
-Polarised variants of Mitsuba follow, for each channel, a Stokes vector
+Polarised variants of Mitsuba compute, for each channel, a Stokes vector
 
     S0  radiance
-    S1  horizontal less vertical linear polarisation
-    S2  linear polarisation at +45° less that at -45°
-    S3  right less left circular polarisation
+    S1  horizontal minus vertical linear polarisation
+    S2  linear polarisation at +45° minus that at -45°
+    S3  right minus left circular polarisation
 
-of light towards the sensor. S1 and S2 mean something in a frame only: of a ray from the sensor with
-the direction d it is `stokes_basis(-d)` of Mitsuba, until `sensor_frame` turns it. What a path does
-to light is a Mueller matrix, whose first column is what unpolarised light becomes; all emitters of
-Mitsuba are unpolarised.
-
-In variants without polarisation, the functions here leave spectra as they are.
+of light towards the sensor. S1 and S2 refer to a frame: of a ray from the sensor with direction d,
+it is `stokes_basis(-d)` of Mitsuba, until `sensor_frame` rotates it. The throughput of a path is a
+Mueller matrix, whose first column applies to unpolarised light; all emitters of Mitsuba are
+unpolarised. In variants without polarisation, the functions here handle plain spectra.
 """
 
 from __future__ import annotations
@@ -23,37 +21,36 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-STOKES = ("S0", "S1", "S2", "S3")
-"""Names of a Stokes vector's components."""
+STOKES = ("S0", "S1", "S2", "S3")  # Names of a Stokes vector's components
 
 
 def stokes_count() -> int:
-    """Components of light in the active variant: 4 if it is polarised, else 1."""
+    """Number of Stokes components in the active variant: 4 if it is polarised, else 1."""
     return 4 if mi.is_polarized else 1
 
 
 def no_light() -> Any:
-    """Light of radiance 0: an `mi.UnpolarizedSpectrum`, or a Stokes vector of four of these."""
+    """Zero radiance: an `mi.UnpolarizedSpectrum`, or a Stokes vector of four of these."""
     return mi.SpectrumEntry(0) if mi.is_polarized else mi.UnpolarizedSpectrum(0)
 
 
 def components(light: Any) -> list[Any]:
-    """Spectra of a light's Stokes components, the only one of light that has none."""
+    """List the spectra of the Stokes components; of plain radiance, the radiance."""
     return list(light) if is_stokes(light) else [light]
 
 
 def is_stokes(light: Any) -> bool:
-    """Whether light is a Stokes vector."""
+    """Whether a value is a Stokes vector."""
     return bool(mi.is_polarized) and isinstance(light, mi.SpectrumEntry)
 
 
 def intensity(x: Any) -> Any:
-    """The spectrum of a Stokes vector's S0, or of a Mueller matrix's first entry."""
+    """Spectrum of a Stokes vector's S0, or of a Mueller matrix's first entry."""
     return x[0] if is_stokes(x) else mi.unpolarized_spectrum(x)
 
 
 def summed(x: Any) -> Any:
-    """Sum over all components and channels of light or of a throughput."""
+    """Sum of all entries and channels of radiance or of a throughput."""
     if not mi.is_polarized:
         return dr.sum(x)
     if isinstance(x, mi.Spectrum):
@@ -63,19 +60,19 @@ def summed(x: Any) -> Any:
 
 
 def scaled(light: Any, spectrum: Any) -> Any:
-    """Light times a spectrum, or times a number."""
+    """Radiance times a spectrum or a number."""
     if not is_stokes(light):
         return light * spectrum
     return mi.SpectrumEntry(*[each * spectrum for each in light])
 
 
 def unpolarised(radiance: Any) -> Any:
-    """Light of some radiance that is not polarised."""
-    return received(mi.Spectrum(1), radiance) if mi.is_polarized else radiance
+    """Stokes vector of unpolarised light."""
+    return apply_throughput(mi.Spectrum(1), radiance) if mi.is_polarized else radiance
 
 
-def received(throughput: Any, radiance: Any) -> Any:
-    """What a path of a throughput carries of light: of a Stokes vector, or of a radiance."""
+def apply_throughput(throughput: Any, radiance: Any) -> Any:
+    """Throughput times a Stokes vector, or times unpolarised radiance."""
     if not mi.is_polarized:
         return throughput * radiance
     if is_stokes(radiance):
@@ -84,24 +81,24 @@ def received(throughput: Any, radiance: Any) -> Any:
     return mi.SpectrumEntry(*[throughput[i, 0] * radiance for i in range(4)])
 
 
-def sent(radiance: Any, throughput: Any, factor: Any) -> Any:
-    """What light of some radiance is after a path of its own, and one more factor."""
+def apply_light_path(radiance: Any, throughput: Any, factor: Any) -> Any:
+    """Radiance times the throughput of a light path and one more factor."""
     if not mi.is_polarized:
-        return extended(radiance * throughput, factor)
-    return received(extended(throughput, factor, importance=True), radiance)
+        return multiply_throughput(radiance * throughput, factor)
+    return apply_throughput(multiply_throughput(throughput, factor, importance=True), radiance)
 
 
-def light_of(spectrum: Any) -> Any:
-    """Light of what integrators of Mitsuba call a spectrum: the first column of its matrix."""
+def to_stokes(spectrum: Any) -> Any:
+    """Convert a spectrum of an integrator of Mitsuba: the first column of its Mueller matrix."""
     if not mi.is_polarized:
         return mi.UnpolarizedSpectrum(mi.unpolarized_spectrum(spectrum))
     if isinstance(spectrum, mi.SpectrumEntry):
         return spectrum
-    return received(mi.Spectrum(spectrum), mi.UnpolarizedSpectrum(1))
+    return apply_throughput(mi.Spectrum(spectrum), mi.UnpolarizedSpectrum(1))
 
 
-def as_spectrum(light: Any) -> mi.Spectrum:
-    """The reverse of `light_of`: what an integrator of Mitsuba returns."""
+def to_spectrum(light: Any) -> mi.Spectrum:
+    """Convert to a spectrum as integrators of Mitsuba return it, the inverse of `to_stokes`."""
     if not mi.is_polarized:
         return mi.Spectrum(light)
     zero = mi.UnpolarizedSpectrum(0)
@@ -109,15 +106,15 @@ def as_spectrum(light: Any) -> mi.Spectrum:
 
 
 def unit_throughput() -> Any:
-    """Throughput of a path that has lost nothing."""
+    """Throughput at the start of a path."""
     return mi.Spectrum(1) if mi.is_polarized else mi.UnpolarizedSpectrum(1)
 
 
-def extended(throughput: Any, factor: Any, importance: bool = False) -> Any:
-    """A throughput after one more factor: a Mueller matrix, or a spectrum that leaves frames alone.
+def multiply_throughput(throughput: Any, factor: Any, importance: bool = False) -> Any:
+    """Multiply a throughput by a Mueller matrix, or by a spectrum.
 
-    Light meets the factors of a path from the sensor in reverse: a new one stands on the right.
-    With `importance`, for paths that light itself goes along, it stands on the left.
+    Paths from the sensor multiply new matrices from the right, as light traverses them in reverse;
+    light paths, with `importance`, from the left.
     """
     if not mi.is_polarized:
         return throughput * mi.unpolarized_spectrum(factor)
@@ -126,56 +123,56 @@ def extended(throughput: Any, factor: Any, importance: bool = False) -> Any:
     return mi.Spectrum(*[throughput[i, j] * factor for i in range(4) for j in range(4)])
 
 
-def depolarised(factor: Any) -> Any:
-    """A factor of scattering whose light is unpolarised, whatever comes."""
+def depolarise(factor: Any) -> Any:
+    """Scattering factor that depolarises."""
     plain = mi.unpolarized_spectrum(factor)
     return mi.depolarizer(plain) if mi.is_polarized else plain
 
 
-def rayleigh(f: Any, comes: mi.Vector3f, goes: mi.Vector3f) -> mi.Spectrum:
-    """What a particle much smaller than the wavelength makes of light, as a dipole.
+def rayleigh(f: Any, incident: mi.Vector3f, outgoing: mi.Vector3f) -> mi.Spectrum:
+    """Mueller matrix of Rayleigh scattering (Bohren and Huffman 1983, section 5.2).
 
-    With the cosine c of the angle that light is turned by, the part across the plane of both
-    directions stays, and that in it counts c² (Bohren and Huffman 1983, section 5.2).
+    With the cosine c of the scattering angle, polarisation normal to the scattering plane keeps its
+    power, and that in the plane is scaled by c².
 
     Args:
-        f: What it makes of unpolarised light.
-        comes: Unit vector towards where light comes from, world space.
-        goes: Unit vector towards where it goes to.
+        f: Phase function for unpolarised light.
+        incident: Unit vector towards the source of light, world space.
+        outgoing: Unit vector of the scattered light.
     """
-    f, c = mi.unpolarized_spectrum(f), -dr.dot(comes, goes)
-    across, total = dr.cross(comes, goes), 1 + c * c
-    there = dr.squared_norm(across) > 1e-10  # Straight on and back, any axis is across
-    basis = mi.mueller.stokes_basis(goes)
-    axis = dr.select(there, dr.normalize(across), basis)
-    one, zero = f, mi.UnpolarizedSpectrum(0)
-    apart, phase = f * ((1 - c * c) / total), f * (2 * c / total)
+    f, c = mi.unpolarized_spectrum(f), -dr.dot(incident, outgoing)
+    normal, total = dr.cross(incident, outgoing), 1 + c * c
+    has_plane = dr.squared_norm(normal) > 1e-10  # Else forward or backward: any axis is normal
+    basis = mi.mueller.stokes_basis(outgoing)
+    axis = dr.select(has_plane, dr.normalize(normal), basis)
+    zero = mi.UnpolarizedSpectrum(0)
+    difference, phase = f * ((1 - c * c) / total), f * (2 * c / total)
     matrix = mi.Spectrum(
-        *(one, apart, zero, zero),
-        *(apart, one, zero, zero),
+        *(f, difference, zero, zero),
+        *(difference, f, zero, zero),
         *(zero, zero, phase, zero),
         *(zero, zero, zero, phase),
     )
-    before = mi.mueller.stokes_basis(-comes)
-    return mi.mueller.rotate_mueller_basis(matrix, -comes, axis, before, goes, axis, basis)
+    before = mi.mueller.stokes_basis(-incident)
+    return mi.mueller.rotate_mueller_basis(matrix, -incident, axis, before, outgoing, axis, basis)
 
 
 class Finite(dr.CustomOp):
-    """What is given, with derivatives that are 0 where they are not finite.
+    """Identity with derivatives that are 0 where they are not finite.
 
-    Mitsuba turns frames by an angle whose derivative is 0 times infinity where two of them are one.
+    Mitsuba rotates by an angle whose derivative is 0 times infinity where two frames are equal.
     """
 
     def eval(self, value):
-        """The value."""
+        """Return the value."""
         return value
 
     def forward(self):
-        """Its rate."""
+        """Propagate finite derivatives forward."""
         self.set_grad_out(_finite(self.grad_in("value")))
 
     def backward(self):
-        """Its gradient."""
+        """Propagate finite derivatives backward."""
         self.set_grad_in("value", _finite(self.grad_out()))
 
 
@@ -185,41 +182,42 @@ def _finite(value: Any) -> Any:
     return type(value)(*[_finite(each) for each in (value.s, value.t, value.n)])
 
 
-def in_world(si: mi.SurfaceInteraction3f, f: Any, comes: mi.Vector3f, goes: mi.Vector3f) -> Any:
-    """A BSDF's value between frames of world space; light comes from and goes to local directions.
+def bsdf_to_world(
+    si: mi.SurfaceInteraction3f, f: Any, incident: mi.Vector3f, outgoing: mi.Vector3f
+) -> Any:
+    """Rotate a BSDF's value from its own frames to those of world space.
 
     Args:
-        si: The surface point.
-        f: What the BSDF says, in its own frames.
-        comes: Unit vector from the surface towards where light comes from.
-        goes: Unit vector towards where it goes to.
+        si: Surface interaction.
+        f: Value of the BSDF.
+        incident: Local unit vector towards the source of light.
+        outgoing: Local unit vector of the scattered light.
     """
     if not mi.is_polarized:
         return f
-    lit = dr.any(intensity(f) != 0)  # Directions that were not found have no frame
-    if dr.grad_enabled(si, comes, goes):
+    valid = dr.any(intensity(f) != 0)  # Failed samples have no frame
+    if dr.grad_enabled(si, incident, outgoing):
         si = type(si)(si)
-        si.sh_frame, comes, goes = (dr.custom(Finite, x) for x in (si.sh_frame, comes, goes))
-    return dr.select(lit, si.to_world_mueller(f, -comes, goes), mi.Spectrum(0))
+        values = si.sh_frame, incident, outgoing
+        si.sh_frame, incident, outgoing = (dr.custom(Finite, x) for x in values)
+    return dr.select(valid, si.to_world_mueller(f, -incident, outgoing), mi.Spectrum(0))
 
 
 def sensor_frame(sensor: mi.Sensor, ray: mi.Ray3f) -> Any:
-    """The matrix that turns light of a sensor's rays into the sensor's own frame, or None.
+    """Mueller matrix that rotates light along a ray into the sensor's frame; None if unpolarised.
 
-    As in Mitsuba's `stokes`: the frame's first axis is across the ray and the sensor's `up`, which
-    makes S1 positive across `up`. Rays of one pixel differ. None in variants without polarisation.
+    As in Mitsuba's `stokes`, the frame's first axis is normal to the ray and the sensor's `up`,
+    which makes S1 positive across `up`. Rays of one pixel differ.
     """
     if not mi.is_polarized:
         return None
     up = sensor.world_transform() @ mi.Vector3f(0, 1, 0)
-    across = dr.cross(ray.d, up)
-    axis = dr.select(
-        dr.squared_norm(across) > 0, dr.normalize(across), mi.mueller.stokes_basis(-ray.d)
-    )
-    return turned(-ray.d, axis)
+    across, basis = dr.cross(ray.d, up), mi.mueller.stokes_basis(-ray.d)
+    axis = dr.select(dr.squared_norm(across) > 0, dr.normalize(across), basis)
+    return frame_rotation(-ray.d, axis)
 
 
-def turned(forward: mi.Vector3f, axis: mi.Vector3f) -> Any:
-    """The matrix that turns light that goes `forward` from Mitsuba's frame into that of `axis`."""
+def frame_rotation(forward: mi.Vector3f, axis: mi.Vector3f) -> Any:
+    """Mueller matrix that rotates light along `forward` from Mitsuba's frame to that of `axis`."""
     basis = mi.mueller.stokes_basis(forward)
     return mi.Spectrum(mi.mueller.rotate_stokes_basis(forward, basis, axis))

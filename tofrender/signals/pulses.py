@@ -1,14 +1,15 @@
-"""Temporal profiles of the light: how the energy of one emission is spread over time.
+"""Pulses: temporal profiles of emitted light.
 
-A pulse is a density over the offset t from its centre, in metres of optical path. It offers
+A pulse is a density over the offset t from its centre, in metres of optical path:
 
     eval(t)      density p(t) [1/m]
     cdf(t)       integral of p up to t, which gives exact bin masses as differences
     sample(xi)   (t, weight) for a uniform xi, with E[weight f(t)] = integral of p f
     support      (first, last) offset [m] outside of which p is 0 or negligible
 
-All three functions take Dr.Jit floats or numbers, and give back the same kind (`weight` is always
-a Dr.Jit float). `sample` is finite for every xi in [0, 1], both ends included.
+All three functions accept Dr.Jit floats or numbers, and return the same type (`weight` is always a
+Dr.Jit float). `sample` is finite for every xi in [0, 1], both ends included. Widths are from 1e-12
+to 1e12 m; arguments out of range raise a ValueError.
 """
 
 from __future__ import annotations
@@ -29,12 +30,9 @@ import numpy as np
 from ..runtime import checks
 from ..runtime.archives import read_array
 
-MIN_WIDTH = 1e-12
-"""Smallest width of a pulse or a bin [m]; single precision divides by it without overflow."""
-
 
 class Pulse(Protocol):
-    """What every pulse offers; see the module's text."""
+    """Interface of pulses; see the module's text."""
 
     @property
     def support(self) -> tuple[float, float]: ...  # noqa: D102
@@ -46,13 +44,8 @@ class Pulse(Protocol):
     def sample(self, xi: mi.Float) -> tuple[mi.Float, mi.Float]: ...  # noqa: D102
 
 
-def _width(name: str, value: Any) -> float:
-    """Return `value` as a width that single precision can divide by."""
-    return checks.number(name, value, unit="metres", low=MIN_WIDTH, high=checks.MAX_OPL)
-
-
 def _like(given: Any, result: Any) -> Any:
-    """A number if a number was given, else the Dr.Jit float."""
+    """Convert a Dr.Jit float to a number if a number was given."""
     return result[0] if isinstance(given, Real) else result
 
 
@@ -60,16 +53,11 @@ class GaussianPulse:
     """Normalised Gaussian p(t) = exp(-t^2 / (2 s^2)) / (s sqrt(2 pi)).
 
     Args:
-        width_opl: Standard deviation s [m], from 1e-12 to 1e12; a Dr.Jit float of which gradients
-            are tracked, too.
+        width_opl: Standard deviation s [m]; a number, or a Dr.Jit float with gradients.
 
     Attributes:
-        width_opl: Standard deviation s [m].
-        width: The same as a Dr.Jit float.
+        width: s as a Dr.Jit float.
         normalization: 1 / (s sqrt(2 pi)) [1/m].
-
-    Raises:
-        ValueError: `width_opl` is not a finite number above 0, or out of range.
 
     Example:
         >>> pulse = GaussianPulse(width_opl=0.05)
@@ -82,37 +70,32 @@ class GaussianPulse:
     def __init__(self, width_opl: float | mi.Float) -> None:
         given: Any = width_opl if dr.is_array_v(width_opl) and dr.width(width_opl) == 1 else None
         self._width: Any = None if given is None else dr.copy(given)
-        self._take(width_opl if given is None else given[0])
+        self._set_width(width_opl if given is None else given[0])
 
     @property
     def width(self) -> mi.Float:
-        """The standard deviation [m] as a Dr.Jit float, the same one each time.
+        """Standard deviation [m] as a Dr.Jit float, the same variable each time.
 
-        Gradients may be tracked of it; `take_width` takes another value that it is given.
+        Gradients may be enabled on it; `take_width` applies a value that is assigned to it.
         """
         if type(self._width) is not mi.Float:
             self._width = mi.Float(self.width_opl)
         return self._width
 
     def take_width(self) -> None:
-        """Become as wide as `width` says.
+        """Update `width_opl` and `normalization` to the value of `width`."""
+        self._set_width(dr.slice(self.width))
 
-        Raises:
-            ValueError: It is not a finite number above 0, or out of range.
-        """
-        self._take(dr.slice(self.width))
-
-    def _take(self, number: Any) -> None:
-        self.width_opl = _width("width_opl", number)
+    def _set_width(self, number: Any) -> None:
+        self.width_opl = checks.width("width_opl", number)
         self.normalization = 1.0 / (self.width_opl * math.sqrt(2.0 * math.pi))
 
     def __copy__(self) -> GaussianPulse:
-        """A pulse with a width of its own."""
         return GaussianPulse(self.width_opl if self._width is None else self._width)
 
     @property
-    def _varied(self) -> Any:
-        """The width, if gradients are tracked of it, or a fit changes it from kernel to kernel."""
+    def _variable_width(self) -> Any:
+        """Width if it has gradients, or if a fit changes it from kernel to kernel, else None."""
         width = self._width
         if dr.grad_enabled(width) or (width is not None and width.state == dr.VarState.Evaluated):
             return width
@@ -120,20 +103,20 @@ class GaussianPulse:
 
     @property
     def support(self) -> tuple[float, float]:
-        """Five standard deviations to each side [m]; 6e-7 of the energy lies beyond."""
+        """Five standard deviations to each side [m], with all but 6e-7 of the energy."""
         return (-5.0 * self.width_opl, 5.0 * self.width_opl)
 
     def eval(self, t: mi.Float) -> mi.Float:
         """Density [1/m] at the offset `t` [m]."""
-        z, height, varied = t / self.width_opl, self.normalization, self._varied
-        if varied is not None:
-            z, height = t / varied, dr.rcp(varied * math.sqrt(2.0 * math.pi))
+        z, height, width = t / self.width_opl, self.normalization, self._variable_width
+        if width is not None:
+            z, height = t / width, dr.rcp(width * math.sqrt(2.0 * math.pi))
         return height * dr.exp(-0.5 * z * z)
 
     def cdf(self, t: mi.Float) -> mi.Float:
         """Fraction of the energy up to the offset `t` [m]: (1 + erf(t / (s sqrt 2))) / 2."""
-        varied = self._varied
-        width: Any = self.width_opl if varied is None else varied
+        variable = self._variable_width
+        width: Any = self.width_opl if variable is None else variable
         return 0.5 + 0.5 * dr.erf(t / (width * math.sqrt(2.0)))
 
     def sample(self, xi: mi.Float) -> tuple[mi.Float, mi.Float]:
@@ -147,22 +130,17 @@ class GaussianPulse:
         return self.width_opl * math.sqrt(2.0) * dr.erfinv(argument), mi.Float(1.0)
 
     def __repr__(self) -> str:
-        """Name and width."""
         return f"GaussianPulse(width_opl={self.width_opl:g})"
 
 
 class BoxPulse:
-    """Constant p(t) = 1 / w over [-w/2, w/2]: a laser that is on for w/c, or a gate that is open.
+    """Constant p(t) = 1 / w over [-w/2, w/2]: a laser that is on for w/c, or an open gate.
 
     Args:
-        width_opl: Full width w [m], from 1e-12 to 1e12.
+        width_opl: Full width w [m].
 
     Attributes:
-        width_opl: Full width w [m].
         normalization: 1 / w [1/m].
-
-    Raises:
-        ValueError: `width_opl` is not a finite number above 0, or out of range.
 
     Example:
         >>> pulse = BoxPulse(width_opl=0.5)
@@ -171,12 +149,12 @@ class BoxPulse:
     """
 
     def __init__(self, width_opl: float) -> None:
-        self.width_opl = _width("width_opl", width_opl)
+        self.width_opl = checks.width("width_opl", width_opl)
         self.normalization = 1.0 / self.width_opl
 
     @property
     def support(self) -> tuple[float, float]:
-        """Both ends of the box [m]."""
+        """Ends of the box [m]."""
         return (-0.5 * self.width_opl, 0.5 * self.width_opl)
 
     def eval(self, t: mi.Float) -> mi.Float:
@@ -193,24 +171,19 @@ class BoxPulse:
         return self.width_opl * (dr.clip(xi, 0.0, 1.0) - 0.5), mi.Float(1.0)
 
     def __repr__(self) -> str:
-        """Name and width."""
         return f"BoxPulse(width_opl={self.width_opl:g})"
 
 
 class SampledPulse:
-    """A measured pulse: constant within equal bins, scaled so that its energy is 1.
+    """Measured pulse: constant within equal bins, normalised.
 
     Args:
         values: Relative energy in each bin, shape (n,), none negative, at least one positive.
         start_opl: Offset at which the first bin starts [m].
-        bin_width_opl: Width of a bin [m], from 1e-12 to 1e12.
+        bin_width_opl: Width of a bin [m].
 
     Attributes:
         density: Normalised density in each bin [1/m], NumPy array of shape (n,).
-
-    Raises:
-        ValueError: There is no value, one is negative or not finite, all are 0, or a length is out
-            of range.
 
     Example:
         >>> pulse = SampledPulse([1.0, 3.0], start_opl=0.0, bin_width_opl=0.5)
@@ -226,10 +199,8 @@ class SampledPulse:
         try:
             energy = checks.real_array("values", values, np.float64)
         except ValueError:
-            given = checks.shown(values)
-            raise ValueError(
-                f"values = {given}: must be a list of finite numbers, 0 or more"
-            ) from None
+            allowed = "must be a list of finite numbers, 0 or more"
+            raise ValueError(f"values = {checks.quote(values)}: {allowed}") from None
         if energy.ndim != 1 or energy.size == 0:
             raise ValueError(f"values: shape {energy.shape}; must be a list of at least one number")
         if not np.all(np.isfinite(energy)) or np.any(energy < 0):
@@ -238,8 +209,8 @@ class SampledPulse:
         if not np.any(energy > 0):
             raise ValueError("values: all are 0; at least one must be above 0")
         self.start_opl = checks.metres("start_opl", start_opl)
-        self.bin_width_opl = _width("bin_width_opl", bin_width_opl)
-        energy = energy / energy.max()  # Their sum could overflow
+        self.bin_width_opl = checks.width("bin_width_opl", bin_width_opl)
+        energy = energy / energy.max()  # The sum could overflow
         mass = energy / energy.sum()
         self.density = mass / self.bin_width_opl
         self._cumulative = np.concatenate([[0.0], np.cumsum(mass)])
@@ -252,14 +223,13 @@ class SampledPulse:
         Args:
             path: A file of one of two kinds.
                 `.npz`: arrays `values` of shape (n,), `start_opl` and `bin_width_opl` [m].
-                `.csv` or `.txt`: a row for each of at least two bins, its centre [m] and its value,
-                evenly spaced to a hundredth of a bin. Commas, semicolons or blanks part the two, a
-                first row may name them, and `#` starts a comment.
+                `.csv` or `.txt`: a row for each of at least two bins, with its centre [m] and its
+                value, evenly spaced to a hundredth of a bin, separated by commas, semicolons or
+                blanks. A first row may name them, and `#` starts a comment.
 
         Raises:
             FileNotFoundError: There is no such file.
-            ValueError: The file is of another kind, or does not hold a pulse; one line with the
-                path and, in a table, the line.
+            ValueError: The file does not hold a pulse.
 
         Example:
             >>> import tempfile
@@ -318,7 +288,6 @@ class SampledPulse:
         return _like(xi, t), mi.Float(1.0)
 
     def __repr__(self) -> str:
-        """Size and place."""
         return (
             f"SampledPulse({self.density.size} values, start_opl={self.start_opl:g}, "
             f"bin_width_opl={self.bin_width_opl:g})"
@@ -330,7 +299,7 @@ def _read_npz(path: Path) -> tuple[np.ndarray, float, float]:
     names = ("values", "start_opl", "bin_width_opl")
     allowed = f"must be an .npz file with the arrays {', '.join(names)}"
     try:
-        with zipfile.ZipFile(path) as archive:  # NumPy takes other kinds of file for an .npz too
+        with zipfile.ZipFile(path) as archive:  # NumPy accepts other kinds of file as .npz, too
             missing = [name for name in names if f"{name}.npy" not in archive.namelist()]
             if missing:
                 raise ValueError(f"has no {missing[0]}; {allowed}")
@@ -354,7 +323,7 @@ def _read_table(path: Path) -> tuple[np.ndarray, float, float]:
         numbers = [number for number in row if number is not None]
         if len(row) == len(numbers) == 2 and math.isfinite(numbers[0]):
             rows.append(numbers)
-        elif rows or numbers:  # Words alone in the first row are names
+        elif rows or numbers:  # A first row may have names
             raise ValueError(f"line {line} = {text[:40]!r}: must be two numbers, opl [m] and value")
     if len(rows) < 2:
         raise ValueError(f"has {len(rows)} rows; must have at least two, each opl [m] and value")
@@ -375,10 +344,10 @@ def _number(word: str) -> float | None:
 
 
 def convolve(first: Pulse, second: Pulse) -> Pulse:
-    """The pulse of two that act one after the other: a laser's and a detector's, say.
+    """Convolution of two pulses, as of a laser and a detector.
 
-    Two Gaussians give a Gaussian. Anything else is convolved on 4096 samples of its joint support;
-    its mean is the sum of both means.
+    Two Gaussians give a Gaussian; others are convolved on 4096 samples of the joint support. The
+    mean is the sum of both means.
 
     Example:
         >>> convolve(GaussianPulse(0.03), GaussianPulse(0.04))
@@ -389,10 +358,10 @@ def convolve(first: Pulse, second: Pulse) -> Pulse:
     low = first.support[0] + second.support[0]
     step = (first.support[1] + second.support[1] - low) / 4096
     masses = [_masses(pulse, step) for pulse in (first, second)]
-    # Bins [i, i+1) and [j, j+1) of two densities meet in [i+j, i+j+2), half of the mass in each
+    # Bins [i, i+1) and [j, j+1) of two densities add to [i+j, i+j+2), half of the mass in each
     joint = np.convolve(masses[0], masses[1])
     joint = 0.5 * (np.append(joint, 0.0) + np.insert(joint, 0, 0.0))
-    # A pulse that is narrower than a step counts as if it filled one, which moves its mean
+    # A pulse that is narrower than a step fills one, which moves its mean
     mean = low + step * (joint @ (np.arange(joint.size) + 0.5)) / joint.sum()
     return SampledPulse(joint, low + _mean(first) + _mean(second) - mean, step)
 

@@ -1,21 +1,20 @@
-"""Speed of light, and the two ways to say when light arrives: optical path length and time."""
+"""Speed of light, conversion of optical path length and time, and frequencies of modulation."""
 
 from __future__ import annotations
 
-from ..runtime.checks import shown
+from typing import Any
+
+from ..runtime import checks
 
 SPEED_OF_LIGHT = 299_792_458.0
 """Speed of light in vacuum [m/s]."""
 
+MIN_FREQUENCY, MAX_FREQUENCY = 1e-9, 1e18
+"""Range of frequencies [Hz] whose period in metres single precision can divide by."""
+
 
 def opl_to_ns(opl):
-    """Convert an optical path length to a time of flight.
-
-    Args:
-        opl: Optical path length [m], a number or an array of any kind.
-
-    Returns:
-        t = opl / c [ns], of the same kind and shape.
+    """Time of flight t = opl / c [ns] of an optical path length [m], a number or any array.
 
     Example:
         >>> round(opl_to_ns(3.0), 4)
@@ -25,13 +24,7 @@ def opl_to_ns(opl):
 
 
 def ns_to_opl(time_ns):
-    """Convert a time of flight to an optical path length.
-
-    Args:
-        time_ns: Time [ns], a number or an array of any kind.
-
-    Returns:
-        opl = c t [m], of the same kind and shape.
+    """Optical path length c t [m] of a time of flight [ns], a number or any array.
 
     Example:
         >>> round(ns_to_opl(10.0), 8)
@@ -41,8 +34,27 @@ def ns_to_opl(time_ns):
 
 
 def _times(name, value, factor):
-    """A number or an array times a factor."""
     try:
         return value * factor
     except (TypeError, OverflowError):
-        raise ValueError(f"{name} = {shown(value)}: must be a number or an array of any") from None
+        given = checks.quote(value)
+        raise ValueError(f"{name} = {given}: must be a number or an array of any") from None
+
+
+def check_frequency(name: str, value: Any) -> float:
+    """Require a frequency [Hz] from 1e-9 to 1e18 and return it as a float."""
+    return checks.number(name, value, unit="hertz", low=MIN_FREQUENCY, high=MAX_FREQUENCY)
+
+
+def check_frequencies(value: Any, name: str = "frequency_hz") -> tuple[list[float], bool]:
+    """List of one frequency [Hz] or of a sequence of them, and whether it was a sequence."""
+    try:
+        values = None if isinstance(value, str | bytes | dict) else list(value)
+    except TypeError:
+        values = None
+    if values is None:
+        return [check_frequency(name, value)], False
+    if not values:
+        given = checks.quote(value)
+        raise ValueError(f"{name} = {given}: must hold at least one frequency in hertz")
+    return [check_frequency(f"{name}[{i}]", each) for i, each in enumerate(values)], True

@@ -5,6 +5,6 @@ so nothing has to be closed and notebooks, scripts and servers get the same pict
 in one style, of which `figure_style` sets theme and width; `io.save_figure` writes them.
 """
 
-from ..runtime.lazy import on_demand
+from ..runtime.lazy import attach_stub
 
-__getattr__, __dir__, __all__ = on_demand(__name__, __file__)  # pyright: ignore[reportUnsupportedDunderAll]
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)  # pyright: ignore[reportUnsupportedDunderAll]

@@ -33,9 +33,9 @@ def map_axes(axes: Axes, values: Any, **options: Any) -> Any:
 def time_axes(axes: Axes, sequence: Transient) -> None:
     """Label time below, path length above, quantity on the left; for axes with all curves."""
     axes.set_xlabel("time [ns]")
-    factor, formatter = plots.scale_of(max(map(abs, axes.get_ylim())))
+    factor, formatter = plots.tick_scale(max(map(abs, axes.get_ylim())))
     axes.yaxis.set_major_formatter(formatter)
-    quantity = plots.with_factor(sequence.quantity, factor)
+    quantity = plots.label_with_factor(sequence.quantity, factor)
     figure: Any = axes.get_figure(root=True)
     narrow = figure.get_figwidth() < plots.COLUMN
     axes.set_ylabel(quantity.replace(" [", "\n[") if narrow else quantity)
@@ -79,7 +79,7 @@ def picture_figure(
     pixel_axes(axes)
     plots.colour_bar(scale, axes, label, extend=extend)
     if above is not None:
-        figure.suptitle(plots.wrapped(above, wide))
+        figure.suptitle(plots.wrap_text(above, wide))
     explain_hatch(figure, unfinished, dark=True)
     plots.fit_height(figure)
     return figure

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..runtime import checks
 from ..runtime.canvas import in_style
-from ..runtime.plots import most_of
+from ..runtime.plots import percentile_range
 from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
 from .colours import hue_map, time_map
@@ -91,7 +91,7 @@ def light_in_flight(
 
 
 def _check_period(period_ns: Any, style: str, sequence: Transient) -> None:
-    named = f"period_ns = {checks.shown(period_ns)}"
+    named = f"period_ns = {checks.quote(period_ns)}"
     if style != "rainbow":
         raise ValueError(f"{named}: must be None for style = {style!r}")
     period = checks.number("period_ns", period_ns, unit="nanoseconds", positive=True)
@@ -120,7 +120,7 @@ def _colours_of_times(time_ns: np.ndarray) -> tuple[np.ndarray, Any, str]:
 
     The scale spans the 1st to the 99th percentile; the bar has an arrow if there are times beyond.
     """
-    first, last, extend = most_of(time_ns)
+    first, last, extend = percentile_range(time_ns)
     scale = _scale(first, last, time_map())
     known = np.isfinite(time_ns)[..., None]
     return np.where(known, scale.to_rgba(np.nan_to_num(time_ns))[..., :3], 1.0), scale, extend

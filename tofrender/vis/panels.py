@@ -10,9 +10,8 @@ import numpy as np
 from ..analysis.unwrapping import unambiguous_range, unwrap
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style
-from ..runtime.plots import COLUMN, NO_VALUE, PictureGrid, most_of
-from ..signals.frequencies import check_frequencies
-from ..signals.units import SPEED_OF_LIGHT
+from ..runtime.plots import COLUMN, NO_VALUE, PictureGrid, percentile_range
+from ..signals.units import SPEED_OF_LIGHT, check_frequencies
 from .colours import phase_map
 from .figures import map_axes, picture_aspect
 
@@ -174,9 +173,9 @@ def _unwrapped(frequencies: list[float], phasors: np.ndarray, lit: np.ndarray) -
     phasors = np.where(lit, phasors, np.nan)
     phases, amplitudes = np.angle(phasors), np.nan_to_num(abs(phasors))
     depth, residual = unwrap(phases, frequencies, amplitudes=amplitudes)
-    near, far, extend = most_of(depth)
+    near, far, extend = percentile_range(depth)
     depths = {"cmap": "viridis", "vmin": near, "vmax": far}
-    residuals = {"cmap": "cividis", "vmin": 0, "vmax": most_of(residual)[1]}
+    residuals = {"cmap": "cividis", "vmin": 0, "vmax": percentile_range(residual)[1]}
     label = f"half the path length\n[m], of {longest:.4g} m"
     return [
         _Map("unwrapped", depth, label, depths, extend),

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime import checks
-from ..runtime.backend import uncollected
+from ..runtime.backend import tracing_lock
 from ..runtime.canvas import figure_width, in_style, new_figure, palette
-from ..runtime.plots import few_ticks, fit_height, wrapped
+from ..runtime.plots import few_ticks, fit_height, wrap_text
 from .figures import picture_aspect
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def plan_figure(
     if not scene.shapes():
         raise ValueError("scene: has no shapes to draw")
     shown = list(VIEWS[checks.one_of("view", view, VIEWS)])
-    device = _integrators_laser(scene) if laser is None else np.array(checks.place("laser", laser))
+    device = _integrators_laser(scene) if laser is None else np.array(checks.point("laser", laser))
 
     wide = figure_width(4.6)
     figure = new_figure(wide, wide, "compressed")
@@ -110,7 +110,7 @@ def plan_figure(
     axes.grid(alpha=0.25)
     few_ticks(axes)
     if title is not None:
-        axes.set_title(wrapped(title, wide))
+        axes.set_title(wrap_text(title, wide))
     handles, labels = axes.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
     options = {"loc": "outside lower center", "ncols": 3, "frameon": False}
@@ -204,7 +204,7 @@ def _beam(scene: Any, light: Any) -> Array:
     return np.array(ds.p, dtype=np.float64).reshape(1, 3)
 
 
-@uncollected()
+@tracing_lock()
 def _intersect(scene: Any, ray: Any) -> tuple[Array, Array]:
     """Origins and ends of rays [m], (n, 3); rays without a hit end as far as the scene's middle."""
     hit = scene.ray_intersect_preliminary(ray)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from ..rendering.dataset import time_axis
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure
-from ..runtime.plots import wrapped
+from ..runtime.plots import wrap_text
 from .figures import picture_aspect
 from .tone import auto_exposure, tonemap
 
@@ -74,7 +74,7 @@ def pyramid_figure(
     if title is None:
         title = f"{'weighted' if weighting == 'mis' else 'unweighted'}, {label}"
         title += f", {stops:+g} stops a row" if stops else ""
-    named = wrapped(title if each > _WITH_TITLE else f"{title}\nnumbers are s, t", wide - 0.1)
+    named = wrap_text(title if each > _WITH_TITLE else f"{title}\nnumbers are s, t", wide - 0.1)
     top = 0.1 + 0.155 * len(named.splitlines())
     tall = top + rows * (high + _ABOVE) + 0.07
     figure = new_figure(wide, tall, layout=None)

@@ -9,8 +9,8 @@ import numpy as np
 from ..rendering.dataset import check_dataset
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure, palette
-from ..runtime.plots import COLUMN, colour_bar, most_of, wrapped
-from ..runtime.progress import shown
+from ..runtime.plots import COLUMN, colour_bar, percentile_range, wrap_text
+from ..runtime.progress import with_status
 from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
 from .figures import explain_hatch, map_axes, picture_aspect, pixel_axes, time_axes
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@shown("Drawing the summary")
+@with_status("Drawing the summary")
 @in_style
 def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
     """Draw a render on one page: steady image, time of the brightest bin, some responses.
@@ -68,7 +68,7 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
     plot = figure.add_subplot(grid[1, :])
     steady.imshow(tonemap(dataset["steady"].values, percentile=98), extent=sequence.extent)
     steady.set_title("steady image")
-    first, last, beyond = most_of(peak_ns)
+    first, last, beyond = percentile_range(peak_ns)
     times = {"cmap": "viridis", "vmin": first, "vmax": last}
     shown = map_axes(peak, peak_ns, extent=sequence.extent, **times)
     peak.set_title("brightest bin" if narrow else "time of the brightest bin")
@@ -91,7 +91,7 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
     outside = f"{100 * dataset.attrs['energy_outside_window']:.1f} % of the energy outside"
     title = f"{dataset.attrs['scene']}, {dataset.attrs['spp']} spp, {outside} the render's window"
     title += "" if dataset.attrs["complete"] else " (interrupted)"
-    figure.suptitle(wrapped(title, width))
+    figure.suptitle(wrap_text(title, width))
     explain_hatch(figure, np.isnan(peak_ns))
     return figure
 
@@ -103,7 +103,7 @@ def _pairs(pixels: Any) -> list[tuple[Any, Any]]:
     except (TypeError, ValueError):
         pairs = None
     if pairs is None or isinstance(pixels, str | bytes | dict):
-        raise ValueError(f"pixels = {checks.shown(pixels)}: must be pairs (x, y)")
+        raise ValueError(f"pixels = {checks.quote(pixels)}: must be pairs (x, y)")
     return pairs
 
 

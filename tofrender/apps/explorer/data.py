@@ -60,7 +60,7 @@ def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> Expl
     import xarray as xr
 
     if not isinstance(data, xr.Dataset):
-        raise ValueError(f"data = {checks.shown(data)}: must be an xarray.Dataset")
+        raise ValueError(f"data = {checks.quote(data)}: must be an xarray.Dataset")
     kind = "volume" if "intensity" in data else "capture" if "sensor_grid" in data else "transient"
     for name, value in (("orders", orders), ("distance_m", distance_m)):
         if value is not None and kind != "transient":
@@ -205,7 +205,7 @@ def _orders(orders: Any, data: xr.Dataset) -> dict[str, Cube]:
     for name, each in checks.mapping("orders", orders).items():
         if "transient" not in getattr(each, "data_vars", ()):
             raise ValueError(
-                f"orders[{name!r}] = {checks.shown(each)}: must be a Dataset of render"
+                f"orders[{name!r}] = {checks.quote(each)}: must be a Dataset of render"
             )
         cube = Cube.of(f"orders[{name!r}]", each["transient"])
         if cube.shape != data["transient"].shape or not np.array_equal(each["opl"], data["opl"]):

@@ -13,9 +13,8 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
-from ...io.output import check_file, check_room, check_writable
 from ...runtime import checks
-from ...runtime.atomic import replacing
+from ...runtime.atomic import check_file, check_writable, replacing
 from .contents import Contents, contents_of
 from .module import javascript, style, text_of
 
@@ -65,7 +64,6 @@ def report(
         'box.html'
     """
     target = check_file(path, ".html", ".htm", overwrite=overwrite)
-    check_writable(path)
     limit = 1e6 * checks.number("megabytes", megabytes, low=0.1, high=1000)
     options: dict[str, Any] = {"orders": orders, "distance_m": distance_m, "title": title}
     margin = 0.96  # The estimated size may be a little too small
@@ -75,7 +73,7 @@ def report(
         if len(text) <= limit:
             break
         margin *= 0.9 * limit / len(text)
-    check_room(path, len(text))
+    check_writable(path, len(text))
     with replacing(path, needed_bytes=len(text)) as temporary:
         temporary.write_bytes(text)
     return target

@@ -66,7 +66,7 @@ class Subject:
         for name, value in given.items():
             if name not in values:
                 has = f"{self.title.lower()} has the parameters: {' and '.join(values) or 'none'}"
-                raise ValueError(f"{name} = {checks.shown(value)}: must be left out; {has}")
+                raise ValueError(f"{name} = {checks.quote(value)}: must be left out; {has}")
             if name == "image":
                 values[name] = density_of(value)
             else:

@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ...runtime import checks
-from ...runtime.backend import uncollected
+from ...runtime.backend import tracing_lock
 from .laser import axis, find_laser
 
 
@@ -110,7 +110,7 @@ class NLOSCaptureMeter(mi.Sensor):
         uv = [(k + 0.5) / n for k, n in zip(target, self.film().size(), strict=True)]
         return self.get_shape().sample_position(0.0, mi.Point2f(*uv), True).p
 
-    @uncollected()
+    @tracing_lock()
     def follow_laser(self, scene: mi.Scene) -> None:
         """Look at the laser spot, if the film is one pixel of an original one."""
         if self.follows_laser:
@@ -137,4 +137,4 @@ class NLOSCaptureMeter(mi.Sensor):
 def _point(props: mi.Properties, name: str) -> list[float] | None:
     """Read three numbers, None if they are not given."""
     value: Any = props.get(name, None)
-    return None if value is None else checks.place(name, value)
+    return None if value is None else checks.point(name, value)

@@ -10,11 +10,11 @@ import numpy as np
 
 from ...paths.surfaces import first_surface
 from ...runtime import checks
-from ...runtime.backend import uncollected
+from ...runtime.backend import tracing_lock
 from .laser import aim_laser, apply_meters, discard_meter_aims, find_laser
 
 
-@uncollected()
+@tracing_lock()
 def focus_laser(
     scene: mi.Scene, *, point: Any = None, uv: Any = None, pixel: Any = None, sensor: int = 0
 ) -> np.ndarray:
@@ -42,11 +42,11 @@ def focus_laser(
     """
     if not isinstance(scene, mi.Scene):
         raise ValueError(
-            f"scene = {checks.shown(scene)}: must be a loaded scene; load_scene loads one"
+            f"scene = {checks.quote(scene)}: must be a loaded scene; load_scene loads one"
         )
     given = (point, uv, pixel)
     if sum(value is not None for value in given) != 1:
-        shown = ", ".join(map(checks.shown, given))
+        shown = ", ".join(map(checks.quote, given))
         raise ValueError(f"point, uv, pixel = {shown}: must be one of them, and None the others")
     laser = find_laser(scene)
     apply_meters(scene)
@@ -75,10 +75,10 @@ def focus_laser(
         _require_two("uv", uv, "two numbers from 0 to 1")
         u, v = (checks.number("uv", x, unit="the side") for x in uv)
         if not (0 <= u <= 1 and 0 <= v <= 1):
-            raise ValueError(f"uv = {checks.shown(uv)}: must be two numbers from 0 to 1")
+            raise ValueError(f"uv = {checks.quote(uv)}: must be two numbers from 0 to 1")
         target = _at_uv(camera, (u, v))
     else:
-        target = mi.Point3f(*checks.place("point", point))
+        target = mi.Point3f(*checks.point("point", point))
     aim_laser(laser, target)
     return np.array(target).ravel()
 
@@ -90,7 +90,7 @@ def _require_two(name: str, value: Any, rule: str) -> None:
     except TypeError:
         count = 0
     if count != 2:
-        raise ValueError(f"{name} = {checks.shown(value)}: must be {rule}")
+        raise ValueError(f"{name} = {checks.quote(value)}: must be {rule}")
 
 
 def _at_uv(camera: mi.Sensor, uv: Any) -> mi.Point3f:

@@ -79,7 +79,7 @@ class ConfocalProjector(mi.Emitter):
         if frame is None and not self.is_confocal:
             raise ValueError("frame: is missing; must be given if is_confocal is false")
         if frame is not None and np.size(getattr(frame, "matrix", 0)) != 16:
-            raise ValueError(f"frame = {checks.shown(frame)}: must be an mi.ScalarTransform4f")
+            raise ValueError(f"frame = {checks.quote(frame)}: must be an mi.ScalarTransform4f")
         self.frame: Any = None if frame is None else mi.ScalarTransform4f(_pose(frame.matrix))
         self._pulse_width_opl, self._histogram = _pulse(props)
         positions, sigmas, powers = _spots(props)
@@ -290,5 +290,5 @@ def numbers(name: str, value: Any) -> np.ndarray:
     except (TypeError, ValueError):
         array = np.array([])
     if array.size == 0 or not np.all(np.isfinite(array)):
-        raise ValueError(f"{name} = {checks.shown(value)}: must be finite numbers")
+        raise ValueError(f"{name} = {checks.quote(value)}: must be finite numbers")
     return array

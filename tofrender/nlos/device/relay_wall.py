@@ -11,7 +11,7 @@ import numpy as np
 
 from ...paths.surfaces import first_surface, is_on
 from ...runtime import checks
-from ...runtime.backend import uncollected
+from ...runtime.backend import tracing_lock
 
 DEFAULT_ID = "relay_wall"
 FLAT = 1e-4  # distance from a plane, over a wall's size, up to which the wall is flat
@@ -41,7 +41,7 @@ def is_on_relay_wall(
     given = relay_wall_shapes
     shapes = [given] if isinstance(given, mi.Shape) else given
     if not isinstance(shapes, Sequence) or not shapes or isinstance(shapes, str | bytes):
-        raise ValueError(f"relay_wall_shapes = {checks.shown(given)}: must be a shape or several")
+        raise ValueError(f"relay_wall_shapes = {checks.quote(given)}: must be a shape or several")
     for each in shapes:
         checks.instance("relay_wall_shapes", each, mi.Shape, "a shape or several")
     checks.instance("si", si, mi.SurfaceInteraction3f, "an mi.SurfaceInteraction3f")
@@ -84,7 +84,7 @@ def find_shapes(scene: mi.Scene, wanted: Any, name: str) -> list[mi.Shape]:
         known = isinstance(key, str | mi.Shape)
         matches = [s for s in scene.shapes() if known and key in (s, s.id())]
         if not matches:
-            shown = checks.shown(key.id() if isinstance(key, mi.Shape) else key)
+            shown = checks.quote(key.id() if isinstance(key, mi.Shape) else key)
             raise ValueError(
                 f"{name} = {shown}: the scene has no such shape; must be one of {ids(scene)} (a "
                 "load with optimize=False keeps meshes of equal material apart)"
@@ -104,12 +104,12 @@ def parse_ids(name: str, value: Any) -> list[str] | None:
         return None
     if not isinstance(value, str):
         raise ValueError(
-            f"{name} = {checks.shown(value)}: must be ids of shapes, separated by commas"
+            f"{name} = {checks.quote(value)}: must be ids of shapes, separated by commas"
         )
     return [each.strip() for each in value.split(",")]
 
 
-@uncollected()
+@tracing_lock()
 def first_hits(scene: mi.Scene, sensor: mi.Sensor) -> tuple[mi.Ray3f, mi.SurfaceInteraction3f]:
     """Trace rays through the centres of a sensor's pixels, row by row, to the first surface."""
     width, height = (int(n) for n in sensor.film().crop_size())
@@ -119,7 +119,7 @@ def first_hits(scene: mi.Scene, sensor: mi.Sensor) -> tuple[mi.Ray3f, mi.Surface
     return mi.Ray3f(ray), first_surface(scene, mi.Ray3f(ray))
 
 
-@uncollected()
+@tracing_lock()
 def seen_shapes(scene: mi.Scene, sensor: mi.Sensor | None) -> list[mi.Shape]:
     """Find the shapes at the centres of a sensor's pixels; none without a sensor."""
     if sensor is None:
@@ -128,7 +128,7 @@ def seen_shapes(scene: mi.Scene, sensor: mi.Sensor | None) -> list[mi.Shape]:
     return [s for s in scene.shapes() if dr.any(si.is_valid() & (si.shape == mi.ShapePtr(s)))]
 
 
-@uncollected()
+@tracing_lock()
 def wall_points(
     scene: mi.Scene, sensor: mi.Sensor, wall: list[mi.Shape]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -14,7 +14,7 @@ from ...paths.protocols import Endpoint
 from ...paths.records import BSDFSample, Connection, Path, Vertex
 from ...paths.scattering import Materials
 from ...paths.surfaces import first_surface, is_on
-from ...runtime.backend import uncollected
+from ...runtime.backend import tracing_lock
 from ...scenes.media import media_of, scatterer_on
 from ..device.relay_wall import first_hits
 
@@ -181,7 +181,7 @@ class LaserInMedia(LaserSpot):
         )
 
 
-@uncollected()
+@tracing_lock()
 def require_clear_way(scene: mi.Scene, sensor: mi.Sensor, laser: np.ndarray) -> None:
     """Refuse fog between a laser's position [m] and the very points that the sensor looks at."""
     if not media_of(scene, sensor):

@@ -14,7 +14,7 @@ from ...paths.protocols import Endpoint
 from ...paths.records import BSDFEval, Connection, Hit, Path, Vertex
 from ...paths.surfaces import first_surface
 from ...runtime import checks
-from ...runtime.backend import uncollected
+from ...runtime.backend import tracing_lock
 from ...signals.illuminants import white
 from ..device.laser import apply_meters, axis, find_laser, position_of, require_aim, solid_angle
 from ..device.relay_wall import first_hits, is_on_relay_wall
@@ -166,7 +166,7 @@ class TransientNLOSPath(RelayWallPath):
             warn_no_effect("confocal", confocal, f"capture_type is {self.capture_type!r}")
         return self.capture_type
 
-    @uncollected()
+    @tracing_lock()
     def _check_aim(self, scan: Scan, kind: str, sensor: mi.Sensor | None) -> None:
         """Refuse a laser that misses the wall, or that is in its plane."""
         origin, direction = axis(find_laser(scan.scene))

@@ -120,7 +120,7 @@ def reconstruct(
     if client is not None:
         if method not in ("bp", "fbp"):
             raise ValueError(
-                f"client = {checks.shown(client)}: must be None, as method = {method!r} is done in "
+                f"client = {checks.quote(client)}: must be None, as method = {method!r} is done in "
                 "one process"
             )
         require_client(client)
@@ -157,7 +157,7 @@ def _options(method: str, given: dict[str, Any]) -> dict[str, Any]:
             if value is not None:
                 allowed = " and ".join(methods)
                 raise ValueError(
-                    f"{name} = {checks.shown(value)}: must be None, as it is for {allowed} only"
+                    f"{name} = {checks.quote(value)}: must be None, as it is for {allowed} only"
                 )
         elif value is not None or default is not None:
             options[name] = check(name, default if value is None else value)

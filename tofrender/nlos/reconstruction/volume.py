@@ -53,7 +53,7 @@ class VolumeGrid:
             x, y, z = value
         except (TypeError, ValueError):
             raise ValueError(
-                f"volume = {checks.shown(value)}: must be a VolumeGrid or (low, high, "
+                f"volume = {checks.quote(value)}: must be a VolumeGrid or (low, high, "
                 "count) for x, y, z"
             ) from None
         return cls(x, y, z)
@@ -79,12 +79,12 @@ def _axis(name: str, value: Any) -> tuple[float, float, int]:
         low, high, count = value
     except (TypeError, ValueError):
         raise ValueError(
-            f"volume: {name} = {checks.shown(value)}: must be (low, high, count)"
+            f"volume: {name} = {checks.quote(value)}: must be (low, high, count)"
         ) from None
     low, high = (checks.metres(f"volume: {name}", edge) for edge in (low, high))
     count = checks.integer(f"volume: count of {name}", count, 1, checks.MAX_SIZE)
     if not low < high:
-        raise ValueError(f"volume: {name} = {checks.shown(value)}: low must be less than high")
+        raise ValueError(f"volume: {name} = {checks.quote(value)}: low must be less than high")
     return low, high, count
 
 

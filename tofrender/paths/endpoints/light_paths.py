@@ -9,7 +9,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ...signals.polarisation import sent
+from ...signals.polarisation import apply_light_path
 from ..bidirectional_mis import BidirectionalMIS, PartialSums
 from ..emission import Emission
 from ..lens import Lens
@@ -118,7 +118,7 @@ class StoredVertices:
         active = active & (d2 > 0) & (stored.depth + path.depth + 3 <= self.max_depth)
         there = stored.vertex(distance, active)
         bsdf_eval = self.adjoint.eval_pdf(there, -d, active)
-        weight = sent(self.weight, stored.β, bsdf_eval.f) / d2
+        weight = apply_light_path(self.weight, stored.β, bsdf_eval.f) / d2
         return VertexConnection(
             point=stored.si.p,
             direction=d,

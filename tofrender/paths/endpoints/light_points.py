@@ -33,7 +33,7 @@ def checked_count(value: Any) -> str | int:
         return value if is_auto else checks.integer("", value, 1, MOST)
     except ValueError:
         raise ValueError(
-            f"light_samples = {checks.shown(value)}: must be 'auto' or an integer from 1 to {MOST}"
+            f"light_samples = {checks.quote(value)}: must be 'auto' or an integer from 1 to {MOST}"
         ) from None
 
 

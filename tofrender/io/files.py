@@ -1,0 +1,119 @@
+"""Reading and writing of files: seals against damage, errors that name the file, and threads.
+
+A seal is a checksum after the end of a file, where its format does not read. Other programs read
+such a file as any, and drop the seal when they write it. Files without a seal are accepted.
+"""
+
+from __future__ import annotations
+
+import os
+import zlib
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ..runtime import checks
+from ..runtime.progress import progress_bar
+
+_MARK = b"\ntofrender crc32 "
+_LENGTH = len(_MARK) + 9
+_STEP = 1 << 22
+
+
+def seal(content: bytes) -> bytes:
+    """Append a seal to the content of a file."""
+    return content + _line(zlib.crc32(content))
+
+
+def seal_file(path: Path) -> None:
+    """Append a seal to a file on the disk."""
+    with path.open("r+b") as file:
+        checksum = 0
+        while part := file.read(_STEP):
+            checksum = zlib.crc32(part, checksum)
+        file.write(_line(checksum))
+
+
+def _require_unbroken(path: Path) -> None:
+    """Raise a ValueError for a file that differs from its seal; one without a seal passes."""
+    with path.open("rb") as file:
+        size = file.seek(0, 2)
+        file.seek(max(0, size - _LENGTH))
+        found = file.read()
+        if _MARK[:10] not in found:
+            return
+        file.seek(0)
+        checksum, left = 0, size - _LENGTH
+        while part := file.read(max(0, min(_STEP, left))):
+            checksum = zlib.crc32(part, checksum)
+            left -= len(part)
+    if found != _line(checksum):
+        raise ValueError("is damaged or cut short, its checksum differs; must be as it was saved")
+
+
+def _line(checksum: int) -> bytes:
+    return _MARK + b"%08x\n" % checksum
+
+
+@contextmanager
+def reading(path: str | os.PathLike, allowed: str) -> Iterator[Path]:
+    """Check that a file exists and matches its seal, and name it in all errors of the block.
+
+    Whatever libraries raise for damaged files becomes a ValueError that says what is `allowed`.
+    """
+    file = checks.path("path", path)
+    if not file.is_file():  # A pipe would be waited for
+        problem = "is no file" if file.exists() else "does not exist"
+        raise FileNotFoundError(f"path = {path}: {problem}; must be {allowed}")
+    with named(path):
+        try:
+            _require_unbroken(file)
+            yield file
+        except MemoryError:
+            raise
+        except Exception as error:
+            reason = " ".join(str(error.args[-1] if error.args else error).split())[:300]
+            reason = reason or type(error).__name__
+            required = "" if "must" in reason else f"; must be {allowed}"
+            raise ValueError(f"{reason}{required}") from None
+
+
+@contextmanager
+def named(path: str | os.PathLike) -> Iterator[None]:
+    """Name a file in the errors of the block."""
+    try:
+        yield
+    except (ValueError, MemoryError) as error:
+        text = str(error)
+        text = text if text.startswith("path = ") else f"path = {path}: {text}"
+        raise (MemoryError if isinstance(error, MemoryError) else ValueError)(text) from None
+
+
+def for_each(
+    function: Callable[[int], Any], items: Iterable[int], description: str, *, progress: bool
+) -> None:
+    """Call `function` on every item in threads; the first error or Ctrl-C cancels the rest.
+
+    OpenEXR and Pillow release the GIL while they (de)compress.
+    """
+    with ThreadPoolExecutor(min(16, os.cpu_count() or 1)) as pool:
+        futures = [pool.submit(function, item) for item in items]
+        try:
+            with progress_bar(description, len(futures), enabled=progress) as bar:
+                for future in as_completed(futures):
+                    future.result()
+                    bar.update()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def run_concurrently(first: Callable[[], Any], *others: Callable[[], Any]) -> None:
+    """Call functions concurrently, the first one in this thread; raise the first error last."""
+    with ThreadPoolExecutor(max(1, len(others))) as pool:
+        futures = [pool.submit(each) for each in others]
+        first()
+        for each in futures:
+            each.result()
