@@ -203,13 +203,13 @@ def cut(v):
 
 
 def test_failed_samples():
-    """The density integrates to the share of samples that are valid: sin(60 degrees)^2."""
+    """The density integrates to the fraction of samples that are valid: sin(60 degrees)^2."""
     verdict = chi_square_test(failing, cut, "hemisphere", **QUICK)
     assert verdict.passed, str(verdict)
     assert verdict.valid == pytest.approx(0.75, abs=0.01)
     whole = chi_square_test(failing, lambda v: cut(v) / 0.75, "hemisphere", **QUICK)
     assert whole.pdf_integral == pytest.approx(1, abs=1e-3)
-    assert "the share of valid samples" in whole.reason
+    assert "the fraction of valid samples" in whole.reason
     assert not chi_square_test(lambda u: failing(u)[0], cut, "hemisphere", **QUICK).passed
 
 

@@ -1,4 +1,4 @@
-"""Point sets in the unit square: what goes into a warp.
+"""Point sets in the unit square, the input of warps.
 
     independent   every point on its own: gaps and clusters
     grid          the centres of equal cells: no gaps, but a regular pattern
@@ -27,17 +27,7 @@ MAX_COUNT = 1 << 24
 
 
 def independent(count: int, seed: int = 0) -> mi.Point2f:
-    """Uniform points that know nothing of each other.
-
-    Args:
-        count: Number of points, from 1 to 2^24.
-        seed: Seed, from 0 to 2^32 - 1.
-
-    Returns:
-        `count` points of [0, 1)^2.
-
-    Raises:
-        ValueError: One of them is out of range.
+    """Independent uniform points of [0, 1)^2: `count` from 1 to 2^24, `seed` from 0 to 2^32 - 1.
 
     Example:
         >>> dr.width(independent(10))
@@ -49,16 +39,7 @@ def independent(count: int, seed: int = 0) -> mi.Point2f:
 
 
 def grid(count: int) -> mi.Point2f:
-    """The centres of `count` cells of equal area, row after row.
-
-    Args:
-        count: Number of points, from 1 to 2^24.
-
-    Returns:
-        `count` points of (0, 1)^2.
-
-    Raises:
-        ValueError: `count` is out of range.
+    """Centres of `count` cells of equal area, row after row.
 
     Example:
         >>> grid(4)
@@ -71,17 +52,7 @@ def grid(count: int) -> mi.Point2f:
 
 
 def stratified(count: int, seed: int = 0) -> mi.Point2f:
-    """A uniform point in each of `count` cells of equal area, row after row (jittered sampling).
-
-    Args:
-        count: Number of points, from 1 to 2^24.
-        seed: Seed, from 0 to 2^32 - 1.
-
-    Returns:
-        `count` points of [0, 1)^2.
-
-    Raises:
-        ValueError: One of them is out of range.
+    """Uniform point in each of `count` cells of equal area, row after row (jittered sampling).
 
     Example:
         >>> p = stratified(4)
@@ -96,22 +67,13 @@ POINT_SETS: dict[str, Callable[[int, int], Any]] = {
     "grid": lambda count, seed: grid(count),
     "stratified": stratified,
 }
-"""Every point set by its name, called with count and seed."""
+"""Point sets by name, called with count and seed."""
 
 
 def point_set(kind: str, count: int, seed: int = 0) -> mi.Point2f:
-    """The point set of that name.
+    """Points of the set named `kind`: "independent", "grid" or "stratified".
 
-    Args:
-        kind: "independent", "grid" or "stratified".
-        count: Number of points, from 1 to 2^24.
-        seed: Seed of the random ones, from 0 to 2^32 - 1.
-
-    Returns:
-        `count` points of [0, 1)^2.
-
-    Raises:
-        ValueError: There is no such set, or a number is out of range.
+    A `count` outside of 1 to 2^24, or a `seed` outside of 0 to 2^32 - 1, raises a ValueError.
 
     Example:
         >>> point_set("gird", 4)
@@ -126,7 +88,7 @@ def _checked(count: int) -> int:
 
 
 def _in_cells(count: int, offset: mi.Point2f) -> mi.Point2f:
-    """One point a cell, at `offset` in [0, 1)^2 within it."""
+    """One point per cell, at `offset` in [0, 1)^2 within the cell."""
     rows = round(count**0.5)
     short, longer = divmod(count, rows)  # cells of a row; how many rows have one more
     i = dr.arange(mi.UInt32, count)

@@ -1,4 +1,4 @@
-"""A sampler and its density as one thing to test, and tests of several that share one chance."""
+"""A sampler and its density as one test case, and suites of cases that share one chance."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from .verdicts import Verdict
 
 @dataclass(frozen=True)
 class Case:
-    """A sampler and its density, with what `chi_square_test` has to know about them.
+    """A sampler and its density, with the arguments of `chi_square_test` that belong to them.
 
     Attributes:
         sample: Uniform numbers to points, or (points, weights), or (points, weights, densities).
         pdf: Points to densities.
-        domain: Where the points lie.
-        name: For the verdict.
-        sample_dimension: Uniform numbers a sample takes, 2 or 3.
+        domain: Domain of the points.
+        name: Name in the verdict.
+        sample_dimension: Uniform numbers per sample, 2 or 3.
         expected_moments: Known moments, if any.
     """
 
@@ -35,7 +35,7 @@ class Case:
     expected_moments: Mapping[str, float] | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what no test can be made of."""
+        """Check the arguments."""
         checks.function("sample", self.sample)
         checks.function("pdf", self.pdf)
         domains.find(self.domain)
@@ -52,15 +52,7 @@ class Case:
             >>> Case(lambda sample: sample, even, "square").test(samples=20_000).passed
             True
         """
-        return chi_square_test(
-            self.sample,
-            self.pdf,
-            self.domain,
-            name=self.name,
-            sample_dimension=self.sample_dimension,
-            expected_moments=self.expected_moments,
-            **options,
-        )
+        return chi_square_test(**vars(self), **options)
 
 
 @dataclass(frozen=True)
@@ -92,7 +84,7 @@ def chi_square_suite(cases: Iterable[Case], alpha: float = 1e-3, **options: Any)
     """Test several samplers, with one chance of a false alarm for all (Šidák).
 
     Args:
-        cases: What to test; each gets a seed of its own.
+        cases: At least one; each gets a seed of its own.
         alpha: Chance that any of them fails though all are right, between 0 and 1.
         **options: For `chi_square_test`: samples, resolution, seed.
 
@@ -108,11 +100,10 @@ def chi_square_suite(cases: Iterable[Case], alpha: float = 1e-3, **options: Any)
     given = list(cases) if isinstance(cases, Iterable) else []
     if not given or not all(isinstance(each, Case) for each in given):
         raise ValueError(f"cases = {checks.shown(cases)}: must be at least one Case, no other")
-    cases = given
     check_chance(alpha)
-    first = checks.integer("seed", options.pop("seed", 0), 0, checks.MAX_SEED - len(cases))
+    first = checks.integer("seed", options.pop("seed", 0), 0, checks.MAX_SEED - len(given))
     verdicts = tuple(
-        case.test(alpha=alpha, tests=len(cases), seed=first + k, **options)
-        for k, case in enumerate(cases)
+        case.test(alpha=alpha, tests=len(given), seed=first + k, **options)
+        for k, case in enumerate(given)
     )
     return SuiteVerdict(all(verdict.passed for verdict in verdicts), alpha, verdicts)
