@@ -1,5 +1,9 @@
 from .cases import bsdf_case as bsdf_case, light_case as light_case, warp_case as warp_case
-from .chi_square import chi_square_test as chi_square_test
+from .chi_square import (
+    Case as Case,
+    chi_square_suite as chi_square_suite,
+    chi_square_test as chi_square_test,
+)
 from .emitter_records import EmitterRecord as EmitterRecord, visible as visible
 from .hierarchical import EnvironmentWarp as EnvironmentWarp, HierarchicalWarp as HierarchicalWarp
 from .patches import Quad as Quad, Triangle as Triangle
@@ -13,18 +17,13 @@ from .points import (
 from .scene_emitters import emitters_of as emitters_of
 from .shapes import SurfaceGroup as SurfaceGroup
 from .spheres import Sphere as Sphere
-from .suites import (
-    Case as Case,
-    SuiteVerdict as SuiteVerdict,
-    chi_square_suite as chi_square_suite,
-)
 from .triangles_and_caps import (
     sample_sphere_cap as sample_sphere_cap,
     sample_sphere_cap_pdf as sample_sphere_cap_pdf,
     sample_triangle as sample_triangle,
     sample_triangle_pdf as sample_triangle_pdf,
 )
-from .verdicts import Moment as Moment, Verdict as Verdict
+from .verdicts import Moment as Moment, SuiteVerdict as SuiteVerdict, Verdict as Verdict
 from .warps import (
     WARPS as WARPS,
     Warp as Warp,

@@ -10,16 +10,13 @@ import drjit as dr
 import mitsuba as mi
 
 from ..runtime import checks
-from .suites import Case
+from .chi_square import Case
 from .triangles_and_caps import point
 from .warps import WARPS
 
 
 def warp_case(name: str, **parameter: Any) -> Case:
     """Case of the warp of that name in `WARPS`, with its parameter if it has one.
-
-    Raises:
-        ValueError: There is no such warp, its parameter is missing, or it is bad.
 
     Example:
         >>> warp_case("beckmann", alpha=0.3).name
@@ -49,7 +46,7 @@ def bsdf_case(bsdf: dict | mi.BSDF, wi: Any, *, uv: Any = (0.5, 0.5), name: str 
         name: For the verdict; by default the BSDF's type and the angle of `wi`.
 
     Raises:
-        ValueError: `wi` is no direction, or the BSDF has Dirac lobes only.
+        ValueError: The BSDF has Dirac lobes only.
 
     Example:
         >>> bsdf_case({"type": "diffuse"}, (0, 0, 1)).test(samples=20_000).passed
@@ -103,7 +100,7 @@ def light_case(light: Any, o: Any, *, name: str = "") -> Case:
         name: For the verdict; by default the light's type.
 
     Raises:
-        ValueError: `o` is no point, or the dictionary is of no light that has a density.
+        ValueError: The dictionary is of no light that has a density.
 
     Example:
         >>> emitter = {"type": "area", "radiance": {"type": "rgb", "value": 1.0}}

@@ -11,7 +11,7 @@ as `expected_moments`.
 
 `mi.chi2` has such a test too, and its domain objects work here. The test itself is not used: it
 accepts points off the sphere, densities that are negative within cells, and, with a million
-samples, a tent that integrates to 0.99; and it rejects a right Beckmann density with alpha = 0.1,
+samples, a tent that integrates to 0.99; and it rejects a correct Beckmann density with alpha = 0.1,
 of which its four points along a cell make 1.14.
 """
 
@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,20 +32,11 @@ from ..runtime import checks
 from ..runtime.canvas import check_figure_path, save_figure
 from . import domains, histograms
 from .statistics import smallest_allowed
-from .verdicts import Moment, Verdict
+from .verdicts import Moment, SuiteVerdict, Verdict
 
 MAX_SAMPLES = 1 << 24
-ROUNDING = 1e-6
-"""Relative difference of two moments that single precision explains."""
-
-INTEGRAL_ROUNDING = 2e-4
-"""Difference of a density's integral from one that single precision explains."""
-
-RETURNED_ROUNDING = 1e-3
-"""Mean relative difference, by rounding, of a sampler's densities from `pdf` of its samples."""
-
-NAMES = {2: ("x", "y", "xx", "xy", "yy"), 3: ("x", "y", "z", "xx", "xy", "xz", "yy", "yz", "zz")}
-"""First and second moments in the plane and in space."""
+INTEGRAL_ROUNDING = 2e-4  # difference of a density's integral from one, by single precision
+RETURNED_ROUNDING = 1e-3  # mean relative difference of returned densities from `pdf`, likewise
 
 
 def check_chance(alpha: Any) -> None:
@@ -82,7 +73,7 @@ def chi_square_test(
         samples: Number of samples, from 1000 to 2^24. More find smaller errors.
         resolution: Rows of cells, from 2 to 512.
         seed: Seed of the random numbers, from 0 to 2^32 - 1.
-        alpha: Chance that a right sampler fails in any of the `tests`, between 0 and 1.
+        alpha: Chance that a correct sampler fails in any of the `tests`, between 0 and 1.
         tests: Number of tests that share `alpha`.
         name: Name of the sampler in the verdict.
         sample_dimension: Uniform numbers per sample, 2 or 3.
@@ -115,7 +106,7 @@ def chi_square_test(
     check_chance(alpha)
     known = checks.mapping("expected_moments", expected_moments)
     for key in known:
-        checks.one_of("expected_moments", key, NAMES[domain.dimensions])
+        checks.one_of("expected_moments", key, histograms.MOMENTS[domain.dimensions])
     path = None if figure is None else check_figure_path(figure, "figure")
     if path is not None and not path.parent.is_dir():
         raise ValueError(f"figure = {path}: {path.parent} must be a folder that exists")
@@ -131,26 +122,21 @@ def chi_square_test(
     cell = histograms.cell_of(edges, domain.to_plane(points))
     observed = np.bincount(cell, minlength=(edges[0].size - 1) * (edges[1].size - 1))
 
-    # Integrate the density and its moments over the cells
+    # Integrate the density and its moments over the cells; those about the samples' mean, so that
+    # an error of the integral itself cancels
     density = _values(pdf, points)
     highest = np.zeros(observed.size)
     np.maximum.at(highest, cell, np.where(np.isfinite(density), density, 0.0))
-    mean = _second_moments(points).sum(axis=1, keepdims=True) / max(points.shape[1], 1)
-    integrals = histograms.integrate(
-        pdf,
-        lambda p: _second_moments(p) - mean,  # an error of the integral itself then cancels
-        domain,
-        edges,
-        samples=samples,
-        highest=highest,
-        seed=seed,
-    )
+    mean = histograms.second_moments(points).sum(axis=1, keepdims=True) / max(points.shape[1], 1)
+    functions = lambda p: histograms.second_moments(p) - mean  # noqa: E731
+    options: Any = {"samples": samples, "highest": highest, "seed": seed}
+    integrals = histograms.integrate(pdf, functions, domain, edges, **options)
     observed = observed.reshape(integrals.cells.shape)
 
     # Compare counts and moments; all p-values share the chance `alpha`
-    moments = _compare(points, integrals, known)
+    moments = histograms.compare_moments(points, integrals, known)
     smallest = smallest_allowed(smallest_allowed(alpha, tests), 1 + len(moments))
-    chi2, freedom = _statistic(observed, integrals, samples)
+    chi2, freedom = histograms.statistic(observed, integrals, samples)
     p_value = float(chdtrc(freedom, chi2)) if freedom > 0 else math.nan
     off = [moment for moment in moments if not moment.p_value >= smallest]
     off.sort(key=lambda moment: -abs(np.nan_to_num(moment.z, nan=np.inf)))
@@ -162,7 +148,8 @@ def chi_square_test(
     right = f"{valid:.5f}, the fraction of valid samples" if drawn.weighted else "1"
     outside = points[:, ~domain.contains(points)]
     lost = _where_zero(pdf, points[:, density == 0])
-    off_by, poor = _difference(density, drawn.density), integrals.total_error > 0.01
+    off_by = _difference(density, drawn.density)
+    differs, poor = not off_by <= RETURNED_ROUNDING, integrals.total_error > 0.01
     percent = 100 * integrals.not_finite
     unlike = freedom >= 1 and not p_value >= smallest
     table: dict[str, Any] = {
@@ -172,8 +159,7 @@ def chi_square_test(
         f"the pdf is negative, down to {integrals.lowest:.3g}": integrals.lowest < 0,
         "the pdf is not finite at some samples": not np.isfinite(density).all(),
         f"{lost.shape[1]} samples lie where the pdf is 0, {_first(lost)}": lost.size,
-        f"the pdf returned with samples differs from it by {off_by:.2g}": off_by
-        > RETURNED_ROUNDING,
+        f"the pdf returned with samples differs from it by {off_by:.2g}": differs,
         f"the pdf integrates to {total:.5f}, not {right}": abs(total - valid) > bound + spread,
         "the pdf cannot be integrated to 5 %; a higher resolution may help": poor,
         "there are too few valid samples, or cells that expect any": freedom < 1,
@@ -206,13 +192,13 @@ def chi_square_test(
 
 @dataclass(frozen=True)
 class _Drawn:
-    """Points (dimensions, n), which are valid, how many are not finite, densities of the valid."""
+    """Samples, and the weights and densities returned with them."""
 
-    points: np.ndarray
-    valid: np.ndarray
-    bad: int
-    weighted: bool
-    density: np.ndarray | None
+    points: np.ndarray  # shape (dimensions, n)
+    valid: np.ndarray  # which of them are
+    bad: int  # how many are not finite
+    weighted: bool  # whether there were weights
+    density: np.ndarray | None  # densities of the valid ones, if there were any
 
 
 def _draw(sample: Callable[[Any], Any], dimension: int, count: int, seed: int) -> _Drawn:
@@ -242,10 +228,7 @@ def _values(pdf: Callable[[Any], mi.Float], points: np.ndarray) -> np.ndarray:
 
 
 def _where_zero(pdf: Callable[[Any], mi.Float], points: np.ndarray) -> np.ndarray:
-    """Select the points around which the density is 0 too.
-
-    Rounding puts a few samples on the wrong side of an edge.
-    """
+    """Drop the points beside which the density is not 0: rounding puts a few over an edge."""
     for step in (1e-6, 1e-5, 1e-4):
         for axis, sign in np.ndindex(points.shape[0], 2):
             if points.size:
@@ -268,62 +251,73 @@ def _first(points: np.ndarray) -> str:
     return f"e.g. ({', '.join(f'{x:.6g}' for x in points[:, :1].ravel())})"
 
 
-# ----------------------------------------------------------------------------- the statistics
-
-
-def _second_moments(points: np.ndarray) -> np.ndarray:
-    """Coordinates and their products, in the order of `NAMES`."""
-    d = points.shape[0]
-    products = [points[i] * points[j] for i in range(d) for j in range(i, d)]
-    return np.stack([*points, *products])
-
-
-def _compare(
-    points: np.ndarray, integrals: histograms.Integrals, known: Mapping[str, float]
-) -> tuple[Moment, ...]:
-    """Compare all moments with those of the density, and with the known ones."""
-    names = NAMES[points.shape[0]]
-    values = _second_moments(points)
-    count = max(points.shape[1], 1)
-    mean, square = values.sum(axis=1) / count, (values**2).sum(axis=1) / count
-    variance = np.maximum(square - mean**2, 0) / count
-    total = integrals.total if integrals.total > 0 else math.nan
-    expected = mean + integrals.moments / total
-    variances = variance + integrals.moments_variance / total**2
-    moments = [
-        _moment(*each) for each in zip(names, mean, expected, variances, square, strict=True)
-    ]
-    for name, value in known.items():
-        k = names.index(name)
-        moments.append(_moment(f"{name} (known)", mean[k], float(value), variance[k], square[k]))
-    return tuple(moments)
-
-
-def _moment(name: str, mean: float, expected: float, variance: float, square: float) -> Moment:
-    """Test a mean of this variance; `square` is the mean square, the scale of rounding."""
-    difference = mean - expected
-    if math.isnan(difference):
-        return Moment(name, float(mean), math.nan, math.nan, 0.0)
-    beyond = max(abs(difference) - ROUNDING * math.sqrt(square), 0.0)
-    z = beyond / math.sqrt(variance) if variance > 0 else (math.inf if beyond > 0 else 0.0)
-    p_value = math.erfc(z / math.sqrt(2))
-    return Moment(name, float(mean), float(expected), math.copysign(z, difference), p_value)
-
-
 def _in_words(moment: Moment) -> str:
     values = f"{moment.sampled:.6g}, not {moment.expected:.6g}"
     return f"{moment.name} is {values} ({moment.z:+.1f} standard errors)"
 
 
-def _statistic(
-    observed: np.ndarray, integrals: histograms.Integrals, samples: int
-) -> tuple[float, int]:
-    """Pearson's statistic of all resolved cells, of the others as one, and of samples in none."""
-    good = integrals.resolved
-    cells = (observed, integrals.cells, integrals.variance)
-    outside = (samples - observed.sum(), max(1 - integrals.total, 0.0), integrals.total_error**2)
-    o, p, v = (
-        np.concatenate([each[good], [each[~good].sum(), rest]])
-        for each, rest in zip(cells, outside, strict=True)
+@dataclass(frozen=True)
+class Case:
+    """A sampler and its density, with the arguments of `chi_square_test` that belong to them.
+
+    Attributes:
+        sample: Uniform numbers to points, or (points, weights), or (points, weights, densities).
+        pdf: Points to densities.
+        domain: Domain of the points.
+        name: Name in the verdict.
+        sample_dimension: Uniform numbers per sample, 2 or 3.
+        expected_moments: Known moments, if any.
+    """
+
+    sample: Callable[[Any], Any]
+    pdf: Callable[[Any], mi.Float]
+    domain: Any
+    name: str = ""
+    sample_dimension: int = 2
+    expected_moments: Mapping[str, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        checks.function("sample", self.sample)
+        checks.function("pdf", self.pdf)
+        domains.find(self.domain)
+        checks.instance("name", self.name, str, "text")
+        checks.integer("sample_dimension", self.sample_dimension, 2, 3)
+        checks.mapping("expected_moments", self.expected_moments)
+
+    def test(self, **options: Any) -> Verdict:
+        """Run `chi_square_test` with the keyword arguments given.
+
+        Example:
+            >>> import drjit as dr
+            >>> even = lambda p: dr.full(mi.Float, 1, dr.width(p))
+            >>> Case(lambda sample: sample, even, "square").test(samples=20_000).passed
+            True
+        """
+        return chi_square_test(**vars(self), **options)
+
+
+def chi_square_suite(cases: Iterable[Case], alpha: float = 1e-3, **options: Any) -> SuiteVerdict:
+    """Test several samplers, with one chance of a false alarm for all (Šidák).
+
+    Args:
+        cases: At least one; each gets a seed of its own.
+        alpha: Chance that any of them fails though all are correct, between 0 and 1.
+        **options: For `chi_square_test`: samples, resolution, seed.
+
+    Example:
+        >>> from tofrender.sampling import warp_case
+        >>> cases = [warp_case("tent"), warp_case("beckmann", alpha=0.3)]
+        >>> chi_square_suite(cases, samples=20_000).passed
+        True
+    """
+    given = list(cases) if isinstance(cases, Iterable) else []
+    if not given or not all(isinstance(each, Case) for each in given):
+        raise ValueError(f"cases = {checks.shown(cases)}: must be at least one Case, no other")
+    check_chance(alpha)
+    first = checks.integer("seed", options.pop("seed", 0), 0, checks.MAX_SEED - len(given))
+    verdicts = tuple(
+        case.test(alpha=alpha, tests=len(given), seed=first + k, **options)
+        for k, case in enumerate(given)
     )
-    return histograms.pearson(o, samples * np.maximum(p, 0), samples**2 * v)
+    return SuiteVerdict(all(verdict.passed for verdict in verdicts), alpha, verdicts)

@@ -19,8 +19,7 @@ import numpy as np
 
 from ..runtime import checks
 
-TOLERANCE = 1e-5
-"""Distance by which rounding may carry a point out of its domain, relative to the domain's size."""
+TOLERANCE = 1e-5  # by which rounding may carry a point out of its domain, relative to its size
 
 Map = Callable[[np.ndarray], np.ndarray]
 

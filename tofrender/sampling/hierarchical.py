@@ -35,12 +35,11 @@ class HierarchicalWarp:
 
     **Precision.** The sums are made in double precision, and the pyramid stores conditional
     probabilities, so that no small number is lost beside a large one. A texel that is 0 is never
-    sampled. Each decision uses up some bits of x or y: with the 24 bits of Mitsuba's samplers, a
-    texel of probability q_x q_y (q_y: the product of its vertical decisions, q_x: of its horizontal
-    ones) is hit with that probability to a relative 2^-24 (1/q_x + 1/q_y), and points in it have
-    2^24 q_x by 2^24 q_y positions. For M = 12 and an image of one brightness that is 2^12 by 2^12
-    positions, all that single precision has. A texel below 2^-24 of its row or column of blocks may
-    be missed, which biases an estimate by no more than the texel's part of it.
+    sampled. Each decision uses up bits of x or y: with the 24 bits of Mitsuba's samplers, a texel
+    of probability q_x q_y (products of its horizontal and of its vertical decisions) is hit with
+    that probability to a relative 2^-24 (1/q_x + 1/q_y), and has 2^24 q_x by 2^24 q_y positions.
+    One below 2^-24 of its row or column of blocks may be missed, which biases an estimate by no
+    more than the texel's part of it.
 
     Args:
         image: A path (EXR, or another format that Mitsuba reads), an `mi.Bitmap`, or an array of
@@ -88,6 +87,7 @@ class HierarchicalWarp:
         column, row = mi.UInt32(0), mi.UInt32(0)
         first = 0  # Of the level's decisions
         for level in range(self.levels):
+            # Select the upper or lower half of the block, then the left or right quadrant
             blocks = 4**level
             block = first + row * 2**level + column
             y, lower = _decide(y, dr.gather(mi.Float, self._decisions, block))
@@ -171,18 +171,16 @@ class EnvironmentWarp:
         )  # whose weights are exact
 
     def sample(self, sample: mi.Point2f) -> tuple[mi.Vector3f, mi.Float]:
-        """Unit vectors towards the light, from points of the unit square; their density [1/sr].
-
-        With t = sin^2(theta / 2), the solid angle is 2 dt dphi, so t is drawn evenly between the
-        edges of a row. The southern rows mirror the northern ones, where t is small and exact.
-        """
+        """Unit vectors towards the light, from points of the unit square; their density [1/sr]."""
         n = self.warp.size
         p = self.warp.sample(sample)
         _, row = self.warp.texel(p)
         fraction = p.y * n - row
+        # Southern rows mirror the northern ones, where t = sin^2(theta / 2) is small and exact
         south = 2 * row >= n
         row_n = dr.select(south, n - 1 - row, row)
         fraction = dr.select(south, 1 - fraction, fraction)
+        # A solid angle is 2 dt dphi: t is uniform between the edges of a row
         t = dr.square(dr.sin(row_n * (0.5 * math.pi / n))) + fraction * self._step(row_n)
         cos_theta, sin_theta = 1 - 2 * t, 2 * dr.safe_sqrt(t * (1 - t))
         sin_phi, cos_phi = dr.sincos(2 * math.pi * p.x)
@@ -221,10 +219,9 @@ class EnvironmentWarp:
 
 
 def _decisions(weights: np.ndarray) -> np.ndarray:
-    """Probabilities of the first of two halves, coarse to fine.
+    """Probabilities of the upper half of each block, then of the left quadrant of each half.
 
-    For each level of 2^l x 2^l blocks: of the upper half of each block (row by row), then of the
-    left quadrant of each half (row by row, two rows for each row of blocks).
+    Levels of 2^l x 2^l blocks follow each other, coarse to fine; each is stored row by row.
     """
     levels = []
     while weights.size > 1:

@@ -10,7 +10,8 @@ makes the test weaker, not wrong.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,21 +19,17 @@ import mitsuba as mi
 import numpy as np
 
 from .domains import Domain, to_drjit
+from .verdicts import Moment
 
-STRATA = 6
-"""Strata along each side of a cell at first, one point in each."""
+STRATA = 6  # along each side of a cell at first, one point in each
+REPEATS = 8  # independent integrals of each cell, whose spread gives their variance
+POOR = 0.1  # variance of an integral, relative to that of the count, beyond which it is refined
+MAX_POINTS = 1 << 21  # in one refinement
+FEWEST = 5.0  # smallest expected count for which Pearson's statistic follows its distribution
+ROUNDING = 1e-6  # relative difference of two moments that single precision explains
 
-REPEATS = 8
-"""Independent integrals of each cell, whose spread gives their variance."""
-
-POOR = 0.1
-"""Variance of an integral, relative to that of the count, beyond which it is refined."""
-
-MAX_POINTS = 1 << 21
-"""Most points in one refinement."""
-
-FEWEST = 5.0
-"""Smallest expected count of a cell for which Pearson's statistic follows its distribution."""
+MOMENTS = {2: ("x", "y", "xx", "xy", "yy"), 3: ("x", "y", "z", "xx", "xy", "xz", "yy", "yz", "zz")}
+"""First and second moments in the plane and in space."""
 
 
 @dataclass(frozen=True)
@@ -194,3 +191,54 @@ def pearson(observed: np.ndarray, expected: np.ndarray, variance: np.ndarray) ->
             x[beside] += x[groups - 1]
         o, e, v = (np.delete(x, groups - 1) for x in (o, e, v))
     return float(np.sum((o - e) ** 2 / (e + v))), e.size - 1
+
+
+def statistic(observed: np.ndarray, integrals: Integrals, samples: int) -> tuple[float, int]:
+    """Pearson's statistic of all resolved cells, of the others as one, and of samples in none."""
+    good = integrals.resolved
+    cells = (observed, integrals.cells, integrals.variance)
+    outside = (samples - observed.sum(), max(1 - integrals.total, 0.0), integrals.total_error**2)
+    o, p, v = (
+        np.concatenate([each[good], [each[~good].sum(), rest]])
+        for each, rest in zip(cells, outside, strict=True)
+    )
+    return pearson(o, samples * np.maximum(p, 0), samples**2 * v)
+
+
+def second_moments(points: np.ndarray) -> np.ndarray:
+    """Coordinates and their products, in the order of `MOMENTS`."""
+    d = points.shape[0]
+    products = [points[i] * points[j] for i in range(d) for j in range(i, d)]
+    return np.stack([*points, *products])
+
+
+def compare_moments(
+    points: np.ndarray, integrals: Integrals, known: Mapping[str, float]
+) -> tuple[Moment, ...]:
+    """Compare all moments with those of the density, and with the known ones."""
+    names = MOMENTS[points.shape[0]]
+    values = second_moments(points)
+    count = max(points.shape[1], 1)
+    mean, square = values.sum(axis=1) / count, (values**2).sum(axis=1) / count
+    variance = np.maximum(square - mean**2, 0) / count
+    total = integrals.total if integrals.total > 0 else math.nan
+    expected = mean + integrals.moments / total
+    variances = variance + integrals.moments_variance / total**2
+    moments = [
+        _moment(*each) for each in zip(names, mean, expected, variances, square, strict=True)
+    ]
+    for name, value in known.items():
+        k = names.index(name)
+        moments.append(_moment(f"{name} (known)", mean[k], float(value), variance[k], square[k]))
+    return tuple(moments)
+
+
+def _moment(name: str, mean: float, expected: float, variance: float, square: float) -> Moment:
+    """Test a mean of this variance; `square` is the mean square, the scale of rounding."""
+    difference = mean - expected
+    if math.isnan(difference):
+        return Moment(name, float(mean), math.nan, math.nan, 0.0)
+    beyond = max(abs(difference) - ROUNDING * math.sqrt(square), 0.0)
+    z = beyond / math.sqrt(variance) if variance > 0 else (math.inf if beyond > 0 else 0.0)
+    p_value = math.erfc(z / math.sqrt(2))
+    return Moment(name, float(mean), float(expected), math.copysign(z, difference), p_value)

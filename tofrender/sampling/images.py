@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
@@ -12,27 +11,25 @@ import numpy as np
 
 from ..runtime import checks
 
-MAX_SIDE = 16384
-"""Most pixels along a side: the pyramid of 2^14 x 2^14 texels takes 3 GB."""
+MAX_SIDE = 16384  # pixels along a side: the pyramid of 2^14 x 2^14 texels takes 3 GB
 
 
 def read_image(image: Any) -> np.ndarray:
     """Return the linear values of an image, float64 of shape (H, W, 1) or (H, W, 3).
 
-    Args:
-        image: A path (EXR, or another format that Mitsuba reads), an `mi.Bitmap`, or an array of
-            shape (H, W) or (H, W, C) with C from 1 to 4: grey, grey and alpha, RGB, RGB and alpha.
-            Alpha is dropped. Arrays are linear; files are made so.
-
-    Raises:
-        FileNotFoundError: There is no such file.
-        ValueError: Not an image, of another shape, empty, too large, all black, or with a value
-            that is negative or not finite.
+    `image` is one of those of `HierarchicalWarp`, which lists the errors. C is from 1 to 4: grey,
+    grey and alpha, RGB, RGB and alpha. Alpha is dropped. Arrays are linear; files are made so.
     """
     named = "image"
     if isinstance(image, str | os.PathLike):
         named = f"image = {checks.shown(os.fspath(image))}"
-        image = _open(checks.path("image", image), named)
+        path = checks.path("image", image)
+        if not path.is_file():
+            raise FileNotFoundError(f"{named}: must be a file that exists")
+        try:
+            image = mi.Bitmap(str(path))
+        except RuntimeError:
+            raise ValueError(f"{named}: must be an image that Mitsuba reads, such as EXR") from None
     if isinstance(image, mi.Bitmap):
         image = _linear(image, named)
     values = _as_array(image, named)
@@ -109,15 +106,6 @@ class _Cuts:
         s = np.clip(x * self.size - 0.5 * self.half - self.below[:, None], 0, 1)
         low, high = ((mass * each).sum(axis=1, keepdims=True) for each in (1 - s, s))
         return np.add.reduceat(image[before] * low + image[after] * high, self.first, axis=0)
-
-
-def _open(path: Path, named: str) -> mi.Bitmap:
-    if not path.is_file():
-        raise FileNotFoundError(f"{named}: must be a file that exists")
-    try:
-        return mi.Bitmap(str(path))
-    except RuntimeError:
-        raise ValueError(f"{named}: must be an image that Mitsuba reads, such as EXR") from None
 
 
 def _linear(bitmap: mi.Bitmap, named: str) -> np.ndarray:

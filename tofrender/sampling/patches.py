@@ -125,9 +125,6 @@ class Quad(Patch):
     def from_edges(cls, corner: Any, e0: Any, e1: Any, *, emission: Any = 0) -> Quad:
         """Parallelogram of a corner and the two edges that leave it; its normal is e0 x e1.
 
-        Raises:
-            ValueError: They are not three finite numbers each, or the edges span no area.
-
         Example:
             >>> Quad.from_edges([0, 0, 0], [2, 0, 0], [0, 3, 0]).area
             6.0
@@ -146,21 +143,10 @@ class Quad(Patch):
 
 
 class Triangle(Patch):
-    """Triangle; its normal is (v1 - v0) x (v2 - v0).
+    """Triangle of three corners, three numbers each; its normal is (v1 - v0) x (v2 - v0).
 
-    Args:
-        v0: First corner, three numbers.
-        v1: Second corner.
-        v2: Third corner.
-        emission: Radiance on the side of the normal: a number, or three for R, G and B.
-
-    Attributes:
-        area: Its area [m^2].
-        normal: Unit normal on the side that emits, shape (3,).
-
-    Raises:
-        ValueError: The corners are not points or lie in one line, or the emission is negative or
-            not finite.
+    Emission and attributes are those of `Quad`. Corners that are not points or lie in one line, and
+    an emission that is negative or not finite, raise a ValueError.
 
     Example:
         >>> light = Triangle([0, 0, 0], [1, 0, 0], [0, 1, 0], emission=(1, 2, 3))

@@ -22,8 +22,7 @@ import mitsuba as mi
 
 from ..runtime import checks
 
-MAX_COUNT = 1 << 24
-"""Most points in a set: single precision can count as far."""
+MAX_COUNT = 1 << 24  # single precision can count as far
 
 
 def independent(count: int, seed: int = 0) -> mi.Point2f:
@@ -33,8 +32,9 @@ def independent(count: int, seed: int = 0) -> mi.Point2f:
         >>> dr.width(independent(10))
         10
     """
+    checks.integer("count", count, 1, MAX_COUNT)
     sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(checks.integer("seed", seed, 0, checks.MAX_SEED), _checked(count))
+    sampler.seed(checks.integer("seed", seed, 0, checks.MAX_SEED), count)
     return sampler.next_2d()
 
 
@@ -48,7 +48,7 @@ def grid(count: int) -> mi.Point2f:
          [0.25, 0.75],
          [0.75, 0.75]]
     """
-    return _in_cells(_checked(count), mi.Point2f(0.5))
+    return _in_cells(count, mi.Point2f(0.5))
 
 
 def stratified(count: int, seed: int = 0) -> mi.Point2f:
@@ -59,7 +59,7 @@ def stratified(count: int, seed: int = 0) -> mi.Point2f:
         >>> [int(i) for i in 2 * p.x], [int(i) for i in 2 * p.y]
         ([0, 1, 0, 1], [0, 0, 1, 1])
     """
-    return _in_cells(_checked(count), independent(count, seed))
+    return _in_cells(count, independent(count, seed))
 
 
 POINT_SETS: dict[str, Callable[[int, int], Any]] = {
@@ -83,13 +83,9 @@ def point_set(kind: str, count: int, seed: int = 0) -> mi.Point2f:
     return POINT_SETS[checks.one_of("kind", kind, POINT_SETS)](count, seed)
 
 
-def _checked(count: int) -> int:
-    return checks.integer("count", count, 1, MAX_COUNT)
-
-
 def _in_cells(count: int, offset: mi.Point2f) -> mi.Point2f:
     """One point per cell, at `offset` in [0, 1)^2 within the cell."""
-    rows = round(count**0.5)
+    rows = round(checks.integer("count", count, 1, MAX_COUNT) ** 0.5)
     short, longer = divmod(count, rows)  # cells of a row; how many rows have one more
     i = dr.arange(mi.UInt32, count)
     rest = dr.maximum(mi.Int32(i) - longer * (short + 1), 0)

@@ -14,8 +14,7 @@ from .patches import Quad, Triangle
 from .shapes import SurfaceGroup
 from .spheres import Sphere
 
-MAX_TRIANGLES = 64
-"""Most triangles of a mesh; a group tests each of its shapes for every sample."""
+MAX_TRIANGLES = 64  # of a mesh: a group tests each of its shapes for every sample
 
 
 def emitters_of(scene: mi.Scene) -> SurfaceGroup:

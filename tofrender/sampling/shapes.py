@@ -40,11 +40,9 @@ class SurfaceGroup(Shape):
 
     The record describes the nearest of the shapes along the direction, whichever was picked, with
     its radiance, which is 0 if it shows its dark side. So lights may overlap and hide each other,
-    and the mean of `weight` f is the integral of radiance times f over the group. Which one of
-    several surfaces that coincide is hit is undefined.
-
-    Shapes that do not emit hide others and take their part of the samples: leave them out where the
-    scene tests visibility.
+    and the mean of `weight` f is the integral of radiance times f over the group. Of surfaces that
+    coincide, any may be hit. Shapes that do not emit hide others and use up their part of the
+    samples: leave them out if the scene tests visibility.
 
     Args:
         shapes: At least one shape; a ValueError says if there is none, or something else.

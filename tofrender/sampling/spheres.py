@@ -11,20 +11,20 @@ import numpy as np
 
 from ..runtime import checks
 from .emitter_records import EmitterRecord, Shape, affine, emission_values
-from .triangles_and_caps import cap_pdf, literal, point, sample_cap_of_height
+from .triangles_and_caps import literal, point, sample_cap_of_height
 
 
 class Sphere(Shape):
     """Sphere, sampled by the cone of directions that it fills.
 
     From outside, at the distance D of the centre, the cone has sin(theta_max) = r / D and the
-    density 1 / (2 pi (1 - cos(theta_max))); it is even over the cone, so no geometry factor comes
-    in. For far spheres 1 - cos(theta_max) = s^2 / (1 + sqrt(1 - s^2)) with s = r / D keeps its
-    digits. From inside every direction hits, with the density 1 / (4 pi). So it does from the
-    surface (to a few roundings), where half of the directions leave at once and are not valid.
+    constant density 1 / (2 pi (1 - cos(theta_max))), without a geometry factor. For far spheres
+    1 - cos(theta_max) = s^2 / (1 + sqrt(1 - s^2)) with s = r / D keeps its digits. From inside
+    every direction hits, with the density 1 / (4 pi). So it does from the surface (to a few
+    roundings), where half of the directions leave at once and are not valid.
 
-    A direction is as exact as single precision stores it, 6e-8: `record` and `pdf` may see one
-    next to the edge of a cone narrower than 1e-4 miss, in a fraction of about 1e-7 / theta_max.
+    Directions are rounded to 6e-8: for `record` and `pdf`, a fraction of about 1e-7 / theta_max of
+    the samples of a cone narrower than 1e-4 misses at its edge.
 
     Args:
         centre: Centre, three numbers.
@@ -73,13 +73,12 @@ class Sphere(Shape):
         self.flip_normals = checks.boolean("flip_normals", flip_normals)
 
     def sample(self, o: mi.Point3f, sample: mi.Point2f) -> EmitterRecord:
-        """Uniform direction of the cone; see `Shape.sample`.
-
-        At the angle theta to the axis, the ray passes the centre at D sin(theta).
-        """
+        """Uniform direction of the cone; see `Shape.sample`."""
+        # Sample a direction in the cone around the centre's
         to_centre, dc, height = self._cone(o)
         frame = mi.Frame3f(dr.select(dc > 0, to_centre / dc, mi.Vector3f(0, 0, 1)))
         local = sample_cap_of_height(sample, height)
+        # Compute the vector from the centre to the ray's nearest point
         sin_theta = dr.norm(mi.Vector2f(local.x, local.y))
         offset = dr.minimum(dc * sin_theta, self.radius)
         out = dr.select(sin_theta > 0, mi.Vector2f(local.x, local.y) / sin_theta, 0)
@@ -131,6 +130,7 @@ class Sphere(Shape):
         """
         r = self.radius
         outside = self._outside(dc)
+        # Intersect the ray with the sphere
         on = dr.abs(dc - r) <= 4 * dr.epsilon(mi.Float) * r
         power = dr.select(on, 0, (dc - r) * (dc + r))
         half = dr.safe_sqrt((r - offset) * (r + offset))
@@ -140,7 +140,7 @@ class Sphere(Shape):
         n = mi.Vector3f((sideways + dr.select(outside, -half, half) * d) / r)
         p = mi.Point3f(literal(self.centre)) + r * n
         n = -n if self.flip_normals else n
-        return self.filled(o, p, n, d, distance, cap_pdf(height), valid)
+        return self.filled(o, p, n, d, distance, dr.rcp(dr.two_pi * height), valid)
 
     def __repr__(self) -> str:
         """Centre, radius and emission."""

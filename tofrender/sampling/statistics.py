@@ -2,7 +2,7 @@
 
 A render agrees with another, or with an exact value, when the means over independent seeds do, bin
 by bin: Welch's t-test for two renders, Student's for a render and a number. The bound on each bin
-follows from the chance `alpha` that a whole comparison of right code fails (Šidák). Values that
+follows from the chance `alpha` that a whole comparison of correct code fails (Šidák). Values that
 are not finite fail.
 
     values = np.stack([render(seed) for seed in range(32)])       # (seeds, bins)
@@ -20,8 +20,7 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtr
 
-ROUNDING = 1e-5
-"""Relative difference of two means that single precision explains."""
+ROUNDING = 1e-5  # relative difference of two means that single precision explains
 
 
 def p_values(
@@ -51,10 +50,10 @@ def p_values(
     if samples.ndim == 0 or samples.shape[0] < 2:
         raise ValueError(f"samples: shape {samples.shape}; must hold at least two seeds")
     mean, error, finite = _mean(samples)
-    n = samples.shape[0]
-    if reference.shape == samples.shape[1:]:
+    n, bins = samples.shape[0], samples.shape[1:]
+    if reference.shape == bins:
         other, variance, freedom = reference, error, n - 1.0
-    elif reference.ndim == samples.ndim and reference.shape[1:] == samples.shape[1:]:
+    elif reference.ndim == samples.ndim and reference.shape[1:] == bins:
         m = reference.shape[0]
         if m < 2:
             raise ValueError(f"reference: shape {reference.shape}; must hold at least two seeds")
@@ -63,10 +62,8 @@ def p_values(
         with np.errstate(divide="ignore", invalid="ignore"):
             freedom = variance**2 / (error**2 / (n - 1) + other_error**2 / (m - 1))
     else:
-        raise ValueError(
-            f"reference: shape {reference.shape}; must be {samples.shape[1:]} (exact values) or "
-            f"(m, *{samples.shape[1:]})"
-        )
+        allowed = f"must be {bins} (exact values) or (m, *{bins})"
+        raise ValueError(f"reference: shape {reference.shape}; {allowed}")
     finite = finite & np.isfinite(other)
     other = np.where(finite, other, 0.0)
     difference = np.abs(mean - other)
@@ -87,7 +84,7 @@ def _mean(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def smallest_allowed(alpha: float, tests: int) -> float:
     """Šidák's bound on each of `tests` independent p-values, 1 - (1 - alpha)^(1 / tests).
 
-    Right code then fails any of them with the chance `alpha`.
+    Correct code then fails any of them with the chance `alpha`.
 
     Example:
         >>> round(smallest_allowed(0.01, 10), 6)

@@ -36,12 +36,12 @@ def literal(numbers: np.ndarray) -> mi.Vector3f:
     return mi.Vector3f(*numbers.tolist())
 
 
-def parallelogram_area(e0: np.ndarray, e1: np.ndarray, what: str) -> float:
+def parallelogram_area(e0: np.ndarray, e1: np.ndarray, named: str) -> float:
     """Area between two edges, shape (3,) each, that single precision can tell from a line."""
     area = float(np.linalg.norm(np.cross(e0, e1)))
     longest = max(e0 @ e0, e1 @ e1, (e0 - e1) @ (e0 - e1))
     if not 1e-6 * longest <= area or area == 0:
-        raise ValueError(f"{what}: must span an area, at least 1e-06 of the longest edge's square")
+        raise ValueError(f"{named}: must span an area, at least 1e-06 of the longest edge's square")
     return area
 
 
@@ -57,21 +57,14 @@ def sample_triangle(v0: Any, v1: Any, v2: Any, sample: mi.Point2f) -> mi.Point3f
     """Uniform points on a triangle, with the density 1 / area.
 
     Every point of it is v0 + b1 (v1 - v0) + b2 (v2 - v0) with b1, b2 >= 0 and b1 + b2 <= 1, and
-    this map stretches all areas alike, so it is enough to draw (b1, b2) evenly from that half of a
-    square, with density 2. There b1 has the marginal density 2 (1 - b1), hence
-    P(b1) = 1 - (1 - b1)^2; given b1, b2 is even on [0, 1 - b1]:
+    this map stretches all areas alike, so it is enough to draw (b1, b2) uniformly from that half of
+    a square, with density 2. There b1 has the marginal density 2 (1 - b1), hence
+    P(b1) = 1 - (1 - b1)^2; given b1, b2 is uniform on [0, 1 - b1]:
 
         b1 = 1 - sqrt(1 - u),    b2 = v (1 - b1) = v sqrt(1 - u)
 
-    Args:
-        v0: First corner: three numbers, or an `mi.Point3f` of any number of lanes.
-        v1: Second corner.
-        v2: Third corner.
-        sample: Point (u, v) of the unit square.
-
-    Raises:
-        ValueError: Corners that are numbers lie in one line, or are not finite. Dr.Jit arrays are
-            checked in debug mode only.
+    Each corner is three numbers, or an `mi.Point3f` of any number of lanes. Numbers that are not
+    finite, or in one line, raise a ValueError; Dr.Jit arrays are checked in debug mode only.
 
     Example:
         >>> sample_triangle([0, 0, 0], [4, 0, 0], [0, 4, 0], mi.Point2f(0.75, 0.5))
@@ -113,24 +106,23 @@ def sample_triangle_pdf(p: mi.Point3f, v0: Any, v1: Any, v2: Any) -> mi.Float:
 def sample_sphere_cap(sample: mi.Point2f, cos_theta_max: float | mi.Float) -> mi.Vector3f:
     """Uniform directions in the spherical cap theta <= theta_max around +z.
 
-    A solid angle is dz dphi (see `square_to_uniform_sphere`), so z is even between cos_theta_max
-    and 1. With the cap's height h = 1 - cos_theta_max:
+    A solid angle is dz dphi (see `square_to_uniform_sphere`), so z is uniform between
+    cos_theta_max and 1. With the cap's height h = 1 - cos_theta_max:
 
         1 - z = u h,    r = sqrt(1 - z^2) = sqrt(u h (2 - u h)),    phi = 2 pi v
 
     h = 2 is the sphere, h = 1 the hemisphere. For small caps h keeps its digits where cos_theta_max
     has none; a Python number is subtracted from 1 in double precision.
 
-    Args:
-        sample: Point (u, v) of the unit square.
-        cos_theta_max: Cosine of the largest angle; a number or a Dr.Jit float. Outside of [-1, 1],
-            a number raises a ValueError; Dr.Jit arrays are checked in debug mode only.
+    `cos_theta_max` is a number or a Dr.Jit float. Outside of [-1, 1], a number raises a ValueError;
+    Dr.Jit arrays are checked in debug mode only.
 
     Example:
         >>> sample_sphere_cap(mi.Point2f(0.5, 0.0), 0.6)
         [[0.6, 0, 0.8]]
     """
-    return sample_cap_of_height(sample, _cap_height(cos_theta_max))
+    cos_theta_max = in_range("cos_theta_max", cos_theta_max, -1, 1)
+    return sample_cap_of_height(sample, mi.Float(1 - cos_theta_max))
 
 
 def sample_sphere_cap_pdf(v: mi.Vector3f, cos_theta_max: float | mi.Float) -> mi.Float:
@@ -144,30 +136,19 @@ def sample_sphere_cap_pdf(v: mi.Vector3f, cos_theta_max: float | mi.Float) -> mi
         >>> [round(each, 4) for each in pdf]
         [0.5305, 0.0]
     """
-    height, v = _cap_height(cos_theta_max), vector("v", v)
+    height = mi.Float(1 - in_range("cos_theta_max", cos_theta_max, -1, 1))
+    v = vector("v", v)
     r2 = dr.square(v.x) + dr.square(v.y)
     below_pole = dr.select(v.z > 0, r2 / (1 + v.z), 1 - v.z)  # 1 - z, without losing digits
     inside = (below_pole <= height * (1 + 8 * dr.epsilon(mi.Float))) & (height > 0)
-    return dr.select(inside, cap_pdf(height), 0)
+    return dr.select(inside, dr.rcp(dr.two_pi * height), 0)
 
 
 def sample_cap_of_height(sample: mi.Point2f, height: mi.Float) -> mi.Vector3f:
-    """Uniform directions with z >= 1 - height.
-
-    For the cone of angle theta_max, height = 1 - cos(theta_max) = 2 sin(theta_max / 2)^2.
-    """
+    """Uniform directions with z >= 1 - height, of the density 1 / (2 pi height) [1/sr]."""
     u, v = unit_square(sample)
     h = u * height
     return cylindrical(dr.safe_sqrt(h * (2 - h)), v, 1 - h)
-
-
-def cap_pdf(height: mi.Float) -> mi.Float:
-    """Density 1 / (2 pi height) [1/sr] of `sample_cap_of_height`."""
-    return dr.rcp(dr.two_pi * height)
-
-
-def _cap_height(cos_theta_max: Any) -> mi.Float:
-    return mi.Float(1 - in_range("cos_theta_max", cos_theta_max, -1, 1))
 
 
 def _edges(*vertices: Any) -> tuple[mi.Point3f, mi.Vector3f, mi.Vector3f]:

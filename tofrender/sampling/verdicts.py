@@ -79,7 +79,7 @@ class Verdict:
     domain: Domain = field(repr=False)
 
     def __str__(self) -> str:
-        """The verdict, what speaks against the sampler, and the figures behind it."""
+        """Result, reasons, and the numbers behind them."""
         worst = max(self.moments, key=lambda moment: abs(moment.z))
         result = "passed" if self.passed else f"FAILED, {self.reason}"
         return (
@@ -96,13 +96,38 @@ class Verdict:
         return verdict_figure(self)
 
 
+@dataclass(frozen=True)
+class SuiteVerdict:
+    """Verdicts of several tests that share one chance of a false alarm.
+
+    Attributes:
+        passed: Whether all passed.
+        alpha: Chance that any of them fails though all samplers are correct.
+        verdicts: One for each case, in order.
+    """
+
+    passed: bool
+    alpha: float
+    verdicts: tuple[Verdict, ...]
+
+    def __str__(self) -> str:
+        """One line a case, and all of each that failed."""
+        good = sum(verdict.passed for verdict in self.verdicts)
+        head = f"{good} of {len(self.verdicts)} passed (chance of a false alarm {self.alpha:g})"
+        lines = [
+            f"{v.name or 'sampler'}: passed, p = {v.p_value:.3g}" if v.passed else str(v)
+            for v in self.verdicts
+        ]
+        return "\n".join([head, *lines])
+
+
 @in_style
 def verdict_figure(verdict: Verdict) -> Figure:
     """Observed and expected density of a chi-square test, and their difference in each cell.
 
     Directions are drawn over azimuth and cosine, where equal areas are equal solid angles; rows
     without density are left out. The difference is in standard deviations: noise of size 1 with no
-    pattern is what a right sampler shows.
+    pattern is what a correct sampler shows.
 
     Args:
         verdict: Result of `chi_square_test`.

@@ -29,8 +29,7 @@ import mitsuba as mi
 
 from ..runtime import checks
 
-MIN_ALPHA, MAX_ALPHA = 1e-6, 1e6
-"""Roughnesses for which single precision can hold every density."""
+MIN_ALPHA, MAX_ALPHA = 1e-6, 1e6  # roughnesses whose densities single precision can hold
 
 
 def vector(name: str, value: Any, size: int = 3) -> Any:
@@ -38,10 +37,8 @@ def vector(name: str, value: Any, size: int = 3) -> Any:
     if isinstance(value, dr.ArrayBase) and dr.size_v(value) == size:
         return value
     kind = "Point2f" if size == 2 else "Vector3f"
-    raise ValueError(
-        f"{name} = {checks.shown(value)}: must be an mi.{kind}, or another Dr.Jit array of {size} "
-        "coordinates"
-    )
+    allowed = f"must be an mi.{kind}, or another Dr.Jit array of {size} coordinates"
+    raise ValueError(f"{name} = {checks.shown(value)}: {allowed}")
 
 
 def unit_square(sample: mi.Point2f) -> mi.Point2f:
@@ -67,9 +64,6 @@ def cylindrical(r: mi.Float, v: mi.Float, z: mi.Float) -> mi.Vector3f:
     """Vector (r cos(phi), r sin(phi), z) with phi = 2 pi v."""
     sin_phi, cos_phi = dr.sincos(dr.two_pi * v)
     return mi.Vector3f(r * cos_phi, r * sin_phi, z)
-
-
-# ------------------------------------------------------------------------------------ tent
 
 
 def square_to_tent(sample: mi.Point2f) -> mi.Point2f:
@@ -100,9 +94,6 @@ def square_to_tent_pdf(p: mi.Point2f) -> mi.Float:
     """
     height = dr.maximum(1 - dr.abs(vector("p", p, 2)), 0)
     return height.x * height.y
-
-
-# ------------------------------------------------------------------------------------ disk
 
 
 def square_to_uniform_disk(sample: mi.Point2f) -> mi.Point2f:
@@ -136,9 +127,6 @@ def square_to_uniform_disk_pdf(p: mi.Point2f) -> mi.Float:
     """
     p = vector("p", p, 2)
     return dr.select(dr.squared_norm(p) <= 1 + 8 * dr.epsilon(p), dr.inv_pi, mi.Float(0))
-
-
-# ---------------------------------------------------------------------- sphere and hemisphere
 
 
 def square_to_uniform_sphere(sample: mi.Point2f) -> mi.Vector3f:
@@ -226,9 +214,6 @@ def square_to_cosine_hemisphere_pdf(v: mi.Vector3f) -> mi.Float:
     return dr.maximum(vector("v", v).z, 0) * dr.inv_pi
 
 
-# -------------------------------------------------------------------------------- Beckmann
-
-
 def square_to_beckmann(sample: mi.Point2f, alpha: float | mi.Float) -> mi.Vector3f:
     """Warp to the Beckmann density of microfacet normals, weighted with their projected area.
 
@@ -283,10 +268,7 @@ def square_to_beckmann_pdf(m: mi.Vector3f, alpha: float | mi.Float) -> mi.Float:
     return dr.select(above, normalization * falloff * dr.square(inv_z) * inv_z, 0)
 
 
-# ---------------------------------------------------------------------------------- registry
-
-Pair = tuple[Callable[..., Any], Callable[..., Any]]
-"""Functions `sample(Point2f) -> points` and `pdf(points) -> Float`."""
+Pair = tuple[Callable[..., Any], Callable[..., Any]]  # a warp and its density
 
 
 @dataclass(frozen=True)

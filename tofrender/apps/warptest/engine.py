@@ -19,8 +19,8 @@ from ...runtime.plots import PictureGrid
 from ...runtime.withheld import Withheld
 from ...samplers import padded_sobol
 from ...sampling import points
+from ...sampling.chi_square import Case
 from ...sampling.domains import to_numpy
-from ...sampling.suites import Case
 from ...sampling.verdicts import Verdict, density_panels
 from ...vis.warps import warp_figure
 from .sources import Library, Module, find_module, why_withheld
