@@ -165,10 +165,9 @@ class EnvironmentWarp:
         if mi.is_monochromatic:
             values = luminance(values)[..., None]
         self._shape = height, width
-        wrapped = np.pad(values, ((0, 0), (1, 1), (0, 0)), "wrap")  # a column beside each end
-        self._texture = mi.Texture2f(
-            mi.TensorXf(wrapped), use_accel=False
-        )  # whose weights are exact
+        # A column beside each end lets u wrap; hardware textures would round the weights
+        wrapped = mi.TensorXf(np.pad(values, ((0, 0), (1, 1), (0, 0)), "wrap"))
+        self._texture = mi.Texture2f(wrapped, use_accel=False)
 
     def sample(self, sample: mi.Point2f) -> tuple[mi.Vector3f, mi.Float]:
         """Unit vectors towards the light, from points of the unit square; their density [1/sr]."""
