@@ -80,7 +80,7 @@ WITHOUT_OUT = COURSE | {"compare"}
 @pytest.fixture
 def no_work(no_work, monkeypatch):
     """Nor is anything tested or served."""
-    monkeypatch.setattr("tofrender.sampling.suites.chi_square_test", no_work)
+    monkeypatch.setattr("tofrender.sampling.chi_square.chi_square_test", no_work)
     monkeypatch.setattr("panel.io.server.get_server", no_work)
 
 

@@ -66,7 +66,7 @@ def sources(tmp_path_factory):
 @pytest.fixture
 def no_work(no_work, monkeypatch):
     """Nor is anything tested."""
-    monkeypatch.setattr("tofrender.sampling.suites.chi_square_test", no_work)
+    monkeypatch.setattr("tofrender.sampling.chi_square.chi_square_test", no_work)
 
 
 PLACES = {

@@ -12,6 +12,7 @@ from helpers.processes import says
 from helpers.support import ALPHA, COMPARISONS, area_light, refused
 
 from tofrender.sampling import (
+    Case,
     bsdf_case,
     chi_square_suite,
     chi_square_test,
@@ -22,7 +23,6 @@ from tofrender.sampling import (
 from tofrender.sampling.domains import DOMAINS, find
 from tofrender.sampling.histograms import integrate, pearson
 from tofrender.sampling.statistics import smallest_allowed
-from tofrender.sampling.suites import Case
 
 EACH = smallest_allowed(ALPHA, COMPARISONS)
 QUICK = {"samples": 50_000, "resolution": 31, "alpha": EACH}
@@ -203,13 +203,13 @@ def cut(v):
 
 
 def test_failed_samples():
-    """The density integrates to the share of samples that are valid: sin(60 degrees)^2."""
+    """The density integrates to the fraction of samples that are valid: sin(60 degrees)^2."""
     verdict = chi_square_test(failing, cut, "hemisphere", **QUICK)
     assert verdict.passed, str(verdict)
     assert verdict.valid == pytest.approx(0.75, abs=0.01)
     whole = chi_square_test(failing, lambda v: cut(v) / 0.75, "hemisphere", **QUICK)
     assert whole.pdf_integral == pytest.approx(1, abs=1e-3)
-    assert "the share of valid samples" in whole.reason
+    assert "the fraction of valid samples" in whole.reason
     assert not chi_square_test(lambda u: failing(u)[0], cut, "hemisphere", **QUICK).passed
 
 
@@ -232,6 +232,7 @@ def test_density_returned_with_the_sample():
     assert chi_square_test(sample(1), *TENT[1:], **QUICK).passed
     verdict = chi_square_test(sample(1.01), *TENT[1:], **QUICK)
     assert verdict.reason == "the pdf returned with samples differs from it by 0.01"
+    assert "by nan" in chi_square_test(sample(dr.nan), *TENT[1:], **QUICK).reason
 
 
 def direction(degrees: float) -> tuple[float, float, float]:
@@ -360,6 +361,6 @@ print([name for name in sys.modules if name.startswith('tofrender.vis')])
 """
 
 
-def test_a_verdict_is_drawn_without_the_rooms_above():
-    """`verdict.figure()` needs nothing of `tofrender.vis`, which imports this room."""
+def test_a_verdict_is_drawn_without_the_packages_above():
+    """`verdict.figure()` needs nothing of `tofrender.vis`, which imports this package."""
     assert says(_DRAWN) == ["[]"]

@@ -23,8 +23,8 @@ from tofrender.sampling import (
     sample_triangle_pdf,
 )
 from tofrender.sampling.domains import Domain, sphere as all_directions
+from tofrender.sampling.emitter_records import visible
 from tofrender.sampling.scene_emitters import emitters_of
-from tofrender.sampling.shapes import visible
 
 TILT = translate(0.3, -0.4, 1.5) @ rotate((0.6, 0.8, 0), 50)
 QUAD = Quad((1, 2), emission=(1, 2, 3), transform=TILT)

@@ -1,6 +1,12 @@
 from .cases import bsdf_case as bsdf_case, light_case as light_case, warp_case as warp_case
-from .chi_square import chi_square_test as chi_square_test
+from .chi_square import (
+    Case as Case,
+    chi_square_suite as chi_square_suite,
+    chi_square_test as chi_square_test,
+)
+from .emitter_records import EmitterRecord as EmitterRecord, visible as visible
 from .hierarchical import EnvironmentWarp as EnvironmentWarp, HierarchicalWarp as HierarchicalWarp
+from .patches import Quad as Quad, Triangle as Triangle
 from .points import (
     POINT_SETS as POINT_SETS,
     grid as grid,
@@ -9,24 +15,15 @@ from .points import (
     stratified as stratified,
 )
 from .scene_emitters import emitters_of as emitters_of
-from .shapes import (
-    EmitterRecord as EmitterRecord,
-    Quad as Quad,
-    Sphere as Sphere,
-    SurfaceGroup as SurfaceGroup,
-    Triangle as Triangle,
+from .shapes import SurfaceGroup as SurfaceGroup
+from .spheres import Sphere as Sphere
+from .triangles_and_caps import (
     sample_sphere_cap as sample_sphere_cap,
     sample_sphere_cap_pdf as sample_sphere_cap_pdf,
     sample_triangle as sample_triangle,
     sample_triangle_pdf as sample_triangle_pdf,
-    visible as visible,
 )
-from .suites import (
-    Case as Case,
-    SuiteVerdict as SuiteVerdict,
-    chi_square_suite as chi_square_suite,
-)
-from .verdicts import Moment as Moment, Verdict as Verdict
+from .verdicts import Moment as Moment, SuiteVerdict as SuiteVerdict, Verdict as Verdict
 from .warps import (
     WARPS as WARPS,
     Warp as Warp,

@@ -1,24 +1,22 @@
-"""What the chi-square test can be given: warps, BSDFs and lights."""
+"""Chi-square test cases of warps, BSDFs and lights."""
 
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
 from ..runtime import checks
-from .suites import Case
+from .chi_square import Case
 from .triangles_and_caps import point
 from .warps import WARPS
 
 
 def warp_case(name: str, **parameter: Any) -> Case:
-    """The warp of that name in `WARPS`, with its parameter if it has one.
-
-    Raises:
-        ValueError: There is no such warp, its parameter is missing, or it is bad.
+    """Case of the warp of that name in `WARPS`, with its parameter if it has one.
 
     Example:
         >>> warp_case("beckmann", alpha=0.3).name
@@ -27,15 +25,15 @@ def warp_case(name: str, **parameter: Any) -> Case:
     warp = WARPS[checks.one_of("name", name, WARPS)]
     wanted = [warp.parameter] if warp.parameter else []
     if list(parameter) != wanted:
-        what = f"the parameter {warp.parameter}" if warp.parameter else "no parameter"
-        raise ValueError(f"name = {name!r}: takes {what}, given are {list(parameter) or 'none'}")
+        takes = f"the parameter {warp.parameter}" if warp.parameter else "no parameter"
+        raise ValueError(f"name = {name!r}: takes {takes}, given are {list(parameter) or 'none'}")
     sample, pdf = warp.make(*parameter.values())
     numbers = [f"{k} = {v:g}" for k, v in parameter.items() if isinstance(v, int | float)]
     return Case(sample, pdf, warp.domain, f"{name} ({numbers[0]})" if numbers else name)
 
 
 def bsdf_case(bsdf: dict | mi.BSDF, wi: Any, *, uv: Any = (0.5, 0.5), name: str = "") -> Case:
-    """Directions that a BSDF samples, against its `pdf`, and against the density it returns.
+    """Case of the directions that a BSDF samples: against its `pdf`, and the density it returns.
 
     Samples of mirrors and other Dirac lobes have no density; they count as failed, as do those
     without weight. Not all of Mitsuba's BSDFs pass: at 75 degrees the `pdf` of `roughplastic` with
@@ -48,13 +46,17 @@ def bsdf_case(bsdf: dict | mi.BSDF, wi: Any, *, uv: Any = (0.5, 0.5), name: str 
         name: For the verdict; by default the BSDF's type and the angle of `wi`.
 
     Raises:
-        ValueError: `wi` is no direction, or the BSDF has Dirac lobes only.
+        ValueError: The BSDF has Dirac lobes only.
 
     Example:
         >>> bsdf_case({"type": "diffuse"}, (0, 0, 1)).test(samples=20_000).passed
         True
     """
-    wi = _direction("wi", wi)
+    x, y, z = point("wi", wi).tolist()
+    length = math.hypot(x, y, z)
+    if not length > 0:
+        raise ValueError(f"wi = {checks.quote(wi)}: must be a direction, not zero")
+    wi = x / length, y / length, z / length
     try:
         u, v = (checks.number("uv", each) for each in uv)
     except (TypeError, ValueError):
@@ -76,10 +78,10 @@ def bsdf_case(bsdf: dict | mi.BSDF, wi: Any, *, uv: Any = (0.5, 0.5), name: str 
     def sample(numbers: mi.Point3f) -> tuple[mi.Vector3f, mi.Float, mi.Float]:
         si = interaction(dr.width(numbers))
         pair = mi.Point2f(numbers.y, numbers.z)
-        record, weight = plugin.sample(context, si, numbers.x, pair)
-        valid = dr.any(mi.unpolarized_spectrum(weight) != 0) & (record.pdf > 0)
-        valid &= ~mi.has_flag(record.sampled_type, mi.BSDFFlags.Delta)
-        return record.wo, dr.select(valid, mi.Float(1), 0), record.pdf
+        bs, weight = plugin.sample(context, si, numbers.x, pair)
+        valid = dr.any(mi.unpolarized_spectrum(weight) != 0) & (bs.pdf > 0)
+        valid &= ~mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
+        return bs.wo, dr.select(valid, mi.Float(1), 0), bs.pdf
 
     def pdf(wo: mi.Vector3f) -> mi.Float:
         return plugin.pdf(context, interaction(dr.width(wo)), wo)
@@ -88,7 +90,7 @@ def bsdf_case(bsdf: dict | mi.BSDF, wi: Any, *, uv: Any = (0.5, 0.5), name: str 
 
 
 def light_case(light: Any, o: Any, *, name: str = "") -> Case:
-    """Directions in which a light is sampled from a point, against its density.
+    """Case of the directions in which a light is sampled from a point, against its density.
 
     Args:
         light: A shape of `tofrender.sampling`, or any object with `sample(o, sample)` that returns
@@ -98,7 +100,7 @@ def light_case(light: Any, o: Any, *, name: str = "") -> Case:
         name: For the verdict; by default the light's type.
 
     Raises:
-        ValueError: `o` is no point, or the dictionary is of no light that has a density.
+        ValueError: The dictionary is of no light that has a density.
 
     Example:
         >>> emitter = {"type": "area", "radiance": {"type": "rgb", "value": 1.0}}
@@ -108,8 +110,8 @@ def light_case(light: Any, o: Any, *, name: str = "") -> Case:
     """
     origin = tuple(point("o", o).tolist())
     checks.instance("name", name, str, "text")
-    if isinstance(light, dict):
-        return _mitsuba_light(light, origin, name or str(light.get("type")))
+    name = name or (str(light.get("type")) if isinstance(light, dict) else type(light).__name__)
+    light = _MitsubaLight(light, name) if isinstance(light, dict) else light
     if not (hasattr(light, "sample") and hasattr(light, "pdf")):
         allowed = "must be a shape of tofrender.sampling or a dict of a light"
         raise ValueError(f"light = {checks.quote(light)}: {allowed}")
@@ -121,53 +123,43 @@ def light_case(light: Any, o: Any, *, name: str = "") -> Case:
     def pdf(v: mi.Vector3f) -> mi.Float:
         return light.pdf(dr.opaque(mi.Point3f, origin), v)
 
-    return Case(sample, pdf, "sphere", name or type(light).__name__)
-
-
-def _mitsuba_light(light: dict, origin: tuple[float, ...], name: str) -> Case:
-    """A scene that holds this light alone, asked for directions."""
-    scene: Any = _loaded("light", {"type": "scene", "light": light})
-    emitters = scene.emitters()
-    if len(emitters) != 1 or mi.has_flag(emitters[0].flags(), mi.EmitterFlags.Delta):
-        raise ValueError(f"light = {name!r}: must be one light that can be hit")
-
-    def reference(lanes: int) -> mi.Interaction3f:
-        it = dr.zeros(mi.Interaction3f, lanes)
-        it.p = dr.opaque(mi.Point3f, origin)
-        return it
-
-    def sample(numbers: mi.Point2f) -> tuple[mi.Vector3f, mi.Float, mi.Float]:
-        it = reference(dr.width(numbers))
-        ds, _ = scene.sample_emitter_direction(it, numbers, False)
-        return ds.d, dr.select(ds.pdf > 0, mi.Float(1), 0), ds.pdf
-
-    def pdf(v: mi.Vector3f) -> mi.Float:
-        it = reference(dr.width(v))
-        si = scene.ray_intersect(mi.Ray3f(it.p, v))
-        ds = mi.DirectionSample3f(scene, si, it)
-        ds.d = v
-        return dr.select(ds.emitter != None, scene.pdf_emitter_direction(it, ds), 0)  # noqa: E711
-
     return Case(sample, pdf, "sphere", name)
 
 
-def _loaded(what: str, description: dict) -> Any:
-    """What Mitsuba makes of a dict."""
+class _MitsubaLight:
+    """A Mitsuba light, alone in a scene, with the methods of a shape of `tofrender.sampling`."""
+
+    def __init__(self, light: dict, name: str) -> None:
+        self.scene: Any = _loaded("light", {"type": "scene", "light": light})
+        emitters = self.scene.emitters()
+        if len(emitters) != 1 or mi.has_flag(emitters[0].flags(), mi.EmitterFlags.Delta):
+            raise ValueError(f"light = {name!r}: must be one light that can be hit")
+
+    def sample(self, o: mi.Point3f, sample: mi.Point2f) -> SimpleNamespace:
+        ds, _ = self.scene.sample_emitter_direction(_reference(o, sample), sample, False)
+        return SimpleNamespace(d=ds.d, pdf=ds.pdf, valid=ds.pdf > 0)
+
+    def pdf(self, o: mi.Point3f, v: mi.Vector3f) -> mi.Float:
+        it = _reference(o, v)
+        ds = mi.DirectionSample3f(self.scene, self.scene.ray_intersect(mi.Ray3f(o, v)), it)
+        ds.d = v
+        pdf = self.scene.pdf_emitter_direction(it, ds)
+        return dr.select(ds.emitter != None, pdf, 0)  # noqa: E711
+
+
+def _reference(o: mi.Point3f, lanes: Any) -> mi.Interaction3f:
+    it = dr.zeros(mi.Interaction3f, dr.width(lanes))
+    it.p = o
+    return it
+
+
+def _loaded(name: str, description: dict) -> Any:
+    """Load the dict of a plugin, or of a scene with one light."""
     given = description.get("light", description)
     try:
         if any(value is None for value in given.values()):  # Mitsuba's parser ends the process
             raise RuntimeError("a value is None")
         return mi.load_dict(description, parallel=False)
     except RuntimeError as error:
-        reason = " ".join(str(error).split())
-        allowed = f"must be a dict that Mitsuba loads ({reason[:200]})"
-        raise ValueError(f"{what} = {checks.quote(given)}: {allowed}") from None
-
-
-def _direction(name: str, value: Any) -> tuple[float, ...]:
-    """Three numbers, scaled to a unit vector."""
-    numbers = point(name, value).tolist()
-    length = math.hypot(*numbers)
-    if not length > 0:
-        raise ValueError(f"{name} = {checks.quote(value)}: must be a direction, not zero")
-    return tuple(each / length for each in numbers)
+        allowed = f"must be a dict that Mitsuba loads ({' '.join(str(error).split())[:200]})"
+        raise ValueError(f"{name} = {checks.quote(given)}: {allowed}") from None

@@ -1,5 +1,4 @@
-# pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
-"""Records of light that arrives from a direction, and what all shapes that emit it share."""
+"""Records of sampled emitters, and the base class of shapes that emit."""
 
 from __future__ import annotations
 
@@ -44,25 +43,21 @@ class EmitterRecord:
 
 
 class Shape(ABC):
-    """What all shapes share; `sample` and `record` make it one."""
+    """Shape that can be sampled; subclasses define `sample` and `record`."""
 
     area: float
     emission: tuple[float, ...]
 
     @abstractmethod
     def sample(self, o: mi.Point3f, sample: mi.Point2f) -> EmitterRecord:
-        """A random direction towards the shape, from points that are lit.
+        """Record of a random direction from `o` towards the shape, its density per solid angle.
 
-        Returns:
-            The record, its density per solid angle.
-
-        Raises:
-            AssertionError: A sample lies outside of the unit square; in debug mode only.
+        In debug mode, a sample outside of the unit square raises an AssertionError.
         """
 
     @abstractmethod
     def record(self, o: mi.Point3f, v: mi.Vector3f) -> EmitterRecord:
-        """What is seen from `o` in the direction `v`, and the density of that direction."""
+        """Record of the first hit from `o` along `v`, with the density of `sample` there."""
 
     def pdf(self, o: mi.Point3f, v: mi.Vector3f) -> mi.Float:
         """Density of `sample` from `o` at the direction `v` [1/sr]; 0 if it misses the shape."""
@@ -91,7 +86,7 @@ class Shape(ABC):
         pdf: mi.Float,
         valid: mi.Bool,
     ) -> EmitterRecord:
-        """The record of a hit, after what follows for radiance and weight."""
+        """Complete a hit to a record: radiance on the side of the normal, and weight."""
         valid &= (pdf > 0) & dr.isfinite(pdf)
         radiance = dr.select(valid & (dr.dot(n, d) < 0), spectrum(self.emission), 0)
         pdf = dr.select(valid, pdf, 0)
@@ -103,10 +98,10 @@ class Shape(ABC):
 def visible(
     scene: mi.Scene | Shape, record: EmitterRecord, n: mi.Vector3f | None = None
 ) -> mi.Bool:
-    """Whether nothing lies between `record.o` and the light at `record.p`.
+    """Whether the shadow ray from `record.o` to the light at `record.p` is free.
 
     The shadow ray ends Mitsuba's shadow epsilon (0.09 % of the distance) before the light, so the
-    light does not hide itself; another light in front does.
+    light does not hide itself; another light in front does. Lanes without a valid record are false.
 
     Args:
         scene: An `mi.Scene`, with or without the light itself, or a shape or group.
@@ -114,9 +109,6 @@ def visible(
         n: Normal of the surface that `record.o` lies on. The ray starts off that surface, as all of
             Mitsuba's do; without it, it starts as far along its own direction, which a ray that
             leaves at a flat angle may find too little.
-
-    Returns:
-        Lanes that see the light; not those without a valid record.
 
     Example:
         >>> from tofrender.sampling import Sphere, SurfaceGroup
@@ -141,12 +133,11 @@ def visible(
 
 
 def emission_values(emission: Any) -> tuple[float, ...]:
-    """One number, or three, finite and 0 or more."""
+    """Return an emission, a number or three, as a tuple; each must be finite and 0 or more."""
     try:
-        numbers = np.atleast_1d(checks.real_array("", emission, np.float64)).squeeze()
+        numbers = np.atleast_1d(np.squeeze(checks.real_array("", emission, np.float64)))
     except ValueError:
-        numbers = np.array(math.nan)
-    numbers = np.atleast_1d(numbers)
+        numbers = np.array([math.nan])
     if numbers.shape not in ((1,), (3,)) or not np.all(np.isfinite(numbers) & (numbers >= 0)):
         allowed = "must be one number or three, each finite and 0 or more"
         raise ValueError(f"emission = {checks.quote(emission)}: {allowed}")
@@ -154,7 +145,7 @@ def emission_values(emission: Any) -> tuple[float, ...]:
 
 
 def spectrum(emission: tuple[float, ...]) -> mi.UnpolarizedSpectrum:
-    """The emission as the active variant's colour."""
+    """Convert an emission to the active variant's colour."""
     if mi.is_spectral:
         raise ValueError(f"variant = {mi.variant()!r}: must be an rgb or mono variant")
     if mi.is_monochromatic and len(emission) == 3:
@@ -163,18 +154,17 @@ def spectrum(emission: tuple[float, ...]) -> mi.UnpolarizedSpectrum:
 
 
 def affine(transform: Any) -> np.ndarray:
-    """A transform as 4 x 4 float64."""
-    allowed = (
-        "must be None, an mi.ScalarTransform4f or 4 x 4 finite numbers, the last row 0, 0, 0, 1"
-    )
-    if transform is None:
-        return np.eye(4)
+    """Return a transform, None for the identity, as 4 x 4 float64."""
+    matrix: Any = np.eye(4) if transform is None else getattr(transform, "matrix", transform)
     try:
-        matrix = checks.real_array("", getattr(transform, "matrix", transform), np.float64)
+        matrix = checks.real_array("", matrix, np.float64)
     except ValueError:
-        raise ValueError(f"transform = {checks.quote(transform)}: {allowed}") from None
+        matrix = np.empty(0)
     matrix = matrix[..., 0] if matrix.shape == (4, 4, 1) else matrix  # mi.Transform4f of one lane
     right = matrix.shape == (4, 4) and np.all(np.isfinite(matrix))
     if not right or not np.array_equal(matrix[3], [0, 0, 0, 1]):
-        raise ValueError(f"transform = {checks.quote(transform)}: {allowed}")
+        raise ValueError(
+            f"transform = {checks.quote(transform)}: must be None, an mi.ScalarTransform4f or "
+            "4 x 4 finite numbers, the last row 0, 0, 0, 1"
+        )
     return matrix

@@ -1,5 +1,4 @@
-# pyright: reportArgumentType=false, reportOperatorIssue=false
-"""Sampling in proportion to an image: hierarchical warping, and environment light by it.
+"""Sampling in proportion to an image: hierarchical warping, and importance-sampled environments.
 
 Source: P. Clarberg, W. Jarosz, T. Akenine-Möller and H. W. Jensen, "Wavelet Importance Sampling",
 ACM Transactions on Graphics 24(3), 2005, section 4.
@@ -23,29 +22,30 @@ from .warps import unit_square
 class HierarchicalWarp:
     """Points on the unit square, distributed like the luminance of an image.
 
+    A warp belongs to the Mitsuba variant that is active when it is made.
+
     **Orientation.** x runs to the right over columns, y runs down over rows: texel (i, j), column i
     of row j, covers [i/n, (i+1)/n) x [j/n, (j+1)/n). The density is constant within a texel.
 
     **Algorithm.** The image is summed over 2 x 2 blocks up to one number (a mip map). `sample` goes
     down again. In each of the M levels of a 2^M x 2^M image, the point's y selects the upper or
     the lower half of the block, in proportion to their sums, and its x then one of the two
-    quadrants of that half. What is left of y and x, stretched to [0, 1), continues within the
-    quadrant; within the texel it is the position.
+    quadrants of that half. The rest of y and x, stretched to [0, 1), continues within the quadrant;
+    within the texel it is the position.
 
     **Precision.** The sums are made in double precision, and the pyramid stores conditional
     probabilities, so that no small number is lost beside a large one. A texel that is 0 is never
-    sampled. Each level takes from x and y what it needs for its decision: with the 24 bits of
-    Mitsuba's samplers, a texel of probability q_x q_y (q_y: the product of its vertical decisions,
-    q_x: of its horizontal ones) is hit with that probability to a relative 2^-24 (1/q_x + 1/q_y),
-    and points in it take 2^24 q_x by 2^24 q_y positions. For M = 12 and an image of one brightness
-    that is 2^12 by 2^12 positions, all that single precision has. A texel below 2^-24 of its row
-    or column of blocks may be missed, which biases an estimate by no more than its share of it.
+    sampled. Each decision uses up bits of x or y: with the 24 bits of Mitsuba's samplers, a texel
+    of probability q_x q_y (products of its horizontal and of its vertical decisions) is hit with
+    that probability to a relative 2^-24 (1/q_x + 1/q_y), and has 2^24 q_x by 2^24 q_y positions.
+    One below 2^-24 of its row or column of blocks may be missed, which biases an estimate by no
+    more than the texel's part of it.
 
     Args:
         image: A path (EXR, or another format that Mitsuba reads), an `mi.Bitmap`, or an array of
             shape (H, W) or (H, W, C), linear. Images that are not 2^M x 2^M are resized, with a
             warning, to the next such grid that has at least as many rows and columns; each texel
-            takes the mean over its area, so that the integral stays.
+            is the mean over its area, so that the integral stays.
 
     Attributes:
         size: n = 2^M, texels along a side.
@@ -54,9 +54,7 @@ class HierarchicalWarp:
     Raises:
         FileNotFoundError: There is no such file.
         ValueError: Not an image, of another shape, empty, too large, all black, or with a value
-            that is negative or not finite; one line.
-
-    It belongs to the Mitsuba variant that is active when it is made.
+            that is negative or not finite.
 
     Example:
         >>> warp = HierarchicalWarp([[4.0, 4.0], [1.0, 1.0]])
@@ -81,8 +79,7 @@ class HierarchicalWarp:
     def sample(self, sample: mi.Point2f) -> mi.Point2f:
         """Warp uniform points of the unit square to points in [0, 1)^2 of the density `pdf`.
 
-        Raises:
-            AssertionError: A point lies outside of the unit square; in debug mode only.
+        In debug mode, a point outside of the unit square raises an AssertionError.
         """
         below_1 = dr.one_minus_epsilon(mi.Float)
         sample = unit_square(sample)
@@ -90,6 +87,7 @@ class HierarchicalWarp:
         column, row = mi.UInt32(0), mi.UInt32(0)
         first = 0  # Of the level's decisions
         for level in range(self.levels):
+            # Select the upper or lower half of the block, then the left or right quadrant
             blocks = 4**level
             block = first + row * 2**level + column
             y, lower = _decide(y, dr.gather(mi.Float, self._decisions, block))
@@ -101,10 +99,9 @@ class HierarchicalWarp:
         return mi.Point2f(_within(column, x), _within(row, y)) / self.size
 
     def pdf(self, p: mi.Point2f) -> mi.Float:
-        """Density of `sample` at points `p` with respect to area.
+        """Density of `sample` per unit area at points `p`; 0 outside of the unit square.
 
-        It integrates to 1 over the unit square, is 0 outside, and at the square's right and lower
-        edge it is that of the last column and row.
+        At the square's right and lower edge it is that of the last column and row.
         """
         inside = (p.x >= 0) & (p.x <= 1) & (p.y >= 0) & (p.y <= 1)
         column, row = self.texel(p)
@@ -124,14 +121,16 @@ class HierarchicalWarp:
 class EnvironmentWarp:
     """Directions distributed like the radiance of an environment, given as a lat-long image.
 
+    An environment belongs to the Mitsuba variant that is active when it is made.
+
     Directions and pixels correspond as in Mitsuba's `envmap` without `to_world`: +y is up,
     u = atan2(x, -z) / (2 pi) runs over columns, v = acos(y) / pi down over rows, and the image is
     interpolated linearly.
 
     The directions are divided into n x n texels of equal steps in u and v, n the next power of two
-    that is no smaller than the image's sides. A texel has the probability of the luminance that it
-    sends, the sine of the polar angle included, and within it the density per solid angle is
-    constant. So the density is finite at the poles, and positive wherever there is light.
+    that is no smaller than the image's sides. A texel's probability is proportional to the integral
+    of luminance over its solid angle, and within it the density per solid angle is constant. So the
+    density is finite at the poles, and positive wherever there is light.
 
     Args:
         image: As for `HierarchicalWarp`, at least 2 columns and 3 rows. Any such size is
@@ -143,9 +142,7 @@ class EnvironmentWarp:
     Raises:
         FileNotFoundError: There is no such file.
         ValueError: As for `HierarchicalWarp`, or an image that is too small, or a spectral variant
-            of Mitsuba; one line.
-
-    It belongs to the Mitsuba variant that is active when it is made.
+            of Mitsuba.
 
     Example:
         >>> sky = np.ones((4, 8))
@@ -167,28 +164,22 @@ class EnvironmentWarp:
         self.warp = HierarchicalWarp(weights)
         if mi.is_monochromatic:
             values = luminance(values)[..., None]
-        self._height, self._width, self._channels = height, width, values.shape[-1]
-        self._values = mi.Float(values.ravel())
+        self._shape = height, width
+        # A column beside each end lets u wrap; hardware textures would round the weights
+        wrapped = mi.TensorXf(np.pad(values, ((0, 0), (1, 1), (0, 0)), "wrap"))
+        self._texture = mi.Texture2f(wrapped, use_accel=False)
 
     def sample(self, sample: mi.Point2f) -> tuple[mi.Vector3f, mi.Float]:
-        """Directions of light, from uniform points of the unit square.
-
-        With t = sin^2(theta / 2), the solid angle is 2 dt dphi, so t is drawn evenly between the
-        edges of a row. The southern rows mirror the northern ones, where t is small and exact.
-
-        Returns:
-            Unit vectors towards the light, and their density [1/sr].
-
-        Raises:
-            AssertionError: A point lies outside of the unit square; in debug mode only.
-        """
+        """Unit vectors towards the light, from points of the unit square; their density [1/sr]."""
         n = self.warp.size
         p = self.warp.sample(sample)
         _, row = self.warp.texel(p)
         fraction = p.y * n - row
+        # Southern rows mirror the northern ones, where t = sin^2(theta / 2) is small and exact
         south = 2 * row >= n
         row_n = dr.select(south, n - 1 - row, row)
         fraction = dr.select(south, 1 - fraction, fraction)
+        # A solid angle is 2 dt dphi: t is uniform between the edges of a row
         t = dr.square(dr.sin(row_n * (0.5 * math.pi / n))) + fraction * self._step(row_n)
         cos_theta, sin_theta = 1 - 2 * t, 2 * dr.safe_sqrt(t * (1 - t))
         sin_phi, cos_phi = dr.sincos(2 * math.pi * p.x)
@@ -201,29 +192,9 @@ class EnvironmentWarp:
 
     def eval(self, direction: mi.Vector3f) -> mi.UnpolarizedSpectrum:
         """Radiance from a direction, in the image's unit."""
-        uv = self._uv(direction)
-        x, y = uv.x * self._width - 0.5, dr.clip(uv.y, 0, 1) * (self._height - 1)
-        left, row = dr.floor(x), dr.minimum(dr.floor(y), self._height - 2)
-        top, bottom = (self._between(left, row + each, x - left) for each in (0, 1))
-        return dr.lerp(top, bottom, y - row)
-
-    def _between(self, left: mi.Float, row: mi.Float, s: mi.Float) -> mi.UnpolarizedSpectrum:
-        """Interpolation along a row, which wraps."""
-        ends = []
-        for each in (0, 1):
-            column = mi.Int32(left) + each
-            column = dr.select(column < 0, column + self._width, column)
-            column = dr.select(column >= self._width, column - self._width, column)
-            pixel = (mi.UInt32(row) * self._width + mi.UInt32(column)) * self._channels
-            valid = (column >= 0) & (column < self._width) & (row >= 0) & (row < self._height)
-            ends.append(
-                [
-                    dr.gather(mi.Float, self._values, pixel + channel, valid)
-                    for channel in range(self._channels)
-                ]
-            )
-        mixed = [dr.lerp(a, b, s) for a, b in zip(*ends, strict=True)]
-        return mi.UnpolarizedSpectrum(*mixed)
+        uv, (height, width) = self._uv(direction), self._shape
+        p = mi.Point2f((uv.x * width + 1) / (width + 2), (uv.y * (height - 1) + 0.5) / height)
+        return mi.UnpolarizedSpectrum(*self._texture.eval(p))
 
     def _pdf(self, uv: mi.Point2f) -> mi.Float:
         """Density [1/sr]: a texel's probability over its solid angle (4 pi / n) step."""
@@ -243,14 +214,13 @@ class EnvironmentWarp:
 
     def __repr__(self) -> str:
         """Size of the image."""
-        return f"EnvironmentWarp({self._height} x {self._width})"
+        return f"EnvironmentWarp({self._shape[0]} x {self._shape[1]})"
 
 
 def _decisions(weights: np.ndarray) -> np.ndarray:
-    """Probabilities of the first choice, coarse to fine.
+    """Probabilities of the upper half of each block, then of the left quadrant of each half.
 
-    For each level of 2^l x 2^l blocks: of the upper half of each block (row by row), then of the
-    left quadrant of each half (row by row, two rows for each row of blocks).
+    Levels of 2^l x 2^l blocks follow each other, coarse to fine; each is stored row by row.
     """
     levels = []
     while weights.size > 1:
@@ -262,17 +232,17 @@ def _decisions(weights: np.ndarray) -> np.ndarray:
 
 
 def _ratio(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
-    """Quotient; 0 where both are 0, and no decision ever leads."""
+    """Quotient; 0 where both are 0, which no decision ever reaches."""
     return np.divide(part, whole, out=np.zeros_like(part), where=whole > 0)
 
 
 def _decide(u: mi.Float, p: mi.Float) -> tuple[mi.Float, mi.UInt32]:
-    """The rest of `u`, stretched to [0, 1), and 0 with probability p, else 1."""
+    """Rest of `u`, stretched to [0, 1), and 0 with probability p, else 1."""
     second = u >= p
     rest = dr.select(second, (u - p) / (1 - p), u / p)
     return dr.minimum(rest, dr.one_minus_epsilon(mi.Float)), dr.select(second, mi.UInt32(1), 0)
 
 
 def _within(index: mi.UInt32, u: mi.Float) -> mi.Float:
-    """Sum, rounded down where it would round up to the next index."""
+    """Sum, rounded down if it would round up to the next index."""
     return dr.minimum(index + u, (index + 1) * dr.one_minus_epsilon(mi.Float))

@@ -1,16 +1,17 @@
-"""What the chi-square test counts and integrates: cells, expected counts, Pearson's statistic.
+"""Counts and integrals of the chi-square test: cells, expected counts, Pearson's statistic.
 
 Half of the cells' edges are spread evenly over the domain, half by a pilot run of the sampler, so
 that narrow densities are resolved too. Expected counts are integrals of the density over the
-cells, by jittered points: more of them in cells where their spread is large, or where samples have
-met a density that they have not. What variance is left goes into the statistic, and cells that
-stay unresolved are counted as one: a density that is hard to integrate makes the test weaker, not
-wrong.
+cells, by jittered points: more of them in cells whose estimate has a large spread, or in which
+samples have met a density that the points have not. The variance that is left goes into the
+statistic, and cells that stay unresolved are counted as one: a density that is hard to integrate
+makes the test weaker, not wrong.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,55 +19,39 @@ import mitsuba as mi
 import numpy as np
 
 from .domains import Domain, to_drjit
+from .verdicts import Moment
 
-STRATA = 6
-"""Strata along each side of a cell at first, one point in each."""
+STRATA = 6  # along each side of a cell at first, one point in each
+REPEATS = 8  # independent integrals of each cell, whose spread gives their variance
+POOR = 0.1  # variance of an integral, relative to that of the count, beyond which it is refined
+MAX_POINTS = 1 << 21  # in one refinement
+FEWEST = 5.0  # smallest expected count for which Pearson's statistic follows its distribution
+ROUNDING = 1e-6  # relative difference of two moments that single precision explains
 
-REPEATS = 8
-"""Independent integrals of each cell, whose spread gives their variance."""
-
-POOR = 0.1
-"""Variance of an integral, relative to that of the count, beyond which it is refined."""
-
-MAX_POINTS = 1 << 21
-"""Most points in one refinement."""
-
-FEWEST = 5.0
-"""Smallest expected count of a cell for which Pearson's statistic follows its distribution."""
+MOMENTS = {2: ("x", "y", "xx", "xy", "yy"), 3: ("x", "y", "z", "xx", "xy", "xz", "yy", "yz", "zz")}
+"""First and second moments in the plane and in space."""
 
 
 @dataclass(frozen=True)
 class Integrals:
-    """Integrals of a density.
+    """Integrals of a density, with the variances of these estimates."""
 
-    Attributes:
-        cells: Probability of each cell, shape (rows, columns).
-        variance: Variance of that estimate.
-        resolved: Whether that is small enough.
-        moments: Integrals of the density times each function, shape (functions,).
-        moments_variance: Variance of that estimate.
-        total: Integral over the domain.
-        total_error: Standard error of that estimate.
-        lowest: Smallest value of the density that was met.
-        not_finite: Share of the points where it was NaN or infinite.
-    """
-
-    cells: np.ndarray
-    variance: np.ndarray
-    resolved: np.ndarray
-    moments: np.ndarray
-    moments_variance: np.ndarray
-    total: float
-    total_error: float
-    lowest: float
-    not_finite: float
+    cells: np.ndarray  # probability of each cell, shape (rows, columns)
+    variance: np.ndarray  # variance of `cells`
+    resolved: np.ndarray  # whether that is small enough
+    moments: np.ndarray  # integrals of the density times each function, shape (functions,)
+    moments_variance: np.ndarray  # variance of `moments`
+    total: float  # integral over the domain
+    total_error: float  # standard error of `total`
+    lowest: float  # smallest value of the density at any point
+    not_finite: float  # fraction of the points at which it was NaN or infinite
 
 
 def cell_edges(domain: Domain, pilot: np.ndarray, resolution: int) -> tuple[np.ndarray, np.ndarray]:
-    """Edges of the columns and of the rows.
+    """Edges of the columns and of the rows: quantiles of a mixture, half of it uniform.
 
-    They are quantiles of a mixture, half of it uniform and half the `pilot` points in the plane,
-    of shape (2, n): a cell has at most twice its even share of either.
+    The other half are the `pilot` points in the plane, shape (2, n). A row or column has at most
+    twice the part of either that an even division would give it.
     """
     counts = (max(2, round(resolution * domain.aspect)), resolution)
     edges = []
@@ -80,15 +65,7 @@ def cell_edges(domain: Domain, pilot: np.ndarray, resolution: int) -> tuple[np.n
 
 
 def cell_of(edges: tuple[np.ndarray, np.ndarray], points: np.ndarray) -> np.ndarray:
-    """Number of the cell that holds each of the points (2, n); an upper edge belongs to its cell.
-
-    Cells are numbered row by row.
-
-    Example:
-        >>> edges = np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0])
-        >>> cell_of(edges, np.array([[0.5, 1.0, 1.5], [0.5, 0.5, 0.5]]))
-        array([0, 0, 1])
-    """
+    """Cell of each of the points (2, n), numbered row by row; an upper edge belongs to its cell."""
     a, b = (
         np.clip(np.searchsorted(each, p) - 1, 0, each.size - 2)
         for each, p in zip(edges, points, strict=True)
@@ -108,50 +85,43 @@ def integrate(
 ) -> Integrals:
     """Integrals of a density over each cell, and of its product with functions over all of them.
 
-    Args:
-        pdf: Density, of Dr.Jit points.
-        functions: Values of shape (functions, n) at points (dimensions, n).
-        domain: Where both are defined.
-        edges: The cells.
-        samples: Number of samples that the integrals are compared with.
-        highest: Highest density at a sample of each cell, 0 where there is none; shape (cells,).
-        seed: Seed of the jitter.
+    `functions` maps points (dimensions, n) to values (functions, n). The integrals are precise
+    enough for a comparison with so many `samples`, whose `highest` density in each cell is given.
     """
     rng = np.random.default_rng(seed)
     columns, rows = (each.size - 1 for each in edges)
-    cells = np.stack(
-        [
-            np.tile(edges[0][:-1], rows),
-            np.tile(np.diff(edges[0]), rows),
-            np.repeat(edges[1][:-1], columns),
-            np.repeat(np.diff(edges[1]), columns),
-        ]
-    )
+    count = rows * columns
+    a, b = (np.stack([each[:-1], np.diff(each)]) for each in edges)
+    cells = np.concatenate([np.tile(a, rows), np.repeat(b, columns, axis=1)])
     mean = variance = np.empty(0)
     lowest, bad, points = np.inf, 0, 0
-    todo, strata = np.arange(rows * columns), STRATA
-    while todo.size and todo.size * strata**2 <= max(MAX_POINTS, rows * columns * STRATA**2):
-        parts = [
-            _jittered(pdf, functions, domain, cells[:, todo], strata, rng) for _ in range(REPEATS)
-        ]
-        sums = np.stack([part[0] for part in parts])
+    todo, strata = np.arange(count), STRATA
+    while todo.size and todo.size * strata**2 <= max(MAX_POINTS, count * STRATA**2):
+        # Integrate the cells that are not yet resolved, several times for the variance
+        sums, tops, lows, bads = zip(
+            *(
+                _jittered(pdf, functions, domain, cells[:, todo], strata, rng)
+                for _ in range(REPEATS)
+            ),
+            strict=True,
+        )
         if not points:
-            mean, variance = (np.empty((sums.shape[1], todo.size)) for _ in range(2))
-        mean[:, todo], variance[:, todo] = sums.mean(axis=0), sums.var(axis=0, ddof=1) / REPEATS
-        top = np.max([part[1] for part in parts], axis=0)
-        lowest = min(lowest, *(part[2] for part in parts))
-        bad += sum(part[3] for part in parts)
+            mean, variance = (np.empty((len(sums[0]), count)) for _ in range(2))
+        mean[:, todo] = np.mean(sums, axis=0)
+        variance[:, todo] = np.var(sums, axis=0, ddof=1) / REPEATS
+        lowest, bad = min(lowest, *lows), bad + sum(bads)
         points += REPEATS * todo.size * strata**2
+        # Refine those of a large variance, or of a density that the points have missed
         expected = np.maximum(samples * mean[0, todo], FEWEST)
         poor = samples**2 * variance[0, todo] > POOR * expected
-        todo = todo[poor | (highest[todo] > 2 * top)]
+        todo = todo[poor | (highest[todo] > 2 * np.max(tops, axis=0))]
         strata *= 2
         if bad or lowest < 0:
             break  # it is no density; more points would not help
     return Integrals(
         cells=mean[0].reshape(rows, columns),
         variance=variance[0].reshape(rows, columns),
-        resolved=~np.isin(np.arange(rows * columns), todo).reshape(rows, columns),
+        resolved=~np.isin(np.arange(count), todo).reshape(rows, columns),
         moments=mean[1:].sum(axis=1),
         moments_variance=variance[1:].sum(axis=1),
         total=float(mean[0].sum()),
@@ -169,12 +139,11 @@ def _jittered(
     strata: int,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray, float, int]:
-    """One random point in each of strata^2 parts of each cell.
+    """Estimate from one random point in each of strata^2 parts of each cell.
 
-    Returns:
-        The integrals of the density and of its products with the functions, shape
-        (1 + functions, cells); the highest density met in each cell; the lowest one of all; and
-        how many were not finite.
+    Returns the integrals of the density and of its products with the functions, shape
+    (1 + functions, cells); the highest density in each cell; the lowest one of all; and how many
+    were not finite.
     """
     a0, da, b0, db = cells[:, :, None, None]
     shape = (cells.shape[1], strata, strata)
@@ -196,9 +165,8 @@ def _jittered(
 def pearson(observed: np.ndarray, expected: np.ndarray, variance: np.ndarray) -> tuple[float, int]:
     """Pearson's statistic, sum of (O - E)^2 / (E + variance of E), and its degrees of freedom.
 
-    Cells that expect fewer than `FEWEST` are pooled: in order of what they expect, as many as
-    together expect it. The sum of all counts is fixed, which takes one degree of freedom. The
-    variance is that of the expected counts, from their integration.
+    Cells that expect fewer than `FEWEST` are pooled, in the order of their expected counts, until
+    the pool expects as many. The sum of all counts is fixed, which costs one degree of freedom.
 
     Example:
         >>> pearson(np.array([12, 8]), np.array([10.0, 10.0]), np.zeros(2))
@@ -223,3 +191,54 @@ def pearson(observed: np.ndarray, expected: np.ndarray, variance: np.ndarray) ->
             x[beside] += x[groups - 1]
         o, e, v = (np.delete(x, groups - 1) for x in (o, e, v))
     return float(np.sum((o - e) ** 2 / (e + v))), e.size - 1
+
+
+def statistic(observed: np.ndarray, integrals: Integrals, samples: int) -> tuple[float, int]:
+    """Pearson's statistic of all resolved cells, of the others as one, and of samples in none."""
+    good = integrals.resolved
+    cells = (observed, integrals.cells, integrals.variance)
+    outside = (samples - observed.sum(), max(1 - integrals.total, 0.0), integrals.total_error**2)
+    o, p, v = (
+        np.concatenate([each[good], [each[~good].sum(), rest]])
+        for each, rest in zip(cells, outside, strict=True)
+    )
+    return pearson(o, samples * np.maximum(p, 0), samples**2 * v)
+
+
+def second_moments(points: np.ndarray) -> np.ndarray:
+    """Coordinates and their products, in the order of `MOMENTS`."""
+    d = points.shape[0]
+    products = [points[i] * points[j] for i in range(d) for j in range(i, d)]
+    return np.stack([*points, *products])
+
+
+def compare_moments(
+    points: np.ndarray, integrals: Integrals, known: Mapping[str, float]
+) -> tuple[Moment, ...]:
+    """Compare all moments with those of the density, and with the known ones."""
+    names = MOMENTS[points.shape[0]]
+    values = second_moments(points)
+    count = max(points.shape[1], 1)
+    mean, square = values.sum(axis=1) / count, (values**2).sum(axis=1) / count
+    variance = np.maximum(square - mean**2, 0) / count
+    total = integrals.total if integrals.total > 0 else math.nan
+    expected = mean + integrals.moments / total
+    variances = variance + integrals.moments_variance / total**2
+    moments = [
+        _moment(*each) for each in zip(names, mean, expected, variances, square, strict=True)
+    ]
+    for name, value in known.items():
+        k = names.index(name)
+        moments.append(_moment(f"{name} (known)", mean[k], float(value), variance[k], square[k]))
+    return tuple(moments)
+
+
+def _moment(name: str, mean: float, expected: float, variance: float, square: float) -> Moment:
+    """Test a mean of this variance; `square` is the mean square, the scale of rounding."""
+    difference = mean - expected
+    if math.isnan(difference):
+        return Moment(name, float(mean), math.nan, math.nan, 0.0)
+    beyond = max(abs(difference) - ROUNDING * math.sqrt(square), 0.0)
+    z = beyond / math.sqrt(variance) if variance > 0 else (math.inf if beyond > 0 else 0.0)
+    p_value = math.erfc(z / math.sqrt(2))
+    return Moment(name, float(mean), float(expected), math.copysign(z, difference), p_value)

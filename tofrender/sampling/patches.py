@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false, reportOperatorIssue=false, reportReturnType=false
 """Flat lights: parallelograms and triangles."""
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from .warps import unit_square
 
 
 class Patch(Shape):
-    """A flat shape: the points corner + a e0 + b e1 for some set of (a, b).
+    """Flat shape: the points corner + a e0 + b e1 for some set of (a, b).
 
     An area element dA at distance r, seen under the angle theta to its normal, takes the solid
     angle cos(theta) / r^2 dA. The density 1 / area becomes r^2 / (area |cos(theta)|).
@@ -39,16 +38,15 @@ class Patch(Shape):
         self.normal = cross / np.linalg.norm(cross)
 
     def sample(self, o: mi.Point3f, sample: mi.Point2f) -> EmitterRecord:
-        """Uniform points on the surface, as directions from `o`; see `Shape.sample`."""
+        """Direction from `o` to a uniform point of the surface; see `Shape.sample`."""
         a, b = self._coordinates(unit_square(sample))
         p = mi.Point3f(literal(self.corner)) + a * literal(self.e0) + b * literal(self.e1)
         to_p = p - o
         distance = dr.norm(to_p)
-        d = mi.Vector3f(to_p / distance)
-        return self._hit(o, p, d, distance, mi.Bool(True))
+        return self._hit(o, p, mi.Vector3f(to_p / distance), distance, mi.Bool(True))
 
     def record(self, o: mi.Point3f, v: mi.Vector3f) -> EmitterRecord:
-        """Where the ray meets the plane, by Cramer's rule; see `Shape.record`."""
+        """Intersection of the ray with the plane, by Cramer's rule; see `Shape.record`."""
         e0, e1 = literal(self.e0), literal(self.e1)
         across = dr.cross(v, e1)
         determinant = dr.dot(e0, across)
@@ -79,9 +77,13 @@ class Patch(Shape):
     def _contains(self, a: mi.Float, b: mi.Float) -> mi.Bool:
         """Whether (a, b) is on the shape."""
 
+    def __repr__(self) -> str:
+        """Area and emission."""
+        return f"{type(self).__name__}(area={self.area:g}, emission={self.emission})"
+
 
 class Quad(Patch):
-    """A rectangle, or the parallelogram that a transform makes of it.
+    """Rectangle, or the parallelogram that a transform makes of it.
 
     Args:
         size: Width and height [m] of a rectangle in z = 0 around the origin, with the normal +z.
@@ -94,7 +96,7 @@ class Quad(Patch):
 
     Raises:
         ValueError: A size is not above 0, the transform leaves no area or is not affine, or the
-            emission is negative or not finite; one line.
+            emission is negative or not finite.
 
     Example:
         >>> light = Quad((1, 1), emission=2, transform=mi.ScalarTransform4f().translate([0, 0, 3]))
@@ -110,11 +112,9 @@ class Quad(Patch):
         try:
             width, height = (checks.metres("size", each, positive=True) for each in size)
         except (TypeError, ValueError):
-            raise ValueError(
-                f"size = {checks.quote(size)}: must be two finite numbers above 0"
-            ) from None
-        edges = matrix[:3, :2] * [width, height]
-        e0, e1 = edges.T
+            allowed = "must be two finite numbers above 0"
+            raise ValueError(f"size = {checks.quote(size)}: {allowed}") from None
+        e0, e1 = (matrix[:3, :2] * [width, height]).T
         if np.linalg.det(matrix[:3, :3]) < 0:  # Mitsuba's rectangle keeps its normal's side too
             e0, e1 = e1, e0
         corner = matrix[:3, 3] - 0.5 * (e0 + e1)
@@ -123,10 +123,7 @@ class Quad(Patch):
 
     @classmethod
     def from_edges(cls, corner: Any, e0: Any, e1: Any, *, emission: Any = 0) -> Quad:
-        """A parallelogram of a corner and the two edges that leave it; its normal is e0 x e1.
-
-        Raises:
-            ValueError: They are not three finite numbers each, or the edges span no area.
+        """Parallelogram of a corner and the two edges that leave it; its normal is e0 x e1.
 
         Example:
             >>> Quad.from_edges([0, 0, 0], [2, 0, 0], [0, 3, 0]).area
@@ -144,27 +141,12 @@ class Quad(Patch):
     def _contains(self, a: mi.Float, b: mi.Float) -> mi.Bool:
         return (a >= 0) & (b >= 0) & (a <= 1) & (b <= 1)
 
-    def __repr__(self) -> str:
-        """Area and emission."""
-        return f"Quad(area={self.area:g}, emission={self.emission})"
-
 
 class Triangle(Patch):
-    """A triangle; its normal is (v1 - v0) x (v2 - v0).
+    """Triangle of three corners, three numbers each; its normal is (v1 - v0) x (v2 - v0).
 
-    Args:
-        v0: First corner, three numbers.
-        v1: Second corner.
-        v2: Third corner.
-        emission: Radiance on the side of the normal: a number, or three for R, G and B.
-
-    Attributes:
-        area: Its area [m^2].
-        normal: Unit normal on the side that emits, shape (3,).
-
-    Raises:
-        ValueError: The corners are not points or lie in one line, or the emission is negative or
-            not finite; one line.
+    Emission and attributes are those of `Quad`. Corners that are not points or lie in one line, and
+    an emission that is negative or not finite, raise a ValueError.
 
     Example:
         >>> light = Triangle([0, 0, 0], [1, 0, 0], [0, 1, 0], emission=(1, 2, 3))
@@ -183,7 +165,3 @@ class Triangle(Patch):
 
     def _contains(self, a: mi.Float, b: mi.Float) -> mi.Bool:
         return (a >= 0) & (b >= 0) & (a + b <= 1)
-
-    def __repr__(self) -> str:
-        """Area and emission."""
-        return f"Triangle(area={self.area:g}, emission={self.emission})"

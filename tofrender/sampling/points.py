@@ -1,4 +1,4 @@
-"""Point sets in the unit square: what goes into a warp.
+"""Point sets in the unit square, the input of warps.
 
     independent   every point on its own: gaps and clusters
     grid          the centres of equal cells: no gaps, but a regular pattern
@@ -22,43 +22,24 @@ import mitsuba as mi
 
 from ..runtime import checks
 
-MAX_COUNT = 1 << 24
-"""Most points in a set: single precision can count as far."""
+MAX_COUNT = 1 << 24  # single precision can count as far
 
 
 def independent(count: int, seed: int = 0) -> mi.Point2f:
-    """Uniform points that know nothing of each other.
-
-    Args:
-        count: Number of points, from 1 to 2^24.
-        seed: Seed, from 0 to 2^32 - 1.
-
-    Returns:
-        `count` points of [0, 1)^2.
-
-    Raises:
-        ValueError: One of them is out of range.
+    """Independent uniform points of [0, 1)^2: `count` from 1 to 2^24, `seed` from 0 to 2^32 - 1.
 
     Example:
         >>> dr.width(independent(10))
         10
     """
+    checks.integer("count", count, 1, MAX_COUNT)
     sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(checks.integer("seed", seed, 0, checks.MAX_SEED), _checked(count))
+    sampler.seed(checks.integer("seed", seed, 0, checks.MAX_SEED), count)
     return sampler.next_2d()
 
 
 def grid(count: int) -> mi.Point2f:
-    """The centres of `count` cells of equal area, row after row.
-
-    Args:
-        count: Number of points, from 1 to 2^24.
-
-    Returns:
-        `count` points of (0, 1)^2.
-
-    Raises:
-        ValueError: `count` is out of range.
+    """Centres of `count` cells of equal area, row after row.
 
     Example:
         >>> grid(4)
@@ -67,28 +48,18 @@ def grid(count: int) -> mi.Point2f:
          [0.25, 0.75],
          [0.75, 0.75]]
     """
-    return _in_cells(_checked(count), mi.Point2f(0.5))
+    return _in_cells(count, mi.Point2f(0.5))
 
 
 def stratified(count: int, seed: int = 0) -> mi.Point2f:
-    """A uniform point in each of `count` cells of equal area, row after row (jittered sampling).
-
-    Args:
-        count: Number of points, from 1 to 2^24.
-        seed: Seed, from 0 to 2^32 - 1.
-
-    Returns:
-        `count` points of [0, 1)^2.
-
-    Raises:
-        ValueError: One of them is out of range.
+    """Uniform point in each of `count` cells of equal area, row after row (jittered sampling).
 
     Example:
         >>> p = stratified(4)
         >>> [int(i) for i in 2 * p.x], [int(i) for i in 2 * p.y]
         ([0, 1, 0, 1], [0, 0, 1, 1])
     """
-    return _in_cells(_checked(count), independent(count, seed))
+    return _in_cells(count, independent(count, seed))
 
 
 POINT_SETS: dict[str, Callable[[int, int], Any]] = {
@@ -96,22 +67,13 @@ POINT_SETS: dict[str, Callable[[int, int], Any]] = {
     "grid": lambda count, seed: grid(count),
     "stratified": stratified,
 }
-"""Every point set by its name, called with count and seed."""
+"""Point sets by name, called with count and seed."""
 
 
 def point_set(kind: str, count: int, seed: int = 0) -> mi.Point2f:
-    """The point set of that name.
+    """Points of the set named `kind`: "independent", "grid" or "stratified".
 
-    Args:
-        kind: "independent", "grid" or "stratified".
-        count: Number of points, from 1 to 2^24.
-        seed: Seed of the random ones, from 0 to 2^32 - 1.
-
-    Returns:
-        `count` points of [0, 1)^2.
-
-    Raises:
-        ValueError: There is no such set, or a number is out of range.
+    A `count` outside of 1 to 2^24, or a `seed` outside of 0 to 2^32 - 1, raises a ValueError.
 
     Example:
         >>> point_set("gird", 4)
@@ -121,13 +83,9 @@ def point_set(kind: str, count: int, seed: int = 0) -> mi.Point2f:
     return POINT_SETS[checks.one_of("kind", kind, POINT_SETS)](count, seed)
 
 
-def _checked(count: int) -> int:
-    return checks.integer("count", count, 1, MAX_COUNT)
-
-
 def _in_cells(count: int, offset: mi.Point2f) -> mi.Point2f:
-    """One point a cell, at `offset` in [0, 1)^2 within it."""
-    rows = round(count**0.5)
+    """One point per cell, at `offset` in [0, 1)^2 within the cell."""
+    rows = round(checks.integer("count", count, 1, MAX_COUNT) ** 0.5)
     short, longer = divmod(count, rows)  # cells of a row; how many rows have one more
     i = dr.arange(mi.UInt32, count)
     rest = dr.maximum(mi.Int32(i) - longer * (short + 1), 0)

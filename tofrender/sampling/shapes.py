@@ -1,10 +1,9 @@
-# pyright: reportOperatorIssue=false
 """Shapes that emit light, sampled by direction from a point `o`.
 
 Every shape offers
 
     sample(o, sample)   EmitterRecord of a random direction towards the shape
-    record(o, v)        EmitterRecord of a given direction: what is seen there
+    record(o, v)        EmitterRecord of the first hit in a given direction
     pdf(o, v)           density of `sample` at the direction v [1/sr]; 0 if it misses the shape
     intersect(o, v)     (distance, valid, normal) of the first hit
     is_emissive, area   whether it emits; its area [m^2]
@@ -28,30 +27,8 @@ import drjit as dr
 import mitsuba as mi
 
 from ..runtime import checks
-from .emitter_records import EmitterRecord, Shape, visible
-from .patches import Quad, Triangle
-from .spheres import Sphere
-from .triangles_and_caps import (
-    sample_sphere_cap,
-    sample_sphere_cap_pdf,
-    sample_triangle,
-    sample_triangle_pdf,
-)
+from .emitter_records import EmitterRecord, Shape
 from .warps import unit_square
-
-__all__ = [
-    "EmitterRecord",
-    "Quad",
-    "Shape",
-    "Sphere",
-    "SurfaceGroup",
-    "Triangle",
-    "sample_sphere_cap",
-    "sample_sphere_cap_pdf",
-    "sample_triangle",
-    "sample_triangle_pdf",
-    "visible",
-]
 
 
 class SurfaceGroup(Shape):
@@ -61,25 +38,21 @@ class SurfaceGroup(Shape):
     number, whose rest goes on to the shape (it loses log2(n) of its 24 bits). The direction could
     have come from any shape that it meets, so its density is the mean of all shapes' densities.
 
-    The record describes what is seen: the nearest of the shapes along the direction, whichever was
-    picked, with its radiance, which is 0 if it shows its dark side. So lights may overlap and hide
-    each other, and the mean of `weight` f is the integral of radiance times f over the group.
-    Surfaces that coincide are both the nearest; which one is seen is then undefined.
-
-    Shapes that do not emit hide others and take their part of the samples: leave them out where the
-    scene tests visibility.
+    The record describes the nearest of the shapes along the direction, whichever was picked, with
+    its radiance, which is 0 if it shows its dark side. So lights may overlap and hide each other,
+    and the mean of `weight` f is the integral of radiance times f over the group. Of surfaces that
+    coincide, any may be hit. Shapes that do not emit hide others and use up their part of the
+    samples: leave them out if the scene tests visibility.
 
     Args:
-        shapes: At least one shape.
+        shapes: At least one shape; a ValueError says if there is none, or something else.
 
     Attributes:
         shapes: The shapes.
         area: Sum of their areas [m^2].
 
-    Raises:
-        ValueError: There is no shape, or something else among them.
-
     Example:
+        >>> from tofrender.sampling import Sphere
         >>> near, far = Sphere((0, 0, 2), 0.5, emission=1), Sphere((0, 0, 8), 2, emission=7)
         >>> group = SurfaceGroup([near, far])
         >>> record = group.sample(mi.Point3f(0, 0, 0), mi.Point2f(0.75, 0.5))
@@ -101,7 +74,7 @@ class SurfaceGroup(Shape):
         return any(each.is_emissive for each in self.shapes)
 
     def sample(self, o: mi.Point3f, sample: mi.Point2f) -> EmitterRecord:
-        """A direction towards one of the shapes, and what is seen there; see `Shape.sample`."""
+        """Direction towards one of the shapes, and the nearest hit there; see `Shape.sample`."""
         u, v = unit_square(sample)
         scaled = u * len(self.shapes)
         k = dr.minimum(mi.UInt32(scaled), len(self.shapes) - 1)
@@ -117,11 +90,11 @@ class SurfaceGroup(Shape):
         return self._nearest(hits, picked.valid)
 
     def record(self, o: mi.Point3f, v: mi.Vector3f) -> EmitterRecord:
-        """What is seen from `o` in the direction `v`; see `Shape.record`."""
+        """Nearest hit of all shapes from `o` along `v`; see `Shape.record`."""
         return self._nearest([shape.record(o, v) for shape in self.shapes], mi.Bool(True))
 
     def _nearest(self, hits: list[EmitterRecord], active: mi.Bool) -> EmitterRecord:
-        """The first of the hits, with the mean of their densities."""
+        """Nearest of the hits, with the mean of their densities."""
         first = hits[0]
         for hit in hits[1:]:
             nearer = hit.valid & (~first.valid | (hit.distance < first.distance))

@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false, reportOperatorIssue=false, reportReturnType=false
 """Sphere lights, sampled by the cone of directions that they fill."""
 
 from __future__ import annotations
@@ -12,20 +11,20 @@ import numpy as np
 
 from ..runtime import checks
 from .emitter_records import EmitterRecord, Shape, affine, emission_values
-from .triangles_and_caps import cap_pdf, literal, point, sample_cap_of_height
+from .triangles_and_caps import literal, point, sample_cap_of_height
 
 
 class Sphere(Shape):
-    """A sphere, sampled by the cone of directions that it fills.
+    """Sphere, sampled by the cone of directions that it fills.
 
     From outside, at the distance D of the centre, the cone has sin(theta_max) = r / D and the
-    density 1 / (2 pi (1 - cos(theta_max))); it is even over the cone, so no geometry factor comes
-    in. For far spheres 1 - cos(theta_max) = s^2 / (1 + sqrt(1 - s^2)) with s = r / D keeps its
-    digits. From inside every direction hits, with the density 1 / (4 pi). So it does from the
-    surface (to a few roundings), where half of the directions leave at once and are not valid.
+    constant density 1 / (2 pi (1 - cos(theta_max))), without a geometry factor. For far spheres
+    1 - cos(theta_max) = s^2 / (1 + sqrt(1 - s^2)) with s = r / D keeps its digits. From inside
+    every direction hits, with the density 1 / (4 pi). So it does from the surface (to a few
+    roundings), where half of the directions leave at once and are not valid.
 
-    A direction is as exact as single precision stores it, 6e-8: `record` and `pdf` may see one
-    next to the edge of a cone narrower than 1e-4 miss, in a share of about 1e-7 / theta_max.
+    Directions are rounded to 6e-8: for `record` and `pdf`, a fraction of about 1e-7 / theta_max of
+    the samples of a cone narrower than 1e-4 misses at its edge.
 
     Args:
         centre: Centre, three numbers.
@@ -42,7 +41,7 @@ class Sphere(Shape):
 
     Raises:
         ValueError: The radius is not above 0, the transform is of another kind, or the emission is
-            negative or not finite; one line.
+            negative or not finite.
 
     Example:
         >>> light = Sphere([0, 0, 0], 3.0, emission=1)
@@ -67,85 +66,84 @@ class Sphere(Shape):
         if not 0 < scales[0] <= scales[2] * (1 + 1e-5):
             stretch = ", ".join(f"{each:.6g}" for each in scales)
             raise ValueError(f"transform: scales by {stretch}; must scale all directions alike")
-        local = point("centre", centre)
         self.radius = checks.metres("radius", radius, positive=True) * float(scales.mean())
-        self.centre = matrix[:3, :3] @ local + matrix[:3, 3]
+        self.centre = matrix[:3, :3] @ point("centre", centre) + matrix[:3, 3]
         self.area = 4 * math.pi * self.radius**2
         self.emission = emission_values(emission)
         self.flip_normals = checks.boolean("flip_normals", flip_normals)
 
     def sample(self, o: mi.Point3f, sample: mi.Point2f) -> EmitterRecord:
-        """A uniform direction of the cone; see `Shape.sample`.
-
-        At the angle theta to its axis, the ray passes the centre at D sin(theta).
-        """
-        to_centre, far, height = self._view(o)
-        frame = mi.Frame3f(dr.select(far > 0, to_centre / far, mi.Vector3f(0, 0, 1)))
+        """Uniform direction of the cone; see `Shape.sample`."""
+        # Sample a direction in the cone around the centre's
+        to_centre, dc, height = self._cone(o)
+        frame = mi.Frame3f(dr.select(dc > 0, to_centre / dc, mi.Vector3f(0, 0, 1)))
         local = sample_cap_of_height(sample, height)
+        # Compute the vector from the centre to the ray's nearest point
         sin_theta = dr.norm(mi.Vector2f(local.x, local.y))
-        miss = dr.minimum(far * sin_theta, self.radius)
+        offset = dr.minimum(dc * sin_theta, self.radius)
         out = dr.select(sin_theta > 0, mi.Vector2f(local.x, local.y) / sin_theta, 0)
         side = mi.Vector3f(local.z * out.x, local.z * out.y, -sin_theta)
-        d, sideways = frame.to_world(local), frame.to_world(miss * side)
-        return self._hit(o, d, sideways, miss, far * local.z, far, height)
+        d, sideways = frame.to_world(local), frame.to_world(offset * side)
+        return self._hit(o, d, sideways, offset, dc * local.z, dc, height)
 
     def record(self, o: mi.Point3f, v: mi.Vector3f) -> EmitterRecord:
-        """Where the ray enters, or from inside leaves, the sphere; see `Shape.record`.
+        """Point at which the ray enters, or from inside leaves, the sphere; see `Shape.record`.
 
         The ray passes the centre c at |(c - o) x v|. Compensated products keep that exact for far
         and small spheres.
         """
-        c, far, height = self._view(o)
+        c, dc, height = self._cone(o)
         v = mi.Vector3f(v)
         moment = mi.Vector3f(
             _difference_of_products(c.y, v.z, c.z, v.y),
             _difference_of_products(c.z, v.x, c.x, v.z),
             _difference_of_products(c.x, v.y, c.y, v.x),
         )
-        return self._hit(o, v, dr.cross(moment, v), dr.norm(moment), dr.dot(c, v), far, height)
+        return self._hit(o, v, dr.cross(moment, v), dr.norm(moment), dr.dot(c, v), dc, height)
 
-    def _view(self, o: mi.Point3f) -> tuple[mi.Vector3f, mi.Float, mi.Float]:
-        """Vector to the centre, its length D, and 1 - cos(theta_max)."""
+    def _cone(self, o: mi.Point3f) -> tuple[mi.Vector3f, mi.Float, mi.Float]:
+        """Vector to the centre, its length dc, and 1 - cos(theta_max)."""
         to_centre = mi.Vector3f(mi.Point3f(literal(self.centre)) - o)
-        far = dr.norm(to_centre)
-        s2 = dr.square(self.radius / far)
-        cone = s2 / (1 + dr.safe_sqrt(1 - s2))
-        return to_centre, far, dr.select(self._outside(far), cone, 2)
+        dc = dr.norm(to_centre)
+        s2 = dr.square(self.radius / dc)
+        height = s2 / (1 + dr.safe_sqrt(1 - s2))
+        return to_centre, dc, dr.select(self._outside(dc), height, 2)
 
-    def _outside(self, far: mi.Float) -> mi.Bool:
-        return far > self.radius * (1 + 4 * dr.epsilon(mi.Float))
+    def _outside(self, dc: mi.Float) -> mi.Bool:
+        return dc > self.radius * (1 + 4 * dr.epsilon(mi.Float))
 
     def _hit(
         self,
         o: mi.Point3f,
         d: mi.Vector3f,
         sideways: mi.Vector3f,
-        miss: mi.Float,
-        ahead: mi.Float,
-        far: mi.Float,
+        offset: mi.Float,
+        t_centre: mi.Float,
+        dc: mi.Float,
         height: mi.Float,
     ) -> EmitterRecord:
-        """Record of a ray that is nearest to the centre after the length `ahead`.
+        """Record of a ray that is nearest to the centre after the length `t_centre`.
 
-        It passes the centre by the vector `sideways` of length `miss`, and runs inside the sphere
-        for `half` before and after. The lengths to both ends, ahead -+ half, have the product
-        `power`, which gives the shorter one without a difference.
+        The ray passes the centre by the vector `sideways` of length `offset`, and runs inside the
+        sphere for `half` before and after. The lengths to both ends, t_centre -+ half, have the
+        product `power`, which gives the shorter one without a difference.
         """
         r = self.radius
-        outside = self._outside(far)
-        on = dr.abs(far - r) <= 4 * dr.epsilon(mi.Float) * r
-        power = dr.select(on, 0, (far - r) * (far + r))
-        half = dr.safe_sqrt((r - miss) * (r + miss))
-        longer = dr.select(ahead < 0, ahead - half, ahead + half)
-        distance = dr.select(outside | (ahead < 0), power / longer, longer)
-        valid = (miss <= r) & (distance > 0) & (~outside | (ahead > 0))
+        outside = self._outside(dc)
+        # Intersect the ray with the sphere
+        on = dr.abs(dc - r) <= 4 * dr.epsilon(mi.Float) * r
+        power = dr.select(on, 0, (dc - r) * (dc + r))
+        half = dr.safe_sqrt((r - offset) * (r + offset))
+        longer = dr.select(t_centre < 0, t_centre - half, t_centre + half)
+        distance = dr.select(outside | (t_centre < 0), power / longer, longer)
+        valid = (offset <= r) & (distance > 0) & (~outside | (t_centre > 0))
         n = mi.Vector3f((sideways + dr.select(outside, -half, half) * d) / r)
         p = mi.Point3f(literal(self.centre)) + r * n
         n = -n if self.flip_normals else n
-        return self.filled(o, p, n, d, distance, cap_pdf(height), valid)
+        return self.filled(o, p, n, d, distance, dr.rcp(dr.two_pi * height), valid)
 
     def __repr__(self) -> str:
-        """Place, size and emission."""
+        """Centre, radius and emission."""
         centre = ", ".join(f"{each:g}" for each in self.centre)
         return f"Sphere(({centre}), radius={self.radius:g}, emission={self.emission})"
 

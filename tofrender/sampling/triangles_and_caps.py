@@ -1,7 +1,6 @@
-# pyright: reportReturnType=false
-"""Uniform points on triangles and directions in spherical caps: what lights are sampled with.
+"""Uniform points on triangles and uniform directions in spherical caps.
 
-As in `warps`, a `sample` is a point of [0, 1]^2, both ends included.
+As in `warps`, a `sample` is a point (u, v) of [0, 1]^2, both ends included.
 """
 
 from __future__ import annotations
@@ -13,20 +12,11 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import checks
-from .warps import in_range, unit_square, vector
+from .warps import cylindrical, in_range, unit_square, vector
 
 
 def point(name: str, value: Any) -> np.ndarray:
-    """Return three finite coordinates as float64, shape (3,).
-
-    Raises:
-        ValueError: One line with name and value.
-
-    Example:
-        >>> point("v0", [0, 1])
-        Traceback (most recent call last):
-        ValueError: v0 = [0, 1]: must be three finite numbers
-    """
+    """Return three finite coordinates as float64, shape (3,)."""
     try:
         numbers = checks.real_array(name, value, np.float64)
         numbers = numbers[:, 0] if numbers.shape == (3, 1) else numbers  # mi.Point3f of one lane
@@ -38,75 +28,43 @@ def point(name: str, value: Any) -> np.ndarray:
 
 
 def literal(numbers: np.ndarray) -> mi.Vector3f:
-    """Three numbers as constants of the kernel.
+    """Return three numbers as constants of the kernel.
 
     `mi.Vector3f(numbers)` would copy them to arrays of one lane. Made within a symbolic loop, such
     arrays are read beyond their end by the other lanes (Dr.Jit 1.5.0).
-
-    Example:
-        >>> literal(np.array([1.0, 2.0, 3.0]))
-        [[1, 2, 3]]
     """
     return mi.Vector3f(*numbers.tolist())
 
 
-def parallelogram_area(e0: np.ndarray, e1: np.ndarray, what: str) -> float:
-    """Area between two edges, shape (3,) each, that single precision can tell from a line.
-
-    Raises:
-        ValueError: `what`, if the area is less than 1e-6 of the longer edge's square.
-
-    Example:
-        >>> parallelogram_area(np.array([1.0, 0, 0]), np.array([2.0, 0, 0]), "edges")
-        Traceback (most recent call last):
-        ValueError: edges: must span an area, at least 1e-06 of the longest edge's square
-    """
+def parallelogram_area(e0: np.ndarray, e1: np.ndarray, named: str) -> float:
+    """Area between two edges, shape (3,) each, that single precision can tell from a line."""
     area = float(np.linalg.norm(np.cross(e0, e1)))
     longest = max(e0 @ e0, e1 @ e1, (e0 - e1) @ (e0 - e1))
     if not 1e-6 * longest <= area or area == 0:
-        raise ValueError(f"{what}: must span an area, at least 1e-06 of the longest edge's square")
+        raise ValueError(f"{named}: must span an area, at least 1e-06 of the longest edge's square")
     return area
 
 
-def triangle_corners(v0: Any, v1: Any, v2: Any) -> list[np.ndarray]:
-    """Return three corners as float64, shape (3,) each.
-
-    Raises:
-        ValueError: They are not points, or lie in one line.
-
-    Example:
-        >>> triangle_corners([0, 0, 0], [1, 1, 1], [2, 2, 2])
-        Traceback (most recent call last):
-        ValueError: v0 = [0.0, 0.0, 0.0], v1 = [1.0, 1.0, 1.0], v2 = [2.0, 2.0, 2.0]: must span ...
-    """
-    a, b, c = corners = [point(f"v{i}", each) for i, each in enumerate((v0, v1, v2))]
+def triangle_corners(*vertices: Any) -> list[np.ndarray]:
+    """Return three corners, which must span an area, as float64 of shape (3,) each."""
+    a, b, c = corners = [point(f"v{i}", each) for i, each in enumerate(vertices)]
     named = ", ".join(f"v{i} = {each.tolist()}" for i, each in enumerate(corners))
     parallelogram_area(b - a, c - a, named)
     return corners
 
 
 def sample_triangle(v0: Any, v1: Any, v2: Any, sample: mi.Point2f) -> mi.Point3f:
-    """Uniform points on a triangle.
+    """Uniform points on a triangle, with the density 1 / area.
 
     Every point of it is v0 + b1 (v1 - v0) + b2 (v2 - v0) with b1, b2 >= 0 and b1 + b2 <= 1, and
-    this map stretches all areas alike, so it is enough to draw (b1, b2) evenly from that half of a
-    square, with density 2. There b1 has the marginal density 2 (1 - b1), hence
-    P(b1) = 1 - (1 - b1)^2; given b1, b2 is even on [0, 1 - b1]:
+    this map stretches all areas alike, so it is enough to draw (b1, b2) uniformly from that half of
+    a square, with density 2. There b1 has the marginal density 2 (1 - b1), hence
+    P(b1) = 1 - (1 - b1)^2; given b1, b2 is uniform on [0, 1 - b1]:
 
         b1 = 1 - sqrt(1 - u),    b2 = v (1 - b1) = v sqrt(1 - u)
 
-    Args:
-        v0: First corner: three numbers, or an `mi.Point3f` of any number of lanes.
-        v1: Second corner.
-        v2: Third corner.
-        sample: Point (u, v) of the unit square.
-
-    Returns:
-        Points with the density 1 / area.
-
-    Raises:
-        ValueError: Corners that are numbers lie in one line, or are not finite. Dr.Jit arrays are
-            looked at in debug mode only.
+    Each corner is three numbers, or an `mi.Point3f` of any number of lanes. Numbers that are not
+    finite, or in one line, raise a ValueError; Dr.Jit arrays are checked in debug mode only.
 
     Example:
         >>> sample_triangle([0, 0, 0], [4, 0, 0], [0, 4, 0], mi.Point2f(0.75, 0.5))
@@ -123,15 +81,7 @@ def sample_triangle_pdf(p: mi.Point3f, v0: Any, v1: Any, v2: Any) -> mi.Float:
 
     A point counts as on it if it is within 1e-5 of the longest edge plus 1e-6 of the largest
     coordinate, as much as single precision asks for; an array's degenerate triangles have 0.
-
-    Args:
-        p: Points.
-        v0: First corner: three numbers, or an `mi.Point3f` of any number of lanes.
-        v1: Second corner.
-        v2: Third corner.
-
-    Raises:
-        ValueError: As in `sample_triangle`.
+    Corners are those of `sample_triangle`, and bad ones raise the same error.
 
     Example:
         >>> sample_triangle_pdf(mi.Point3f([1, 4], 1, 0), [0, 0, 0], [4, 0, 0], [0, 4, 0])
@@ -156,95 +106,57 @@ def sample_triangle_pdf(p: mi.Point3f, v0: Any, v1: Any, v2: Any) -> mi.Float:
 def sample_sphere_cap(sample: mi.Point2f, cos_theta_max: float | mi.Float) -> mi.Vector3f:
     """Uniform directions in the spherical cap theta <= theta_max around +z.
 
-    A solid angle is dz dphi (see `square_to_uniform_sphere`), so z is even between cos_theta_max
-    and 1. With the cap's height h = 1 - cos_theta_max:
+    A solid angle is dz dphi (see `square_to_uniform_sphere`), so z is uniform between
+    cos_theta_max and 1. With the cap's height h = 1 - cos_theta_max:
 
         1 - z = u h,    r = sqrt(1 - z^2) = sqrt(u h (2 - u h)),    phi = 2 pi v
 
     h = 2 is the sphere, h = 1 the hemisphere. For small caps h keeps its digits where cos_theta_max
     has none; a Python number is subtracted from 1 in double precision.
 
-    Args:
-        sample: Point (u, v) of the unit square.
-        cos_theta_max: Cosine of the largest angle, from -1 to 1; a number or a Dr.Jit float.
-
-    Returns:
-        Unit vectors (r cos(phi), r sin(phi), z).
-
-    Raises:
-        ValueError: `cos_theta_max` is a number outside of that range. Dr.Jit arrays are looked at
-            in debug mode only.
+    `cos_theta_max` is a number or a Dr.Jit float. Outside of [-1, 1], a number raises a ValueError;
+    Dr.Jit arrays are checked in debug mode only.
 
     Example:
         >>> sample_sphere_cap(mi.Point2f(0.5, 0.0), 0.6)
         [[0.6, 0, 0.8]]
     """
-    return sample_cap_of_height(sample, _cap_height(cos_theta_max))
+    cos_theta_max = in_range("cos_theta_max", cos_theta_max, -1, 1)
+    return sample_cap_of_height(sample, mi.Float(1 - cos_theta_max))
 
 
 def sample_sphere_cap_pdf(v: mi.Vector3f, cos_theta_max: float | mi.Float) -> mi.Float:
-    """Density 1 / (2 pi (1 - cos_theta_max)) [1/sr] of `sample_sphere_cap` at `v`.
+    """Density 1 / (2 pi (1 - cos_theta_max)) [1/sr] of `sample_sphere_cap` at the unit vector `v`.
 
-    It is 0 outside of the cap, whose edge is widened by a few roundings, and for the cap of one
-    direction (cos_theta_max = 1), where there is no density.
-
-    Args:
-        v: Unit vector.
-        cos_theta_max: Cosine of the largest angle, from -1 to 1; a number or a Dr.Jit float.
-
-    Raises:
-        ValueError: As in `sample_sphere_cap`.
+    Outside of the cap, whose edge is widened by a few roundings, it is 0, and so it is for the cap
+    of one direction (cos_theta_max = 1), which has no density.
 
     Example:
         >>> pdf = sample_sphere_cap_pdf(mi.Vector3f([0.6, 0.8], 0, [0.8, 0.6]), 0.7)
         >>> [round(each, 4) for each in pdf]
         [0.5305, 0.0]
     """
-    height, v = _cap_height(cos_theta_max), vector("v", v)
+    height = mi.Float(1 - in_range("cos_theta_max", cos_theta_max, -1, 1))
+    v = vector("v", v)
     r2 = dr.square(v.x) + dr.square(v.y)
     below_pole = dr.select(v.z > 0, r2 / (1 + v.z), 1 - v.z)  # 1 - z, without losing digits
     inside = (below_pole <= height * (1 + 8 * dr.epsilon(mi.Float))) & (height > 0)
-    return dr.select(inside, cap_pdf(height), 0)
+    return dr.select(inside, dr.rcp(dr.two_pi * height), 0)
 
 
 def sample_cap_of_height(sample: mi.Point2f, height: mi.Float) -> mi.Vector3f:
-    """Uniform directions in the cap z >= 1 - height.
-
-    For the cone of angle theta_max, height = 1 - cos(theta_max) = 2 sin(theta_max / 2)^2.
-
-    Example:
-        >>> sample_cap_of_height(mi.Point2f(0.0, 0.0), mi.Float(1e-12))
-        [[0, 0, 1]]
-    """
+    """Uniform directions with z >= 1 - height, of the density 1 / (2 pi height) [1/sr]."""
     u, v = unit_square(sample)
     h = u * height
-    r = dr.safe_sqrt(h * (2 - h))
-    sin_phi, cos_phi = dr.sincos(dr.two_pi * v)
-    return mi.Vector3f(r * cos_phi, r * sin_phi, 1 - h)
+    return cylindrical(dr.safe_sqrt(h * (2 - h)), v, 1 - h)
 
 
-def cap_pdf(height: mi.Float) -> mi.Float:
-    """Density 1 / (2 pi height) [1/sr] within a cap; for a cone that is 1 / (4 pi sin^2(theta/2)).
-
-    Example:
-        >>> round(float(cap_pdf(mi.Float(2.0))[0]), 4)
-        0.0796
-    """
-    return dr.rcp(dr.two_pi * height)
-
-
-def _cap_height(cos_theta_max: Any) -> mi.Float:
-    """1 - cos_theta_max, after a look at it."""
-    return mi.Float(1 - in_range("cos_theta_max", cos_theta_max, -1, 1))
-
-
-def _edges(v0: Any, v1: Any, v2: Any) -> tuple[mi.Point3f, mi.Vector3f, mi.Vector3f]:
-    """A corner and the two edges from it, after a look at them."""
-    corners = [v0, v1, v2]
-    if not any(each is not None and dr.is_jit_v(each) for each in corners):
-        a, b, c = triangle_corners(*corners)
+def _edges(*vertices: Any) -> tuple[mi.Point3f, mi.Vector3f, mi.Vector3f]:
+    """First corner of a triangle and the two edges from it."""
+    if not any(each is not None and dr.is_jit_v(each) for each in vertices):
+        a, b, c = triangle_corners(*vertices)
         return mi.Point3f(literal(a)), literal(b - a), literal(c - a)
-    a, b, c = (mi.Point3f(each) for each in corners)
+    a, b, c = (mi.Point3f(each) for each in vertices)
     e1, e2 = mi.Vector3f(b - a), mi.Vector3f(c - a)
     if dr.flag(dr.JitFlag.Debug):
         dr.assert_true(dr.squared_norm(dr.cross(e1, e2)) > 0, "v0, v1, v2: must span an area")

@@ -1,15 +1,14 @@
-# pyright: reportReturnType=false
 """Warps: maps of the unit square that turn uniform points into points of another density.
 
 All are built by inversion. Split the density into one coordinate after the other, integrate each
 to its cumulative distribution P(t), set P(t) = u for a uniform number u, and solve for t: t then
 has the density P'(t). Each function below shows its own P and the inverse of it.
 
-A `sample` is a point of [0, 1]^2, both ends included, of any number of lanes. Directions are unit
-vectors in a frame whose north pole is +z; theta is the angle to the pole, phi the azimuth. The
-first number goes out from the centre or the pole (u = 0), the second around. In Dr.Jit's debug mode
-(`dr.set_flag(dr.JitFlag.Debug, True)`) a sample outside of the square fails with one line; without
-it, that is not checked and costs nothing.
+A `sample` is a point (u, v) of [0, 1]^2, both ends included, of any number of lanes. Directions are
+unit vectors in a frame whose north pole is +z; theta is the angle to the pole, phi the azimuth.
+The first number goes out from the centre or the pole (u = 0), the second around: phi = 2 pi v. In
+Dr.Jit's debug mode (`dr.set_flag(dr.JitFlag.Debug, True)`) a sample outside of the square fails
+with one line; without it, that is not checked and costs nothing.
 
 `WARPS` lists all of them for the chi-square test, the command line and the figures.
 
@@ -22,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -29,42 +29,20 @@ import mitsuba as mi
 
 from ..runtime import checks
 
-MIN_ALPHA, MAX_ALPHA = 1e-6, 1e6
-"""Roughnesses for which single precision can hold every density."""
+MIN_ALPHA, MAX_ALPHA = 1e-6, 1e6  # roughnesses whose densities single precision can hold
 
 
 def vector(name: str, value: Any, size: int = 3) -> Any:
-    """Return a Dr.Jit vector or point of `size` coordinates, of any number of lanes.
-
-    Raises:
-        ValueError: It is something else; one line.
-
-    Example:
-        >>> vector("v", 3)
-        Traceback (most recent call last):
-        ValueError: v = 3: must be an mi.Vector3f, or another Dr.Jit array of 3 coordinates
-    """
+    """Return `value`, which must be a Dr.Jit vector or point of `size` coordinates."""
     if isinstance(value, dr.ArrayBase) and dr.size_v(value) == size:
         return value
     kind = "Point2f" if size == 2 else "Vector3f"
-    raise ValueError(
-        f"{name} = {checks.quote(value)}: must be an mi.{kind}, or another Dr.Jit array of {size} "
-        "coordinates"
-    )
+    allowed = f"must be an mi.{kind}, or another Dr.Jit array of {size} coordinates"
+    raise ValueError(f"{name} = {checks.quote(value)}: {allowed}")
 
 
 def unit_square(sample: mi.Point2f) -> mi.Point2f:
-    """Return `sample`; in debug mode make sure that it lies in [0, 1]^2.
-
-    Raises:
-        AssertionError: One line, in debug mode only. Within a symbolic loop it is printed instead.
-
-    Example:
-        >>> with dr.scoped_set_flag(dr.JitFlag.Debug, True):
-        ...     unit_square(mi.Point2f(0.5, 1.5))
-        Traceback (most recent call last):
-        AssertionError: Assertion failure: sample: must lie in [0, 1]^2
-    """
+    """Return `sample`, which in debug mode must lie in [0, 1]^2 (AssertionError)."""
     vector("sample", sample, 2)
     if dr.flag(dr.JitFlag.Debug):
         inside = dr.all((sample >= 0) & (sample <= 1))  # false for NaN too
@@ -73,11 +51,7 @@ def unit_square(sample: mi.Point2f) -> mi.Point2f:
 
 
 def in_range(name: str, value: Any, low: float, high: float) -> Any:
-    """Return a number of a range; Dr.Jit arrays are looked at in debug mode only.
-
-    Raises:
-        ValueError: `value` is a number outside of the range, or none.
-    """
+    """Return a number in [low, high]; Dr.Jit arrays are checked in debug mode only."""
     if not dr.is_array_v(value):
         return checks.number(name, value, low=low, high=high)
     if dr.flag(dr.JitFlag.Debug):
@@ -86,25 +60,14 @@ def in_range(name: str, value: Any, low: float, high: float) -> Any:
     return value
 
 
-def roughness(alpha: Any) -> Any:
-    """Return `alpha` if it can be a roughness; Dr.Jit arrays are looked at in debug mode only.
-
-    Raises:
-        ValueError: `alpha` is a number, but not one that single precision can square.
-
-    Example:
-        >>> roughness(0)
-        Traceback (most recent call last):
-        ValueError: alpha = 0: must be a finite number from 1e-06 to 1e+06
-    """
-    return in_range("alpha", alpha, MIN_ALPHA, MAX_ALPHA)
-
-
-# ------------------------------------------------------------------------------------ tent
+def cylindrical(r: mi.Float, v: mi.Float, z: mi.Float) -> mi.Vector3f:
+    """Vector (r cos(phi), r sin(phi), z) with phi = 2 pi v."""
+    sin_phi, cos_phi = dr.sincos(dr.two_pi * v)
+    return mi.Vector3f(r * cos_phi, r * sin_phi, z)
 
 
 def square_to_tent(sample: mi.Point2f) -> mi.Point2f:
-    """Warp to the tent p(x, y) = p1(x) p1(y) with p1(t) = 1 - |t| on [-1, 1].
+    """Warp to the tent p(x, y) = p1(x) p1(y) with p1(t) = 1 - |t|, on [-1, 1]^2.
 
     Both coordinates are alike and independent. On the left, P1(t) is the integral of 1 + s over
     s from -1 to t, which is (1 + t)^2 / 2; on the right it is 1 - (1 - t)^2 / 2. They meet at
@@ -112,12 +75,6 @@ def square_to_tent(sample: mi.Point2f) -> mi.Point2f:
 
         t = sqrt(2 u) - 1          for u < 1/2
         t = 1 - sqrt(2 (1 - u))    for u >= 1/2
-
-    Args:
-        sample: Point of the unit square.
-
-    Returns:
-        Point of [-1, 1]^2.
 
     Example:
         >>> p = square_to_tent(mi.Point2f(0.125, 1))
@@ -139,9 +96,6 @@ def square_to_tent_pdf(p: mi.Point2f) -> mi.Float:
     return height.x * height.y
 
 
-# ------------------------------------------------------------------------------------ disk
-
-
 def square_to_uniform_disk(sample: mi.Point2f) -> mi.Point2f:
     """Warp to the uniform density 1/pi on the unit disk.
 
@@ -151,12 +105,6 @@ def square_to_uniform_disk(sample: mi.Point2f) -> mi.Point2f:
         r = sqrt(u),    phi = 2 pi v
 
     With r = u instead, points would crowd at the centre.
-
-    Args:
-        sample: Point (u, v) of the unit square.
-
-    Returns:
-        Point of the unit disk.
 
     Example:
         >>> square_to_uniform_disk(mi.Point2f(0.25, 0.0))
@@ -181,9 +129,6 @@ def square_to_uniform_disk_pdf(p: mi.Point2f) -> mi.Float:
     return dr.select(dr.squared_norm(p) <= 1 + 8 * dr.epsilon(p), dr.inv_pi, mi.Float(0))
 
 
-# ---------------------------------------------------------------------- sphere and hemisphere
-
-
 def square_to_uniform_sphere(sample: mi.Point2f) -> mi.Vector3f:
     """Warp to the uniform density 1 / (4 pi) on the unit sphere.
 
@@ -195,21 +140,12 @@ def square_to_uniform_sphere(sample: mi.Point2f) -> mi.Vector3f:
 
     The last form of r loses no digits at the poles, where z^2 is nearly 1.
 
-    Args:
-        sample: Point (u, v) of the unit square.
-
-    Returns:
-        Unit vector (r cos(phi), r sin(phi), z).
-
     Example:
         >>> square_to_uniform_sphere(mi.Point2f(0.5, 0.0))
         [[1, 0, 0]]
     """
     u, v = unit_square(sample)
-    z = 1 - 2 * u
-    r = 2 * dr.sqrt(u * (1 - u))
-    sin_phi, cos_phi = dr.sincos(dr.two_pi * v)
-    return mi.Vector3f(r * cos_phi, r * sin_phi, z)
+    return cylindrical(2 * dr.sqrt(u * (1 - u)), v, 1 - 2 * u)
 
 
 def square_to_uniform_sphere_pdf(v: mi.Vector3f) -> mi.Float:
@@ -230,21 +166,12 @@ def square_to_uniform_hemisphere(sample: mi.Point2f) -> mi.Vector3f:
 
         z = 1 - u,    r = sqrt(1 - z^2) = sqrt(u (2 - u)),    phi = 2 pi v
 
-    Args:
-        sample: Point (u, v) of the unit square.
-
-    Returns:
-        Unit vector (r cos(phi), r sin(phi), z), z >= 0.
-
     Example:
         >>> square_to_uniform_hemisphere(mi.Point2f(0.0, 0.0))
         [[0, 0, 1]]
     """
     u, v = unit_square(sample)
-    z = 1 - u
-    r = dr.sqrt(u * (2 - u))
-    sin_phi, cos_phi = dr.sincos(dr.two_pi * v)
-    return mi.Vector3f(r * cos_phi, r * sin_phi, z)
+    return cylindrical(dr.sqrt(u * (2 - u)), v, 1 - u)
 
 
 def square_to_uniform_hemisphere_pdf(v: mi.Vector3f) -> mi.Float:
@@ -268,21 +195,12 @@ def square_to_cosine_hemisphere(sample: mi.Point2f) -> mi.Vector3f:
     Seen from above these are the uniform points of the disk: the cosine is what a patch of the
     hemisphere loses when it is projected onto the ground (Malley's method).
 
-    Args:
-        sample: Point (u, v) of the unit square.
-
-    Returns:
-        Unit vector (r cos(phi), r sin(phi), z), z >= 0.
-
     Example:
         >>> square_to_cosine_hemisphere(mi.Point2f(0.0, 0.0))
         [[0, 0, 1]]
     """
     u, v = unit_square(sample)
-    r = dr.sqrt(u)
-    z = dr.sqrt(1 - u)
-    sin_phi, cos_phi = dr.sincos(dr.two_pi * v)
-    return mi.Vector3f(r * cos_phi, r * sin_phi, z)
+    return cylindrical(dr.sqrt(u), v, dr.sqrt(1 - u))
 
 
 def square_to_cosine_hemisphere_pdf(v: mi.Vector3f) -> mi.Float:
@@ -294,9 +212,6 @@ def square_to_cosine_hemisphere_pdf(v: mi.Vector3f) -> mi.Float:
         [0.2546, 0.0]
     """
     return dr.maximum(vector("v", v).z, 0) * dr.inv_pi
-
-
-# -------------------------------------------------------------------------------- Beckmann
 
 
 def square_to_beckmann(sample: mi.Point2f, alpha: float | mi.Float) -> mi.Vector3f:
@@ -317,13 +232,7 @@ def square_to_beckmann(sample: mi.Point2f, alpha: float | mi.Float) -> mi.Vector
     Args:
         sample: Point (u, v) of the unit square.
         alpha: Roughness, the standard deviation of the surface's slopes times sqrt(2); from 1e-6
-            to 1e6. A number or a Dr.Jit float.
-
-    Returns:
-        Unit vector m (the microfacet's normal), z > 0.
-
-    Raises:
-        ValueError: `alpha` is a number outside of that range.
+            to 1e6, other numbers raise a ValueError. A number or a Dr.Jit float.
 
     Example:
         >>> import math
@@ -331,33 +240,25 @@ def square_to_beckmann(sample: mi.Point2f, alpha: float | mi.Float) -> mi.Vector
         >>> round(m.x[0], 4), round(m.z[0], 4)
         (0.6, 0.8)
     """
-    alpha = roughness(alpha)
+    alpha = in_range("alpha", alpha, MIN_ALPHA, MAX_ALPHA)
     u, v = unit_square(sample)
     tan_theta = alpha * dr.sqrt(-dr.log(dr.maximum(1 - u, dr.epsilon(u))))
     z = dr.rcp(dr.sqrt(1 + dr.square(tan_theta)))
-    r = tan_theta * z
-    sin_phi, cos_phi = dr.sincos(dr.two_pi * v)
-    return mi.Vector3f(r * cos_phi, r * sin_phi, z)
+    return cylindrical(tan_theta * z, v, z)
 
 
 def square_to_beckmann_pdf(m: mi.Vector3f, alpha: float | mi.Float) -> mi.Float:
-    """Density exp(-tan(theta)^2 / alpha^2) / (pi alpha^2 cos(theta)^3) [1/sr] at `m`.
+    """Density exp(-tan(theta)^2 / alpha^2) / (pi alpha^2 cos(theta)^3) [1/sr] at the normal `m`.
 
-    It is 0 at the horizon and below. The tangent comes from x and y: from z alone, 1 - z^2 would
-    lose all digits near the pole, where all normals of a smooth surface are.
-
-    Args:
-        m: Unit vector.
-        alpha: Roughness, from 1e-6 to 1e6. A number or a Dr.Jit float.
-
-    Raises:
-        ValueError: `alpha` is a number outside of that range.
+    At the horizon and below it is 0. The tangent comes from x and y: from z alone, 1 - z^2 would
+    lose all digits near the pole, where all normals of a smooth surface are. `alpha` is the
+    roughness, as in `square_to_beckmann`.
 
     Example:
         >>> round(float(square_to_beckmann_pdf(mi.Vector3f(0, 0, 1), 0.5)[0]), 4)  # 4 / pi
         1.2732
     """
-    alpha = roughness(alpha)
+    alpha = in_range("alpha", alpha, MIN_ALPHA, MAX_ALPHA)
     normalization = dr.inv_pi / dr.square(alpha)
     m = vector("m", m)
     inv_z = dr.rcp(m.z)
@@ -367,36 +268,31 @@ def square_to_beckmann_pdf(m: mi.Vector3f, alpha: float | mi.Float) -> mi.Float:
     return dr.select(above, normalization * falloff * dr.square(inv_z) * inv_z, 0)
 
 
-# ---------------------------------------------------------------------------------- registry
+Pair = tuple[Callable[..., Any], Callable[..., Any]]  # a warp and its density
 
 
 @dataclass(frozen=True)
 class Warp:
-    """A warp, its density, and what a test or a figure has to know about it.
+    """Factory of a warp and its density, with the domain and the parameter of both.
 
     Attributes:
         make: Called with the value of the parameter, or with nothing if there is none; returns
             the functions `sample(Point2f) -> points` and `pdf(points) -> Float`.
-        domain: Where the points lie, a domain of `chi_square_test`.
+        domain: Domain of the points, one of `chi_square_test`.
         parameter: Name of the one parameter, "" for none.
     """
 
-    make: Callable[..., tuple[Callable[..., Any], Callable[..., Any]]]
+    make: Callable[..., Pair]
     domain: str
     parameter: str = ""
 
 
-def _beckmann(alpha: float) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Both functions for a fixed roughness."""
-    alpha = roughness(alpha)
-    return (
-        lambda sample: square_to_beckmann(sample, alpha),
-        lambda m: square_to_beckmann_pdf(m, alpha),
-    )
+def _beckmann(alpha: float) -> Pair:
+    alpha = in_range("alpha", alpha, MIN_ALPHA, MAX_ALPHA)
+    return partial(square_to_beckmann, alpha=alpha), partial(square_to_beckmann_pdf, alpha=alpha)
 
 
-def _hierarchical(image: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Both functions for an image."""
+def _hierarchical(image: Any) -> Pair:
     from .hierarchical import HierarchicalWarp
 
     warp = HierarchicalWarp(image)
@@ -418,4 +314,4 @@ WARPS: dict[str, Warp] = {
     "beckmann": Warp(_beckmann, "hemisphere", "alpha"),
     "hierarchical": Warp(_hierarchical, "image", "image"),
 }
-"""Every warp by its name."""
+"""Warps by name."""

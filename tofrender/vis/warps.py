@@ -9,8 +9,7 @@ import numpy as np
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style
 from ..runtime.plots import PictureGrid, few_ticks
-from ..sampling.figures import caption, density_panels, verdict_figure
-from ..sampling.verdicts import Verdict
+from ..sampling.verdicts import Verdict, caption, density_panels, verdict_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

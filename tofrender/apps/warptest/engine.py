@@ -19,10 +19,9 @@ from ...runtime.plots import PictureGrid
 from ...runtime.withheld import Withheld
 from ...samplers import padded_sobol
 from ...sampling import points
+from ...sampling.chi_square import Case
 from ...sampling.domains import find, to_numpy
-from ...sampling.figures import density_panels
-from ...sampling.suites import Case
-from ...sampling.verdicts import Verdict
+from ...sampling.verdicts import Verdict, density_panels
 from ...vis.warps import warp_figure
 from .sources import Library, Module, find_module, is_withheld
 from .subjects import SUBJECTS

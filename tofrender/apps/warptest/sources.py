@@ -16,8 +16,8 @@ import numpy as np
 from ...course.judge.client import Limits, NoAnswer, Worker
 from ...runtime import checks
 from ...runtime.withheld import Withheld
+from ...sampling.chi_square import Case
 from ...sampling.domains import to_numpy
-from ...sampling.suites import Case
 from .subjects import SUBJECTS, Subject, labelled
 
 MEMORY = 4 << 30  # Memory that a student's module may use [bytes]
