@@ -143,7 +143,7 @@ def page(results: Results) -> str:
             "## mitransient's samplers",
             paragraph(
                 """Mitransient with each of Mitsuba's samplers on the Cornell box: the deviation of
-                the energy in all bins from ours, and its variance times CPU time divided by ours."""
+                the energy in all bins from ours, and variance times CPU time divided by ours."""
             ),
             rows_of(sampler_rows),
             "## Around the corner (NLOS)",
