@@ -142,9 +142,9 @@ def table(results: dict[str, Any]) -> str:
     saved = found["saving"]
     every_s = max(INTERVAL_S, saved["save_s"] / COST)  # As a Checkpoint has it
     rows = [
-        ["figure", "target", "measured"],
+        ["quantity", "target", "measured"],
         [
-            "checkpoints of 256 x 256 x 300 RGB: part of the time",
+            "256 x 256 x 300 RGB: time spent on checkpoints",
             "<= 2 %, each 30 s",
             f"{digits(100 * saved['save_s'] / every_s)} %, each {every_s:.0f} s "
             f"(one takes {digits(saved['save_s'])} s)",
@@ -155,19 +155,19 @@ def table(results: dict[str, Any]) -> str:
             f"{disk['peak_mb'] / 1000:.1f} GB (in memory {memory['peak_mb'] / 1000:.1f} GB)",
         ],
         [
-            "the same: time over that in memory",
+            "the same film: time on disk / time in memory",
             "<= 1.3",
             f"{digits(disk['seconds'] / memory['seconds'])} "
             f"({disk['seconds']:.0f} s, {memory['seconds']:.0f} s)",
         ],
         [
-            "two workers of one thread over one process of one thread",
+            "speed-up of two workers over one process, one thread each",
             ">= 1.9",
             f"{digits(found['workers']['speed'])} in a render of "
             f"{found['workers']['alone_s']:.0f} s",
         ],
         [
-            "peak memory of 256 x 256 x 300 RGB over its result",
+            "256 x 256 x 300 RGB: peak memory beyond the result",
             "<= 350 MB",
             f"{usual['peak_mb'] - film_mb(USUAL):.0f} MB",
         ],
@@ -183,7 +183,7 @@ def model(results: dict[str, Any]) -> str:
     written_s = size / DISK_MB_PER_S
     rows = [
         ["", "a film of 256 x 256 x 300 RGB", "a million of them"],
-        ["bytes", f"{size:.0f} MB", f"{size * FILMS / 1e6:.0f} TB"],
+        ["size", f"{size:.0f} MB", f"{size * FILMS / 1e6:.0f} TB"],
         [
             f"{USUAL_SPP} samples per pixel",
             f"{digits(one_s)} s on one core",
@@ -195,7 +195,7 @@ def model(results: dict[str, Any]) -> str:
             f"{digits(written_s * FILMS / 3600)} hours",
         ],
         [
-            f"what {WORKERS} cores make",
+            f"data rate of {WORKERS} cores",
             f"{digits(size / one_s)} MB/s each",
             f"{digits(WORKERS * size / one_s / 1000)} GB/s",
         ],

@@ -61,20 +61,23 @@ def readme_block(results: Results) -> str:
     mirror, glass = (
         over_ours(scenes[name], PEER, "without lamps") for name in ("mirror", "glass sphere")
     )
-    before = f"""`make bench-full` measures ratios side by side in one process. On
-        {machine["threads"]} threads, the Cornell box with 64 x 64 pixels, 300 bins and 256 samples
-        per pixel, against mitransient {machine["versions"][PEER]} with its defaults:"""
+    before = f"""`make bench-full` renders the Cornell box with 64 x 64 pixels, 300 bins and 256
+        samples per pixel on {machine["threads"]} threads, alternating between tofrender and
+        mitransient {machine["versions"][PEER]} (with its defaults) in one process. The table shows
+        variance times CPU time of mitransient divided by that of tofrender; above 1, tofrender
+        is more efficient:"""
     rows = [
-        ["variance x CPU time", "mitransient's over ours"],
-        ["of all bins of all pixels", over_ours(box, PEER, "cube")],
-        ["without the pixels that see the lamp", over_ours(box, PEER, "without lamps")],
-        ["without these, each bin relative to its light", over_ours(box, PEER, MEASURES[2])],
+        ["variance of", "mitransient / tofrender"],
+        ["all bins of all pixels", over_ours(box, PEER, "cube")],
+        ["all bins, without pixels that see the lamp", over_ours(box, PEER, "without lamps")],
+        ["these, each bin relative to its squared mean", over_ours(box, PEER, MEASURES[2])],
     ]
-    after = f"""The first figure is the lamp: nearly all of mitransient's variance is in its few
-        pixels. With a mirror the second is {mirror}, with a glass sphere {glass}. At 256 x 256
-        pixels a sample takes {digits(large["ours"])} times as long as one of Mitsuba's steady
-        `path`, with `light_samples = 1` {digits(large["one light point"])} times, mitransient's
-        {digits(large[PEER])} times. [All figures](docs/how_fast.md), and what they mean."""
+    after = f"""In the first row, nearly all of mitransient's variance is in the few pixels that
+        see the lamp. The second ratio is {mirror} in a scene with a mirror, and {glass} with a
+        glass sphere. At 256 x 256 pixels, a sample takes {digits(large["ours"])} times as long as
+        one of Mitsuba's steady `path`; with `light_samples = 1`
+        {digits(large["one light point"])} times; mitransient's {digits(large[PEER])} times.
+        [Performance](docs/how_fast.md) has all measurements."""
     return f"{paragraph(before)}\n\n{rows_of(rows)}\n\n{paragraph(after)}"
 
 
@@ -82,34 +85,36 @@ def page(results: Results) -> str:
     """The page."""
     machine = results["machine"]
     versions = ", ".join(f"{name} {number}" for name, number in machine["versions"].items())
-    made = f"""Made by `make bench-full` in {results["minutes"]:.0f} minutes:
+    made = f"""`make bench-full` measured this page in {results["minutes"]:.0f} minutes:
         {machine["processor"]}, {machine["threads"]} threads, `{machine["variant"]}`; {versions}.
         All numbers are in `benchmarks/results.json`."""
-    errors = """Variance times CPU time of mitransient's `transient_path`, with its defaults, over
-        that of `tofrender.render`: how many times longer it takes to the same error. 64 x 64
-        pixels, 300 bins of 2 cm, 256 samples per pixel, `max_depth` 6."""
+    errors = """Variance times CPU time says how long a renderer takes to reach a given error. The
+        tables show mitransient's `transient_path`, with its defaults, divided by
+        `tofrender.render`: above 1, mitransient takes longer. Settings: 64 x 64 pixels, 300 bins
+        of 2 cm, 256 samples per pixel, `max_depth` 6."""
     measures = "\n".join(
         textwrap.fill(f"- **{name}**: {' '.join(what.split())}", WIDTH, subsequent_indent="  ")
         for name, what in (
-            ("cube", "the mean variance of all bins of all pixels."),
+            ("cube", "mean variance of all bins of all pixels."),
             (
                 "without lamps",
-                """the same without pixels that see a lamp, or have a neighbour that does. In the
-                cube these few pixels decide, since their light falls into few bins.""",
+                """the same, without pixels that see a lamp and their neighbours. These few pixels
+                dominate the cube's variance, since their light falls into few bins.""",
             ),
             (
                 "relative per bin",
-                """the variance of each bin, over all pixels without lamps, relative to its light
-                squared; then the mean over bins with at least 1 % of the brightest one's light.
-                Late light counts as much as early light.""",
+                """variance of each bin, summed over the pixels of "without lamps" and divided by
+                the sum of squared means; then the mean over all bins with at least 1 % of the
+                brightest bin's light. Late light counts as much as early light.""",
             ),
         )
     )
-    parts = """The pixels of lamps are found apart, by many short rays. The rest is several light
-        points for each vertex, `light_samples`, which scenes with a mirror or clear glass do
-        without. Variance times CPU time of `light_samples = 1` over that of the default:"""
+    parts = """Two techniques explain the gain. Directly visible lamps are sampled separately, by
+        many short rays. Each vertex takes several emitter samples (`light_samples`), except in
+        scenes with a mirror or clear glass. The next table shows the second technique alone:
+        `light_samples = 1` divided by the default:"""
     samplers = results["samplers"]
-    sampler_rows = [["sampler", "energy beyond ours", *(f"{m}, over ours" for m in MEASURES)]]
+    sampler_rows = [["sampler", "energy against ours", *(f"{m}, over ours" for m in MEASURES)]]
     for name, row in samplers.items():
         if name != "ours":
             bias = f"{100 * row['bias']:+.2f} % ± {100 * row['bias error']:.2f} %"
@@ -119,15 +124,15 @@ def page(results: Results) -> str:
         [name, over_ours(row, PEER, "cube"), over_ours(row, PEER, MEASURES[2])]
         for name, row in results["captures"].items()
     ]
-    captures = """A hidden letter, 64 x 64 points of a relay wall, 300 bins of 6 mm, 256 samples,
-        all bounces; mitransient's variance times CPU time over ours."""
+    captures = """Variance times CPU time of mitransient divided by ours, for a hidden letter: 64 x
+        64 points of a relay wall, 300 bins of 6 mm, 256 samples, all bounces."""
     lower = results["times"]["no lamp in view"]
-    seconds = f"""CPU time over that of Mitsuba's steady `path`, at equal samples per pixel. At
-        256 x 256 pixels of the box's lower half, where no lamp is in view, `light_samples = 1`
-        takes {lower["one light point"]:.2f} times as long as `path`."""
+    seconds = f"""The figure shows CPU time divided by that of Mitsuba's steady `path`, at equal
+        samples per pixel. At 256 x 256 pixels of the box's lower half, where no lamp is in view,
+        `light_samples = 1` takes {lower["one light point"]:.2f} times as long as `path`."""
     return "\n\n".join(
         [
-            "# How fast",
+            "# Performance",
             paragraph(made),
             "## Error at equal time",
             paragraph(errors),
@@ -136,12 +141,15 @@ def page(results: Results) -> str:
             paragraph(parts),
             scenes_table(results, "one light point"),
             "## mitransient's samplers",
-            paragraph("The same on the Cornell box, and the energy of all bins beside ours."),
+            paragraph(
+                """Mitransient with each of Mitsuba's samplers on the Cornell box: the deviation of
+                the energy in all bins from ours, and variance times CPU time divided by ours."""
+            ),
             rows_of(sampler_rows),
-            "## Around the corner",
+            "## Around the corner (NLOS)",
             paragraph(captures),
             rows_of(capture_rows),
-            "## Time of a sample",
+            "## Time per sample",
             paragraph(seconds),
             "![Time over path by size, bins and samples](pictures/how_fast.png)\n",
         ]
