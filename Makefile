@@ -40,7 +40,7 @@ test-inputs: setup ## try every bad input and thousands of damaged files; make t
 verify: setup ## check all assignments with all of their wrong solutions
 	for a in a1 a2 a3; do .venv/bin/tofrender verify $$a $(ARGS) || exit 1; done
 
-lint: setup ## check style, types, and that rooms import downwards only
+lint: setup ## check style, types, and that packages import downwards only
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
 	.venv/bin/pyright

@@ -111,15 +111,15 @@ def listed() -> list[str]:
 
 
 def test_the_api_has_every_public_name_once():
-    rooms = re.findall(r"`(tofrender\.\w+)`", (ROOT / "docs/api/index.md").read_text("utf-8"))
+    packages = re.findall(r"`(tofrender\.\w+)`", (ROOT / "docs/api/index.md").read_text("utf-8"))
     top = public_names("tofrender", tofrender.__file__)
     wanted = {f"tofrender.{name}" for name in top}
-    for room in rooms:
-        module = importlib.import_module(room)
+    for package in packages:
+        module = importlib.import_module(package)
         if Path(module.__file__).with_suffix(".pyi").exists():
-            names = set(public_names(room, module.__file__)) - set(top)
-            wanted |= {f"{room}.{name}" for name in names}
-    count = Counter(listed() + rooms)
+            names = set(public_names(package, module.__file__)) - set(top)
+            wanted |= {f"{package}.{name}" for name in names}
+    count = Counter(listed() + packages)
     assert wanted - set(count) == set()
     assert set(count) - wanted == set()
     assert max(count.values()) == 1, count.most_common(3)
