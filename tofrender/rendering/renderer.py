@@ -298,6 +298,8 @@ def open_scene(settings: RenderSettings) -> tuple[mi.Scene, Any]:
     backend.require_vectorised()
     scene, integrator = settings.scene, settings.integrator
     if not isinstance(scene, mi.Scene):
+        if isinstance(integrator, Mapping):  # Mitsuba's own message depends on earlier loads
+            load_plugin("integrator", integrator, mi.Integrator)
         try:
             scene = load_scene(scene, **settings.scene_changes)
         except ValueError as error:

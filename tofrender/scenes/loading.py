@@ -136,8 +136,8 @@ def is_steady(scene: Any, parameters: Mapping[str, Any]) -> bool:
     return all(node.props.plugin_name() == STEADY_FILM for node in films)
 
 
-def load_plugin(what: str, description: Mapping[str, Any]) -> Any:
-    """Instantiate one plugin from a dict; errors name it `what`, e.g. "integrator"."""
+def load_plugin(what: str, description: Mapping[str, Any], kind: type = object) -> Any:
+    """Instantiate one plugin of a kind from a dict; errors name it `what`, e.g. "integrator"."""
     name = description.get("type")
     if not isinstance(name, str):
         given = checks.quote(dict(description))
@@ -145,9 +145,12 @@ def load_plugin(what: str, description: Mapping[str, Any]) -> Any:
     require_readable_dict(description)
     try:
         with tracing_lock(), held_signals():
-            return mi.load_dict({**description, "type": plugins.qualified_name(name)})
+            plugin = mi.load_dict({**description, "type": plugins.qualified_name(name)})
     except RuntimeError as error:
         raise ValueError(f"{what}: {_one_line(str(error))}") from None
+    if not isinstance(plugin, kind):
+        raise ValueError(f"{what} = {name}: is no {kind.__name__.lower()}; must be one")
+    return plugin
 
 
 def require_sensor(scene: mi.Scene) -> None:
