@@ -21,7 +21,6 @@ import pytest
 from helpers.films_in_parts import watch_steps
 from helpers.refusals import refused
 from helpers.support import agree, largest
-from tofrender.rendering.asked import Asked
 
 import tofrender
 from tofrender import nlos
@@ -29,6 +28,7 @@ from tofrender.films import histogram, recording
 from tofrender.integrators import passes
 from tofrender.rendering import job, work_items
 from tofrender.rendering.renderer import make_job
+from tofrender.rendering.settings import RenderSettings
 from tofrender.runtime import checkpoints
 from tofrender.runtime.checkpoints import Checkpoint
 
@@ -340,7 +340,7 @@ def test_on_top_of_an_earlier_render(path, small_steps):
 @pytest.mark.parametrize("done", [STEP, 2 * SPP])
 def test_parts_weigh_by_their_samples(done):
     """Also where a resumed render was stopped again."""
-    decided = make_job(Asked(box(), spp=3 * SPP), axis=(4, 0.0, 3.0))
+    decided = make_job(RenderSettings(box(), spp=3 * SPP), axis=(4, 0.0, 3.0))
     shape = decided.film.shape
 
     def taken(light: float, count: int) -> work_items.WorkResult:

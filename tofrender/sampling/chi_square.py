@@ -29,7 +29,8 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ..runtime import checks
-from ..runtime.canvas import check_figure_path, save_figure
+from ..runtime.atomic import check_file
+from ..runtime.canvas import FIGURE_SUFFIXES, save_figure
 from . import domains, histograms
 from .statistics import smallest_allowed
 from .verdicts import Moment, SuiteVerdict, Verdict
@@ -107,7 +108,9 @@ def chi_square_test(
     known = checks.mapping("expected_moments", expected_moments)
     for key in known:
         checks.one_of("expected_moments", key, histograms.MOMENTS[domain.dimensions])
-    path = None if figure is None else check_figure_path(figure, "figure")
+    path = None
+    if figure is not None:
+        path = check_file(figure, *FIGURE_SUFFIXES, overwrite=True, name="figure")
     if path is not None and not path.parent.is_dir():
         raise ValueError(f"figure = {path}: {path.parent} must be a folder that exists")
 
