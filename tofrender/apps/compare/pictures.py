@@ -77,8 +77,11 @@ def _render(scene: str, technique: str, spp: int, seed: int) -> np.ndarray:
         description = build(**size)
         if technique in TECHNIQUES:
             description["integrator"] = description["integrator"] | {"type": kind}
-    loaded: Any = mi.load_dict(description)
-    return _three_channels(np.array(mi.render(loaded, spp=spp, seed=mi.UInt32(seed)), np.float32))
+    with backend.tracing_lock():  # The page renders in a thread
+        loaded: Any = mi.load_dict(description)
+        backend.keep_alive(loaded)
+        picture = np.array(mi.render(loaded, spp=spp, seed=mi.UInt32(seed)), np.float32)
+    return _three_channels(picture)
 
 
 def load_picture(path: Any) -> Picture:
