@@ -1,11 +1,19 @@
-"""Contributions of paths, as measurements receive them."""
+"""Contributions of paths, and the camera rays that measurements of them belong to."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Protocol
 
 import mitsuba as mi
+
+
+class CameraRays(Protocol):
+    """Camera rays as films need them, see `paths.camera.CameraSample`."""
+
+    ray: mi.RayDifferential3f
+    weight: mi.UnpolarizedSpectrum
+    position: mi.Point2f
 
 
 @dataclass
@@ -26,16 +34,19 @@ class Contribution:
     position: mi.Point2f | None = None
 
 
+class Accumulator(Protocol):
+    """Sums contributions, see `paths.protocols.Measurement`."""
+
+    def add(self, contribution: Contribution) -> None:
+        """Add a contribution."""
+        ...
+
+
 @dataclass
 class AsSplats:
-    """Adds all contributions as splats, at the positions of their camera rays.
+    """Adds all contributions to a measurement as splats at the positions of their camera rays."""
 
-    Attributes:
-        measurement: The measurement that they are added to.
-        position: Positions on the film [pixels].
-    """
-
-    measurement: Any
+    measurement: Accumulator
     position: mi.Point2f
 
     def add(self, contribution: Contribution) -> None:

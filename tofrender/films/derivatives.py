@@ -20,8 +20,8 @@ import mitsuba as mi
 
 from ..signals.polarisation import no_light, scaled
 from .colours import channels_of
-from .contribution import Contribution
-from .recording import BinRecording, Recording
+from .contribution import CameraRays, Contribution
+from .recording import BinRecording, Recording, Sums
 from .time_bins import TimeBins, bins_of_pulse, pulse_weight
 
 FORWARDS = dr.ADFlag.ClearEdges | dr.ADFlag.AllowNoGrad
@@ -29,18 +29,21 @@ FORWARDS = dr.ADFlag.ClearEdges | dr.ADFlag.AllowNoGrad
 
 REVERSE = dr.ADFlag.Default | dr.ADFlag.AllowNoGrad
 
+Binned = tuple[mi.Spectrum, mi.Float, mi.Bool]
+Rates = list[mi.Spectrum]
+
 
 @dataclass
 class Collected:
     """Collects the light of one vertex.
 
     Attributes:
-        measurement: Sums it.
-        kept: Spectrum, length and lanes of each contribution to time bins.
+        measurement: Sums the light.
+        binned: Spectrum, length and lanes of each contribution to time bins.
     """
 
-    measurement: Any
-    kept: list[Any]
+    measurement: Sums
+    binned: list[Binned]
 
     def add(self, contribution: Contribution) -> None:
         """Add a contribution."""
@@ -50,42 +53,37 @@ class Collected:
 class Changes:
     """Derivatives of a recording of camera rays, by sums of any kind.
 
-    Args:
-        record: The recording; the samples of its film are rates, or there is a gradient.
-        camera: The rays.
-        spp: Samples per pixel.
-        gradients: Of a loss by what the film develops: the picture, and the bins or phasors if it
-            has some. None if there are rates.
+    `gradients`, in reverse mode only, are those of a loss by what the film develops: the picture,
+    and the bins or phasors if it has some.
     """
 
     def __init__(
-        self, record: Any, camera: Any, spp: int, gradients: Sequence[Any] | None = None
+        self,
+        record: Recording,
+        camera: CameraRays,
+        spp: int,
+        gradients: Sequence[mi.TensorXf] | None = None,
     ) -> None:
-        self.record, self.camera, self.spp = record, camera, spp
-        self.gradients: Any = gradients
-        self.gradients_of_sums: list[Any] = [] if gradients is None else self._gradients_of_sums()
+        self.record, self.camera, self.spp, self.gradients = record, camera, spp, gradients or ()
+        self.gradients_of_sums = [] if gradients is None else self._gradients_of_sums()
 
     def step(self) -> Collected:
         """Create the measurement of one vertex."""
         return Collected(self.record.measurement(self.camera, self.spp), [])
 
-    def zero(self) -> list[Any]:
+    def zero(self) -> Rates:
         """Return sums that are 0."""
         return self.record.measurement(self.camera, self.spp).sums
 
     # ---------------------------------------------------------------------- forwards
 
-    def move(self, collected: Collected, sums: list[Any], more: Any) -> list[Any]:
-        """Propagate rates to what was collected, and to more.
-
-        Returns:
-            The rates of all sums so far, to `sums`.
-        """
+    def move(self, collected: Collected, sums: Rates, more: Any) -> Rates:
+        """Propagate rates to collected light and `more`; returns the rates of all sums so far."""
         new = collected.measurement.sums
-        dr.forward_to([new, collected.kept, more], flags=FORWARDS)
+        dr.forward_to([new, collected.binned, more], flags=FORWARDS)
         return [total + dr.grad(each) for total, each in zip(sums, new, strict=True)]
 
-    def channels(self, rates: list[Any]) -> tuple[list[Any], list[Any]]:
+    def channels(self, rates: Rates) -> tuple[list[mi.Float], list[mi.Float]]:
         """Return rates of samples in the picture, before and behind their weight."""
         sums = [dr.zeros_like(rate) for rate in rates]
         with dr.resume_grad():
@@ -95,14 +93,14 @@ class Changes:
             dr.forward_to([before, behind], flags=FORWARDS)
             return [dr.grad(each) for each in before], [dr.grad(each) for each in behind]
 
-    def _channels(self, sums: list[Any]) -> tuple[list[Any], list[Any]]:
+    def _channels(self, sums: Rates) -> tuple[list[mi.Float], list[mi.Float]]:
         measured = self.record.measurement(self.camera, self.spp).with_sums(sums)
         return self.record.channels(self.camera, measured, mi.Bool(False))
 
     # ----------------------------------------------------------------------- reverse
 
     def pull(self, collected: Collected, more: Any, gradient: Any) -> None:
-        """Propagate gradients through what was collected, and more."""
+        """Propagate gradients through collected light and `more`."""
         for total, gradient_of_sum in zip(
             collected.measurement.sums, self.gradients_of_sums, strict=True
         ):
@@ -112,12 +110,11 @@ class Changes:
 
     @staticmethod
     def root(value: Any, gradient: Any) -> None:
-        """Start the next traversal at a value, among others."""
+        """Add a value with its gradient to where the next traversal starts."""
         dr.accum_grad(value, gradient)
         dr.enqueue(dr.ADMode.Backward, value)
 
-    def _gradients_of_sums(self) -> list[Any]:
-        """Return the gradient of each sum."""
+    def _gradients_of_sums(self) -> Rates:
         lanes = dr.zeros(mi.Float, dr.width(self.camera.ray))
         sums = [each + lanes for each in self.zero()]
         with dr.resume_grad():
@@ -128,7 +125,7 @@ class Changes:
             dr.backward_from(loss / self.spp, flags=REVERSE)
             return [dr.grad(each) for each in sums]
 
-    def _developed(self, before: list[Any], behind: list[Any]) -> list[Any]:
+    def _developed(self, before: list[mi.Float], behind: list[mi.Float]) -> list[mi.Float]:
         """Return the channels of a sample as the film develops them."""
         count = int(self.record.image.develop().shape[2]) - len(behind)
         colour, alpha = before[:3], before[3:]
@@ -148,12 +145,18 @@ class Changes:
 
     def pixel(self) -> mi.UInt32:
         """Return the number of the rays' pixel in the crop window."""
-        film: mi.Film = self.record.film
+        film = self.record.film
         at = mi.Point2u(self.camera.position - mi.Vector2f(film.crop_offset()))
         return mi.UInt32(at.y * int(film.crop_size()[0]) + at.x)
 
     @staticmethod
-    def read(tensor: Any, cell: Any, number: int, count: int, active: Any = True) -> mi.Float:
+    def read(
+        tensor: mi.TensorXf,
+        cell: mi.UInt32,
+        number: int,
+        count: int,
+        active: mi.Bool | bool = True,
+    ) -> mi.Float:
         """Read channel `number` of cells of a tensor that have `count` each."""
         return dr.gather(mi.Float, tensor.array, cell * count + number, active)
 
@@ -165,13 +168,13 @@ class BinChanges(Changes):
 
     def step(self) -> Collected:
         """Create the measurement of one vertex, which keeps contributions to bins."""
-        kept: list[Any] = []
-        return Collected(TimeBins(no_light(), lambda *light: kept.append(light)), kept)
+        binned: list[Binned] = []
+        return Collected(TimeBins(no_light(), put=lambda *light: binned.append(light)), binned)
 
-    def move(self, collected: Collected, sums: list[Any], more: Any) -> list[Any]:
+    def move(self, collected: Collected, sums: Rates, more: Any) -> Rates:
         """Propagate rates, also into time bins."""
         sums = super().move(collected, sums, more)
-        for spectrum, opl, active in collected.kept:
+        for spectrum, opl, active in collected.binned:
             rates = dr.grad(spectrum), dr.grad(opl)
             self._add_rates(dr.detach(spectrum), dr.detach(opl), *rates, dr.detach(active))
         return sums
@@ -197,24 +200,24 @@ class BinChanges(Changes):
             dr.forward_to(in_bin, flags=FORWARDS)
             return dr.grad(in_bin)
 
-    def _put(self, light: Any, k: mi.Int32, active: mi.Bool) -> None:
-        """Add light to bin `k`."""
-        film, wavelengths = self.record.film, self.camera.ray.wavelengths
+    def _put(self, light: mi.Spectrum, k: mi.Int32, active: mi.Bool) -> None:
+        film, camera = self.record.film, self.camera
         centre = float(film.start_opl) + (k + 0.5) * float(film.bin_width_opl)
-        place = self.camera.position, centre, wavelengths
-        film.add_transient_data(*place, self._weighted(light), mi.Float(1), active)
+        light = self._weighted(light)
+        film.add_transient_data(
+            camera.position, centre, camera.ray.wavelengths, light, mi.Float(1), active
+        )
 
-    def _weighted(self, light: Any) -> Any:
+    def _weighted(self, light: mi.Spectrum) -> mi.Spectrum:
         return scaled(light, self.camera.weight / self.spp)
 
     def pull(self, collected: Collected, more: Any, gradient: Any) -> None:
         """Propagate gradients, also from time bins."""
-        gradients = [self._gradient_of_bins(*map(dr.detach, light)) for light in collected.kept]
-        for (spectrum, opl, _), (by_spectrum, by_opl) in zip(
-            collected.kept, gradients, strict=True
-        ):
-            self.root(spectrum, by_spectrum)
-            self.root(opl, by_opl)
+        binned = collected.binned
+        gradients = [self._gradient_of_bins(*map(dr.detach, light)) for light in binned]
+        for (*light, _), by_light in zip(binned, gradients, strict=True):
+            for value, gradient_of_value in zip(light, by_light, strict=True):
+                self.root(value, gradient_of_value)
         super().pull(collected, more, gradient)
 
     @dr.syntax
@@ -249,20 +252,24 @@ class BinChanges(Changes):
         record = self.record
         return bins_of_pulse(record.film, record.profile, opl, record.exposure.at_centres)
 
-    def _in_bin(self, light: Any, k: mi.Int32, opl: mi.Float) -> Any:
-        """Return the light in bin `k`."""
+    def _in_bin(self, light: mi.Spectrum, k: mi.Int32, opl: mi.Float) -> mi.Spectrum:
         film, gated = self.record.film, self.record.exposure.at_centres
         return scaled(light, pulse_weight(film, self.record.profile, k, opl, gated))
 
 
-def changes(record: Recording, camera: Any, spp: int, gradients: Any = None) -> Changes:
+def changes(
+    record: Recording,
+    camera: CameraRays,
+    spp: int,
+    gradients: Sequence[mi.TensorXf] | None = None,
+) -> Changes:
     """Return the derivatives of a recording, see `Changes`."""
     kind = BinChanges if isinstance(record, BinRecording) else Changes
     return kind(record, camera, spp, gradients)
 
 
-def _variables(*values: Any) -> tuple[Any, ...]:
+def _variables(light: mi.Spectrum, opl: mi.Float) -> tuple[mi.Spectrum, mi.Float]:
     """Copy values as new variables to differentiate by."""
-    copies = tuple(dr.detach(each) for each in values)
+    copies = dr.detach(light), dr.detach(opl)
     dr.enable_grad(copies)
     return copies

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
 from ..signals.pulses import GaussianPulse, Pulse, SampledPulse, convolve
 
-Weight = Callable[[mi.Float], Any]
+Weight = Callable[[mi.Float], mi.Float]
 """Takes an optical path length [m]. May say in `closes` beyond which it is 0 [m]."""
 
 BINS, PHASORS, PICTURE = "transient_hdr_film", "phasor_hdr_film", "hdrfilm"
@@ -41,11 +40,11 @@ class Exposure:
     lacks: str = ""
 
 
-def profile(film: Any, exposure: Exposure) -> Pulse | None:
-    """The light's pulse as the bins of a film see it, through the temporal filter.
+def profile(film: mi.Film, exposure: Exposure) -> Pulse | None:
+    """Return the light's pulse as the bins of a film see it, through the temporal filter.
 
     Raises:
-        ValueError: The filter has no meaning in time; one line.
+        ValueError: The filter has negative lobes; one line.
     """
     blur = _filter(film, exposure)
     if exposure.pulse is None or blur is None:
@@ -53,8 +52,8 @@ def profile(film: Any, exposure: Exposure) -> Pulse | None:
     return convolve(exposure.pulse, blur)
 
 
-def _filter(film: Any, exposure: Exposure) -> Pulse | None:
-    """The temporal filter as a pulse, None if it is a box: a bin's own width."""
+def _filter(film: mi.Film, exposure: Exposure) -> Pulse | None:
+    """Return the temporal filter as a pulse, None if it is a box: a bin's own width."""
     width = float(film.bin_width_opl)
     if exposure.temporal_filter == "gaussian":
         return GaussianPulse(exposure.gaussian_stddev * width)

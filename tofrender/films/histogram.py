@@ -35,8 +35,8 @@ class Histogram:
         self.shape = (height, width, count, channels)
         self.stride = memory.stride(channels)
         self._sums = dr.zeros(mi.Float, height * width * count * self.stride)
-        self._folded: mi.Float | None = None
-        self._aside: tuple[mi.UInt32, mi.Float] | None = None  # Indices, and sums
+        self._flushed: mi.Float | None = None
+        self._flushed_pixels: tuple[mi.UInt32, mi.Float] | None = None  # Indices, and sums
 
     def add(
         self,
@@ -50,9 +50,8 @@ class Histogram:
     ) -> None:
         """Add a value per channel to cell `k` of pixel (x, y), ignoring pixels outside.
 
-        `private` says that only one thread adds to each pixel, so that nothing has to be atomic. A
-        packet is then added lane by lane, and lanes of one vector may share a pixel; a single
-        channel is added by the whole vector at once, whose lanes must not.
+        `private` says that only one thread adds to each pixel: no atomic additions. Lanes of one
+        vector may then share a pixel if they add packets, but not if they add single channels.
         """
         height, width, count, _ = self.shape
         active = active & (x >= 0) & (y >= 0) & (x < width) & (y < height)
@@ -64,44 +63,43 @@ class Histogram:
             packets = self.stride // PACKET
             for part in range(packets):
                 packet = mi.ArrayXf(padded[PACKET * part :][:PACKET])
-                place = cell if packets == 1 else cell * packets + part
-                dr.scatter_reduce(add, target, packet, place, active, mode)
+                index = cell if packets == 1 else cell * packets + part
+                dr.scatter_reduce(add, target, packet, index, active, mode)
         else:  # Sums up what lanes add to one number first, which keeps its last digits
             for c, value in enumerate(values):
                 dr.scatter_reduce(add, target, value, cell * self.stride + c, active, mode)
 
     def flush(self) -> None:
         """Flush all sums to a second array, since single precision loses small addends."""
-        if self._folded is None:
-            self._folded = self._sums
+        if self._flushed is None:
+            self._flushed = self._sums
         else:
-            self._add(self._folded, self._sums)
+            self._add(self._flushed, self._sums)
         self._sums = dr.zeros(mi.Float, dr.width(self._sums))
 
     def flush_pixels(self, pixels: mi.UInt32) -> None:
         """Flush some pixels, the same in every call, which alone take memory again."""
         per_pixel = self.shape[2] * self.stride
-        index = dr.arange(mi.UInt32, len(pixels) * per_pixel)
-        line = index // per_pixel
-        place = dr.gather(mi.UInt32, pixels, line) * per_pixel + (index - line * per_pixel)
-        aside = dr.gather(mi.Float, self._sums, place)
-        if self._aside is not None:
-            aside += self._aside[1]
-        dr.eval(aside, place)  # What was gathered must not wait: scattering would copy all sums
-        dr.scatter(self._sums, mi.Float(0), place, mode=dr.ReduceMode.NoConflicts)
+        line, column = _divided(len(pixels) * per_pixel, per_pixel)
+        index = dr.gather(mi.UInt32, pixels, line) * per_pixel + column
+        flushed = dr.gather(mi.Float, self._sums, index)
+        if self._flushed_pixels is not None:
+            flushed += self._flushed_pixels[1]
+        dr.eval(flushed, index)  # What was gathered must not wait: scattering would copy all sums
+        dr.scatter(self._sums, mi.Float(0), index, mode=dr.ReduceMode.NoConflicts)
         dr.eval(self._sums)
-        self._aside = place, aside
+        self._flushed_pixels = index, flushed
 
     @property
     def sums(self) -> mi.Float:
         """Sums of all cells, padding included."""
-        if self._folded is not None:
-            self._add(self._folded, self._sums)
-            self._sums, self._folded = self._folded, None
-        if self._aside is not None:
-            place, aside = self._aside
-            dr.scatter_add(self._sums, aside, place, mode=dr.ReduceMode.NoConflicts)
-            self._aside = None
+        if self._flushed is not None:
+            self._add(self._flushed, self._sums)
+            self._sums, self._flushed = self._flushed, None
+        if self._flushed_pixels is not None:
+            index, flushed = self._flushed_pixels
+            dr.scatter_add(self._sums, flushed, index, mode=dr.ReduceMode.NoConflicts)
+            self._flushed_pixels = None
         return self._sums
 
     @staticmethod
@@ -113,14 +111,14 @@ class Histogram:
 
     def scale(self, factor: float) -> None:
         """Multiply all cells by a number."""
-        self._sums, self._folded = self.sums * factor, None
+        self._sums, self._flushed = self.sums * factor, None
 
     def state(self) -> dict[str, np.ndarray]:
         """Return the content for a checkpoint, as arrays that may share memory."""
         dr.eval(self._sums)
-        parts = {"sums": self._sums, "folded": self._folded}
-        if self._aside is not None:
-            parts |= {"places": self._aside[0], "aside": self._aside[1]}
+        parts = {"sums": self._sums, "folded": self._flushed}
+        if self._flushed_pixels is not None:
+            parts |= {"places": self._flushed_pixels[0], "aside": self._flushed_pixels[1]}
         return {name: np.asarray(part) for name, part in parts.items() if part is not None}
 
     def restore(self, state: Mapping[str, np.ndarray], factor: float) -> None:
@@ -133,19 +131,17 @@ class Histogram:
             return values
 
         self._sums = scaled("sums")
-        self._folded = scaled("folded") if "folded" in state else None
+        self._flushed = scaled("folded") if "folded" in state else None
         if "places" in state:
-            places = mi.UInt32(state["places"])
-            dr.make_opaque(places)
-            self._aside = places, scaled("aside")
+            index = mi.UInt32(state["places"])
+            dr.make_opaque(index)
+            self._flushed_pixels = index, scaled("aside")
 
     def merge(self, tile: Histogram, x: int, y: int) -> None:
         """Add the cells of a smaller film, whose first pixel is (x, y) of this one."""
         height, width, _, _ = tile.shape
         pixel = self.shape[2] * self.stride
-        index = dr.arange(mi.UInt32, height * width * pixel)
-        line = index // (width * pixel)
-        column = index - line * (width * pixel)
+        line, column = _divided(height * width * pixel, width * pixel)
         dr.scatter_add(self._sums, tile.sums, ((line + y) * self.shape[1] + x) * pixel + column)
 
     # ----------------------------------------------------------------------------- results
@@ -177,19 +173,18 @@ class Histogram:
         result = values[: channels * len(cells)].reshape(self.shape)
         if pixel_scale is not None:
             result *= np.asarray(pixel_scale).reshape(height, width, 1, 1)
-        del self._sums, self._folded
+        del self._sums, self._flushed
         dr.flush_malloc_cache()
         return result
 
     def _gather(self, cell: mi.UInt32) -> mi.Float:
-        """The channels of some cells, one after the other."""
+        """Return the channels of some cells, one after the other."""
         if self.stride == 1:
             return dr.gather(mi.Float, self.sums, cell)
         if self.stride == self.shape[3]:
-            index = dr.arange(mi.UInt32, dr.width(cell) * self.stride)
-            line = index // self.stride
+            line, channel = _divided(dr.width(cell) * self.stride, self.stride)
             first = dr.gather(mi.UInt32, cell, line) * self.stride
-            return dr.gather(mi.Float, self.sums, first + index - line * self.stride)
+            return dr.gather(mi.Float, self.sums, first + channel)
         padded = dr.gather(mi.Vector4f, self.sums, cell)
         return dr.ravel(mi.Color3f(padded.x, padded.y, padded.z))
 
@@ -199,3 +194,10 @@ class Histogram:
             return values
         pixel = dr.arange(mi.UInt32, dr.width(values)) // per_pixel
         return values * dr.gather(mi.Float, pixel_scale, pixel)
+
+
+def _divided(count: int, divisor: int) -> tuple[mi.UInt32, mi.UInt32]:
+    """Return quotient and remainder of 0, ..., `count` - 1."""
+    index = dr.arange(mi.UInt32, count)
+    quotient = index // divisor
+    return quotient, index - quotient * divisor

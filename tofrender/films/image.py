@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
 
 from ..runtime import checks, plugins
 from ..signals.polarisation import STOKES
 
+if TYPE_CHECKING:
+    from .transient import TransientHDRFilm
 
-def image_film(film: mi.Film) -> Any:
-    """A new `hdrfilm` of the same size, crop and filter, in float32."""
+
+def image_film(film: mi.Film) -> mi.Film:
+    """Return a new `hdrfilm` of the same size, crop and filter, in float32."""
     stored = {
         "pixel_format": "luminance" if mi.is_monochromatic else "rgb",
         "component_format": "float32",
@@ -20,40 +23,33 @@ def image_film(film: mi.Film) -> Any:
 
 
 def stokes_channels() -> list[str]:
-    """Names of channels for the Stokes components that a picture has beside its colours."""
+    """Return names of channels for the Stokes components that a picture has beside its colours."""
     colours = "L" if mi.is_monochromatic else "RGB"
     return [f"{each}.{c}" for each in STOKES[1:] for c in colours] if mi.is_polarized else []
 
 
 def transient_film(
     film: mi.Film, temporal_bins: int, start_opl: float, bin_width_opl: float
-) -> Any:
-    """A new `transient_hdr_film` of the same size, crop and filter, with the given bins [m]."""
+) -> TransientHDRFilm:
+    """Return a new `transient_hdr_film` of the same pixels and filter, with the given bins [m]."""
     bins = {"temporal_bins": temporal_bins, "start_opl": start_opl, "bin_width_opl": bin_width_opl}
     plugin = plugins.qualified_name("transient_hdr_film")
     return mi.load_dict({"type": plugin} | pixels_of(film) | bins)
 
 
 def pixels_of(film: mi.Film) -> dict[str, Any]:
-    """The parameters of a film that say which pixels it has."""
+    """Return the parameters of a film that say which pixels it has."""
+    size, crop, offset = film.size(), film.crop_size(), film.crop_offset()
     return {
-        "width": film.size().x,
-        "height": film.size().y,
-        "crop_width": film.crop_size().x,
-        "crop_height": film.crop_size().y,
-        "crop_offset_x": film.crop_offset().x,
-        "crop_offset_y": film.crop_offset().y,
-        "sample_border": film.sample_border(),
-        "rfilter": film.rfilter(),
+        **{"width": size.x, "height": size.y},
+        **{"crop_width": crop.x, "crop_height": crop.y},
+        **{"crop_offset_x": offset.x, "crop_offset_y": offset.y},
+        **{"sample_border": film.sample_border(), "rfilter": film.rfilter()},
     }
 
 
 def box_by_default(props: mi.Properties) -> None:
-    """Give a film the box filter if its parameters have none.
-
-    Raises:
-        ValueError: `rfilter` is no filter; one line.
-    """
+    """Give a film the box filter if its parameters have none; refuse an `rfilter` that is none."""
     kind = mi.ReconstructionFilter
     if "rfilter" in props:
         checks.instance("rfilter", props["rfilter"], kind, "a filter, like {'type': 'tent'}")
@@ -61,25 +57,21 @@ def box_by_default(props: mi.Properties) -> None:
         props["rfilter"] = mi.load_dict({"type": "box"})
 
 
-def time_bins(film: Any) -> tuple[int, float, float] | None:
-    """Number of time bins of a film, start of the first and width [m]; None without bins."""
+def time_bins(film: mi.Film) -> tuple[int, float, float] | None:
+    """Return the number of a film's time bins, start and width [m]; None without bins."""
     if not hasattr(film, "temporal_bins") or not hasattr(film, "add_transient_data"):
         return None
     return int(film.temporal_bins), float(film.start_opl), float(film.bin_width_opl)
 
 
-def require_resolved(film: Any) -> None:
-    """Refuse time bins that are too narrow for the lengths in them, see `checks.resolved`.
-
-    Raises:
-        ValueError: One line with the width and what is allowed.
-    """
+def require_resolved(film: mi.Film) -> None:
+    """Refuse time bins too narrow for the lengths in them, see `checks.resolved`."""
     axis = time_bins(film)
     if axis is not None:
         bins, start, width = axis
         checks.resolved("bin_width_opl", width, start, start + bins * width)
 
 
-def developed_shape(film: Any) -> tuple[int, int, int, int] | None:
-    """Shape (height, width, temporal_bins, channels) of what a film's bins develop to, or None."""
+def developed_shape(film: mi.Film) -> tuple[int, int, int, int] | None:
+    """Return the shape (height, width, temporal_bins, channels) of a film's bins, or None."""
     return getattr(film, "shape", None)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
@@ -68,7 +69,7 @@ class PhasorHDRFilm(mi.Film):
         self.frequencies_hz = (
             _of_wavelengths(mean, sigma, bins, width) if text is None else parse_frequencies(text)
         )
-        self._steady: Any = None
+        self._steady: mi.Film | None = None
 
     def recording(self, exposure: Exposure) -> PhasorRecording:
         """Return how an integrator's light is recorded, see `films.recording`."""
@@ -83,22 +84,18 @@ class PhasorHDRFilm(mi.Film):
     def prepare(self, aovs: Sequence[str]) -> int:
         """Make an empty image with channels for all phasors."""
         colours = "L" if mi.is_monochromatic else "RGB"
-        names = [
-            f"{part}{k:03d}{stokes}.{colour}"
-            for k in range(len(self.frequencies_hz))
-            for part in "IQ"
-            for stokes in (STOKES if mi.is_polarized else ("",))
-            for colour in colours
-        ]
+        stokes = STOKES if mi.is_polarized else ("",)
+        axes = product(range(len(self.frequencies_hz)), "IQ", stokes, colours)
+        names = [f"{part}{k:03d}{component}.{colour}" for k, part, component, colour in axes]
         self._steady = image_film(self)
         return self._steady.prepare([*aovs, *stokes_channels(), *names])
 
     def clear(self) -> None:
-        """Empty the film."""
+        """Clear the film."""
         self.steady.clear()
 
     @property
-    def steady(self) -> Any:
+    def steady(self) -> mi.Film:
         """The image, of type `hdrfilm`, with the phasors behind its colours.
 
         Raises:
@@ -131,11 +128,13 @@ class PhasorHDRFilm(mi.Film):
 
     # ----------------------------------------------------------------- for integrators
 
-    def channels(self, measured: PhasorSum, to_colours: Any, pulse: Pulse | None) -> list[mi.Float]:
-        """The phasors that a path has summed as channels of the image, coloured by `to_colours`.
-
-        The light's pulse multiplies each phasor by its Fourier transform.
-        """
+    def channels(
+        self,
+        measured: PhasorSum,
+        to_colours: Callable[[mi.Spectrum], list[mi.Color3f]],
+        pulse: Pulse | None,
+    ) -> list[mi.Float]:
+        """Return the summed phasors as channels of the image, times their `factors`."""
         values = []
         for k, factor in enumerate(self.factors(pulse)):
             re, im = to_colours(measured.real[k]), to_colours(measured.imaginary[k])
@@ -148,11 +147,9 @@ class PhasorHDRFilm(mi.Film):
 
     def factors(self, pulse: Pulse | None) -> np.ndarray:
         """Return the factor of each phasor: the phase of `start_opl`, and the light's pulse."""
-        factors = []
-        for frequency in self.frequencies_hz:
-            shift = -2 * math.pi * frequency * self.start_opl / SPEED_OF_LIGHT
-            factors.append(np.exp(1j * shift) * fourier_transform(pulse, frequency))
-        return np.array(factors)
+        shifts = [-2 * math.pi * f * self.start_opl / SPEED_OF_LIGHT for f in self.frequencies_hz]
+        pulses = [fourier_transform(pulse, f) for f in self.frequencies_hz]
+        return np.array([np.exp(1j * s) * p for s, p in zip(shifts, pulses, strict=True)])
 
 
 def parse_frequencies(value: Any) -> tuple[float, ...]:

@@ -21,8 +21,7 @@ class PhasorSum:
 
     Attributes:
         total: Plain sum of the light, an `mi.UnpolarizedSpectrum` or a Stokes vector.
-        real: Real parts, one for each frequency.
-        imaginary: Imaginary parts.
+        real, imaginary: Parts of the phasors, one for each frequency.
         turns_per_metre: f / c [1/m].
         splat: Adds contributions that have a position: their spectrum, real and imaginary parts.
     """
@@ -61,7 +60,7 @@ class PhasorSum:
 
     @property
     def sums(self) -> list[mi.Spectrum]:
-        """All sums."""
+        """The sums as a list, for `with_sums`."""
         return [self.total, *self.real, *self.imaginary]
 
     def with_sums(self, sums: list[mi.Spectrum]) -> PhasorSum:

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -23,6 +22,7 @@ import numpy as np
 from ..runtime import memory
 from ..signals.polarisation import components, scaled, stokes_count
 from .colours import channels_of, colour_count, kept, to_rgb
+from .contribution import CameraRays
 from .exposure import BINS, PHASORS, PICTURE, Exposure, Weight, profile
 from .histogram import MAX_ADDED
 from .image import require_resolved, stokes_channels
@@ -31,8 +31,13 @@ from .splats import Splats
 from .sums import Radiance, Splat, Weighted
 from .time_bins import TimeBins
 
+Sums = Radiance | PhasorSum
+Channels = tuple[list[mi.Float], list[mi.Float]]
 
-def recording(film: Any, exposure: Exposure) -> Recording:
+ONLY_OURS = f"must be this package's {BINS}"
+
+
+def recording(film: mi.Film, exposure: Exposure) -> Recording:
     """Return the recording of an exposure on a film.
 
     Raises:
@@ -60,10 +65,18 @@ class Recording:
     """A film under exposure.
 
     Attributes:
+        in_time: Whether the length of light matters.
+        weight: Weight of light by its length, None if light of any length counts alike.
         not_finite: Number of contributions that were dropped because they were not finite.
     """
 
-    def __init__(self, film: Any, exposure: Exposure) -> None:
+    kind: str | None = None
+    in_time = False
+    weight: Weight | None = None
+
+    def __init__(self, film: mi.Film, exposure: Exposure) -> None:
+        if self.kind is not None:
+            require_kind(self.kind, film, exposure)
         self.film, self.exposure = film, exposure
         self.not_finite = 0
         self.splats: Splats | None = None
@@ -74,19 +87,9 @@ class Recording:
         return 1
 
     @property
-    def image(self) -> Any:
+    def image(self) -> mi.Film:
         """The image that samples are added to."""
         return self.film
-
-    @property
-    def weight(self) -> Weight | None:
-        """Weight of light by its length, None if light of any length counts alike."""
-        return None
-
-    @property
-    def in_time(self) -> bool:
-        """Whether the length of light matters."""
-        return self.weight is not None
 
     @property
     def width_opl(self) -> float | None:
@@ -98,39 +101,28 @@ class Recording:
         self.film.prepare([])
 
     def require_memory(self, spp: int) -> None:
-        """Refuse a film whose development does not fit into memory.
-
-        Args:
-            spp: Samples per pixel.
-
-        Raises:
-            MemoryError: One line with what it takes and what there is.
-        """
+        """Raise a `MemoryError` if a film of `spp` samples per pixel cannot be developed."""
 
     def require_no_lengths(self, integrator: str) -> None:
-        """Refuse an integrator whose `sample` tells no path lengths.
-
-        Raises:
-            TypeError: The film needs lengths; one line.
-        """
+        """Raise a `TypeError` if the film needs path lengths, which a `sample` does not tell."""
         raise TypeError(
             f"integrator = {integrator}: has a sample of its own, which tells no path lengths; "
             f"must have none on a film with time, here a {self.film.class_name()}"
         )
 
-    def measurement(self, camera: Any, spp: int) -> Any:
+    def measurement(self, camera: CameraRays, spp: int) -> Sums:
         """Create the measurement of camera rays; its `total` is the picture's colour."""
         return Radiance.zero(self.splat(camera, spp))
 
-    def splat(self, camera: Any, spp: int) -> Splat | None:
+    def splat(self, camera: CameraRays, spp: int) -> Splat | None:
         """Return a function that adds splats to the picture, None if there are none."""
         if self.splats is None:
             return None
         splats, weight = self.splats, camera.weight / spp
 
-        def add(spectra: list[Any], position: mi.Point2f, active: mi.Bool) -> None:
+        def add(spectra: list[mi.Spectrum], position: mi.Point2f, active: mi.Bool) -> None:
             lights = [scaled(each, weight) for each in spectra]
-            values: Any = [channels_of(each, camera.ray.wavelengths) for each in lights]
+            values = [channels_of(each, camera.ray.wavelengths) for each in lights]
             splats.add(position, values, 0, active)
 
         return add
@@ -140,26 +132,19 @@ class Recording:
         first, colours = self._splatted[:, :, 0], self._splatted.shape[3] // stokes_count()
         return first[:, :, :colours], first[:, :, colours:]
 
-    def channels(self, camera: Any, measured: Any, valid_ray: mi.Bool) -> tuple[list, list]:
+    def channels(self, camera: CameraRays, measured: Sums, valid_ray: mi.Bool) -> Channels:
         """Return the channels of samples in the picture, before and behind their weight."""
         light = components(scaled(measured.total, camera.weight))
         colour, *rest = (to_rgb(each, camera.ray.wavelengths) for each in light)
-        first: list[Any] = [colour.x, colour.y, colour.z]
+        first = [colour.x, colour.y, colour.z]
         if mi.has_flag(self.image.flags(), mi.FilmFlags.Alpha):
             first.append(dr.select(valid_ray, mi.Float(1), mi.Float(0)))
         return first, [value for each in rest for value in kept(each)]
 
     def begin(self, spp: int, one_writer: bool, splats: bool = False) -> None:
-        """Prepare for samples.
-
-        Args:
-            spp: Number of samples per pixel.
-            one_writer: Whether only one thread writes to each pixel.
-            splats: Whether there are splats.
-        """
+        """Prepare for samples; `one_writer` says that only one thread writes to each pixel."""
         self.splats = Splats(self.film, self.pictures) if splats else None
-        self._splatted: Any = 0.0
-        self._in_picture: Any = 0.0
+        self._splatted = self._in_picture = np.zeros(())
 
     def reach(self, taken: int, spp: int) -> None:
         """Add splats to the picture, after `taken` of `spp` samples per pixel."""
@@ -178,7 +163,7 @@ class Recording:
             splats[:, :, count + 1 :] = rest
         # A picture divides by its weights, which splats do not have
         splats *= weight * (spp / taken)
-        added: Any = mi.TensorXf(splats - self._in_picture)
+        added = mi.TensorXf(splats - self._in_picture)
         self.image.put_block(mi.ImageBlock(added, self.image.crop_offset()))
         self._in_picture = splats
 
@@ -203,7 +188,7 @@ class Recording:
 
         Call `prepare` and `begin` before.
         """
-        picture: Any = mi.TensorXf(state["picture"])
+        picture = mi.TensorXf(state["picture"])
         self.image.put_block(mi.ImageBlock(picture, self.image.crop_offset()))
         self.not_finite = int(state["not_finite"])
         if "landed" in state:
@@ -214,11 +199,13 @@ class Recording:
 class PictureRecording(Recording):
     """Records a steady picture of all light, or of light weighted by its length."""
 
-    def __init__(self, film: Any, exposure: Exposure) -> None:
-        require_kind(PICTURE, film, exposure)
+    kind = PICTURE
+
+    def __init__(self, film: mi.Film, exposure: Exposure) -> None:
+        super().__init__(film, exposure)
         if exposure.lacks:
             raise ValueError(exposure.lacks)
-        super().__init__(film, exposure)
+        self.weight, self.in_time = exposure.weight, exposure.weight is not None
 
     def prepare(self) -> None:
         """Clear the film; polarised light has channels behind its colours."""
@@ -227,12 +214,7 @@ class PictureRecording(Recording):
     def require_no_lengths(self, integrator: str) -> None:
         """Accept any integrator: a picture needs no lengths."""
 
-    @property
-    def weight(self) -> Weight | None:
-        """Weight of light by its length."""
-        return self.exposure.weight
-
-    def measurement(self, camera: Any, spp: int) -> Radiance:
+    def measurement(self, camera: CameraRays, spp: int) -> Radiance:
         """Create the sum, weighted if the exposure is."""
         splat = self.splat(camera, spp)
         return Radiance.zero(splat) if self.weight is None else Weighted.zero(self.weight, splat)
@@ -241,13 +223,9 @@ class PictureRecording(Recording):
 class BinRecording(Recording):
     """Records time bins. The light's pulse is seen through the temporal filter."""
 
-    @property
-    def in_time(self) -> bool:
-        """True: lengths matter."""
-        return True
+    kind, in_time = BINS, True
 
-    def __init__(self, film: Any, exposure: Exposure) -> None:
-        require_kind(BINS, film, exposure)
+    def __init__(self, film: mi.Film, exposure: Exposure) -> None:
         super().__init__(film, exposure)
         require_resolved(film)
         pulse = exposure.pulse
@@ -259,7 +237,7 @@ class BinRecording(Recording):
         self.profile = profile(film, exposure)
 
     @property
-    def image(self) -> Any:
+    def image(self) -> mi.Film:
         """The film's steady image."""
         return self.film.steady
 
@@ -275,17 +253,10 @@ class BinRecording(Recording):
         copies = 2 if spp > MAX_ADDED else 1
         memory.require_film(*shape, copies=copies + shape[3] / memory.stride(shape[3]))
 
-    def measurement(self, camera: Any, spp: int) -> TimeBins:
+    def measurement(self, camera: CameraRays, spp: int) -> TimeBins:
         """Create the measurement of the bins."""
-        return TimeBins.of_film(
-            self.film,
-            camera.position,
-            camera.ray.wavelengths,
-            camera.weight / spp,
-            self.profile,
-            self.exposure.at_centres,
-            self.splat(camera, spp),
-        )
+        profile, gated, picture = self.profile, self.exposure.at_centres, self.splat(camera, spp)
+        return TimeBins.of_film(self.film, camera, spp, profile, gated, picture)
 
     def begin(self, spp: int, one_writer: bool, splats: bool = False) -> None:
         """Prepare the film for samples."""
@@ -324,18 +295,15 @@ class MitransientRecording(BinRecording):
     That has no polarised light, no splats, no checkpoints, and cannot be flushed.
     """
 
-    @property
-    def in_time(self) -> bool:
-        """False: pixels of visible emitters would have to be flushed."""
-        return False
+    in_time = False  # Pixels of visible emitters would have to be flushed
 
-    def __init__(self, film: Any, exposure: Exposure) -> None:
+    def __init__(self, film: mi.Film, exposure: Exposure) -> None:
         if mi.is_polarized:
             raise TypeError(f"{self._named(film)}: has no frames of polarised light; {ONLY_OURS}")
         super().__init__(film, exposure)
 
     @staticmethod
-    def _named(film: Any) -> str:
+    def _named(film: mi.Film) -> str:
         return f"film = {type(film).__module__}.{type(film).__name__}"
 
     def require_memory(self, spp: int) -> None:
@@ -353,27 +321,17 @@ class MitransientRecording(BinRecording):
         """Do nothing."""
 
 
-ONLY_OURS = f"must be this package's {BINS}"
-
-
 class PhasorRecording(Recording):
     """Records phasors, path by path, multiplied by the Fourier transform of the light's pulse."""
 
-    @property
-    def in_time(self) -> bool:
-        """True: lengths matter."""
-        return True
-
-    def __init__(self, film: Any, exposure: Exposure) -> None:
-        require_kind(PHASORS, film, exposure)
-        super().__init__(film, exposure)
+    kind, in_time = PHASORS, True
 
     @property
-    def image(self) -> Any:
+    def image(self) -> mi.Film:
         """The film's image, with the phasors behind its colours."""
         return self.film.steady
 
-    def measurement(self, camera: Any, spp: int) -> PhasorSum:
+    def measurement(self, camera: CameraRays, spp: int) -> PhasorSum:
         """Create the phasors' sums."""
         return PhasorSum.zero(self.film.frequencies_hz, self.splat(camera, spp))
 
@@ -392,7 +350,7 @@ class PhasorRecording(Recording):
         first, rest = super().splatted()
         return first, np.concatenate([rest, parts.reshape(*sums.shape[:2], -1)], axis=2)
 
-    def channels(self, camera: Any, measured: Any, valid_ray: mi.Bool) -> tuple[list, list]:
+    def channels(self, camera: CameraRays, measured: Sums, valid_ray: mi.Bool) -> Channels:
         """Return the colour, and all phasors behind the weight."""
         first, rest = super().channels(camera, measured, valid_ray)
 
@@ -403,12 +361,8 @@ class PhasorRecording(Recording):
         return first, rest + self.film.channels(measured, colours, self.exposure.pulse)
 
 
-def require_kind(kind: str, film: Any, exposure: Exposure) -> None:
-    """Refuse an exposure that makes no sense on a kind of film.
-
-    Raises:
-        TypeError: One line with the kinds that are allowed.
-    """
+def require_kind(kind: str, film: mi.Film, exposure: Exposure) -> None:
+    """Raise a `TypeError` if an exposure makes no sense on a kind of film."""
     if kind not in exposure.onto:
         allowed = " or ".join(exposure.onto)
         name = film.class_name() if type(film) is mi.Film else type(film).__name__

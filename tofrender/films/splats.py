@@ -1,16 +1,13 @@
 """Splats: contributions anywhere on a film, apart from the samples of its pixels.
 
-A path from a light is connected to the lens, and lands in whatever pixel sees it there. Such
-splats are no samples of that pixel: they are summed, by as many threads as there are, and divided
-by the number of all light paths, never by the number of those that landed. A reconstruction filter
-spreads each over the pixels around, with weights whose integral over the sampled area is 1 for
-every pixel.
+Connections of light paths to the lens are no samples of the pixel that sees them: they are summed
+by all threads, and divided by the number of all light paths. A reconstruction filter spreads each
+over the pixels around, with weights whose integral over the sampled area is 1 for every pixel.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -24,15 +21,7 @@ STEPS = 512
 
 
 class Splats:
-    """Sums of splats on the pixels of a film.
-
-    Args:
-        film: The film.
-        count: Histogram of a pixel: time bins, or channels of colour.
-
-    Attributes:
-        cells: The sums.
-    """
+    """Sums of splats in `cells`, a histogram of `count` bins or pictures on a film's pixels."""
 
     def __init__(self, film: mi.Film, count: int) -> None:
         width, height = (int(n) for n in film.crop_size())
@@ -61,8 +50,10 @@ class Splats:
                 self.cells.add(weighted, x, y, mi.UInt32(first + k), inside, private=False)
 
 
-def footprint(film: mi.Film, position: mi.Point2f) -> list[tuple[Any, Any, Any]]:
-    """Pixels (relative to the crop) that light at a position reaches, and its weight in each."""
+def footprint(
+    film: mi.Film, position: mi.Point2f
+) -> list[tuple[mi.Int32, mi.Int32, mi.Float | int]]:
+    """Return the pixels of the crop that light at a position reaches, and its weight in each."""
     rfilter = film.rfilter()
     offset = mi.Vector2f(film.crop_offset())
     if rfilter.is_box_filter():

@@ -41,7 +41,7 @@ class Radiance:
 
     @property
     def sums(self) -> list[mi.Spectrum]:
-        """All sums."""
+        """The sums as a list, for `with_sums`."""
         return [self.total]
 
     def with_sums(self, sums: list[mi.Spectrum]) -> Radiance:

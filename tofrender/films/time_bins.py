@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
 
 from ..signals.polarisation import no_light, scaled
+from ..signals.pulses import Pulse
 from .colours import units_of
-from .contribution import Contribution
-from .sums import Splat
-
-if TYPE_CHECKING:
-    from ..signals.pulses import Pulse
+from .contribution import CameraRays, Contribution
+from .sums import Radiance, Splat
 
 Put = Callable[[mi.Spectrum, mi.Float, mi.Bool], None]
 """Adds light of an optical path length [m] to a film's bins, in active lanes."""
@@ -26,44 +23,34 @@ PutAt = Callable[[mi.Spectrum, mi.Float, mi.Point2f, mi.Bool], None]
 
 
 @dataclass
-class TimeBins:
+class TimeBins(Radiance):
     """Adds contributions to the time bins of a film, and sums them as a steady camera does.
 
     Attributes:
-        total: Radiance over all time, an `mi.UnpolarizedSpectrum` or a Stokes vector.
         put: Adds a contribution to the bins. A function hides the film from the path loop, which
             would otherwise carry a copy of all bins as its state.
-        splat: Adds a contribution that has a position.
+        splat_bins: Adds a contribution that has a position, to the bins and to the picture.
     """
 
-    total: mi.Spectrum
-    put: Put
-    splat: PutAt | None = None
+    put: Put | None = None
+    splat_bins: PutAt | None = None
 
     @classmethod
     def of_film(
         cls,
-        film: Any,
-        position: mi.Point2f,
-        wavelengths: mi.Wavelength,
-        weight: mi.UnpolarizedSpectrum,
+        film: mi.Film,
+        camera: CameraRays,
+        spp: int,
         pulse: Pulse | None,
         gated: bool = False,
         picture: Splat | None = None,
     ) -> TimeBins:
-        """Create the measurement of a film's bins.
+        """Create the measurement of the bins of a film, ours or mitransient's.
 
-        Args:
-            film: Anything with mitransient's `add_transient_data`, `temporal_bins`, `start_opl`
-                and `bin_width_opl`.
-            position: Position on the film [pixels].
-            wavelengths: Sampled wavelengths of the rays [nm]; empty unless the variant is spectral.
-            weight: The camera rays' weight over the samples per pixel.
-            pulse: Temporal profile of the light, None for an instant. It is convolved by its exact
-                energy in each bin, which adds no noise.
-            gated: Whether bins take the pulse's density at their centres instead of its energy.
-            picture: Adds splats to the steady image, None if there are none.
+        A bin takes the pulse's exact energy within it, which adds no noise, or if `gated` its
+        density at the bin's centre. `picture` adds splats to the steady image.
         """
+        position, wavelengths, weight = camera.position, camera.ray.wavelengths, camera.weight / spp
         # Before the loop, as four components would look the same colours up at each vertex
         colours = units_of(wavelengths) if mi.is_polarized and mi.is_spectral else None
 
@@ -89,30 +76,22 @@ class TimeBins:
             picture([spectrum], at, active)
             convolved(put_splat, spectrum, opl, active)
 
-        return cls(no_light(), partial(convolved, put), splat if picture else None)
+        splat_bins = splat if picture else None
+        return cls(no_light(), put=partial(convolved, put), splat_bins=splat_bins)
 
     def add(self, contribution: Contribution) -> None:
         """Add a contribution."""
         spectrum, active = contribution.spectrum, contribution.active
         if contribution.position is not None:
-            self.splat(spectrum, contribution.opl, contribution.position, active)
+            self.splat_bins(spectrum, contribution.opl, contribution.position, active)
             return
         self.total += dr.select(active, spectrum, 0)
         self.put(spectrum, contribution.opl, active)
 
-    @property
-    def sums(self) -> list[mi.Spectrum]:
-        """All sums."""
-        return [self.total]
-
-    def with_sums(self, sums: list[mi.Spectrum]) -> TimeBins:
-        """Copy the measurement, with other sums."""
-        return replace(self, total=sums[0])
-
 
 @dr.syntax
 def add_pulse(
-    film: Any, pulse: Any, put: Put, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool
+    film: mi.Film, pulse: Pulse, put: Put, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool
 ) -> None:
     """Add a pulse's energy to each bin that it reaches: a difference of its cdf."""
     start, width = float(film.start_opl), float(film.bin_width_opl)
@@ -130,7 +109,7 @@ def add_pulse(
 
 @dr.syntax
 def add_gated_pulse(
-    film: Any, pulse: Any, put: Put, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool
+    film: mi.Film, pulse: Pulse, put: Put, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool
 ) -> None:
     """Add a pulse's density at the centre of each bin that it reaches: a gate for every bin."""
     start, width = float(film.start_opl), float(film.bin_width_opl)
@@ -143,7 +122,7 @@ def add_gated_pulse(
 
 
 def bins_of_pulse(
-    film: Any, pulse: Any, opl: mi.Float, at_centres: bool
+    film: mi.Film, pulse: Pulse, opl: mi.Float, at_centres: bool
 ) -> tuple[mi.Int32, mi.Int32]:
     """Return the first and the last bin reached by a pulse that arrives at a length."""
     bins, start, width = int(film.temporal_bins), float(film.start_opl), float(film.bin_width_opl)
@@ -155,7 +134,9 @@ def bins_of_pulse(
     return mi.Int32(dr.clip(first, 0, bins)), mi.Int32(dr.clip(last, -1, bins - 1))
 
 
-def pulse_weight(film: Any, pulse: Any, k: mi.Int32, opl: mi.Float, at_centres: bool) -> mi.Float:
+def pulse_weight(
+    film: mi.Film, pulse: Pulse, k: mi.Int32, opl: mi.Float, at_centres: bool
+) -> mi.Float:
     """Return energy in bin `k` of a pulse that arrives at a length, or density at its centre."""
     start, width = float(film.start_opl), float(film.bin_width_opl)
     opl = opl - start

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeVar
 
 import drjit as dr
 import mitsuba as mi
@@ -20,6 +20,8 @@ from .splats import Splats, footprint
 if TYPE_CHECKING:
     from .exposure import Exposure
     from .recording import BinRecording
+
+T = TypeVar("T")
 
 WEIGHT = 3
 """Number of the channel that has a picture's weights, behind its colours."""
@@ -80,13 +82,10 @@ class TransientHDRFilm(mi.Film):
         bins = props.get("temporal_bins", 2048)
         width = props.get("bin_width_opl", 0.003)
         start = props.get("start_opl", 0.0)
-        if props.get("exhaustive_scan", False):
-            raise ValueError("exhaustive_scan = True: must be False, this film has no laser axes")
-        for name in ("laser_scan_width", "laser_scan_height"):
-            if props.get(name, 0):
-                raise ValueError(
-                    f"{name} = {props.get(name)}: must be 0, this film has no laser axes"
-                )
+        scans = ("exhaustive_scan", False), ("laser_scan_width", 0), ("laser_scan_height", 0)
+        for name, only in scans:
+            if value := props.get(name, only):
+                raise ValueError(f"{name} = {value}: must be {only}, this film has no laser axes")
         stored = {
             "pixel_format": "luminance" if mi.is_monochromatic else "rgb",
             "component_format": "float32",
@@ -101,9 +100,9 @@ class TransientHDRFilm(mi.Film):
         self.temporal_bins = checks.integer("temporal_bins", bins, 1, checks.MAX_BINS)
         self.bin_width_opl = checks.metres("bin_width_opl", width, positive=True)
         self.start_opl = checks.metres("start_opl", start)
-        self._steady: Any = None
-        self._bins: Any = None
-        self._splats: Any = None
+        self._steady: mi.Film | None = None
+        self._bins: Histogram | None = None
+        self._splats: Splats | None = None
         self.samples_per_pixel: float | None = None
         self.taken = 1.0
         self.one_writer_per_pixel = False
@@ -127,8 +126,7 @@ class TransientHDRFilm(mi.Film):
     def prepare(self, aovs: Sequence[str]) -> int:
         """Create an empty steady image, with `aovs` as extra channels, and empty bins.
 
-        Returns:
-            Channels of the steady image, weight included.
+        Returns the number of the image's channels, weight included.
 
         Raises:
             MemoryError: The bins do not fit into memory; one line with their size and what fits.
@@ -158,23 +156,19 @@ class TransientHDRFilm(mi.Film):
         """Flush the bins to a second sum, which `develop` adds.
 
         Single precision loses small numbers that are added to a large one: integrators call this
-        every 2^16 samples per pixel.
-
-        Args:
-            pixels: Numbers of pixels, row by row in the crop window, the same in every call; by
-                default all, which takes as much memory again. Those of the splats with another
-                filter than box.
+        every 2^16 samples per pixel, for all pixels, which takes as much memory again, or for some
+        by their numbers, row by row in the crop window, which must be the same in every call. With
+        another filter than box, those are pixels of the splats.
         """
         if pixels is not None:
-            cells = self.bins if self.rfilter().is_box_filter() else self._splats.cells
-            cells.flush_pixels(pixels)
+            part = "bins" if self.rfilter().is_box_filter() else "splats"
+            self._histograms()[part].flush_pixels(pixels)
             return
-        self.bins.flush()
-        if self._splats is not None:
-            self._splats.cells.flush()
+        for cells in self._histograms().values():
+            cells.flush()
 
     def fold(self, pixels: mi.UInt32 | None = None) -> None:
-        """Call `flush`, whose name this was."""
+        """Flush the bins: the deprecated name of `flush`."""
         warnings.warn("fold: is deprecated; must be flush", DeprecationWarning, stacklevel=2)
         self.flush(pixels)
 
@@ -229,7 +223,7 @@ class TransientHDRFilm(mi.Film):
         pos: mi.Point2f,
         distance: mi.Float,
         colours: Sequence[mi.Color3f],
-        light: Any,
+        light: mi.Spectrum,
         active: mi.Bool,
     ) -> None:
         """Add a contribution by the colours of its wavelengths, see `colours.units_of`."""
@@ -243,14 +237,11 @@ class TransientHDRFilm(mi.Film):
             self.bins.add(weighted, x, y, k, active, private=self.one_writer_per_pixel)
 
     def develop(self, raw: bool = False) -> tuple[mi.TensorXf, mi.TensorXf]:
-        """Return the steady image and the bins.
-
-        Args:
-            raw: Whether to return sums that are not divided by the filter's weights.
+        """Return the steady image and the bins; `raw` ones are not divided by filter weights.
 
         Raises:
-            RuntimeError: `prepare` was not called, or a filter's weights cannot be told because
-                the integrator did not set `samples_per_pixel`.
+            RuntimeError: `prepare` was not called, or the integrator did not set
+                `samples_per_pixel`, which a filter's weights need.
         """
         scale = None if raw else self._pixel_scale()
         bins = self.bins.tensor(scale)
@@ -259,7 +250,7 @@ class TransientHDRFilm(mi.Film):
         return self.steady.develop(raw=raw), bins
 
     def take(self) -> tuple[np.ndarray, np.ndarray]:
-        """Develop into float32 NumPy arrays without a copy of the bins; the film is then empty."""
+        """Develop into float32 arrays without a copy of the bins; the film is then empty."""
         scale = self._pixel_scale()
         steady, transient = np.array(self.steady.develop()), self.bins.take(scale)
         if self._splats is not None:
@@ -271,46 +262,38 @@ class TransientHDRFilm(mi.Film):
 
     def state(self) -> dict[str, np.ndarray]:
         """Return the content for a checkpoint, see `Histogram.state`."""
-        parts = {"bins": self.bins}
-        if self._splats is not None:
-            parts["splats"] = self._splats.cells
         return {
             f"{part}.{name}": array
-            for part, cells in parts.items()
+            for part, cells in self._histograms().items()
             for name, array in cells.state().items()
         }
 
     def restore(self, state: Mapping[str, np.ndarray], factor: float) -> None:
         """Restore a `state`, multiplied by a factor; call `expect_splats` before if it has some."""
-        parts = {"bins": self.bins}
-        if self._splats is not None and "splats.sums" in state:
-            parts["splats"] = self._splats.cells
-        for part, cells in parts.items():
-            own = {name: array for name, array in state.items() if name.startswith(f"{part}.")}
-            cells.restore({name.removeprefix(f"{part}."): a for name, a in own.items()}, factor)
+        for part, cells in self._histograms().items():
+            prefix = f"{part}."
+            own = {name: state[name] for name in state if name.startswith(prefix)}
+            if own:
+                cells.restore({name.removeprefix(prefix): own[name] for name in own}, factor)
+
+    def _histograms(self) -> dict[str, Histogram]:
+        splats = {} if self._splats is None else {"splats": self._splats.cells}
+        return {"bins": self.bins, **splats}
 
     # ------------------------------------------------------------------ content, tiles
 
     @property
-    def steady(self) -> Any:
-        """The steady image, a film of type `hdrfilm`.
-
-        Raises:
-            RuntimeError: `prepare` was not called.
-        """
+    def steady(self) -> mi.Film:
+        """The steady image, an `hdrfilm`; raises a `RuntimeError` before `prepare`."""
         return self._prepared(self._steady)
 
     @property
     def bins(self) -> Histogram:
-        """The bins.
-
-        Raises:
-            RuntimeError: `prepare` was not called.
-        """
+        """The bins; raises a `RuntimeError` before `prepare`."""
         return self._prepared(self._bins)
 
     @staticmethod
-    def _prepared(part: Any) -> Any:
+    def _prepared(part: T | None) -> T:
         if part is None:
             raise RuntimeError("transient_hdr_film: is empty; call prepare() first, or render")
         return part
@@ -323,11 +306,7 @@ class TransientHDRFilm(mi.Film):
         return (int(height), int(width), self.temporal_bins, channels)
 
     def time_slice(self, k: int) -> mi.TensorXf:
-        """Return one time bin as an image of shape (height, width, channels).
-
-        Raises:
-            ValueError: There is no bin `k`.
-        """
+        """Return bin `k`, 0 to `temporal_bins` - 1, as an image (height, width, channels)."""
         k = checks.integer("k", k, 0, self.temporal_bins - 1)
         image = self.bins.slice(k, self._pixel_scale())
         if self._splats is not None:
@@ -347,8 +326,8 @@ class TransientHDRFilm(mi.Film):
         """
         names = "temporal_bins", "start_opl", "bin_width_opl", "size", "rfilter", "sample_border"
         for name in names:
-            mine, its = (getattr(film, name) for film in (self, tile))
-            mine, its = (str(value() if callable(value) else value) for value in (mine, its))
+            values = (getattr(film, name) for film in (self, tile))
+            mine, its = (str(value() if callable(value) else value) for value in values)
             if mine != its:
                 raise ValueError(f"tile.{name} = {its}: must be {mine}, as in the film")
         x, y = (int(v) for v in tile.crop_offset() - self.crop_offset())
@@ -368,8 +347,7 @@ class TransientHDRFilm(mi.Film):
         if tile._splats is not None:
             if self._splats is None:
                 self.expect_splats()
-            mine: Any = self._splats
-            mine.cells.merge(tile._splats.cells, x, y)
+            self._histograms()["splats"].merge(tile._splats.cells, x, y)
         raw = tile.steady.develop(raw=True)
         self.steady.put_block(mi.ImageBlock(raw, tile.crop_offset()))
         self.samples_per_pixel = tile.samples_per_pixel
@@ -377,17 +355,14 @@ class TransientHDRFilm(mi.Film):
 
     def scale(self, factor: float) -> None:
         """Multiply the bins and the steady image by a number."""
-        self.bins.scale(factor)
-        if self._splats is not None:
-            self._splats.cells.scale(factor)
+        for cells in self._histograms().values():
+            cells.scale(factor)
         raw = self.steady.develop(raw=True)
         count = raw.shape[2]
         is_weight = dr.arange(mi.UInt32, dr.width(raw.array)) % count == WEIGHT
         scaled = raw.array * dr.select(is_weight, 1.0, factor)
         self.steady.clear()
         self.steady.put_block(mi.ImageBlock(mi.TensorXf(scaled, raw.shape), self.crop_offset()))
-
-    # ---------------------------------------------------------------------------- details
 
     def to_string(self) -> str:
         """The film's parameters."""

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from os import PathLike
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
-from ..films.exposure import PHASORS, PICTURE, Exposure, Weight
-from ..films.image import image_film, pixels_of
+from ..films.exposure import PHASORS, PICTURE, Exposure
+from ..films.image import pixels_of
 from ..films.phasor import parse_frequencies
-from ..films.recording import recording
 from ..films.sums import Weighted
 from ..runtime import plugins
 from ..runtime.checkpoints import Checkpoint
@@ -21,12 +19,12 @@ from ..scenes.checking import check_view, require_modelled
 from ..scenes.in_time import path_tracer_of
 from ..signals.modulations import AMCWPulse
 from ..signals.phasors import phasor_parts
-from ..signals.polarisation import to_spectrum
-from .plan import Tracer
-from .running import made_with, render_all
+from .base import TransientIntegrator
+from .running import render_all, render_image
 from .transient_path import TransientPath
-from .user_defined import UserDefinedTracer, follows, is_user_defined, require_sample
+from .user_defined import follows, is_user_defined
 
+CALL = "sample(scene, sampler, ray)"
 NO_MODULATION = "modulation = None: must be set, e.g. set_modulation(AMCWPulse(20e6))"
 
 
@@ -64,14 +62,7 @@ class AMCWTransientPath(TransientPath):
         self.modulation: Any = None if frequency is None else AMCWPulse(frequency, offset)
 
     def set_modulation(self, modulation: Any) -> None:
-        """Set the modulation.
-
-        Args:
-            modulation: An `AMCWPulse`, or anything with `eval(opl)`.
-
-        Raises:
-            TypeError: It has no `eval`; one line.
-        """
+        """Set the modulation: an `AMCWPulse`, or anything with `eval(opl)`; else a `TypeError`."""
         if not hasattr(modulation, "eval"):
             raise TypeError(
                 f"modulation = {modulation!r}: must be a modulation like AMCWPulse(20e6)"
@@ -79,35 +70,24 @@ class AMCWTransientPath(TransientPath):
         self.modulation = modulation
 
     def sample(self, scene, sampler, ray, medium=None, active=True, origin=None):
-        """Correlation with the modulation along rays.
+        """Correlation with the modulation along camera rays.
 
-        Args:
-            scene: The scene.
-            sampler: Random numbers.
-            ray: Camera rays; in lengths, indices of refraction are over that where they start.
-            medium: Ignored.
-            active: Lanes to trace.
-            origin: Where lengths start, by default where the rays do.
+        Lengths start at `origin`, by default where the rays do; indices of refraction are over that
+        at the rays' start. `medium` is ignored.
 
         Returns:
             Spectrum, lanes that see a surface or an environment, and no AOVs.
         """
-        weight = self._modulation()
-        origin = ray.o if origin is None else origin
-        plan, measure = self.plan(scene), Weighted.zero(weight)
-        measured, path = plan.trace(sampler, ray, origin, measure, active)
-        return to_spectrum(measured.total), self.sees(scene, path), []
+        if self.modulation is None:
+            raise ValueError(NO_MODULATION)
+        measurement = Weighted.zero(self.modulation.eval)
+        return self.sampled(self.plan(scene), scene, sampler, ray, measurement, active, origin)
 
     def exposure(self) -> Exposure:
-        """The correlation on a picture; phasors of the light's pulse on a film that stores them."""
+        """Return how light counts: its correlation on a picture; phasors of its pulse."""
         lacks = NO_MODULATION if self.modulation is None else ""
         weight = None if self.modulation is None else self.modulation.eval
         return Exposure((PICTURE, PHASORS), self.pulse, weight=weight, lacks=lacks)
-
-    def _modulation(self) -> Weight:
-        if self.modulation is None:
-            raise ValueError(NO_MODULATION)
-        return self.modulation.eval
 
 
 def render_single_amcw(
@@ -122,20 +102,15 @@ def render_single_amcw(
 ) -> np.ndarray:
     """Render one correlation image.
 
-    Args:
-        scene: The scene.
-        integrator: An `AMCWTransientPath` with its modulation set, or any object with a
-            `sample(scene, sampler, ray)` of its own, which is then asked.
-        sensor: The camera; its film says size, crop and filter.
-        spp: Samples per pixel.
-        seed: Seed of the random numbers; the same seed gives the same paths, whatever is set.
-        checkpoint: As for `render`.
-        progress: Whether to show a bar for work that takes more than two seconds.
+    The integrator is an `AMCWTransientPath` with its modulation set, or any object with a
+    `sample(scene, sampler, ray)` of its own, which is then called. The other arguments are those of
+    `render_at_time`; the same seed gives the same paths, whatever modulation is set.
 
     Returns:
         Float32 array of shape (height, width, channels).
 
     Raises:
+        TypeError: The integrator has neither a modulation nor a `sample` of its own; one line.
         KeyboardInterrupt: The render was stopped; one line that says how to go on.
 
     Example:
@@ -146,23 +121,17 @@ def render_single_amcw(
         >>> render_single_amcw(scene, integrator, scene.sensors()[0], spp=4).shape
         (16, 16, 3)
     """
-    check_view(scene, sensor, **follows(integrator))
-    film = image_film(sensor.film())
-    if is_user_defined(integrator):
-        require_sample(integrator, "sample(scene, sampler, ray)")
-        record = recording(film, Exposure(onto=(PICTURE,)))
-        plan: Tracer = UserDefinedTracer(integrator, scene, record)
-    else:
+
+    def exposure() -> Exposure:
         if not hasattr(integrator, "set_modulation"):
             raise TypeError(
                 f"integrator = {type(integrator).__name__}: has no modulation; must be an "
-                "AMCWTransientPath, or have sample(scene, sampler, ray) of its own"
+                f"AMCWTransientPath, or have {CALL} of its own"
             )
-        record = integrator.recording(film)
-        plan = integrator.plan(scene, sensor, record.weight)
-    recipe = partial(made_with, scene, sensor, integrator, {"film": str(film)})
-    render_all(plan, record, sensor, spp, seed, recipe, checkpoint, progress)
-    return np.array(film.develop())
+        return integrator.exposure()
+
+    settings = spp, seed, checkpoint, progress
+    return render_image(scene, integrator, sensor, exposure, CALL, (), *settings)
 
 
 def render_amcw_phasor(
@@ -171,24 +140,17 @@ def render_amcw_phasor(
     frequency_hz: float | Sequence[float],
     spp: int = 64,
     seed: int = 0,
-    integrator: Any = None,
+    integrator: TransientIntegrator | None = None,
     *,
     checkpoint: Checkpoint | str | PathLike[str] | None = None,
     progress: bool = True,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Render phasors of one or many frequencies, I and Q of all in one trace.
 
-    Args:
-        scene: The scene.
-        sensor: The camera; its film says size, crop and filter.
-        frequency_hz: A frequency [Hz], or up to 64 of them.
-        spp: Samples per pixel.
-        seed: Seed of the random numbers.
-        integrator: An `AMCWTransientPath` (or `TransientPath`); by default the scene's own, with
-            all its parameters and its pulse. One of Mitsuba's path tracers, or one that stores no
-            phasors, is taken for a `TransientPath` that follows the same paths.
-        checkpoint: As for `render`.
-        progress: Whether to show a bar for work that takes more than two seconds.
+    `frequency_hz` is a frequency [Hz], or up to 64 of them. The integrator is an
+    `AMCWTransientPath` (or `TransientPath`), by default the scene's own, with all its parameters
+    and its pulse: one of Mitsuba's path tracers, or one that stores no phasors, is taken for a
+    `TransientPath` that follows the same paths. The other arguments are those of `render_at_time`.
 
     Returns:
         I, Q, amplitude, phase in (-pi, pi] and depth in [0, c / 2f) [m], arrays of shape (height,
@@ -228,28 +190,26 @@ def render_amcw_phasor(
             f"integrator = {type(tracer).__name__}: has a sample of its own, which sees one "
             "modulation; must be an AMCWTransientPath without, or use render_single_amcw for each"
         )
-    record = tracer.recording(film)
-    plan = tracer.plan(scene, sensor)
-    recipe = partial(made_with, scene, sensor, tracer, {"film": str(film)})
-    render_all(plan, record, sensor, spp, seed, recipe, checkpoint, progress)
+    record, plan = tracer.recording(film), tracer.plan(scene, sensor)
+    settings = spp, seed, checkpoint, progress
+    render_all(scene, tracer, sensor, plan, record, *settings)
     phasors = np.array(film.develop()[1])
     height, width = phasors.shape[:2]
     parts = phasors.reshape(height, width, len(frequencies), 2, -1)
     parts = np.moveaxis(parts, (2, 3), (1, 0))  # (part, frequency, height, width, channels)
     if np.ndim(frequency_hz) == 0 and not isinstance(frequency_hz, str):
-        I, Q = parts[0, 0], parts[1, 0]  # noqa: E741
-        return (I, Q, *phasor_parts(I, Q, frequencies[0]))
-    I, Q = parts[0], parts[1]  # noqa: E741
+        parts, frequencies = parts[:, 0], frequencies[0]
+    I, Q = parts  # noqa: E741
     return (I, Q, *phasor_parts(I, Q, frequencies))
 
 
-def _in_time(own: Any) -> Any:
-    """A scene's integrator, or one that stores phasors of the same paths."""
+def _in_time(own: mi.Integrator) -> TransientIntegrator:
+    """Return a scene's integrator, or one that stores phasors of the same paths."""
     traits = getattr(own, "traits", None)
     if traits is None:
         return mi.load_dict(path_tracer_of(own))
     if PHASORS in own.exposure().onto:
         return own
-    tracer: Any = mi.load_dict({"type": plugins.qualified_name("transient_path"), **traits})
+    tracer = mi.load_dict({"type": plugins.qualified_name("transient_path"), **traits})
     tracer.pulse = own.pulse
     return tracer

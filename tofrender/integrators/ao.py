@@ -27,5 +27,5 @@ class AmbientOcclusion(FirstSurface):
     """
 
     def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> OpenSky:
-        """The sky."""
+        """Return the sky."""
         return OpenSky(scene, sensor, self.hide_emitters)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar
 
 import drjit as dr
 import mitsuba as mi
@@ -15,7 +15,7 @@ from ..paths.endpoints import EmitterHits, SceneLights
 from ..paths.endpoints.light_points import checked_count
 from ..paths.media import Media
 from ..paths.protocols import Endpoint, Scattering, Space
-from ..paths.records import Limits, Path
+from ..paths.records import Limits
 from ..paths.refraction import index_around
 from ..paths.scattering import Materials
 from ..paths.space import Vacuum
@@ -29,8 +29,9 @@ from .derivatives import Derivative, replaced
 from .differentiable import require_changes, require_derivatives, tracked, warn_of_edges
 from .passes import WHOLE, Part, steps
 from .plan import Plan, Tracer
-from .user_defined import UserDefinedTracer, is_user_defined
+from .user_defined import UserDefinedTracer, follows, is_user_defined
 
+E = TypeVar("E", bound=Endpoint)
 GRADIENT_SAMPLINGS = ("detached", "attached")
 
 
@@ -75,7 +76,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
             )
         sampling = props.get("gradient_sampling", "detached")
         self.gradient_sampling = checks.one_of("gradient_sampling", sampling, GRADIENT_SAMPLINGS)
-        points: Any = props.get("light_samples", None)
+        points = props.get("light_samples", None)
         self.light_samples: str | int = 1
         if self.takes_light_samples and self.emitter_sampling:
             self.light_samples = checked_count("auto" if points is None else points)
@@ -96,29 +97,17 @@ class TransientIntegrator(mi.SamplingIntegrator):
 
     # ------------------------------------------------------------------ for subclasses
 
-    fills_bins = False
-    """Whether a film's bins get the radiance that arrives in each, as `tofrender.render` needs."""
-
-    needs_lights = True
-    """Whether a scene without emitters would be black."""
-
-    follows_media = True
-    """Whether paths go through media, and are scattered there."""
-
-    follows_polarisation = True
-    """Whether paths carry polarised light in variants that have it."""
-
-    goes_straight = False
-    """Whether connections go through surfaces that let light straight through, as in `volpath`."""
-
-    starts_at_lights = False
-    """Whether there are paths that come from lights."""
-
+    fills_bins = False  # Bins get the radiance that arrives in each, as `tofrender.render` needs
+    needs_lights = True  # A scene without emitters would be black
+    follows_media = True  # Paths go through media, and are scattered there
+    follows_polarisation = True  # Paths carry polarised light in variants that have it
+    goes_straight = False  # Connections pass surfaces that transmit straight on, as in `volpath`
+    starts_at_lights = False  # There are paths from lights
     has_derivatives = True
-    """Whether derivatives can be asked for."""
+    takes_light_samples = False  # A vertex may connect to several points of emitters
 
-    takes_light_samples = False
-    """Whether a vertex may connect to several points of the scene's emitters."""
+    shown: tuple[str, ...] = ("max_depth", "rr_depth", "hide_emitters", "camera_unwarp")
+    """Parameters in `to_string`."""
 
     pulse: Pulse | None = None
     temporal_filter: str = "box"
@@ -137,35 +126,37 @@ class TransientIntegrator(mi.SamplingIntegrator):
         """Return the scattering at surfaces."""
         return Materials(scene)
 
-    def limits(self, max_opl: Any = None) -> Limits:
+    def limits(self, max_opl: mi.Float | None = None) -> Limits:
         """Return the limits of paths; `max_opl` [m] is the greatest length, None for any."""
         return Limits(self.max_depth, self.rr_depth, max_opl, self.camera_unwarp)
 
     def emitters(
-        self, kind: Any, scene: mi.Scene, sensor: mi.Sensor | None, *more: Any, **named: Any
-    ) -> Any:
-        """An endpoint of the scene's emitters that shows those which the sensor shall see."""
-        shown = self.hide_emitters, self.discard_direct_light
-        return kind(scene, sensor, *more, *shown, **named)
+        self,
+        kind: Callable[..., E],
+        scene: mi.Scene,
+        sensor: mi.Sensor | None,
+        *more: Any,
+        **named: Any,
+    ) -> E:
+        """Create an endpoint that shows the emitters which the sensor shall see."""
+        visible = self.hide_emitters, self.discard_direct_light
+        return kind(scene, sensor, *more, *visible, **named)
 
     # ------------------------------------------------------------------------- paths
 
     def plan(
         self, scene: mi.Scene, sensor: mi.Sensor | None = None, weight: Weight | None = None
     ) -> Plan:
-        """Return the parts of the path loop for the rays of a sensor.
+        """Return the parts of the path loop for a sensor, None where only rays are known.
 
-        Args:
-            scene: The scene.
-            sensor: The sensor, None where only rays are known.
-            weight: Weight of light by its length, if that is all that counts.
+        `weight` is that of light by its length, if that is all that counts.
         """
         space = self.space(scene, sensor)
         scattering = space.with_phase_functions(self.scattering(scene))
         return Plan(scene, space, self.endpoint(scene, sensor), scattering, self.limits())
 
     def space(self, scene: mi.Scene, sensor: mi.Sensor | None) -> Space:
-        """Vacuum or media of a scene; without a sensor, indices are relative to the rays' start."""
+        """Return a scene's vacuum or media; without sensor, indices are over the rays' start's."""
         index = 1.0 if sensor is None else index_around(scene, sensor)
         straight = self._passes_null(scene)
         if straight or (self.follows_media and media_of(scene, sensor)):
@@ -175,7 +166,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
         return Vacuum(scene, index)
 
     def _passes_null(self, scene: mi.Scene) -> bool:
-        """Whether there are surfaces that connections go straight through, boundaries included."""
+        """Whether there are surfaces that connections pass, boundaries included."""
         return self.goes_straight and transmits(scene, mi.BSDFFlags.Null)
 
     def sample(self, scene, sampler, ray, medium=None, active=True):
@@ -184,26 +175,22 @@ class TransientIntegrator(mi.SamplingIntegrator):
         Returns:
             Spectrum, lanes that see a surface or an environment, and no AOVs.
         """
-        plan = self.plan(scene)
-        radiance, path = plan.trace(sampler, ray, ray.o, Radiance.zero(), mi.Bool(active))
-        return to_spectrum(radiance.total), self.sees(scene, path), []
+        return self.sampled(self.plan(scene), scene, sampler, ray, Radiance.zero(), active)
 
-    def sees(self, scene: mi.Scene, path: Path) -> mi.Bool:
-        """Lanes that see something, as Mitsuba's `path` says: a surface or an environment."""
-        return path.valid_ray | (scene.environment() is not None and not self.hide_emitters)
+    def sampled(self, plan, scene, sampler, ray, measurement, active=True, origin=None):
+        """Trace camera rays, and return the sum as `sample` does."""
+        origin = ray.o if origin is None else origin
+        measured, path = plan.trace(sampler, ray, origin, measurement, mi.Bool(active))
+        sees_sky = scene.environment() is not None and not self.hide_emitters
+        return to_spectrum(measured.total), path.valid_ray | sees_sky, []
 
     # --------------------------------------------------------------------- rendering
 
     def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True):
         """Render with the scene's own film and sampler; `mi.render` calls this.
 
-        Args:
-            scene: The scene.
-            sensor: A sensor, or its number in the scene.
-            seed: Seed of the random numbers.
-            spp: Samples per pixel; 0 takes the sampler's.
-            develop: Whether to return the picture.
-            evaluate: Mitsuba's word, false in `mi.render`: then derivatives may be asked for.
+        Arguments are Mitsuba's: 0 samples per pixel are the sampler's, and `evaluate` is False
+        where derivatives may be asked for later.
 
         Returns:
             `(steady, transient)` as the film develops them, None if `develop` is false.
@@ -213,13 +200,12 @@ class TransientIntegrator(mi.SamplingIntegrator):
             ValueError: They do, and something of the render has none.
         """
         sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
-        follows = {"media": self.follows_media, "polarisation": self.follows_polarisation}
-        check_scene(scene, sensor, **follows)
+        check_scene(scene, sensor, **follows(self))
         film, sampler = sensor.film(), sensor.sampler().clone()
         if spp:
             sampler.set_sample_count(spp)
         record = self.recording(film)
-        if not evaluate:  # As `mi.render` says, which may ask for derivatives later
+        if not evaluate:
             self._require_derivatives(scene, sensor, record)
         if develop:
             record.require_memory(sampler.sample_count())
@@ -230,21 +216,9 @@ class TransientIntegrator(mi.SamplingIntegrator):
             return film.develop() if develop else None
 
     def render_forward(self, scene, params, sensor=0, seed=0, spp=0):
-        """The change of what `render` returns; `mi.render(scene, params)` calls this.
+        """Rates of what `render` returns where `params` of `mi.traverse` change at theirs.
 
-        Args:
-            scene: The scene.
-            params: Its parameters, as of `mi.traverse`, some of which change at a rate.
-            sensor: A sensor, or its number in the scene.
-            seed: Seed of the random numbers.
-            spp: Samples per pixel; 0 takes the sampler's.
-
-        Returns:
-            As `render`.
-
-        Raises:
-            RuntimeError: The integrator has no derivatives; one line.
-            ValueError: Something of the render has none; one line.
+        `mi.render(scene, params)` calls this and `render_backward`. Errors as for `render`.
         """
         self._require_own_derivatives()
         require_changes(params)
@@ -252,30 +226,16 @@ class TransientIntegrator(mi.SamplingIntegrator):
             return self._differentiated(scene, fresh, sensor, spp).forward(seed, fresh)
 
     def render_backward(self, scene, params, grad_in, sensor=0, seed=0, spp=0):
-        """Propagate a gradient to parameters; `mi.render(scene, params)` calls this.
-
-        Args:
-            scene: The scene.
-            params: As for `render_forward`; some of them track gradients.
-            grad_in: Gradient by what `render` returns.
-            sensor: As for `render_forward`.
-            seed: As for `render_forward`.
-            spp: As for `render_forward`.
-
-        Raises:
-            RuntimeError: The integrator has no derivatives; one line.
-            ValueError: Something of the render has none; one line.
-        """
+        """Propagate the gradient `grad_in` by what `render` returns to `params`."""
         self._require_own_derivatives()
         require_changes(params)
         gradients = grad_in if isinstance(grad_in, tuple) else (grad_in,)
         self._differentiated(scene, params, sensor, spp).reverse(seed, gradients)
 
     def _differentiated(self, scene, params, sensor, spp) -> Derivative:
-        """A render whose derivative is asked for."""
         sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
         record = self.recording(sensor.film())
-        self._require_known(scene, sensor, record, tracked(params))
+        require_derivatives(scene, sensor, record, tracked(params), self._passes_null(scene))
         plan = self.plan(scene, sensor)
         spp = spp or sensor.sampler().sample_count()
         return Derivative(plan, scene, record, sensor, spp, self.gradient_sampling == "detached")
@@ -284,18 +244,12 @@ class TransientIntegrator(mi.SamplingIntegrator):
         """Refuse a render that has no derivatives, if parameters track gradients."""
         parts = [scene, self] if sensor in scene.sensors() else [scene, self, sensor]
         names = [name for part in parts for name in tracked(mi.traverse(part))]
-        if not names:
-            return
-        self._require_own_derivatives()
-        self._require_known(scene, sensor, record, names)
-        warn_of_edges(names)
-
-    def _require_known(self, scene, sensor, record, names) -> None:
-        """Refuse derivatives by parameters of some names that are not known."""
-        require_derivatives(scene, sensor, record, names, self._passes_null(scene))
+        if names:
+            self._require_own_derivatives()
+            require_derivatives(scene, sensor, record, names, self._passes_null(scene))
+            warn_of_edges(names)
 
     def _require_own_derivatives(self) -> None:
-        """Refuse an integrator without derivatives."""
         if not self.has_derivatives or is_user_defined(self):
             raise RuntimeError(
                 f"integrator = {type(self).__name__}: has no derivatives; must be one that has, "
@@ -303,23 +257,18 @@ class TransientIntegrator(mi.SamplingIntegrator):
             )
 
     def traverse(self, callback):
-        """Show Mitsuba the width of the light's pulse, if that is Gaussian."""
+        """Expose the width of the light's pulse, if that is Gaussian."""
         if type(self.pulse) is GaussianPulse and dr.is_array_v(self.pulse.width):
             kind = mi.ParamFlags.Differentiable
             callback.put("pulse_width_opl", self.pulse.width, kind)
 
     def parameters_changed(self, keys=()):
-        """Take the width that was set."""
+        """Update the pulse after its width was set."""
         if "pulse_width_opl" in keys and isinstance(self.pulse, GaussianPulse):
             self.pulse.take_width()
 
-    def recording(self, film: Any) -> Recording:
-        """Return the recording of this integrator's light on a film.
-
-        Raises:
-            TypeError: The film is of the wrong kind; one line.
-            ValueError: The film and the integrator's parameters do not fit; one line.
-        """
+    def recording(self, film: mi.Film) -> Recording:
+        """Return the recording of this integrator's light on a film, see `films.recording`."""
         return recording(film, self.exposure())
 
     def tracer(self, scene: mi.Scene, sensor: mi.Sensor, record: Recording) -> Tracer:
@@ -338,8 +287,13 @@ class TransientIntegrator(mi.SamplingIntegrator):
         sensor: mi.Sensor,
         record: Recording,
         sampler: mi.Sampler,
-        seed: Any,
+        seed: int,
         part: Part = WHOLE,
     ) -> Iterator[int]:
         """Render in steps of about a second, see `passes.steps`."""
         return steps(self.tracer(scene, sensor, record), record, sensor, sampler, seed, part)
+
+    def to_string(self) -> str:
+        """The integrator's parameters."""
+        values = ", ".join(f"{name} = {getattr(self, name)!r}" for name in self.shown)
+        return f"{type(self).__name__}[{values}]"

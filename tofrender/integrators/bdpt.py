@@ -46,6 +46,8 @@ there, which shows what it makes of all light of its lengths |
         (16, 16, 300, 3)
     """
 
+    shown = ("max_depth", "rr_depth", "camera_connections", "strategy", "mis", "pulse")
+
     def __init__(self, props: mi.Properties) -> None:
         text = str(props.get("strategy", ""))
         default = "none" if text else "power"
@@ -69,15 +71,9 @@ there, which shows what it makes of all light of its lengths |
         """Return all strategies, or one."""
         return BidirectionalMIS(HEURISTICS[self.mis], self.camera_connections, self.strategy)
 
-    def to_string(self) -> str:
-        """The integrator's parameters."""
-        names = ("max_depth", "rr_depth", "camera_connections", "strategy", "mis", "pulse")
-        values = ", ".join(f"{name} = {getattr(self, name)!r}" for name in names)
-        return f"{type(self).__name__}[{values}]"
-
 
 def _strategy(text: str, max_depth: int, camera_connections: bool) -> tuple[int, int] | None:
-    """The strategy that a text like "2,1" names, None for all."""
+    """Parse a strategy like "2,1"; None for all."""
     if text == "":
         return None
     found = re.fullmatch(r"\s*(\d+)\s*,\s*(\d+)\s*", text)

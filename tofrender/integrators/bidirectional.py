@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -24,24 +23,13 @@ from ..paths.walk import accumulate, walk
 from ..runtime import checks
 from ..runtime.backend import tracing_lock
 from ..signals.polarisation import unpolarised
-from .plan import Plan
+from .plan import M, Plan
 from .time_gated import NO_TARGET, Gate
 from .transient_path import TransientPath
 
 
 class BidirectionalPlan(Plan):
-    """Traces camera rays, and as many light paths.
-
-    Args:
-        scene: The scene.
-        sensor: The camera.
-        space: Finds vertices.
-        limits: Which contributions count.
-        mis: Which strategies count, and their weights.
-        hide_emitters: Whether the camera sees through area lights.
-        discard_direct_light: Whether light that comes straight from an emitter does not count.
-        from_camera: Whether there are paths from the camera, t > 1.
-    """
+    """Traces camera rays if `from_camera` (t > 1), and as many light paths."""
 
     splats = True
 
@@ -85,10 +73,10 @@ class BidirectionalPlan(Plan):
         sampler: mi.Sampler,
         ray: mi.Ray3f,
         origin: mi.Point3f,
-        measurement: Any,
+        measurement: M,
         active: mi.Bool | bool = True,
         frame: mi.Spectrum | None = None,
-    ) -> tuple[Any, Path]:
+    ) -> tuple[M, Path]:
         """Trace light paths, and then camera paths, which connect to their vertices."""
         light, weight, not_finite = None, None, mi.UInt32(0)
 
@@ -106,13 +94,8 @@ class BidirectionalPlan(Plan):
 
         # Camera paths: strategies (s, t) with t > 1
         if self.from_camera:
-            camera_plan = Plan(
-                self.scene,
-                self.space,
-                self.light_paths.for_paths(ray.d, light, weight),
-                self.scattering,
-                self.limits,
-            )
+            endpoint = self.light_paths.for_paths(ray.d, light, weight)
+            camera_plan = Plan(self.scene, self.space, endpoint, self.scattering, self.limits)
             measurement, path = camera_plan.trace(sampler, ray, origin, measurement, active, frame)
         else:
             path = Path.start(ray, origin, False)
@@ -120,8 +103,8 @@ class BidirectionalPlan(Plan):
         return measurement, path
 
     def _trace_light(
-        self, sampler: mi.Sampler, emitted: Emitted, measurement: Any, active: Any
-    ) -> tuple[Any, Path]:
+        self, sampler: mi.Sampler, emitted: Emitted, measurement: M, active: mi.Bool | bool
+    ) -> tuple[M, Path]:
         """Trace light paths, and connect their vertices to the lens."""
         history = LightPathHistory(
             *(self.scene, self.emission, emitted, self.adjoint, self.mis),
@@ -132,23 +115,15 @@ class BidirectionalPlan(Plan):
             *(self.limits.camera_unwarp, self.hide_emitters),
         )
         limits = Limits(self.limits.max_depth, self.limits.rr_depth)
-        path = Path.start(
-            emitted.ray,
-            emitted.origin,
-            mi.Bool(active) & emitted.active,
-            history.start(),
-            medium=self.space.medium_at(emitted.ray),
-        )
+        active, medium = mi.Bool(active) & emitted.active, self.space.medium_at(emitted.ray)
+        path = Path.start(emitted.ray, emitted.origin, active, history.start(), medium=medium)
         return walk(sampler, path, Parts(self.space, camera, self.adjoint, limits), measurement)
 
-    def _connect_emitters(self, sampler, ray, origin, measurement, active) -> tuple[Any, mi.UInt32]:
-        """Connect the lens to emitters that it sees: the strategy (1, 1).
-
-        A light of no extent is not seen, as in a path tracer.
-        """
+    def _connect_emitters(self, sampler, ray, origin, measurement, active):
+        """Connect the lens to emitters of some extent: the strategy (1, 1)."""
         if not self.shows_emitters:
             return measurement, mi.UInt32(0)
-        at: Any = dr.zeros(mi.Interaction3f, dr.width(ray))
+        at = dr.zeros(mi.Interaction3f, dr.width(ray))
         at.p, at.time, at.wavelengths = mi.Point3f(origin), ray.time, ray.wavelengths
         u = sampler.next_2d()
         if self.mis.exponent:  # The density of hits is that of next-event estimation
@@ -159,7 +134,7 @@ class BidirectionalPlan(Plan):
         lens_sample = self.lens.arrive(ds.p, at.p, distant)
         active = mi.Bool(active) & lens_sample.seen & (ds.pdf > 0) & ~ds.delta
         length = dr.select(distant, self.emission.sphere.length(at.p, ds.d), lens_sample.distance)
-        si: Any = dr.zeros(mi.SurfaceInteraction3f, dr.width(ray))
+        si = dr.zeros(mi.SurfaceInteraction3f, dr.width(ray))
         si.p, si.n, si.time, si.wavelengths = ds.p, ds.n, ray.time, ray.wavelengths
         transmittance = transmittance_between(
             self.space, si, lens_sample.near, sampler, active, lens_sample.distance
@@ -194,6 +169,7 @@ class BothEnds(TransientPath):
     starts_at_lights = True
     has_derivatives = False
     takes_light_samples = False
+    from_camera = True  # There are paths from the camera
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
@@ -212,15 +188,8 @@ class BothEnds(TransientPath):
             f"{type(self).__name__}: must define mis_strategies, which strategies count"
         )
 
-    from_camera = True
-    """Whether there are paths from the camera."""
-
-    def gate(self, target_time: Any) -> Gate:
-        """The gate at a path length [m], of the light's pulse.
-
-        Raises:
-            ValueError: There is no length, or no pulse; one line.
-        """
+    def gate(self, target_time: mi.Float | float | None) -> Gate:
+        """Return the gate of the light's pulse at a path length [m]; both must be given."""
         if target_time is None:
             raise ValueError(NO_TARGET)
         if self.pulse is None:
@@ -228,7 +197,7 @@ class BothEnds(TransientPath):
         is_array = isinstance(target_time, mi.Float)
         return Gate(self.pulse, target_time if is_array else dr.opaque(mi.Float, target_time))
 
-    def exposure(self, target_time: Any = None) -> Exposure:
+    def exposure(self, target_time: float | None = None) -> Exposure:
         """Return how light counts: on a picture all of it, or that of one gate."""
         target = self.target_time if target_time is None else target_time
         weight = None if target is None else self.gate(target)
@@ -237,13 +206,12 @@ class BothEnds(TransientPath):
     def plan(
         self, scene: mi.Scene, sensor: mi.Sensor | None = None, weight: Weight | None = None
     ) -> BidirectionalPlan:
-        """Paths from both ends."""
+        """Return the plan for paths from both ends."""
         if sensor is None:
             raise TypeError(
                 f"{type(self).__name__}: has no answer for rays alone, light finds the camera; "
                 "must render, by mi.render or tofrender.render"
             )
-        return BidirectionalPlan(
-            *(scene, sensor, self.space(scene, sensor), self.limits(), self.mis_strategies()),
-            *(self.hide_emitters, self.discard_direct_light, self.from_camera),
-        )
+        parts = self.space(scene, sensor), self.limits(), self.mis_strategies()
+        visible = self.hide_emitters, self.discard_direct_light
+        return BidirectionalPlan(scene, sensor, *parts, *visible, self.from_camera)

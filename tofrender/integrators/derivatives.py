@@ -10,13 +10,15 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..films.derivatives import Changes, changes
+from ..films.contribution import Contribution
+from ..films.derivatives import Changes, Collected, changes
 from ..films.histogram import MAX_ADDED
 from ..films.recording import Recording
 from ..paths.attached import Detached
 from ..paths.camera import CameraSample, sample_camera, sampled_size
 from ..paths.derivatives import MOST_KEPT, move, pull
 from ..paths.protocols import Endpoint, Parts
+from ..paths.records import Path
 from ..paths.surfaces import has_mirrors
 from ..paths.tape import packed
 from ..paths.walk import accumulate
@@ -34,8 +36,8 @@ PASS_SAMPLES = 1 << 20
 def replaced(params: Any) -> Iterator[dict[str, Any]]:
     """Replace parameters by variables of the same rates, which is undone at the end.
 
-    Dr.Jit may ask a render for its change before it has come to, say, the radius that a sphere has
-    computed from its `to_world`. Of variables of our own, all consequences are computed at once.
+    Dr.Jit may ask a render for its rates before it has come to, say, the radius that a sphere has
+    computed from its `to_world`. All consequences of new variables are computed at once.
     """
     names = tracked(params)
     with dr.resume_grad():  # Else those lose track that no rate comes from
@@ -57,11 +59,7 @@ def replaced(params: Any) -> Iterator[dict[str, Any]]:
 
 @contextmanager
 def of_one_scene() -> Iterator[None]:
-    """Say in one line why Dr.Jit cannot propagate rates beside other scenes that have some.
-
-    It asks all shapes and materials that there are, those of other scenes too, and must not go back
-    to what their parameters were made of.
-    """
+    """Refuse in one line other scenes that have rates, whose shapes and materials Dr.Jit visits."""
     try:
         yield
     except RuntimeError as error:
@@ -77,16 +75,7 @@ def of_one_scene() -> Iterator[None]:
 
 
 class Derivative:
-    """The derivative of a render.
-
-    Args:
-        plan: What is done with camera rays.
-        scene: The scene.
-        record: The film and how light counts on it.
-        sensor: The camera.
-        spp: Samples per pixel.
-        detached: Whether the places of vertices are detached from random numbers.
-    """
+    """The derivative of a render, by detached or attached sampling."""
 
     def __init__(
         self,
@@ -94,7 +83,7 @@ class Derivative:
         scene: mi.Scene,
         record: Recording,
         sensor: mi.Sensor,
-        spp: Any,
+        spp: int,
         detached: bool = True,
     ) -> None:
         backend.require_vectorised()
@@ -106,65 +95,61 @@ class Derivative:
             self.scattering = Detached(self.scattering, scene, single)
 
     @backend.tracing_lock()
-    def forward(self, seed: Any, fresh: Any) -> Any:
-        """The change of what the film develops, where `fresh` parameters change at their rates."""
+    def forward(self, seed: int, fresh: dict[str, Any]) -> Any:
+        """Return rates of what the film develops, where `fresh` parameters change at theirs."""
         gc.collect()  # Scenes that nobody has any more would be asked, too: see `of_one_scene`
         dr.enqueue(dr.ADMode.Forward, fresh)
         dr.traverse(dr.ADMode.Forward, dr.ADFlag.ClearEdges)
         with dr.suspend_grad(), progress_bar("Changes", self.spp, unit="spp") as bar:
             added = 0
-            for shot in self._shots(seed):
-                if added + shot.spp > MAX_ADDED:
+            for rays in self._passes(seed):
+                if added + rays.spp > MAX_ADDED:
                     self.record.flush()
                     added = 0
                 with of_one_scene():
-                    self._add_changes(shot)
-                added += shot.spp
-                bar.update(shot.spp)
+                    self._add_rates(rays)
+                added += rays.spp
+                bar.update(rays.spp)
             self.record.reach(self.spp, self.spp)
             return self.record.film.develop()
 
-    def _add_changes(self, shot: Shot) -> None:
-        film = changes(self.record, shot.camera, self.spp)
+    def _add_rates(self, rays: Rays) -> None:
+        film = changes(self.record, rays.camera, self.spp)
         with dr.resume_grad():
-            start, beside = shot.again(film)
-            rates = film.move(beside, film.zero(), start)
+            start, collected = rays.attached_start(film)
+            rates = film.move(collected, film.zero(), start)
             rate = dr.grad(start)
-        rates, _ = move(shot.sampler, shot.path, rate, shot.parts, film, rates)
+        rates, _ = move(rays.sampler, rays.path, rate, rays.parts, film, rates)
         before, behind = film.channels(rates)
         image = self.record.image
         block = image.create_block()
-        block.put(shot.camera.position, [*before, mi.Float(1), *behind])
+        block.put(rays.camera.position, [*before, mi.Float(1), *behind])
         image.put_block(block)
         image.schedule_storage()
         dr.eval()
 
     @backend.tracing_lock()
-    def reverse(self, seed: Any, gradients: Sequence[Any]) -> None:
-        """Propagate the gradient of a loss by what the film develops to parameters.
-
-        Raises:
-            ValueError: Paths have no longest one, or may be too long; one line.
-        """
+    def reverse(self, seed: int, gradients: Sequence[mi.TensorXf]) -> None:
+        """Propagate the gradient of a loss by what the film develops to parameters."""
         depth = self.plan.limits.max_depth
         if not 0 < depth <= MOST_KEPT:
             raise ValueError(
                 f"max_depth = {depth}: must be from 1 to {MOST_KEPT} for derivatives in reverse"
             )
         with dr.suspend_grad(), progress_bar("Gradients", self.spp, unit="spp") as bar:
-            for shot in self._shots(seed):
-                film = changes(self.record, shot.camera, self.spp, gradients)
-                gradient = pull(shot.sampler, shot.path, shot.parts, film)
+            for rays in self._passes(seed):
+                film = changes(self.record, rays.camera, self.spp, gradients)
+                gradient = pull(rays.sampler, rays.path, rays.parts, film)
                 with dr.resume_grad():
-                    start, beside = shot.again(film)
-                    film.pull(beside, start, gradient)
+                    start, collected = rays.attached_start(film)
+                    film.pull(collected, start, gradient)
                 dr.eval()
-                bar.update(shot.spp)
+                bar.update(rays.spp)
 
-    def _shots(self, seed: Any) -> Iterator[Shot]:
+    def _passes(self, seed: int) -> Iterator[Rays]:
         """Clear the film, and yield all samples of its pixels in passes of one point set."""
         record, spp, done = self.record, self.spp, 0
-        sampler: Any = best_sampler(spp)
+        sampler = best_sampler(spp)
         width, height = sampled_size(record.film)
         lanes = max(1, min(spp, PASS_SAMPLES // (width * height), MAX_ADDED))
         record.prepare()
@@ -175,46 +160,34 @@ class Derivative:
             sampler.seed(seed, width * height * count)
             sampler.skip(done)
             lane = dr.arange(mi.UInt32, width * height * count)
-            yield Shot(self, sampler, lane // dr.opaque(mi.UInt32, count), count)
+            yield Rays(self, sampler, lane // dr.opaque(mi.UInt32, count), count)
             done += count
 
 
-class Shot:
-    """Some camera rays, what they see, and what their paths go along.
+class Rays:
+    """Camera rays of one pass, `spp` for each pixel, and the start and the parts of their paths."""
 
-    Args:
-        of: The render.
-        sampler: Random numbers.
-        pixel: Pixels of the rays.
-        spp: Rays of each pixel.
-
-    Attributes:
-        camera: The rays.
-        parts: What their paths go along.
-        path: Where these start.
-    """
-
-    def __init__(self, of: Derivative, sampler: Any, pixel: mi.UInt32, spp: int) -> None:
+    def __init__(self, of: Derivative, sampler: mi.Sampler, pixel: mi.UInt32, spp: int) -> None:
         self.of, self.sampler, self.pixel, self.spp = of, sampler, pixel, spp
-        self._first = sampler.dimension
-        self.camera, endpoint, _ = self._begin()
+        self._first_dimension = sampler.dimension
+        self.camera, endpoint, _ = self._sample()
         self.parts = Parts(of.plan.space, endpoint, of.scattering, of.plan.limits)
         self.path = self._start(self.camera, endpoint)
 
-    def _begin(self) -> tuple[CameraSample, Endpoint, list[Any]]:
+    def _sample(self) -> tuple[CameraSample, Endpoint, list[Contribution]]:
         camera = sample_camera(self.of.sensor, self.of.record.film, self.sampler, self.pixel)
         lit = self.of.plan.illuminate(camera.ray, camera.origin, self.sampler, mi.Bool(True))
         return camera, *lit
 
-    def _start(self, camera: CameraSample, endpoint: Endpoint) -> Any:
+    def _start(self, camera: CameraSample, endpoint: Endpoint) -> Path:
         return self.of.plan.start(endpoint, camera.ray, camera.origin, True, camera.frame)
 
-    def again(self, film: Changes) -> tuple[Any, Any]:
-        """The first state of the paths, packed, and light beside them: both with derivatives."""
-        last, self.sampler.dimension = self.sampler.dimension, self._first
-        camera, endpoint, beside = self._begin()
+    def attached_start(self, film: Changes) -> tuple[Any, Collected]:
+        """Return the paths' first state, packed, and light without paths, with derivatives."""
+        last, self.sampler.dimension = self.sampler.dimension, self._first_dimension
+        camera, endpoint, contributions = self._sample()
         self.sampler.dimension = last
         collected = film.step()
-        for light in beside:
-            accumulate(collected, light)
+        for contribution in contributions:
+            accumulate(collected, contribution)
         return packed(self._start(camera, endpoint)), collected

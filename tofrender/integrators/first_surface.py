@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import mitsuba as mi
 
 from ..paths.scattering import Materials
@@ -33,9 +31,8 @@ class FirstSurface(PathTracer):
                 )
         props["max_bounces"] = 1
         super().__init__(props)
-        white: Any = mi.load_dict(WHITE)
-        self.material = white
+        self.material = mi.load_dict(WHITE)
 
     def scattering(self, scene: mi.Scene) -> Materials:
-        """White surfaces."""
+        """Return the scattering at white surfaces."""
         return Materials(scene, self.material)

@@ -28,5 +28,5 @@ class TransientLightTracer(BothEnds):
     from_camera = False
 
     def mis_strategies(self) -> BidirectionalMIS:
-        """Strategies with t = 1, each of which alone finds the paths of its length."""
+        """Return the strategies with t = 1, each of which alone finds the paths of its length."""
         return BidirectionalMIS(exponent=0)

@@ -8,10 +8,11 @@ additions. Memory does not depend on the number of samples.
 from __future__ import annotations
 
 import math
+import operator
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import drjit as dr
 import mitsuba as mi
@@ -49,11 +50,11 @@ class Part:
     """Range of samples that a render takes, by default all of all pixels.
 
     Attributes:
-        first: Samples per pixel that an earlier render with the same seed has taken. `padded_sobol`
-            goes on in the same point set, other samplers start another one.
+        first: Samples per pixel of an earlier render with the same seed, whose point set
+            `padded_sobol` goes on with; other samplers start another one.
         tile: Where the film's pixels are in the sensor's film, if that has more. `padded_sobol`
             takes the same points as for the whole, other samplers take others.
-        kept: What a render of this part had done when it was stopped.
+        kept: State of a render of this part that was stopped.
     """
 
     first: int = 0
@@ -70,29 +71,19 @@ WHOLE = Part()
 
 
 class PixelSample(NamedTuple):
-    """A sample of each of some pixels.
+    """A sample of each of some pixels."""
 
-    Attributes:
-        position: Position on the film [pixels].
-        colour: Channels of the picture before its weight.
-        rest: Channels behind it.
-        not_finite: Number of contributions that were not finite.
-    """
-
-    position: mi.Point2f
-    colour: list[mi.Float]
-    rest: list[mi.Float]
-    not_finite: mi.UInt32
+    position: mi.Point2f  # On the film [pixels]
+    colour: list[mi.Float]  # Channels of the picture before its weight
+    rest: list[mi.Float]  # Channels behind it
+    not_finite: mi.UInt32  # Number of contributions that were not finite
 
 
 class PixelSampler:
     """Samples pixels: camera rays, their paths, and the values that go into the film.
 
     Args:
-        plan: Traces camera rays.
-        record: The film and how light counts on it.
-        sensor: The camera.
-        sampler: Random numbers.
+        plan, record, sensor, sampler: As for `steps`.
         spp: Samples per pixel of the whole render.
         tile: Part of the sensor's film that the film has, None for all.
         rate: Rays for each sample of the picture.
@@ -121,8 +112,9 @@ class PixelSampler:
             camera = replace(camera, weight=camera.weight / self.rate)
         measurement = record.measurement(camera, self.spp)
         target = AsSplats(measurement, camera.position) if self.splats else measurement
-        start = camera.ray, camera.origin, target
-        traced, path = self.plan.trace(self.sampler, *start, frame=camera.frame)
+        traced, path = self.plan.trace(
+            self.sampler, camera.ray, camera.origin, target, frame=camera.frame
+        )
         measured = measurement if self.splats else traced
         channels = record.channels(camera, measured, path.valid_ray)
         return PixelSample(camera.position, *channels, path.not_finite)
@@ -133,18 +125,13 @@ def steps(
     record: Recording,
     sensor: mi.Sensor,
     sampler: mi.Sampler,
-    seed: Any,
+    seed: int | mi.UInt32,
     part: Part = WHOLE,
 ) -> Iterator[int]:
     """Render in steps of about a second, all from one point set.
 
-    Args:
-        plan: Traces camera rays.
-        record: The film and how light counts on it; the film is cleared first.
-        sensor: The camera, of the film's size.
-        sampler: Its `sample_count` is the number of samples per pixel.
-        seed: Seed of the random numbers.
-        part: Which samples are taken.
+    The film is cleared first. The sensor is of the film's size, and the sampler's `sample_count`
+    the number of samples per pixel.
 
     Yields:
         Samples per pixel that the film holds so far.
@@ -180,7 +167,7 @@ def steps(
     if emitters is not None:
         apart = _EmitterPixels(emitters, record, sensor, spp, seed, part)
 
-    flushed, per_step = done, _first_count(width * height * lanes, most)
+    flushed, per_step = done, min(most, max(1, FIRST_SAMPLES // (width * height * lanes)))
     while done < spp:
         start, count = time.perf_counter(), min(per_step, (spp - done) // lanes)
         record.write(private)
@@ -198,44 +185,36 @@ def steps(
         yield done
 
 
-def _first_count(lanes: int, most: int) -> int:
-    """Samples that each of all lanes takes in the first step."""
-    return min(most, max(1, FIRST_SAMPLES // lanes))
-
-
 def _next_count(count: int, seconds: float, most: int) -> int:
-    """Samples of each lane in the next step, where the last took `count` and some time."""
+    """Return the samples of each lane in the next step, where the last took `count` and a time."""
     if seconds > 2 * STEP_S:
         return max(1, count // 2)
     return min(most, 2 * count) if seconds < 0.5 * STEP_S else count
 
 
-def _seed(sampler: mi.Sampler, seed: Any, lanes: int, pixel: mi.UInt32, part: Part) -> None:
-    """Start a sampler at the first of a part's samples; `pixel` numbers the whole's for each lane.
+def _seed(
+    sampler: mi.Sampler, seed: mi.UInt32 | int, lanes: int, pixel: mi.UInt32, part: Part
+) -> None:
+    """Start a sampler at the first of a part's samples; `pixel` is that of the whole for each lane.
 
     Samplers that cannot skip points or pixels take others, by another seed.
     """
     sampler.set_samples_per_wavefront(lanes)
     first, skip = part.first + part.done, getattr(sampler, "skip", None)
-    place = getattr(sampler, "place", None)
+    set_pixels = getattr(sampler, "place", None)
     if skip is None:
         corner = () if part.tile is None else (1 + part.tile.x, 1 + part.tile.y)
         for number in (first, *corner):
             seed = mix(mi.UInt32(seed), mi.UInt32(number)) if number else seed
     sampler.seed(seed, dr.width(pixel))
-    if part.tile is not None and place is not None:
-        place(pixel)
+    if part.tile is not None and set_pixels is not None:
+        set_pixels(pixel)
     if first and skip is not None:
         skip(first)
 
 
 class _EmitterPixels:
-    """Samples the pixels of visible emitters, in a point set of its own.
-
-    Args:
-        emitters: The visible emitters.
-        record, sensor, spp, seed, part: As for `steps`.
-    """
+    """Samples the pixels of visible emitters, in a point set of their own."""
 
     def __init__(
         self,
@@ -243,10 +222,10 @@ class _EmitterPixels:
         record: Recording,
         sensor: mi.Sensor,
         spp: int,
-        seed: Any,
+        seed: int | mi.UInt32,
         part: Part,
     ) -> None:
-        sampler: Any = best_sampler(spp)
+        sampler = best_sampler(spp)
         numbers, rate, tile = mi.UInt32(emitters.pixels.tolist()), emitters.rate, part.tile
         lanes = len(numbers) * rate
         sampler.set_samples_per_wavefront(rate)
@@ -274,7 +253,7 @@ class _EmitterPixels:
 
 
 def _around(pixels: np.ndarray, film: mi.Film) -> mi.UInt32:
-    """Numbers of the film's own pixels that samples of some pixels of the sampled area reach."""
+    """Return the film's own pixels that samples of some pixels of the sampled area reach."""
     width, _ = sampled_size(film)
     columns, rows = (int(n) for n in film.crop_size())
     border = film.rfilter().border_size()
@@ -289,7 +268,7 @@ def _around(pixels: np.ndarray, film: mi.Film) -> mi.UInt32:
 
 
 def _lanes(sampler: mi.Sampler, pixels: int, spp: int) -> tuple[int, int, bool]:
-    """Lanes per pixel, samples that each lane takes in a step, and whether pixels are private."""
+    """Return lanes per pixel, most samples of each in a step, and whether pixels are private."""
     most = max(1, min(STEP_SAMPLES // pixels, MAX_ADDED))
     if not {sampler.class_name(), type(sampler).__name__} & {*LOOPING_SAMPLERS}:
         return _divisor(spp, most), 1, False
@@ -304,16 +283,15 @@ def _lanes(sampler: mi.Sampler, pixels: int, spp: int) -> tuple[int, int, bool]:
 
 
 def _divisor(number: int, bound: int) -> int:
-    """The largest divisor of `number` that is at most `bound`, 1 if there is none."""
+    """Return the largest divisor of `number` that is at most `bound`, 1 if there is none."""
     return next((k for k in range(min(bound, number), 0, -1) if number % k == 0), 1)
 
 
 @dr.syntax
 def _step(pixels: PixelSampler, pixel: mi.UInt32, count: int, weight: float = 1.0) -> int:
-    """Take `count` samples in every lane, one after the other, and evaluate the film.
+    """Take `count` samples in every lane, each of a `weight` in the picture; evaluate the film.
 
-    Each counts as `weight` samples by which the picture is divided. Returns the number of
-    contributions that were not finite.
+    Returns the number of contributions that were not finite.
     """
     record, sampler = pixels.record, pixels.sampler
     image = record.image
@@ -330,7 +308,7 @@ def _step(pixels: PixelSampler, pixel: mi.UInt32, count: int, weight: float = 1.
         sums = [mi.Float(0) for _ in range(block.channel_count() - 1)]
         while left > 0:
             _, colour, rest, odd = pixels.sample(pixel)
-            sums = _added(sums, [*colour, *rest])
+            sums = list(map(operator.add, sums, [*colour, *rest]))
             not_finite += odd
             sampler.advance()
             left -= 1
@@ -344,7 +322,7 @@ def _step(pixels: PixelSampler, pixel: mi.UInt32, count: int, weight: float = 1.
             not_finite += odd
             sampler.advance()
             left -= 1
-    # Reading the block evaluates it: with all else that the walk leaves, or it is traced again
+    # Evaluate all outcomes of the walk together, or it would be traced again
     sampler.schedule_state()
     dr.schedule(not_finite)
     image.put_block(block)
@@ -354,15 +332,7 @@ def _step(pixels: PixelSampler, pixel: mi.UInt32, count: int, weight: float = 1.
     return int(dr.sum(mi.UInt64(not_finite))[0])
 
 
-def _added(sums: list[mi.Float], values: list[mi.Float]) -> list[mi.Float]:
-    return [total + value for total, value in zip(sums, values, strict=True)]
-
-
-def best_sampler(spp: Any) -> mi.Sampler:
-    """The sampler that leaves the least noise.
-
-    Raises:
-        ValueError: `spp` is out of range; one line.
-    """
+def best_sampler(spp: int) -> mi.Sampler:
+    """Create the sampler that leaves the least noise; a `ValueError` if `spp` is out of range."""
     count = checks.integer("spp", spp, 1, checks.MAX_SPP)
     return mi.load_dict({"type": plugins.qualified_name("padded_sobol"), "sample_count": count})

@@ -28,5 +28,5 @@ class PathTracerMats(PathTracer):
     takes_light_samples = False
 
     def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> EmitterHits:
-        """Lights are where paths run into them."""
+        """Return the technique: paths must run into emitters."""
         return self.emitters(EmitterHits, scene, sensor)

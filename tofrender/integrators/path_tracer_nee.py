@@ -27,5 +27,5 @@ class PathTracerNEE(PathTracer):
     """
 
     def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> ConnectionsOnly:
-        """Lights are found by connections."""
+        """Return next-event estimation."""
         return self.emitters(ConnectionsOnly, scene, sensor, light_samples=self.light_samples)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from typing import Any, Protocol, Self, TypeVar
+from typing import Protocol, Self, TypeVar
 
 import mitsuba as mi
 
@@ -19,32 +19,23 @@ M = TypeVar("M", bound=Measurement)
 
 
 class TracedRays(Protocol):
-    """Outcome of tracing camera rays, e.g. their paths.
+    """Outcome of tracing camera rays, e.g. their paths."""
 
-    Attributes:
-        valid_ray: Lanes whose ray met a surface.
-        not_finite: Number of contributions that were not finite.
-    """
+    not_finite: mi.UInt32  # Number of contributions that were not finite
 
     @property
     def valid_ray(self) -> mi.Bool:
         """Lanes whose ray met a surface."""
         ...
 
-    not_finite: mi.UInt32
-
 
 class Tracer(Protocol):
-    """Traces camera rays: a `Plan`, or a user-defined integrator.
+    """Traces camera rays: a `Plan`, or a user-defined integrator."""
 
-    Attributes:
-        splats: Whether contributions arrive at pixels other than those of the camera rays.
-    """
-
-    splats: bool
+    splats: bool  # Whether contributions arrive at pixels other than those of the camera rays
 
     def for_bin_width(self, width_opl: float | None) -> Tracer:
-        """Return the tracer for a film that resolves lengths by `width_opl` [m], if it does."""
+        """Return the tracer for a film that resolves lengths by `width_opl` [m], if any."""
         ...
 
     def trace(
@@ -52,11 +43,11 @@ class Tracer(Protocol):
         sampler: mi.Sampler,
         ray: mi.Ray3f,
         origin: mi.Point3f,
-        measurement: Any,
+        measurement: Measurement,
         active: mi.Bool | bool = True,
         frame: mi.Spectrum | None = None,
-    ) -> tuple[Any, TracedRays]:
-        """Trace camera rays; returns the measurement and the outcome, see `Plan.trace`."""
+    ) -> tuple[Measurement, TracedRays]:
+        """Trace camera rays, see `Plan.trace`."""
         ...
 
 
@@ -64,17 +55,9 @@ class Plan(Parts):
     """The parts of the path loop for camera rays.
 
     An integrator makes it from its parameters, a scene and a sensor, and keeps nothing of it.
-
-    Args:
-        scene: The scene.
-        space: Finds vertices.
-        endpoint: What vertices connect to.
-        scattering: How paths go on.
-        limits: Which contributions count.
     """
 
     splats = False
-    """Whether contributions arrive at pixels other than those of the camera rays."""
 
     def __init__(
         self,
@@ -88,11 +71,11 @@ class Plan(Parts):
         self.scene = scene
 
     def visible_emitters(self) -> Sequence[mi.Emitter]:
-        """Return emitters that camera rays may hit at once, whose light may be sampled apart."""
+        """Return emitters that camera rays may hit first, whose light may be sampled apart."""
         return self.endpoint.visible_emitters()
 
     def for_bin_width(self, width_opl: float | None) -> Self:
-        """Return the plan for a film that resolves lengths by `width_opl` [m], None if by none."""
+        """Return the plan for a film that resolves lengths by `width_opl` [m]."""
         if width_opl is None:
             return self
         return self.with_endpoint(self.endpoint.for_bin_width(width_opl))
@@ -140,18 +123,10 @@ class Plan(Parts):
         active: mi.Bool | bool = True,
         frame: mi.Spectrum | None = None,
     ) -> tuple[M, Path]:
-        """Trace the paths of camera rays.
+        """Trace the paths of camera rays, whose lengths start at `origin` [m].
 
-        Args:
-            sampler: Random numbers.
-            ray: The rays.
-            origin: Where their lengths start [m].
-            measurement: Accumulates contributions.
-            active: Lanes with a ray.
-            frame: Mueller matrix into the sensor's frame, None for none.
-
-        Returns:
-            The measurement, and the paths at their ends.
+        `frame` is the Mueller matrix into the sensor's frame, None for none. Returns the
+        measurement, which accumulates contributions, and the paths at their ends.
         """
         active, not_finite = mi.Bool(active), mi.UInt32(0)
         endpoint, contributions = self.illuminate(ray, origin, sampler, active)
@@ -172,8 +147,5 @@ class Plan(Parts):
         measurement: M,
         active: mi.Bool,
     ) -> tuple[M, mi.UInt32]:
-        """Add contributions of camera rays that are found without tracing paths.
-
-        Returns the measurement, and the number of contributions that were not finite.
-        """
+        """Add contributions that need no path; returns the measurement, and how many not finite."""
         return measurement, mi.UInt32(0)

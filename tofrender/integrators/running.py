@@ -8,14 +8,19 @@ from os import PathLike
 from typing import Any
 
 import mitsuba as mi
+import numpy as np
 
-from ..films.recording import Recording, warn_not_finite
+from ..films.exposure import PICTURE, Exposure
+from ..films.image import image_film
+from ..films.recording import Recording, recording, warn_not_finite
 from ..runtime import checks
 from ..runtime.checkpoints import Checkpoint, SubCheckpoint
 from ..runtime.progress import Stop, deferred_stop, progress_bar
+from ..scenes.checking import check_view
 from ..scenes.fingerprint import fingerprint
 from .passes import Part, best_sampler, steps
 from .plan import Tracer
+from .user_defined import UserDefinedTracer, follows, is_user_defined, require_sample
 
 UNIT = "samples per pixel"
 
@@ -31,17 +36,10 @@ def run(
     progress: bool = True,
     stop: Stop | None = None,
 ) -> int:
-    """Render all steps, with a progress bar, until a signal stops it.
+    """Render all steps of `passes.steps`, with a progress bar, until a signal stops it.
 
-    Args:
-        rendering: The steps, see `passes.steps`.
-        record: The film and how light counts on it.
-        spp: Samples per pixel in all steps.
-        done: Samples per pixel that the film has from the start.
-        before: Samples per pixel of an earlier render, for the bar.
-        checkpoint: Checkpoint that is saved, already begun.
-        progress: Whether to show a bar for work that takes more than two seconds.
-        stop: Request to stop, if the caller handles signals.
+    The film has `done` samples per pixel from the start; an earlier render took `before`, for the
+    bar. The checkpoint has begun already. `stop` is given if the caller handles signals.
 
     Returns:
         Samples per pixel that the film has: fewer than `spp` after Ctrl-C, SIGTERM or SIGHUP,
@@ -61,27 +59,50 @@ def run(
     return done
 
 
-def render_all(
-    plan: Tracer,
-    record: Recording,
+def render_image(
+    scene: mi.Scene,
+    integrator: Any,
     sensor: mi.Sensor,
-    spp: Any,
-    seed: Any,
-    recipe: Callable[[], Mapping[str, Any]],
-    checkpoint: Checkpoint | str | PathLike[str] | None = None,
-    progress: bool = True,
+    exposure: Callable[[], Exposure],
+    call: str,
+    arguments: tuple[Any, ...],
+    *settings: Any,
+    **identity: Any,
+) -> np.ndarray:
+    """Render one picture by an integrator, or by the `sample` of a user-defined one.
+
+    `exposure` returns how the integrator's light counts, and refuses integrators of other kinds. A
+    user-defined one is called as `call` says, with `arguments` after the ray. `settings` and
+    `identity` are those of `render_all`.
+    """
+    check_view(scene, sensor, **follows(integrator))
+    film = image_film(sensor.film())
+    if is_user_defined(integrator):
+        require_sample(integrator, call)
+        record = recording(film, Exposure(onto=(PICTURE,)))
+        tracer: Tracer = UserDefinedTracer(integrator, scene, record, *arguments)
+    else:
+        record = recording(film, exposure())
+        tracer = integrator.plan(scene, sensor, record.weight)
+    render_all(scene, integrator, sensor, tracer, record, *settings, **identity)
+    return np.array(film.develop())
+
+
+def render_all(
+    scene: mi.Scene,
+    integrator: Any,
+    sensor: mi.Sensor,
+    tracer: Tracer,
+    record: Recording,
+    spp: int,
+    seed: int,
+    checkpoint: Checkpoint | str | PathLike[str] | None,
+    progress: bool,
+    **identity: Any,
 ) -> None:
     """Render all samples; stopping is an error, since the result would look complete.
 
-    Args:
-        plan: Traces camera rays.
-        record: The film and how light counts on it.
-        sensor: The camera.
-        spp: Samples per pixel.
-        seed: Seed of the random numbers.
-        recipe: All that the result depends on, but for `spp` and `seed`; for a checkpoint.
-        checkpoint: Checkpoint that is saved.
-        progress: Whether to show a bar for work that takes more than two seconds.
+    `identity` is what else the result depends on, for checkpoints.
 
     Raises:
         ValueError: `spp` or `seed` is out of range, or the checkpoint is of another render.
@@ -92,15 +113,12 @@ def render_all(
     sampler, checkpoint = best_sampler(spp), Checkpoint.of(checkpoint)
     kept = None
     if checkpoint is not None:
-        made = {"seed": seed, "variant": mi.variant(), **recipe()}
-        kept = checkpoint.begin(made, spp, UNIT)
+        more = {**identity, "film": str(record.film)}
+        made = made_with(scene, sensor, integrator, more)
+        kept = checkpoint.begin({"seed": seed, "variant": mi.variant(), **made}, spp, UNIT)
     part = Part(kept=kept)
-    done = run(
-        *(steps(plan, record, sensor, sampler, seed, part), record, spp),
-        done=part.done,
-        checkpoint=checkpoint,
-        progress=progress,
-    )
+    rendering = steps(tracer, record, sensor, sampler, seed, part)
+    done = run(rendering, record, spp, done=part.done, checkpoint=checkpoint, progress=progress)
     if done < spp:
         raise KeyboardInterrupt(
             interrupted(done, spp, UNIT, checkpoint.again if checkpoint else "")

@@ -45,16 +45,14 @@ class Simple(FirstSurface):
         super().__init__(props)
         rgb = {"type": "rgb", "value": [phi / (4 * math.pi) for phi in self.energy]}
         light = {"type": "point", "position": self.position, "intensity": rgb}
-        emitter: Any = mi.load_dict(light)
-        self.emitter = emitter
+        self.emitter = mi.load_dict(light)
 
     def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> PointSource:
-        """The integrator's own light."""
+        """Return the integrator's own light."""
         return PointSource(scene, self.emitter, self.hide_emitters)
 
 
 def _point(name: str, value: Any) -> list[float]:
-    """Coordinates of a point."""
     point = _numbers(value)
     if len(point) != 3:
         raise ValueError(f"{name} = {checks.quote(value)}: must be a point of three finite numbers")
@@ -62,7 +60,6 @@ def _point(name: str, value: Any) -> list[float]:
 
 
 def _colour(name: str, value: Any) -> list[float]:
-    """Red, green and blue of a colour, or of a number."""
     is_number = isinstance(value, Real) and not isinstance(value, bool)
     colour = _numbers([value] * 3 if is_number else value)
     if len(colour) != 3 or min(colour) < 0:
@@ -73,7 +70,7 @@ def _colour(name: str, value: Any) -> list[float]:
 
 
 def _numbers(value: Any) -> list[float]:
-    """Finite numbers; none where a value is something else."""
+    """Convert to finite numbers; none if a value is something else."""
     try:
         numbers = [float(x) for x in value]
     except (TypeError, ValueError):

@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..films.exposure import BINS, PICTURE, Exposure, Weight
-from ..films.image import image_film, transient_film
+from ..films.image import transient_film
 from ..films.recording import recording
 from ..films.sums import Weighted
 from ..paths.endpoints import GatedFog, GatedLights
@@ -24,12 +24,11 @@ from ..paths.surfaces import transmits
 from ..runtime import checks
 from ..runtime.checkpoints import Checkpoint
 from ..scenes.checking import check_view
-from ..signals.polarisation import to_spectrum
 from ..signals.pulses import GaussianPulse, Pulse
 from .base import TransientIntegrator
-from .plan import Plan, Tracer
-from .running import made_with, render_all
-from .user_defined import UserDefinedTracer, follows, is_user_defined, require_sample
+from .plan import Plan
+from .running import render_all, render_image
+from .user_defined import follows, is_user_defined
 
 FILM_KEYS = ("temporal_bins", "start_opl", "bin_width_opl")
 NO_TARGET = "target_time = None: must be the gate's path length in metres"
@@ -37,18 +36,14 @@ CALL = "sample(scene, sampler, ray, target_time)"
 
 
 class Gate:
-    """The weight of light by its length: a pulse seen at one instant.
-
-    Args:
-        pulse: The light's pulse; needs `eval`.
-        target_time: Path length of the gate [m].
+    """The weight of light by its length: a pulse seen at the path length `target_time` [m].
 
     Attributes:
         opens, closes: Lengths before and beyond which the weight is 0 [m], None if the pulse does
             not say.
     """
 
-    def __init__(self, pulse: Any, target_time: Any) -> None:
+    def __init__(self, pulse: Pulse, target_time: mi.Float) -> None:
         if not hasattr(pulse, "eval"):
             raise TypeError(
                 f"pulse = {type(pulse).__name__}: must have eval(t), a density like that of "
@@ -56,18 +51,16 @@ class Gate:
             )
         self.pulse, self.target_time = pulse, target_time
         support = getattr(pulse, "support", None)
-        self.opens, self.closes = (
-            (None, None)
-            if support is None
-            else (target_time - support[1], target_time - support[0])
-        )
+        self.opens, self.closes = None, None
+        if support is not None:
+            self.opens, self.closes = target_time - support[1], target_time - support[0]
 
     def __call__(self, opl: mi.Float) -> mi.Float:
         """Density of the pulse at the gate [1/m]."""
         return self.pulse.eval(self.target_time - opl)
 
     def draw(self, xi: mi.Float) -> tuple[mi.Float, mi.Float]:
-        """A path length that the gate sees [m], and its weight as `Pulse.sample` has it."""
+        """Sample a path length that the gate sees [m]; returns its weight as `Pulse.sample`."""
         offset, weight = self.pulse.sample(xi)
         return self.target_time - offset, weight
 
@@ -95,6 +88,8 @@ class TimeGatedTransientPath(TransientIntegrator):
         GaussianPulse(width_opl=0.02)
     """
 
+    shown = (*TransientIntegrator.shown, "target_time", "pulse")
+
     def __init__(self, props: mi.Properties | None = None) -> None:
         props = mi.Properties("time_gated_transient_path") if props is None else props
         if "max_depth" not in props:
@@ -106,33 +101,21 @@ class TimeGatedTransientPath(TransientIntegrator):
         self.target_time = None if target is None else checks.metres("target_time", target)
 
     def sample(self, scene, sampler, ray, target_time=None, medium=None, active=True, origin=None):
-        """Radiance per metre along rays at one instant.
+        """Radiance per metre along camera rays at the path length `target_time` of a gate [m].
 
-        Args:
-            scene: The scene.
-            sampler: Random numbers.
-            ray: Camera rays; in lengths, indices of refraction are over that where they start.
-            target_time: Path length of the gate [m]; by default the stored one.
-            medium: Ignored.
-            active: Lanes to trace.
-            origin: Where lengths start, by default where the rays do: 1 mm or so in front of a
-                perspective camera, by its near clip. `render_at_time` measures from the sensor.
+        Lengths start at `origin`, by default where the rays do: 1 mm or so in front of a
+        perspective camera, by its near clip, where `render_at_time` measures from the sensor.
+        Indices of refraction are over that at the rays' start. `medium` is ignored.
 
         Returns:
             Spectrum [1/m], lanes that see a surface or an environment, and no AOVs.
         """
         gate = self.gate(self.target_time if target_time is None else target_time)
-        origin = ray.o if origin is None else origin
-        plan, measure = self.plan(scene, None, gate), Weighted.zero(gate)
-        measured, path = plan.trace(sampler, ray, origin, measure, active)
-        return to_spectrum(measured.total), self.sees(scene, path), []
+        plan, measurement = self.plan(scene, None, gate), Weighted.zero(gate)
+        return self.sampled(plan, scene, sampler, ray, measurement, active, origin)
 
-    def gate(self, target_time: Any) -> Gate:
-        """The gate at a path length [m].
-
-        Raises:
-            ValueError: There is none; one line.
-        """
+    def gate(self, target_time: mi.Float | float | None) -> Gate:
+        """Return the gate at a path length [m]; a `ValueError` if that is None."""
         if target_time is None:
             raise ValueError(NO_TARGET)
         is_array = isinstance(target_time, mi.Float)
@@ -141,7 +124,7 @@ class TimeGatedTransientPath(TransientIntegrator):
             checks.resolved("pulse_width_opl", float(width), target_time)
         return Gate(self.pulse, target_time if is_array else dr.opaque(mi.Float, target_time))
 
-    def exposure(self, target_time: Any = None) -> Exposure:
+    def exposure(self, target_time: float | None = None) -> Exposure:
         """Return how light counts: one gate on a picture, a gate at the centre of every bin."""
         target = self.target_time if target_time is None else target_time
         return Exposure(
@@ -166,7 +149,7 @@ class TimeGatedTransientPath(TransientIntegrator):
         return plan
 
     def _gated_endpoint(
-        self, scene: mi.Scene, sensor: mi.Sensor | None, space: Space, gate: Any
+        self, scene: mi.Scene, sensor: mi.Sensor | None, space: Space, gate: Gate
     ) -> GatedEmitters:
         """Connections along rays through media where they apply, else those of vertices alone."""
         has_samples = hasattr(self.pulse, "sample") and gate.closes is not None
@@ -176,14 +159,8 @@ class TimeGatedTransientPath(TransientIntegrator):
         return self.emitters(GatedLights, scene, sensor, gate)
 
     def sample_arguments(self) -> tuple[Any, ...]:
-        """A `sample` of a subclass takes the target time after the ray."""
+        """Return the target time, which a `sample` of a subclass takes after the ray."""
         return (self.target_time,)
-
-    def to_string(self) -> str:
-        """The integrator's parameters."""
-        names = ("max_depth", "rr_depth", "hide_emitters", "camera_unwarp", "target_time", "pulse")
-        values = ", ".join(f"{name} = {getattr(self, name)!r}" for name in names)
-        return f"TimeGatedTransientPath[{values}]"
 
 
 def render_at_time(
@@ -228,20 +205,13 @@ def render_at_time(
     target = checks.metres("target_time", target_time)
     if target < 0:
         raise ValueError(f"target_time = {target_time!r}: must be 0 m or more, light starts there")
-    check_view(scene, sensor, **follows(integrator))
-    film = image_film(sensor.film())
-    if is_user_defined(integrator):
-        require_sample(integrator, CALL)
-        record = recording(film, Exposure(onto=(PICTURE,)))
-        plan: Tracer = UserDefinedTracer(integrator, scene, record, dr.opaque(mi.Float, target))
-    else:
+
+    def exposure() -> Exposure:
         _require_gates(integrator)
-        record = recording(film, integrator.exposure(target))
-        plan = integrator.plan(scene, sensor, record.weight)
-    made = {"gate": target, "film": str(film)}
-    recipe = partial(made_with, scene, sensor, integrator, made)
-    render_all(plan, record, sensor, spp, seed, recipe, checkpoint, progress)
-    return np.array(film.develop())
+        return integrator.exposure(target)
+
+    more, settings = (dr.opaque(mi.Float, target),), (spp, seed, checkpoint, progress)
+    return render_image(scene, integrator, sensor, exposure, CALL, more, *settings, gate=target)
 
 
 def render_transient(
@@ -257,16 +227,9 @@ def render_transient(
 ) -> np.ndarray:
     """Render the scene at many instants, with the paths of one trace.
 
-    Args:
-        scene: The scene.
-        integrator: A `TimeGatedTransientPath`.
-        sensor: The camera; its film says size, crop and filter.
-        film_config: `temporal_bins`, `start_opl` [m] and `bin_width_opl` [m]: gate k is at
-            start_opl + (k + 1/2) bin_width_opl.
-        spp: Samples per pixel, of all gates together.
-        seed: Seed of the random numbers.
-        checkpoint: As for `render`.
-        progress: Whether to show a bar for work that takes more than two seconds.
+    `film_config` has `temporal_bins`, `start_opl` [m] and `bin_width_opl` [m]: gate k is at
+    start_opl + (k + 1/2) bin_width_opl. The other arguments are those of `render_at_time`, where
+    the integrator is a `TimeGatedTransientPath`, and `spp` samples are of all gates together.
 
     Returns:
         Radiance per metre of path, float32 array of shape (height, width, temporal_bins, channels).
@@ -288,10 +251,9 @@ def render_transient(
     film_config = checks.mapping("film_config", film_config)
     for key in film_config:
         checks.one_of("film_config key", key, FILM_KEYS)
-    for key in FILM_KEYS:
-        if key not in film_config:
-            known = ", ".join(FILM_KEYS)
-            raise ValueError(f"film_config = {given}: has no {key}; must have {known}")
+    if missing := [key for key in FILM_KEYS if key not in film_config]:
+        known = ", ".join(FILM_KEYS)
+        raise ValueError(f"film_config = {given}: has no {missing[0]}; must have {known}")
     bins = checks.integer("temporal_bins", film_config["temporal_bins"], 1, checks.MAX_BINS)
     start = checks.metres("start_opl", film_config["start_opl"])
     width = checks.metres("bin_width_opl", film_config["bin_width_opl"], positive=True)
@@ -305,9 +267,8 @@ def render_transient(
     film = transient_film(sensor.film(), bins, start, width)
     integrator.gate(start)  # Refuses where there is no pulse
     record = recording(film, replace(integrator.exposure(), at_centres=True))
-    recipe = partial(made_with, scene, sensor, integrator, {"film": str(film)})
-    plan = integrator.plan(scene, sensor)
-    render_all(plan, record, sensor, spp, seed, recipe, checkpoint, progress)
+    plan, settings = integrator.plan(scene, sensor), (spp, seed, checkpoint, progress)
+    render_all(scene, integrator, sensor, plan, record, *settings)
     return film.take()[1]
 
 

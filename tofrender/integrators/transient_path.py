@@ -59,6 +59,10 @@ all further vertices connect to half as many, rounded up |
 
     fills_bins = True
     takes_light_samples = True
+    shown = (
+        *(*TransientIntegrator.shown, "discard_direct_light", "emitter_sampling"),
+        *("temporal_filter", "gaussian_stddev", "pulse", "light_samples"),
+    )
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
@@ -88,14 +92,5 @@ all further vertices connect to half as many, rounded up |
         self._pulse = copy(pulse) if type(pulse) is GaussianPulse else pulse
 
     def exposure(self) -> Exposure:
-        """The light's pulse, through the temporal filter."""
+        """Return how light counts: its pulse, through the temporal filter."""
         return Exposure((BINS, PHASORS), self.pulse, self.temporal_filter, self.gaussian_stddev)
-
-    def to_string(self) -> str:
-        """The integrator's parameters."""
-        names = (
-            *("max_depth", "rr_depth", "hide_emitters", "camera_unwarp", "discard_direct_light"),
-            *("emitter_sampling", "temporal_filter", "gaussian_stddev", "pulse", "light_samples"),
-        )
-        values = ", ".join(f"{name} = {getattr(self, name)!r}" for name in names)
-        return f"{type(self).__name__}[{values}]"

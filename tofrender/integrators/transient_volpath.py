@@ -67,7 +67,7 @@ class TransientVolpath(TransientPath):
         return plan
 
     def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> Endpoint:
-        """The scene's emitters, also behind such surfaces."""
+        """Return the light-sampling technique, through such surfaces, too."""
         if not (self.emitter_sampling and lets_straight_through(scene)):
             return super().endpoint(scene, sensor)
         points = self.light_samples

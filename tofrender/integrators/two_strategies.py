@@ -13,18 +13,14 @@ ENDS = ("both", "camera", "light")
 
 
 class TwoStrategies(BidirectionalMIS):
-    """MIS of the strategies (1, t) and (s, 1) alone.
-
-    Args:
-        end: "camera" for the light of (1, t) alone, "light" for that of (s, 1), else "both".
-    """
+    """MIS of the strategies (1, t) if `end` is not "light", and (s, 1) if it is not "camera"."""
 
     def __init__(self, end: str) -> None:
         super().__init__(exponent=2, hits=False, inner=False)
         self.end = end
 
     def weight(self, x: mi.Float, s: mi.UInt32 | int, t: mi.UInt32 | int) -> mi.Float:
-        """Share of (1, t), t > 1, and of (s, 1), s > 1; nothing else counts."""
+        """Return the MIS weight of (1, t), t > 1, and of (s, 1), s > 1; others do not count."""
         from_camera = (mi.UInt32(s) == 1) & (mi.UInt32(t) > 1) & (self.end != "light")
         from_light = (mi.UInt32(s) > 1) & (mi.UInt32(t) == 1) & (self.end != "camera")
         return dr.select(from_camera | from_light, super().weight(x, s, t), 0)
@@ -46,5 +42,5 @@ class TransientTwoStrategies(BothEnds):
         super().__init__(props)
 
     def mis_strategies(self) -> BidirectionalMIS:
-        """Two strategies."""
+        """Return the two strategies."""
         return TwoStrategies(self.end)

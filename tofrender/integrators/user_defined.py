@@ -11,6 +11,7 @@ import mitsuba as mi
 
 from ..films.recording import Recording
 from ..films.sums import Radiance
+from ..paths.protocols import Measurement
 from ..signals.polarisation import summed, to_stokes
 
 
@@ -21,10 +22,7 @@ def is_user_defined(integrator: Any) -> bool:
 
 
 def follows(integrator: Any) -> dict[str, bool]:
-    """Return what an integrator models, as keyword arguments of `check_view`.
-
-    Media are left to user-defined integrators; None stands for one of this package.
-    """
+    """Return what an integrator models, for `check_view`; None stands for one of this package."""
     return {
         "media": getattr(integrator, "follows_media", True),
         "polarisation": getattr(integrator, "follows_polarisation", integrator is None),
@@ -32,15 +30,7 @@ def follows(integrator: Any) -> dict[str, bool]:
 
 
 def require_sample(integrator: Any, call: str) -> None:
-    """Refuse an integrator without a `sample` of its own.
-
-    Args:
-        integrator: The integrator.
-        call: The call that it must support, for the message.
-
-    Raises:
-        TypeError: It has no `sample` of its own; one line.
-    """
+    """Raise a `TypeError` for an integrator without a `sample` of its own, which names the call."""
     if not isfunction(getattr(type(integrator), "sample", None)):
         # Mitsuba's own integrators know no time
         kind = type(integrator).__name__
@@ -49,12 +39,7 @@ def require_sample(integrator: Any, call: str) -> None:
 
 @dataclass
 class SampledRays:
-    """Outcome of an integrator's `sample`.
-
-    Attributes:
-        valid_ray: Lanes that it says are valid.
-        not_finite: Number of values that were not finite.
-    """
+    """Outcome of an integrator's `sample`: lanes that it says are valid, and non-finite values."""
 
     valid_ray: mi.Bool
     not_finite: mi.UInt32
@@ -64,16 +49,8 @@ class UserDefinedTracer:
     """Traces camera rays by an integrator's `sample(scene, sampler, ray, *more)`.
 
     Rays start on the sensor instead of at its near plane, since a `sample` measures lengths from
-    where its ray starts. Lanes that it says are not valid are black.
-
-    Args:
-        integrator: The integrator.
-        scene: The scene.
-        record: The film and how light counts on it.
-        *more: Further arguments of `sample`.
-
-    Raises:
-        TypeError: The film needs the length of each path, which a `sample` does not tell; one line.
+    where its ray starts. Lanes that it says are not valid are black. A film that needs the length
+    of each path is refused, which a `sample` does not tell.
     """
 
     splats = False
@@ -91,7 +68,7 @@ class UserDefinedTracer:
         sampler: mi.Sampler,
         ray: mi.Ray3f,
         origin: mi.Point3f,
-        measurement: Any,
+        measurement: Measurement,
         active: mi.Bool | bool = True,
         frame: mi.Spectrum | None = None,
     ) -> tuple[Radiance, SampledRays]:

@@ -1,16 +1,13 @@
 """Extra samples for pixels in which the camera sees an emitter directly.
 
-All paths that see a lamp directly have nearly the same length, so their light falls into few time
-bins, and more of it than anything else brings: it is most of a film's noise. Finding it takes one
-ray, so it is left out of the long paths, and rays that end at their first surface find it.
-
-Pixels are chosen by where the lamps' boxes lie in the picture, never by samples, which keeps all
-means right.
+Directly visible light falls into few time bins, and is most of a film's noise. It is left out of
+the paths, and found by rays that end at their first surface. Their pixels are those that emitters'
+bounding boxes project to: choosing them by samples would bias the means.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 import mitsuba as mi
 import numpy as np
@@ -19,31 +16,28 @@ from ..paths.camera import Tile, sampled_size
 from ..paths.records import Path
 from ..paths.walk import add_emission
 from ..paths.window import KINDS, Window
-from .plan import Plan, Tracer
+from .plan import M, Plan, Tracer
 
 MOST = 32
 """Most rays for each sample of a pixel."""
 
 MARGIN = 0.01
-"""What is added to the picture of a lamp's box on each side, for rounding [pixels]."""
+"""Added to the projection of an emitter's box on each side, for rounding [pixels]."""
 
-SHARE = 0.5
+MEAN_RATE = 0.5
 """Rays for each sample of the picture, on average over all its pixels: a path has ten or more."""
 
 
 class VisibleEmitters:
-    """Rays that end at the first surface, in the pixels that may see a lamp there.
+    """Rays that end at the first surface, in the pixels that may see an emitter there.
 
     Args:
-        plan: The plan of the render.
+        plan: The plan of the render; `rest` is that without these rays' light.
         pixels: Numbers of the pixels, row by row in the sampled area of the film.
         rate: Rays for each sample of such a pixel.
-        splats: Whether their light lands as splats do. A film with another filter than box divides
+        splats: Whether their light is added as splats. A film with another filter than box divides
             by the sum of its samples' weights, which few samples leave to chance: rays that are
             none of them would come out too bright, 5 % with a sample per pixel.
-
-    Attributes:
-        rest: The plan without these rays' light.
     """
 
     def __init__(self, plan: Plan, pixels: np.ndarray, rate: int, splats: bool) -> None:
@@ -54,20 +48,20 @@ class VisibleEmitters:
     def of(
         cls, plan: Tracer, sensor: mi.Sensor, film: mi.Film, tile: Tile | None = None
     ) -> VisibleEmitters | None:
-        """Return the rays that pay off for a film, or a tile of one; None if none do.
+        """Return the rays for a film, or a tile of one.
 
-        None do without a lamp in view, where lamps fill the picture, and with cameras that project
-        no points onto pixels.
+        None if no emitter is in view, if emitters fill the picture, or if the camera projects no
+        points onto pixels.
         """
         if not isinstance(plan, Plan) or sensor.class_name() not in KINDS:
             return None
-        lamps = plan.visible_emitters()
-        if not lamps:
+        emitters = plan.visible_emitters()
+        if not emitters:
             return None
         whole = film if tile is None else tile.whole
-        pixels = pixels_of(lamps, sensor, whole)
+        pixels = pixels_of(emitters, sensor, whole)
         width, height = sampled_size(whole)
-        rate = min(MOST, int(SHARE * width * height / max(pixels.size, 1)))
+        rate = min(MOST, int(MEAN_RATE * width * height / max(pixels.size, 1)))
         if tile is not None:
             pixels = _within(pixels, width, film, tile)
         if not pixels.size or rate <= 1:
@@ -77,8 +71,13 @@ class VisibleEmitters:
         return cls(plan, pixels, 1 << (rate.bit_length() - 1), splats)
 
     def trace(
-        self, sampler: mi.Sampler, ray: mi.Ray3f, origin: Any, measurement: Any, frame: Any = None
-    ) -> tuple[Any, Path]:
+        self,
+        sampler: mi.Sampler,
+        ray: mi.Ray3f,
+        origin: mi.Point3f,
+        measurement: M,
+        frame: mi.Spectrum | None = None,
+    ) -> tuple[M, Path]:
         """Add the emission that camera rays hit first."""
         plan = self.plan
         path = plan.start(plan.endpoint, ray, origin, True, frame)
@@ -88,14 +87,14 @@ class VisibleEmitters:
         return measurement, path
 
 
-def pixels_of(lamps: Any, sensor: mi.Sensor, film: Any) -> np.ndarray:
-    """Numbers of the pixels that may see one of some emitters, all if one is beside the camera."""
+def pixels_of(emitters: Sequence[mi.Emitter], sensor: mi.Sensor, film: mi.Film) -> np.ndarray:
+    """Return the pixels that may see one of some emitters, all if one is beside the camera."""
     width, height = sampled_size(film)
     window = Window(sensor)
     first = np.ravel(np.array(window.first))
     chosen = np.zeros((height, width), dtype=bool)
-    for lamp in lamps:
-        box = lamp.bbox()
+    for emitter in emitters:
+        box = emitter.bbox()
         bounds = window.pixels_of(np.array(box.min, float), np.array(box.max, float))
         if bounds is None:
             return np.arange(width * height)

@@ -184,7 +184,8 @@ class _Samples:
         """The item's pixels of the film, without those that its filter needs around them."""
         y, x = (0, 0) if self._tile is None else (self._tile.y, self._tile.x)
         inside = replace(self._item, y=self._item.y - y, x=self._item.x - x)
-        steady, transient = (inside.pixels(array) for array in self.record.film.take())
+        film: Any = self.record.film
+        steady, transient = (inside.pixels(array) for array in film.take())
         return WorkResult({"transient": transient, "steady": steady}, done, self.record.not_finite)
 
 
