@@ -296,7 +296,7 @@ def test_busts_render_without_an_emitter(name):
     [
         ({"type": "simple", "energy": 1.0}, "position: is missing; must be given"),
         ({"type": "simple", "position": [0, 0, 1]}, "energy: is missing; must be given"),
-        (SIMPLE | {"position": [0, 0, math.nan]}, "position = .*nan.*: must be a point of three"),
+        (SIMPLE | {"position": [0, 0, math.nan]}, "position = .*nan.*: must be 3 finite numbers"),
         (SIMPLE | {"energy": -1.0}, "energy = -1.0: must be a number or an RGB colour, 0 or more"),
         (SIMPLE | {"energy": math.inf}, "energy = inf: must be"),
         (SIMPLE | {"energy": {"type": "rgb", "value": [1, -2, 3]}}, "energy = .*-2.*: must be"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import mitsuba as mi
@@ -32,23 +32,3 @@ class Contribution:
     opl: mi.Float
     active: mi.Bool
     position: mi.Point2f | None = None
-
-
-class Accumulator(Protocol):
-    """Sums contributions, see `paths.protocols.Measurement`."""
-
-    def add(self, contribution: Contribution) -> None:
-        """Add a contribution."""
-        ...
-
-
-@dataclass
-class AsSplats:
-    """Adds all contributions to a measurement as splats at the positions of their camera rays."""
-
-    measurement: Accumulator
-    position: mi.Point2f
-
-    def add(self, contribution: Contribution) -> None:
-        """Add a contribution."""
-        self.measurement.add(replace(contribution, position=self.position))

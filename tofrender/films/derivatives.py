@@ -21,12 +21,12 @@ import mitsuba as mi
 from ..signals.polarisation import no_light, scaled
 from .colours import channels_of
 from .contribution import CameraRays, Contribution
-from .recording import BinRecording, Recording, Sums
+from .recording import BinRecording, Recording
+from .sums import Radiance
 from .time_bins import TimeBins, bins_of_pulse, pulse_weight
 
+# Rates of parameters are needed again at the next vertex
 FORWARDS = dr.ADFlag.ClearEdges | dr.ADFlag.AllowNoGrad
-"""Rates of parameters are needed again at the next vertex."""
-
 REVERSE = dr.ADFlag.Default | dr.ADFlag.AllowNoGrad
 
 Binned = tuple[mi.Spectrum, mi.Float, mi.Bool]
@@ -35,15 +35,10 @@ Rates = list[mi.Spectrum]
 
 @dataclass
 class Collected:
-    """Collects the light of one vertex.
+    """Collects the light of one vertex."""
 
-    Attributes:
-        measurement: Sums the light.
-        binned: Spectrum, length and lanes of each contribution to time bins.
-    """
-
-    measurement: Sums
-    binned: list[Binned]
+    measurement: Radiance
+    binned: list[Binned]  # Spectrum, length and lanes of each contribution to time bins
 
     def add(self, contribution: Contribution) -> None:
         """Add a contribution."""
@@ -58,14 +53,10 @@ class Changes:
     """
 
     def __init__(
-        self,
-        record: Recording,
-        camera: CameraRays,
-        spp: int,
-        gradients: Sequence[mi.TensorXf] | None = None,
+        self, record: Recording, camera: CameraRays, spp: int, gradients: Sequence[mi.TensorXf] = ()
     ) -> None:
-        self.record, self.camera, self.spp, self.gradients = record, camera, spp, gradients or ()
-        self.gradients_of_sums = [] if gradients is None else self._gradients_of_sums()
+        self.record, self.camera, self.spp, self.gradients = record, camera, spp, [*gradients]
+        self.gradients_of_sums = self._gradients_of_sums() if gradients else []
 
     def step(self) -> Collected:
         """Create the measurement of one vertex."""
@@ -74,8 +65,6 @@ class Changes:
     def zero(self) -> Rates:
         """Return sums that are 0."""
         return self.record.measurement(self.camera, self.spp).sums
-
-    # ---------------------------------------------------------------------- forwards
 
     def move(self, collected: Collected, sums: Rates, more: Any) -> Rates:
         """Propagate rates to collected light and `more`; returns the rates of all sums so far."""
@@ -97,13 +86,10 @@ class Changes:
         measured = self.record.measurement(self.camera, self.spp).with_sums(sums)
         return self.record.channels(self.camera, measured, mi.Bool(False))
 
-    # ----------------------------------------------------------------------- reverse
-
     def pull(self, collected: Collected, more: Any, gradient: Any) -> None:
         """Propagate gradients through collected light and `more`."""
-        for total, gradient_of_sum in zip(
-            collected.measurement.sums, self.gradients_of_sums, strict=True
-        ):
+        sums = collected.measurement.sums
+        for total, gradient_of_sum in zip(sums, self.gradients_of_sums, strict=True):
             self.root(total, gradient_of_sum)
         self.root(more, gradient)
         dr.traverse(dr.ADMode.Backward, REVERSE)
@@ -136,29 +122,18 @@ class Changes:
 
     def _gradient(self, number: int) -> mi.Float:
         """Return the gradient of a channel; those of phasors are behind those of the picture."""
-        own = int(self.gradients[0].shape[-1])
-        if number < own:
-            return self.read(self.gradients[0], self.pixel(), number, own)
-        tensor = self.gradients[1]
-        count = dr.prod(tensor.shape[2:])
-        return self.read(tensor, self.pixel(), number - own, count)
+        picture, *others = self.gradients
+        count = int(picture.shape[-1])
+        if number < count:
+            return dr.gather(mi.Float, picture.array, self.pixel() * count + number)
+        index = self.pixel() * dr.prod(others[0].shape[2:]) + (number - count)
+        return dr.gather(mi.Float, others[0].array, index)
 
     def pixel(self) -> mi.UInt32:
         """Return the number of the rays' pixel in the crop window."""
         film = self.record.film
         at = mi.Point2u(self.camera.position - mi.Vector2f(film.crop_offset()))
         return mi.UInt32(at.y * int(film.crop_size()[0]) + at.x)
-
-    @staticmethod
-    def read(
-        tensor: mi.TensorXf,
-        cell: mi.UInt32,
-        number: int,
-        count: int,
-        active: mi.Bool | bool = True,
-    ) -> mi.Float:
-        """Read channel `number` of cells of a tensor that have `count` each."""
-        return dr.gather(mi.Float, tensor.array, cell * count + number, active)
 
 
 class BinChanges(Changes):
@@ -167,7 +142,7 @@ class BinChanges(Changes):
     record: BinRecording
 
     def step(self) -> Collected:
-        """Create the measurement of one vertex, which keeps contributions to bins."""
+        """Create the measurement of one vertex, with its contributions to bins."""
         binned: list[Binned] = []
         return Collected(TimeBins(no_light(), put=lambda *light: binned.append(light)), binned)
 
@@ -186,27 +161,22 @@ class BinChanges(Changes):
             k, last = self._reached(opl)
             filling = active & (k <= last)
             while filling:
-                rate = self._rate(k, spectrum, opl, spectrum_rate, opl_rate)
-                self._put(rate, k, filling)
+                self._add_rate(k, spectrum, opl, spectrum_rate, opl_rate, filling)
                 k += 1
                 filling &= k <= last
 
-    def _rate(self, k, spectrum, opl, spectrum_rate, opl_rate):
+    def _add_rate(self, k, spectrum, opl, spectrum_rate, opl_rate, active):
+        film, camera = self.record.film, self.camera
         with dr.resume_grad():
             light, at = _variables(spectrum, opl)
             dr.set_grad(light, spectrum_rate)
             dr.set_grad(at, opl_rate)
             in_bin = self._in_bin(light, k, at)
             dr.forward_to(in_bin, flags=FORWARDS)
-            return dr.grad(in_bin)
-
-    def _put(self, light: mi.Spectrum, k: mi.Int32, active: mi.Bool) -> None:
-        film, camera = self.record.film, self.camera
+            rate = dr.grad(in_bin)
         centre = float(film.start_opl) + (k + 0.5) * float(film.bin_width_opl)
-        light = self._weighted(light)
-        film.add_transient_data(
-            camera.position, centre, camera.ray.wavelengths, light, mi.Float(1), active
-        )
+        where = camera.position, centre, camera.ray.wavelengths
+        film.add_transient_data(*where, self._weighted(rate), mi.Float(1), active)
 
     def _weighted(self, light: mi.Spectrum) -> mi.Spectrum:
         return scaled(light, self.camera.weight / self.spp)
@@ -243,8 +213,8 @@ class BinChanges(Changes):
             values = channels_of(in_bin, self.camera.ray.wavelengths, active)
             cell = self.pixel() * self.record.film.temporal_bins + mi.UInt32(k)
             for number, value in enumerate(values):
-                gradient = self.read(self.gradients[1], cell, number, len(values), active)
-                loss += value * gradient
+                index = cell * len(values) + number
+                loss += value * dr.gather(mi.Float, self.gradients[1].array, index, active)
             dr.backward_from(loss, flags=REVERSE)
             return dr.grad(light), dr.grad(at)
 
@@ -255,17 +225,6 @@ class BinChanges(Changes):
     def _in_bin(self, light: mi.Spectrum, k: mi.Int32, opl: mi.Float) -> mi.Spectrum:
         film, gated = self.record.film, self.record.exposure.at_centres
         return scaled(light, pulse_weight(film, self.record.profile, k, opl, gated))
-
-
-def changes(
-    record: Recording,
-    camera: CameraRays,
-    spp: int,
-    gradients: Sequence[mi.TensorXf] | None = None,
-) -> Changes:
-    """Return the derivatives of a recording, see `Changes`."""
-    kind = BinChanges if isinstance(record, BinRecording) else Changes
-    return kind(record, camera, spp, gradients)
 
 
 def _variables(light: mi.Spectrum, opl: mi.Float) -> tuple[mi.Spectrum, mi.Float]:

@@ -18,34 +18,19 @@ BINS, PHASORS, PICTURE = "transient_hdr_film", "phasor_hdr_film", "hdrfilm"
 
 @dataclass(frozen=True)
 class Exposure:
-    """Weighting of light by its path length on a film.
+    """Weighting of light by its path length on a film."""
 
-    Attributes:
-        onto: Supported kinds of film, of BINS, PHASORS and PICTURE.
-        pulse: Temporal profile of the light, None for an instant.
-        temporal_filter: "box", "gaussian", or "" for the film's `rfilter` in time as well.
-        gaussian_stddev: Standard deviation of the Gaussian filter [bins].
-        at_centres: Whether a bin has the pulse's density at its centre, as a gate has, rather than
-            its energy within the bin.
-        weight: Weight of contributions by their length on a picture; None if all count alike.
-        lacks: Message that refuses a picture, "" if there can be one.
-    """
-
-    onto: tuple[str, ...] = (BINS, PHASORS)
-    pulse: Pulse | None = None
-    temporal_filter: str = "box"
-    gaussian_stddev: float = 2.0
-    at_centres: bool = False
-    weight: Weight | None = None
-    lacks: str = ""
+    onto: tuple[str, ...] = (BINS, PHASORS)  # Supported kinds of film
+    pulse: Pulse | None = None  # Temporal profile of the light, None for an instant
+    temporal_filter: str = "box"  # Or "gaussian", or "" for the film's `rfilter` in time as well
+    gaussian_stddev: float = 2.0  # Standard deviation of the Gaussian filter [bins]
+    at_centres: bool = False  # Bins have the pulse's density at their centre, not its energy
+    weight: Weight | None = None  # By length, on a picture; None if all light counts alike
+    lacks: str = ""  # Message that refuses a picture, "" if there can be one
 
 
 def profile(film: mi.Film, exposure: Exposure) -> Pulse | None:
-    """Return the light's pulse as the bins of a film see it, through the temporal filter.
-
-    Raises:
-        ValueError: The filter has negative lobes; one line.
-    """
+    """Return the light's pulse as the bins of a film see it, through the temporal filter."""
     blur = _filter(film, exposure)
     if exposure.pulse is None or blur is None:
         return exposure.pulse or blur

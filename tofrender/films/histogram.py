@@ -10,24 +10,16 @@ import numpy as np
 
 from ..runtime import memory
 
-MAX_ADDED = 1 << 16
-"""Samples of one pixel that single precision may sum: 2^20 would be 0.4 % low."""
-
-PACKET = 4
-"""Floats that one scatter adds."""
-
-CHUNK = 1 << 16
-"""Cells that `take` moves at a time."""
+MAX_ADDED = 1 << 16  # Samples of a pixel that single precision may sum: 2^20 are 0.4 % low
+PACKET = 4  # Floats that one scatter adds
+CHUNK = 1 << 16  # Cells that `take` moves at a time
 
 
 class Histogram:
     """A row of `count` cells for every pixel, each with 1, 3, 4 or 12 channels.
 
     RGB is padded to four floats, so that a cell can be added to as one packet; 12 channels are
-    three packets. `shape` is (height, width, count, channels).
-
-    Raises:
-        MemoryError: The cells do not fit into memory; one line with their size and what fits.
+    three packets. `shape` is (height, width, count, channels). A `MemoryError` says what fits.
     """
 
     def __init__(self, height: int, width: int, count: int, channels: int) -> None:
@@ -143,8 +135,6 @@ class Histogram:
         pixel = self.shape[2] * self.stride
         line, column = _divided(height * width * pixel, width * pixel)
         dr.scatter_add(self._sums, tile.sums, ((line + y) * self.shape[1] + x) * pixel + column)
-
-    # ----------------------------------------------------------------------------- results
 
     def tensor(self, pixel_scale: mi.Float | None = None) -> mi.TensorXf:
         """Return all cells without padding, each pixel times its scale."""

@@ -15,10 +15,8 @@ if TYPE_CHECKING:
 
 def image_film(film: mi.Film) -> mi.Film:
     """Return a new `hdrfilm` of the same size, crop and filter, in float32."""
-    stored = {
-        "pixel_format": "luminance" if mi.is_monochromatic else "rgb",
-        "component_format": "float32",
-    }
+    pixel_format = "luminance" if mi.is_monochromatic else "rgb"
+    stored = {"pixel_format": pixel_format, "component_format": "float32"}
     return mi.load_dict({"type": "hdrfilm"} | pixels_of(film) | stored)
 
 

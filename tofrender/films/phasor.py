@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -13,9 +13,7 @@ import numpy as np
 from ..runtime import checks
 from ..signals.polarisation import STOKES, stokes_count
 from ..signals.units import SPEED_OF_LIGHT, check_frequencies
-from .colours import kept
 from .image import box_by_default, image_film, stokes_channels
-from .phasor_sum import PhasorSum
 
 if TYPE_CHECKING:
     from ..signals.pulses import Pulse
@@ -96,20 +94,15 @@ class PhasorHDRFilm(mi.Film):
 
     @property
     def steady(self) -> mi.Film:
-        """The image, of type `hdrfilm`, with the phasors behind its colours.
-
-        Raises:
-            RuntimeError: `prepare` was not called.
-        """
+        """The image, an `hdrfilm`, with the phasors behind its colours; needs `prepare`."""
         if self._steady is None:
             raise RuntimeError("phasor_hdr_film: is empty; call prepare() first, or render")
         return self._steady
 
     def develop(self, raw: bool = False) -> tuple[mi.TensorXf, mi.TensorXf]:
-        """The steady image and the phasors; see the class for their shapes.
+        """Return the steady image and the phasors, whose shapes the class tells.
 
-        Args:
-            raw: Return sums, not divided by the filter's weights; `steady` then ends with these.
+        `raw` sums are not divided by the filter's weights, with which `steady` then ends.
         """
         image = self.steady.develop(raw=raw)
         colours = self.base_channels_count() * stokes_count()
@@ -126,25 +119,6 @@ class PhasorHDRFilm(mi.Film):
             f"  frequencies_hz = {self.frequencies_hz},\n  start_opl = {self.start_opl}\n]"
         )
 
-    # ----------------------------------------------------------------- for integrators
-
-    def channels(
-        self,
-        measured: PhasorSum,
-        to_colours: Callable[[mi.Spectrum], list[mi.Color3f]],
-        pulse: Pulse | None,
-    ) -> list[mi.Float]:
-        """Return the summed phasors as channels of the image, times their `factors`."""
-        values = []
-        for k, factor in enumerate(self.factors(pulse)):
-            re, im = to_colours(measured.real[k]), to_colours(measured.imaginary[k])
-            a, b = float(factor.real), float(factor.imag)
-            both = list(zip(re, im, strict=True))
-            parts = [re * a - im * b for re, im in both] + [re * b + im * a for re, im in both]
-            for part in parts:
-                values += kept(part)
-        return values
-
     def factors(self, pulse: Pulse | None) -> np.ndarray:
         """Return the factor of each phasor: the phase of `start_opl`, and the light's pulse."""
         shifts = [-2 * math.pi * f * self.start_opl / SPEED_OF_LIGHT for f in self.frequencies_hz]
@@ -153,10 +127,7 @@ class PhasorHDRFilm(mi.Film):
 
 
 def parse_frequencies(value: Any) -> tuple[float, ...]:
-    """Frequencies from a number, a sequence of numbers, or text with commas.
-
-    Raises:
-        ValueError: One is not above 0, or there are none or too many; one line.
+    """Parse 1 to 64 frequencies [Hz]: a number, a sequence of numbers, or text with commas.
 
     Example:
         >>> parse_frequencies("20e6, 50e6")

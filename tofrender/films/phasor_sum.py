@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -12,32 +12,23 @@ import mitsuba as mi
 from ..signals.polarisation import no_light
 from ..signals.units import SPEED_OF_LIGHT
 from .contribution import Contribution
-from .sums import Splat
+from .sums import Radiance, Splat
 
 
 @dataclass
-class PhasorSum:
-    """Sums L exp(+i 2 pi f opl / c) along a path, for every frequency f.
+class PhasorSum(Radiance):
+    """Sums light, and real and imaginary parts of L exp(+i 2 pi f opl / c) for frequencies f."""
 
-    Attributes:
-        total: Plain sum of the light, an `mi.UnpolarizedSpectrum` or a Stokes vector.
-        real, imaginary: Parts of the phasors, one for each frequency.
-        turns_per_metre: f / c [1/m].
-        splat: Adds contributions that have a position: their spectrum, real and imaginary parts.
-    """
-
-    total: mi.Spectrum
-    real: list[mi.Spectrum]
-    imaginary: list[mi.Spectrum]
-    turns_per_metre: tuple[float, ...]
-    splat: Splat | None = None
+    real: list[mi.Spectrum] = field(default_factory=list)
+    imaginary: list[mi.Spectrum] = field(default_factory=list)
+    turns_per_metre: tuple[float, ...] = ()  # f / c [1/m]
 
     @classmethod
     def zero(cls, frequencies_hz: Sequence[float], splat: Splat | None = None) -> PhasorSum:
         """Create empty sums."""
         zeros = [[no_light() for _ in frequencies_hz] for _ in range(2)]
         turns = tuple(frequency / SPEED_OF_LIGHT for frequency in frequencies_hz)
-        return cls(no_light(), *zeros, turns_per_metre=turns, splat=splat)
+        return cls(no_light(), splat, *zeros, turns)
 
     def add(self, contribution: Contribution) -> None:
         """Add a contribution."""

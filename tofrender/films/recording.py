@@ -31,19 +31,12 @@ from .splats import Splats
 from .sums import Radiance, Splat, Weighted
 from .time_bins import TimeBins
 
-Sums = Radiance | PhasorSum
 Channels = tuple[list[mi.Float], list[mi.Float]]
-
 ONLY_OURS = f"must be this package's {BINS}"
 
 
 def recording(film: mi.Film, exposure: Exposure) -> Recording:
-    """Return the recording of an exposure on a film.
-
-    Raises:
-        TypeError: The exposure makes no sense on films of this kind; one line.
-        ValueError: The exposure lacks something, or does not fit the film's filter; one line.
-    """
+    """Return the recording of an exposure on a film; what makes no sense there is refused."""
     if hasattr(film, "recording"):
         return film.recording(exposure)
     if hasattr(film, "add_transient_data"):
@@ -62,39 +55,27 @@ def warn_not_finite(count: int, stacklevel: int = 4) -> None:
 
 
 class Recording:
-    """A film under exposure.
+    """A film under exposure."""
 
-    Attributes:
-        in_time: Whether the length of light matters.
-        weight: Weight of light by its length, None if light of any length counts alike.
-        not_finite: Number of contributions that were dropped because they were not finite.
-    """
-
-    kind: str | None = None
-    in_time = False
-    weight: Weight | None = None
+    kind: str | None = None  # What the exposure must support
+    in_time = False  # Whether the length of light matters
+    weight: Weight | None = None  # By length, None if light of any length counts alike
+    width_opl: float | None = None  # Length that the film resolves [m]; None without time bins
+    pictures = 1  # Images that splats go to, colours counted as one
 
     def __init__(self, film: mi.Film, exposure: Exposure) -> None:
-        if self.kind is not None:
-            require_kind(self.kind, film, exposure)
+        if self.kind is not None and self.kind not in exposure.onto:
+            allowed = " or ".join(exposure.onto)
+            name = film.class_name() if type(film) is mi.Film else type(film).__name__
+            raise TypeError(f"film = {name}: must be {allowed}, or a film like it")
         self.film, self.exposure = film, exposure
-        self.not_finite = 0
+        self.not_finite = 0  # Contributions that were dropped because they were not finite
         self.splats: Splats | None = None
-
-    @property
-    def pictures(self) -> int:
-        """Number of images that splats go to, colours counted as one."""
-        return 1
 
     @property
     def image(self) -> mi.Film:
         """The image that samples are added to."""
         return self.film
-
-    @property
-    def width_opl(self) -> float | None:
-        """Length that the film resolves [m]; None without time bins."""
-        return None
 
     def prepare(self) -> None:
         """Clear the film."""
@@ -110,7 +91,7 @@ class Recording:
             f"must have none on a film with time, here a {self.film.class_name()}"
         )
 
-    def measurement(self, camera: CameraRays, spp: int) -> Sums:
+    def measurement(self, camera: CameraRays, spp: int) -> Radiance:
         """Create the measurement of camera rays; its `total` is the picture's colour."""
         return Radiance.zero(self.splat(camera, spp))
 
@@ -132,7 +113,7 @@ class Recording:
         first, colours = self._splatted[:, :, 0], self._splatted.shape[3] // stokes_count()
         return first[:, :, :colours], first[:, :, colours:]
 
-    def channels(self, camera: CameraRays, measured: Sums, valid_ray: mi.Bool) -> Channels:
+    def channels(self, camera: CameraRays, measured: Radiance, valid_ray: mi.Bool) -> Channels:
         """Return the channels of samples in the picture, before and behind their weight."""
         light = components(scaled(measured.total, camera.weight))
         colour, *rest = (to_rgb(each, camera.ray.wavelengths) for each in light)
@@ -175,19 +156,14 @@ class Recording:
 
     def state(self) -> dict[str, np.ndarray]:
         """Return the film's content for a checkpoint, as arrays that may share its memory."""
-        state = {
-            "picture": np.array(self.image.develop(raw=True)),
-            "not_finite": np.array(self.not_finite),
-        }
+        picture = np.array(self.image.develop(raw=True))
+        state = {"picture": picture, "not_finite": np.array(self.not_finite)}
         if self.splats is not None:
             state |= {"landed": self._splatted, "in_picture": self._in_picture}
         return state
 
     def restore(self, state: Mapping[str, np.ndarray], taken: int, of: int, spp: int) -> None:
-        """Restore a `state` of `taken` out of `of` samples per pixel, which are `spp` now.
-
-        Call `prepare` and `begin` before.
-        """
+        """Restore a `state` of `taken` out of `of` samples per pixel, `spp` now, after `begin`."""
         picture = mi.TensorXf(state["picture"])
         self.image.put_block(mi.ImageBlock(picture, self.image.crop_offset()))
         self.not_finite = int(state["not_finite"])
@@ -290,10 +266,7 @@ class BinRecording(Recording):
 
 
 class MitransientRecording(BinRecording):
-    """Records time bins of mitransient's film.
-
-    That has no polarised light, no splats, no checkpoints, and cannot be flushed.
-    """
+    """Records time bins of mitransient's film: without splats, checkpoints and flushing."""
 
     in_time = False  # Pixels of visible emitters would have to be flushed
 
@@ -350,20 +323,17 @@ class PhasorRecording(Recording):
         first, rest = super().splatted()
         return first, np.concatenate([rest, parts.reshape(*sums.shape[:2], -1)], axis=2)
 
-    def channels(self, camera: CameraRays, measured: Sums, valid_ray: mi.Bool) -> Channels:
-        """Return the colour, and all phasors behind the weight."""
+    def channels(self, camera: CameraRays, measured: Radiance, valid_ray: mi.Bool) -> Channels:
+        """Return the colour, and all phasors behind the weight, times the film's factors."""
         first, rest = super().channels(camera, measured, valid_ray)
 
         def colours(light: mi.Spectrum) -> list[mi.Color3f]:
             each_component = components(scaled(light, camera.weight))
             return [to_rgb(each, camera.ray.wavelengths) for each in each_component]
 
-        return first, rest + self.film.channels(measured, colours, self.exposure.pulse)
-
-
-def require_kind(kind: str, film: mi.Film, exposure: Exposure) -> None:
-    """Raise a `TypeError` if an exposure makes no sense on a kind of film."""
-    if kind not in exposure.onto:
-        allowed = " or ".join(exposure.onto)
-        name = film.class_name() if type(film) is mi.Film else type(film).__name__
-        raise TypeError(f"film = {name}: must be {allowed}, or a film like it")
+        for k, factor in enumerate(self.film.factors(self.exposure.pulse)):
+            a, b = float(factor.real), float(factor.imag)
+            both = list(zip(colours(measured.real[k]), colours(measured.imaginary[k]), strict=True))
+            parts = [re * a - im * b for re, im in both] + [re * b + im * a for re, im in both]
+            rest += [value for part in parts for value in kept(part)]
+        return first, rest

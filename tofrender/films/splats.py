@@ -16,8 +16,7 @@ import numpy as np
 from ..signals.polarisation import stokes_count
 from .histogram import Histogram
 
-STEPS = 512
-"""Points per pixel that a filter is integrated over."""
+STEPS = 512  # Points per pixel that a filter is integrated over
 
 
 class Splats:

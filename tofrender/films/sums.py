@@ -17,15 +17,10 @@ Splat = Callable[[list[mi.Spectrum], mi.Point2f, mi.Bool], None]
 
 @dataclass
 class Radiance:
-    """Sums all light, as a steady camera does.
+    """Sums all light, as a steady camera does."""
 
-    Attributes:
-        total: Sum of all contributions, an `mi.UnpolarizedSpectrum` or a Stokes vector.
-        splat: Adds contributions that have a position, None if there are none.
-    """
-
-    total: mi.Spectrum
-    splat: Splat | None = None
+    total: mi.Spectrum  # An `mi.UnpolarizedSpectrum` or a Stokes vector
+    splat: Splat | None = None  # Adds contributions that have a position
 
     @classmethod
     def zero(cls, splat: Splat | None = None) -> Radiance:
@@ -51,11 +46,7 @@ class Radiance:
 
 @dataclass
 class Weighted(Radiance):
-    """Sums light times a weight of its length: a gate, or the correlation with a modulation.
-
-    Attributes:
-        weight: Weight as a function of path length [m].
-    """
+    """Sums light times a weight of its length [m]: a gate, or the correlation with a modulation."""
 
     weight: Callable[[mi.Float], mi.Float] | None = None
 
@@ -68,3 +59,15 @@ class Weighted(Radiance):
         """Add a contribution."""
         weighted = contribution.spectrum * self.weight(contribution.opl)
         super().add(replace(contribution, spectrum=weighted))
+
+
+@dataclass
+class AsSplats:
+    """Adds all contributions to a measurement as splats at the positions of their camera rays."""
+
+    measurement: Radiance
+    position: mi.Point2f
+
+    def add(self, contribution: Contribution) -> None:
+        """Add a contribution."""
+        self.measurement.add(replace(contribution, position=self.position))

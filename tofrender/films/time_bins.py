@@ -52,14 +52,12 @@ class TimeBins(Radiance):
         """
         position, wavelengths, weight = camera.position, camera.ray.wavelengths, camera.weight / spp
         # Before the loop, as four components would look the same colours up at each vertex
-        colours = units_of(wavelengths) if mi.is_polarized and mi.is_spectral else None
+        spectral = mi.is_polarized and mi.is_spectral
+        more = {"colours": units_of(wavelengths)} if spectral else {}
 
         def put(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
             light = scaled(spectrum, weight)
-            if colours is not None:
-                film.add_coloured(position, opl, colours, light, active)
-                return
-            film.add_transient_data(position, opl, wavelengths, light, mi.Float(1), active)
+            film.add_transient_data(position, opl, wavelengths, light, mi.Float(1), active, **more)
 
         def convolved(put: Put, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
             if pulse is None:

@@ -22,9 +22,7 @@ if TYPE_CHECKING:
     from .recording import BinRecording
 
 T = TypeVar("T")
-
-WEIGHT = 3
-"""Number of the channel that has a picture's weights, behind its colours."""
+WEIGHT = 3  # Number of the channel that has a picture's weights, behind its colours
 
 
 class TransientHDRFilm(mi.Film):
@@ -63,16 +61,8 @@ class TransientHDRFilm(mi.Film):
     31 steps and differ from those by up to 1 % in edge rows without `sample_border`.
 
     Example:
-        >>> film = mi.load_dict(
-        ...     {
-        ...         "type": "transient_hdr_film",
-        ...         "width": 4,
-        ...         "height": 2,
-        ...         "temporal_bins": 8,
-        ...         "start_opl": 1.0,
-        ...         "bin_width_opl": 0.25,
-        ...     }
-        ... )
+        >>> bins = {"temporal_bins": 8, "start_opl": 1.0, "bin_width_opl": 0.25}
+        >>> film = mi.load_dict({"type": "transient_hdr_film", "width": 4, "height": 2} | bins)
         >>> float(film.end_opl())
         3.0
     """
@@ -107,8 +97,6 @@ class TransientHDRFilm(mi.Film):
         self.taken = 1.0
         self.one_writer_per_pixel = False
 
-    # ------------------------------------------------------------------ called by integrators
-
     def recording(self, exposure: Exposure) -> BinRecording:
         """Return how an integrator's light is recorded, see `films.recording`."""
         from .recording import BinRecording  # Student editions may not have it
@@ -126,10 +114,7 @@ class TransientHDRFilm(mi.Film):
     def prepare(self, aovs: Sequence[str]) -> int:
         """Create an empty steady image, with `aovs` as extra channels, and empty bins.
 
-        Returns the number of the image's channels, weight included.
-
-        Raises:
-            MemoryError: The bins do not fit into memory; one line with their size and what fits.
+        Returns the number of the image's channels, weight included. A `MemoryError` says what fits.
         """
         self._bins = self._splats = None  # Free memory before it is allocated again
         self._bins = Histogram(*self.shape)
@@ -180,12 +165,9 @@ class TransientHDRFilm(mi.Film):
         spec: mi.Spectrum,
         active: mi.Bool,
     ) -> None:
-        """Add the light of a path from an emitter to the bins of splats, from any thread.
+        """Add the light of a path from an emitter to the bins of splats, after `expect_splats`.
 
         Arguments as for `add_transient_data`; `spec` is divided by the light paths per pixel.
-
-        Raises:
-            RuntimeError: `expect_splats` was not called.
         """
         if self._splats is None:
             raise RuntimeError("transient_hdr_film: has no room for splats; call expect_splats()")
@@ -201,6 +183,7 @@ class TransientHDRFilm(mi.Film):
         spec: mi.Spectrum,
         ray_weight: mi.Float,
         active: mi.Bool,
+        colours: Sequence[mi.Color3f] | None = None,
         **_laser,
     ) -> None:
         """Add a contribution to the bin that its length falls into.
@@ -213,25 +196,14 @@ class TransientHDRFilm(mi.Film):
                 vector (`mi.SpectrumEntry`), or a Mueller matrix whose first column counts.
             ray_weight: Factor of `spec`, from the camera.
             active: Lanes that have a contribution.
+            colours: Those of the wavelengths, see `colours.units_of`, if they were looked up.
         """
         k, active = self._bin(distance, active)
-        values = channels_of(to_stokes(spec * ray_weight), wavelengths, active)
-        self._put(pos, values, k, active)
-
-    def add_coloured(
-        self,
-        pos: mi.Point2f,
-        distance: mi.Float,
-        colours: Sequence[mi.Color3f],
-        light: mi.Spectrum,
-        active: mi.Bool,
-    ) -> None:
-        """Add a contribution by the colours of its wavelengths, see `colours.units_of`."""
-        k, active = self._bin(distance, active)
-        self._put(pos, channels_by(colours, light), k, active)
-
-    def _put(self, pos: mi.Point2f, values: list[mi.Float], k: mi.UInt32, active: mi.Bool) -> None:
-        """Add a value per channel to bin `k` of all pixels that the filter reaches."""
+        light = to_stokes(spec * ray_weight)
+        if colours is None:
+            values = channels_of(light, wavelengths, active)
+        else:
+            values = channels_by(colours, light)
         for x, y, weight in footprint(self, pos):
             weighted = [value * weight for value in values]
             self.bins.add(weighted, x, y, k, active, private=self.one_writer_per_pixel)
@@ -239,9 +211,7 @@ class TransientHDRFilm(mi.Film):
     def develop(self, raw: bool = False) -> tuple[mi.TensorXf, mi.TensorXf]:
         """Return the steady image and the bins; `raw` ones are not divided by filter weights.
 
-        Raises:
-            RuntimeError: `prepare` was not called, or the integrator did not set
-                `samples_per_pixel`, which a filter's weights need.
+        Needs `prepare`, and `samples_per_pixel` with filters other than box: else a `RuntimeError`.
         """
         scale = None if raw else self._pixel_scale()
         bins = self.bins.tensor(scale)
@@ -280,8 +250,6 @@ class TransientHDRFilm(mi.Film):
         splats = {} if self._splats is None else {"splats": self._splats.cells}
         return {"bins": self.bins, **splats}
 
-    # ------------------------------------------------------------------ content, tiles
-
     @property
     def steady(self) -> mi.Film:
         """The steady image, an `hdrfilm`; raises a `RuntimeError` before `prepare`."""
@@ -316,13 +284,9 @@ class TransientHDRFilm(mi.Film):
     def merge_tile(self, tile: TransientHDRFilm) -> None:
         """Add the bins and the steady image of a film that was rendered for a part of this one.
 
-        Args:
-            tile: A film of the same `size`, bins and filter, whose crop window is its position.
-                Tiles must not overlap. With filters other than box, this film and its tiles must
-                sample beyond their borders (`sample_border`), or seams would be too dark.
-
-        Raises:
-            ValueError: The tile differs or does not lie within this film's window.
+        A tile has the same `size`, bins and filter, or else is refused by a `ValueError`. Its crop
+        window is its position; tiles must not overlap. With filters other than box, this film and
+        its tiles must sample beyond their borders (`sample_border`), or seams would be too dark.
         """
         names = "temporal_bins", "start_opl", "bin_width_opl", "size", "rfilter", "sample_border"
         for name in names:

@@ -49,17 +49,15 @@ class AMCWTransientPath(TransientPath):
         7.495
     """
 
+    default_depth = 8
     fills_bins = False
     takes_light_samples = False
 
     def __init__(self, props: mi.Properties | None = None) -> None:
         props = mi.Properties("amcw_transient_path") if props is None else props
-        if "max_depth" not in props:
-            props["max_depth"] = 8
         super().__init__(props)
-        frequency: Any = props.get("frequency_hz", None)
-        offset: Any = props.get("phase_offset", 0.0)
-        self.modulation: Any = None if frequency is None else AMCWPulse(frequency, offset)
+        frequency, offset = props.get("frequency_hz", None), props.get("phase_offset", 0.0)
+        self.modulation = None if frequency is None else AMCWPulse(frequency, offset)
 
     def set_modulation(self, modulation: Any) -> None:
         """Set the modulation: an `AMCWPulse`, or anything with `eval(opl)`; else a `TypeError`."""
@@ -73,10 +71,8 @@ class AMCWTransientPath(TransientPath):
         """Correlation with the modulation along camera rays.
 
         Lengths start at `origin`, by default where the rays do; indices of refraction are over that
-        at the rays' start. `medium` is ignored.
-
-        Returns:
-            Spectrum, lanes that see a surface or an environment, and no AOVs.
+        at the rays' start. `medium` is ignored. Returns a spectrum, lanes that see a surface or an
+        environment, and no AOVs.
         """
         if self.modulation is None:
             raise ValueError(NO_MODULATION)
@@ -111,7 +107,6 @@ def render_single_amcw(
 
     Raises:
         TypeError: The integrator has neither a modulation nor a `sample` of its own; one line.
-        KeyboardInterrupt: The render was stopped; one line that says how to go on.
 
     Example:
         >>> import tofrender
@@ -121,17 +116,9 @@ def render_single_amcw(
         >>> render_single_amcw(scene, integrator, scene.sensors()[0], spp=4).shape
         (16, 16, 3)
     """
-
-    def exposure() -> Exposure:
-        if not hasattr(integrator, "set_modulation"):
-            raise TypeError(
-                f"integrator = {type(integrator).__name__}: has no modulation; must be an "
-                f"AMCWTransientPath, or have {CALL} of its own"
-            )
-        return integrator.exposure()
-
+    refusal = f"has no modulation; must be an AMCWTransientPath, or have {CALL} of its own"
     settings = spp, seed, checkpoint, progress
-    return render_image(scene, integrator, sensor, exposure, CALL, (), *settings)
+    return render_image(scene, integrator, sensor, "set_modulation", refusal, CALL, (), *settings)
 
 
 def render_amcw_phasor(
@@ -161,7 +148,6 @@ def render_amcw_phasor(
         ValueError: A frequency is not above 0, the list is empty, or the scene's integrator does
             not tell which paths it follows; one line.
         TypeError: The integrator has a `sample` of its own; one line.
-        KeyboardInterrupt: The render was stopped; one line that says how to go on.
 
     Example:
         >>> import tofrender
@@ -178,13 +164,9 @@ def render_amcw_phasor(
     if tracer is None:
         tracer = _in_time(scene.integrator())
         require_modelled(scene, sensor, **follows(tracer))
-    film = mi.load_dict(
-        {
-            "type": plugins.qualified_name("phasor_hdr_film"),
-            "frequencies_hz": ", ".join(repr(f) for f in frequencies),
-            **pixels_of(sensor.film()),
-        }
-    )
+    plugin = plugins.qualified_name("phasor_hdr_film")
+    described = {"type": plugin, "frequencies_hz": ", ".join(map(repr, frequencies))}
+    film = mi.load_dict(described | pixels_of(sensor.film()))
     if is_user_defined(tracer):
         raise TypeError(
             f"integrator = {type(tracer).__name__}: has a sample of its own, which sees one "

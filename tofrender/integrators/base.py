@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import Any, TypeVar
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -27,11 +26,10 @@ from ..signals.polarisation import to_spectrum
 from ..signals.pulses import GaussianPulse, Pulse
 from .derivatives import Derivative, replaced
 from .differentiable import require_changes, require_derivatives, tracked, warn_of_edges
-from .passes import WHOLE, Part, steps
-from .plan import Plan, Tracer
-from .user_defined import UserDefinedTracer, follows, is_user_defined
+from .passes import steps
+from .plan import Plan
+from .user_defined import Tracer, UserDefinedTracer, follows, is_user_defined
 
-E = TypeVar("E", bound=Endpoint)
 GRADIENT_SAMPLINGS = ("detached", "attached")
 
 
@@ -53,21 +51,16 @@ class TransientIntegrator(mi.SamplingIntegrator):
     """
 
     def __init__(self, props: mi.Properties) -> None:
-        depth, roulette = props.get("max_depth", 6), props.get("rr_depth", 5)
-        self.max_depth = checks.depth("max_depth", depth)
-        self.rr_depth = checks.integer("rr_depth", roulette, 1, checks.MAX_DEPTH)
+        self.max_depth = checks.depth("max_depth", props.get("max_depth", self.default_depth))
+        self.rr_depth = checks.integer("rr_depth", props.get("rr_depth", 5), 1, checks.MAX_DEPTH)
         if checks.number("timeout", props.get("timeout", -1.0)) > 0:
             raise ValueError(
                 f"timeout = {props['timeout']}: must be left out; Ctrl-C stops a render"
             )
         super().__init__(props)
+        flags = {"camera_unwarp": False, "discard_direct_light": False, "emitter_sampling": True}
         self.camera_unwarp, self.discard_direct_light, self.emitter_sampling = (
-            checks.boolean(name, props.get(name, default))
-            for name, default in (
-                ("camera_unwarp", False),
-                ("discard_direct_light", False),
-                ("emitter_sampling", True),
-            )
+            checks.boolean(name, props.get(name, default)) for name, default in flags.items()
         )
         if "gradient_sampling" in props and not self.has_derivatives:
             raise ValueError(
@@ -89,13 +82,8 @@ class TransientIntegrator(mi.SamplingIntegrator):
     @property
     def traits(self) -> dict[str, Any]:
         """Parameters that say which paths are followed, and where their lengths start."""
-        names = (
-            *("max_depth", "rr_depth", "hide_emitters"),
-            *("camera_unwarp", "discard_direct_light", "emitter_sampling"),
-        )
+        names = *TransientIntegrator.shown, "discard_direct_light", "emitter_sampling"
         return {name: getattr(self, name) for name in names}
-
-    # ------------------------------------------------------------------ for subclasses
 
     fills_bins = False  # Bins get the radiance that arrives in each, as `tofrender.render` needs
     needs_lights = True  # A scene without emitters would be black
@@ -106,9 +94,8 @@ class TransientIntegrator(mi.SamplingIntegrator):
     has_derivatives = True
     takes_light_samples = False  # A vertex may connect to several points of emitters
 
+    default_depth = 6
     shown: tuple[str, ...] = ("max_depth", "rr_depth", "hide_emitters", "camera_unwarp")
-    """Parameters in `to_string`."""
-
     pulse: Pulse | None = None
     temporal_filter: str = "box"
 
@@ -130,19 +117,10 @@ class TransientIntegrator(mi.SamplingIntegrator):
         """Return the limits of paths; `max_opl` [m] is the greatest length, None for any."""
         return Limits(self.max_depth, self.rr_depth, max_opl, self.camera_unwarp)
 
-    def emitters(
-        self,
-        kind: Callable[..., E],
-        scene: mi.Scene,
-        sensor: mi.Sensor | None,
-        *more: Any,
-        **named: Any,
-    ) -> E:
+    def emitters(self, kind, scene, sensor, *more, **named):
         """Create an endpoint that shows the emitters which the sensor shall see."""
         visible = self.hide_emitters, self.discard_direct_light
         return kind(scene, sensor, *more, *visible, **named)
-
-    # ------------------------------------------------------------------------- paths
 
     def plan(
         self, scene: mi.Scene, sensor: mi.Sensor | None = None, weight: Weight | None = None
@@ -170,11 +148,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
         return self.goes_straight and transmits(scene, mi.BSDFFlags.Null)
 
     def sample(self, scene, sampler, ray, medium=None, active=True):
-        """Steady radiance along rays, as every sampling integrator of Mitsuba returns it.
-
-        Returns:
-            Spectrum, lanes that see a surface or an environment, and no AOVs.
-        """
+        """Steady radiance along rays, lanes that see a surface or an environment, and no AOVs."""
         return self.sampled(self.plan(scene), scene, sampler, ray, Radiance.zero(), active)
 
     def sampled(self, plan, scene, sampler, ray, measurement, active=True, origin=None):
@@ -184,20 +158,12 @@ class TransientIntegrator(mi.SamplingIntegrator):
         sees_sky = scene.environment() is not None and not self.hide_emitters
         return to_spectrum(measured.total), path.valid_ray | sees_sky, []
 
-    # --------------------------------------------------------------------- rendering
-
     def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True):
         """Render with the scene's own film and sampler; `mi.render` calls this.
 
         Arguments are Mitsuba's: 0 samples per pixel are the sampler's, and `evaluate` is False
-        where derivatives may be asked for later.
-
-        Returns:
-            `(steady, transient)` as the film develops them, None if `develop` is false.
-
-        Raises:
-            RuntimeError: Parameters track gradients, and the integrator has no derivatives.
-            ValueError: They do, and something of the render has none.
+        where derivatives may be asked for later. What has none is refused if parameters track
+        gradients. Returns `(steady, transient)` as the film develops them, None without `develop`.
         """
         sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
         check_scene(scene, sensor, **follows(self))
@@ -210,7 +176,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
         if develop:
             record.require_memory(sampler.sample_count())
         with dr.suspend_grad():
-            for _ in self.steps(scene, sensor, record, sampler, seed):
+            for _ in steps(self.tracer(scene, sensor, record), record, sensor, sampler, seed):
                 pass
             warn_not_finite(record.not_finite)
             return film.develop() if develop else None
@@ -238,7 +204,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
         require_derivatives(scene, sensor, record, tracked(params), self._passes_null(scene))
         plan = self.plan(scene, sensor)
         spp = spp or sensor.sampler().sample_count()
-        return Derivative(plan, scene, record, sensor, spp, self.gradient_sampling == "detached")
+        return Derivative(plan, record, sensor, spp, self.gradient_sampling == "detached")
 
     def _require_derivatives(self, scene: mi.Scene, sensor: mi.Sensor, record: Recording) -> None:
         """Refuse a render that has no derivatives, if parameters track gradients."""
@@ -280,18 +246,6 @@ class TransientIntegrator(mi.SamplingIntegrator):
     def sample_arguments(self) -> tuple[Any, ...]:
         """Return further arguments of a user-defined subclass's `sample`."""
         return ()
-
-    def steps(
-        self,
-        scene: mi.Scene,
-        sensor: mi.Sensor,
-        record: Recording,
-        sampler: mi.Sampler,
-        seed: int,
-        part: Part = WHOLE,
-    ) -> Iterator[int]:
-        """Render in steps of about a second, see `passes.steps`."""
-        return steps(self.tracer(scene, sensor, record), record, sensor, sampler, seed, part)
 
     def to_string(self) -> str:
         """The integrator's parameters."""

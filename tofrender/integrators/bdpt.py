@@ -12,8 +12,7 @@ from .bidirectional import BothEnds
 
 HEURISTICS = {"power": 2, "balance": 1, "none": 0}
 
-MAX_DEPTH = 64
-"""Longest path in segments: a lane keeps all vertices of a light path in its own memory."""
+MAX_DEPTH = 64  # A lane keeps all vertices of a light path in its own memory
 
 
 class TransientBDPT(BothEnds):

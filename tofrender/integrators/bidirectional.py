@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..films.contribution import Contribution
-from ..films.exposure import BINS, PHASORS, PICTURE, Exposure, Weight
+from ..films.exposure import BINS, PHASORS, PICTURE, Exposure
 from ..paths.between import transmittance_between
 from ..paths.bidirectional_mis import BidirectionalMIS
 from ..paths.emission import Emission, Emitted
@@ -24,7 +24,7 @@ from ..runtime import checks
 from ..runtime.backend import tracing_lock
 from ..signals.polarisation import unpolarised
 from .plan import M, Plan
-from .time_gated import NO_TARGET, Gate
+from .time_gated import Gate
 from .transient_path import TransientPath
 
 
@@ -68,15 +68,7 @@ class BidirectionalPlan(Plan):
         return ()
 
     @tracing_lock()
-    def trace(
-        self,
-        sampler: mi.Sampler,
-        ray: mi.Ray3f,
-        origin: mi.Point3f,
-        measurement: M,
-        active: mi.Bool | bool = True,
-        frame: mi.Spectrum | None = None,
-    ) -> tuple[M, Path]:
+    def trace(self, sampler, ray, origin, measurement, active=True, frame=None):
         """Trace light paths, and then camera paths, which connect to their vertices."""
         light, weight, not_finite = None, None, mi.UInt32(0)
 
@@ -136,17 +128,14 @@ class BidirectionalPlan(Plan):
         length = dr.select(distant, self.emission.sphere.length(at.p, ds.d), lens_sample.distance)
         si = dr.zeros(mi.SurfaceInteraction3f, dr.width(ray))
         si.p, si.n, si.time, si.wavelengths = ds.p, ds.n, ray.time, ray.wavelengths
-        transmittance = transmittance_between(
-            self.space, si, lens_sample.near, sampler, active, lens_sample.distance
-        )
+        to_lens = lens_sample.near, sampler, active, lens_sample.distance
+        transmittance = transmittance_between(self.space, si, *to_lens)
         ratio = lens_sample.density / ds.pdf
         x = self.mis.power(ratio) if self.mis.exponent else mi.Float(0)
         mis_weight = self.mis.weight(x, 1, 1)
+        weight = lens_sample.density * mis_weight * transmittance
         contribution = Contribution(
-            spectrum=unpolarised(
-                mi.unpolarized_spectrum(radiance)
-                * (lens_sample.density * mis_weight * transmittance)
-            ),
+            spectrum=unpolarised(mi.unpolarized_spectrum(radiance) * weight),
             opl=mi.Float(0) if self.limits.camera_unwarp else length * self.space.index,
             active=active & (mis_weight > 0),
             position=lens_sample.position,
@@ -167,8 +156,7 @@ class BothEnds(TransientPath):
     """
 
     starts_at_lights = True
-    has_derivatives = False
-    takes_light_samples = False
+    has_derivatives = takes_light_samples = False
     from_camera = True  # There are paths from the camera
 
     def __init__(self, props: mi.Properties) -> None:
@@ -184,18 +172,13 @@ class BothEnds(TransientPath):
 
     def mis_strategies(self) -> BidirectionalMIS:
         """Return which strategies count, and their weights."""
-        raise TypeError(
-            f"{type(self).__name__}: must define mis_strategies, which strategies count"
-        )
+        raise TypeError(f"{type(self).__name__}: must define mis_strategies")
 
     def gate(self, target_time: mi.Float | float | None) -> Gate:
         """Return the gate of the light's pulse at a path length [m]; both must be given."""
-        if target_time is None:
-            raise ValueError(NO_TARGET)
-        if self.pulse is None:
+        if target_time is not None and self.pulse is None:
             raise ValueError("pulse_width_opl: must be given, a gate sees a pulse")
-        is_array = isinstance(target_time, mi.Float)
-        return Gate(self.pulse, target_time if is_array else dr.opaque(mi.Float, target_time))
+        return Gate(self.pulse, target_time)
 
     def exposure(self, target_time: float | None = None) -> Exposure:
         """Return how light counts: on a picture all of it, or that of one gate."""
@@ -203,9 +186,7 @@ class BothEnds(TransientPath):
         weight = None if target is None else self.gate(target)
         return replace(super().exposure(), onto=(BINS, PHASORS, PICTURE), weight=weight)
 
-    def plan(
-        self, scene: mi.Scene, sensor: mi.Sensor | None = None, weight: Weight | None = None
-    ) -> BidirectionalPlan:
+    def plan(self, scene, sensor=None, weight=None) -> BidirectionalPlan:
         """Return the plan for paths from both ends."""
         if sensor is None:
             raise TypeError(

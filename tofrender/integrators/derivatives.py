@@ -11,9 +11,9 @@ import drjit as dr
 import mitsuba as mi
 
 from ..films.contribution import Contribution
-from ..films.derivatives import Changes, Collected, changes
+from ..films.derivatives import BinChanges, Changes, Collected
 from ..films.histogram import MAX_ADDED
-from ..films.recording import Recording
+from ..films.recording import BinRecording, Recording
 from ..paths.attached import Detached
 from ..paths.camera import CameraSample, sample_camera, sampled_size
 from ..paths.derivatives import MOST_KEPT, move, pull
@@ -28,8 +28,7 @@ from .differentiable import tracked
 from .passes import best_sampler
 from .plan import Plan
 
-PASS_SAMPLES = 1 << 20
-"""Camera rays of one kernel launch."""
+PASS_SAMPLES = 1 << 20  # Camera rays of one kernel launch
 
 
 @contextmanager
@@ -78,21 +77,16 @@ class Derivative:
     """The derivative of a render, by detached or attached sampling."""
 
     def __init__(
-        self,
-        plan: Plan,
-        scene: mi.Scene,
-        record: Recording,
-        sensor: mi.Sensor,
-        spp: int,
-        detached: bool = True,
+        self, plan: Plan, record: Recording, sensor: mi.Sensor, spp: int, detached: bool
     ) -> None:
         backend.require_vectorised()
         self.spp = checks.integer("spp_grad", spp, 1, checks.MAX_SPP)
         self.plan, self.record, self.sensor = plan.attached(), record, sensor
+        self.changes = BinChanges if isinstance(record, BinRecording) else Changes
         self.scattering = self.plan.scattering
         if detached:
-            single = has_mirrors(scene) or self.plan.space.scatters
-            self.scattering = Detached(self.scattering, scene, single)
+            single = has_mirrors(plan.scene) or self.plan.space.scatters
+            self.scattering = Detached(self.scattering, plan.scene, single)
 
     @backend.tracing_lock()
     def forward(self, seed: int, fresh: dict[str, Any]) -> Any:
@@ -114,7 +108,7 @@ class Derivative:
             return self.record.film.develop()
 
     def _add_rates(self, rays: Rays) -> None:
-        film = changes(self.record, rays.camera, self.spp)
+        film = self.changes(self.record, rays.camera, self.spp)
         with dr.resume_grad():
             start, collected = rays.attached_start(film)
             rates = film.move(collected, film.zero(), start)
@@ -138,7 +132,7 @@ class Derivative:
             )
         with dr.suspend_grad(), progress_bar("Gradients", self.spp, unit="spp") as bar:
             for rays in self._passes(seed):
-                film = changes(self.record, rays.camera, self.spp, gradients)
+                film = self.changes(self.record, rays.camera, self.spp, gradients)
                 gradient = pull(rays.sampler, rays.path, rays.parts, film)
                 with dr.resume_grad():
                     start, collected = rays.attached_start(film)
@@ -170,24 +164,22 @@ class Rays:
     def __init__(self, of: Derivative, sampler: mi.Sampler, pixel: mi.UInt32, spp: int) -> None:
         self.of, self.sampler, self.pixel, self.spp = of, sampler, pixel, spp
         self._first_dimension = sampler.dimension
-        self.camera, endpoint, _ = self._sample()
+        self.camera, self.path, endpoint, _ = self._sample()
         self.parts = Parts(of.plan.space, endpoint, of.scattering, of.plan.limits)
-        self.path = self._start(self.camera, endpoint)
 
-    def _sample(self) -> tuple[CameraSample, Endpoint, list[Contribution]]:
-        camera = sample_camera(self.of.sensor, self.of.record.film, self.sampler, self.pixel)
-        lit = self.of.plan.illuminate(camera.ray, camera.origin, self.sampler, mi.Bool(True))
-        return camera, *lit
-
-    def _start(self, camera: CameraSample, endpoint: Endpoint) -> Path:
-        return self.of.plan.start(endpoint, camera.ray, camera.origin, True, camera.frame)
+    def _sample(self) -> tuple[CameraSample, Path, Endpoint, list[Contribution]]:
+        plan, sampler = self.of.plan, self.sampler
+        camera = sample_camera(self.of.sensor, self.of.record.film, sampler, self.pixel)
+        lit = plan.illuminate(camera.ray, camera.origin, sampler, mi.Bool(True))
+        path = plan.start(lit[0], camera.ray, camera.origin, True, camera.frame)
+        return camera, path, *lit
 
     def attached_start(self, film: Changes) -> tuple[Any, Collected]:
         """Return the paths' first state, packed, and light without paths, with derivatives."""
         last, self.sampler.dimension = self.sampler.dimension, self._first_dimension
-        camera, endpoint, contributions = self._sample()
+        _, path, _, contributions = self._sample()
         self.sampler.dimension = last
         collected = film.step()
         for contribution in contributions:
             accumulate(collected, contribution)
-        return packed(self._start(camera, endpoint)), collected
+        return packed(path), collected

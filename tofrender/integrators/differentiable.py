@@ -29,9 +29,7 @@ MOVING = (
 """Ends of the names of parameters that light's way depends on."""
 
 RENDERERS = ("tofrender", "mitsuba", "drjit")
-
-ROUGHLY = 0.05
-"""How far a profile may be from the integral of its derivative, as a part of its peak."""
+TOLERANCE = 0.05  # Of a profile as the integral of its derivative, relative to its peak
 
 
 class VisibilityWarning(UserWarning):
@@ -87,11 +85,7 @@ def _users_level() -> int:
 
 
 def require_derivatives(
-    scene: mi.Scene,
-    sensor: mi.Sensor,
-    record: Recording,
-    names: Sequence[str],
-    straight: bool = False,
+    scene: mi.Scene, sensor: mi.Sensor, record: Recording, names: Sequence[str], straight: bool
 ) -> None:
     """Raise a `ValueError` for a render without derivatives by the parameters of some names.
 
@@ -214,4 +208,4 @@ def _is_smooth(pulse: Pulse, profile: Callable[[mi.Float], mi.Float], count: int
         dr.forward_from(t)
         slope, height = (np.array(each, dtype=float) for each in (dr.grad(values), values))
     off = np.abs(np.cumsum(slope) * step - height).max()
-    return bool(off < ROUGHLY * np.abs(height).max())
+    return bool(off < TOLERANCE * np.abs(height).max())

@@ -12,34 +12,29 @@ import operator
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from ..films.colours import colour_count
-from ..films.contribution import AsSplats
 from ..films.histogram import MAX_ADDED
 from ..films.recording import Recording
+from ..films.sums import AsSplats
 from ..paths.camera import Tile, pixel_corner, sample_camera, sampled_size
 from ..runtime import backend, checks, plugins
 from ..runtime.checkpoints import SavedState
 from ..samplers.padded_sobol import mix
-from .plan import Tracer
+from .user_defined import Tracer
 from .visible_emitters import VisibleEmitters
 
-STEP_SAMPLES, FIRST_SAMPLES = 1 << 22, 1 << 20
-"""Camera rays of one kernel launch, at most and in the first."""
-
-STEP_S = 1.0
-"""Time that a step should take [s]: progress, stops and checkpoints come between two steps."""
+STEP_SAMPLES, FIRST_SAMPLES = 1 << 22, 1 << 20  # Camera rays of one kernel launch: most, first
+STEP_S = 1.0  # Time that a step should take [s]; progress, stops and checkpoints come in between
 
 LANES = {"llvm": 1 << 12, "cuda": 1 << 20}
 """Lanes that keep a device busy; in films with fewer pixels, many lanes share one."""
 
-PRIVATE_LANES = 4
-"""Lanes of a pixel that never run on two threads: the narrowest vector of the LLVM backend."""
+PRIVATE_LANES = 4  # Lanes that never run on two threads: the narrowest vector of the LLVM backend
 
 LOOPING_SAMPLERS = ("IndependentSampler", "PaddedSobolSampler")
 """Samplers that can go on to their next sample within a symbolic loop."""
@@ -70,24 +65,11 @@ class Part:
 WHOLE = Part()
 
 
-class PixelSample(NamedTuple):
-    """A sample of each of some pixels."""
-
-    position: mi.Point2f  # On the film [pixels]
-    colour: list[mi.Float]  # Channels of the picture before its weight
-    rest: list[mi.Float]  # Channels behind it
-    not_finite: mi.UInt32  # Number of contributions that were not finite
-
-
 class PixelSampler:
     """Samples pixels: camera rays, their paths, and the values that go into the film.
 
-    Args:
-        plan, record, sensor, sampler: As for `steps`.
-        spp: Samples per pixel of the whole render.
-        tile: Part of the sensor's film that the film has, None for all.
-        rate: Rays for each sample of the picture.
-        splats: Whether all contributions are splats.
+    There are `rate` rays for each of `spp` samples per pixel of the whole render; `splats` says
+    that all contributions are splats.
     """
 
     def __init__(
@@ -104,8 +86,14 @@ class PixelSampler:
         self.plan, self.record, self.sensor, self.sampler = plan, record, sensor, sampler
         self.spp, self.tile, self.rate, self.splats = spp, tile, rate, splats
 
-    def sample(self, pixel: mi.UInt32) -> PixelSample:
-        """Trace one camera ray through each of some pixels."""
+    def sample(
+        self, pixel: mi.UInt32
+    ) -> tuple[mi.Point2f, list[mi.Float], list[mi.Float], mi.UInt32]:
+        """Trace one camera ray through each of some pixels.
+
+        Returns film positions [pixels], channels before and behind the picture's weight, and how
+        many contributions were not finite.
+        """
         record = self.record
         camera = sample_camera(self.sensor, record.film, self.sampler, pixel, self.tile)
         if self.rate > 1:
@@ -117,7 +105,7 @@ class PixelSampler:
         )
         measured = measurement if self.splats else traced
         channels = record.channels(camera, measured, path.valid_ray)
-        return PixelSample(camera.position, *channels, path.not_finite)
+        return camera.position, *channels, path.not_finite
 
 
 def steps(

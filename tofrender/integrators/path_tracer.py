@@ -23,6 +23,8 @@ class PathTracer(TransientPath):
 -1 is unlimited |
     """
 
+    default_depth = -1
+
     def __init__(self, props: mi.Properties) -> None:
         if "max_bounces" in props and "max_depth" in props:
             raise ValueError(
@@ -31,8 +33,6 @@ class PathTracer(TransientPath):
             )
         if "max_bounces" in props:
             props["max_depth"] = checks.depth_of_bounces(props["max_bounces"])
-        elif "max_depth" not in props:
-            props["max_depth"] = -1
         super().__init__(props)
         if not self.emitter_sampling:
             raise ValueError(

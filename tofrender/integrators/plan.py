@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from typing import Protocol, Self, TypeVar
+from typing import Self, TypeVar
 
 import mitsuba as mi
 
@@ -16,39 +16,6 @@ from ..paths.walk import accumulate, walk
 from ..runtime.backend import tracing_lock
 
 M = TypeVar("M", bound=Measurement)
-
-
-class TracedRays(Protocol):
-    """Outcome of tracing camera rays, e.g. their paths."""
-
-    not_finite: mi.UInt32  # Number of contributions that were not finite
-
-    @property
-    def valid_ray(self) -> mi.Bool:
-        """Lanes whose ray met a surface."""
-        ...
-
-
-class Tracer(Protocol):
-    """Traces camera rays: a `Plan`, or a user-defined integrator."""
-
-    splats: bool  # Whether contributions arrive at pixels other than those of the camera rays
-
-    def for_bin_width(self, width_opl: float | None) -> Tracer:
-        """Return the tracer for a film that resolves lengths by `width_opl` [m], if any."""
-        ...
-
-    def trace(
-        self,
-        sampler: mi.Sampler,
-        ray: mi.Ray3f,
-        origin: mi.Point3f,
-        measurement: Measurement,
-        active: mi.Bool | bool = True,
-        frame: mi.Spectrum | None = None,
-    ) -> tuple[Measurement, TracedRays]:
-        """Trace camera rays, see `Plan.trace`."""
-        ...
 
 
 class Plan(Parts):
@@ -138,14 +105,6 @@ class Plan(Parts):
         path.not_finite += not_finite + more
         return measurement, path
 
-    def connect_camera(
-        self,
-        endpoint: Endpoint,
-        ray: mi.Ray3f,
-        origin: mi.Point3f,
-        sampler: mi.Sampler,
-        measurement: M,
-        active: mi.Bool,
-    ) -> tuple[M, mi.UInt32]:
+    def connect_camera(self, endpoint, ray, origin, sampler, measurement, active):
         """Add contributions that need no path; returns the measurement, and how many not finite."""
         return measurement, mi.UInt32(0)

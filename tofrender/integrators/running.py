@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import nullcontext
+from inspect import isfunction
 from os import PathLike
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -19,8 +21,7 @@ from ..runtime.progress import Stop, deferred_stop, progress_bar
 from ..scenes.checking import check_view
 from ..scenes.fingerprint import fingerprint
 from .passes import Part, best_sampler, steps
-from .plan import Tracer
-from .user_defined import UserDefinedTracer, follows, is_user_defined, require_sample
+from .user_defined import Tracer, UserDefinedTracer, follows, is_user_defined
 
 UNIT = "samples per pixel"
 
@@ -63,29 +64,40 @@ def render_image(
     scene: mi.Scene,
     integrator: Any,
     sensor: mi.Sensor,
-    exposure: Callable[[], Exposure],
+    method: str,
+    refusal: str,
     call: str,
-    arguments: tuple[Any, ...],
+    targets: tuple[float, ...],
     *settings: Any,
     **identity: Any,
 ) -> np.ndarray:
     """Render one picture by an integrator, or by the `sample` of a user-defined one.
 
-    `exposure` returns how the integrator's light counts, and refuses integrators of other kinds. A
-    user-defined one is called as `call` says, with `arguments` after the ray. `settings` and
+    An integrator without a `method` is refused; else light counts as its `exposure(*targets)` says.
+    A user-defined one is called as `call` says, with `targets` after the ray. `settings` and
     `identity` are those of `render_all`.
     """
     check_view(scene, sensor, **follows(integrator))
     film = image_film(sensor.film())
     if is_user_defined(integrator):
-        require_sample(integrator, call)
+        if not isfunction(getattr(type(integrator), "sample", None)):  # Mitsuba's know no time
+            kind = type(integrator).__name__
+            raise TypeError(f"integrator = {kind}: has no sample of its own; must have {call}")
         record = recording(film, Exposure(onto=(PICTURE,)))
+        arguments = [dr.opaque(mi.Float, target) for target in targets]
         tracer: Tracer = UserDefinedTracer(integrator, scene, record, *arguments)
     else:
-        record = recording(film, exposure())
+        require_method(integrator, method, refusal)
+        record = recording(film, integrator.exposure(*targets))
         tracer = integrator.plan(scene, sensor, record.weight)
-    render_all(scene, integrator, sensor, tracer, record, *settings, **identity)
+    render_all(scene, integrator, sensor, tracer, record, *settings, stacklevel=5, **identity)
     return np.array(film.develop())
+
+
+def require_method(integrator: Any, method: str, refusal: str) -> None:
+    """Raise a `TypeError` if an integrator lacks a method."""
+    if not hasattr(integrator, method):
+        raise TypeError(f"integrator = {type(integrator).__name__}: {refusal}")
 
 
 def render_all(
@@ -98,15 +110,13 @@ def render_all(
     seed: int,
     checkpoint: Checkpoint | str | PathLike[str] | None,
     progress: bool,
+    stacklevel: int = 4,
     **identity: Any,
 ) -> None:
     """Render all samples; stopping is an error, since the result would look complete.
 
-    `identity` is what else the result depends on, for checkpoints.
-
-    Raises:
-        ValueError: `spp` or `seed` is out of range, or the checkpoint is of another render.
-        KeyboardInterrupt: The render was stopped; one line that says how to go on.
+    `identity` is what else the result depends on, for checkpoints. Raises a `ValueError` for wrong
+    settings or a checkpoint of another render, a `KeyboardInterrupt` if the render was stopped.
     """
     seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
     checks.boolean("progress", progress)
@@ -120,10 +130,9 @@ def render_all(
     rendering = steps(tracer, record, sensor, sampler, seed, part)
     done = run(rendering, record, spp, done=part.done, checkpoint=checkpoint, progress=progress)
     if done < spp:
-        raise KeyboardInterrupt(
-            interrupted(done, spp, UNIT, checkpoint.again if checkpoint else "")
-        )
-    warn_not_finite(record.not_finite)
+        again = checkpoint.again if checkpoint else ""
+        raise KeyboardInterrupt(interrupted(done, spp, UNIT, again))
+    warn_not_finite(record.not_finite, stacklevel)
 
 
 def made_with(

@@ -40,7 +40,7 @@ class Simple(FirstSurface):
         for name in ("position", "energy"):
             if name not in props:
                 raise ValueError(f"{name}: is missing; must be given to the integrator simple")
-        self.position = _point("position", props["position"])
+        self.position = checks.point("position", props["position"])
         self.energy = _colour("energy", props["energy"])
         super().__init__(props)
         rgb = {"type": "rgb", "value": [phi / (4 * math.pi) for phi in self.energy]}
@@ -52,27 +52,14 @@ class Simple(FirstSurface):
         return PointSource(scene, self.emitter, self.hide_emitters)
 
 
-def _point(name: str, value: Any) -> list[float]:
-    point = _numbers(value)
-    if len(point) != 3:
-        raise ValueError(f"{name} = {checks.quote(value)}: must be a point of three finite numbers")
-    return point
-
-
 def _colour(name: str, value: Any) -> list[float]:
     is_number = isinstance(value, Real) and not isinstance(value, bool)
-    colour = _numbers([value] * 3 if is_number else value)
-    if len(colour) != 3 or min(colour) < 0:
+    try:
+        colour = [float(x) for x in ([value] * 3 if is_number else value)]
+    except (TypeError, ValueError):
+        colour = []
+    if len(colour) != 3 or not all(0 <= x < math.inf for x in colour):
         raise ValueError(
             f"{name} = {checks.quote(value)}: must be a number or an RGB colour, 0 or more"
         )
     return colour
-
-
-def _numbers(value: Any) -> list[float]:
-    """Convert to finite numbers; none if a value is something else."""
-    try:
-        numbers = [float(x) for x in value]
-    except (TypeError, ValueError):
-        return []
-    return numbers if all(map(math.isfinite, numbers)) else []

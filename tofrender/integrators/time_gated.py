@@ -12,14 +12,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..films.exposure import BINS, PICTURE, Exposure, Weight
+from ..films.exposure import BINS, PICTURE, Exposure
 from ..films.image import transient_film
 from ..films.recording import recording
 from ..films.sums import Weighted
 from ..paths.endpoints import GatedFog, GatedLights
-from ..paths.endpoints.gated import GatedEmitters
 from ..paths.media import Media
-from ..paths.protocols import Space
 from ..paths.surfaces import transmits
 from ..runtime import checks
 from ..runtime.checkpoints import Checkpoint
@@ -27,28 +25,33 @@ from ..scenes.checking import check_view
 from ..signals.pulses import GaussianPulse, Pulse
 from .base import TransientIntegrator
 from .plan import Plan
-from .running import render_all, render_image
+from .running import render_all, render_image, require_method
 from .user_defined import follows, is_user_defined
 
 FILM_KEYS = ("temporal_bins", "start_opl", "bin_width_opl")
 NO_TARGET = "target_time = None: must be the gate's path length in metres"
 CALL = "sample(scene, sampler, ray, target_time)"
+NO_GATES = (
+    f"has no gates; must be a TimeGatedTransientPath, or have {CALL} of its own for single ones"
+)
 
 
 class Gate:
     """The weight of light by its length: a pulse seen at the path length `target_time` [m].
 
-    Attributes:
-        opens, closes: Lengths before and beyond which the weight is 0 [m], None if the pulse does
-            not say.
+    It is 0 before `opens` and beyond `closes` [m], which are None if the pulse does not say.
     """
 
-    def __init__(self, pulse: Pulse, target_time: mi.Float) -> None:
+    def __init__(self, pulse: Pulse, target_time: mi.Float | float | None) -> None:
+        if target_time is None:
+            raise ValueError(NO_TARGET)
         if not hasattr(pulse, "eval"):
             raise TypeError(
                 f"pulse = {type(pulse).__name__}: must have eval(t), a density like that of "
                 "GaussianPulse(0.03)"
             )
+        if not isinstance(target_time, mi.Float):
+            target_time = dr.opaque(mi.Float, target_time)
         self.pulse, self.target_time = pulse, target_time
         support = getattr(pulse, "support", None)
         self.opens, self.closes = None, None
@@ -81,19 +84,15 @@ class TimeGatedTransientPath(TransientIntegrator):
     A `max_depth` of 8 gives paths of 9 segments in the loop of the assignment's text, here of 8.
 
     Example:
-        >>> integrator = mi.load_dict(
-        ...     {"type": "time_gated_transient_path", "pulse_width_opl": 0.02}
-        ... )
-        >>> integrator.pulse
-        GaussianPulse(width_opl=0.02)
+        >>> mi.load_dict({"type": "time_gated_transient_path"}).pulse
+        GaussianPulse(width_opl=0.03)
     """
 
+    default_depth = 8
     shown = (*TransientIntegrator.shown, "target_time", "pulse")
 
     def __init__(self, props: mi.Properties | None = None) -> None:
         props = mi.Properties("time_gated_transient_path") if props is None else props
-        if "max_depth" not in props:
-            props["max_depth"] = 8
         super().__init__(props)
         width = checks.metres("pulse_width_opl", props.get("pulse_width_opl", 0.03), positive=True)
         self.pulse: Pulse = GaussianPulse(width)
@@ -105,10 +104,8 @@ class TimeGatedTransientPath(TransientIntegrator):
 
         Lengths start at `origin`, by default where the rays do: 1 mm or so in front of a
         perspective camera, by its near clip, where `render_at_time` measures from the sensor.
-        Indices of refraction are over that at the rays' start. `medium` is ignored.
-
-        Returns:
-            Spectrum [1/m], lanes that see a surface or an environment, and no AOVs.
+        Indices of refraction are over that at the rays' start. `medium` is ignored. Returns a
+        spectrum [1/m], lanes that see a surface or an environment, and no AOVs.
         """
         gate = self.gate(self.target_time if target_time is None else target_time)
         plan, measurement = self.plan(scene, None, gate), Weighted.zero(gate)
@@ -116,28 +113,18 @@ class TimeGatedTransientPath(TransientIntegrator):
 
     def gate(self, target_time: mi.Float | float | None) -> Gate:
         """Return the gate at a path length [m]; a `ValueError` if that is None."""
-        if target_time is None:
-            raise ValueError(NO_TARGET)
-        is_array = isinstance(target_time, mi.Float)
         width = getattr(self.pulse, "width_opl", None)
-        if width is not None and not is_array:
+        if not (width is None or target_time is None or isinstance(target_time, mi.Float)):
             checks.resolved("pulse_width_opl", float(width), target_time)
-        return Gate(self.pulse, target_time if is_array else dr.opaque(mi.Float, target_time))
+        return Gate(self.pulse, target_time)
 
     def exposure(self, target_time: float | None = None) -> Exposure:
         """Return how light counts: one gate on a picture, a gate at the centre of every bin."""
         target = self.target_time if target_time is None else target_time
-        return Exposure(
-            onto=(BINS, PICTURE),
-            pulse=self.pulse,
-            at_centres=True,
-            weight=None if target is None else self.gate(target),
-            lacks=NO_TARGET if target is None else "",
-        )
+        weight, lacks = (None, NO_TARGET) if target is None else (self.gate(target), "")
+        return Exposure((BINS, PICTURE), self.pulse, at_centres=True, weight=weight, lacks=lacks)
 
-    def plan(
-        self, scene: mi.Scene, sensor: mi.Sensor | None = None, weight: Weight | None = None
-    ) -> Plan:
+    def plan(self, scene, sensor=None, weight=None) -> Plan:
         """Plan gated next-event estimation, and paths that end when the gate closes."""
         plan = super().plan(scene, sensor)
         if weight is None:
@@ -145,18 +132,13 @@ class TimeGatedTransientPath(TransientIntegrator):
         plan.limits = self.limits(getattr(weight, "closes", None))
         # Behind rough glass, the index of a connection depends on its direction
         if self.emitter_sampling and not transmits(scene, mi.BSDFFlags.GlossyTransmission):
-            plan.endpoint = self._gated_endpoint(scene, sensor, plan.space, weight)
+            # Connections along rays through media where they apply, else those of vertices alone
+            has_samples = hasattr(self.pulse, "sample") and weight.closes is not None
+            along_rays = isinstance(plan.space, Media) and GatedFog.serves(scene)
+            along_rays &= has_samples and not (self.camera_unwarp or mi.is_polarized)
+            kind = partial(GatedFog, plan.space) if along_rays else GatedLights
+            plan.endpoint = self.emitters(kind, scene, sensor, weight)
         return plan
-
-    def _gated_endpoint(
-        self, scene: mi.Scene, sensor: mi.Sensor | None, space: Space, gate: Gate
-    ) -> GatedEmitters:
-        """Connections along rays through media where they apply, else those of vertices alone."""
-        has_samples = hasattr(self.pulse, "sample") and gate.closes is not None
-        scalar_lengths = not (self.camera_unwarp or mi.is_polarized)
-        if isinstance(space, Media) and has_samples and scalar_lengths and GatedFog.serves(scene):
-            return self.emitters(partial(GatedFog, space), scene, sensor, gate)
-        return self.emitters(GatedLights, scene, sensor, gate)
 
     def sample_arguments(self) -> tuple[Any, ...]:
         """Return the target time, which a `sample` of a subclass takes after the ray."""
@@ -179,7 +161,7 @@ def render_at_time(
     Args:
         scene: The scene.
         integrator: A `TimeGatedTransientPath`, or any object with a
-            `sample(scene, sampler, ray, target_time)` of its own, which is then asked.
+            `sample(scene, sampler, ray, target_time)` of its own, which is then called.
         sensor: The camera; its film says size, crop and filter.
         target_time: Path length of the gate [m], 0 or more.
         spp: Samples per pixel.
@@ -205,13 +187,8 @@ def render_at_time(
     target = checks.metres("target_time", target_time)
     if target < 0:
         raise ValueError(f"target_time = {target_time!r}: must be 0 m or more, light starts there")
-
-    def exposure() -> Exposure:
-        _require_gates(integrator)
-        return integrator.exposure(target)
-
-    more, settings = (dr.opaque(mi.Float, target),), (spp, seed, checkpoint, progress)
-    return render_image(scene, integrator, sensor, exposure, CALL, more, *settings, gate=target)
+    kind, settings = ("gate", NO_GATES, CALL), (spp, seed, checkpoint, progress)
+    return render_image(scene, integrator, sensor, *kind, (target,), *settings, gate=target)
 
 
 def render_transient(
@@ -237,7 +214,6 @@ def render_transient(
 
     Raises:
         ValueError: A key is missing or unknown, or a value is out of range; one line.
-        KeyboardInterrupt: The render was stopped; one line that says how to go on.
 
     Example:
         >>> import tofrender
@@ -262,7 +238,7 @@ def render_transient(
             f"integrator = {type(integrator).__name__}: has a sample of its own, which sees one "
             "instant; must be a TimeGatedTransientPath without, or use render_at_time for each"
         )
-    _require_gates(integrator)
+    require_method(integrator, "gate", NO_GATES)
     check_view(scene, sensor, **follows(integrator))
     film = transient_film(sensor.film(), bins, start, width)
     integrator.gate(start)  # Refuses where there is no pulse
@@ -270,12 +246,3 @@ def render_transient(
     plan, settings = integrator.plan(scene, sensor), (spp, seed, checkpoint, progress)
     render_all(scene, integrator, sensor, plan, record, *settings)
     return film.take()[1]
-
-
-def _require_gates(integrator: Any) -> None:
-    """Refuse an integrator whose light is not seen through gates."""
-    if not hasattr(integrator, "gate"):
-        raise TypeError(
-            f"integrator = {type(integrator).__name__}: has no gates; must be a "
-            f"TimeGatedTransientPath, or have {CALL} of its own for single ones"
-        )

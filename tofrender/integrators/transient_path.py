@@ -76,11 +76,7 @@ all further vertices connect to half as many, rounded up |
 
     @property
     def pulse(self) -> Pulse | None:
-        """Temporal profile of the light [m], None for an instant.
-
-        Raises:
-            TypeError: What is assigned is not a pulse; one line.
-        """
+        """Temporal profile of the light [m], None for an instant; others are a `TypeError`."""
         return self._pulse
 
     @pulse.setter

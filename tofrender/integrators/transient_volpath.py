@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import mitsuba as mi
 
-from ..films.exposure import Weight
 from ..paths.endpoints import LightsStraightAhead
 from ..paths.protocols import Endpoint
 from ..paths.surfaces import lets_straight_through
@@ -51,16 +50,10 @@ class TransientVolpath(TransientPath):
         (16, 16, 300, 3)
     """
 
+    default_depth = -1
     goes_straight = True
 
-    def __init__(self, props: mi.Properties) -> None:
-        if not {"max_depth", "max_bounces"} & set(props.keys()):
-            props["max_depth"] = -1
-        super().__init__(props)
-
-    def plan(
-        self, scene: mi.Scene, sensor: mi.Sensor | None = None, weight: Weight | None = None
-    ) -> Plan:
+    def plan(self, scene, sensor=None, weight=None) -> Plan:
         """Return the plan, in which null interactions are no vertices."""
         plan = super().plan(scene, sensor, weight)
         plan.limits.ignore_null = lets_straight_through(scene)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from inspect import isfunction
 from typing import Any
 
 import drjit as dr
@@ -11,8 +10,8 @@ import mitsuba as mi
 
 from ..films.recording import Recording
 from ..films.sums import Radiance
-from ..paths.protocols import Measurement
 from ..signals.polarisation import summed, to_stokes
+from .plan import Plan
 
 
 def is_user_defined(integrator: Any) -> bool:
@@ -27,14 +26,6 @@ def follows(integrator: Any) -> dict[str, bool]:
         "media": getattr(integrator, "follows_media", True),
         "polarisation": getattr(integrator, "follows_polarisation", integrator is None),
     }
-
-
-def require_sample(integrator: Any, call: str) -> None:
-    """Raise a `TypeError` for an integrator without a `sample` of its own, which names the call."""
-    if not isfunction(getattr(type(integrator), "sample", None)):
-        # Mitsuba's own integrators know no time
-        kind = type(integrator).__name__
-        raise TypeError(f"integrator = {kind}: has no sample of its own; must have {call}")
 
 
 @dataclass
@@ -63,15 +54,7 @@ class UserDefinedTracer:
         """Return the tracer unchanged."""
         return self
 
-    def trace(
-        self,
-        sampler: mi.Sampler,
-        ray: mi.Ray3f,
-        origin: mi.Point3f,
-        measurement: Measurement,
-        active: mi.Bool | bool = True,
-        frame: mi.Spectrum | None = None,
-    ) -> tuple[Radiance, SampledRays]:
+    def trace(self, sampler, ray, origin, measurement, active=True, frame=None):
         """Call `sample` with the rays, see `Plan.trace`."""
         ray = mi.RayDifferential3f(ray)
         ray.o = origin
@@ -81,3 +64,6 @@ class UserDefinedTracer:
         not_finite = dr.select(valid & ~finite, mi.UInt32(1), 0)
         radiance = Radiance(dr.select(valid & finite, total, 0))
         return radiance, SampledRays(valid, not_finite)
+
+
+Tracer = Plan | UserDefinedTracer  # Traces camera rays

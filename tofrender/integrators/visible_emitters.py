@@ -13,19 +13,14 @@ import mitsuba as mi
 import numpy as np
 
 from ..paths.camera import Tile, sampled_size
-from ..paths.records import Path
 from ..paths.walk import add_emission
 from ..paths.window import KINDS, Window
-from .plan import M, Plan, Tracer
+from .plan import Plan
+from .user_defined import Tracer
 
-MOST = 32
-"""Most rays for each sample of a pixel."""
-
-MARGIN = 0.01
-"""Added to the projection of an emitter's box on each side, for rounding [pixels]."""
-
-MEAN_RATE = 0.5
-"""Rays for each sample of the picture, on average over all its pixels: a path has ten or more."""
+MOST = 32  # Rays for each sample of a pixel
+MARGIN = 0.01  # Added to the projection of an emitter's box on each side, for rounding [pixels]
+MEAN_RATE = 0.5  # Rays per sample, on average over all pixels: a path has ten or more
 
 
 class VisibleEmitters:
@@ -35,9 +30,8 @@ class VisibleEmitters:
         plan: The plan of the render; `rest` is that without these rays' light.
         pixels: Numbers of the pixels, row by row in the sampled area of the film.
         rate: Rays for each sample of such a pixel.
-        splats: Whether their light is added as splats. A film with another filter than box divides
-            by the sum of its samples' weights, which few samples leave to chance: rays that are
-            none of them would come out too bright, 5 % with a sample per pixel.
+        splats: Whether their light is added as splats, for filters other than box: the sum of few
+            samples' weights would make other rays too bright, 5 % with a sample per pixel.
     """
 
     def __init__(self, plan: Plan, pixels: np.ndarray, rate: int, splats: bool) -> None:
@@ -70,14 +64,7 @@ class VisibleEmitters:
         splats = not film.rfilter().is_box_filter()
         return cls(plan, pixels, 1 << (rate.bit_length() - 1), splats)
 
-    def trace(
-        self,
-        sampler: mi.Sampler,
-        ray: mi.Ray3f,
-        origin: mi.Point3f,
-        measurement: M,
-        frame: mi.Spectrum | None = None,
-    ) -> tuple[M, Path]:
+    def trace(self, sampler, ray, origin, measurement, frame=None):
         """Add the emission that camera rays hit first."""
         plan = self.plan
         path = plan.start(plan.endpoint, ray, origin, True, frame)
