@@ -11,7 +11,6 @@ import mitsuba as mi
 
 from ..films.contribution import Contribution
 from ..films.exposure import BINS, PHASORS, PICTURE, Exposure, Weight
-from ..paths.between import transmittance_between
 from ..paths.bidirectional_mis import BidirectionalMIS
 from ..paths.emission import Emission, Emitted
 from ..paths.endpoints.camera import Camera, LightPathHistory
@@ -20,6 +19,7 @@ from ..paths.lens import Lens
 from ..paths.protocols import Parts, Space
 from ..paths.records import Limits, Path
 from ..paths.scattering import Materials
+from ..paths.space import transmittance_between
 from ..paths.walk import accumulate, walk
 from ..runtime import checks
 from ..runtime.backend import uncollected

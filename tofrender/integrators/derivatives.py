@@ -17,7 +17,7 @@ from ..paths.attached import Detached
 from ..paths.camera import CameraSample, sample_camera, sampled_size
 from ..paths.derivatives import MOST_KEPT, move, pull
 from ..paths.protocols import Endpoint, Parts
-from ..paths.surfaces import has_mirrors
+from ..paths.surfaces import has_lobes
 from ..paths.tape import packed
 from ..paths.walk import accumulate
 from ..runtime import backend, checks
@@ -102,7 +102,7 @@ class Derivative:
         self.plan, self.record, self.sensor = plan.attached(), record, sensor
         self.scattering = self.plan.scattering
         if detached:
-            single = has_mirrors(scene) or self.plan.space.scatters
+            single = has_lobes(scene, mi.BSDFFlags.Delta) or self.plan.space.scatters
             self.scattering = Detached(self.scattering, scene, single)
 
     @backend.uncollected()

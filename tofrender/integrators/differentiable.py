@@ -12,8 +12,8 @@ import mitsuba as mi
 import numpy as np
 
 from ..films.recording import BinRecording, PhasorRecording, Recording
-from ..paths.choices import undifferentiated
 from ..paths.refraction import index_around
+from ..paths.scattering import undifferentiated
 from ..paths.surfaces import Boundaries, flat_twin, materials
 from ..runtime import checks
 from ..scenes.media import media_of
@@ -166,7 +166,7 @@ def _require_fixed_transmission(scene: mi.Scene) -> None:
 
 
 def _require_materials(scene: mi.Scene) -> None:
-    """Refuse materials whose chances of single directions are not known, see `paths.choices`."""
+    """Refuse materials whose chances of single directions are not known, see `paths.scattering`."""
     for bsdf in materials(scene):
         if wrong := undifferentiated(bsdf):
             raise ValueError(

@@ -20,7 +20,7 @@ from ..paths.endpoints import GatedFog, GatedLights
 from ..paths.endpoints.gated import GatedEmitters
 from ..paths.media import Media
 from ..paths.protocols import Space
-from ..paths.surfaces import transmits
+from ..paths.surfaces import has_lobes
 from ..runtime import checks
 from ..runtime.checkpoints import Checkpoint
 from ..scenes.checking import check_view
@@ -161,7 +161,7 @@ class TimeGatedTransientPath(TransientIntegrator):
             return plan
         plan.limits = self.limits(getattr(weight, "closes", None))
         # Behind rough glass, the index of a connection depends on its direction
-        if self.emitter_sampling and not transmits(scene, mi.BSDFFlags.GlossyTransmission):
+        if self.emitter_sampling and not has_lobes(scene, mi.BSDFFlags.GlossyTransmission):
             plan.endpoint = self._gated_endpoint(scene, sensor, plan.space, weight)
         return plan
 

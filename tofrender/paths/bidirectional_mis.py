@@ -32,14 +32,10 @@ from .records import BSDFSample, Path, Vertex
 
 @dataclass
 class PartialSums:
-    """Partial sums of x of a sub-path, over strategies with fewer vertices on its side.
+    """Partial sums of x of a sub-path, over strategies with fewer vertices on its side."""
 
-    Attributes:
-        a: Factor of the density of its last vertex from the other end.
-        b: Factor of that, times the density with which the other end goes on to the vertex before.
-    """
-
-    a: mi.Float
+    a: mi.Float  # factor of the density of its last vertex from the other end
+    # factor of that, times the density with which the other end goes on to the vertex before
     b: mi.Float
 
 
@@ -77,9 +73,8 @@ class BidirectionalMIS:
         """Update the sums for the segment to a vertex."""
         distance, cos = vertex.length, vertex.cosine(path.ray.d)
         inverse_cos = dr.select(cos > 0, dr.rcp(self.power(cos)), 0)
-        return PartialSums(
-            sums.a * self.power(distance * distance) * inverse_cos, sums.b * inverse_cos
-        )
+        a = sums.a * self.power(distance * distance) * inverse_cos
+        return PartialSums(a, sums.b * inverse_cos)
 
     def after_sample(
         self, sums: PartialSums, vertex: Vertex, bsdf_sample: BSDFSample

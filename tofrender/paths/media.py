@@ -19,24 +19,23 @@ al. 2014).
 from __future__ import annotations
 
 from copy import copy
-from typing import Any
+from dataclasses import replace
 
 import drjit as dr
 import mitsuba as mi
 
 from ..scenes.media import media_of
-from ..signals.polarisation import in_world, intensity
+from ..signals.polarisation import extended, in_world, intensity
 from .flight import Flight, channel_probabilities, sample_channel, value_in
 from .phases import Phases, as_surface
-from .protocols import Scattering
-from .records import Connection, MediumPoint, Path, Vertex, extend
+from .protocols import Scattering, Space
+from .records import Connection, MediumPoint, Path, Vertex
 from .surfaces import Boundaries, lets_straight_through
 
-FARTHEST = 1e30
-"""Replaces infinite distances where they are multiplied [m]."""
+FARTHEST = 1e30  # replaces infinite distances where they are multiplied [m]
 
 
-class Media:
+class Media(Space):
     """Straight rays through homogeneous media and grids.
 
     Args:
@@ -103,7 +102,7 @@ class Media:
 
     def attached(self) -> Media:
         """Return the space with derivatives."""
-        from .attached_media import AttachedMedia
+        from .attached import AttachedMedia
 
         return AttachedMedia(self)
 
@@ -111,9 +110,7 @@ class Media:
         """Sample a scattering point, or find the next surface that is no index-matched boundary."""
         flight, weight = self.sample_flight(path, sampler)
         o, scattered = path.prev.p, flight.scattered
-        path = copy(path)
-        path.medium = flight.medium
-        path.β = extend(path.β, weight)
+        path = replace(path, medium=flight.medium, β=extended(path.β, weight))
         si = flight.pi.compute_surface_interaction(
             flight.ray, mi.RayFlags.All, path.active & ~scattered
         )
@@ -123,8 +120,10 @@ class Media:
         return path, Vertex(point, dr.norm(point.p - o), valid, MediumPoint(mei, scattered))
 
     @dr.syntax
-    def sample_flight(self, path: Path, sampler: mi.Sampler) -> tuple[Flight, Any]:
-        """Sample free flights along the paths' rays; returns them and their throughput weights."""
+    def sample_flight(
+        self, path: Path, sampler: mi.Sampler
+    ) -> tuple[Flight, mi.UnpolarizedSpectrum]:
+        """Sample free flights along rays; returns them and their throughput weights."""
         # Choose a channel in proportion to throughput
         q, o = channel_probabilities(intensity(path.β)), path.prev.p
         channel = sample_channel(q, sampler.next_1d())
@@ -144,7 +143,7 @@ class Media:
         weight = flight.weight / dr.sum(q * flight.weight)
         return flight, dr.select(flight.scattered, weight * flight.albedo, weight)
 
-    def _intersect(self, flight: Flight, o: mi.Point3f, coherent: Any = False) -> Flight:
+    def _intersect(self, flight: Flight, o: mi.Point3f, coherent: mi.Bool | bool = False) -> Flight:
         """Find the next surface where it is not known."""
         flight = copy(flight)
         pi = self.scene.ray_intersect_preliminary(
@@ -223,7 +222,7 @@ class Media:
                 flight.weight *= dr.select(at_surface & transmits, factor, 1)
             else:
                 factor = in_world(si, mi.Spectrum(factor), -si.wi, si.wi)
-                product = extend(flight.mueller, factor)
+                product = extended(flight.mueller, factor)
                 flight.mueller = dr.select(at_surface & transmits, product, flight.mueller)
             crosses |= at_surface & transmits
         if self.hides:
@@ -245,13 +244,13 @@ class Media:
 
     def transmittance(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
-    ) -> Any:
+    ) -> mi.UnpolarizedSpectrum:
         """Estimate the transmittance of a connection; 0 where a surface blocks it."""
         return self.transmittance_and_medium(path, vertex, connection, sampler)[0]
 
     def transmittance_and_medium(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
-    ) -> tuple[Any, mi.MediumPtr]:
+    ) -> tuple[mi.UnpolarizedSpectrum, mi.MediumPtr]:
         """As `transmittance`, and the medium at the connection's end."""
         medium = self.medium_behind(path, vertex, connection.direction)
         o, length = vertex.si.p, connection.medium_length
@@ -261,7 +260,7 @@ class Media:
         length = dr.norm(connection.point - o) if length is None else length
         if self.straight and mi.is_polarized:
             flight.mueller = mi.Spectrum(1) + dr.zeros(mi.Float, dr.width(ray))
-        flight = self._fly_to(flight, o, length, sampler, mi.Bool(connection.unoccluded))
+        flight = self._fly_to(flight, o, length, sampler, connection.unoccluded)
         if flight.mueller is not None:
             connection.frame = flight.mueller
         return flight.weight, flight.medium
@@ -281,63 +280,52 @@ class Media:
         within, first, last = flight.medium.intersect_aabb(ray)
         here &= within & (distance >= first) & (distance <= last)
         σ_s, _, _ = flight.medium.get_scattering_coefficients(mei, here)
-        path = copy(path)
-        path.medium = flight.medium
-        path.β = extend(path.β, dr.select(here, flight.weight * σ_s, 0))
-        path.opl = dr.fma(path.η, distance, path.opl)
+        path = replace(
+            path,
+            medium=flight.medium,
+            β=extended(path.β, dr.select(here, flight.weight * σ_s, 0)),
+            opl=dr.fma(path.η, distance, path.opl),
+        )
         point = as_surface(dr.zeros(mi.SurfaceInteraction3f, dr.width(mei)), mei, here)
         return path, Vertex(point, distance, here, MediumPoint(mei, here))
 
+    @dr.syntax
     def _fly_to(
         self,
         flight: Flight,
         o: mi.Point3f,
         length: mi.Float,
         sampler: mi.Sampler,
-        unoccluded: mi.Bool | None = None,
+        unoccluded: mi.Bool | bool = False,
     ) -> Flight:
         """Estimate transmittance up to a length, 0 where a surface blocks it.
 
         In `unoccluded` lanes only boundaries can be met.
         """
-        unoccluded = mi.Bool(False) if unoccluded is None else unoccluded
+        unoccluded = mi.Bool(unoccluded)
         if self.has_boundaries:
-            return self._attenuate_through_boundaries(flight, o, length, sampler, unoccluded)
-        flight.needs_intersection &= ~unoccluded
-        tested = flight.needs_intersection
-        blocked = tested & self.scene.ray_test(flight.ray, tested)
-        flight.active &= ~blocked
-        flight.weight = dr.select(blocked, 0, flight.weight)
-        flight.end = mi.Float(length)
-        return self._attenuate_in_one_medium(flight, o, sampler)
-
-    @dr.syntax
-    def _attenuate_in_one_medium(
-        self, flight: Flight, o: mi.Point3f, sampler: mi.Sampler
-    ) -> Flight:
-        """Estimate transmittance up to the end of a flight that meets no surface."""
-        flight = self._attenuate(flight, o, sampler)
-        if self.has_grids:
             while flight.active:
+                flight = self._intersect(flight, o)
+                flight.end = dr.minimum(flight.end, length)
+                active = flight.active
                 flight = self._attenuate(flight, o, sampler)
-        return flight
-
-    @dr.syntax
-    def _attenuate_through_boundaries(
-        self, flight: Flight, o: mi.Point3f, length: mi.Float, sampler: mi.Sampler, unoccluded: Any
-    ) -> Flight:
-        """Estimate transmittance up to a length, through boundaries."""
-        while flight.active:
-            flight = self._intersect(flight, o)
-            flight.end = dr.minimum(flight.end, length)
-            active = flight.active
-            flight = self._attenuate(flight, o, sampler)
-            null = flight.active
-            at_surface = active & ~null & flight.pi.is_valid()
-            flight, crosses = self._cross_boundary(flight, at_surface, connects=True)
-            blocked = at_surface & ~crosses & ~unoccluded
+                null = flight.active
+                at_surface = active & ~null & flight.pi.is_valid()
+                flight, crosses = self._cross_boundary(flight, at_surface, connects=True)
+                blocked = at_surface & ~crosses & ~unoccluded
+                flight.weight = dr.select(blocked, 0, flight.weight)
+                flight.active = (null | crosses) & dr.any(flight.weight > 0)
+        else:
+            flight.needs_intersection &= ~unoccluded
+            tested = flight.needs_intersection
+            blocked = tested & self.scene.ray_test(flight.ray, tested)
+            flight.active &= ~blocked
             flight.weight = dr.select(blocked, 0, flight.weight)
-            flight.active = (null | crosses) & dr.any(flight.weight > 0)
+            flight.end = mi.Float(length)
+            flight = self._attenuate(flight, o, sampler)
+            if self.has_grids:
+                while flight.active:
+                    flight = self._attenuate(flight, o, sampler)
         return flight
 
     def _attenuate(self, flight: Flight, o: mi.Point3f, sampler: mi.Sampler) -> Flight:
@@ -375,7 +363,7 @@ def medium_interaction(
     ray: mi.Ray3f, p: mi.Point3f, medium: mi.MediumPtr
 ) -> mi.MediumInteraction3f:
     """Create the medium interaction at a point on a ray."""
-    mei: Any = dr.zeros(mi.MediumInteraction3f, dr.width(ray))
+    mei = dr.zeros(mi.MediumInteraction3f, dr.width(ray))
     mei.p, mei.t, mei.wi = p, dr.norm(p - ray.o), -ray.d
     mei.time, mei.wavelengths = ray.time, ray.wavelengths
     mei.sh_frame, mei.medium = mi.Frame3f(-ray.d), medium

@@ -1,4 +1,4 @@
-"""States of a loop, kept in memory of each lane so that they can be read backwards."""
+"""Records in memory of each lane: states of a loop, vertices of a path."""
 
 from __future__ import annotations
 
@@ -10,16 +10,15 @@ import drjit as dr
 
 
 def tape(example: Any, length: int) -> Any:
-    """Room for `length` records like an example, none of which is written yet.
+    """Allocate memory for `length` records like an example.
 
-    Dr.Jit keeps it on the stack of the thread that works on a lane: it takes no memory of its own,
-    however many lanes there are.
+    It is on the stack of the thread that works on a lane, whatever the number of lanes.
     """
     return dr.alloc_local(_type(example), length)
 
 
 def packed(value: Any) -> Any:
-    """A record as `tape` stores it: without what is None."""
+    """Convert a record to the type that `tape` stores: without fields that are None."""
     if not is_dataclass(value):
         return value
     stored = _type(value)()
@@ -29,11 +28,11 @@ def packed(value: Any) -> Any:
 
 
 def unpacked(stored: Any, example: Any) -> Any:
-    """The reverse, like the example."""
+    """Convert a stored record back, to one like the example."""
     if not is_dataclass(example):
-        return dr.copy(stored)  # What a step changes in place must not be what is kept
-    kept = {name: unpacked(getattr(stored, name), each) for name, each in _given(example)}
-    return replace(example, **kept)
+        return dr.copy(stored)  # A step may change it in place
+    values = {name: unpacked(getattr(stored, name), each) for name, each in _given(example)}
+    return replace(example, **values)
 
 
 def _given(value: Any) -> list[tuple[str, Any]]:
@@ -42,7 +41,7 @@ def _given(value: Any) -> list[tuple[str, Any]]:
 
 
 def _type(value: Any) -> type:
-    """The type of a record, in the very types that Dr.Jit asks for."""
+    """Return the type of a record with concrete types of fields, which lane memory needs."""
     if not is_dataclass(value):
         return type(value)
     return _struct(type(value).__name__, tuple((name, _type(each)) for name, each in _given(value)))

@@ -9,7 +9,7 @@ film they arrive. Scattering is then adjoint (`Materials(importance=True)`), and
 leaves η² out, since importance is not compressed at refraction. `bidirectional_mis` weights the
 strategies of both ends.
 
-**Polarised light** makes the throughput a Mueller matrix, see `signals.polarisation`. `extend`
+**Polarised light** makes the throughput a Mueller matrix, see `signals.polarisation`. `extended`
 multiplies it by `si.to_world_mueller` of BSDFs; Russian roulette and MIS weights use its first
 entry, and a contribution is a Stokes vector.
 
@@ -31,9 +31,9 @@ import drjit as dr
 import mitsuba as mi
 
 from ..films.contribution import Contribution
-from ..signals.polarisation import intensity, received, summed
+from ..signals.polarisation import extended, intensity, received, summed
 from .protocols import FurtherConnections, Measurement, MediumConnections, Parts
-from .records import BSDFEval, Connection, Path, Vertex, extend
+from .records import BSDFEval, Connection, Path, Vertex
 
 M = TypeVar("M", bound=Measurement)
 
@@ -65,12 +65,8 @@ def step(sampler: mi.Sampler, path: Path, parts: Parts, measurement: Measurement
 
     Arguments as for `walk`. Returns the extended paths.
     """
-    space, endpoint, scattering, limits = (
-        parts.space,
-        parts.endpoint,
-        parts.scattering,
-        parts.limits,
-    )
+    space, endpoint = parts.space, parts.endpoint
+    scattering, limits = parts.scattering, parts.limits
     before, path = path, copy(path)
 
     # ------------------------- Find the next vertex -------------------------
@@ -132,7 +128,7 @@ def step(sampler: mi.Sampler, path: Path, parts: Parts, measurement: Measurement
         path.history = endpoint.history.after_sample(path, vertex, bsdf_sample)
     path.medium = space.medium_behind(path, vertex, bsdf_sample.ray.d)
     path.ray, path.guide = bsdf_sample.ray, bsdf_sample.guide
-    path.β = extend(path.β, bsdf_sample.weight, endpoint.importance)
+    path.β = extended(path.β, bsdf_sample.weight, endpoint.importance)
     path.η *= bsdf_sample.η
     path.prev = mi.Interaction3f(vertex.si)
     path.pdf, path.specular = bsdf_sample.pdf, bsdf_sample.specular
@@ -197,7 +193,7 @@ def _connect_further(
     while active & (k < count):
         connection = further.sample(k, first, vertex, path, sampler, active)
         _attenuate(connection, path, vertex, parts, sampler)
-        bsdf_eval = parts.scattering.eval_pdf(vertex, connection.direction, connection.active)
+        bsdf_eval = parts.scattering.eval_connection(vertex, connection)
         contribution = _contribution(connection, path, vertex, bsdf_eval, parts)
         not_finite += accumulate(measurement, contribution)
         k += 1
@@ -219,7 +215,7 @@ def _connect_medium(
     target = in_media.prepare(path, sampler, active) if target is None else target
     path, vertex, connection = in_media.connect(path, target, sampler)
     _attenuate(connection, path, vertex, parts, sampler)
-    bsdf_eval = parts.scattering.eval_pdf(vertex, connection.direction, connection.active)
+    bsdf_eval = parts.scattering.eval_connection(vertex, connection)
     contribution = _contribution(connection, path, vertex, bsdf_eval, parts, mis_weight=False)
     return accumulate(measurement, contribution)
 
@@ -244,7 +240,7 @@ def _connect_medium_around(
     bsdf_eval = parts.scattering.eval_pdf(vertex, direction, target.active)
     around.medium = parts.space.medium_behind(path, vertex, direction)
     around.ray = vertex.si.spawn_ray(direction)
-    around.β = extend(path.β, bsdf_eval.f / pdf)
+    around.β = extended(path.β, bsdf_eval.f / pdf)
     return _connect_medium(around, target.active, parts, in_media, measurement, sampler, target)
 
 
@@ -268,9 +264,9 @@ def _contribution(
     endpoint, throughput = parts.endpoint, path.β
     if mis_weight:
         throughput = throughput * endpoint.mis_weight(path, vertex, connection, bsdf_eval)
-    throughput = extend(throughput, bsdf_eval.f, endpoint.importance)
+    throughput = extended(throughput, bsdf_eval.f, endpoint.importance)
     if connection.frame is not None:
-        throughput = extend(throughput, connection.frame, endpoint.importance)
+        throughput = extended(throughput, connection.frame, endpoint.importance)
     spectrum = received(throughput, connection.weight)
     η = path.η * bsdf_eval.η
     opl = dr.fma(η, connection.length, path.opl)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -12,8 +11,8 @@ from ...runtime import checks
 from ..records import BSDFEval, Connection, Hit, Path, Vertex
 from .emitters import EmitterEndpoint, power_heuristic
 
+# Emitter samples that a connection is resampled from; only the chosen one costs a shadow ray
 CANDIDATES = 8
-"""Emitter samples that a connection is resampled from; only the chosen one costs a shadow ray."""
 
 
 class GatedEmitters(EmitterEndpoint):
@@ -52,10 +51,10 @@ class GatedEmitters(EmitterEndpoint):
         """Choose one of several emitter samples by what the gate sees of them."""
         shift, xi = sampler.next_2d(), sampler.next_1d()
         total, t_chosen = mi.Float(0), mi.Float(0)
-        chosen: Any = None
+        chosen = None
         for k in range(CANDIDATES):
             u = shift + mi.Point2f(k / CANDIDATES, _radical_inverse(k))
-            connection = self.emitters.sample(vertex, u - dr.floor(u), active)
+            connection = self.sample_emitter(vertex, u - dr.floor(u), active)
             t = (
                 dr.max(connection.weight)
                 * _cosine(vertex, connection.direction)
@@ -71,6 +70,7 @@ class GatedEmitters(EmitterEndpoint):
             chosen = connection if chosen is None else dr.select(accept, connection, chosen)
             t_chosen = dr.select(accept, t, t_chosen)
 
+        assert chosen is not None
         chosen.active = active & (t_chosen > 0)
         chosen.weight *= dr.select(chosen.active, total / (CANDIDATES * t_chosen), 0)
         return chosen
@@ -94,12 +94,11 @@ class GatedLights(GatedEmitters):
 
 
 def _cosine(vertex: Vertex, direction: mi.Vector3f) -> mi.Float:
-    """Cosine of a direction at a surface; 1 in a medium, which has none."""
-    n: Any = vertex.si.sh_frame.n
-    cos = dr.abs(dr.dot(direction, n))
+    """Return the cosine to the shading normal; 1 in a medium."""
+    cos = dr.abs(dr.dot(direction, vertex.si.sh_frame.n))
     return cos if vertex.in_medium is None else dr.select(vertex.in_medium.here, 1, cos)
 
 
 def _radical_inverse(k: int) -> float:
-    """Radical inverse of `k` to the base 2."""
+    """Return the radical inverse of `k` to the base 2."""
     return int(f"{k:032b}"[::-1], 2) / 2**32

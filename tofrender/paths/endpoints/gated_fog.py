@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-from copy import copy
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import drjit as dr
 import mitsuba as mi
 
 from ..media import Media
 from ..records import Connection, Hit, Path, Vertex
-from .emitters import SceneEmitters
+from .emitters import EmitterEndpoint
 from .gated import GatedEmitters
 
+# Shapes whose emitter samples do not depend on the reference point
 FLAT = ("Rectangle", "Disk", "Mesh", "OBJMesh", "PLYMesh", "SerializedMesh")
-"""Shapes whose light points do not depend on who asks for them."""
 
-CLOSE = 1e-6
-"""Part of the way to the light that light must be later than on the straight way."""
-
-NEAR = 4.0
-"""Ratio of what a gate leaves at most and at least from which on the latter counts as little."""
-
-EVEN = 100.0
-"""Largest A - 1; directions are nearly even there."""
+CLOSE = 1e-6  # least relative delay of light against the straight path
+NEAR = 4.0  # ratio of a gate's greatest and least remaining length from which on half follow 1 / b
+EVEN = 100.0  # largest A - 1; directions are nearly uniform there
 
 
 class SampledGate(Protocol):
@@ -34,41 +28,28 @@ class SampledGate(Protocol):
         opens, closes: Shortest and greatest length that it sees [m].
     """
 
-    def __call__(self, opl: mi.Float) -> mi.Float:
-        """Return the weight of a path length [1/m]."""
-        ...
-
     opens: mi.Float
     closes: mi.Float
 
+    def __call__(self, opl: mi.Float) -> mi.Float:
+        """Return the weight of a path length [1/m]."""
+
     def draw(self, xi: mi.Float) -> tuple[mi.Float, mi.Float]:
-        """A path length [m], and what it stands for: E[weight f(opl)] = integral of gate f."""
-        ...
+        """Sample a path length [m] and its weight: E[weight f(opl)] = integral of gate f."""
 
 
 @dataclass
 class Ellipsoid:
-    """Ellipsoid of points that connect a vertex x to an emitter point l with a given length.
+    """Ellipsoid of points that connect a vertex x to an emitter point l with a given length."""
 
-    Attributes:
-        sample: The random numbers of the emitter sample.
-        to_light: Vector D from x to l [m].
-        distance: Its length D [m].
-        length: Geometric length b of the connection by way of a point of the medium [m].
-        weight: Weight of that length, as the gate has sampled it.
-        denominator: b - D cos θ of the ray's direction [m].
-        last_length: Distance |y - l| from the point of the medium to the light [m].
-        active: Lanes in which there is such a point.
-    """
-
-    sample: mi.Point2f
-    to_light: mi.Vector3f
-    distance: mi.Float
-    length: mi.Float
-    weight: mi.Float
-    denominator: mi.Float
-    last_length: mi.Float
-    active: mi.Bool
+    sample: mi.Point2f  # the random numbers of the emitter sample
+    to_light: mi.Vector3f  # vector D from x to l [m]
+    distance: mi.Float  # its length D [m]
+    length: mi.Float  # geometric length b of the connection by way of a point of the medium [m]
+    weight: mi.Float  # weight of that length, as the gate has sampled it
+    denominator: mi.Float  # b - D cos θ of the ray's direction [m]
+    last_length: mi.Float  # distance |y - l| from the point of the medium to the light [m]
+    active: mi.Bool  # lanes in which there is such a point
 
 
 class EllipsoidalConnections:
@@ -86,14 +67,9 @@ class EllipsoidalConnections:
     nothing is large near the light. Camera rays, and those behind mirrors and glass, have their
     direction. (Ellipsoidal connections: Pediredla et al. 2019, of surfaces; He et al. 2024, of
     media, with diffusion in the place of the two legs.)
-
-    Args:
-        emitters: The emitters.
-        gate: The gate.
-        media: The space.
     """
 
-    def __init__(self, emitters: SceneEmitters, gate: SampledGate, media: Media) -> None:
+    def __init__(self, emitters: EmitterEndpoint, gate: SampledGate, media: Media) -> None:
         self.emitters, self.gate, self.media = emitters, gate, media
 
     def prepare(self, path: Path, sampler: mi.Sampler, active: mi.Bool) -> Ellipsoid:
@@ -118,6 +94,8 @@ class EllipsoidalConnections:
         as the light is; the variance would not be finite otherwise.
         """
         xi, other = sampler.next_1d(), sampler.next_1d()
+
+        # Candidate by the gate, and by 1 / b between the least and the greatest length left
         opens, closes = ((end - path.opl) / path.η for end in (self.gate.opens, self.gate.closes))
         least = dr.maximum(opens, distance)
         near = (least > 0) & (closes > NEAR * least)
@@ -126,6 +104,8 @@ class EllipsoidalConnections:
         b = dr.select(
             near & (other < 0.5), least * dr.exp(xi * logarithm), (opl - path.opl) / path.η
         )
+
+        # Balance heuristic of both
         found = dr.fma(path.η, b, path.opl)
         p, q = self.gate(found) * path.η, dr.rcp(b * logarithm)
         q = dr.select((b >= least) & (b <= closes), q, 0)
@@ -138,6 +118,8 @@ class EllipsoidalConnections:
         """Sample a direction in proportion to the connection's geometry; see the class."""
         xi, φ = sampler.next_1d(), 2 * dr.pi * sampler.next_1d()
         b, d = target.length, target.distance
+
+        # Sample cos θ = A - off, and φ
         more = dr.minimum(dr.square(b - d) / (2 * b * d), EVEN)  # A - 1
         logarithm = dr.log((2 + more) / more)
         off = (2 + more) * dr.exp(-xi * logarithm)  # A - cos θ
@@ -147,11 +129,11 @@ class EllipsoidalConnections:
         sin = dr.safe_sqrt(1 - cos * cos)
         local = mi.Vector3f(sin * cos_φ, sin * sin_φ, cos)
         axis = dr.select(target.active, target.to_light / d, mi.Vector3f(0, 0, 1))
-        target = copy(target)
+
         # Differences of lengths would have no digits left where the light is straight ahead
         off = dr.select(more < EVEN, off, (b * b + d * d) / (2 * b * d) - cos)
-        target.denominator = d * off + (b - d) * (b + d) / (2 * b)
-        target.last_length = b * d * off / target.denominator
+        denominator = d * off + (b - d) * (b + d) / (2 * b)
+        target = replace(target, denominator=denominator, last_length=b * d * off / denominator)
         return target, mi.Frame3f(axis).to_world(local), pdf
 
     def connect(
@@ -162,7 +144,7 @@ class EllipsoidalConnections:
         s = (b - d) * (b + d) / (2 * target.denominator)
         active = target.active & (s > 0) & (s < b)
         ahead, vertex = self.media.scattering_point(path, dr.select(active, s, 0), sampler, active)
-        connection = self.emitters.sample(vertex, target.sample, vertex.valid)
+        connection = self.emitters.sample_emitter(vertex, target.sample, vertex.valid)
         gate = self.gate(dr.fma(path.η, connection.length, ahead.opl))
         connection.active &= gate > 0
         # The emitter sample's weight contains 1 / |l - y|² as rounded there
@@ -177,12 +159,7 @@ class GatedFog(GatedEmitters):
     """Gated next-event estimation in media: see `GatedEmitters` and `EllipsoidalConnections`.
 
     Surfaces connect as with `GatedLights`, and points of media along rays, instead of where paths
-    scatter.
-
-    Args:
-        media: The space, whose points of media are connected.
-        scene: The scene; `serves` says whether its emitters fit.
-        sensor, gate, hide_emitters, discard_direct_light: As in `GatedEmitters`.
+    scatter. `serves` says whether a scene's emitters fit; arguments as for `GatedEmitters`.
     """
 
     def __init__(
@@ -191,11 +168,10 @@ class GatedFog(GatedEmitters):
         scene: mi.Scene,
         sensor: mi.Sensor | None,
         gate: SampledGate,
-        hide_emitters: bool = False,
-        discard_direct_light: bool = False,
+        *options: bool,
     ) -> None:
-        super().__init__(scene, sensor, gate, hide_emitters, discard_direct_light)
-        self.in_media = EllipsoidalConnections(self.emitters, gate, media)
+        super().__init__(scene, sensor, gate, *options)
+        self.in_media = EllipsoidalConnections(self, gate, media)
 
     @staticmethod
     def serves(scene: mi.Scene) -> bool:
@@ -214,7 +190,7 @@ class GatedFog(GatedEmitters):
         return dr.select(scattered, 0, super().hit_weight(path, vertex, hit))
 
 
-def _is_fixed(emitter: Any) -> bool:
+def _is_fixed(emitter: mi.Emitter) -> bool:
     flags = emitter.flags()
     if mi.has_flag(flags, mi.EmitterFlags.DeltaPosition):
         return True

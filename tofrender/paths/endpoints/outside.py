@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 import mitsuba as mi
 
@@ -12,7 +10,7 @@ from ...sampling.warps import square_to_cosine_hemisphere, square_to_cosine_hemi
 from ...signals.illuminants import white
 from ..protocols import Endpoint
 from ..records import Connection, Path, Vertex
-from .wavefronts import Wavefronts
+from ..surfaces import Wavefronts
 
 
 class PointSource(Endpoint):
@@ -27,7 +25,7 @@ class PointSource(Endpoint):
     def __init__(self, scene: mi.Scene, emitter: mi.Emitter, hide_emitters: bool = False) -> None:
         checks.instance("scene", scene, mi.Scene, "a loaded scene")
         self.hide_emitters = checks.boolean("hide_emitters", hide_emitters)
-        self.emitter: Any = checks.instance("emitter", emitter, mi.Emitter, "an emitter")
+        self.emitter = checks.instance("emitter", emitter, mi.Emitter, "an emitter")
 
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
@@ -39,10 +37,8 @@ class PointSource(Endpoint):
             direction=ds.d,
             weight=mi.unpolarized_spectrum(weight),
             pdf=ds.pdf,
-            delta=mi.Bool(True),
             length=ds.dist,
             active=mi.Bool(active),
-            unoccluded=mi.Bool(False),
         )
 
 
@@ -80,8 +76,6 @@ class OpenSky(Endpoint):
             direction=d,
             weight=dr.select(pdf > 0, white(si.wavelengths) / pdf, 0),
             pdf=pdf,
-            delta=mi.Bool(True),
             length=length,
             active=active & (pdf > 0),
-            unoccluded=mi.Bool(False),
         )
