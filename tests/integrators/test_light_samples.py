@@ -113,7 +113,7 @@ def taken(described: dict, kind: str | None = None) -> tuple[int, int]:
         recording(the_film, tracer.exposure()).width_opl
     )
     lattice = plan.endpoint.further
-    return (1, 1) if lattice is None else (lattice.points.first[0], lattice.points.further[0])
+    return (1, 1) if lattice is None else (lattice.first[0], lattice.later[0])
 
 
 @pytest.mark.parametrize(
@@ -241,7 +241,7 @@ class OneLessPoint(SceneLights):
     def _set_count(self, count):
         super()._set_count(count)
         if self.further is not None:
-            self.further.count = lambda path: self.further.points.count(path.depth) - 2
+            self.further.count = lambda path: self.further.size(path.depth) - 2
 
 
 @pytest.mark.statistical

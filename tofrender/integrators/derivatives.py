@@ -17,8 +17,8 @@ from ..paths.attached import Detached
 from ..paths.camera import CameraSample, sample_camera, sampled_size
 from ..paths.derivatives import MOST_KEPT, move, pull
 from ..paths.protocols import Endpoint, Parts
+from ..paths.records import packed
 from ..paths.surfaces import has_lobes
-from ..paths.tape import packed
 from ..paths.walk import accumulate
 from ..runtime import backend, checks
 from ..runtime.progress import progress_bar

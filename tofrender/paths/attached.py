@@ -102,13 +102,22 @@ class AttachedMedia(Media):
 
     def next_vertex(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
         """Delegate to `Media`, with derivatives."""
+        # Sample the detached flight
         with dr.suspend_grad():
             flight, weight = self.sample_flight(path, sampler)
         ray, o, here, medium = path.ray, path.prev.p, flight.scattered, flight.medium
-        si = self._surface(path, flight)
-        way = dr.norm(si.p - o)
-        stretch = dr.select(here & si.is_valid(), way / dr.detach(way), 1)
-        length = dr.select(here, flight.distance * stretch, way)
+
+        # Find the surface behind it; through boundaries, the one that it met
+        if self.repeats:
+            met = path.active & ~here
+            si = flight.pi.compute_surface_interaction(flight.ray, mi.RayFlags.All, met)
+        else:
+            si = self.scene.ray_intersect(ray, active=path.active)
+        distance = dr.norm(si.p - o)
+        stretch = dr.select(here & si.is_valid(), distance / dr.detach(distance), 1)
+        length = dr.select(here, flight.distance * stretch, distance)
+
+        # Derivatives of σ_s at a scattering point, and of the transmittance up to it
         mei = medium_interaction(ray, dr.fma(ray.d, dr.select(here, length, 0), o), medium)
         inside = path.active & here & (medium != None)  # noqa: E711 (a Dr.Jit mask)
         σ_s, _, _ = medium.get_scattering_coefficients(mei, inside)
@@ -118,18 +127,10 @@ class AttachedMedia(Media):
             # Behind the last boundary is no medium
             length = dr.select(leaves, flight.distance, length)
         within = path.active & (self.repeats | ~leaves)
-        change = self._change(path.medium, ray, o, length, sampler, within)
+        change = self._transmittance_change(path.medium, ray, o, length, sampler, within)
         path = replace(path, medium=medium, β=extended(path.β, weight * change * scattered))
-        point = as_surface(si, mei, here)
-        valid = here | si.is_valid()
+        point, valid = as_surface(si, mei, here), here | si.is_valid()
         return path, Vertex(point, dr.norm(point.p - o), valid, MediumPoint(mei, here))
-
-    def _surface(self, path: Path, flight: Flight) -> mi.SurfaceInteraction3f:
-        """Return the surface behind a flight; through boundaries, the one that it met."""
-        if not self.repeats:
-            return self.scene.ray_intersect(path.ray, active=path.active)
-        met = path.active & ~flight.scattered
-        return flight.pi.compute_surface_interaction(flight.ray, mi.RayFlags.All, met)
 
     def transmittance(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
@@ -138,14 +139,15 @@ class AttachedMedia(Media):
         if not self.repeats:
             return super().transmittance(path, vertex, connection, sampler)
         with dr.suspend_grad():
-            left = super().transmittance(path, vertex, connection, sampler)
+            transmittance = super().transmittance(path, vertex, connection, sampler)
         o, ray = vertex.si.p, vertex.si.spawn_ray_to(connection.point)
         medium = self.medium_behind(path, vertex, connection.direction)
-        length = dr.norm(connection.point - o)
-        length = length if connection.medium_length is None else connection.medium_length
-        return left * self._change(medium, ray, o, length, sampler, connection.active)
+        length = connection.medium_length
+        length = dr.norm(connection.point - o) if length is None else length
+        change = self._transmittance_change(medium, ray, o, length, sampler, connection.active)
+        return transmittance * change
 
-    def _change(
+    def _transmittance_change(
         self,
         medium: mi.MediumPtr,
         ray: mi.Ray3f,
@@ -164,8 +166,8 @@ class AttachedMedia(Media):
         inside = active & (medium != None)  # noqa: E711 (a Dr.Jit mask)
         mei = medium_interaction(ray, dr.fma(ray.d, dr.detach(at), o), medium)
         _, _, σ_t = medium.get_scattering_coefficients(mei, inside)
-        lost = σ_t * dr.select(inside, length, 0)
-        return dr.select(inside, dr.exp(dr.detach(lost) - lost), 1)
+        optical_depth = σ_t * dr.select(inside, length, 0)
+        return dr.select(inside, dr.exp(dr.detach(optical_depth) - optical_depth), 1)
 
     @dr.syntax
     def _medium_at(

@@ -42,12 +42,9 @@ class PartialSums:
 class BidirectionalMIS:
     """Strategies that count, and their MIS weights.
 
-    Args:
-        exponent: β; 0 gives every strategy the weight 1, which is right for one alone.
-        camera_connections: Whether strategies with t = 1 take part.
-        only: The strategy (s, t) whose light counts; None for all.
-        hits: Whether strategies with s = 0 take part.
-        inner: Whether strategies with s > 1 and t > 1 take part.
+    The exponent β = 0 gives every strategy the weight 1, which is right for one alone. Strategies
+    with t = 1 take part with `camera_connections`, those with s = 0 with `hits`, those with s > 1
+    and t > 1 with `inner`. The light of strategy (s, t) = `only` counts, None for all.
     """
 
     def __init__(
@@ -64,10 +61,6 @@ class BidirectionalMIS:
     def power(self, x: mi.Float) -> mi.Float:
         """Return m(x)."""
         return x * x if self.exponent == 2 else x
-
-    def zero(self) -> PartialSums:
-        """Return the sums of a path that no other strategy finds."""
-        return PartialSums(mi.Float(0), mi.Float(0))
 
     def at_vertex(self, sums: PartialSums, path: Path, vertex: Vertex) -> PartialSums:
         """Update the sums for the segment to a vertex."""

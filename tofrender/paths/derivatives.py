@@ -25,8 +25,7 @@ import mitsuba as mi
 from ..films.contribution import Contribution
 from ..films.derivatives import Changes
 from .protocols import Parts
-from .records import Path
-from .tape import packed, tape, unpacked
+from .records import Path, packed, tape, unpacked
 from .walk import step
 
 MOST_KEPT = 256  # vertices of a path whose states fit into the memory of a lane
@@ -65,11 +64,7 @@ class _NoMeasurement:
 
 @dr.syntax
 def pull(sampler: mi.Sampler, path: Path, parts: Parts, changes: Changes) -> Any:
-    """Trace paths, and propagate the gradient of their light back to parameters.
-
-    The sampler's `dimension` says which random numbers come next. Returns the gradient of the
-    paths' first state, packed.
-    """
+    """Propagate the gradient of paths' light back; returns that of their first state, packed."""
     most = parts.limits.iterations if parts.limits.iterations > 0 else MOST_KEPT
     start, nothing = packed(path), _NoMeasurement()
     states, numbers = tape(path, most), dr.alloc_local(mi.UInt32, most)

@@ -52,12 +52,7 @@ class Flight:
 
 
 def channel_probabilities(β: mi.UnpolarizedSpectrum) -> mi.UnpolarizedSpectrum:
-    """Return channel probabilities in proportion to throughput.
-
-    Example:
-        >>> channel_probabilities(mi.Color3f(1, 3, 0))
-        [[0.25, 0.75, 0]]
-    """
+    """Return channel probabilities in proportion to throughput."""
     total = dr.sum(dr.abs(β))
     return dr.select(total > 0, dr.abs(β) / total, mi.UnpolarizedSpectrum(1 / len(β)))
 

@@ -1,16 +1,14 @@
 """Path guiding to target surfaces: hidden geometry, which BSDF samples rarely find.
 
-At the vertices where it applies, a path takes its next direction from the material with the
-probability 1 - s, or from a point that is chosen by area on the target surfaces with s. A point
-that something else hides counts nothing; so one next vertex y, seen from x under r and cos, has the
-density (per solid angle at x)
+The next direction is sampled from the BSDF with the probability 1 - s, or towards a point that is
+uniform on the target surfaces with s. Hidden points count nothing; so the next vertex y, seen from
+x at the distance r and the cosine cos, has the density (per solid angle at x)
 
-    p(y) = (1 - s) p_material + s r^2 / (A |cos|)
+    p(y) = (1 - s) p_bsdf + s r² / (A |cos|)
 
 where the second term is there only if y is on a target, and A is the area of all targets. The
-path's throughput is divided by that sum, whichever of the two has found y: the one-sample model
-with the balance heuristic (Veach 1997, section 9.2.4). Both sides of a surface count; what faces
-away and is black there reflects nothing by its own BSDF.
+throughput is divided by that sum, whichever of the two has found y: the one-sample model with the
+balance heuristic (Veach 1997, section 9.2.4). Both sides of a surface count.
 """
 
 from __future__ import annotations
@@ -29,10 +27,8 @@ from .surfaces import is_on
 
 MATERIAL = -1.0  # value of `Path.guide` where the BSDF has sampled the direction
 REACHED = 1e-3  # relative distance by which a ray may miss its target point, by rounding
-
 # Shapes whose sampled points have the normal that a ray finds there; unlike `Sphere`
 PLAIN_SHAPES = ("Rectangle", "Cube", "Disk", "Cylinder")
-
 PLAIN_MATERIALS = re.compile(r"(\w+\.)*(reflectance\.value|lobe_exponent)")
 
 
@@ -88,16 +84,11 @@ class Targets:
 
 
 class Guided(ScatteringWrapper):
-    """Scattering mixed with directions to target surfaces.
+    """Scattering mixed with directions to targets, at points of `senders`.
 
     The path's `guide` is the distance to the target point that its ray was sent to, MATERIAL where
-    the BSDF was sampled instead, 0 where nothing is sent to targets.
-
-    Args:
-        inner: The scattering by BSDFs.
-        targets: The targets.
-        senders: Shapes at whose points paths are sent to targets.
-        probability: Probability s of that, above 0 and at most 1. With 1 only targets are found.
+    the BSDF was sampled instead, 0 elsewhere. The probability s is above 0 and at most 1, with
+    which only targets are found.
     """
 
     def __init__(

@@ -38,14 +38,10 @@ FARTHEST = 1e30  # replaces infinite distances where they are multiplied [m]
 class Media(Space):
     """Straight rays through homogeneous media and grids.
 
-    Args:
-        scene: The scene.
-        outside: The sensor's medium, None for vacuum.
-        beyond: The medium at infinity, where light may start.
-        hide_emitters: Whether a sensor looks through area lights behind boundaries, too.
-        straight: Whether connections pass surfaces with null transmission, as in Mitsuba's
-            `volpath`: panes, masks, polarisers.
-        index: Index of refraction around the sensor.
+    The medium is `outside` at the sensor and `beyond` at infinity, where light may start. With
+    `hide_emitters`, a sensor looks through area lights behind boundaries, too. With `straight`,
+    connections pass surfaces with null transmission, as in Mitsuba's `volpath`: panes, masks,
+    polarisers.
     """
 
     scatters = True
@@ -68,17 +64,9 @@ class Media(Space):
         self.repeats = self.has_grids or self.has_boundaries
         self.hides = hide_emitters and any(shape.is_emitter() for shape in scene.shapes())
 
-    def with_phase_functions(
-        self,
-        surfaces: Scattering,
-        importance: bool = False,
-        both_ways: bool = False,
-        connects: bool = False,
-    ) -> Scattering:
+    def with_phase_functions(self, surfaces: Scattering, **options: bool) -> Scattering:
         """Return phase functions in media, with the given scattering on surfaces."""
-        if not self.media:
-            return surfaces
-        return Phases(surfaces, importance, both_ways, connects, self.media)
+        return Phases(surfaces, self.media, **options) if self.media else surfaces
 
     def medium_at_sensor(self, ray: mi.Ray3f) -> mi.MediumPtr:
         """Return the sensor's medium."""
@@ -115,8 +103,7 @@ class Media(Space):
             flight.ray, mi.RayFlags.All, path.active & ~scattered
         )
         mei = medium_interaction(path.ray, dr.fma(path.ray.d, flight.distance, o), flight.medium)
-        point = as_surface(si, mei, scattered)
-        valid = scattered | si.is_valid()
+        point, valid = as_surface(si, mei, scattered), scattered | si.is_valid()
         return path, Vertex(point, dr.norm(point.p - o), valid, MediumPoint(mei, scattered))
 
     @dr.syntax
@@ -176,9 +163,8 @@ class Media(Space):
             real = collides & (sampler.next_1d() * majorant_c < value_in(mei.sigma_t, channel))
         σ = dr.select(real, mei.sigma_t, mei.sigma_n)
         flight.weight *= dr.select(collides, σ / value_in(σ, channel), 1)
-        flight.albedo = dr.select(
-            real & (mei.sigma_t > 0), mei.sigma_s / mei.sigma_t, flight.albedo
-        )
+        albedo = mei.sigma_s / mei.sigma_t
+        flight.albedo = dr.select(real & (mei.sigma_t > 0), albedo, flight.albedo)
         flight.scattered = real
         flight.distance = dr.select(collides, flight.distance + mei.t, flight.distance)
 
@@ -206,10 +192,7 @@ class Media(Space):
     def _cross_boundary(
         self, flight: Flight, at_surface: mi.Bool, connects: bool = False
     ) -> tuple[Flight, mi.Bool]:
-        """Cross index-matched boundaries, and for connections surfaces with null transmission.
-
-        Returns the flight behind them, and the lanes that crossed.
-        """
+        """Cross boundaries, with `connects` also null transmission; returns flight and lanes."""
         at_surface &= flight.pi.is_valid()
         null_transmission = connects and self.straight
         flags = mi.RayFlags.All if null_transmission else mi.RayFlags.Minimal
@@ -229,10 +212,8 @@ class Media(Space):
             crosses |= at_surface & flight.passes_emitters & si.shape.is_emitter()
 
         # Update the current medium, and continue behind the surface
-        d = flight.ray.d
-        flight.medium = dr.select(
-            crosses & si.is_medium_transition(), si.target_medium(d), flight.medium
-        )
+        d, changes = flight.ray.d, crosses & si.is_medium_transition()
+        flight.medium = dr.select(changes, si.target_medium(d), flight.medium)
         flight.distance = dr.select(crosses, flight.end, flight.distance)
         # Offset along the ray, not along the normal: many boundaries would shift it sideways
         offset = dr.norm(si.spawn_ray(d).o - si.p)
@@ -298,10 +279,7 @@ class Media(Space):
         sampler: mi.Sampler,
         unoccluded: mi.Bool | bool = False,
     ) -> Flight:
-        """Estimate transmittance up to a length, 0 where a surface blocks it.
-
-        In `unoccluded` lanes only boundaries can be met.
-        """
+        """Estimate transmittance up to a length, 0 behind surfaces but in `unoccluded` lanes."""
         unoccluded = mi.Bool(unoccluded)
         if self.has_boundaries:
             while flight.active:

@@ -35,21 +35,17 @@ def as_surface(
 class Phases(ScatteringWrapper):
     """Phase functions in media, and another scattering on surfaces.
 
-    Args:
-        surfaces: Scattering on surfaces.
-        importance: Whether paths come from the lights.
-        both_ways: Whether reverse densities are needed.
-        connects: Whether all media connect, whatever their `sample_emitters` says.
-        media: The media, of which some may polarise what they scatter.
+    With `importance`, paths come from lights; with `both_ways`, there are reverse densities; with
+    `connects`, all media connect, whatever their `sample_emitters` says.
     """
 
     def __init__(
         self,
         surfaces: Scattering,
+        media: Sequence[mi.Medium] = (),
         importance: bool = False,
         both_ways: bool = False,
         connects: bool = False,
-        media: Sequence[mi.Medium] = (),
     ) -> None:
         super().__init__(surfaces)
         self.both_ways, self.connects = both_ways, connects

@@ -32,12 +32,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from copy import copy
-from typing import Any, Generic, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Generic, Protocol, Self, TypeVar
 
 import mitsuba as mi
 
 from ..films.contribution import Contribution
 from .records import BSDFEval, BSDFSample, Connection, Hit, Limits, Path, Vertex
+
+if TYPE_CHECKING:
+    from .endpoints.gated import EllipsoidalConnections
 
 H = TypeVar("H")
 
@@ -49,14 +52,8 @@ class Space(ABC):
 
     index: float  # index of refraction around the sensor
 
-    def with_phase_functions(
-        self,
-        surfaces: Scattering,
-        importance: bool = False,
-        both_ways: bool = False,
-        connects: bool = False,
-    ) -> Scattering:
-        """Extend the scattering of surfaces to the points of media; arguments as for `Phases`."""
+    def with_phase_functions(self, surfaces: Scattering, **options: bool) -> Scattering:
+        """Extend the scattering of surfaces to the points of media; options as for `Phases`."""
         return surfaces
 
     def attached(self) -> Space:
@@ -128,23 +125,6 @@ class FurtherConnections(Protocol):
         """Sample number `k` of those that follow the first one."""
 
 
-class MediumConnections(Protocol):
-    """Connections of points of media along rays, in place of those where paths scatter."""
-
-    def prepare(self, path: Path, sampler: mi.Sampler, active: mi.Bool) -> Any:
-        """Sample an emitter point, and the path length by way of a point of a medium."""
-
-    def sample_direction(
-        self, target: Any, sampler: mi.Sampler
-    ) -> tuple[Any, mi.Vector3f, mi.Float]:
-        """Sample a direction to find such a point in; returns target, direction, and density."""
-
-    def connect(
-        self, path: Path, target: Any, sampler: mi.Sampler
-    ) -> tuple[Path, Vertex, Connection]:
-        """Find that point along the path's ray; returns the path up to it, and its connection."""
-
-
 class Endpoint(ABC):
     """Light-sampling technique, or the lens: what vertices connect to, and what rays run into.
 
@@ -158,7 +138,7 @@ class Endpoint(ABC):
     history: HistoryUpdates | None = None  # for MIS weights that need earlier vertices
     further: FurtherConnections | None = None  # connections beside the first one of a vertex
     # Connections of points of media along rays, None if those connect where paths scatter
-    in_media: MediumConnections | None = None
+    in_media: EllipsoidalConnections | None = None
 
     @abstractmethod
     def connect(

@@ -1,4 +1,4 @@
-"""Records of the path loop: paths, vertices, connections, BSDF samples, and limits.
+"""Records of the path loop: paths, vertices, connections, BSDF samples, and limits; lane memory.
 
 Masks that a loop carries are stored as integers, floats are all as wide as the loop: Dr.Jit could
 not differentiate the loop in reverse otherwise.
@@ -7,8 +7,9 @@ not differentiate the loop in reverse otherwise.
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, field
-from typing import Generic, TypeVar
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import cache
+from typing import Any, Generic, TypeVar
 
 import drjit as dr
 import mitsuba as mi
@@ -186,14 +187,8 @@ class Connection:
         medium_length: mi.Float | None = None,
     ) -> Connection:
         """Create a connection to a point of radiance 1, of which only the transmittance counts."""
-        return cls(
-            point=point,
-            direction=direction,
-            weight=mi.UnpolarizedSpectrum(1),
-            length=length,
-            active=mi.Bool(active),
-            medium_length=medium_length,
-        )
+        weight, active = mi.UnpolarizedSpectrum(1), mi.Bool(active)
+        return cls(point, direction, weight, length, active, medium_length=medium_length)
 
 
 @dataclass
@@ -233,8 +228,8 @@ class Limits:
         max_opl: Optical path length beyond which no contribution counts [m], None if all do.
         camera_unwarp: Leave out the segment from the sensor to the first vertex.
         skip_first_hit: Drop emission at the first surface, which is sampled apart.
-        ignore_null: Null interactions are no vertices, as in Mitsuba's `volpath`: they change
-            neither depth nor MIS weights. Space and endpoint must be made for it.
+        ignore_null: Null interactions change neither depth nor MIS weights, as in Mitsuba's
+            `volpath`. Space and endpoint must be made for it.
     """
 
     def __init__(
@@ -265,3 +260,46 @@ class Limits:
     def iterations(self) -> int:
         """Bound on the rays of a path, -1 if there is none."""
         return self.max_depth if self.bounded and not self.ignore_null else -1
+
+
+def tape(example: Any, length: int) -> Any:
+    """Allocate memory for `length` records like an example.
+
+    It is on the stack of the thread that works on a lane, whatever the number of lanes.
+    """
+    return dr.alloc_local(_type(example), length)
+
+
+def packed(value: Any) -> Any:
+    """Convert a record to the type that `tape` stores: without fields that are None."""
+    if not is_dataclass(value):
+        return value
+    stored = _type(value)()
+    for name, each in _given(value):
+        setattr(stored, name, packed(each))
+    return stored
+
+
+def unpacked(stored: Any, example: Any) -> Any:
+    """Convert a stored record back, to one like the example."""
+    if not is_dataclass(example):
+        return dr.copy(stored)  # A step may change it in place
+    values = {name: unpacked(getattr(stored, name), each) for name, each in _given(example)}
+    return replace(example, **values)
+
+
+def _given(value: Any) -> list[tuple[str, Any]]:
+    pairs = [(field.name, getattr(value, field.name)) for field in fields(value)]
+    return [(name, each) for name, each in pairs if each is not None]
+
+
+def _type(value: Any) -> type:
+    """Return the type of a record with concrete types of fields, which lane memory needs."""
+    if not is_dataclass(value):
+        return type(value)
+    return _struct(type(value).__name__, tuple((name, _type(each)) for name, each in _given(value)))
+
+
+@cache
+def _struct(name: str, members: tuple[tuple[str, type], ...]) -> type:
+    return type(name, (), {"DRJIT_STRUCT": dict(members)})

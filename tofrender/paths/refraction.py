@@ -19,18 +19,10 @@ RAYS = 4 * PROBES  # straight rays that find the medium around a sensor
 
 
 class Glass:
-    """Table of relative indices of a scene's glass, by default of its rough glass.
+    """Table of relative indices of a scene's glass: of BSDFs with some lobes, by default rough.
 
-    Mitsuba returns an index with a BSDF sample only, and a mixture of materials may hide it from
-    any one sample. So the parts of each material are sampled once, before the render.
-
-    Args:
-        scene: The scene.
-        index_of: Returns the relative index of a material.
-        lobes: Lobes of transmission that make a material glass.
-
-    Raises:
-        ValueError: Rough glasses of different index share a surface; one line that names it.
+    Mitsuba returns an index with a BSDF sample only, and a mixture of BSDFs may hide it from any
+    one sample. So the parts of each BSDF are sampled once, before the render.
     """
 
     def __init__(
@@ -110,9 +102,6 @@ def index_around(scene: mi.Scene, sensor: mi.Sensor) -> float:
 
     Materials have ratios of indices only. Of all media where straight rays from the sensor end, the
     optically thinnest is air.
-
-    Raises:
-        ValueError: A material of the scene has several indices, so that there is none; one line.
     """
     if not has_lobes(scene, *LOBES):
         return 1.0

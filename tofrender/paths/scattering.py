@@ -21,7 +21,6 @@ from .refraction import Glass
 from .surfaces import bsdfs_in, changing, has_lobes, materials, spawn_ray
 
 MASK, BLEND = "MaskBSDF", "BlendBSDF"
-
 # BSDFs that return p with its derivative, which a mask over them mixes with its own
 CHOOSERS = ("ThinDielectric", "SmoothPlastic", BLEND)
 
@@ -29,12 +28,9 @@ CHOOSERS = ("ThinDielectric", "SmoothPlastic", BLEND)
 class Materials(Scattering):
     """The BSDF of each surface, or one for all.
 
-    Args:
-        scene: The scene.
-        material: BSDF of all surfaces; by default each has its own.
-        importance: Whether paths come from the lights: refraction then does not compress what they
-            carry, and shading normals count the other way round (Veach 1997, section 5.3).
-        both_ways: Whether reverse densities are needed.
+    With `importance`, paths come from lights: refraction then does not compress their throughput,
+    and shading normals have the adjoint correction (Veach 1997, section 5.3). With `both_ways`,
+    there are reverse densities.
     """
 
     def __init__(
@@ -99,11 +95,8 @@ class Materials(Scattering):
             # A sample of weight 0 has failed: other samples find what its direction scatters
             smooth = active & ~specular & (bs.pdf > 0) & dr.any(intensity(weight) > 0)
             f, pdf_reverse = self._adjoint(bsdf, si, bs.wo, smooth)
-            weight = dr.select(
-                specular,
-                weight * _specular_adjoint(si, bs.wo, bs.eta),
-                dr.select(smooth, f / bs.pdf, 0),
-            )
+            delta = weight * _specular_adjoint(si, bs.wo, bs.eta)
+            weight = dr.select(specular, delta, dr.select(smooth, f / bs.pdf, 0))
             weight = in_world(si, weight, si.wi, bs.wo)
         else:
             weight = in_world(si, weight, bs.wo, si.wi)
@@ -118,7 +111,7 @@ class Materials(Scattering):
     def _index_behind(
         self, bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
     ) -> mi.Float:
-        """Index of refraction on the side of a direction, relative to that on the path's side."""
+        """Return the index on the side of a direction, relative to that on the path's side."""
         if self.glass is None or not self.glass.exists:
             return mi.Float(1)
         return self.glass.index_behind(bsdf, si, wo, active)
@@ -126,7 +119,7 @@ class Materials(Scattering):
     def _pdf_reverse(
         self, bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
     ) -> mi.Float | None:
-        """Reverse density of `wo`, if needed [1/sr]."""
+        """Return the reverse density of `wo`, if needed [1/sr]."""
         if not self.both_ways:
             return None
         return bsdf.pdf(self.radiance, _seen_from(si, wo), si.wi, active)
@@ -168,8 +161,8 @@ class Choices:
     """Derivatives that the BSDFs of a scene leave out of their sample weights."""
 
     def __init__(self, scene: mi.Scene) -> None:
-        masks = (bsdf for bsdf in materials(scene) if MASK in map(_kind, bsdfs_in(bsdf)))
-        self._whole = list(dict.fromkeys(masks))
+        kinds = {bsdf: [part.class_name() for part in bsdfs_in(bsdf)] for bsdf in materials(scene)}
+        self._whole = [bsdf for bsdf, parts in kinds.items() if MASK in parts]
 
     def change(self, bsdf: mi.BSDFPtr, pdf: mi.Float, specular: mi.Bool) -> mi.Float:
         """Return 1, with the derivative that a weight lacks."""
@@ -188,14 +181,10 @@ def undifferentiated(bsdf: mi.BSDF) -> str:
         ''
     """
     single = [part for part in bsdfs_in(bsdf) if mi.has_flag(part.flags(), mi.BSDFFlags.Delta)]
-    kinds = [_kind(part) for part in single]
+    kinds = [part.class_name() for part in single]
     if MASK in kinds and any(kind in CHOOSERS for kind in kinds):
         return "mask over a thindielectric, a plastic or a blendbsdf"
     smooth = [mi.has_flag(part.flags(), mi.BSDFFlags.Smooth) for part in single]
     if any(kind == BLEND and more for kind, more in zip(kinds, smooth, strict=True)):
         return "blendbsdf of single directions and others"
     return ""
-
-
-def _kind(bsdf: mi.BSDF) -> str:
-    return bsdf.class_name()

@@ -15,14 +15,7 @@ LEANING = 1e-6  # 1 less the cosine between normals that count as the same
 
 
 def is_on(si: mi.SurfaceInteraction3f, shapes: Sequence[mi.Shape]) -> mi.Bool:
-    """Return lanes whose surface points are on one of some shapes.
-
-    Example:
-        >>> scene = mi.load_dict({"type": "scene", "wall": {"type": "rectangle", "id": "wall"}})
-        >>> rays = mi.Ray3f(mi.Point3f([0, 5], 0, 1), mi.Vector3f(0, 0, -1))
-        >>> is_on(scene.ray_intersect(rays), scene.shapes())
-        [True, False]
-    """
+    """Return lanes whose surface points are on one of some shapes."""
     found = mi.Bool(False)
     for shape in shapes:
         found |= si.shape == mi.ShapePtr(shape)
@@ -56,12 +49,7 @@ def bsdfs_in(node: mi.Object) -> list[mi.BSDF]:
 
 
 def is_boundary(bsdf: mi.BSDF | None) -> bool:
-    """Whether a BSDF only marks an index-matched boundary of a medium.
-
-    Example:
-        >>> is_boundary(mi.load_dict({"type": "null"}))
-        True
-    """
+    """Whether a BSDF only marks an index-matched boundary of a medium."""
     if bsdf is None or int(bsdf.flags()) != BOUNDARY:
         return False
     return bsdf.class_name() not in PLATES
@@ -71,10 +59,9 @@ class Boundaries:
     """Index-matched boundaries of media; `exist` says whether the scene has any."""
 
     def __init__(self, scene: mi.Scene) -> None:
-        null = [bsdf for bsdf in materials(scene) if int(bsdf.flags()) == BOUNDARY]
-        plates = [bsdf for bsdf in null if bsdf.class_name() in PLATES]
-        self.exist = len(plates) < len(null)
-        self._plates = list(dict.fromkeys(plates))
+        null = dict.fromkeys(b for b in materials(scene) if int(b.flags()) == BOUNDARY)
+        self._plates = [bsdf for bsdf in null if not is_boundary(bsdf)]
+        self.exist = len(self._plates) < len(null)
 
     def contain(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
         """Return lanes whose surface points are on one."""
@@ -115,19 +102,13 @@ def has_lobes(scene: mi.Scene, *lobes: mi.BSDFFlags) -> bool:
 
 
 def lets_straight_through(scene: mi.Scene) -> bool:
-    """Whether a surface of the scene lets light straight through and is more than a boundary.
-
-    Panes (`thindielectric`), masks and polarisers do, in part.
-    """
+    """Whether a scene has panes (`thindielectric`), masks or polarisers."""
     through = [b for b in materials(scene) if mi.has_flag(b.flags(), mi.BSDFFlags.Null)]
     return not all(map(is_boundary, through))
 
 
 def element(si: mi.SurfaceInteraction3f) -> mi.Float:
-    """Return the area element of a surface's own coordinates, up to a constant of each surface.
-
-    Its derivative is that of the area around a point that is fixed on the surface.
-    """
+    """Return a surface's area element, whose derivative is that around a point fixed on it."""
     flat = si.is_valid() & si.shape.is_mesh()
     mesh = mi.MeshPtr(dr.select(flat, si.shape, dr.zeros(mi.ShapePtr)))
     corners = mesh.face_indices(si.prim_index, flat)
@@ -155,8 +136,7 @@ class EmitterNormals:
     """Geometric normals of emitters, where Mitsuba gives those of a mesh's vertices.
 
     The power of an emitter through an area has the geometric cosine. A mesh with smooth normals has
-    a flat twin without, on which a random number samples the same point. `exist` says whether there
-    are emitters whose normals differ.
+    a flat twin without, on which a random number samples the same point.
     """
 
     def __init__(self, scene: mi.Scene) -> None:

@@ -126,9 +126,7 @@ class Window:
         if self.is_thin:  # Rays of lens points at the edge, where they cross the plane in focus
             crossings = [(lens + (xy - lens) * focus / z) / focus for lens in (-radius, radius)]
             across = np.concatenate(crossings, axis=1)
-        corner, extent, first, size = (
-            np.ravel(each).reshape(2, 1)
-            for each in (self.corner, self.extent, self.first, self.size)
-        )
+        window = self.corner, self.extent, self.first, self.size
+        corner, extent, first, size = (np.ravel(each).reshape(2, 1) for each in window)
         pixels = first + (across - corner) / extent * size
         return pixels.min(axis=1), pixels.max(axis=1)

@@ -120,15 +120,11 @@ class LaserSpot(Endpoint):
         d = to_spot * dr.rsqrt(r2)
         f = spot.eval(-d, active)
         weight = spot.power * mi.unpolarized_spectrum(f) / r2
-        return Connection(
-            point=spot.si.p,
-            direction=d,
-            weight=dr.select(active, weight, 0),
-            length=dr.sqrt(r2) + spot.distance,
-            active=active & ~dr.all(weight == 0),
-            # Nothing blocks a path back to its previous vertex
-            unoccluded=dr.squared_norm(spot.si.p - path.prev.p) <= COINCIDENT * r2,
-        )
+        length, active = dr.sqrt(r2) + spot.distance, active & ~dr.all(weight == 0)
+        # Nothing blocks a path back to its previous vertex
+        unoccluded = dr.squared_norm(spot.si.p - path.prev.p) <= COINCIDENT * r2
+        weight = dr.select(active, weight, 0)
+        return Connection(spot.si.p, d, weight, length, active, unoccluded=unoccluded)
 
 
 @dataclass

@@ -14,8 +14,7 @@ from ..emission import Emission, Emitted
 from ..lens import Lens
 from ..phases import stored_medium_point
 from ..protocols import Endpoint, HistoryUpdates, Scattering
-from ..records import BSDFEval, BSDFSample, Connection, Path, Vertex
-from ..tape import packed, tape
+from ..records import BSDFEval, BSDFSample, Connection, Path, Vertex, packed, tape
 from ..window import Arrival
 
 
@@ -79,7 +78,7 @@ class LightPathHistory(HistoryUpdates[LightPath]):
     def start(self) -> LightPath:
         """Create the history of a path without vertices."""
         vertices = StoredVertex.allocate(self.capacity, self.in_media) if self.capacity else None
-        return LightPath(self.mis.zero(), mi.UInt32(0), vertices)
+        return LightPath(PartialSums(mi.Float(0), mi.Float(0)), mi.UInt32(0), vertices)
 
     def at_vertex(self, path: Path[LightPath], vertex: Vertex, active: mi.Bool) -> LightPath:
         """Update the partial sums, and store the vertex if connections can find light there."""
@@ -115,13 +114,10 @@ class LightPathHistory(HistoryUpdates[LightPath]):
         inverse_cos = dr.select(cos > 0, dr.rcp(cos), 0)
         cannot_be_hit = start.delta | (not self.mis.hits)
         hit = dr.select(cannot_be_hit, 0, power(start.cos * inverse_cos / start.density))
-        return PartialSums(
-            dr.select(first, power(ratio * inverse_cos), later.a), dr.select(first, hit, later.b)
-        )
+        a = dr.select(first, power(ratio * inverse_cos), later.a)
+        return PartialSums(a, dr.select(first, hit, later.b))
 
-    def after_sample(
-        self, path: Path[LightPath], vertex: Vertex, bsdf_sample: BSDFSample
-    ) -> LightPath:
+    def after_sample(self, path: Path, vertex: Vertex, bsdf_sample: BSDFSample) -> LightPath:
         """Update the partial sums for the next segment."""
         history = path.history
         if not self.mis.exponent:
@@ -179,13 +175,10 @@ class Camera(Endpoint):
             active &= ~si.shape.is_emitter()
             end = behind_emitters(self.scene, mi.Ray3f(end, -lens_sample.direction)).o
         light = self.emitted.weight * (lens_sample.density / dr.square(lens_sample.distance))
+        weight = dr.select(active, light, 0)
+        length = mi.Float(0) if self.camera_unwarp else lens_sample.distance
         return LensConnection(
-            point=end,
-            direction=lens_sample.direction,
-            weight=dr.select(active, light, 0),
-            pdf=lens_sample.density,
-            length=mi.Float(0) if self.camera_unwarp else lens_sample.distance,
-            active=active,
+            *(end, lens_sample.direction, weight, length, active, lens_sample.density),
             position=lens_sample.position,
             frame=sensor_frame(self.lens.sensor, mi.Ray3f(si.p, -lens_sample.direction)),
             medium_length=lens_sample.distance,

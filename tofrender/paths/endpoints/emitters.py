@@ -19,14 +19,7 @@ MANY_EMITTERS = 8  # number of emitters above which a single bounding box bounds
 
 
 class EmitterEndpoint(Endpoint):
-    """Abstract base of the techniques that sample a scene's emitters.
-
-    Args:
-        scene: The scene.
-        sensor: The sensor, which the bounding sphere of distant emitters contains, or None.
-        hide_emitters: Whether the sensor looks through area lights and sees no environment.
-        discard_direct_light: Whether light that comes straight from an emitter does not count.
-    """
+    """Abstract base of the techniques that sample a scene's emitters, see `SceneLights`."""
 
     finds_all = False
 
@@ -114,15 +107,8 @@ class EmitterEndpoint(Endpoint):
         if self.sphere is not None:
             distant = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.Infinite)
             length = dr.select(distant, self.sphere.length(p, ds.d), length)
-        return Connection(
-            point=ds.p,
-            direction=ds.d,
-            weight=mi.unpolarized_spectrum(weight),
-            pdf=ds.pdf,
-            delta=ds.delta,
-            length=length,
-            active=active & (ds.pdf != 0),
-        )
+        radiance, active = mi.unpolarized_spectrum(weight), active & (ds.pdf != 0)
+        return Connection(ds.p, ds.d, radiance, length, active, ds.pdf, ds.delta)
 
     def sample_emitter(self, vertex: Vertex, u: mi.Point2f, active: mi.Bool) -> Connection:
         """Sample a connection to an emitter by two random numbers."""

@@ -44,18 +44,16 @@ class CameraPathHistory(HistoryUpdates[PartialSums]):
 
     def start(self) -> PartialSums:
         """Return the partial sums of the lens."""
-        sums = self.mis.zero()
+        a = mi.Float(0)
         if self.mis.camera_connections and self.mis.exponent:
-            sums.a = dr.rcp(self.mis.power(self.lens.density(self.direction)))
-        return sums
+            a = dr.rcp(self.mis.power(self.lens.density(self.direction)))
+        return PartialSums(a, mi.Float(0))
 
     def at_vertex(self, path: Path[PartialSums], vertex: Vertex, active: mi.Bool) -> PartialSums:
         """Update the partial sums for the segment to a vertex."""
         return self.mis.at_vertex(path.history, path, vertex)
 
-    def after_sample(
-        self, path: Path[PartialSums], vertex: Vertex, bsdf_sample: BSDFSample
-    ) -> PartialSums:
+    def after_sample(self, path: Path, vertex: Vertex, bsdf_sample: BSDFSample) -> PartialSums:
         """Update the partial sums for the next segment."""
         if not self.mis.exponent:
             return path.history
@@ -87,8 +85,8 @@ class StoredVertices:
         active: mi.Bool,
     ) -> VertexConnection:
         """Connect to stored vertex number k."""
-        active = active & (k < self.stored_count)
         # Read the vertex
+        active = active & (k < self.stored_count)
         record = self.stored.read(dr.select(active, k, 0), active)
         stored = StoredVertex(**{"medium": None} | vars(record))
         # Lane memory that was never written has invalid pointers, which must not be called
@@ -104,13 +102,10 @@ class StoredVertices:
         there = stored.vertex(distance, active)
         bsdf_eval = self.adjoint.eval_pdf(there, -d, active)
         weight = sent(self.weight, stored.β, bsdf_eval.f) / d2
+        weight = dr.select(active, weight, 0)
+        length = distance + stored.opl / (stored.η * bsdf_eval.η)
         return VertexConnection(
-            point=stored.si.p,
-            direction=d,
-            weight=dr.select(active, weight, 0),
-            pdf=bsdf_eval.pdf,
-            length=distance + stored.opl / (stored.η * bsdf_eval.η),
-            active=active,
+            *(stored.si.p, d, weight, length, active, bsdf_eval.pdf),
             stored=stored,
             vertex=there,
             pdf_reverse=bsdf_eval.pdf_reverse,
@@ -169,11 +164,7 @@ class LightPaths(EmitterEndpoint):
         return self.mis.weight(x, 0, path.depth + 2)
 
     def mis_weight(
-        self,
-        path: Path[PartialSums],
-        vertex: Vertex,
-        connection: EmitterConnection | VertexConnection,
-        bsdf_eval: BSDFEval,
+        self, path: Path, vertex: Vertex, connection: Connection, bsdf_eval: BSDFEval
     ) -> mi.Float:
         """Return the MIS weight of strategy (1, t), or of a connection to a stored vertex."""
         mis, x = self.mis, mi.Float(0)
@@ -186,6 +177,8 @@ class LightPaths(EmitterEndpoint):
                     ratio = mis.power(bsdf_eval.pdf / connection.pdf)
                     x += dr.select(connection.delta, 0, ratio)
             return mis.weight(x, 1, path.depth + 2)
+
+        assert isinstance(connection, VertexConnection)
         stored = connection.stored
         if mis.exponent:
             d2 = dr.squared_norm(stored.si.p - vertex.si.p)

@@ -16,7 +16,7 @@ class OneSampleLights(EmitterEndpoint):
     Each is chosen half of the time, and the light that the ray finds is divided by the density of
     the mixture, (p_emitter + p_bsdf) / 2: the one-sample model with the balance heuristic (Veach
     1997, section 9.2.4). It is as good as `SceneLights` at the first surface with half the samples,
-    but has to trace another ray to go on. Arguments as for `EmitterEndpoint`.
+    but has to trace another ray to go on. Arguments as for `SceneLights`.
     """
 
     finds_all = True

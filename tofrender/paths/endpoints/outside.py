@@ -32,14 +32,8 @@ class PointSource(Endpoint):
     ) -> Connection:
         """Return the only direction towards the light; draws no random number."""
         ds, weight = self.emitter.sample_direction(vertex.si, mi.Point2f(0.5), active)
-        return Connection(
-            point=ds.p,
-            direction=ds.d,
-            weight=mi.unpolarized_spectrum(weight),
-            pdf=ds.pdf,
-            length=ds.dist,
-            active=mi.Bool(active),
-        )
+        weight = mi.unpolarized_spectrum(weight)
+        return Connection(ds.p, ds.d, weight, ds.dist, mi.Bool(active), ds.pdf)
 
 
 class OpenSky(Endpoint):
@@ -70,12 +64,7 @@ class OpenSky(Endpoint):
         local = square_to_cosine_hemisphere(sampler.next_2d())
         pdf = square_to_cosine_hemisphere_pdf(local)
         d = si.to_world(mi.Vector3f(local.x, local.y, dr.mulsign(local.z, si.wi.z)))
+        weight = dr.select(pdf > 0, white(si.wavelengths) / pdf, 0)
         length = self.sphere.length(si.p, d)
-        return Connection(
-            point=dr.fma(d, length + self.sphere.radius, si.p),  # Beyond all that could hide it
-            direction=d,
-            weight=dr.select(pdf > 0, white(si.wavelengths) / pdf, 0),
-            pdf=pdf,
-            length=length,
-            active=active & (pdf > 0),
-        )
+        point = dr.fma(d, length + self.sphere.radius, si.p)  # Beyond all that could hide it
+        return Connection(point, d, weight, length, active & (pdf > 0), pdf)

@@ -16,10 +16,8 @@ from ..surfaces import Wavefronts, has_lobes
 from .emitters import EmitterEndpoint, power_heuristic
 
 GOLDEN = 0.6180339887  # the golden ratio's fraction, whose multiples fill the unit interval evenly
-
 # Extents of the emitters in widths, and the number of samples that pays from there on
 BY_WIDTHS = ((20, 8), (5, 4))
-
 MOST = 64  # largest number of emitter samples of a vertex
 
 
@@ -158,18 +156,13 @@ class LastScattering(HistoryUpdates[mi.Interaction3f]):
         """Return a placeholder: the first ray comes from the sensor."""
         return dr.zeros(mi.Interaction3f)
 
-    def after_sample(
-        self, path: Path[mi.Interaction3f], vertex: Vertex, bsdf_sample: BSDFSample
-    ) -> mi.Interaction3f:
+    def after_sample(self, path: Path, vertex: Vertex, bsdf_sample: BSDFSample) -> mi.Interaction3f:
         """Return the vertex, or the earlier one where the path goes straight on."""
         return dr.select(bsdf_sample.null, path.history, mi.Interaction3f(vertex.si))
 
 
 class LightsStraightAhead(SceneLights):
-    """`SceneLights` whose connections also go through surfaces that let light straight through.
-
-    For paths whose `Limits` have `ignore_null`.
-    """
+    """`SceneLights` with connections through panes and masks, for `Limits` with `ignore_null`."""
 
     history = LastScattering()
 
@@ -181,8 +174,7 @@ class LightsStraightAhead(SceneLights):
 class EmitterHits(EmitterEndpoint):
     """Emitters by hits alone, without next-event estimation.
 
-    Arguments as for `EmitterEndpoint`. Noisier than `SceneLights` with small lights by far, of
-    equal expectation, and blind to point lights.
+    Arguments as for `SceneLights`; noisier by far with small lights, and blind to point lights.
     """
 
     connects = False
