@@ -5,10 +5,10 @@ paths can run into. Light starts
 
 | emitter | at | towards |
 |---|---|---|
-| `area` | a point of its shape, even in area | by the cosine to its normal |
-| `directionalarea` | a point of its shape, even in area | its normal |
-| `point`, `spot`, `projector` | the only point | even in the cone around all that it lights |
-| `directional` | an even point of a disk across the scene | the only direction |
+| `area` | a uniform point of its shape | by the cosine to its normal |
+| `directionalarea` | a uniform point of its shape | its normal |
+| `point`, `spot`, `projector` | the only point | uniform in the cone around all that it lights |
+| `directional` | a uniform point of a disk across the scene | the only direction |
 | `constant`, `envmap`, skies | the same | as the emitter samples its light |
 
 The disk touches the sphere around scene and sensor, where distant light starts for paths from the
@@ -46,7 +46,7 @@ class Emitted:
     """A ray of light, one for each lane.
 
     Attributes:
-        ray: Where it goes.
+        ray: The emitted ray.
         origin: The point that it comes from, and that lengths are measured from [m].
         normal: Normal of the emitter there, if there is one.
         uv: Surface coordinates there.
@@ -102,11 +102,12 @@ class Emission:
         )
         self.cones, self.by_area = _cones(emitters), _inverse_areas(emitters)
         self.total = dr.opaque(mi.Float, sum(float(e.sampling_weight()) for e in emitters))
-        self.own, self.rarer, self.alone = _probabilities(emitters)
-        shining = [e for e in emitters if e.class_name() in SHAPES]
-        self.shapes = [emitter.get_shape() for emitter in shining]
-        self.among_shapes = mi.UInt32(table_of(shining, range(len(shining)), np.uint32))
-        dr.eval(self.pointers, self.cones, self.by_area, self.among_shapes, self.rarer, self.alone)
+        self.distribution, self.pmf_ratio, self.unweighted_pmf = _probabilities(emitters)
+        area_lights = [e for e in emitters if e.class_name() in SHAPES]
+        self.shapes = [emitter.get_shape() for emitter in area_lights]
+        self.shape_index = mi.UInt32(table_of(area_lights, range(len(area_lights)), np.uint32))
+        dr.eval(self.pointers, self.cones, self.by_area, self.shape_index)
+        dr.eval(self.pmf_ratio, self.unweighted_pmf)
         dr.make_opaque(self.cross_section)
 
     # -------------------------------------------------------------------------- sampling
@@ -115,11 +116,11 @@ class Emission:
         """Sample emission with the wavelengths and the time of a camera ray."""
         # Choose an emitter
         xi = sampler.next_1d()
-        if self.own is None:
-            index, chance, _ = self.scene.sample_emitter(xi)
+        if self.distribution is None:
+            index, inverse_pmf, _ = self.scene.sample_emitter(xi)
         else:
-            index, chosen = self.own.sample_pmf(xi)
-            chance = dr.rcp(chosen)
+            index, pmf = self.distribution.sample_pmf(xi)
+            inverse_pmf = dr.rcp(pmf)
 
         # Sample point and direction by the technique of each kind of emitter
         u_point, u_direction = sampler.next_2d(), sampler.next_2d()
@@ -131,7 +132,7 @@ class Emission:
             (self.has_cones, mi.has_flag(flags, mi.EmitterFlags.DeltaPosition), self._from_cone),
             (self.has_shapes, surface & ~delta_direction, self._from_shape),
             (self.has_beams, surface & delta_direction, self._from_beam),
-            (self.has_distant, mi.has_flag(flags, mi.EmitterFlags.Infinite), self._from_afar),
+            (self.has_distant, mi.has_flag(flags, mi.EmitterFlags.Infinite), self._from_distant),
         ]
         start = None
         for exists, here, sample in techniques:
@@ -141,8 +142,8 @@ class Emission:
 
         # Divide by the probability of the emitter
         assert start is not None
-        start.weight = start.weight * chance
-        start.density = start.density / chance
+        start.weight = start.weight * inverse_pmf
+        start.density = start.density / inverse_pmf
         start.active = dr.isfinite(start.density) & dr.any(start.weight > 0)
         return start
 
@@ -150,14 +151,14 @@ class Emission:
         self, at: mi.Interaction3f, u: mi.Point2f
     ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
         """Sample a direction to any emitter that light starts at; returns it and its weight."""
-        if self.own is None:
+        if self.distribution is None:
             return self.normals.sample_direction(at, u)
-        index, x, chance = self.own.sample_reuse_pmf(u.x)
+        index, x, pmf = self.distribution.sample_reuse_pmf(u.x)
         emitter = dr.gather(mi.EmitterPtr, self.pointers, index)
         u = mi.Point2f(x, u.y)
         ds, radiance = self.normals.by_area(*emitter.sample_direction(at, u, True), u)
-        ds.pdf *= chance
-        return ds, radiance / chance
+        ds.pdf *= pmf
+        return ds, radiance / pmf
 
     def _from_cone(self, emitter, u_point, u, like, active) -> Emitted:
         """Sample a direction uniformly in the cone of an emitter at a point."""
@@ -221,7 +222,7 @@ class Emission:
         sample = [each.sample_position for each in self.shapes]
         if len(sample) == 1:
             return sample[0](time, u, active)
-        which = dr.gather(mi.UInt32, self.among_shapes, number_of(emitter), active)
+        which = dr.gather(mi.UInt32, self.shape_index, number_of(emitter), active)
         return dr.switch(which, sample, time, u, active)
 
     def _from_beam(self, emitter, u_point, u, like, active) -> Emitted:
@@ -240,7 +241,7 @@ class Emission:
             active=mi.Bool(active),
         )
 
-    def _from_afar(self, emitter, u_point, u, like, active) -> Emitted:
+    def _from_distant(self, emitter, u_point, u, like, active) -> Emitted:
         """Sample a direction of a distant emitter, and a point of a disk across the scene."""
         sphere = self.sphere
         at = _interaction(sphere.centre, like)
@@ -286,14 +287,14 @@ class Emission:
             ratio = dr.select(here, solid_angle * distance * distance, ratio)
         if self.has_shapes:
             here = mi.has_flag(flags, mi.EmitterFlags.Surface)
-            chance = emitter.sampling_weight() / self.total
-            by_area = chance * dr.gather(mi.Float, self.by_area, number_of(emitter), here)
+            pmf = emitter.sampling_weight() / self.total
+            by_area = pmf * dr.gather(mi.Float, self.by_area, number_of(emitter), here)
             ratio = dr.select(here & (by_area > 0), dr.pi * pdf / by_area, ratio)
         if self.has_distant:
             here = mi.has_flag(flags, mi.EmitterFlags.Infinite)
             ratio = dr.select(here, self.cross_section, ratio)
-        if self.own is not None:
-            ratio *= dr.gather(mi.Float, self.rarer, number_of(emitter))
+        if self.distribution is not None:
+            ratio *= dr.gather(mi.Float, self.pmf_ratio, number_of(emitter))
         return ratio
 
     def density(
@@ -305,14 +306,14 @@ class Emission:
         """
         ratio = self.ratio(ds.emitter, ds, pdf, distance)
         density = dr.select(ratio > 0, pdf / ratio, 0)
-        if self.own is not None:
+        if self.distribution is not None:
             row = number_of(ds.emitter)
-            alone = dr.gather(mi.Float, self.alone, row)
+            pmf = dr.gather(mi.Float, self.unweighted_pmf, row)
             surface = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.Surface)
             by_area = dr.gather(mi.Float, self.by_area, row, surface) * dr.inv_pi
             by_direction = ds.emitter.pdf_direction(ref, ds, ~surface) / self.cross_section
-            only = alone * dr.select(surface, by_area, by_direction)
-            density = dr.select(alone > 0, only, density)
+            only = pmf * dr.select(surface, by_area, by_direction)
+            density = dr.select(pmf > 0, only, density)
         return density
 
     def _cone(self, emitter: mi.EmitterPtr, active: mi.Bool) -> list[mi.Float]:
@@ -342,8 +343,8 @@ def _probabilities(
     if not unsampled.any():
         return None, mi.Float(1), mi.Float(0)
     own = np.where(unsampled, weights.sum() / max(np.count_nonzero(weights), 1) or 1, weights)
-    rarer = own.sum() / (weights.sum() or 1) * (weights > 0)
-    tables = (table_of(emitters, v, np.float32) for v in (rarer, unsampled * own / own.sum()))
+    ratio = own.sum() / (weights.sum() or 1) * (weights > 0)
+    tables = (table_of(emitters, v, np.float32) for v in (ratio, unsampled * own / own.sum()))
     return mi.DiscreteDistribution(mi.Float(own)), *map(mi.Float, tables)
 
 

@@ -199,7 +199,7 @@ class BSDFEval:
     pdf: mi.Float  # solid-angle density with which the path would have gone there [1/sr]
     η: mi.Float  # index of refraction on that side, relative to the path's side
     # density of the opposite way, from that direction to where the path came from [1/sr]; None
-    # unless the scattering was asked for it
+    # unless the scattering is `both_ways`
     pdf_reverse: mi.Float | None = None
 
 

@@ -23,7 +23,7 @@ class Vacuum(Space):
     def next_vertex(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
         """Intersect the ray with the surfaces.
 
-        The length is taken from point to point, since rays start a little off the surface, and
+        The length is measured from point to point, since rays start a little off the surface, and
         camera rays at the near plane.
         """
         si = self.scene.ray_intersect(
@@ -50,7 +50,7 @@ def transmittance_between(
 ) -> mi.Spectrum:
     """Estimate the transmittance from a surface point to another point, 0 behind other surfaces.
 
-    A surface point without a normal is taken as it is; `medium_length` as in `Connection`.
+    A surface point without a normal has no offset; `medium_length` as in `Connection`.
     """
     ray = si.spawn_ray_to(point)
     path = Path.start(ray, si.p, active, medium=space.medium_at(ray))

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..scenes.media import BOUNDARY, PLATES
 
-LEANING = 1e-6  # 1 less the cosine between normals that count as the same
+NORMAL_TOLERANCE = 1e-6  # 1 less the cosine between normals that count as the same
 
 
 def is_on(si: mi.SurfaceInteraction3f, shapes: Sequence[mi.Shape]) -> mi.Bool:
@@ -200,7 +200,7 @@ def flat_twin(shape: mi.Shape | None) -> mi.Mesh | None:
     a, b, c = points[faces.T]
     flat = np.cross(b - a, c - a)
     flat /= np.maximum(np.linalg.norm(flat, axis=1), 1e-30)[:, None]
-    if np.allclose(np.abs(np.einsum("fkx,fx->fk", normals[faces], flat)), 1, atol=LEANING):
+    if np.allclose(np.abs(np.einsum("fkx,fx->fk", normals[faces], flat)), 1, atol=NORMAL_TOLERANCE):
         return None
     twin = mi.Mesh("twin", len(points), len(faces))
     parameters = mi.traverse(twin)

@@ -137,16 +137,16 @@ class EllipsoidalConnections:
 
     From a vertex x, light that is scattered once more before it comes from l has its last vertex y
     on an ellipsoid with the foci x and l: |x - y| + |y - l| = b, where b is the length that the
-    gate leaves, drawn from its pulse. In a direction ω there is one such y,
+    gate allows, sampled from its pulse. In a direction ω there is one such y,
 
         y = x + s ω,   s = (b² - D²) / (2 (b - D cos θ)),   D = |l - x|,   cos θ = ω·(l - x) / D,
 
-    and of the integral over its place, ds dω / |l - y|², with opl' = d opl / d s for the length
-    drawn, 1 / (opl' |l - y|²) dω = 2 / (η |b ω - (l - x)|²) dω is left. Directions are drawn in
+    and of the integral over y, ds dω / |l - y|², with opl' = d opl / d s for the length
+    sampled, 1 / (opl' |l - y|²) dω = 2 / (η |b ω - (l - x)|²) dω remains. Directions are sampled in
     proportion to that, cos θ = A - (A + 1) ((A - 1) / (A + 1))^ξ with A = (b² + D²) / (2 b D); so
     nothing is large near the light. Camera rays, and those behind mirrors and glass, have their
     direction. (Ellipsoidal connections: Pediredla et al. 2019, of surfaces; He et al. 2024, of
-    media, with diffusion in the place of the two legs.)
+    media, with diffusion instead of the two legs.)
     """
 
     def __init__(self, emitters: EmitterEndpoint, gate: SampledGate, media: Media) -> None:

@@ -33,7 +33,7 @@ class OneSampleLights(EmitterEndpoint):
         to_light = sampler.next_1d() < 0.5
         connection = self.sample_emitter(vertex, sampler.next_2d(), active & to_light)
 
-        # Samples of delta lobes are left to the path itself
+        # The path itself follows samples of delta lobes
         ctx, bsdf = mi.BSDFContext(), si.bsdf()
         by_material = active & ~to_light
         bs, _ = bsdf.sample(ctx, si, sampler.next_1d(), sampler.next_2d(), by_material)

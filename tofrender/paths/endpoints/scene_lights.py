@@ -182,12 +182,8 @@ class EmitterHits(EmitterEndpoint):
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
-        """Refuse: there are no connections.
-
-        Raises:
-            TypeError: Always.
-        """
-        raise TypeError("EmitterHits: makes no connections; must be asked for hits alone")
+        """Raise a TypeError: there are no connections."""
+        raise TypeError("EmitterHits: makes no connections; must be used for hits alone")
 
     def hit_weight(self, path: Path, vertex: Vertex, hit: Hit) -> mi.Float:
         """Return 1: nothing else finds the light."""
