@@ -20,7 +20,7 @@ from helpers.support import agree, area_light, diffuse, over_seeds, plane, point
 from oracles import gradients as forms
 
 import tofrender
-from tofrender.paths.choices import Choices
+from tofrender.paths.scattering import Choices
 
 T = mi.ScalarTransform4f
 LIGHT = 3.0

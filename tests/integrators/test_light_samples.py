@@ -113,7 +113,7 @@ def taken(described: dict, kind: str | None = None) -> tuple[int, int]:
         recording(the_film, tracer.exposure()).width_opl
     )
     lattice = plan.endpoint.further
-    return (1, 1) if lattice is None else (lattice.points.first[0], lattice.points.further[0])
+    return (1, 1) if lattice is None else (lattice.first[0], lattice.later[0])
 
 
 @pytest.mark.parametrize(
@@ -205,8 +205,8 @@ class ZeroWhereHidden(SceneLights):
     """Takes a density of 0 for hits where a point of the light is hidden."""
 
     def hit(self, vertex, path):
-        hit, point = self.emitters.hit(vertex, path), mi.Point2f(0.5, 0.1)
-        ds, _ = self.emitters.scene.sample_emitter_direction(path.prev, point, True, path.active)
+        hit, point = self.emitted_radiance(vertex, path), mi.Point2f(0.5, 0.1)
+        ds, _ = self.scene.sample_emitter_direction(path.prev, point, True, path.active)
         hit.pdf = dr.select(ds.pdf > 0, hit.pdf, 0)
         hit.mis_weight = self.hit_weight(path, vertex, hit)
         return hit
@@ -216,7 +216,7 @@ class WithoutShift(SceneLights):
     """Connects to the same lattice from everywhere."""
 
     def connect(self, vertex, path, sampler, active):
-        connection = self.emitters.sample(vertex, mi.Point2f(0), active)
+        connection = self.sample_emitter(vertex, mi.Point2f(0), active)
         return LatticeConnection(**vars(connection), shift=mi.Point2f(0))
 
 
@@ -231,7 +231,7 @@ class HitsAgainstOne(SceneLights):
     """Weighs hits as if there were one point."""
 
     def hit_weight(self, path, vertex, hit):
-        once = SceneLights(self.emitters.scene)
+        once = SceneLights(self.scene)
         return once.hit_weight(path, vertex, hit)
 
 
@@ -241,7 +241,7 @@ class OneLessPoint(SceneLights):
     def _set_count(self, count):
         super()._set_count(count)
         if self.further is not None:
-            self.further.count = lambda path: self.further.points.count(path.depth) - 2
+            self.further.count = lambda path: self.further.size(path.depth) - 2
 
 
 @pytest.mark.statistical

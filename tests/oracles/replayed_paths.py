@@ -19,6 +19,7 @@ from tofrender.paths.bidirectional_mis import BidirectionalMIS
 from tofrender.paths.camera import ray_origin
 from tofrender.paths.emission import Emitted
 from tofrender.paths.endpoints.camera import LightPath
+from tofrender.paths.protocols import Space
 from tofrender.paths.records import BSDFSample, Limits, Vertex
 from tofrender.paths.scattering import Materials
 
@@ -140,22 +141,11 @@ class Recorded(Vertex):
     specular: Any = None
 
 
-class Track:
+class Track(Space):
     """Vertices as they were, from either end."""
 
     def __init__(self, paths: Paths) -> None:
-        self.paths = paths
-
-    scatters, index = False, 1.0
-
-    def with_phase_functions(self, surfaces, **_):
-        """Return the scattering of surfaces."""
-        return surfaces
-
-    def medium_at_sensor(self, *_):
-        """Return None: there are no media."""
-
-    medium_at = medium_behind = medium_at_sensor
+        self.paths, self.index = paths, 1.0
 
     def next_vertex(self, path, sampler):
         """The next one of a path from the camera, or from a light."""
@@ -183,11 +173,7 @@ class Retraced(Materials):
     """Materials that send paths where they went; densities are those of their choice."""
 
     def sample(self, vertex, connection, sampler, active):
-        bsdf_eval = (
-            None
-            if connection is None
-            else self.eval_pdf(vertex, connection.direction, connection.active)
-        )
+        bsdf_eval = self.eval_connection(vertex, connection)
         taken = self.eval_pdf(vertex, vertex.onward, active & ~vertex.specular)
         weight = dr.select(dr.any(vertex.onward != 0), mi.UnpolarizedSpectrum(1), 0)
         ray = vertex.si.spawn_ray(vertex.onward)
@@ -239,7 +225,7 @@ def shares(
     plan.adjoint = plan.light_paths.adjoint = Retraced(scene, importance=True)
     light, lit = mi.Float(density.astype(np.float32)), mi.UnpolarizedSpectrum(1)
     plan.emission.sample = lambda sampler, ray: paths.emitted(light)
-    emitters = plan.light_paths.emitters
+    emitters = plan.light_paths
     emitters.sample_direction = lambda *_: (paths.end, lit)
     connection = emitters.connection
     emitters.connection = lambda *light: connection(*light[:3], light[3] & paths.complete)

@@ -9,7 +9,7 @@ from helpers.support import load, unit
 
 import tofrender
 from tofrender.films.sums import Radiance, Weighted
-from tofrender.paths import camera as cameras, records, scattering
+from tofrender.paths import camera as cameras, scattering, walk
 from tofrender.paths.camera import sample_camera
 from tofrender.rendering.dataset import check_dataset
 from tofrender.scenes.checking import check_scene
@@ -137,8 +137,8 @@ def test_matrices_stand_in_the_order_of_the_path(monkeypatch):
     S = traced(scene, 200_000)
     assert abs(S[0] / 0.0143022 - 1) < 0.05
     assert np.allclose(S[1:] / S[0], [-1, 0, 0], atol=1e-4)
-    right, name = records.multiply_throughput, "multiply_throughput"
-    monkeypatch.setattr(records, name, lambda β, f, importance=False: right(β, f, True))
+    right, name = walk.multiply_throughput, "multiply_throughput"
+    monkeypatch.setattr(walk, name, lambda β, f, importance=False: right(β, f, True))
     S = traced(scene, 20_000)
     assert not np.allclose(S[1:] / S[0], [-1, 0, 0], atol=0.1)
 

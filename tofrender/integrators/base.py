@@ -11,14 +11,14 @@ from ..films.exposure import Exposure, Weight
 from ..films.recording import Recording, recording, warn_not_finite
 from ..films.sums import Radiance
 from ..paths.endpoints import EmitterHits, SceneLights
-from ..paths.endpoints.light_points import checked_count
+from ..paths.endpoints.scene_lights import checked_count
 from ..paths.media import Media
 from ..paths.protocols import Endpoint, Scattering, Space
 from ..paths.records import Limits
 from ..paths.refraction import index_around
 from ..paths.scattering import Materials
 from ..paths.space import Vacuum
-from ..paths.surfaces import transmits
+from ..paths.surfaces import has_lobes
 from ..runtime import checks
 from ..scenes.checking import check_scene
 from ..scenes.media import beyond, media_of
@@ -145,7 +145,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
 
     def _passes_null(self, scene: mi.Scene) -> bool:
         """Whether there are surfaces that connections pass, boundaries included."""
-        return self.goes_straight and transmits(scene, mi.BSDFFlags.Null)
+        return self.goes_straight and has_lobes(scene, mi.BSDFFlags.Null)
 
     def sample(self, scene, sampler, ray, medium=None, active=True):
         """Steady radiance along rays, lanes that see a surface or an environment, and no AOVs."""

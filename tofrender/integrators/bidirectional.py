@@ -10,7 +10,6 @@ import mitsuba as mi
 
 from ..films.contribution import Contribution
 from ..films.exposure import BINS, PHASORS, PICTURE, Exposure
-from ..paths.between import transmittance_between
 from ..paths.bidirectional_mis import BidirectionalMIS
 from ..paths.emission import Emission, Emitted
 from ..paths.endpoints.camera import Camera, LightPathHistory
@@ -19,6 +18,7 @@ from ..paths.lens import Lens
 from ..paths.protocols import Parts, Space
 from ..paths.records import Limits, Path
 from ..paths.scattering import Materials
+from ..paths.space import transmittance_between
 from ..paths.walk import accumulate, walk
 from ..runtime import checks
 from ..runtime.backend import tracing_lock

@@ -18,9 +18,8 @@ from ..paths.attached import Detached
 from ..paths.camera import CameraSample, sample_camera, sampled_size
 from ..paths.derivatives import MOST_KEPT, move, pull
 from ..paths.protocols import Endpoint, Parts
-from ..paths.records import Path
-from ..paths.surfaces import has_mirrors
-from ..paths.tape import packed
+from ..paths.records import Path, packed
+from ..paths.surfaces import has_lobes
 from ..paths.walk import accumulate
 from ..runtime import backend, checks
 from ..runtime.progress import progress_bar
@@ -85,7 +84,7 @@ class Derivative:
         self.changes = BinChanges if isinstance(record, BinRecording) else Changes
         self.scattering = self.plan.scattering
         if detached:
-            single = has_mirrors(plan.scene) or self.plan.space.scatters
+            single = has_lobes(plan.scene, mi.BSDFFlags.Delta) or self.plan.space.scatters
             self.scattering = Detached(self.scattering, plan.scene, single)
 
     @backend.tracing_lock()

@@ -13,8 +13,8 @@ import mitsuba as mi
 import numpy as np
 
 from ..films.recording import BinRecording, PhasorRecording, Recording
-from ..paths.choices import undifferentiated
 from ..paths.refraction import index_around
+from ..paths.scattering import undifferentiated
 from ..paths.surfaces import Boundaries, flat_twin, materials
 from ..runtime import checks
 from ..scenes.media import media_of

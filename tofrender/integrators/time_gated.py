@@ -18,7 +18,7 @@ from ..films.recording import recording
 from ..films.sums import Weighted
 from ..paths.endpoints import GatedFog, GatedLights
 from ..paths.media import Media
-from ..paths.surfaces import transmits
+from ..paths.surfaces import has_lobes
 from ..runtime import checks
 from ..runtime.checkpoints import Checkpoint
 from ..scenes.checking import check_view
@@ -131,7 +131,7 @@ class TimeGatedTransientPath(TransientIntegrator):
             return plan
         plan.limits = self.limits(getattr(weight, "closes", None))
         # Behind rough glass, the index of a connection depends on its direction
-        if self.emitter_sampling and not transmits(scene, mi.BSDFFlags.GlossyTransmission):
+        if self.emitter_sampling and not has_lobes(scene, mi.BSDFFlags.GlossyTransmission):
             # Connections along rays through media where they apply, else those of vertices alone
             has_samples = hasattr(self.pulse, "sample") and weight.closes is not None
             along_rays = isinstance(plan.space, Media) and GatedFog.serves(scene)

@@ -32,26 +32,19 @@ from .records import BSDFSample, Path, Vertex
 
 @dataclass
 class PartialSums:
-    """Partial sums of x of a sub-path, over strategies with fewer vertices on its side.
+    """Partial sums of x of a sub-path, over strategies with fewer vertices on its side."""
 
-    Attributes:
-        a: Factor of the density of its last vertex from the other end.
-        b: Factor of that, times the density with which the other end goes on to the vertex before.
-    """
-
-    a: mi.Float
+    a: mi.Float  # factor of the density of its last vertex from the other end
+    # factor of that, times the density with which the other end goes on to the vertex before
     b: mi.Float
 
 
 class BidirectionalMIS:
     """Strategies that count, and their MIS weights.
 
-    Args:
-        exponent: β; 0 gives every strategy the weight 1, which is right for one alone.
-        camera_connections: Whether strategies with t = 1 take part.
-        only: The strategy (s, t) whose light counts; None for all.
-        hits: Whether strategies with s = 0 take part.
-        inner: Whether strategies with s > 1 and t > 1 take part.
+    The exponent β = 0 gives every strategy the weight 1, which is right for one alone. Strategies
+    with t = 1 take part with `camera_connections`, those with s = 0 with `hits`, those with s > 1
+    and t > 1 with `inner`. The light of strategy (s, t) = `only` counts, None for all.
     """
 
     def __init__(
@@ -69,17 +62,12 @@ class BidirectionalMIS:
         """Return m(x)."""
         return x * x if self.exponent == 2 else x
 
-    def zero(self) -> PartialSums:
-        """Return the sums of a path that no other strategy finds."""
-        return PartialSums(mi.Float(0), mi.Float(0))
-
     def at_vertex(self, sums: PartialSums, path: Path, vertex: Vertex) -> PartialSums:
         """Update the sums for the segment to a vertex."""
         distance, cos = vertex.length, vertex.cosine(path.ray.d)
         inverse_cos = dr.select(cos > 0, dr.rcp(self.power(cos)), 0)
-        return PartialSums(
-            sums.a * self.power(distance * distance) * inverse_cos, sums.b * inverse_cos
-        )
+        a = sums.a * self.power(distance * distance) * inverse_cos
+        return PartialSums(a, sums.b * inverse_cos)
 
     def after_sample(
         self, sums: PartialSums, vertex: Vertex, bsdf_sample: BSDFSample

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -24,29 +23,23 @@ class CameraSample:
         frame: Matrix that turns polarised light of each ray into the sensor's frame, or None.
     """
 
-    ray: Any
+    ray: mi.Ray3f
     origin: mi.Point3f
-    weight: Any
+    weight: mi.UnpolarizedSpectrum
     position: mi.Point2f
-    frame: Any = None
+    frame: mi.Spectrum | None = None
 
 
 @dataclass(frozen=True)
 class Tile:
-    """A part of a film's pixels, on a film of its own that has no crop.
+    """A part of a film's pixels, on a film of its own that has no crop."""
 
-    Attributes:
-        x: Its first column in the crop window of the whole film.
-        y: Its first row there.
-        whole: The film that it is a part of.
-    """
-
-    x: int
-    y: int
+    x: int  # first column in the crop window of the whole film
+    y: int  # first row there
     whole: mi.Film
 
     def numbers(self, film: mi.Film, pixel: mi.UInt32) -> mi.UInt32:
-        """Numbers of pixels in the sampled area of the whole film, from those in the tile's."""
+        """Convert pixel indices in the tile's sampled area to those in the whole film's."""
         own, width = sampled_size(film)[0], sampled_size(self.whole)[0]
         row = pixel // own
         x, y, width = (dr.opaque(mi.UInt32, n) for n in (self.x, self.y, width))
@@ -54,7 +47,7 @@ class Tile:
 
 
 def sampled_size(film: mi.Film) -> tuple[int, int]:
-    """Width and height [pixels] of the area that camera rays must cover."""
+    """Return width and height [pixels] of the area that camera rays must cover."""
     border = 2 * film.rfilter().border_size() if film.sample_border() else 0
     width, height = film.crop_size()
     return int(width) + border, int(height) + border
@@ -104,7 +97,7 @@ def sample_camera(
 
 
 def pixel_corner(film: mi.Film, pixel: mi.UInt32) -> mi.Point2f:
-    """Position of the upper left corner of pixels, numbered row by row in the sampled area."""
+    """Return the upper left corner of pixels, by their index row by row in the sampled area."""
     width, _ = sampled_size(film)
     y = pixel // width
     x = pixel - y * width
@@ -113,7 +106,7 @@ def pixel_corner(film: mi.Film, pixel: mi.UInt32) -> mi.Point2f:
 
 
 def ray_origin(sensor: mi.Sensor, ray: mi.Ray3f) -> mi.Point3f:
-    """The point on the sensor that a camera ray comes from.
+    """Return the point on the sensor that a camera ray comes from.
 
     Mitsuba starts the rays of its projective cameras at the near plane, so that `si.t` is short by
     near_clip / cos(angle to the axis): 10 mm and more with the default near clip.
@@ -121,14 +114,14 @@ def ray_origin(sensor: mi.Sensor, ray: mi.Ray3f) -> mi.Point3f:
     if not isinstance(sensor, mi.ProjectiveCamera):
         return mi.Point3f(ray.o)
     axis = sensor.world_transform() @ mi.Vector3f(0, 0, 1)  # As long as a unit of the near clip
-    near_clip: Any = mi.traverse(sensor)["near_clip"]
+    near_clip = mi.traverse(sensor)["near_clip"]
     return ray.o - ray.d * (near_clip * dr.squared_norm(axis) / dr.dot(ray.d, axis))
 
 
 def behind_emitters(scene: mi.Scene, ray: mi.Ray3f) -> mi.Ray3f:
     """Let rays pass through all area lights that they meet before any other surface."""
     with dr.suspend_grad():
-        behind: Any = _behind_emitters(scene, ray)
+        behind = _behind_emitters(scene, ray)
         passed = dr.norm(behind.o - ray.o)
     behind.o = dr.replace_grad(behind.o, dr.fma(ray.d, passed, ray.o))
     behind.d = dr.replace_grad(behind.d, ray.d)
@@ -137,7 +130,7 @@ def behind_emitters(scene: mi.Scene, ray: mi.Ray3f) -> mi.Ray3f:
 
 @dr.syntax
 def _behind_emitters(scene: mi.Scene, ray: mi.Ray3f) -> mi.Ray3f:
-    """The loop from light to light."""
+    """Move rays' origins behind the area lights that they meet first."""
     ray = mi.Ray3f(ray)
     passing = mi.Bool(True)
     while passing:

@@ -5,10 +5,10 @@ paths can run into. Light starts
 
 | emitter | at | towards |
 |---|---|---|
-| `area` | a point of its shape, even in area | by the cosine to its normal |
-| `directionalarea` | a point of its shape, even in area | its normal |
-| `point`, `spot`, `projector` | the only point | even in the cone around all that it lights |
-| `directional` | an even point of a disk across the scene | the only direction |
+| `area` | a uniform point of its shape | by the cosine to its normal |
+| `directionalarea` | a uniform point of its shape | its normal |
+| `point`, `spot`, `projector` | the only point | uniform in the cone around all that it lights |
+| `directional` | a uniform point of a disk across the scene | the only direction |
 | `constant`, `envmap`, skies | the same | as the emitter samples its light |
 
 The disk touches the sphere around scene and sensor, where distant light starts for paths from the
@@ -17,25 +17,28 @@ sensor too, see `Wavefronts`.
 
 from __future__ import annotations
 
+import math
+import re
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
-from .emitter_tables import (
-    BEAMS,
-    CONES,
-    DISTANT,
-    KINDS,
-    SHAPES,
-    by_area,
-    chances,
-    cones,
-    places,
-)
-from .endpoints.wavefronts import Wavefronts
-from .surfaces import LampNormals, number_of
+from .surfaces import EmitterNormals, Wavefronts, number_of, table_of
+
+CONES = {"PointLight": "point", "SpotLight": "spot", "Projector": "projector"}
+SHAPES = {"AreaLight": "area"}
+BEAMS = {"DirectionalArea": "directionalarea"}
+DISTANT = {
+    "DirectionalEmitter": "directional",
+    "ConstantBackgroundEmitter": "constant",
+    "EnvironmentMapEmitter": "envmap",
+    "SunskyEmitter": "sunsky",
+    "TimedSunskyEmitter": "timed_sunsky",
+}
+# Emitters that paths may start at: class names, and plugin names
+KINDS = CONES | SHAPES | BEAMS | DISTANT
 
 
 @dataclass
@@ -43,7 +46,7 @@ class Emitted:
     """A ray of light, one for each lane.
 
     Attributes:
-        ray: Where it goes.
+        ray: The emitted ray.
         origin: The point that it comes from, and that lengths are measured from [m].
         normal: Normal of the emitter there, if there is one.
         uv: Surface coordinates there.
@@ -59,8 +62,8 @@ class Emitted:
     origin: mi.Point3f
     normal: mi.Normal3f
     uv: mi.Point2f
-    emitter: Any
-    weight: Any
+    emitter: mi.EmitterPtr
+    weight: mi.UnpolarizedSpectrum
     cos: mi.Float
     density: mi.Float
     delta: mi.Bool
@@ -90,69 +93,78 @@ class Emission:
                     f"emitter {emitter.id()!r}: is a {KINDS.get(kind, kind)}, whose light cannot "
                     f"be followed here; must be {', '.join(allowed.values())}"
                 )
-        self.scene, self.normals = scene, LampNormals(scene)
+        self.scene, self.normals = scene, EmitterNormals(scene)
         self.sphere = Wavefronts.around(scene, sensor)
         self.cross_section = dr.pi * self.sphere.radius * self.sphere.radius
         self.pointers = scene.emitters_dr()
         self.has_cones, self.has_shapes, self.has_beams, self.has_distant = (
             any(kind in group for kind in kinds) for group in (CONES, SHAPES, BEAMS, DISTANT)
         )
-        self.cones, self.by_area = cones(emitters), by_area(emitters)
+        self.cones, self.by_area = _cones(emitters), _inverse_areas(emitters)
         self.total = dr.opaque(mi.Float, sum(float(e.sampling_weight()) for e in emitters))
-        self.own, self.rarer, self.alone = chances(emitters)
-        shining = [e for e in emitters if e.class_name() in SHAPES]
-        self.shapes = [emitter.get_shape() for emitter in shining]
-        self.among_shapes = places(shining)
-        dr.eval(self.pointers, self.cones, self.by_area, self.among_shapes, self.rarer, self.alone)
+        self.distribution, self.pmf_ratio, self.unweighted_pmf = _probabilities(emitters)
+        area_lights = [e for e in emitters if e.class_name() in SHAPES]
+        self.shapes = [emitter.get_shape() for emitter in area_lights]
+        self.shape_index = mi.UInt32(table_of(area_lights, range(len(area_lights)), np.uint32))
+        dr.eval(self.pointers, self.cones, self.by_area, self.shape_index)
+        dr.eval(self.pmf_ratio, self.unweighted_pmf)
         dr.make_opaque(self.cross_section)
 
     # -------------------------------------------------------------------------- sampling
 
     def sample(self, sampler: mi.Sampler, ray: mi.Ray3f) -> Emitted:
-        """Light of the wavelengths and the time of a camera's ray."""
+        """Sample emission with the wavelengths and the time of a camera ray."""
+        # Choose an emitter
         xi = sampler.next_1d()
-        if self.own is None:
-            index, chance, _ = self.scene.sample_emitter(xi)
+        if self.distribution is None:
+            index, inverse_pmf, _ = self.scene.sample_emitter(xi)
         else:
-            index, chosen = self.own.sample_pmf(xi)
-            chance = dr.rcp(chosen)
+            index, pmf = self.distribution.sample_pmf(xi)
+            inverse_pmf = dr.rcp(pmf)
+
+        # Sample point and direction by the technique of each kind of emitter
         u_point, u_direction = sampler.next_2d(), sampler.next_2d()
         emitter = dr.gather(mi.EmitterPtr, self.pointers, index)
         flags = emitter.flags()
         delta_direction = mi.has_flag(flags, mi.EmitterFlags.DeltaDirection)
         surface = mi.has_flag(flags, mi.EmitterFlags.Surface)
-        ways = [
+        techniques = [
             (self.has_cones, mi.has_flag(flags, mi.EmitterFlags.DeltaPosition), self._from_cone),
             (self.has_shapes, surface & ~delta_direction, self._from_shape),
             (self.has_beams, surface & delta_direction, self._from_beam),
-            (self.has_distant, mi.has_flag(flags, mi.EmitterFlags.Infinite), self._from_afar),
+            (self.has_distant, mi.has_flag(flags, mi.EmitterFlags.Infinite), self._from_distant),
         ]
-        start: Any = None
-        for exists, here, way in ways:
+        start = None
+        for exists, here, sample in techniques:
             if exists:
-                found = way(emitter, u_point, u_direction, ray, here)
+                found = sample(emitter, u_point, u_direction, ray, here)
                 start = found if start is None else dr.select(here, found, start)
-        start.weight = start.weight * chance
-        start.density = start.density / chance
+
+        # Divide by the probability of the emitter
+        assert start is not None
+        start.weight = start.weight * inverse_pmf
+        start.density = start.density / inverse_pmf
         start.active = dr.isfinite(start.density) & dr.any(start.weight > 0)
         return start
 
-    def sample_direction(self, at: mi.Interaction3f, u: mi.Point2f) -> tuple[Any, Any]:
-        """A connection from a point to any emitter that light starts at."""
-        if self.own is None:
+    def sample_direction(
+        self, at: mi.Interaction3f, u: mi.Point2f
+    ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
+        """Sample a direction to any emitter that light starts at; returns it and its weight."""
+        if self.distribution is None:
             return self.normals.sample_direction(at, u)
-        index, x, chance = self.own.sample_reuse_pmf(u.x)
+        index, x, pmf = self.distribution.sample_reuse_pmf(u.x)
         emitter = dr.gather(mi.EmitterPtr, self.pointers, index)
         u = mi.Point2f(x, u.y)
         ds, radiance = self.normals.by_area(*emitter.sample_direction(at, u, True), u)
-        ds.pdf *= chance
-        return ds, radiance / chance
+        ds.pdf *= pmf
+        return ds, radiance / pmf
 
     def _from_cone(self, emitter, u_point, u, like, active) -> Emitted:
-        """Light of a point: its intensity in a direction that is even in the cone."""
+        """Sample a direction uniformly in the cone of an emitter at a point."""
         cone = self._cone(emitter, active)
         p, size = mi.Point3f(*cone[:3]), cone[6]
-        height = u.x * size  # Even, and exact for narrow cones
+        height = u.x * size  # Uniform, and exact for narrow cones
         radius = dr.safe_sqrt(height * (2 - height))
         sine, cosine = dr.sincos(2 * dr.pi * u.y)
         local = mi.Vector3f(radius * cosine, radius * sine, 1 - height)
@@ -173,16 +185,18 @@ class Emission:
         )
 
     def _from_shape(self, emitter, u_point, u, like, active) -> Emitted:
-        """Light of a surface."""
-        shape = emitter.get_shape()
+        """Sample a point uniformly on a surface, and a cosine-distributed direction."""
+        # Sample position and direction
         ps = self._point_on(emitter, like.time, u_point, active)
         local = mi.warp.square_to_cosine_hemisphere(u)
-        si: Any = dr.zeros(mi.SurfaceInteraction3f, dr.width(u))
         n = mi.Normal3f(ps.n)
         if self.normals.exist:
             n, _ = self.normals.at(emitter, like.time, u_point, ps.n, active)
             active &= dr.dot(ps.n, mi.Frame3f(n).to_world(local)) > 0  # Else it is dark there
-        si.p, si.n, si.uv, si.shape = ps.p, n, ps.uv, shape
+
+        # Evaluate the radiance
+        si = dr.zeros(mi.SurfaceInteraction3f, dr.width(u))
+        si.p, si.n, si.uv, si.shape = ps.p, n, ps.uv, emitter.get_shape()
         si.sh_frame, si.wi = mi.Frame3f(n), local
         si.time, si.wavelengths = like.time, like.wavelengths
         radiance = mi.unpolarized_spectrum(emitter.eval(si, active))
@@ -199,20 +213,20 @@ class Emission:
             active=mi.Bool(active),
         )
 
-    def _point_on(self, emitter, time, u, active) -> Any:
-        """A point of the shape of an emitter, even in area.
+    def _point_on(self, emitter, time, u, active) -> mi.PositionSample3f:
+        """Sample a point uniformly on an emitter's shape.
 
-        A call by pointer would ask all living shapes, of which instances know no points. The
-        emitter itself prefers bright parts of a texture, which no other strategy knows of.
+        A call by pointer would compile that of all living shapes, and instances cannot be sampled.
+        The emitter's own method prefers bright parts of a texture, unlike all other strategies.
         """
-        ways = [each.sample_position for each in self.shapes]
-        if len(ways) == 1:
-            return ways[0](time, u, active)
-        which = dr.gather(mi.UInt32, self.among_shapes, number_of(emitter), active)
-        return dr.switch(which, ways, time, u, active)
+        sample = [each.sample_position for each in self.shapes]
+        if len(sample) == 1:
+            return sample[0](time, u, active)
+        which = dr.gather(mi.UInt32, self.shape_index, number_of(emitter), active)
+        return dr.switch(which, sample, time, u, active)
 
     def _from_beam(self, emitter, u_point, u, like, active) -> Emitted:
-        """Light of a surface that sends all of it along its normal."""
+        """Sample a point on a surface that emits along its normal."""
         ray, weight = emitter.sample_ray(like.time, mi.Float(0), u_point, u, active)
         return Emitted(
             ray=ray,
@@ -227,8 +241,8 @@ class Emission:
             active=mi.Bool(active),
         )
 
-    def _from_afar(self, emitter, u_point, u, like, active) -> Emitted:
-        """Light from infinitely far away, through a disk that is as wide as the scene."""
+    def _from_distant(self, emitter, u_point, u, like, active) -> Emitted:
+        """Sample a direction of a distant emitter, and a point of a disk across the scene."""
         sphere = self.sphere
         at = _interaction(sphere.centre, like)
         ds, radiance = emitter.sample_direction(at, u, active)
@@ -250,7 +264,9 @@ class Emission:
 
     # -------------------------------------------------------------------------- densities
 
-    def ratio(self, emitter: Any, ds: Any, pdf: mi.Float, distance: mi.Float) -> mi.Float:
+    def ratio(
+        self, emitter: mi.EmitterPtr, ds: mi.DirectionSample3f, pdf: mi.Float, distance: mi.Float
+    ) -> mi.Float:
         """Return the density of a connection to an emitter point over that of emission there.
 
         This is p_c / p_e times distance^2 where p_c is the density of the connection by area, and
@@ -271,18 +287,18 @@ class Emission:
             ratio = dr.select(here, solid_angle * distance * distance, ratio)
         if self.has_shapes:
             here = mi.has_flag(flags, mi.EmitterFlags.Surface)
-            chance = emitter.sampling_weight() / self.total
-            by_area = chance * dr.gather(mi.Float, self.by_area, number_of(emitter), here)
+            pmf = emitter.sampling_weight() / self.total
+            by_area = pmf * dr.gather(mi.Float, self.by_area, number_of(emitter), here)
             ratio = dr.select(here & (by_area > 0), dr.pi * pdf / by_area, ratio)
         if self.has_distant:
             here = mi.has_flag(flags, mi.EmitterFlags.Infinite)
             ratio = dr.select(here, self.cross_section, ratio)
-        if self.own is not None:
-            ratio *= dr.gather(mi.Float, self.rarer, number_of(emitter))
+        if self.distribution is not None:
+            ratio *= dr.gather(mi.Float, self.pmf_ratio, number_of(emitter))
         return ratio
 
     def density(
-        self, ref: mi.Interaction3f, ds: Any, pdf: mi.Float, distance: mi.Float
+        self, ref: mi.Interaction3f, ds: mi.DirectionSample3f, pdf: mi.Float, distance: mi.Float
     ) -> mi.Float:
         """Return the density of emission at a point that a ray from `ref` has hit.
 
@@ -290,24 +306,81 @@ class Emission:
         """
         ratio = self.ratio(ds.emitter, ds, pdf, distance)
         density = dr.select(ratio > 0, pdf / ratio, 0)
-        if self.own is not None:
+        if self.distribution is not None:
             row = number_of(ds.emitter)
-            alone = dr.gather(mi.Float, self.alone, row)
+            pmf = dr.gather(mi.Float, self.unweighted_pmf, row)
             surface = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.Surface)
             by_area = dr.gather(mi.Float, self.by_area, row, surface) * dr.inv_pi
             by_direction = ds.emitter.pdf_direction(ref, ds, ~surface) / self.cross_section
-            only = alone * dr.select(surface, by_area, by_direction)
-            density = dr.select(alone > 0, only, density)
+            only = pmf * dr.select(surface, by_area, by_direction)
+            density = dr.select(pmf > 0, only, density)
         return density
 
-    def _cone(self, emitter: Any, active: mi.Bool) -> list[mi.Float]:
-        """Apex, axis and height of an emitter's cone."""
+    def _cone(self, emitter: mi.EmitterPtr, active: mi.Bool) -> list[mi.Float]:
+        """Return apex, axis and height of an emitter's cone."""
         row = number_of(emitter) * 7
         return [dr.gather(mi.Float, self.cones, row + k, active) for k in range(7)]
 
 
-def _interaction(p: mi.Point3f, like: mi.Ray3f) -> Any:
-    """A point of the wavelengths and the time of a ray."""
-    at: Any = dr.zeros(mi.Interaction3f, dr.width(p))
+def _interaction(p: mi.Point3f, like: mi.Ray3f) -> mi.Interaction3f:
+    """Return a point with the wavelengths and the time of a ray."""
+    at = dr.zeros(mi.Interaction3f, dr.width(p))
     at.p, at.time, at.wavelengths = mi.Point3f(p), like.time, like.wavelengths
     return at
+
+
+def _probabilities(
+    emitters: list[mi.Emitter],
+) -> tuple[mi.DiscreteDistribution | None, mi.Float, mi.Float]:
+    """Return the distribution over emitters, None if their weights alone are used.
+
+    Also two tables: the probability by weight over that of the distribution, and the latter where
+    the weight is 0.
+    """
+    weights = np.array([float(emitter.sampling_weight()) for emitter in emitters])
+    hit = [not mi.has_flag(emitter.flags(), mi.EmitterFlags.Delta) for emitter in emitters]
+    unsampled = (weights == 0) & hit
+    if not unsampled.any():
+        return None, mi.Float(1), mi.Float(0)
+    own = np.where(unsampled, weights.sum() / max(np.count_nonzero(weights), 1) or 1, weights)
+    ratio = own.sum() / (weights.sum() or 1) * (weights > 0)
+    tables = (table_of(emitters, v, np.float32) for v in (ratio, unsampled * own / own.sum()))
+    return mi.DiscreteDistribution(mi.Float(own)), *map(mi.Float, tables)
+
+
+def _cones(emitters: list[mi.Emitter]) -> mi.Float:
+    """Return the table of apex, axis and height (on the unit sphere) of the emitters' cones."""
+    rows = np.zeros((len(emitters), 7))
+    for row, emitter in zip(rows, emitters, strict=True):
+        if emitter.class_name() in CONES:
+            frame = np.array(emitter.world_transform().matrix, dtype=float).reshape(4, 4)
+            parameters = mi.traverse(emitter)
+            apex = parameters["position"] if "position" in parameters else frame[:3, 3]
+            axis = frame[:3, 2] / np.linalg.norm(frame[:3, 2])
+            row[:] = [*np.ravel(np.array(apex)), *axis, 1 - math.cos(_half_angle(emitter))]
+    return mi.Float(table_of(emitters, rows, np.float32).ravel())
+
+
+def _inverse_areas(emitters: list[mi.Emitter]) -> mi.Float:
+    """Return the table of 1 over the area of each area light [1/m²].
+
+    That is `pdf_position` of its shape, a call of which would compile that of all living shapes.
+    """
+    shapes = [emitter.get_shape() for emitter in emitters]
+    inverse = [0 if shape is None else 1 / float(shape.surface_area()[0]) for shape in shapes]
+    return mi.Float(table_of(emitters, inverse, np.float32))
+
+
+def _half_angle(emitter: mi.Emitter) -> float:
+    """Return the half angle of a point emitter's cone [rad]."""
+    if emitter.class_name() == "PointLight":
+        return math.pi
+    parameters = mi.traverse(emitter)
+    if emitter.class_name() == "SpotLight":
+        return math.radians(float(np.ravel(parameters["cutoff_angle"])[0]))
+    # A projector has its angle nowhere else; its image has the aspect ratio
+    wide = math.tan(math.radians(float(re.findall(r"x_fov = (\S+),", str(emitter))[0])) / 2)
+    height, width = (
+        parameters["irradiance.data"].shape[:2] if "irradiance.data" in parameters else (1, 1)
+    )
+    return math.atan(wide * math.hypot(1, height / width))

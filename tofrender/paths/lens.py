@@ -1,6 +1,6 @@
-"""The camera as what light arrives at: its lens, its importance, and where light lands on the film.
+"""The lens of a camera, its importance, and connections of points to it.
 
-Rays through points that are even on the film, whose window has the area A in the plane at distance
+Rays through uniform points of the film, whose window has the area A in the plane at distance
 1, have the solid-angle density
 
     p(ω) = 1 / (A cos³θ)            θ: angle between the ray and the axis
@@ -43,7 +43,7 @@ class Lens(Window):
         return self.density(d) / (dr.abs(dr.dot(d, self.axis)) * lens)
 
     def sample(self, sampler: mi.Sampler) -> mi.Point3f:
-        """A point on the lens, even in area; of a pinhole the only one, and no random number."""
+        """Sample a point uniformly on the lens; a pinhole has one, and draws no random number."""
         if not self.is_thin:
             return self.position
         disk = mi.warp.square_to_uniform_disk_concentric(sampler.next_2d()) * self.radius
@@ -59,15 +59,15 @@ class Lens(Window):
         offset = mi.Vector3f(lens - self.position) if self.is_thin else mi.Vector3f(0)
         crossing = offset + d * (self.focus / cos)
         x, y = self.plane(crossing) if self.is_thin else self.plane(d)
-        share = (mi.Point2f(x, y) - self.corner) / self.extent
+        uv = (mi.Point2f(x, y) - self.corner) / self.extent
         seen = (cos > 0) & (distant | ((depth >= self.near_clip) & (depth <= self.far_clip)))
-        seen &= dr.all((share >= 0) & (share < 1))
+        seen &= dr.all((uv >= 0) & (uv < 1))
         return Arrival(
             lens=mi.Point3f(lens),
             near=lens + d * (self.near_clip / cos),
             direction=-d,
             distance=distance,
             density=dr.select(seen, self.density(d), 0),
-            position=self.first + share * self.size,
+            position=self.first + uv * self.size,
             seen=seen,
         )

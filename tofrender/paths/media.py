@@ -19,34 +19,29 @@ al. 2014).
 from __future__ import annotations
 
 from copy import copy
-from typing import Any
+from dataclasses import replace
 
 import drjit as dr
 import mitsuba as mi
 
 from ..scenes.media import media_of
-from ..signals.polarisation import bsdf_to_world, intensity
+from ..signals.polarisation import bsdf_to_world, intensity, multiply_throughput
 from .flight import Flight, channel_probabilities, sample_channel, value_in
 from .phases import Phases, as_surface
-from .protocols import Scattering
-from .records import Connection, MediumPoint, Path, Vertex, extend
+from .protocols import Scattering, Space
+from .records import Connection, MediumPoint, Path, Vertex
 from .surfaces import Boundaries, lets_straight_through
 
-FARTHEST = 1e30
-"""Replaces infinite distances where they are multiplied [m]."""
+FARTHEST = 1e30  # replaces infinite distances where they are multiplied [m]
 
 
-class Media:
+class Media(Space):
     """Straight rays through homogeneous media and grids.
 
-    Args:
-        scene: The scene.
-        outside: The sensor's medium, None for vacuum.
-        beyond: The medium at infinity, where light may start.
-        hide_emitters: Whether a sensor looks through area lights behind boundaries, too.
-        straight: Whether connections pass surfaces with null transmission, as in Mitsuba's
-            `volpath`: panes, masks, polarisers.
-        index: Index of refraction around the sensor.
+    The medium is `outside` at the sensor and `beyond` at infinity, where light may start. With
+    `hide_emitters`, a sensor looks through area lights behind boundaries, too. With `straight`,
+    connections pass surfaces with null transmission, as in Mitsuba's `volpath`: panes, masks,
+    polarisers.
     """
 
     scatters = True
@@ -69,17 +64,9 @@ class Media:
         self.repeats = self.has_grids or self.has_boundaries
         self.hides = hide_emitters and any(shape.is_emitter() for shape in scene.shapes())
 
-    def with_phase_functions(
-        self,
-        surfaces: Scattering,
-        importance: bool = False,
-        both_ways: bool = False,
-        connects: bool = False,
-    ) -> Scattering:
+    def with_phase_functions(self, surfaces: Scattering, **options: bool) -> Scattering:
         """Return phase functions in media, with the given scattering on surfaces."""
-        if not self.media:
-            return surfaces
-        return Phases(surfaces, importance, both_ways, connects, self.media)
+        return Phases(surfaces, self.media, **options) if self.media else surfaces
 
     def medium_at_sensor(self, ray: mi.Ray3f) -> mi.MediumPtr:
         """Return the sensor's medium."""
@@ -103,7 +90,7 @@ class Media:
 
     def attached(self) -> Media:
         """Return the space with derivatives."""
-        from .attached_media import AttachedMedia
+        from .attached import AttachedMedia
 
         return AttachedMedia(self)
 
@@ -111,20 +98,19 @@ class Media:
         """Sample a scattering point, or find the next surface that is no index-matched boundary."""
         flight, weight = self.sample_flight(path, sampler)
         o, scattered = path.prev.p, flight.scattered
-        path = copy(path)
-        path.medium = flight.medium
-        path.β = extend(path.β, weight)
+        path = replace(path, medium=flight.medium, β=multiply_throughput(path.β, weight))
         si = flight.pi.compute_surface_interaction(
             flight.ray, mi.RayFlags.All, path.active & ~scattered
         )
         mei = medium_interaction(path.ray, dr.fma(path.ray.d, flight.distance, o), flight.medium)
-        point = as_surface(si, mei, scattered)
-        valid = scattered | si.is_valid()
+        point, valid = as_surface(si, mei, scattered), scattered | si.is_valid()
         return path, Vertex(point, dr.norm(point.p - o), valid, MediumPoint(mei, scattered))
 
     @dr.syntax
-    def sample_flight(self, path: Path, sampler: mi.Sampler) -> tuple[Flight, Any]:
-        """Sample free flights along the paths' rays; returns them and their throughput weights."""
+    def sample_flight(
+        self, path: Path, sampler: mi.Sampler
+    ) -> tuple[Flight, mi.UnpolarizedSpectrum]:
+        """Sample free flights along rays; returns them and their throughput weights."""
         # Choose a channel in proportion to throughput
         q, o = channel_probabilities(intensity(path.β)), path.prev.p
         channel = sample_channel(q, sampler.next_1d())
@@ -144,7 +130,7 @@ class Media:
         weight = flight.weight / dr.sum(q * flight.weight)
         return flight, dr.select(flight.scattered, weight * flight.albedo, weight)
 
-    def _intersect(self, flight: Flight, o: mi.Point3f, coherent: Any = False) -> Flight:
+    def _intersect(self, flight: Flight, o: mi.Point3f, coherent: mi.Bool | bool = False) -> Flight:
         """Find the next surface where it is not known."""
         flight = copy(flight)
         pi = self.scene.ray_intersect_preliminary(
@@ -177,9 +163,8 @@ class Media:
             real = collides & (sampler.next_1d() * majorant_c < value_in(mei.sigma_t, channel))
         σ = dr.select(real, mei.sigma_t, mei.sigma_n)
         flight.weight *= dr.select(collides, σ / value_in(σ, channel), 1)
-        flight.albedo = dr.select(
-            real & (mei.sigma_t > 0), mei.sigma_s / mei.sigma_t, flight.albedo
-        )
+        albedo = mei.sigma_s / mei.sigma_t
+        flight.albedo = dr.select(real & (mei.sigma_t > 0), albedo, flight.albedo)
         flight.scattered = real
         flight.distance = dr.select(collides, flight.distance + mei.t, flight.distance)
 
@@ -207,10 +192,7 @@ class Media:
     def _cross_boundary(
         self, flight: Flight, at_surface: mi.Bool, connects: bool = False
     ) -> tuple[Flight, mi.Bool]:
-        """Cross index-matched boundaries, and for connections surfaces with null transmission.
-
-        Returns the flight behind them, and the lanes that crossed.
-        """
+        """Cross boundaries, with `connects` also null transmission; returns flight and lanes."""
         at_surface &= flight.pi.is_valid()
         null_transmission = connects and self.straight
         flags = mi.RayFlags.All if null_transmission else mi.RayFlags.Minimal
@@ -223,17 +205,15 @@ class Media:
                 flight.weight *= dr.select(at_surface & transmits, factor, 1)
             else:
                 factor = bsdf_to_world(si, mi.Spectrum(factor), -si.wi, si.wi)
-                product = extend(flight.mueller, factor)
+                product = multiply_throughput(flight.mueller, factor)
                 flight.mueller = dr.select(at_surface & transmits, product, flight.mueller)
             crosses |= at_surface & transmits
         if self.hides:
             crosses |= at_surface & flight.passes_emitters & si.shape.is_emitter()
 
         # Update the current medium, and continue behind the surface
-        d = flight.ray.d
-        flight.medium = dr.select(
-            crosses & si.is_medium_transition(), si.target_medium(d), flight.medium
-        )
+        d, changes = flight.ray.d, crosses & si.is_medium_transition()
+        flight.medium = dr.select(changes, si.target_medium(d), flight.medium)
         flight.distance = dr.select(crosses, flight.end, flight.distance)
         # Offset along the ray, not along the normal: many boundaries would shift it sideways
         offset = dr.norm(si.spawn_ray(d).o - si.p)
@@ -245,13 +225,13 @@ class Media:
 
     def transmittance(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
-    ) -> Any:
+    ) -> mi.UnpolarizedSpectrum:
         """Estimate the transmittance of a connection; 0 where a surface blocks it."""
         return self.transmittance_and_medium(path, vertex, connection, sampler)[0]
 
     def transmittance_and_medium(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
-    ) -> tuple[Any, mi.MediumPtr]:
+    ) -> tuple[mi.UnpolarizedSpectrum, mi.MediumPtr]:
         """As `transmittance`, and the medium at the connection's end."""
         medium = self.medium_behind(path, vertex, connection.direction)
         o, length = vertex.si.p, connection.medium_length
@@ -261,7 +241,7 @@ class Media:
         length = dr.norm(connection.point - o) if length is None else length
         if self.straight and mi.is_polarized:
             flight.mueller = mi.Spectrum(1) + dr.zeros(mi.Float, dr.width(ray))
-        flight = self._fly_to(flight, o, length, sampler, mi.Bool(connection.unoccluded))
+        flight = self._fly_to(flight, o, length, sampler, connection.unoccluded)
         if flight.mueller is not None:
             connection.frame = flight.mueller
         return flight.weight, flight.medium
@@ -281,63 +261,49 @@ class Media:
         within, first, last = flight.medium.intersect_aabb(ray)
         here &= within & (distance >= first) & (distance <= last)
         σ_s, _, _ = flight.medium.get_scattering_coefficients(mei, here)
-        path = copy(path)
-        path.medium = flight.medium
-        path.β = extend(path.β, dr.select(here, flight.weight * σ_s, 0))
-        path.opl = dr.fma(path.η, distance, path.opl)
+        path = replace(
+            path,
+            medium=flight.medium,
+            β=multiply_throughput(path.β, dr.select(here, flight.weight * σ_s, 0)),
+            opl=dr.fma(path.η, distance, path.opl),
+        )
         point = as_surface(dr.zeros(mi.SurfaceInteraction3f, dr.width(mei)), mei, here)
         return path, Vertex(point, distance, here, MediumPoint(mei, here))
 
+    @dr.syntax
     def _fly_to(
         self,
         flight: Flight,
         o: mi.Point3f,
         length: mi.Float,
         sampler: mi.Sampler,
-        unoccluded: mi.Bool | None = None,
+        unoccluded: mi.Bool | bool = False,
     ) -> Flight:
-        """Estimate transmittance up to a length, 0 where a surface blocks it.
-
-        In `unoccluded` lanes only boundaries can be met.
-        """
-        unoccluded = mi.Bool(False) if unoccluded is None else unoccluded
+        """Estimate transmittance up to a length, 0 behind surfaces but in `unoccluded` lanes."""
+        unoccluded = mi.Bool(unoccluded)
         if self.has_boundaries:
-            return self._attenuate_through_boundaries(flight, o, length, sampler, unoccluded)
-        flight.needs_intersection &= ~unoccluded
-        tested = flight.needs_intersection
-        blocked = tested & self.scene.ray_test(flight.ray, tested)
-        flight.active &= ~blocked
-        flight.weight = dr.select(blocked, 0, flight.weight)
-        flight.end = mi.Float(length)
-        return self._attenuate_in_one_medium(flight, o, sampler)
-
-    @dr.syntax
-    def _attenuate_in_one_medium(
-        self, flight: Flight, o: mi.Point3f, sampler: mi.Sampler
-    ) -> Flight:
-        """Estimate transmittance up to the end of a flight that meets no surface."""
-        flight = self._attenuate(flight, o, sampler)
-        if self.has_grids:
             while flight.active:
+                flight = self._intersect(flight, o)
+                flight.end = dr.minimum(flight.end, length)
+                active = flight.active
                 flight = self._attenuate(flight, o, sampler)
-        return flight
-
-    @dr.syntax
-    def _attenuate_through_boundaries(
-        self, flight: Flight, o: mi.Point3f, length: mi.Float, sampler: mi.Sampler, unoccluded: Any
-    ) -> Flight:
-        """Estimate transmittance up to a length, through boundaries."""
-        while flight.active:
-            flight = self._intersect(flight, o)
-            flight.end = dr.minimum(flight.end, length)
-            active = flight.active
-            flight = self._attenuate(flight, o, sampler)
-            null = flight.active
-            at_surface = active & ~null & flight.pi.is_valid()
-            flight, crosses = self._cross_boundary(flight, at_surface, connects=True)
-            blocked = at_surface & ~crosses & ~unoccluded
+                null = flight.active
+                at_surface = active & ~null & flight.pi.is_valid()
+                flight, crosses = self._cross_boundary(flight, at_surface, connects=True)
+                blocked = at_surface & ~crosses & ~unoccluded
+                flight.weight = dr.select(blocked, 0, flight.weight)
+                flight.active = (null | crosses) & dr.any(flight.weight > 0)
+        else:
+            flight.needs_intersection &= ~unoccluded
+            tested = flight.needs_intersection
+            blocked = tested & self.scene.ray_test(flight.ray, tested)
+            flight.active &= ~blocked
             flight.weight = dr.select(blocked, 0, flight.weight)
-            flight.active = (null | crosses) & dr.any(flight.weight > 0)
+            flight.end = mi.Float(length)
+            flight = self._attenuate(flight, o, sampler)
+            if self.has_grids:
+                while flight.active:
+                    flight = self._attenuate(flight, o, sampler)
         return flight
 
     def _attenuate(self, flight: Flight, o: mi.Point3f, sampler: mi.Sampler) -> Flight:
@@ -375,7 +341,7 @@ def medium_interaction(
     ray: mi.Ray3f, p: mi.Point3f, medium: mi.MediumPtr
 ) -> mi.MediumInteraction3f:
     """Create the medium interaction at a point on a ray."""
-    mei: Any = dr.zeros(mi.MediumInteraction3f, dr.width(ray))
+    mei = dr.zeros(mi.MediumInteraction3f, dr.width(ray))
     mei.p, mei.t, mei.wi = p, dr.norm(p - ray.o), -ray.d
     mei.time, mei.wavelengths = ray.time, ray.wavelengths
     mei.sh_frame, mei.medium = mi.Frame3f(-ray.d), medium

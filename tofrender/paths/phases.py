@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
 
 import drjit as dr
 import mitsuba as mi
 
 from ..scenes.media import FLAKES, RAYLEIGH, has_flakes
 from ..signals.polarisation import depolarise, rayleigh
-from .protocols import Scattering
-from .records import BSDFEval, BSDFSample, Connection, MediumPoint, Path, Vertex
+from .protocols import Scattering, ScatteringWrapper
+from .records import BSDFEval, BSDFSample, Connection, MediumPoint, Vertex
 
 
 def stored_medium_point(si: mi.SurfaceInteraction3f, medium: mi.MediumPtr) -> MediumPoint:
     """Restore a point that was stored as `as_surface` returned it, with its medium."""
-    mei: Any = dr.zeros(mi.MediumInteraction3f, dr.width(medium))
+    mei = dr.zeros(mi.MediumInteraction3f, dr.width(medium))
     mei.p, mei.t, mei.wi, mei.sh_frame = si.p, si.t, si.wi, si.sh_frame
     mei.time, mei.wavelengths, mei.medium = si.time, si.wavelengths, medium
     return MediumPoint(mei, medium != None)  # noqa: E711 (a Dr.Jit mask)
@@ -26,32 +26,29 @@ def as_surface(
     si: mi.SurfaceInteraction3f, mei: mi.MediumInteraction3f, here: mi.Bool
 ) -> mi.SurfaceInteraction3f:
     """Merge surface and medium interactions; the latter have no shape and no normal."""
-    point: Any = dr.zeros(mi.SurfaceInteraction3f, dr.width(mei))
+    point = dr.zeros(mi.SurfaceInteraction3f, dr.width(mei))
     point.p, point.t, point.time, point.wavelengths = mei.p, mei.t, mei.time, mei.wavelengths
     point.wi, point.sh_frame = mei.wi, mei.sh_frame
     return dr.select(here, point, si)
 
 
-class Phases:
+class Phases(ScatteringWrapper):
     """Phase functions in media, and another scattering on surfaces.
 
-    Args:
-        surfaces: Scattering on surfaces.
-        importance: Whether paths come from the lights.
-        both_ways: Whether reverse densities are needed.
-        connects: Whether all media connect, whatever their `sample_emitters` says.
-        media: The media, of which some may polarise what they scatter.
+    With `importance`, paths come from lights; with `both_ways`, there are reverse densities; with
+    `connects`, all media connect, whatever their `sample_emitters` says.
     """
 
     def __init__(
         self,
         surfaces: Scattering,
+        media: Sequence[mi.Medium] = (),
         importance: bool = False,
         both_ways: bool = False,
         connects: bool = False,
-        media: Sequence[mi.Medium] = (),
     ) -> None:
-        self.surfaces, self.both_ways, self.connects = surfaces, both_ways, connects
+        super().__init__(surfaces)
+        self.both_ways, self.connects = both_ways, connects
         polarising = [m for m in media if m.phase_function().class_name() == RAYLEIGH]
         self.polarising = polarising if mi.is_polarized else []
         self.importance, flakes = importance, [m for m in media if has_flakes(m)]
@@ -65,22 +62,9 @@ class Phases:
         mode = mi.TransportMode.Importance if importance else mi.TransportMode.Radiance
         self.context = mi.PhaseFunctionContext(None, mode)
 
-    @property
-    def refracts(self) -> bool:
-        """Whether surfaces refract."""
-        return self.surfaces.refracts
-
-    def guide(self) -> Any:
-        """Return the guide of the surfaces' scattering."""
-        return self.surfaces.guide()
-
-    def complete_sample(self, path: Path, vertex: Vertex) -> Path:
-        """Complete the samples of surfaces."""
-        return self.surfaces.complete_sample(path, vertex)
-
     def smooth(self, vertex: Vertex) -> mi.Bool:
         """Return points of media with emitter sampling, and smooth surfaces."""
-        return self._connects(vertex) | self.surfaces.smooth(vertex)
+        return self._connects(vertex) | self.inner.smooth(vertex)
 
     def _connects(self, vertex: Vertex) -> mi.Bool:
         """Return points of media with emitter sampling."""
@@ -90,7 +74,7 @@ class Phases:
 
     def eval_pdf(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> BSDFEval:
         """Evaluate the phase function, or the BSDF."""
-        bsdf_eval = self.surfaces.eval_pdf(vertex, direction, active & ~vertex.medium_point.here)
+        bsdf_eval = self.inner.eval_pdf(vertex, direction, active & ~vertex.medium_point.here)
         return self._merge_phase_function(bsdf_eval, vertex, direction, active)
 
     def _merge_phase_function(
@@ -102,50 +86,49 @@ class Phases:
         f, pdf = phase.eval_pdf(self.context, mei, direction, active & here)
         pdf_reverse = bsdf_eval.pdf_reverse
         if self.both_ways:
-            pdf_reverse = dr.select(
-                here, self._pdf_reverse(mei, direction, active & here), pdf_reverse
-            )
-        return BSDFEval(
-            dr.select(here, self._scattered(f, mei, direction), bsdf_eval.f),
-            dr.select(here, pdf, bsdf_eval.pdf),
-            dr.select(here, 1, bsdf_eval.η),
-            pdf_reverse,
-        )
+            reverse = self._pdf_reverse(mei, direction, active & here)
+            pdf_reverse = dr.select(here, reverse, pdf_reverse)
+        f = dr.select(here, self._scattered(f, mei, direction), bsdf_eval.f)
+        pdf, η = dr.select(here, pdf, bsdf_eval.pdf), dr.select(here, 1, bsdf_eval.η)
+        return BSDFEval(f, pdf, η, pdf_reverse)
 
     def sample(
         self, vertex: Vertex, connection: Connection | None, sampler: mi.Sampler, active: mi.Bool
-    ) -> tuple[Any, BSDFSample]:
+    ) -> tuple[BSDFEval | None, BSDFSample]:
         """Sample the phase function or the BSDF, and evaluate a connection if there is one."""
         here, mei = vertex.medium_point.here, vertex.medium_point.mei
-        on_surface = None if connection is None else connection.masked(~here)
-        bsdf_eval, bsdf_sample = self.surfaces.sample(vertex, on_surface, sampler, active & ~here)
-        phase = mei.medium.phase_function()
+        on_surface = connection and replace(connection, active=connection.active & ~here)
+        bsdf_eval, bsdf_sample = self.inner.sample(vertex, on_surface, sampler, active & ~here)
         if connection is not None:
             bsdf_eval = self._merge_phase_function(
                 bsdf_eval, vertex, connection.direction, connection.active
             )
         xi, u = sampler.next_1d(), sampler.next_2d()
+
+        # Sample the phase function
         at = mei
         if self.flakes:
             at = mi.MediumInteraction3f(mei)
             at.sh_frame = _symmetric_frame(mei.wi)
-        wo, weight, pdf = phase.sample(self.context, at, xi, u, active & here)
+        wo, weight, pdf = mei.medium.phase_function().sample(self.context, at, xi, u, active & here)
         ray = dr.select(here, mei.spawn_ray(wo), bsdf_sample.ray)
         pdf_reverse = bsdf_sample.pdf_reverse
         if self.both_ways:
             pdf_reverse = dr.select(here, self._pdf_reverse(mei, wo, active & here), pdf_reverse)
-        return bsdf_eval, BSDFSample(
-            ray,
-            dr.select(here, self._scattered(weight, mei, wo), bsdf_sample.weight),
-            dr.select(here, pdf, bsdf_sample.pdf),
-            dr.select(here, 1, bsdf_sample.η),
-            dr.select(here, ~self._connects(vertex), bsdf_sample.specular),
-            bsdf_sample.guide,
-            pdf_reverse,
-            ~here & bsdf_sample.null,
+        return bsdf_eval, replace(
+            bsdf_sample,
+            ray=ray,
+            weight=dr.select(here, self._scattered(weight, mei, wo), bsdf_sample.weight),
+            pdf=dr.select(here, pdf, bsdf_sample.pdf),
+            η=dr.select(here, 1, bsdf_sample.η),
+            specular=dr.select(here, ~self._connects(vertex), bsdf_sample.specular),
+            pdf_reverse=pdf_reverse,
+            null=~here & bsdf_sample.null,
         )
 
-    def _scattered(self, f: Any, mei: mi.MediumInteraction3f, wo: mi.Vector3f) -> Any:
+    def _scattered(
+        self, f: mi.Spectrum, mei: mi.MediumInteraction3f, wo: mi.Vector3f
+    ) -> mi.Spectrum:
         """Return the Mueller matrix of scattering: a depolariser, or Rayleigh's."""
         factor = depolarise(f)
         comes, goes = (mei.wi, wo) if self.importance else (wo, mei.wi)

@@ -1,16 +1,14 @@
-"""Interfaces of the four parts of the path loop; the loop asks none of them what kind it is.
+"""Interfaces of the four parts of the path loop, which never looks at their types.
 
 | part | implementation | is |
 |---|---|---|
 | space | `space.Vacuum` | straight rays between surfaces |
 | | `media.Media` | straight rays through participating media |
 | endpoint | `endpoints.SceneLights` | the scene's emitters, by next-event estimation and hits |
-| | `endpoints.LightsStraightAhead` | the same, also behind panes and masks |
-| | `endpoints.EmitterHits` | the scene's emitters by hits alone |
-| | `endpoints.ConnectionsOnly` | the scene's emitters by next-event estimation alone |
+| | `endpoints.LightsStraightAhead` | `SceneLights`, also behind panes and masks |
+| | `endpoints.EmitterHits`, `ConnectionsOnly` | one of both techniques |
 | | `endpoints.OneSampleLights` | one-sample MIS of emitter and BSDF sampling |
-| | `endpoints.GatedLights` | emitter samples whose light arrives while a gate is open |
-| | `endpoints.GatedFog` | the same, also from points of media along the rays |
+| | `endpoints.GatedLights`, `GatedFog` | emitter samples that arrive while a gate is open |
 | | `endpoints.PointSource`, `endpoints.OpenSky` | a light that is not part of the scene |
 | | `endpoints.camera.Camera` | the lens, for paths from lights |
 | | `endpoints.light_paths.LightPaths` | the scene's emitters, and the vertices of a light path |
@@ -34,93 +32,79 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from copy import copy
-from typing import Any, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Generic, Protocol, Self, TypeVar
 
 import mitsuba as mi
 
 from ..films.contribution import Contribution
 from .records import BSDFEval, BSDFSample, Connection, Hit, Limits, Path, Vertex
 
+if TYPE_CHECKING:
+    from .endpoints.gated import EllipsoidalConnections
+
 H = TypeVar("H")
 
 
-class Space(Protocol):
-    """Finds vertices along rays, and what is lost on the way.
+class Space(ABC):
+    """Finds vertices along rays, and the transmittance of connections; by default without media."""
 
-    Attributes:
-        scatters: Whether vertices may be points of media.
-        index: Index of refraction around the sensor.
-    """
+    scatters: bool = False  # whether vertices may be points of media
 
-    scatters: bool
-    index: float
+    index: float  # index of refraction around the sensor
 
-    def with_phase_functions(
-        self,
-        surfaces: Scattering,
-        importance: bool = False,
-        both_ways: bool = False,
-        connects: bool = False,
-    ) -> Scattering:
-        """Extend the scattering of surfaces to the points of media.
-
-        Args:
-            surfaces: Scattering at surfaces.
-            importance: Whether paths come from lights.
-            both_ways: Whether reverse densities are needed.
-            connects: Whether all media connect, whatever their `sample_emitters` says.
-        """
-        ...
+    def with_phase_functions(self, surfaces: Scattering, **options: bool) -> Scattering:
+        """Extend the scattering of surfaces to the points of media; options as for `Phases`."""
+        return surfaces
 
     def attached(self) -> Space:
         """Return the space with derivatives of what it depends on."""
-        ...
+        return self
 
     def medium_at_sensor(self, ray: mi.Ray3f) -> mi.MediumPtr | None:
         """Return the current medium of rays that start at the sensor, None without media."""
-        ...
+        return None
 
     def medium_at(self, ray: mi.Ray3f) -> mi.MediumPtr | None:
         """Find the current medium of rays that start anywhere else, None without media."""
-        ...
+        return None
 
     def medium_behind(
         self, path: Path, vertex: Vertex, direction: mi.Vector3f
     ) -> mi.MediumPtr | None:
         """Return the current medium of a path that leaves a vertex in a direction."""
-        ...
+        return None
 
+    @abstractmethod
     def next_vertex(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
         """Intersect the path's ray; returns the path with its throughput, and the vertex."""
-        ...
 
+    @abstractmethod
     def transmittance(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
-    ) -> Any:
+    ) -> mi.Spectrum:
         """Estimate the transmittance of a connection, 0 where a surface blocks it."""
-        ...
 
     def transmittance_and_medium(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
-    ) -> tuple[Any, mi.MediumPtr | None]:
+    ) -> tuple[mi.Spectrum, mi.MediumPtr | None]:
         """As `transmittance`, and the medium at the connection's end."""
-        ...
+        return self.transmittance(path, vertex, connection, sampler), None
 
 
-class HistoryUpdates(Protocol[H]):
+class HistoryUpdates(ABC, Generic[H]):
     """Keeps what MIS weights need of a path's earlier vertices, in `Path.history`."""
 
+    @abstractmethod
     def start(self) -> H:
         """Create the history of a path without vertices."""
-        ...
 
     def at_vertex(self, path: Path[H], vertex: Vertex, active: mi.Bool) -> H:
         """Return the history after one more vertex."""
-        ...
+        return path.history
 
     def after_sample(self, path: Path[H], vertex: Vertex, bsdf_sample: BSDFSample) -> H:
         """Return the history after the BSDF sample at that vertex."""
-        ...
+        return path.history
 
 
 class FurtherConnections(Protocol):
@@ -128,7 +112,6 @@ class FurtherConnections(Protocol):
 
     def count(self, path: Path) -> mi.UInt32:
         """Return how many follow the first one."""
-        ...
 
     def sample(
         self,
@@ -140,52 +123,22 @@ class FurtherConnections(Protocol):
         active: mi.Bool,
     ) -> Connection:
         """Sample number `k` of those that follow the first one."""
-        ...
-
-
-class MediumConnections(Protocol):
-    """Connections of points of media along rays, in place of those where paths scatter."""
-
-    def prepare(self, path: Path, sampler: mi.Sampler, active: mi.Bool) -> Any:
-        """Sample an emitter point, and the path length by way of a point of a medium."""
-        ...
-
-    def sample_direction(
-        self, target: Any, sampler: mi.Sampler
-    ) -> tuple[Any, mi.Vector3f, mi.Float]:
-        """Sample a direction to find such a point in; returns target, direction, and density."""
-        ...
-
-    def connect(
-        self, path: Path, target: Any, sampler: mi.Sampler
-    ) -> tuple[Path, Vertex, Connection]:
-        """Find that point along the path's ray; returns the path up to it, and its connection."""
-        ...
 
 
 class Endpoint(ABC):
-    """What vertices connect to, and what rays run into: a light-sampling technique, or the lens.
+    """Light-sampling technique, or the lens: what vertices connect to, and what rays run into.
 
     By default a light that only connections find, and that no ray runs into.
-
-    Attributes:
-        connects: Whether there is next-event estimation at all.
-        finds_all: Whether connections find all light but that of delta lobes.
-        importance: Whether paths come from lights, and connections end on the sensor.
-        hide_emitters: Whether the sensor looks through area lights.
-        history: Keeps what MIS weights need of earlier vertices, None if nothing.
-        further: Connections beside the first one of a vertex, None if there are none.
-        in_media: Connections of points of media along rays, None if those connect where paths
-            scatter.
     """
 
-    connects: bool = True
-    finds_all: bool = True
-    importance: bool = False
-    hide_emitters: bool = False
-    history: HistoryUpdates | None = None
-    further: FurtherConnections | None = None
-    in_media: MediumConnections | None = None
+    connects: bool = True  # whether there is next-event estimation at all
+    finds_all: bool = True  # whether connections find all light but that of delta lobes
+    importance: bool = False  # whether paths come from lights, and connections end on the sensor
+    hide_emitters: bool = False  # whether the sensor looks through area lights
+    history: HistoryUpdates | None = None  # for MIS weights that need earlier vertices
+    further: FurtherConnections | None = None  # connections beside the first one of a vertex
+    # Connections of points of media along rays, None if those connect where paths scatter
+    in_media: EllipsoidalConnections | None = None
 
     @abstractmethod
     def connect(
@@ -194,7 +147,7 @@ class Endpoint(ABC):
         """Sample a connection from the vertex; `path` includes it, `path.prev` is before it."""
 
     def mis_weight(
-        self, path: Path, vertex: Vertex, connection: Any, bsdf_eval: BSDFEval
+        self, path: Path, vertex: Vertex, connection: Connection, bsdf_eval: BSDFEval
     ) -> mi.Float:
         """Return the MIS weight of a connection; 1 where nothing else finds the light."""
         return mi.Float(1)
@@ -221,35 +174,61 @@ class Endpoint(ABC):
         return self
 
 
-class Scattering(Protocol):
+class Scattering(ABC):
     """Samples and evaluates BSDFs and phase functions."""
 
-    @property
-    def refracts(self) -> bool:
-        """Whether the index of refraction may change along paths."""
-        ...
+    refracts: bool = False  # whether the index of refraction may change along paths
 
     def guide(self) -> mi.Float | None:
         """Return the path's guide before the first vertex, None without guiding."""
-        ...
+        return None
 
     def complete_sample(self, path: Path, vertex: Vertex) -> Path:
         """Complete throughput and density of the last sample, now that its next vertex is known."""
-        ...
+        return path
 
+    @abstractmethod
     def smooth(self, vertex: Vertex) -> mi.Bool:
         """Return lanes whose BSDF has more than delta lobes, so that connections find light."""
-        ...
 
+    @abstractmethod
     def eval_pdf(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> BSDFEval:
         """Evaluate BSDF or phase function for a direction."""
-        ...
 
+    def eval_connection(self, vertex: Vertex, connection: Connection | None) -> BSDFEval | None:
+        """Evaluate the direction of a connection, if there is one."""
+        if connection is None:
+            return None
+        return self.eval_pdf(vertex, connection.direction, connection.active)
+
+    @abstractmethod
     def sample(
         self, vertex: Vertex, connection: Connection | None, sampler: mi.Sampler, active: mi.Bool
-    ) -> tuple[Any, BSDFSample]:
+    ) -> tuple[BSDFEval | None, BSDFSample]:
         """Sample a direction, and evaluate that of a connection if there is one, else None."""
-        ...
+
+
+class ScatteringWrapper(Scattering):
+    """Scattering that extends an inner one, to which it delegates by default."""
+
+    def __init__(self, inner: Scattering) -> None:
+        self.inner, self.refracts = inner, inner.refracts
+
+    def guide(self) -> mi.Float | None:
+        """Delegate to the inner scattering."""
+        return self.inner.guide()
+
+    def complete_sample(self, path: Path, vertex: Vertex) -> Path:
+        """Delegate to the inner scattering."""
+        return self.inner.complete_sample(path, vertex)
+
+    def smooth(self, vertex: Vertex) -> mi.Bool:
+        """Delegate to the inner scattering."""
+        return self.inner.smooth(vertex)
+
+    def eval_pdf(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> BSDFEval:
+        """Delegate to the inner scattering."""
+        return self.inner.eval_pdf(vertex, direction, active)
 
 
 class Measurement(Protocol):
@@ -262,18 +241,10 @@ class Measurement(Protocol):
 
     def add(self, contribution: Contribution) -> None:
         """Add a contribution."""
-        ...
 
 
 class Parts:
-    """The parts of the path loop and its limits. No dataclass, so that the loop does not carry it.
-
-    Args:
-        space: Finds vertices.
-        endpoint: What vertices connect to.
-        scattering: How paths go on.
-        limits: Which contributions count.
-    """
+    """Parts of the path loop and its limits; no dataclass, so that the loop does not carry it."""
 
     def __init__(
         self, space: Space, endpoint: Endpoint, scattering: Scattering, limits: Limits

@@ -1,4 +1,4 @@
-"""Records of the path loop: paths, vertices, connections, BSDF samples, and limits.
+"""Records of the path loop: paths, vertices, connections, BSDF samples, and limits; lane memory.
 
 Masks that a loop carries are stored as integers, floats are all as wide as the loop: Dr.Jit could
 not differentiate the loop in reverse otherwise.
@@ -7,51 +7,49 @@ not differentiate the loop in reverse otherwise.
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import cache
 from typing import Any, Generic, TypeVar
 
 import drjit as dr
 import mitsuba as mi
 
-from ..signals.polarisation import multiply_throughput, unit_throughput
+from ..signals.polarisation import unit_throughput
 
-H = TypeVar("H")
-"""History that an endpoint keeps of a path."""
+H = TypeVar("H")  # history that an endpoint keeps of a path
+
+
+def _mask(flag: str, doc: str) -> property:
+    """Return a property for a mask that is stored as an integer."""
+
+    def read(path: Path) -> mi.Bool:
+        return getattr(path, flag) != 0
+
+    def write(path: Path, mask: mi.Bool) -> None:
+        setattr(path, flag, dr.select(mask, mi.UInt32(1), 0))
+
+    return property(read, write, doc=doc)
 
 
 @dataclass
 class Path(Generic[H]):
-    """A path up to its last vertex: the state of the loop.
+    """A path up to its last vertex: the state of the loop."""
 
-    Attributes:
-        ray: The ray to the next vertex.
-        depth: Number of vertices so far.
-        β: Path throughput, an `mi.UnpolarizedSpectrum`, in polarised variants a Mueller matrix
-            (`mi.Spectrum`); `extend` multiplies it.
-        η: Index of refraction around the ray; for paths from lights, relative to that around the
-            light.
-        opl: Optical path length up to the last vertex [m].
-        prev: The last vertex; at first the point that lengths are measured from.
-        pdf: Solid-angle density of the ray's direction [1/sr].
-        history: What the endpoint's MIS weights need of earlier vertices, None if nothing.
-        guide: Distance to the target that guiding has sent the ray to, see `guided`; else None.
-        medium: The current medium, null in vacuum; None in scenes without media.
-        not_finite: Number of contributions dropped because they were not finite.
-        active_flag, valid_ray_flag, specular_flag: Masks as integers, see the properties.
-    """
-
-    ray: mi.Ray3f
-    depth: mi.UInt32
-    β: Any
+    ray: mi.Ray3f  # the ray to the next vertex
+    depth: mi.UInt32  # number of vertices so far
+    # path throughput, a Mueller matrix in polarised variants; `extended` multiplies it
+    β: mi.Spectrum
+    # index of refraction around the ray; for paths from lights, relative to that around the light
     η: mi.Float
-    opl: mi.Float
-    prev: mi.Interaction3f
-    pdf: mi.Float
-    history: H
+    opl: mi.Float  # optical path length up to the last vertex [m]
+    prev: mi.Interaction3f  # the last vertex; at first the point that lengths are measured from
+    pdf: mi.Float  # solid-angle density of the ray's direction [1/sr]
+    history: H  # what the endpoint's MIS weights need of earlier vertices, None if nothing
+    # distance to the target that guiding has sent the ray to, see `guided`; else None
     guide: mi.Float | None
-    medium: mi.MediumPtr | None
-    not_finite: mi.UInt32
-    active_flag: mi.UInt32
+    medium: mi.MediumPtr | None  # the current medium, null in vacuum; None in scenes without media
+    not_finite: mi.UInt32  # number of contributions dropped because they were not finite
+    active_flag: mi.UInt32  # masks as integers, see the properties of the same names
     valid_ray_flag: mi.UInt32
     specular_flag: mi.UInt32
 
@@ -69,27 +67,19 @@ class Path(Generic[H]):
     ) -> Path[H]:
         """Create a path that has no vertex yet.
 
-        Args:
-            ray: The first ray.
-            origin: Point that lengths are measured from, e.g. on the lens; by default the ray's
-                origin.
-            active: Lanes that have a path.
-            history: As from the endpoint's `history.start()`.
-            guide: As from the scattering's `guide()`.
-            medium: As from the space's `medium_at_sensor(ray)` or `medium_at(ray)`.
-            frame: Mueller matrix into the sensor's frame, None for none.
-            η: Index of refraction around the ray, if it starts on the sensor.
+        Lengths are measured from `origin`, e.g. on the lens, by default the ray's origin. History,
+        guide and medium are as from `HistoryUpdates.start`, `Scattering.guide` and
+        `Space.medium_at`, `frame` is the Mueller matrix into the sensor's frame.
         """
-        lanes = dr.width(ray)
-        zero = dr.zeros(mi.Float, lanes)
+        zero, no = dr.zeros(mi.Float, dr.width(ray)), dr.zeros(mi.UInt32, dr.width(ray))
         ray = mi.Ray3f(ray)
         ray.o, ray.d = ray.o + zero, ray.d + zero
         ray.time, ray.maxt = ray.time + zero, ray.maxt + zero
-        prev = dr.zeros(mi.Interaction3f, lanes)
+        prev = dr.zeros(mi.Interaction3f, dr.width(ray))
         prev.p = mi.Point3f(ray.o if origin is None else origin) + zero
         return cls(
             ray=ray,
-            depth=dr.zeros(mi.UInt32, lanes),
+            depth=mi.UInt32(no),
             β=_widened(unit_throughput() if frame is None else frame, zero),
             η=η + zero,
             opl=mi.Float(zero),
@@ -98,50 +88,19 @@ class Path(Generic[H]):
             history=history,
             guide=guide,
             medium=medium,
-            not_finite=dr.zeros(mi.UInt32, lanes),
-            active_flag=dr.select(mi.Bool(active), mi.UInt32(1), dr.zeros(mi.UInt32, lanes)),
-            valid_ray_flag=dr.zeros(mi.UInt32, lanes),
-            specular_flag=1 + dr.zeros(mi.UInt32, lanes),
+            not_finite=mi.UInt32(no),
+            active_flag=dr.select(mi.Bool(active), mi.UInt32(1), no),
+            valid_ray_flag=mi.UInt32(no),
+            specular_flag=1 + no,
         )
 
-    @property
-    def active(self) -> mi.Bool:
-        """Lanes whose path goes on."""
-        return self.active_flag != 0
-
-    @active.setter
-    def active(self, mask: mi.Bool) -> None:
-        self.active_flag = dr.select(mask, mi.UInt32(1), 0)
-
-    @property
-    def valid_ray(self) -> mi.Bool:
-        """Lanes whose first ray met a surface."""
-        return self.valid_ray_flag != 0
-
-    @valid_ray.setter
-    def valid_ray(self, mask: mi.Bool) -> None:
-        self.valid_ray_flag = dr.select(mask, mi.UInt32(1), 0)
-
-    @property
-    def specular(self) -> mi.Bool:
-        """Lanes whose ray comes from a delta lobe or the sensor: no connection competes with it."""
-        return self.specular_flag != 0
-
-    @specular.setter
-    def specular(self, mask: mi.Bool) -> None:
-        self.specular_flag = dr.select(mask, mi.UInt32(1), 0)
+    active = _mask("active_flag", "lanes whose path goes on")
+    valid_ray = _mask("valid_ray_flag", "lanes whose first ray met a surface")
+    # No connection competes with such a ray
+    specular = _mask("specular_flag", "lanes whose ray comes from a delta lobe or the sensor")
 
 
-def extend(throughput: Any, factor: Any, importance: bool = False) -> Any:
-    """Multiply a path throughput by a factor (a BSDF value, a transmittance).
-
-    A path from the sensor puts new factors on the right, one from a light (`importance`) on the
-    left, which matters where they are Mueller matrices.
-    """
-    return multiply_throughput(throughput, factor, importance)
-
-
-def _widened(throughput: Any, zero: mi.Float) -> Any:
+def _widened(throughput: mi.Spectrum, zero: mi.Float) -> mi.Spectrum:
     """Broadcast a throughput to the width of the paths."""
     if not mi.is_polarized:
         return throughput + zero
@@ -150,15 +109,10 @@ def _widened(throughput: Any, zero: mi.Float) -> Any:
 
 @dataclass
 class MediumPoint:
-    """A point where a medium scatters: the `in_medium` of a vertex.
+    """A point where a medium scatters: the `in_medium` of a vertex."""
 
-    Attributes:
-        mei: The medium interaction.
-        here: Lanes whose vertex is such a point; the others are on surfaces.
-    """
-
-    mei: mi.MediumInteraction3f
-    here: mi.Bool
+    mei: mi.MediumInteraction3f  # the medium interaction
+    here: mi.Bool  # lanes whose vertex is such a point; the others are on surfaces
 
     @property
     def medium(self) -> mi.MediumPtr:
@@ -168,19 +122,13 @@ class MediumPoint:
 
 @dataclass
 class Vertex:
-    """A vertex of a path: where a ray ends.
+    """A vertex of a path: where a ray ends."""
 
-    Attributes:
-        si: The surface interaction; a point in a medium has no shape and no normal there.
-        length: Distance from the last vertex, point to point [m].
-        valid: Lanes that met a surface, or a point that scatters.
-        in_medium: The medium interaction, None in scenes without media.
-    """
-
+    # the surface interaction; a point in a medium has no shape and no normal there
     si: mi.SurfaceInteraction3f
-    length: mi.Float
-    valid: mi.Bool
-    in_medium: MediumPoint | None = None
+    length: mi.Float  # distance from the last vertex, point to point [m]
+    valid: mi.Bool  # lanes that met a surface, or a point that scatters
+    in_medium: MediumPoint | None = None  # the medium interaction, None in scenes without media
 
     @property
     def medium_point(self) -> MediumPoint:
@@ -196,21 +144,13 @@ class Vertex:
 
 @dataclass
 class Hit:
-    """Emission that a ray runs into.
+    """Emission that a ray runs into."""
 
-    Attributes:
-        radiance: Emitted radiance towards the last vertex.
-        pdf: Solid-angle density of next-event estimation for the same direction [1/sr].
-        length: Distance to where it was emitted [m].
-        active: Lanes in which it counts.
-        mis_weight: MIS weight against the other techniques that find the same light.
-    """
-
-    radiance: Any
-    pdf: mi.Float
-    length: mi.Float
-    active: mi.Bool
-    mis_weight: mi.Float
+    radiance: mi.UnpolarizedSpectrum  # emitted radiance towards the last vertex
+    pdf: mi.Float  # solid-angle density of next-event estimation for the same direction [1/sr]
+    length: mi.Float  # distance to where it was emitted [m]
+    active: mi.Bool  # lanes in which it counts
+    mis_weight: mi.Float  # MIS weight against the other techniques that find the same light
 
 
 @dataclass
@@ -218,31 +158,23 @@ class Connection:
     """A sample of next-event estimation, before visibility is known.
 
     Endpoints whose MIS weights need more than this return a subclass.
-
-    Attributes:
-        point: Where the connection ends [m].
-        direction: Unit vector from the vertex towards it, world space.
-        weight: Radiance over density.
-        pdf: Solid-angle density of `direction` [1/sr].
-        delta: Lanes whose light no ray can run into (point lights, lasers).
-        length: Geometric length of the connection, which may start beyond `point` [m].
-        active: Lanes in which there is a connection.
-        unoccluded: Lanes that need no shadow ray.
-        position: Position on the film where it arrives, if it ends on the sensor [pixels].
-        frame: Mueller matrix at the connection's end, None for none.
-        medium_length: Length over which media attenuate, if not the distance to `point` [m].
     """
 
-    point: mi.Point3f
-    direction: mi.Vector3f
-    weight: Any
-    pdf: mi.Float
-    delta: mi.Bool
-    length: mi.Float
-    active: mi.Bool
-    unoccluded: mi.Bool
+    point: mi.Point3f  # where the connection ends [m]
+    direction: mi.Vector3f  # unit vector from the vertex towards it, world space
+    weight: mi.Spectrum  # radiance over density
+    length: mi.Float  # geometric length of the connection, which may start beyond `point` [m]
+    active: mi.Bool  # lanes in which there is a connection
+    # solid-angle density of `direction` [1/sr]
+    pdf: mi.Float = field(default_factory=lambda: mi.Float(1))
+    # lanes whose light no ray can run into (point lights, lasers)
+    delta: mi.Bool = field(default_factory=lambda: mi.Bool(True))
+    # lanes that need no shadow ray
+    unoccluded: mi.Bool = field(default_factory=lambda: mi.Bool(False))
+    # position on the film where it arrives, if it ends on the sensor [pixels]
     position: mi.Point2f | None = None
-    frame: mi.Spectrum | None = None
+    frame: mi.Spectrum | None = None  # Mueller matrix at the connection's end, None for none
+    # length over which media attenuate, if not the distance to `point` [m]
     medium_length: mi.Float | None = None
 
     @classmethod
@@ -255,65 +187,34 @@ class Connection:
         medium_length: mi.Float | None = None,
     ) -> Connection:
         """Create a connection to a point of radiance 1, of which only the transmittance counts."""
-        return cls(
-            point=point,
-            direction=direction,
-            weight=mi.UnpolarizedSpectrum(1),
-            pdf=mi.Float(1),
-            delta=mi.Bool(True),
-            length=length,
-            active=mi.Bool(active),
-            unoccluded=mi.Bool(False),
-            medium_length=medium_length,
-        )
-
-    def masked(self, mask: mi.Bool) -> Connection:
-        """Copy the connection, active only where `mask` is set."""
-        other = copy(self)
-        other.active = self.active & mask
-        return other
+        weight, active = mi.UnpolarizedSpectrum(1), mi.Bool(active)
+        return cls(point, direction, weight, length, active, medium_length=medium_length)
 
 
 @dataclass
 class BSDFEval:
-    """BSDF or phase function evaluated for one direction.
+    """BSDF or phase function evaluated for one direction."""
 
-    Attributes:
-        f: BSDF times cosine, or phase function.
-        pdf: Solid-angle density with which the path would have gone there [1/sr].
-        η: Index of refraction on that side, relative to the path's side.
-        pdf_reverse: Density of the opposite way, from that direction to where the path came from
-            [1/sr]; None unless the scattering was asked for it.
-    """
-
-    f: Any
-    pdf: mi.Float
-    η: mi.Float
+    f: mi.Spectrum  # BSDF times cosine, or phase function
+    pdf: mi.Float  # solid-angle density with which the path would have gone there [1/sr]
+    η: mi.Float  # index of refraction on that side, relative to the path's side
+    # density of the opposite way, from that direction to where the path came from [1/sr]; None
+    # unless the scattering is `both_ways`
     pdf_reverse: mi.Float | None = None
 
 
 @dataclass
 class BSDFSample:
-    """Sampled direction in which a path goes on.
+    """Sampled direction in which a path goes on."""
 
-    Attributes:
-        ray: The next ray.
-        weight: BSDF times cosine over the density of the ray's direction.
-        pdf: That density [1/sr].
-        η: Index of refraction around the next ray, relative to that before.
-        specular: Lanes that sampled a delta lobe.
-        guide: New value of `Path.guide`.
-        pdf_reverse: As in `BSDFEval`.
-        null: Lanes that sampled a null lobe: the path goes straight through the surface.
-    """
-
-    ray: mi.Ray3f
-    weight: Any
-    pdf: mi.Float
-    η: mi.Float
-    specular: mi.Bool
-    guide: mi.Float | None = None
-    pdf_reverse: mi.Float | None = None
+    ray: mi.Ray3f  # the next ray
+    weight: mi.Spectrum  # BSDF times cosine over the density of the ray's direction
+    pdf: mi.Float  # that density [1/sr]
+    η: mi.Float  # index of refraction around the next ray, relative to that before
+    specular: mi.Bool  # lanes that sampled a delta lobe
+    guide: mi.Float | None = None  # new value of `Path.guide`
+    pdf_reverse: mi.Float | None = None  # as in `BSDFEval`
+    # lanes that sampled a null lobe: the path goes straight through the surface
     null: mi.Bool | bool = False
 
 
@@ -327,15 +228,15 @@ class Limits:
         max_opl: Optical path length beyond which no contribution counts [m], None if all do.
         camera_unwarp: Leave out the segment from the sensor to the first vertex.
         skip_first_hit: Drop emission at the first surface, which is sampled apart.
-        ignore_null: Null interactions are no vertices, as in Mitsuba's `volpath`: they change
-            neither depth nor MIS weights. Space and endpoint must be made for it.
+        ignore_null: Null interactions change neither depth nor MIS weights, as in Mitsuba's
+            `volpath`. Space and endpoint must be made for it.
     """
 
     def __init__(
         self,
         max_depth: int,
         rr_depth: int = 5,
-        max_opl: Any = None,
+        max_opl: mi.Float | float | None = None,
         camera_unwarp: bool = False,
         skip_first_hit: bool = False,
         ignore_null: bool = False,
@@ -359,3 +260,46 @@ class Limits:
     def iterations(self) -> int:
         """Bound on the rays of a path, -1 if there is none."""
         return self.max_depth if self.bounded and not self.ignore_null else -1
+
+
+def tape(example: Any, length: int) -> Any:
+    """Allocate memory for `length` records like an example.
+
+    It is on the stack of the thread that works on a lane, whatever the number of lanes.
+    """
+    return dr.alloc_local(_type(example), length)
+
+
+def packed(value: Any) -> Any:
+    """Convert a record to the type that `tape` stores: without fields that are None."""
+    if not is_dataclass(value):
+        return value
+    stored = _type(value)()
+    for name, each in _given(value):
+        setattr(stored, name, packed(each))
+    return stored
+
+
+def unpacked(stored: Any, example: Any) -> Any:
+    """Convert a stored record back, to one like the example."""
+    if not is_dataclass(example):
+        return dr.copy(stored)  # A step may change it in place
+    values = {name: unpacked(getattr(stored, name), each) for name, each in _given(example)}
+    return replace(example, **values)
+
+
+def _given(value: Any) -> list[tuple[str, Any]]:
+    pairs = [(field.name, getattr(value, field.name)) for field in fields(value)]
+    return [(name, each) for name, each in pairs if each is not None]
+
+
+def _type(value: Any) -> type:
+    """Return the type of a record with concrete types of fields, which lane memory needs."""
+    if not is_dataclass(value):
+        return type(value)
+    return _struct(type(value).__name__, tuple((name, _type(each)) for name, each in _given(value)))
+
+
+@cache
+def _struct(name: str, members: tuple[tuple[str, type], ...]) -> type:
+    return type(name, (), {"DRJIT_STRUCT": dict(members)})

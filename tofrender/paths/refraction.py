@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -11,46 +10,31 @@ import numpy as np
 
 from ..runtime import backend
 from ..scenes.media import CROSSINGS, LEAKS, PROBES, STEPS
-from .surfaces import materials, number_of, spawn_ray, transmits
+from .surfaces import bsdfs_in, has_lobes, materials, number_of, spawn_ray
 
 ROUGH = mi.BSDFFlags.GlossyTransmission
-WAYS = (ROUGH, mi.BSDFFlags.DeltaTransmission)
-DRAWS = 256
-"""Samples that look for the index of a material that transmits only part of its light."""
-
-RAYS = 4 * PROBES
-"""Straight rays that look what is around a sensor."""
+LOBES = (ROUGH, mi.BSDFFlags.DeltaTransmission)
+DRAWS = 256  # BSDF samples that find the index of a material which transmits only part of its light
+RAYS = 4 * PROBES  # straight rays that find the medium around a sensor
 
 
 class Glass:
-    """The glass of a scene, by default rough glass: a table of relative indices of materials.
+    """Table of relative indices of a scene's glass: of BSDFs with some lobes, by default rough.
 
-    Mitsuba tells an index with a sample only, and a mixture of materials may hide it from any one
-    sample. So the parts of each material are asked once, before the render.
-
-    Args:
-        scene: The scene.
-        index_of: Gives the relative index of a material.
-        ways: Ways of transmission that make a material glass.
-
-    Attributes:
-        exists: Whether there is any.
-
-    Raises:
-        ValueError: Rough glasses of different index share a surface, so that what lies behind it
-            has none; one line that names the material.
+    Mitsuba returns an index with a BSDF sample only, and a mixture of BSDFs may hide it from any
+    one sample. So the parts of each BSDF are sampled once, before the render.
     """
 
     def __init__(
         self,
         scene: mi.Scene,
-        index_of: Callable[[mi.BSDF], Any] | None = None,
-        ways: tuple[mi.BSDFFlags, ...] = (ROUGH,),
+        index_of: Callable[[mi.BSDF], float | mi.Float] | None = None,
+        lobes: tuple[mi.BSDFFlags, ...] = (ROUGH,),
     ) -> None:
         found = {
             int(number_of(mi.BSDFPtr(bsdf))[0]): (index_of or _index)(bsdf)
             for bsdf in dict.fromkeys(materials(scene))
-            if any(mi.has_flag(bsdf.flags(), way) for way in ways)
+            if any(mi.has_flag(bsdf.flags(), lobe) for lobe in lobes)
         }
         self.exists = bool(found)
         indices = [found.get(k, 1.0) for k in range(max(found, default=0) + 1)]
@@ -59,17 +43,17 @@ class Glass:
         dr.eval(self.table)
 
     def index_behind(
-        self, bsdf: Any, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
+        self, bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
     ) -> mi.Float:
-        """Index of refraction on the side that `wo` points to, over that on the side of `si.wi`."""
+        """Return the index on the side that `wo` points to, over that on the side of `si.wi`."""
         number = number_of(bsdf)
         crossing = active & (si.wi.z * wo.z < 0) & (number < dr.width(self.table))
         η = dr.gather(mi.Float, self.table, number, crossing)
         return dr.select(crossing, dr.select(si.wi.z > 0, η, dr.rcp(η)), 1)
 
 
-def _index(bsdf: mi.BSDF) -> Any:
-    """Index behind a rough material for light that comes along its normal, over that before it."""
+def _index(bsdf: mi.BSDF) -> float | mi.Float:
+    """Return the index behind a rough material over that before it."""
     parts = _parts(bsdf, ROUGH)
     tracked = [mi.traverse(part)["eta"] for part in parts if "eta" in mi.traverse(part)]
     if len(parts) == 1 and dr.grad_enabled(tracked):
@@ -84,33 +68,28 @@ def _index(bsdf: mi.BSDF) -> Any:
     return round(indices[0], 5)
 
 
-def _parts(bsdf: mi.BSDF, way: mi.BSDFFlags) -> list[mi.BSDF]:
-    """The materials that a material is made of which transmit light in a way."""
-    nodes = [node for node in mi.traverse(bsdf).hierarchy if isinstance(node, mi.BSDF)]
-    return [node for node in nodes if mi.has_flag(node.flags(), way) and not _mixes(node)]
+def _parts(bsdf: mi.BSDF, lobe: mi.BSDFFlags) -> list[mi.BSDF]:
+    """Return the plain BSDFs with a lobe that a BSDF is made of."""
+    single = [part for part in bsdfs_in(bsdf) if len(bsdfs_in(part)) == 1]
+    return [part for part in single if mi.has_flag(part.flags(), lobe)]
 
 
-def _indices(bsdf: mi.BSDF, way: mi.BSDFFlags) -> list[float]:
-    """The different indices of its parts."""
-    found = [_index_of_part(part, way) for part in _parts(bsdf, way)]
+def _indices(bsdf: mi.BSDF, lobe: mi.BSDFFlags) -> list[float]:
+    """Return the different indices of the parts of a BSDF."""
+    found = [_index_of_part(part, lobe) for part in _parts(bsdf, lobe)]
     return sorted({round(index, 5): index for index in found}.values())
 
 
-def _mixes(bsdf: mi.BSDF) -> bool:
-    """Whether a material is made of others."""
-    return sum(isinstance(node, mi.BSDF) for node in mi.traverse(bsdf).hierarchy) > 1
-
-
-def _index_of_part(bsdf: mi.BSDF, way: mi.BSDFFlags) -> float:
-    """The relative index of a single material, by samples along its normal."""
-    si: Any = dr.zeros(mi.SurfaceInteraction3f, DRAWS)
+def _index_of_part(bsdf: mi.BSDF, lobe: mi.BSDFFlags) -> float:
+    """Return the relative index of a plain BSDF, by samples along its normal."""
+    si = dr.zeros(mi.SurfaceInteraction3f, DRAWS)
     si.wi, si.n = mi.Vector3f(0, 0, 1), mi.Normal3f(0, 0, 1)
     si.sh_frame = mi.Frame3f(si.n)
-    ctx = mi.BSDFContext(mi.TransportMode.Radiance, int(way))
+    ctx = mi.BSDFContext(mi.TransportMode.Radiance, int(lobe))
     xi = (dr.arange(mi.Float, DRAWS) + 0.5) / DRAWS
     sample, _ = bsdf.sample(ctx, si, xi, mi.Point2f(0.5))
     through = (sample.wo.z < 0) & (sample.pdf > 0)
-    found: Any = dr.max(dr.select(through, sample.eta, 0))[0]
+    found = dr.max(dr.select(through, sample.eta, 0))[0]
     parameters = mi.traverse(bsdf)
     if found == 0 and "eta" in parameters:  # A texture lets no light through there
         found = parameters["eta"]
@@ -119,24 +98,27 @@ def _index_of_part(bsdf: mi.BSDF, way: mi.BSDFFlags) -> float:
 
 @backend.tracing_lock()
 def index_around(scene: mi.Scene, sensor: mi.Sensor) -> float:
-    """Index of refraction of what a sensor is in, 1 in vacuum and air.
+    """Return the index of refraction around a sensor, 1 in vacuum and air.
 
-    Materials tell ratios of indices only. Of all that lies where straight rays from the sensor end
-    that have passed glass, the thinnest is air.
-
-    Raises:
-        ValueError: A material of the scene has several indices, so that there is none; one line.
+    Materials have ratios of indices only. Of all media where straight rays from the sensor end, the
+    optically thinnest is air.
     """
-    if not transmits(scene, *WAYS):
+    if not has_lobes(scene, *LOBES):
         return 1.0
     backend.require_vectorised()
-    share = np.arange(1, RAYS + 1)[:, None] * STEPS % 1
-    film, out = (mi.Point2f(*map(mi.Float, share.T[k : k + 2])) for k in (0, 2))
-    ray: Any = mi.Ray3f(sensor.sample_ray(sensor.shutter_open(), 0.5, film, mi.Point2f(0.5))[0])
+
+    # Trace straight rays from the sensor in all directions, by a Kronecker sequence
+    u = np.arange(1, RAYS + 1)[:, None] * STEPS % 1
+    film, out = (mi.Point2f(*map(mi.Float, u.T[k : k + 2])) for k in (0, 2))
+    ray = mi.Ray3f(sensor.sample_ray(sensor.shutter_open(), 0.5, film, mi.Point2f(0.5))[0])
     ray.d, ray.maxt = mi.warp.square_to_uniform_sphere(out), mi.Float(dr.inf)
-    ends = np.array(_straight(scene, Glass(scene, _first_index, WAYS), ray), dtype=float)
-    kinds, counts = np.unique(ends.round(4), return_counts=True)
-    thinnest = min(kinds[counts > LEAKS], default=1.0)
+    ends = np.array(
+        _straight(scene, Glass(scene, lambda bsdf: _all_indices(bsdf)[0], LOBES), ray), dtype=float
+    )
+
+    # The thinnest medium that more than a few of them reach is air
+    found, counts = np.unique(ends.round(4), return_counts=True)
+    thinnest = min(found[counts > LEAKS], default=1.0)
     if thinnest >= 1:
         return 1.0
     index = 1 / ends[ends.round(4) == thinnest].mean()
@@ -151,7 +133,7 @@ def index_around(scene: mi.Scene, sensor: mi.Sensor) -> float:
 
 @dr.syntax
 def _straight(scene: mi.Scene, glass: Glass, ray: mi.Ray3f) -> mi.Float:
-    """Index where straight rays end, over that where they start."""
+    """Return the index where straight rays end, over that where they start."""
     index, crossed, active = mi.Float(1), mi.UInt32(0), dr.isfinite(ray.o.x)
     while active & (crossed < CROSSINGS):
         si = scene.ray_intersect(ray, active)
@@ -164,11 +146,6 @@ def _straight(scene: mi.Scene, glass: Glass, ray: mi.Ray3f) -> mi.Float:
     return index
 
 
-def _first_index(bsdf: mi.BSDF) -> float:
-    """The relative index of a material that transmits, or one of several."""
-    return _all_indices(bsdf)[0]
-
-
 def _all_indices(bsdf: mi.BSDF) -> list[float]:
-    """The relative indices of a material's parts, rough or smooth."""
-    return [index for way in WAYS for index in _indices(bsdf, way)]
+    """Return the relative indices of a BSDF's parts, rough or smooth."""
+    return [index for lobe in LOBES for index in _indices(bsdf, lobe)]

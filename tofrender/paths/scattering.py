@@ -1,28 +1,36 @@
-"""Scattering by the BSDFs of surfaces."""
+"""Scattering by the BSDFs of surfaces.
+
+**Derivatives of the choice between delta lobes**, such as reflection or refraction. A BSDF that
+chooses with the probability p weights its sample by f/p. A derivative needs that of f alone, as the
+choice itself stays. Mitsuba's BSDFs differ: some return a p with the derivative that they left in
+the weight, some have left it out of both. The weight times p over its value is right for all but
+masks, whose weight has the derivative of f and whose p has it again.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from functools import reduce
 
 import drjit as dr
 import mitsuba as mi
 
 from ..signals.polarisation import bsdf_to_world, intensity
-from .choices import Choices
-from .records import BSDFEval, BSDFSample, Connection, Path, Vertex
+from .protocols import Scattering
+from .records import BSDFEval, BSDFSample, Connection, Vertex
 from .refraction import Glass
-from .surfaces import spawn_ray, transmits
+from .surfaces import bsdfs_in, changing, has_lobes, materials, spawn_ray
+
+MASK, BLEND = "MaskBSDF", "BlendBSDF"
+# BSDFs that return p with its derivative, which a mask over them mixes with its own
+CHOOSERS = ("ThinDielectric", "SmoothPlastic", BLEND)
 
 
-class Materials:
+class Materials(Scattering):
     """The BSDF of each surface, or one for all.
 
-    Args:
-        scene: The scene.
-        material: BSDF of all surfaces; by default each has its own.
-        importance: Whether paths come from the lights: refraction then does not compress what they
-            carry, and shading normals count the other way round (Veach 1997, section 5.3).
-        both_ways: Whether reverse densities are needed.
+    With `importance`, paths come from lights: refraction then does not compress their throughput,
+    and shading normals have the adjoint correction (Veach 1997, section 5.3). With `both_ways`,
+    there are reverse densities.
     """
 
     def __init__(
@@ -37,19 +45,12 @@ class Materials:
         self.flux = mi.BSDFContext(mi.TransportMode.Importance)
         self.glass = Glass(scene) if material is None else None
         self.choices = Choices(scene) if material is None else None
-        clear = material is None and transmits(scene, mi.BSDFFlags.DeltaTransmission)
+        clear = material is None and has_lobes(scene, mi.BSDFFlags.DeltaTransmission)
         self.refracts = clear or (self.glass is not None and self.glass.exists)
 
-    def bsdf(self, vertex: Vertex) -> Any:
+    def bsdf(self, vertex: Vertex) -> mi.BSDFPtr:
         """Return the BSDF at a vertex."""
         return vertex.si.bsdf() if self.material is None else self.material
-
-    def guide(self) -> None:
-        """Return None: there is no guiding."""
-
-    def complete_sample(self, path: Path, vertex: Vertex) -> Path:
-        """Return the path unchanged: BSDF samples are complete."""
-        return path
 
     def smooth(self, vertex: Vertex) -> mi.Bool:
         """Return lanes whose BSDF has more than delta lobes."""
@@ -72,16 +73,14 @@ class Materials:
 
     def sample(
         self, vertex: Vertex, connection: Connection | None, sampler: mi.Sampler, active: mi.Bool
-    ) -> tuple[Any, BSDFSample]:
+    ) -> tuple[BSDFEval | None, BSDFSample]:
         """Sample the BSDF, and evaluate a connection if there is one."""
         si, bsdf, bsdf_eval = vertex.si, self.bsdf(vertex), None
         xi, u = sampler.next_1d(), sampler.next_2d()
+
+        # Sample the BSDF
         if self.importance:
-            bsdf_eval = (
-                None
-                if connection is None
-                else self.eval_pdf(vertex, connection.direction, connection.active)
-            )
+            bsdf_eval = self.eval_connection(vertex, connection)
             bs, weight = bsdf.sample(self.flux, si, xi, u, active)
         elif connection is None:
             bs, weight = bsdf.sample(self.radiance, si, xi, u, active)
@@ -93,15 +92,14 @@ class Materials:
             bsdf_eval = BSDFEval(f, pdf, η, self._pdf_reverse(bsdf, si, wo, connection.active))
         specular = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
         null = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Null)
+
+        # Weight the sample
         if self.importance:
             # A sample of weight 0 has failed: other samples find what its direction scatters
             smooth = active & ~specular & (bs.pdf > 0) & dr.any(intensity(weight) > 0)
             f, pdf_reverse = self._adjoint(bsdf, si, bs.wo, smooth)
-            weight = dr.select(
-                specular,
-                weight * _specular_adjoint(si, bs.wo, bs.eta),
-                dr.select(smooth, f / bs.pdf, 0),
-            )
+            delta = weight * _specular_adjoint(si, bs.wo, bs.eta)
+            weight = dr.select(specular, delta, dr.select(smooth, f / bs.pdf, 0))
             weight = bsdf_to_world(si, weight, si.wi, bs.wo)
         else:
             weight = bsdf_to_world(si, weight, bs.wo, si.wi)
@@ -109,37 +107,33 @@ class Materials:
                 weight *= self.choices.change(bsdf, bs.pdf, specular)
             pdf_reverse = self._pdf_reverse(bsdf, si, bs.wo, active & ~specular)
         ray = spawn_ray(si, si.to_world(bs.wo), specular)
-        bsdf_sample = BSDFSample(
+        return bsdf_eval, BSDFSample(
             ray, weight, bs.pdf, bs.eta, specular, pdf_reverse=pdf_reverse, null=null
         )
-        return bsdf_eval, bsdf_sample
 
     def _index_behind(
-        self, bsdf: Any, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
+        self, bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
     ) -> mi.Float:
-        """Index of refraction on the side of a direction, relative to that on the path's side."""
+        """Return the index on the side of a direction, relative to that on the path's side."""
         if self.glass is None or not self.glass.exists:
             return mi.Float(1)
         return self.glass.index_behind(bsdf, si, wo, active)
 
     def _pdf_reverse(
-        self, bsdf: Any, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
+        self, bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
     ) -> mi.Float | None:
-        """Reverse density of `wo`, if needed [1/sr]."""
+        """Return the reverse density of `wo`, if needed [1/sr]."""
         if not self.both_ways:
             return None
         return bsdf.pdf(self.radiance, _seen_from(si, wo), si.wi, active)
 
     def _adjoint(
-        self, bsdf: Any, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
-    ) -> tuple[Any, mi.Float]:
-        """Evaluate the adjoint BSDF times cosine, for paths from lights.
+        self, bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
+    ) -> tuple[mi.Spectrum, mi.Float]:
+        """Evaluate the adjoint BSDF times cosine, and the density of the camera path [1/sr].
 
-        A camera path comes from `wo` and goes on to `si.wi`. Its cosine is the shading normal's,
-        while light arrives at the surface, and leaves it, by the geometric one.
-
-        Returns:
-            The value, and the density of `si.wi` for that camera path [1/sr].
+        That path comes from `wo` and goes on to `si.wi`. Its cosine is the shading normal's, while
+        light arrives at the surface, and leaves it, by the geometric one.
         """
         f, pdf = bsdf.eval_pdf(self.radiance, _seen_from(si, wo), si.wi, active)
         falls, leaves = (dr.abs(dr.dot(si.n, si.to_world(w))) for w in (si.wi, wo))
@@ -164,3 +158,36 @@ def _specular_adjoint(si: mi.SurfaceInteraction3f, wo: mi.Vector3f, η: mi.Float
     falls, leaves = (dr.abs(dr.dot(si.n, si.to_world(w))) for w in (si.wi, wo))
     ratio = onto * leaves / (falls * off)
     return dr.select(straight, 1, dr.select((falls > 0) & (off > 0), ratio, 0))
+
+
+class Choices:
+    """Derivatives that the BSDFs of a scene leave out of their sample weights."""
+
+    def __init__(self, scene: mi.Scene) -> None:
+        kinds = {bsdf: [part.class_name() for part in bsdfs_in(bsdf)] for bsdf in materials(scene)}
+        self._whole = [bsdf for bsdf, parts in kinds.items() if MASK in parts]
+
+    def change(self, bsdf: mi.BSDFPtr, pdf: mi.Float, specular: mi.Bool) -> mi.Float:
+        """Return 1, with the derivative that a weight lacks."""
+        whole = reduce(lambda found, mask: found | (bsdf == mi.BSDFPtr(mask)), self._whole, False)
+        return dr.replace_grad(mi.Float(1), changing(pdf, specular & ~mi.Bool(whole)))
+
+
+def undifferentiated(bsdf: mi.BSDF) -> str:
+    """Name the part of a BSDF that has no derivatives, "" if there is none.
+
+    Example:
+        >>> pane = {"type": "thindielectric"}
+        >>> undifferentiated(mi.load_dict({"type": "mask", "opacity": 0.5, "pane": pane}))
+        'mask over a thindielectric, a plastic or a blendbsdf'
+        >>> undifferentiated(mi.load_dict(pane))
+        ''
+    """
+    single = [part for part in bsdfs_in(bsdf) if mi.has_flag(part.flags(), mi.BSDFFlags.Delta)]
+    kinds = [part.class_name() for part in single]
+    if MASK in kinds and any(kind in CHOOSERS for kind in kinds):
+        return "mask over a thindielectric, a plastic or a blendbsdf"
+    smooth = [mi.has_flag(part.flags(), mi.BSDFFlags.Smooth) for part in single]
+    if any(kind == BLEND and more for kind, more in zip(kinds, smooth, strict=True)):
+        return "blendbsdf of single directions and others"
+    return ""

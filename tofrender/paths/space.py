@@ -1,15 +1,15 @@
-"""Space without participating media."""
+"""Space without participating media, and transmittance between two points of any space."""
 
 from __future__ import annotations
 
 import drjit as dr
 import mitsuba as mi
 
-from .protocols import Scattering
+from .protocols import Space
 from .records import Connection, Path, Vertex
 
 
-class Vacuum:
+class Vacuum(Space):
     """Straight rays between surfaces; shadow rays are blocked or not.
 
     Args:
@@ -17,37 +17,13 @@ class Vacuum:
         index: Index of refraction around the sensor.
     """
 
-    scatters = False
-
     def __init__(self, scene: mi.Scene, index: float = 1.0) -> None:
         self.scene, self.index = scene, index
-
-    def with_phase_functions(
-        self,
-        surfaces: Scattering,
-        importance: bool = False,
-        both_ways: bool = False,
-        connects: bool = False,
-    ) -> Scattering:
-        """Return the scattering of surfaces unchanged."""
-        return surfaces
-
-    def attached(self) -> Vacuum:
-        """Return the space unchanged."""
-        return self
-
-    def medium_at_sensor(self, ray: mi.Ray3f) -> None:
-        """Return None: there are no media."""
-
-    medium_at = medium_at_sensor
-
-    def medium_behind(self, path: Path, vertex: Vertex, direction: mi.Vector3f) -> None:
-        """Return None: there are no media."""
 
     def next_vertex(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
         """Intersect the ray with the surfaces.
 
-        The length is taken from point to point, since rays start a little off the surface, and
+        The length is measured from point to point, since rays start a little off the surface, and
         camera rays at the near plane.
         """
         si = self.scene.ray_intersect(
@@ -63,8 +39,20 @@ class Vacuum:
         blocked = self.scene.ray_test(vertex.si.spawn_ray_to(connection.point), tested)
         return dr.select(tested & blocked, mi.Float(0), 1)
 
-    def transmittance_and_medium(
-        self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
-    ) -> tuple[mi.Float, None]:
-        """As `transmittance`, without a medium."""
-        return self.transmittance(path, vertex, connection, sampler), None
+
+def transmittance_between(
+    space: Space,
+    si: mi.SurfaceInteraction3f,
+    point: mi.Point3f,
+    sampler: mi.Sampler,
+    active: mi.Bool,
+    medium_length: mi.Float | None = None,
+) -> mi.Spectrum:
+    """Estimate the transmittance from a surface point to another point, 0 behind other surfaces.
+
+    A surface point without a normal has no offset; `medium_length` as in `Connection`.
+    """
+    ray = si.spawn_ray_to(point)
+    path = Path.start(ray, si.p, active, medium=space.medium_at(ray))
+    connection = Connection.to_point(point, ray.d, mi.Float(0), active, medium_length)
+    return space.transmittance(path, Vertex(si, mi.Float(0), mi.Bool(active)), connection, sampler)

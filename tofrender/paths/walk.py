@@ -1,21 +1,18 @@
 """The path loop, the only one of the package.
 
-`walk` traces paths and adds every contribution to a measurement. It knows how long each path is,
-and nothing of pulses, films or frequencies: what varies are the four parts of `protocols`.
+`walk` traces paths and adds every contribution to a measurement. It has path lengths, and no
+pulses, films or frequencies: what varies are the four parts of `protocols`.
 
-**Paths from lights** use the same loop. They start with an emitter's ray (`emission`), and their
-endpoint is the camera (`endpoints.camera`), whose connections end on the lens and say where on the
-film they arrive. Scattering is then adjoint (`Materials(importance=True)`), and Russian roulette
-leaves η² out, since importance is not compressed at refraction. `bidirectional_mis` weights the
-strategies of both ends.
+**Paths from lights** use the same loop. They start with an emission sample (`emission`), and their
+endpoint is the camera (`endpoints.camera`), whose connections end on the lens. Scattering is then
+adjoint (`Materials(importance=True)`), and Russian roulette leaves η² out, since importance is not
+compressed at refraction. `bidirectional_mis` weights the strategies of both ends.
 
-**Polarised light** makes the throughput a Mueller matrix, see `signals.polarisation`. `extend`
-multiplies it by `si.to_world_mueller` of BSDFs; Russian roulette and MIS weights use its first
-entry, and a contribution is a Stokes vector.
+**Polarised light** makes the throughput a Mueller matrix, see `signals.polarisation`. Russian
+roulette and MIS weights use its first entry, and a contribution is a Stokes vector.
 
-**Media** are a space: `next_vertex` may return a point that scatters, passes null collisions and
-index-matched boundaries without a vertex, and `transmittance` is a spectrum. Phase functions are a
-scattering that wraps another one.
+**Media** are a space: `next_vertex` may return a point that scatters, and `transmittance` is a
+spectrum. Phase functions are a scattering that wraps another one.
 
 **Gradients** differentiate `step`, one vertex at a time (`derivatives`). All parts are therefore
 pure: `step` returns a new path, and nothing is stored outside of it.
@@ -25,15 +22,18 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import drjit as dr
 import mitsuba as mi
 
 from ..films.contribution import Contribution
-from ..signals.polarisation import apply_throughput, intensity, summed
-from .protocols import FurtherConnections, Measurement, MediumConnections, Parts
-from .records import BSDFEval, Connection, Path, Vertex, extend
+from ..signals.polarisation import apply_throughput, intensity, multiply_throughput, summed
+from .protocols import FurtherConnections, Measurement, Parts
+from .records import BSDFEval, Connection, Path, Vertex
+
+if TYPE_CHECKING:
+    from .endpoints.gated import Ellipsoid, EllipsoidalConnections
 
 M = TypeVar("M", bound=Measurement)
 
@@ -43,17 +43,8 @@ def walk(sampler: mi.Sampler, path: Path, parts: Parts, measurement: M) -> tuple
     """Trace paths, and add all of their contributions to a measurement.
 
     Unidirectional path tracing with next-event estimation and multiple importance sampling. The
-    optical path length is the sum of index of refraction times point-to-point distance.
-
-    Args:
-        sampler: Random numbers; every vertex draws four, and what the parts draw.
-        path: Where paths start, see `Path.start`.
-        parts: Space, endpoint, scattering, and limits.
-        measurement: Accumulates contributions.
-
-    Returns:
-        The measurement, and the paths at their ends; `path.valid_ray` are the lanes whose first
-        ray met a surface.
+    optical path length is the sum of index of refraction times point-to-point distance. Returns the
+    measurement, and the paths at their ends.
     """
     while dr.hint(path.active, max_iterations=parts.limits.iterations, label="walk"):
         path = step(sampler, path, parts, measurement)
@@ -61,16 +52,9 @@ def walk(sampler: mi.Sampler, path: Path, parts: Parts, measurement: M) -> tuple
 
 
 def step(sampler: mi.Sampler, path: Path, parts: Parts, measurement: Measurement) -> Path:
-    """Extend paths by one vertex: find it, connect it, and sample the next ray.
-
-    Arguments as for `walk`. Returns the extended paths.
-    """
-    space, endpoint, scattering, limits = (
-        parts.space,
-        parts.endpoint,
-        parts.scattering,
-        parts.limits,
-    )
+    """Extend paths by one vertex: find it, connect it, and sample the next ray."""
+    space, endpoint = parts.space, parts.endpoint
+    scattering, limits = parts.scattering, parts.limits
     before, path = path, copy(path)
 
     # ------------------------- Find the next vertex -------------------------
@@ -132,7 +116,7 @@ def step(sampler: mi.Sampler, path: Path, parts: Parts, measurement: Measurement
         path.history = endpoint.history.after_sample(path, vertex, bsdf_sample)
     path.medium = space.medium_behind(path, vertex, bsdf_sample.ray.d)
     path.ray, path.guide = bsdf_sample.ray, bsdf_sample.guide
-    path.β = extend(path.β, bsdf_sample.weight, endpoint.importance)
+    path.β = multiply_throughput(path.β, bsdf_sample.weight, endpoint.importance)
     path.η *= bsdf_sample.η
     path.prev = mi.Interaction3f(vertex.si)
     path.pdf, path.specular = bsdf_sample.pdf, bsdf_sample.specular
@@ -165,10 +149,7 @@ def step(sampler: mi.Sampler, path: Path, parts: Parts, measurement: Measurement
 
 
 def add_emission(path: Path, vertex: Vertex, parts: Parts, measurement: Measurement) -> Path:
-    """Add emission at the next vertex, or from infinity, to a measurement.
-
-    Returns the path, with its length up to that vertex.
-    """
+    """Add emission at the next vertex, or from infinity; returns the path with its length."""
     path, limits = copy(path), parts.limits
     hit = parts.endpoint.hit(vertex, path)
     length = dr.select(path.depth == 0, 0, hit.length) if limits.camera_unwarp else hit.length
@@ -197,7 +178,7 @@ def _connect_further(
     while active & (k < count):
         connection = further.sample(k, first, vertex, path, sampler, active)
         _attenuate(connection, path, vertex, parts, sampler)
-        bsdf_eval = parts.scattering.eval_pdf(vertex, connection.direction, connection.active)
+        bsdf_eval = parts.scattering.eval_connection(vertex, connection)
         contribution = _contribution(connection, path, vertex, bsdf_eval, parts)
         not_finite += accumulate(measurement, contribution)
         k += 1
@@ -208,10 +189,10 @@ def _connect_medium(
     path: Path,
     active: mi.Bool,
     parts: Parts,
-    in_media: MediumConnections,
+    in_media: EllipsoidalConnections,
     measurement: Measurement,
     sampler: mi.Sampler,
-    target: Any = None,
+    target: Ellipsoid | None = None,
 ) -> mi.UInt32:
     """Connect a point of a medium along the path's ray; returns how many were not finite."""
     if parts.limits.bounded:
@@ -219,7 +200,7 @@ def _connect_medium(
     target = in_media.prepare(path, sampler, active) if target is None else target
     path, vertex, connection = in_media.connect(path, target, sampler)
     _attenuate(connection, path, vertex, parts, sampler)
-    bsdf_eval = parts.scattering.eval_pdf(vertex, connection.direction, connection.active)
+    bsdf_eval = parts.scattering.eval_connection(vertex, connection)
     contribution = _contribution(connection, path, vertex, bsdf_eval, parts, mis_weight=False)
     return accumulate(measurement, contribution)
 
@@ -229,7 +210,7 @@ def _connect_medium_around(
     vertex: Vertex,
     active: mi.Bool,
     parts: Parts,
-    in_media: MediumConnections,
+    in_media: EllipsoidalConnections,
     measurement: Measurement,
     sampler: mi.Sampler,
 ) -> mi.UInt32:
@@ -244,7 +225,7 @@ def _connect_medium_around(
     bsdf_eval = parts.scattering.eval_pdf(vertex, direction, target.active)
     around.medium = parts.space.medium_behind(path, vertex, direction)
     around.ray = vertex.si.spawn_ray(direction)
-    around.β = extend(path.β, bsdf_eval.f / pdf)
+    around.β = multiply_throughput(path.β, bsdf_eval.f / pdf)
     return _connect_medium(around, target.active, parts, in_media, measurement, sampler, target)
 
 
@@ -268,9 +249,9 @@ def _contribution(
     endpoint, throughput = parts.endpoint, path.β
     if mis_weight:
         throughput = throughput * endpoint.mis_weight(path, vertex, connection, bsdf_eval)
-    throughput = extend(throughput, bsdf_eval.f, endpoint.importance)
+    throughput = multiply_throughput(throughput, bsdf_eval.f, endpoint.importance)
     if connection.frame is not None:
-        throughput = extend(throughput, connection.frame, endpoint.importance)
+        throughput = multiply_throughput(throughput, connection.frame, endpoint.importance)
     spectrum = apply_throughput(throughput, connection.weight)
     η = path.η * bsdf_eval.η
     opl = dr.fma(η, connection.length, path.opl)

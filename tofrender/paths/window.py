@@ -7,7 +7,6 @@ the pixels which are sampled: of the crop, and of a filter's border if that is s
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -28,7 +27,7 @@ class Arrival:
         direction: Unit vector from the point to the lens.
         distance: Between point and lens [m].
         density: p(ω) of the camera's ray to the point [1/sr], 0 outside of the window.
-        position: Where it lands on the film [pixels].
+        position: Position on the film [pixels].
         seen: Whether the point is in the window, and between near and far clip.
     """
 
@@ -70,26 +69,29 @@ class Window:
                 f"sensor = {kind}: has no lens that light could be connected to; must be "
                 f"{' or '.join(KINDS.values())}"
             )
-        parameters: Any = mi.traverse(sensor)
-        film = sensor.film()
+        parameters = mi.traverse(sensor)
+
+        # Frame and position
         to_world = np.array(sensor.world_transform().matrix, dtype=float).reshape(4, 4)
         scale = float(np.linalg.norm(to_world[:3, 2]))
         frame = to_world[:3, :3] / np.linalg.norm(to_world[:3, :3], axis=0)
         self.right, self.up, self.axis = (mi.Vector3f(*frame[:, k].tolist()) for k in range(3))
         self.position = mi.Point3f(*to_world[:3, 3].tolist())
-        self.near_clip = mi.Float(float(np.ravel(parameters["near_clip"])[0]) * scale)
-        self.far_clip = mi.Float(float(np.ravel(parameters["far_clip"])[0]) * scale)
+
+        def depth(name: str) -> mi.Float:
+            return mi.Float(float(np.ravel(parameters[name])[0]) * scale)
+
+        # Clip planes, and lens
+        self.near_clip, self.far_clip = depth("near_clip"), depth("far_clip")
         self.is_thin = kind == "ThinLensCamera"
-        self.radius = self.focus = mi.Float(0)
-        if self.is_thin:
-            self.radius = mi.Float(float(np.ravel(parameters["aperture_radius"])[0]) * scale)
-            self.focus = mi.Float(float(np.ravel(parameters["focus_distance"])[0]) * scale)
-        self._find_window(sensor, film)
+        self.radius = depth("aperture_radius") if self.is_thin else mi.Float(0)
+        self.focus = depth("focus_distance") if self.is_thin else mi.Float(0)
+        self._find_window(sensor, sensor.film())
         dr.make_opaque(self.right, self.up, self.axis, self.position, self.near_clip)
         dr.make_opaque(self.far_clip, self.radius, self.focus, self.corner, self.extent)
 
     def _find_window(self, sensor: mi.Sensor, film: mi.Film) -> None:
-        """Corner and extent of the sampled film in the plane at distance 1, by rays through it."""
+        """Find corner and extent of the sampled film in the plane at distance 1, by its rays."""
         width, height = sampled_size(film)
         offset, crop = np.array(film.crop_offset(), float), np.array(film.crop_size(), float)
         border = film.rfilter().border_size() if film.sample_border() else 0
@@ -108,40 +110,23 @@ class Window:
         return dr.dot(d, self.right) / z, dr.dot(d, self.up) / z
 
     def pixels_of(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """First and last position on the film that sees something in a box [pixels].
+        """Return the first and the last position on the film that sees a box [pixels].
 
-        Args:
-            low: The box's least corner in world space [m].
-            high: The opposite one.
-
-        Returns:
-            Two arrays (x, y) that bound all its images; None if part of the box is not in front.
+        The box is between two corners in world space [m]; None if part of it is not in front.
         """
-        frame, position = (
-            np.array(each, dtype=float).reshape(3, -1)
-            for each in (
-                [np.ravel(axis) for axis in (self.right, self.up, self.axis)],
-                np.ravel(self.position),
-            )
-        )
+        frame = np.array([np.ravel(axis) for axis in (self.right, self.up, self.axis)], float)
+        position = np.array(self.position, float).reshape(3, 1)
         corners = np.array(np.meshgrid(*np.stack([low, high], axis=1))).reshape(3, 8)
         x, y, z = frame @ (corners - position)
         if z.min() <= np.ravel(self.near_clip)[0]:
             return None
         radius, focus = (float(np.ravel(each)[0]) for each in (self.radius, self.focus))
-        across = np.concatenate(
-            [
-                # Lens points at the edge, and where their rays cross the plane in focus
-                (lens + (np.stack([x, y]) - lens) * focus / z) / focus
-                for lens in (-radius, radius)
-            ]
-            if self.is_thin
-            else [np.stack([x, y]) / z],
-            axis=1,
-        )
-        corner, extent, first, size = (
-            np.ravel(each).reshape(2, 1)
-            for each in (self.corner, self.extent, self.first, self.size)
-        )
+        xy = np.stack([x, y])
+        across = xy / z
+        if self.is_thin:  # Rays of lens points at the edge, where they cross the plane in focus
+            crossings = [(lens + (xy - lens) * focus / z) / focus for lens in (-radius, radius)]
+            across = np.concatenate(crossings, axis=1)
+        window = self.corner, self.extent, self.first, self.size
+        corner, extent, first, size = (np.ravel(each).reshape(2, 1) for each in window)
         pixels = first + (across - corner) / extent * size
         return pixels.min(axis=1), pixels.max(axis=1)

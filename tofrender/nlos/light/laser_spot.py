@@ -10,8 +10,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ...paths.protocols import Endpoint
-from ...paths.records import BSDFSample, Connection, Path, Vertex
+from ...paths.protocols import Endpoint, HistoryUpdates
+from ...paths.records import Connection, Path, Vertex
 from ...paths.scattering import Materials
 from ...paths.surfaces import first_surface, is_on
 from ...runtime.backend import tracing_lock
@@ -53,7 +53,7 @@ def trace_beam(scan: Scan, ray: mi.Ray3f, power: Any, active: Any, origin: Any) 
     return Spot(si, power, distance, ray, origin)
 
 
-class LeftWall:
+class LeftWall(HistoryUpdates[mi.UInt32]):
     """History of paths: 1 if a vertex so far is off the relay wall, else 0."""
 
     def __init__(self, wall: list[mi.Shape]) -> None:
@@ -66,12 +66,6 @@ class LeftWall:
     def at_vertex(self, path: Path[mi.UInt32], vertex: Vertex, active: mi.Bool) -> mi.UInt32:
         """Return 1 if the vertex, or one before, is off the wall."""
         return dr.select(active & ~is_on(vertex.si, self.wall), mi.UInt32(1), path.history)
-
-    def after_sample(
-        self, path: Path[mi.UInt32], vertex: Vertex, bsdf_sample: BSDFSample
-    ) -> mi.UInt32:
-        """Return the history unchanged."""
-        return path.history
 
 
 def counted(scan: Scan, path: Path, bounces: mi.UInt32, active: mi.Bool) -> mi.Bool:
@@ -126,17 +120,11 @@ class LaserSpot(Endpoint):
         d = to_spot * dr.rsqrt(r2)
         f = spot.eval(-d, active)
         weight = spot.power * mi.unpolarized_spectrum(f) / r2
-        return Connection(
-            point=spot.si.p,
-            direction=d,
-            weight=dr.select(active, weight, 0),
-            pdf=mi.Float(1),
-            delta=mi.Bool(True),
-            length=dr.sqrt(r2) + spot.distance,
-            active=active & ~dr.all(weight == 0),
-            # Nothing blocks a path back to its previous vertex
-            unoccluded=dr.squared_norm(spot.si.p - path.prev.p) <= COINCIDENT * r2,
-        )
+        length, active = dr.sqrt(r2) + spot.distance, active & ~dr.all(weight == 0)
+        # Nothing blocks a path back to its previous vertex
+        unoccluded = dr.squared_norm(spot.si.p - path.prev.p) <= COINCIDENT * r2
+        weight = dr.select(active, weight, 0)
+        return Connection(spot.si.p, d, weight, length, active, unoccluded=unoccluded)
 
 
 @dataclass

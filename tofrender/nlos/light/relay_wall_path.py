@@ -13,10 +13,10 @@ import numpy as np
 
 from ...films.contribution import Contribution
 from ...integrators.transient_path import TransientPath
-from ...paths.between import transmittance_between
 from ...paths.guided import Guided, Targets
 from ...paths.records import Limits
 from ...paths.scattering import Materials
+from ...paths.space import transmittance_between
 from ...paths.surfaces import first_surface, is_boundary
 from ...runtime import checks
 from ..device.laser import position_of

@@ -7,20 +7,12 @@ direction's wavefront is plane, all of it starts at OPL 0, and no length is nega
 
 from __future__ import annotations
 
-from .gated import GatedLights
-from .gated_fog import GatedFog
-from .one_sample import OneSampleLights
-from .outside import OpenSky, PointSource
-from .scene_lights import ConnectionsOnly, EmitterHits, LightsStraightAhead, SceneLights
-
-__all__ = [
-    "ConnectionsOnly",
-    "EmitterHits",
-    "GatedFog",
-    "GatedLights",
-    "LightsStraightAhead",
-    "OneSampleLights",
-    "OpenSky",
-    "PointSource",
-    "SceneLights",
-]
+from .gated import GatedFog as GatedFog, GatedLights as GatedLights
+from .one_sample import OneSampleLights as OneSampleLights
+from .outside import OpenSky as OpenSky, PointSource as PointSource
+from .scene_lights import (
+    ConnectionsOnly as ConnectionsOnly,
+    EmitterHits as EmitterHits,
+    LightsStraightAhead as LightsStraightAhead,
+    SceneLights as SceneLights,
+)

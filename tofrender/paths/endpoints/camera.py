@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from functools import cache
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -15,87 +13,52 @@ from ..camera import behind_emitters
 from ..emission import Emission, Emitted
 from ..lens import Lens
 from ..phases import stored_medium_point
-from ..protocols import Endpoint, Scattering
-from ..records import BSDFEval, BSDFSample, Connection, Path, Vertex
+from ..protocols import Endpoint, HistoryUpdates, Scattering
+from ..records import BSDFEval, BSDFSample, Connection, Path, Vertex, packed, tape
 from ..window import Arrival
 
 
-@cache
-def stored_vertex_type(variant: str | None, in_media: bool) -> Any:
-    """Create the record of a stored vertex for a variant; lane memory needs concrete types.
+@dataclass
+class StoredVertex:
+    """A vertex of a path from a light."""
 
-    In media it has one field more.
-    """
+    si: mi.SurfaceInteraction3f
+    depth: mi.UInt32  # number of vertices before it
+    β: mi.Spectrum  # throughput, without the emission weight
+    η: mi.Float  # index of refraction before it, relative to that at the light
+    opl: mi.Float  # optical path length from the light [m]
+    a: mi.Float  # partial MIS sums of the path, see `PartialSums`
+    b: mi.Float
+    medium: mi.MediumPtr | None  # scatters there, null on surfaces; None in scenes without media
 
-    @dataclass
-    class StoredVertex:
-        """A vertex of a path from a light.
+    @classmethod
+    def allocate(cls, count: int, in_media: bool) -> dr.Local:
+        """Allocate lane memory for stored vertices."""
+        si, β, zero = dr.zeros(mi.SurfaceInteraction3f), dr.zeros(mi.Spectrum), mi.Float(0)
+        medium = dr.zeros(mi.MediumPtr) if in_media else None
+        return tape(cls(si, mi.UInt32(0), β, zero, zero, zero, zero, medium), count)
 
-        Attributes:
-            si: The surface interaction.
-            depth: Number of vertices before it.
-            β: Throughput, without the emission weight.
-            η: Index of refraction before it, relative to that at the light.
-            opl: Optical path length from the light [m].
-            a, b: The path's partial MIS sums.
-        """
-
-        si: mi.SurfaceInteraction3f
-        depth: mi.UInt32
-        β: mi.Spectrum
-        η: mi.Float
-        opl: mi.Float
-        a: mi.Float
-        b: mi.Float
-
-        def vertex(self, length: mi.Float, active: mi.Bool) -> Vertex:
-            """Return it as a vertex at the end of a ray."""
+    def vertex(self, length: mi.Float, active: mi.Bool) -> Vertex:
+        """Return it as a vertex at the end of a ray."""
+        if self.medium is None:
             return Vertex(self.si, length, active)
-
-    @dataclass
-    class StoredVertexInMedia(StoredVertex):
-        """A vertex in a scene with media.
-
-        Attributes:
-            medium: The medium that scatters there, null on surfaces.
-        """
-
-        medium: mi.MediumPtr
-
-        def vertex(self, length: mi.Float, active: mi.Bool) -> Vertex:
-            """Return it as a vertex at the end of a ray."""
-            medium = dr.select(active, self.medium, dr.zeros(mi.MediumPtr))
-            return Vertex(self.si, length, active, stored_medium_point(self.si, medium))
-
-    return StoredVertexInMedia if in_media else StoredVertex
+        medium = dr.select(active, self.medium, dr.zeros(mi.MediumPtr))
+        return Vertex(self.si, length, active, stored_medium_point(self.si, medium))
 
 
 @dataclass
 class LightPath:
-    """History of a path from a light.
+    """History of a path from a light."""
 
-    Attributes:
-        partial_sums: Partial MIS sums so far.
-        count: Number of stored vertices.
-        vertices: The stored vertices, in lane memory; None if none are.
-    """
-
-    partial_sums: PartialSums
-    count: mi.UInt32
-    vertices: Any
+    partial_sums: PartialSums  # partial MIS sums so far
+    count: mi.UInt32  # number of stored vertices
+    vertices: dr.Local | None  # the stored vertices, in lane memory
 
 
-class LightPathHistory:
+class LightPathHistory(HistoryUpdates[LightPath]):
     """Updates partial MIS sums of paths from lights, and stores vertices for camera paths.
 
-    Args:
-        scene: The scene.
-        emission: How light starts.
-        emitted: The emission samples of the paths.
-        scattering: Adjoint scattering.
-        mis: Which strategies count, and their weights.
-        capacity: Number of vertices that are stored.
-        in_media: Whether vertices may be points of media.
+    `capacity` is the number of stored vertices; with `in_media` they may be points of media.
     """
 
     def __init__(
@@ -114,12 +77,8 @@ class LightPathHistory:
 
     def start(self) -> LightPath:
         """Create the history of a path without vertices."""
-        vertices = None
-        if self.capacity:
-            vertices = dr.alloc_local(
-                stored_vertex_type(mi.variant(), self.in_media), self.capacity
-            )
-        return LightPath(self.mis.zero(), mi.UInt32(0), vertices)
+        vertices = StoredVertex.allocate(self.capacity, self.in_media) if self.capacity else None
+        return LightPath(PartialSums(mi.Float(0), mi.Float(0)), mi.UInt32(0), vertices)
 
     def at_vertex(self, path: Path[LightPath], vertex: Vertex, active: mi.Bool) -> LightPath:
         """Update the partial sums, and store the vertex if connections can find light there."""
@@ -127,53 +86,49 @@ class LightPathHistory:
         if not self.mis.exponent and not self.capacity:
             return history
         sums, count = self._partial_sums(path, vertex), history.count
-        if self.capacity:
+        if history.vertices is not None:
             store = active & self.scattering.smooth(vertex) & (count < self.capacity)
-            values = [vertex.si, path.depth, path.β, path.η, path.opl, sums.a, sums.b]
-            if self.in_media:
-                values.append(vertex.medium_point.medium)
-            index = dr.select(store, count, 0)
-            record = stored_vertex_type(mi.variant(), self.in_media)(*values)
-            history.vertices.write(record, index, store)
+            record = StoredVertex(
+                *(vertex.si, path.depth, path.β, path.η, path.opl, sums.a, sums.b),
+                vertex.medium_point.medium if self.in_media else None,
+            )
+            history.vertices.write(packed(record), dr.select(store, count, 0), store)
             count = count + dr.select(store, mi.UInt32(1), 0)
         return LightPath(sums, count, history.vertices)
 
     def _partial_sums(self, path: Path[LightPath], vertex: Vertex) -> PartialSums:
-        """Partial sums at a vertex; those of the first depend on the emission sample."""
+        """Return partial sums at a vertex; those of the first depend on the emission sample."""
         start, si, power = self.emitted, vertex.si, self.mis.power
         cos = vertex.cosine(path.ray.d)
         later = self.mis.at_vertex(path.history.partial_sums, path, vertex)
         first = path.depth == 0
-        ds: Any = dr.zeros(mi.DirectionSample3f, dr.width(path.depth))
+
+        # Density of next-event estimation from the first vertex to the point of emission
+        ds = dr.zeros(mi.DirectionSample3f, dr.width(path.depth))
         ds.p, ds.n, ds.uv, ds.emitter = start.origin, start.normal, start.uv, start.emitter
         ds.d, ds.dist = -start.ray.d, vertex.length
         pdf = self.scene.pdf_emitter_direction(si, ds, first & ~start.delta)
         ratio = self.emission.ratio(start.emitter, ds, pdf, vertex.length)
+
+        # Sums over the strategies that connect to it, or hit it
         inverse_cos = dr.select(cos > 0, dr.rcp(cos), 0)
         cannot_be_hit = start.delta | (not self.mis.hits)
         hit = dr.select(cannot_be_hit, 0, power(start.cos * inverse_cos / start.density))
-        return PartialSums(
-            dr.select(first, power(ratio * inverse_cos), later.a), dr.select(first, hit, later.b)
-        )
+        a = dr.select(first, power(ratio * inverse_cos), later.a)
+        return PartialSums(a, dr.select(first, hit, later.b))
 
-    def after_sample(
-        self, path: Path[LightPath], vertex: Vertex, bsdf_sample: BSDFSample
-    ) -> LightPath:
+    def after_sample(self, path: Path, vertex: Vertex, bsdf_sample: BSDFSample) -> LightPath:
         """Update the partial sums for the next segment."""
         history = path.history
         if not self.mis.exponent:
             return history
         sums = self.mis.after_sample(history.partial_sums, vertex, bsdf_sample)
-        return LightPath(sums, history.count, history.vertices)
+        return replace(history, partial_sums=sums)
 
 
 @dataclass
 class LensConnection(Connection):
-    """A connection to the lens.
-
-    Attributes:
-        lens_sample: The point on the lens, and the density of its camera ray.
-    """
+    """A connection to the lens."""
 
     lens_sample: Arrival = field(kw_only=True)
 
@@ -186,15 +141,8 @@ class Camera(Endpoint):
 
         1 / (A cos³θ d²)
 
-    Args:
-        scene: The scene.
-        lens: The lens.
-        emitted: The emission samples of the paths.
-        mis: Which strategies count, and their weights.
-        history: Updates the paths' histories.
-        connects: Whether vertices connect to the lens at all.
-        camera_unwarp: Whether the segment to the lens does not count in lengths.
-        hide_emitters: Whether the lens sees through area lights.
+    With `camera_unwarp`, the segment to the lens does not count in lengths; with `hide_emitters`,
+    the lens sees through area lights. Without `connects` there are no connections.
     """
 
     importance = True
@@ -227,15 +175,10 @@ class Camera(Endpoint):
             active &= ~si.shape.is_emitter()
             end = behind_emitters(self.scene, mi.Ray3f(end, -lens_sample.direction)).o
         light = self.emitted.weight * (lens_sample.density / dr.square(lens_sample.distance))
+        weight = dr.select(active, light, 0)
+        length = mi.Float(0) if self.camera_unwarp else lens_sample.distance
         return LensConnection(
-            point=end,
-            direction=lens_sample.direction,
-            weight=dr.select(active, light, 0),
-            pdf=lens_sample.density,
-            delta=mi.Bool(True),
-            length=mi.Float(0) if self.camera_unwarp else lens_sample.distance,
-            active=active,
-            unoccluded=mi.Bool(False),
+            *(end, lens_sample.direction, weight, length, active, lens_sample.density),
             position=lens_sample.position,
             frame=sensor_frame(self.lens.sensor, mi.Ray3f(si.p, -lens_sample.direction)),
             medium_length=lens_sample.distance,
@@ -253,11 +196,7 @@ class Camera(Endpoint):
         return lens_sample
 
     def mis_weight(
-        self,
-        path: Path[LightPath],
-        vertex: Vertex,
-        connection: LensConnection,
-        bsdf_eval: BSDFEval,
+        self, path: Path[LightPath], vertex: Vertex, connection: LensConnection, bsdf_eval: BSDFEval
     ) -> mi.Float:
         """Return the MIS weight of strategy (s, 1)."""
         x, lens_sample = mi.Float(0), connection.lens_sample

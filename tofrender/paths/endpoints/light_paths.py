@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass, field
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -13,64 +12,48 @@ from ...signals.polarisation import apply_light_path
 from ..bidirectional_mis import BidirectionalMIS, PartialSums
 from ..emission import Emission
 from ..lens import Lens
-from ..protocols import Scattering
+from ..protocols import HistoryUpdates, Scattering
 from ..records import BSDFEval, BSDFSample, Connection, Hit, Path, Vertex
-from .camera import LightPath
+from .camera import LightPath, StoredVertex
 from .emitters import EmitterEndpoint
 
 
 @dataclass
 class EmitterConnection(Connection):
-    """A connection to an emitter sample.
+    """A connection to an emitter sample."""
 
-    Attributes:
-        emission_ratio: Density of the connection over that of emission, see `Emission.ratio`.
-    """
-
+    # density of the connection over that of emission, see `Emission.ratio`
     emission_ratio: mi.Float = field(kw_only=True)
 
 
 @dataclass
 class VertexConnection(Connection):
-    """A connection to a stored vertex of a light path.
+    """A connection to a stored vertex of a light path."""
 
-    Attributes:
-        stored: The stored vertex.
-        vertex: The same as a vertex.
-        pdf_reverse: Density of the light path's way back at that vertex [1/sr].
-    """
-
-    stored: Any = field(kw_only=True)
+    stored: StoredVertex = field(kw_only=True)
     vertex: Vertex = field(kw_only=True)
+    # density with which the light path would have gone back from that vertex [1/sr]
     pdf_reverse: mi.Float = field(kw_only=True)
 
 
-class CameraPathHistory:
-    """Updates partial MIS sums of camera paths.
-
-    Args:
-        mis: Which strategies count, and their weights.
-        lens: The lens.
-        direction: Directions of the camera rays.
-    """
+class CameraPathHistory(HistoryUpdates[PartialSums]):
+    """Updates partial MIS sums of camera paths, whose rays start in some directions."""
 
     def __init__(self, mis: BidirectionalMIS, lens: Lens, direction: mi.Vector3f) -> None:
         self.mis, self.lens, self.direction = mis, lens, direction
 
     def start(self) -> PartialSums:
         """Return the partial sums of the lens."""
-        sums = self.mis.zero()
+        a = mi.Float(0)
         if self.mis.camera_connections and self.mis.exponent:
-            sums.a = dr.rcp(self.mis.power(self.lens.density(self.direction)))
-        return sums
+            a = dr.rcp(self.mis.power(self.lens.density(self.direction)))
+        return PartialSums(a, mi.Float(0))
 
     def at_vertex(self, path: Path[PartialSums], vertex: Vertex, active: mi.Bool) -> PartialSums:
         """Update the partial sums for the segment to a vertex."""
         return self.mis.at_vertex(path.history, path, vertex)
 
-    def after_sample(
-        self, path: Path[PartialSums], vertex: Vertex, bsdf_sample: BSDFSample
-    ) -> PartialSums:
+    def after_sample(self, path: Path, vertex: Vertex, bsdf_sample: BSDFSample) -> PartialSums:
         """Update the partial sums for the next segment."""
         if not self.mis.exponent:
             return path.history
@@ -78,23 +61,19 @@ class CameraPathHistory:
 
 
 class StoredVertices:
-    """Connections to the stored vertices of a light path.
+    """Connections to the stored vertices of a light path with some emission weight."""
 
-    Args:
-        light: The light path.
-        weight: Its emission weight.
-        adjoint: Adjoint scattering, at its vertices.
-        max_depth: Longest path in segments.
-    """
-
-    def __init__(self, light: LightPath, weight: Any, adjoint: Scattering, max_depth: int) -> None:
-        self.light, self.weight = light, weight
+    def __init__(
+        self, light: LightPath, weight: mi.UnpolarizedSpectrum, adjoint: Scattering, max_depth: int
+    ) -> None:
+        assert light.vertices is not None
+        self.stored, self.stored_count, self.weight = light.vertices, light.count, weight
         self.adjoint, self.max_depth = adjoint, max_depth
 
     def count(self, path: Path) -> mi.UInt32:
-        """Return the number of stored vertices that keep the path below its maximum depth."""
+        """Return the number of stored vertices that the path's maximum depth allows."""
         segments_left = mi.Int32(self.max_depth - 2) - mi.Int32(path.depth)
-        return dr.minimum(self.light.count, mi.UInt32(dr.maximum(segments_left, 0)))
+        return dr.minimum(self.stored_count, mi.UInt32(dr.maximum(segments_left, 0)))
 
     def sample(
         self,
@@ -106,11 +85,15 @@ class StoredVertices:
         active: mi.Bool,
     ) -> VertexConnection:
         """Connect to stored vertex number k."""
-        active = active & (k < self.light.count)
-        stored = self.light.vertices.read(dr.select(active, k, 0), active)
+        # Read the vertex
+        active = active & (k < self.stored_count)
+        record = self.stored.read(dr.select(active, k, 0), active)
+        stored = StoredVertex(**{"medium": None} | vars(record))
         # Lane memory that was never written has invalid pointers, which must not be called
         stored.si.shape = dr.select(active, stored.si.shape, dr.zeros(mi.ShapePtr))
         stored.si.instance = dr.select(active, stored.si.instance, dr.zeros(mi.ShapePtr))
+
+        # Connect to it, and evaluate the adjoint BSDF there
         to_vertex = stored.si.p - vertex.si.p
         d2 = dr.squared_norm(to_vertex)
         distance = dr.sqrt(d2)
@@ -119,15 +102,10 @@ class StoredVertices:
         there = stored.vertex(distance, active)
         bsdf_eval = self.adjoint.eval_pdf(there, -d, active)
         weight = apply_light_path(self.weight, stored.β, bsdf_eval.f) / d2
+        weight = dr.select(active, weight, 0)
+        length = distance + stored.opl / (stored.η * bsdf_eval.η)
         return VertexConnection(
-            point=stored.si.p,
-            direction=d,
-            weight=dr.select(active, weight, 0),
-            pdf=bsdf_eval.pdf,
-            delta=mi.Bool(True),
-            length=distance + stored.opl / (stored.η * bsdf_eval.η),
-            active=active,
-            unoccluded=mi.Bool(False),
+            *(stored.si.p, d, weight, length, active, bsdf_eval.pdf),
             stored=stored,
             vertex=there,
             pdf_reverse=bsdf_eval.pdf_reverse,
@@ -137,15 +115,7 @@ class StoredVertices:
 class LightPaths(EmitterEndpoint):
     """Emitters, and the stored vertices of a light path: all strategies with t > 1.
 
-    Args:
-        scene: The scene.
-        sensor: As in `SceneLights`.
-        lens: The sensor's lens.
-        emission: How light starts.
-        adjoint: Adjoint scattering, for light paths.
-        mis: Which strategies count, and their weights.
-        max_depth: Longest path in segments.
-        hide_emitters, discard_direct_light: As in `SceneLights`.
+    `adjoint` is the scattering of light paths; `options` as for `EmitterEndpoint`.
     """
 
     def __init__(
@@ -157,14 +127,15 @@ class LightPaths(EmitterEndpoint):
         adjoint: Scattering,
         mis: BidirectionalMIS,
         max_depth: int,
-        hide_emitters: bool = False,
-        discard_direct_light: bool = False,
+        *options: bool,
     ) -> None:
-        super().__init__(scene, sensor, hide_emitters, discard_direct_light)
+        super().__init__(scene, sensor, *options)
         self.lens, self.emission, self.mis = lens, emission, mis
         self.adjoint, self.max_depth = adjoint, max_depth
 
-    def for_paths(self, direction: mi.Vector3f, light: LightPath | None, weight: Any) -> LightPaths:
+    def for_paths(
+        self, direction: mi.Vector3f, light: LightPath | None, weight: mi.UnpolarizedSpectrum | None
+    ) -> LightPaths:
         """Return the endpoint for camera rays of some directions, and for their light paths."""
         other = copy(self)
         other.history = CameraPathHistory(self.mis, self.lens, direction)
@@ -176,28 +147,24 @@ class LightPaths(EmitterEndpoint):
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> EmitterConnection:
         """Sample an emitter, with the density of emission in the same direction."""
-        ds, weight = self.emitters.sample_direction(vertex, sampler.next_2d(), active)
+        ds, weight = self.sample_direction(vertex, sampler.next_2d(), active)
         ratio = mi.Float(0)
         if self.mis.exponent:
             ratio = self.emission.ratio(ds.emitter, ds, ds.pdf, ds.dist)
-        connection = self.emitters.connection(vertex, ds, weight, active)
+        connection = self.connection(vertex, ds, weight, active)
         return EmitterConnection(**vars(connection), emission_ratio=ratio)
 
     def hit_weight(self, path: Path[PartialSums], vertex: Vertex, hit: Hit) -> mi.Float:
         """Return the MIS weight of strategy (0, t)."""
         x, power = mi.Float(0), self.mis.power
         if self.mis.exponent:
-            ds = mi.DirectionSample3f(self.emitters.scene, si=vertex.si, ref=path.prev)
+            ds = mi.DirectionSample3f(self.scene, si=vertex.si, ref=path.prev)
             emitted = self.emission.density(path.prev, ds, hit.pdf, vertex.length)
             x = power(hit.pdf) * path.history.a + power(emitted) * path.history.b
         return self.mis.weight(x, 0, path.depth + 2)
 
     def mis_weight(
-        self,
-        path: Path[PartialSums],
-        vertex: Vertex,
-        connection: EmitterConnection | VertexConnection,
-        bsdf_eval: BSDFEval,
+        self, path: Path, vertex: Vertex, connection: Connection, bsdf_eval: BSDFEval
     ) -> mi.Float:
         """Return the MIS weight of strategy (1, t), or of a connection to a stored vertex."""
         mis, x = self.mis, mi.Float(0)
@@ -210,6 +177,8 @@ class LightPaths(EmitterEndpoint):
                     ratio = mis.power(bsdf_eval.pdf / connection.pdf)
                     x += dr.select(connection.delta, 0, ratio)
             return mis.weight(x, 1, path.depth + 2)
+
+        assert isinstance(connection, VertexConnection)
         stored = connection.stored
         if mis.exponent:
             d2 = dr.squared_norm(stored.si.p - vertex.si.p)

@@ -16,7 +16,7 @@ class OneSampleLights(EmitterEndpoint):
     Each is chosen half of the time, and the light that the ray finds is divided by the density of
     the mixture, (p_emitter + p_bsdf) / 2: the one-sample model with the balance heuristic (Veach
     1997, section 9.2.4). It is as good as `SceneLights` at the first surface with half the samples,
-    but has to trace another ray to go on. Arguments as for `SceneEmitters`.
+    but has to trace another ray to go on. Arguments as for `SceneLights`.
     """
 
     finds_all = True
@@ -31,18 +31,18 @@ class OneSampleLights(EmitterEndpoint):
         """Sample a direction from either technique, and the light that comes from there."""
         si = vertex.si
         to_light = sampler.next_1d() < 0.5
-        connection = self.emitters.sample(vertex, sampler.next_2d(), active & to_light)
+        connection = self.sample_emitter(vertex, sampler.next_2d(), active & to_light)
 
-        # Samples of delta lobes are left to the path itself
+        # The path itself follows samples of delta lobes
         ctx, bsdf = mi.BSDFContext(), si.bsdf()
         by_material = active & ~to_light
         bs, _ = bsdf.sample(ctx, si, sampler.next_1d(), sampler.next_2d(), by_material)
         by_material &= (bs.pdf > 0) & mi.has_flag(bs.sampled_type, mi.BSDFFlags.Smooth)
         ray = si.spawn_ray(si.to_world(bs.wo))
-        seen = first_surface(self.emitters.scene, ray, by_material)
+        seen = first_surface(self.scene, ray, by_material)
         ahead = Path.start(ray, si.p, by_material)
         ahead.depth = mi.UInt32(1)  # Not what the sensor sees directly
-        found = self.emitters.hit(Vertex(seen, dr.norm(seen.p - si.p), seen.is_valid()), ahead)
+        found = self.emitted_radiance(Vertex(seen, dr.norm(seen.p - si.p), seen.is_valid()), ahead)
 
         # Emitters that cannot be hit are found by emitter samples alone
         pdf_material = bsdf.pdf(ctx, si, si.to_local(connection.direction), connection.active)
@@ -54,7 +54,6 @@ class OneSampleLights(EmitterEndpoint):
             direction=dr.select(to_light, connection.direction, ray.d),
             weight=dr.select(pdf > 0, dr.select(to_light, by_light, found.radiance) / pdf, 0),
             pdf=pdf,
-            delta=mi.Bool(True),
             length=dr.select(to_light, connection.length, found.length),
             active=dr.select(to_light, connection.active, by_material),
             unoccluded=~to_light,

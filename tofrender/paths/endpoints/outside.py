@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 import mitsuba as mi
 
@@ -12,7 +10,7 @@ from ...sampling.warps import square_to_cosine_hemisphere, square_to_cosine_hemi
 from ...signals.illuminants import white
 from ..protocols import Endpoint
 from ..records import Connection, Path, Vertex
-from .wavefronts import Wavefronts
+from ..surfaces import Wavefronts
 
 
 class PointSource(Endpoint):
@@ -27,23 +25,15 @@ class PointSource(Endpoint):
     def __init__(self, scene: mi.Scene, emitter: mi.Emitter, hide_emitters: bool = False) -> None:
         checks.instance("scene", scene, mi.Scene, "a loaded scene")
         self.hide_emitters = checks.boolean("hide_emitters", hide_emitters)
-        self.emitter: Any = checks.instance("emitter", emitter, mi.Emitter, "an emitter")
+        self.emitter = checks.instance("emitter", emitter, mi.Emitter, "an emitter")
 
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
         """Return the only direction towards the light; draws no random number."""
         ds, weight = self.emitter.sample_direction(vertex.si, mi.Point2f(0.5), active)
-        return Connection(
-            point=ds.p,
-            direction=ds.d,
-            weight=mi.unpolarized_spectrum(weight),
-            pdf=ds.pdf,
-            delta=mi.Bool(True),
-            length=ds.dist,
-            active=mi.Bool(active),
-            unoccluded=mi.Bool(False),
-        )
+        weight = mi.unpolarized_spectrum(weight)
+        return Connection(ds.p, ds.d, weight, ds.dist, mi.Bool(active), ds.pdf)
 
 
 class OpenSky(Endpoint):
@@ -74,14 +64,7 @@ class OpenSky(Endpoint):
         local = square_to_cosine_hemisphere(sampler.next_2d())
         pdf = square_to_cosine_hemisphere_pdf(local)
         d = si.to_world(mi.Vector3f(local.x, local.y, dr.mulsign(local.z, si.wi.z)))
+        weight = dr.select(pdf > 0, white(si.wavelengths) / pdf, 0)
         length = self.sphere.length(si.p, d)
-        return Connection(
-            point=dr.fma(d, length + self.sphere.radius, si.p),  # Beyond all that could hide it
-            direction=d,
-            weight=dr.select(pdf > 0, white(si.wavelengths) / pdf, 0),
-            pdf=pdf,
-            delta=mi.Bool(True),
-            length=length,
-            active=active & (pdf > 0),
-            unoccluded=mi.Bool(False),
-        )
+        point = dr.fma(d, length + self.sphere.radius, si.p)  # Beyond all that could hide it
+        return Connection(point, d, weight, length, active & (pdf > 0), pdf)

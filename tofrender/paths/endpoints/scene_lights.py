@@ -4,41 +4,50 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass, field
-from typing import Self
+from typing import Any, Self
 
 import drjit as dr
 import mitsuba as mi
 
+from ...runtime import checks
+from ..protocols import HistoryUpdates
 from ..records import BSDFEval, BSDFSample, Connection, Hit, Path, Vertex
-from .emitters import EmitterEndpoint, SceneEmitters, power_heuristic
-from .light_points import LightPoints, checked_count, points_that_pay
+from ..surfaces import Wavefronts, has_lobes
+from .emitters import EmitterEndpoint, power_heuristic
+
+GOLDEN = 0.6180339887  # the golden ratio's fraction, whose multiples fill the unit interval evenly
+# Extents of the emitters in widths, and the number of samples that pays from there on
+BY_WIDTHS = ((20, 8), (5, 4))
+MOST = 64  # largest number of emitter samples of a vertex
 
 
 @dataclass
 class LatticeConnection(Connection):
-    """The first connection of a vertex, with the random shift of its lattice.
+    """The first connection of a vertex, with the random shift of its lattice."""
 
-    Attributes:
-        shift: The shift, in [0, 1)².
-    """
-
-    shift: mi.Point2f = field(kw_only=True)
+    shift: mi.Point2f = field(kw_only=True)  # the shift, in [0, 1)²
 
 
 class EmitterLattice:
     """Further emitter samples of a vertex, on a lattice that the first one has shifted.
 
-    Args:
-        emitters: The emitters.
-        points: The lattice.
+    Point k of n is shift + (k / n, k φ) modulo 1, with the golden ratio φ: a rank-1 lattice where n
+    is a Fibonacci number, and nearly one elsewhere. A path's first vertex has `first` points, all
+    further ones have half as many, rounded up: those matter less, and a path has more of them.
     """
 
-    def __init__(self, emitters: SceneEmitters, points: LightPoints) -> None:
-        self.emitters, self.points = emitters, points
+    def __init__(self, endpoint: EmitterEndpoint, first: int) -> None:
+        self.endpoint = endpoint
+        self.first, self.later = mi.UInt32(first), mi.UInt32((first + 1) // 2)
+        dr.make_opaque(self.first, self.later)  # One kernel for all numbers above 1
+
+    def size(self, depth: mi.UInt32) -> mi.UInt32:
+        """Return the number of samples of vertex number 0, 1, ... of a path."""
+        return dr.select(depth == 0, self.first, self.later)
 
     def count(self, path: Path) -> mi.UInt32:
         """Return the number of samples after the first."""
-        return self.points.count(path.depth) - 1
+        return self.size(path.depth) - 1
 
     def sample(
         self,
@@ -50,9 +59,9 @@ class EmitterLattice:
         active: mi.Bool,
     ) -> Connection:
         """Sample point number k + 1 of the lattice."""
-        return self.emitters.sample(
-            vertex, self.points.point(k + 1, path.depth, first.shift), active
-        )
+        number, size = mi.Float(k + 1), mi.Float(self.size(path.depth))
+        u = mi.Point2f(number / size, number * GOLDEN) + first.shift
+        return self.endpoint.sample_emitter(vertex, u - dr.floor(u), active)
 
 
 class SceneLights(EmitterEndpoint):
@@ -84,14 +93,14 @@ class SceneLights(EmitterEndpoint):
 
     def _set_count(self, count: int) -> None:
         """Set the number of emitter samples at a path's first vertex."""
-        self.further = EmitterLattice(self.emitters, LightPoints(count)) if count > 1 else None
+        self.further = EmitterLattice(self, count) if count > 1 else None
 
     def for_bin_width(self, width_opl: float) -> Self:
         """Return the endpoint with as many emitter samples as pay off, if they are "auto"."""
         if self.light_samples != "auto":
             return self
-        other, emitters = copy(self), self.emitters
-        other._set_count(points_that_pay(emitters.scene, width_opl, emitters.sphere))
+        other = copy(self)
+        other._set_count(points_that_pay(self.scene, width_opl, self.sphere))
         return other
 
     def connect(
@@ -99,14 +108,14 @@ class SceneLights(EmitterEndpoint):
     ) -> Connection:
         """Sample an emitter; if more samples follow, as the first of a lattice."""
         shift = sampler.next_2d()
-        connection = self.emitters.sample(vertex, shift, active)
+        connection = self.sample_emitter(vertex, shift, active)
         if self.further is None:
             return connection
         return LatticeConnection(**vars(connection), shift=shift)
 
     def _count(self, depth: mi.UInt32) -> mi.Float:
-        """Number of emitter samples at a vertex."""
-        return mi.Float(1) if self.further is None else mi.Float(self.further.points.count(depth))
+        """Return the number of emitter samples at a vertex."""
+        return mi.Float(1) if self.further is None else mi.Float(self.further.size(depth))
 
     def hit_weight(self, path: Path, vertex: Vertex, hit: Hit) -> mi.Float:
         """Return the power heuristic against emitter samples; 1 after delta lobes."""
@@ -140,31 +149,20 @@ class ConnectionsOnly(SceneLights):
     finds_all = True
 
 
-class LastScattering:
+class LastScattering(HistoryUpdates[mi.Interaction3f]):
     """History of paths that go straight through surfaces: the last vertex that scattered them."""
 
     def start(self) -> mi.Interaction3f:
         """Return a placeholder: the first ray comes from the sensor."""
         return dr.zeros(mi.Interaction3f)
 
-    def at_vertex(
-        self, path: Path[mi.Interaction3f], vertex: Vertex, active: mi.Bool
-    ) -> mi.Interaction3f:
-        """Return the history unchanged."""
-        return path.history
-
-    def after_sample(
-        self, path: Path[mi.Interaction3f], vertex: Vertex, bsdf_sample: BSDFSample
-    ) -> mi.Interaction3f:
+    def after_sample(self, path: Path, vertex: Vertex, bsdf_sample: BSDFSample) -> mi.Interaction3f:
         """Return the vertex, or the earlier one where the path goes straight on."""
         return dr.select(bsdf_sample.null, path.history, mi.Interaction3f(vertex.si))
 
 
 class LightsStraightAhead(SceneLights):
-    """`SceneLights` whose connections also go through surfaces that let light straight through.
-
-    For paths whose `Limits` have `ignore_null`.
-    """
+    """`SceneLights` with connections through panes and masks, for `Limits` with `ignore_null`."""
 
     history = LastScattering()
 
@@ -176,8 +174,7 @@ class LightsStraightAhead(SceneLights):
 class EmitterHits(EmitterEndpoint):
     """Emitters by hits alone, without next-event estimation.
 
-    Arguments as for `SceneEmitters`. Noisier than `SceneLights` by far with small lights, equal in
-    expectation, and blind to point lights.
+    Arguments as for `SceneLights`; noisier by far with small lights, and blind to point lights.
     """
 
     connects = False
@@ -185,13 +182,48 @@ class EmitterHits(EmitterEndpoint):
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
-        """Refuse: there are no connections.
-
-        Raises:
-            TypeError: Always.
-        """
-        raise TypeError("EmitterHits: makes no connections; must be asked for hits alone")
+        """Raise a TypeError: there are no connections."""
+        raise TypeError("EmitterHits: makes no connections; must be used for hits alone")
 
     def hit_weight(self, path: Path, vertex: Vertex, hit: Hit) -> mi.Float:
         """Return 1: nothing else finds the light."""
         return mi.Float(1)
+
+
+def checked_count(value: Any) -> str | int:
+    """Check a number of emitter samples, or "auto"."""
+    try:
+        is_auto = isinstance(value, str) and value == "auto"
+        return value if is_auto else checks.integer("", value, 1, MOST)
+    except ValueError:
+        raise ValueError(
+            f"light_samples = {checks.quote(value)}: must be 'auto' or an integer from 1 to {MOST}"
+        ) from None
+
+
+def points_that_pay(scene: mi.Scene, width_opl: float, sphere: Wavefronts | None) -> int:
+    """Return the number of emitter samples of a first vertex for time bins of a width [m].
+
+    Where emitters extend over many widths, light of one vertex falls into many bins, each of which
+    few connections reach: more samples make up for that. Mirrors and clear glass show an emitter by
+    hits, whose noise is far above that of connections.
+    """
+    if has_lobes(scene, mi.BSDFFlags.Delta):
+        return 1
+    widths = _extent(scene, sphere) / width_opl
+    return next((n for least, n in BY_WIDTHS if widths >= least), 1)
+
+
+def _extent(scene: mi.Scene, sphere: Wavefronts | None) -> float:
+    """Return the largest distance between points of emission [m]."""
+    emitters = scene.emitters()
+    if len(emitters) == 1 and mi.has_flag(emitters[0].flags(), mi.EmitterFlags.Delta):
+        return 0.0
+    if sphere is not None:
+        return 2 * float(sphere.radius[0])
+    whole = mi.ScalarBoundingBox3f()
+    for emitter in emitters:
+        box = mi.ScalarBoundingBox3f(emitter.bbox())
+        if box.valid():  # A projector has none
+            whole.expand(box)
+    return float(dr.norm(whole.extents())) if whole.valid() else 0.0
