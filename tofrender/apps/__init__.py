@@ -1,4 +1,4 @@
-"""What one looks at and touches: the explorer, the warp tester, pictures side by side."""
+"""Interactive applications: explorer, viewer, comparison, warp tester."""
 
 from ..runtime.lazy import attach_stub
 
