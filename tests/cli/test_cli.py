@@ -13,6 +13,7 @@ import numpy as np
 import OpenEXR
 import pytest
 import typer
+from helpers.films_in_parts import names
 
 import tofrender
 from tofrender.apps.warptest.engine import POINT_SETS
@@ -162,7 +163,6 @@ NUMBERS = {
 
 
 def test_bad_numbers_are_refused_before_anything_is_imported():
-    """Each in one line that names the option."""
     cases = [(c, o, text) for c in ALL_KINDS for o in ALL_KINDS[c] for text in BAD_NUMBERS]
     cases += [(c, o, text) for c in NUMBERS for o in NUMBERS[c] for text in ("nan", "\u0663")]
     cases += [("render", "--spp", "2.5"), ("verify", "--seeds", "1.0")]
@@ -181,7 +181,7 @@ for command, option, text in {cases!r}:
 
 def test_choices_are_those_there_are():
     """The command line names them without importing what has them."""
-    for names, there in (
+    for choices, there in (
         (settings.INTEGRATORS, INTEGRATORS),
         (settings.SAMPLERS, SAMPLERS),
         (cli_nlos.MODES, tofrender.nlos.MODES),
@@ -189,7 +189,7 @@ def test_choices_are_those_there_are():
         (cli_warp.WARPS, SUBJECTS),
         (cli_warp.POINT_SETS, POINT_SETS),
     ):
-        assert set(names) == set(there)
+        assert set(choices) == set(there)
 
 
 def test_help_says_types_ranges_and_defaults(capsys):
@@ -237,10 +237,6 @@ def test_failure_is_one_line_and_status_one(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("TOFRENDER_DEBUG", "1")
     with pytest.raises(RuntimeError):
         main(arguments)
-
-
-def names(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()}
 
 
 FRAMES = {f"frame_{k:04d}.exr" for k in range(20)} | {"steady.exr", "summary.png"}

@@ -14,10 +14,10 @@ from typing import Any, Union, get_args, get_origin, get_type_hints, is_typeddic
 
 import numpy as np
 import pytest
-from helpers.films_in_parts import in_small_steps, watch_steps
+from helpers.films_in_parts import in_small_steps, names, watch_steps
 from helpers.hidden_scenes import small_capture as captured
 from PIL import Image
-from test_cli import COMMAND, HEAVY, ROOT, TINY, _rest, done, imported_by, names, refused, run
+from test_cli import COMMAND, HEAVY, ROOT, TINY, _rest, done, imported_by, refused, run
 
 import tofrender
 from tofrender import io

@@ -441,7 +441,6 @@ def test_a_damaged_checkpoint(capsys, tmp_path, stopped):
 
 
 def test_without_checkpoints(capsys, tmp_path, monkeypatch):
-    """Nothing is kept, and no way to go on is promised."""
     out = tmp_path / "out"
     in_small_steps(monkeypatch, 2048)
     step, number = passes._step, count()

@@ -187,7 +187,6 @@ if __name__ == "__main__":
 
 @pytest.mark.parametrize("kind", ["zarr", "short", "errors"])
 def test_a_killed_run_goes_on(capsys, out, monkeypatch, whole, kind):
-    """After SIGKILL, the same command with --resume has the same files as one that was not."""
     options = {"zarr": ["--format", "zarr"], "errors": ["--format", "zarr", "--errors"]}
     arguments = ["render", "cornell_box", "--out", out, *TINY, *options.get(kind, [])]
     process = script(_KILLED, kind, *arguments, stdin=subprocess.PIPE)

@@ -12,14 +12,8 @@ from test_cli import run
 import tofrender
 
 XML = Path(__file__).parents[2] / "scenes" / "cornell_box.xml"
-OURS = {
-    "type": "transient_path",
-    "max_depth": 3,
-    "rr_depth": 1,
-    "hide_emitters": True,
-    "camera_unwarp": True,
-    "pulse_width_opl": 1.5,
-}
+OURS = {"type": "transient_path", "max_depth": 3, "rr_depth": 1, "pulse_width_opl": 1.5}
+OURS |= {"hide_emitters": True, "camera_unwarp": True}
 MITSUBAS = {"type": "path", "max_depth": 3, "hide_emitters": True}
 PIXELS, SPP = (8, 6), 16
 SETTINGS = ["--size", "8x6", "--spp", SPP]

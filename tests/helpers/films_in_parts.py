@@ -105,16 +105,10 @@ def names(folder: Path) -> set[str]:
 def script(code: str, *arguments: object, **options: Any) -> subprocess.Popen:
     """A Python process with its own group, that sees the tests' modules."""
     path = os.pathsep.join([str(ROOT), str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")])
-    return subprocess.Popen(
-        [sys.executable, "-c", code, *map(str, arguments)],
-        cwd=ROOT,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"PYTHONPATH": path} | options.pop("env", {}),
-        start_new_session=True,
-        **options,
-    )
+    options |= {"env": os.environ | {"PYTHONPATH": path} | options.get("env", {}), "cwd": ROOT}
+    options |= dict.fromkeys(("stdout", "stderr"), subprocess.PIPE)
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    return subprocess.Popen(command, text=True, start_new_session=True, **options)
 
 
 def end(process: subprocess.Popen, number: int = signal.SIGKILL) -> tuple[str, str]:

@@ -57,14 +57,11 @@ def _lamps() -> dict:
 
 
 PICTURE = np.linspace(0.1, 2.0, 8 * 16 * 3).reshape(8, 16, 3).astype(np.float32)
+SUN = {"type": "directional", "direction": [0.2, -0.9, -0.3]}
 LIGHTS = {
     "constant environment": {"type": "constant", "radiance": grey(1.0)},
     "environment map": {"type": "envmap", "bitmap": mi.Bitmap(PICTURE)},
-    "directional": {
-        "type": "directional",
-        "direction": [0.2, -0.9, -0.3],
-        "irradiance": grey(3.0),
-    },
+    "directional": SUN | {"irradiance": grey(3.0)},
 }
 SIX = mi.ScalarTransform4f().scale([6, 6, 1])
 CHECKERS = {"type": "checkerboard", "color0": grey(0.1), "color1": grey(0.9), "to_uv": SIX}

@@ -227,16 +227,15 @@ CORRIDOR_2 = Case(
     spp=1 << 15,
 )
 
-ALBEDO_2 = replace(
-    CORRIDOR_2,
-    row="albedo",
-    scene="a ceiling's over a floor",
-    key="ceiling.bsdf.reflectance.value",
-    value=lambda a: mi.Color3f(a),
-    theta=0.8,
-    step=0.01,
-    form=partial(low_corridor, 1.6),
-)
+
+def of_albedo(case: Case, scene: str, shape: str, form: Callable) -> Case:
+    """The case with the albedo of a shape for θ."""
+    key, value = f"{shape}.bsdf.reflectance.value", lambda a: mi.Color3f(a)
+    changed = {"scene": scene, "key": key, "value": value, "theta": 0.8, "step": 0.01}
+    return replace(case, row="albedo", form=form, **changed)
+
+
+ALBEDO_2 = of_albedo(CORRIDOR_2, "a ceiling's over a floor", "ceiling", partial(low_corridor, 1.6))
 
 HOLLOW = forms.Bins(0.5, 0.1, 132, 0.1)
 
@@ -279,16 +278,12 @@ RADIUS_2 = Case(
     spp=1 << 13,
 )
 
-ALBEDO = replace(
-    RADIUS,
-    row="albedo",
-    scene="of a sphere around light and camera",
-    key="ball.bsdf.reflectance.value",
-    value=lambda a: mi.Color3f(a),
-    theta=0.8,
-    step=0.01,
-    form=lambda a: forms.inside_sphere(1.2, a, 2.0, 2),
-)
+
+def hollow_form(albedo) -> tuple[Any, Any]:
+    return forms.inside_sphere(1.2, albedo, 2.0, 2)
+
+
+ALBEDO = of_albedo(RADIUS, "of a sphere around light and camera", "ball", hollow_form)
 
 SLAB = forms.Bins(1.5, 0.05, 76, 0.05)
 ALPHA = 1e-3

@@ -98,7 +98,6 @@ def capture_of(
     width: float = 0.006,
     bins: int = 256,
     legs: bool = False,
-    laser: tuple = (0.1, -0.2, 0.0),
     lasers: int = 4,
     delay: float = 0.0,
     noise: float = 0.0,
@@ -113,7 +112,7 @@ def capture_of(
     """
     sensors = wall.grid()
     devices = {"sensor": np.array([0.4, 0.3, 1.7]), "laser": np.array([-0.6, 0.1, 1.4])}
-    lit = {"single": np.array(laser).reshape(1, 1, 3), "confocal": sensors}
+    lit = {"single": np.array([[[0.1, -0.2, 0.0]]]), "confocal": sensors}
     lit["exhaustive"] = wall.grid(lasers, 1.6)
     points, lit_points = sensors.reshape(-1, 3), lit[mode].reshape(-1, 3)
     pairs = [(points, points)] if mode == "confocal" else [(p[None], points) for p in lit_points]
@@ -123,12 +122,9 @@ def capture_of(
     )
     first = start + (np.linalg.norm(devices["sensor"]) + np.linalg.norm(devices["laser"])) * legs
     away = [laser_leg] if mode == "confocal" else laser_leg
-    light = np.stack(
-        [
-            _light(patches, *pair, legs * (sensor_leg + leg) + delay - first, width, bins)
-            for pair, leg in zip(pairs, away, strict=True)
-        ]
-    )
+    offsets = [legs * (sensor_leg + leg) + delay - first for leg in away]
+    each = zip(pairs, offsets, strict=True)
+    light = np.stack([_light(patches, *pair, offset, width, bins) for pair, offset in each])
     several = (lasers, lasers) if mode == "exhaustive" else ()
     light = light.reshape(*several, *sensors.shape[:2], bins)
     light = light + np.random.default_rng(1).normal(0, noise * light.max(), light.shape)
@@ -136,18 +132,10 @@ def capture_of(
     if mode != "confocal":
         grid = lit[mode]
         more = {"laser_grid": wall.world(grid), "laser_normals": wall.normals(grid)}
-    return make_capture(
-        light,
-        mode=mode,
-        start_opl=first,
-        bin_width_opl=width,
-        sensor_grid=wall.world(sensors),
-        sensor_normals=wall.normals(sensors),
-        sensor_origin=wall.world(devices["sensor"]),
-        laser_origin=wall.world(devices["laser"]),
-        counts_first_and_last_legs=legs,
-        **more,
-    )
+    more |= {"sensor_grid": wall.world(sensors), "sensor_normals": wall.normals(sensors)}
+    more |= {f"{name}_origin": wall.world(place) for name, place in devices.items()}
+    more |= {"start_opl": first, "bin_width_opl": width, "counts_first_and_last_legs": legs}
+    return make_capture(light, mode=mode, **more)
 
 
 def _light(patches, lit, seen, offset, width, bins) -> np.ndarray:

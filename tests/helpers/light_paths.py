@@ -78,13 +78,9 @@ def ball(centre, radius: float, **more: Any) -> dict:
 def spot(origin, target, beam: float, cutoff: float, intensity: float = 1.0) -> dict:
     """Constant up to the angle `beam` from its axis, dark beyond `cutoff` [degrees]."""
     up = [0, 1, 0] if origin[0] == target[0] else [0, 0, 1]
-    return {
-        "type": "spot",
-        "intensity": grey(intensity),
-        "beam_width": beam,
-        "cutoff_angle": cutoff,
-        "to_world": mi.ScalarTransform4f().look_at(list(origin), list(target), up),
-    }
+    to_world = mi.ScalarTransform4f().look_at(list(origin), list(target), up)
+    angles = {"beam_width": beam, "cutoff_angle": cutoff}
+    return {"type": "spot", "intensity": grey(intensity), "to_world": to_world} | angles
 
 
 def lamp(position, intensity: float = 1.0) -> dict:

@@ -17,36 +17,20 @@ def make_dataset(height=6, width=10, bins=5, channels="RGB", x0=0, y0=0, **attrs
     for index in range(bins):
         transient[height // 3, (2 * index) % width, index] = 0.1
     standard = {
-        "quantity": "radiance per bin",
-        "units": "W m^-2 sr^-1",
-        "start_opl": START,
-        "bin_width_opl": WIDTH,
-        "pulse": "GaussianPulse(width_opl=0.03)",
-        "scene": "bördér",
-        "integrator": "transient_path",
-        "sampler": "multijitter",
-        "spp": 64,
-        "seed": 2**32 - 1,
-        "variant": "llvm_ad_rgb",
+        **{"quantity": "radiance per bin", "units": "W m^-2 sr^-1"},
+        **{"start_opl": START, "bin_width_opl": WIDTH, "pulse": "GaussianPulse(width_opl=0.03)"},
+        **{"scene": "bördér", "integrator": "transient_path", "sampler": "multijitter"},
+        **{"spp": 64, "seed": 2**32 - 1, "variant": "llvm_ad_rgb"},
         "versions": json.dumps({"tofrender": "0.1.0", "mitsuba": "3.9.1"}),
-        "energy_outside_window": 1 / 3,
-        "complete": 1,
-        "render_seconds": 0.1,
+        **{"energy_outside_window": 1 / 3, "complete": 1, "render_seconds": 0.1},
     }
-    dataset = xr.Dataset(
-        {
-            "transient": (("y", "x", "opl", "channel"), transient, {"long_name": "radiance"}),
-            "steady": (("y", "x", "channel"), transient.sum(axis=2)),
-        },
-        coords={
-            "y": y0 + np.arange(height),
-            "x": x0 + np.arange(width),
-            "opl": ("opl", START + (np.arange(bins) + 0.5) * WIDTH, {"units": "m"}),
-            "channel": list(channels),
-        },
-        attrs=standard | attrs,
-    )
-    return labelled(dataset)
+    arrays = {
+        "transient": (("y", "x", "opl", "channel"), transient, {"long_name": "radiance"}),
+        "steady": (("y", "x", "channel"), transient.sum(axis=2)),
+    }
+    opl = ("opl", START + (np.arange(bins) + 0.5) * WIDTH, {"units": "m"})
+    axes = {"y": y0 + np.arange(height), "x": x0 + np.arange(width), "opl": opl}
+    return labelled(xr.Dataset(arrays, axes | {"channel": list(channels)}, standard | attrs))
 
 
 def assert_same(a: xr.Dataset, b: xr.Dataset) -> None:

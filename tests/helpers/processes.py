@@ -14,14 +14,8 @@ GUARD_S = 600.0
 
 def python(code: str, **environment: str) -> subprocess.CompletedProcess:
     """Run a script to its end; its working directory is the project's root."""
-    return subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=ROOT,
-        env=os.environ | environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    options: dict = {"env": os.environ | environment, "cwd": ROOT}
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, **options)
 
 
 def says(code: str, **environment: str) -> list[str]:

@@ -68,14 +68,11 @@ def tests(items: list[pytest.Item], stored: dict[str, dict[str, float]]) -> list
         names = [f"@{name}" for name in getattr(its[0], "fixturenames", ())]
         fixtures[file, test] = [name for name in names if name in known]
         users.update((file, name) for name in fixtures[file, test])
-    return [
-        Test(
-            its,
-            stored.get(file, {}).get(test, 0.0),
-            sum(stored[file][name] / users[file, name] for name in fixtures[file, test]),
-        )
-        for (file, test), its in cases.items()
-    ]
+    found = []
+    for (file, test), its in cases.items():
+        shared = sum(stored[file][name] / users[file, name] for name in fixtures[file, test])
+        found.append(Test(its, stored.get(file, {}).get(test, 0.0), shared))
+    return found
 
 
 def shard(found: list[Test], index: int, count: int) -> list[pytest.Item]:
@@ -93,17 +90,13 @@ def shard(found: list[Test], index: int, count: int) -> list[pytest.Item]:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add --brief, --shard and --all-inputs."""
-    parser.addoption(
-        "--brief",
-        action="store_true",
-        help="leave long tests, and further cases of slow ones, to make test-all",
-    )
-    parser.addoption(
-        "--shard", type=_shard, metavar="K/N", help="run the K-th of N parts of about equal length"
-    )
-    parser.addoption(
-        "--all-inputs", action="store_true", help="try all of tests/inputs, not a sample"
-    )
+    for name, text in (
+        ("--brief", "leave long tests, and further cases of slow ones, to make test-all"),
+        ("--all-inputs", "try all of tests/inputs, not a sample"),
+    ):
+        parser.addoption(name, action="store_true", help=text)
+    text = "run the K-th of N parts of about equal length"
+    parser.addoption("--shard", type=_shard, metavar="K/N", help=text)
 
 
 def _shard(text: str) -> tuple[int, int]:

@@ -56,13 +56,9 @@ def is_free(port: int) -> bool:
 def served(*arguments: object, **environment: str) -> Iterator[Served]:
     """`tofrender` with these arguments, until the block ends."""
     command = [sys.executable, "-m", "tofrender", *map(str, arguments)]
-    process = subprocess.Popen(
-        command,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"TOFRENDER_DEBUG": "0"} | environment,
-    )
+    environment = os.environ | {"TOFRENDER_DEBUG": "0"} | environment
+    pipes: dict = dict.fromkeys(("stdout", "stderr"), subprocess.PIPE)
+    process = subprocess.Popen(command, text=True, env=environment, **pipes)
     try:
         line = next((line for line in process.stdout if "http" in line), "")
         found = re.search(r"http://\S+", line)

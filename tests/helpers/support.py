@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,44 +29,18 @@ COMPARISONS = 1000
 TIME = ("temporal_bins", "start_opl", "bin_width_opl")
 
 
-def film(
-    width: int = 1,
-    height: int = 1,
-    bins: int = 100,
-    start: float = 0.0,
-    bin_width: float = 0.1,
-    **more: Any,
-) -> dict:
-    return {
-        "type": "transient_hdr_film",
-        "width": width,
-        "height": height,
-        "temporal_bins": bins,
-        "start_opl": start,
-        "bin_width_opl": bin_width,
-        "rfilter": {"type": "box"},
-        **more,
-    }
+def film(width=1, height=1, bins=100, start=0.0, bin_width=0.1, **more: Any) -> dict:
+    plain = {"type": "transient_hdr_film", "width": width, "height": height}
+    time = dict(zip(TIME, (bins, start, bin_width), strict=True))
+    return plain | time | {"rfilter": {"type": "box"}} | more
 
 
 def camera(
-    origin,
-    target,
-    the_film: dict,
-    *,
-    kind: str = "perspective",
-    up=(0, 1, 0),
-    spp: int = 16,
-    sampler: str = "independent",
-    **more: Any,
+    origin, target, film, *, kind="perspective", up=(0, 1, 0), spp=16, sampler="independent", **more
 ) -> dict:
-    return {
-        "type": kind,
-        "film": the_film,
-        **more,
-        "to_world": mi.ScalarTransform4f().look_at(list(origin), list(target), list(up)),
-        "sampler": {"type": sampler, "sample_count": spp},
-    }
+    to_world = mi.ScalarTransform4f().look_at(list(origin), list(target), list(up))
+    placed = {"to_world": to_world, "sampler": {"type": sampler, "sample_count": spp}}
+    return {"type": kind, "film": film} | more | placed
 
 
 def grey(value: float) -> dict:
@@ -102,12 +75,8 @@ def area_light(radiance: float) -> dict:
 
 
 def scene(parts: dict, sensor: dict, **integrator: Any) -> dict:
-    return {
-        "type": "scene",
-        "integrator": {"type": "transient_path", **integrator},
-        "sensor": sensor,
-        **parts,
-    }
+    integrator = {"type": "transient_path"} | integrator
+    return {"type": "scene", "integrator": integrator, "sensor": sensor, **parts}
 
 
 def load(description: dict) -> mi.Scene:
@@ -121,24 +90,19 @@ def with_integrator(description: dict, **changes: Any) -> dict:
 
 def with_film(description: dict, **changes: Any) -> dict:
     """The same scene with other film parameters."""
-    result = copy.copy(description)
-    result["sensor"] = description["sensor"] | {"film": description["sensor"]["film"] | changes}
-    return result
+    the_film = description["sensor"]["film"] | changes
+    return description | {"sensor": description["sensor"] | {"film": the_film}}
 
 
 def with_sampler(description: dict, kind: str = "independent") -> dict:
-    result = copy.copy(description)
-    result["sensor"] = description["sensor"] | {"sampler": {"type": kind, "sample_count": 16}}
-    return result
+    sampler = {"type": kind, "sample_count": 16}
+    return description | {"sensor": description["sensor"] | {"sampler": sampler}}
 
 
 def steady_twin(description: dict, **changes: Any) -> dict:
     """The same scene for Mitsuba's `path` and `hdrfilm`."""
-    ours = {
-        k: v
-        for k, v in description["integrator"].items()
-        if k in ("max_depth", "rr_depth", "hide_emitters")
-    }
+    kept = ("max_depth", "rr_depth", "hide_emitters")
+    ours = {k: v for k, v in description["integrator"].items() if k in kept}
     result = dict(description)
     result["integrator"] = ours | changes | {"type": "path"}
     steady = {k: v for k, v in description["sensor"]["film"].items() if k not in TIME}
@@ -285,14 +249,7 @@ class Light:
 
 
 def follow(
-    loaded: mi.Scene,
-    ray,
-    *,
-    slots: int = 8,
-    seed: int = 0,
-    sampler: str = "independent",
-    lights: Callable = SceneLights,
-    **options: Any,
+    loaded, ray, *, slots=8, seed=0, sampler="independent", lights=SceneLights, **options: Any
 ) -> Light:
     """Walk along the given rays and write down what arrives."""
     lanes = dr.width(ray)

@@ -14,13 +14,9 @@ TRACERS = {
     "one_sample": {"type": "path_tracer_mis", "technique": "one_sample"},
 }
 COURSE = {
-    "veach": {},
-    "sphere_light_small": {},
-    "sphere_light_medium": {},
-    "sphere_light_large": {},
-    "rectangle_light_quad": {},
-    "rectangle_light_triangles": {},
-    "small_box": {},
+    **{name: {} for name in ("veach", "small_box")},
+    **{f"sphere_light_{size}": {} for size in ("small", "medium", "large")},
+    **{f"rectangle_light_{parts}": {} for parts in ("quad", "triangles")},
     "small_box, mirror and glass": {"spheres": "mirror_glass"},
 }
 DARK = ("flash", "directional")
@@ -97,12 +93,8 @@ def furnace(tracer: str, bounces: int, the_film: dict | None = None, **parameter
     but for this: Mitsuba takes some of a sphere's own points to be outside of it, and gives a wrong
     density there, which with `mis` makes 0.3 %.
     """
-    ball = {
-        "type": "sphere",
-        "flip_normals": True,
-        "bsdf": diffuse(ALBEDO),
-        "emitter": area_light(GLOW),
-    }
+    ball = {"type": "sphere", "flip_normals": True, "bsdf": diffuse(ALBEDO)}
+    ball["emitter"] = area_light(GLOW)
     view = camera((0, 0, 0), (0.3, 0.4, 0.5), the_film or film(4, 4), fov=40, near_clip=0.01)
     described = scene({"ball": ball}, view)
     integrator = TRACERS[tracer] | {"max_bounces": bounces, "rr_depth": 200} | parameters

@@ -67,8 +67,7 @@ KINDS = {
     "frame": Kind(picture, save_stack, "a/frame_0001.exr", lambda p: io.load_exr_stack(p / "a")),
     "steady": Kind(picture, save_stack, "a/steady.exr", lambda p: io.load_exr_stack(p / "a")),
     "parts": Kind(picture, save_stack, "a.exr", lambda p: io.load_exr_stack(p / "a.exr")),
-    "film": film_kind("zarr.json"),
-    "list": film_kind("files.json"),
+    **{"film": film_kind("zarr.json"), "list": film_kind("files.json")},
     "axis": film_kind("opl/c/0"),
     "tile": film_kind("transient/c/0/0/0/0", "film|path"),
     "capture": Kind(captured, io.save_capture, "a.h5", lambda p: io.load_capture(p / "a.h5")),
@@ -381,14 +380,7 @@ STACKS: dict[str, Callable[[Path], Any]] = {
 }
 
 
-def write_frame(
-    stack: Path,
-    channel: str | None = None,
-    pixels: np.ndarray | None = None,
-    more: dict | None = None,
-    leave_out: str = "",
-    **changes: Any,
-) -> None:
+def write_frame(stack, channel=None, pixels=None, more=None, leave_out="", **changes: Any) -> None:
     header, channels = exr._Stack(picture(), "float").part(2)
     values = np.stack([*channels.values()], axis=-1) if pixels is None else pixels
     for each in ("dataWindow", "displayWindow"):

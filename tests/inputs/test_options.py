@@ -35,19 +35,12 @@ COMMANDS: dict[str, list[str]] = {
     "new-term": ["a1"],
 }
 KINDS = {
-    "alpha": "--alpha",
     "choice": "--figure --format --method --mode --only --points --precision --variant --wall "
     "assignment name one",
     "count": "--count --jobs --port --samples --seeds --wrong",
-    "dots": "--dpi",
-    "file": "--module --submission",
-    "from 0": "--at --checkpoint",
-    "from 30": "--time-limit",
-    "host": "--host",
-    "positive": "--freq --megabytes --memory",
-    "render": "sources",
-    "seed": "--term",
-    "sizes": "--grid",
+    **{"file": "--module --submission", "positive": "--freq --megabytes --memory"},
+    **{"alpha": "--alpha", "dots": "--dpi", "from 0": "--at --checkpoint", "seed": "--term"},
+    **{"from 30": "--time-limit", "host": "--host", "render": "sources", "sizes": "--grid"},
 }
 """The kind of each option and argument, see `bad_inputs.KINDS`."""
 OPTIONS = {name: kind for kind, names in KINDS.items() for name in names.split()}

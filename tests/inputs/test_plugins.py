@@ -18,13 +18,10 @@ NUMBERS = {"-1", "0", "1.5", "1e30", "2**40"}
 MORE: dict[str, Any] = {
     "vector": (1.0, 2.0, 3.0),
     "transform": mi.ScalarTransform4f() if mi.variant() else None,
-    "object": {"type": "sphere"},
-    "cut-text": "0.1, 0.2,",
-    "long-text": "9" * 5000,
-    "-2": -2,
-    "2.0": 2.0,
-    "65": 65,
+    **{"object": {"type": "sphere"}, "cut-text": "0.1, 0.2,", "long-text": "9" * 5000},
+    **{"-2": -2, "2.0": 2.0, "65": 65},
 }
+TEXTS = {"text", "empty-text", "digits", "lines", "cut-text", "long-text", "nul"}
 WHOLE = {"2.0", "65"}
 ALL_NUMBERS = NUMBERS | WHOLE | {"-2"}
 KINDS: list[tuple[set[str], str]] = [
@@ -50,10 +47,7 @@ KINDS: list[tuple[set[str], str]] = [
     (ALL_NUMBERS - {"-1", "-2"} | {"vector"}, "energy"),
     ({"vector"}, "position sensor_origin laser_origin laser_lookat_pixel laser_lookat_3d"),
     ({"empty-text"}, "temporal_filter strategy"),
-    (
-        {"text", "empty-text", "digits", "lines", "cut-text", "long-text", "nul"},
-        "relay_wall hidden_shapes",
-    ),
+    (TEXTS, "relay_wall hidden_shapes"),
     ({"0", "object"}, "reflectance"),
     ({"transform", "array-object"}, "frame"),
     (set(), "gradient_sampling mis grid_spacing pulse_type rfilter"),
@@ -69,11 +63,6 @@ class Plugin(NamedTuple):
     scene: Callable[[dict[str, Any]], dict[str, Any]]
     good: dict[str, Any]
     parameters: str
-
-
-def with_part(name: str) -> Callable[[dict], dict[str, Any]]:
-    """The room with another part of its camera."""
-    return lambda part: camera(**{name: part})
 
 
 def with_meter(meter: dict) -> dict[str, Any]:
@@ -97,8 +86,26 @@ WALL = IN_BINS + "relay_wall hidden_shapes use_nlos_only filter_bounces "
 WALL += "nlos_hidden_geometry_sampling account_first_and_last_bounces "
 
 
+SCANS = "capture_type nlos_laser_sampling discard_direct_paths filter_depth "
+SCANS += "nlos_hidden_geometry_sampling_do_rroulette force_equal_illumination_scanning "
+SCANS += "nlos_hidden_geometry_sampling_includes_relay_wall"
+METER = "sensor_origin laser_origin laser_lookat_pixel laser_lookat_3d confocal"
+FILM = "temporal_bins bin_width_opl start_opl "
+SPOTS = "fov is_confocal frame grid_rows grid_cols grid_sigma grid_intensity grid_spacing "
+SPOTS += "grid_seed spot_positions spot_sigmas spot_intensities max_rejection_samples pulse_type "
+SPOTS += "pulse_width_opl"
+
+
 def integrator(name: str, parameters: str, **good: Any) -> Plugin:
     return Plugin(name, lambda it: room(integrator=it), good, parameters)
+
+
+def of_camera(part: str, name: str, parameters: str, **good: Any) -> Plugin:
+    return Plugin(name, lambda it: camera(**{part: it}), good, parameters)
+
+
+SIZE = {"width": 4, "height": 4}
+PHASORS = SIZE | {"frequencies_hz": "2e7"}
 
 
 TABLE = [
@@ -114,40 +121,13 @@ TABLE = [
     integrator("time_gated_transient_path", FOLLOWS + "target_time"),
     integrator("amcw_transient_path", FOLLOWS + "frequency_hz phase_offset", frequency_hz=20e6),
     integrator("confocal_transient_path", WALL + "power spot_sigma"),
-    integrator(
-        "transient_nlos_path",
-        WALL + "capture_type nlos_laser_sampling discard_direct_paths filter_depth "
-        "nlos_hidden_geometry_sampling_do_rroulette force_equal_illumination_scanning "
-        "nlos_hidden_geometry_sampling_includes_relay_wall",
-    ),
-    Plugin(
-        "transient_hdr_film",
-        with_part("film"),
-        {"width": 4, "height": 4},
-        "temporal_bins bin_width_opl start_opl width height sample_border rfilter",
-    ),
-    Plugin(
-        "phasor_hdr_film",
-        with_part("film"),
-        {"width": 4, "height": 4, "frequencies_hz": "2e7"},
-        "frequencies_hz temporal_bins bin_width_opl start_opl wl_mean wl_sigma",
-    ),
-    Plugin("padded_sobol", with_part("sampler"), {}, "sample_count seed"),
+    integrator("transient_nlos_path", WALL + SCANS),
+    of_camera("film", "transient_hdr_film", FILM + "width height sample_border rfilter", **SIZE),
+    of_camera("film", "phasor_hdr_film", FILM + "frequencies_hz wl_mean wl_sigma", **PHASORS),
+    of_camera("sampler", "padded_sobol", "sample_count seed"),
     Plugin("retroreflector", lambda bsdf: material(**bsdf), {}, "reflectance lobe_exponent"),
-    Plugin(
-        "nlos_capture_meter",
-        with_meter,
-        {"sensor_origin": [-0.5, 0, 1]},
-        "sensor_origin laser_origin laser_lookat_pixel laser_lookat_3d confocal",
-    ),
-    Plugin(
-        "confocal_projector",
-        with_projector,
-        {},
-        "fov is_confocal frame grid_rows grid_cols grid_sigma grid_intensity grid_spacing "
-        "grid_seed spot_positions spot_sigmas spot_intensities max_rejection_samples pulse_type "
-        "pulse_width_opl",
-    ),
+    Plugin("nlos_capture_meter", with_meter, {"sensor_origin": [-0.5, 0, 1]}, METER),
+    Plugin("confocal_projector", with_projector, {}, SPOTS),
 ]
 ELSEWHERE = {
     "a heading": "parameter technique",
@@ -198,7 +178,6 @@ def test_bad_parameters(plugin, name, start, pytestconfig):
 
 
 def test_the_table_has_every_parameter():
-    """As the tables in the docstrings name them."""
     present = {name for names in ELSEWHERE.values() for name in names.split()}
     known = {plugin.name: plugin.parameters.split() for plugin in TABLE}
     missing = []

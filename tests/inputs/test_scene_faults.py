@@ -16,6 +16,7 @@ import tofrender
 
 FILM = {"type": "transient_hdr_film", "width": 4, "height": 4, "temporal_bins": 8}
 FILM |= {"start_opl": 0.0, "bin_width_opl": 1.0}
+INDEPENDENT = {"type": "independent"}
 NAN, INF = math.nan, math.inf
 
 
@@ -26,13 +27,9 @@ def T() -> Any:
 def room(**parts: Any) -> dict[str, Any]:
     look = T().look_at([0, 0, 4], [0, 0, 0], [0, 1, 0])
     camera = {"type": "perspective", "fov": 45.0, "to_world": look, "film": FILM}
-    return {
-        "type": "scene",
-        "integrator": {"type": "transient_path"},
-        "floor": {"type": "rectangle"},
-        "lamp": {"type": "point", "position": [0, 0, 2]},
-        "sensor": camera,
-    } | parts
+    lamp = {"type": "point", "position": [0, 0, 2]}
+    made = {"type": "scene", "integrator": {"type": "transient_path"}, "sensor": camera}
+    return made | {"floor": {"type": "rectangle"}, "lamp": lamp} | parts
 
 
 def camera(**changes: Any) -> dict[str, Any]:
@@ -98,35 +95,23 @@ def each(what: str, make: Callable[[Any], Any], *values: Any) -> dict[str, Calla
 
 SCENES: dict[str, Callable[[], Any]] = {
     # ------------------------------------------------------------------------- what is no scene
-    "no type": lambda: without("type"),
-    "another type": lambda: room(type="sphere"),
-    "type of no kind": lambda: room(type=3),
-    "empty": dict,
-    "a sphere": lambda: {"type": "sphere"},
-    "an empty scene": lambda: {"type": "scene"},
+    **each("a type", lambda x: room(type=x), "sphere", 3),
+    **each("nothing", dict, {}, {"type": "sphere"}, {"type": "scene"}),
     # -------------------------------------------------------------------------- what is missing
-    "no sensor": lambda: without("sensor"),
-    "no light": lambda: without("lamp"),
-    "no integrator": lambda: without("integrator"),
-    "a part without type": lambda: room(floor={"radius": 1.0}),
-    "a part that is None": lambda: room(floor=None),
-    "a type that is None": lambda: room(floor={"type": None}),
-    "a type that is a number": lambda: room(floor={"type": 3}),
-    "a deep None": lambda: material(type="diffuse", reflectance={"type": "rgb", "value": None}),
+    **each("lack", without, "type", "sensor", "lamp", "integrator"),
+    **each("a part", lambda x: room(floor=x), {"radius": 1.0}, None, {"type": None}, {"type": 3}),
+    "a deep None": lambda: painted({"type": "rgb", "value": None}),
     # ------------------------------------------------------------------------- what is unknown
-    "unknown shape": lambda: room(floor={"type": "rectangel"}),
+    **each("a part", lambda x: room(floor=x), {"type": "rectangel"}, [1, 2]),
     "unknown integrator": lambda: room(integrator={"type": "transient_paht"}),
     "unknown film": lambda: camera(film={"type": "transient_film"}),
     "unknown material": lambda: material(type="difuse"),
     "unknown parameter": lambda: floor(radus=1.0),
     "unknown parameter of ours": lambda: room(integrator={"type": "transient_path", "depth": 3}),
     "unknown parameter of the film": lambda: film(bins=3),
-    "unknown reference": lambda: floor(bsdf={"type": "ref", "id": "paint"}),
-    "a reference without id": lambda: floor(bsdf={"type": "ref"}),
-    "a list for a part": lambda: room(floor=[1, 2]),
-    "a set for a value": lambda: floor(flip_normals={1}),
-    "bytes for a value": lambda: floor(flip_normals=b"x"),
-    "a number as a name": lambda: room(**{}) | {3: {"type": "sphere"}},
+    **each("a reference", lambda x: material(type="ref", **x), {"id": "paint"}, {}),
+    **each("a value", lambda x: floor(flip_normals=x), {1}, b"x"),
+    "a number as a name": lambda: room() | {3: {"type": "sphere"}},
     # ------------------------------------------------------------------------- steady and others
     "a steady integrator": lambda: room(integrator={"type": "path"}),
     "a film of phasors": lambda: camera(
@@ -146,8 +131,7 @@ SCENES: dict[str, Callable[[], Any]] = {
     "moved to NaN": lambda: placed([[1, 0, 0, NAN], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]),
     **each("a mesh", lambda x: mesh([[0, 0, 0], [1, 0, 0], [x, 1, 0]]), NAN, INF),
     "a mesh in a point": lambda: mesh(np.ones((3, 3))),
-    "no such mesh": lambda: room(floor={"type": "ply", "filename": "no.ply"}),
-    "a mesh that is a folder": lambda: room(floor={"type": "ply", "filename": "."}),
+    **each("a file", lambda x: room(floor={"type": "ply", "filename": x}), "no.ply", "."),
     "a mesh without a file": lambda: room(floor={"type": "ply"}),
     "no such object": lambda: room(floor={"type": "obj", "filename": "no.obj"}),
     "a transform of text": lambda: floor(to_world="left"),
@@ -159,24 +143,19 @@ SCENES: dict[str, Callable[[], Any]] = {
     "roughness of NaN": lambda: material(type="roughconductor", alpha=NAN),
     # ------------------------------------------------------------------------- cameras
     **each("a fov", lambda x: camera(fov=x), 0.0, -5.0, 180.0, NAN, "wide"),
-    "clips in disorder": lambda: camera(near_clip=5.0, far_clip=1.0),
-    "clips of 0": lambda: camera(near_clip=0.0),
+    **each("clips", lambda x: camera(near_clip=x, far_clip=1.0), 5.0, 0.0),
     "a camera nowhere": lambda: camera(to_world=T().translate([NAN, 0, 0])),
     "a flat camera": lambda: camera(to_world=T().scale([1, 1, 0])),
     "two films": lambda: camera(other=FILM),
     "an unknown sampler": lambda: camera(sampler={"type": "halton"}),
-    **each(
-        "samples", lambda x: camera(sampler={"type": "independent", "sample_count": x}), -1, "many"
-    ),
+    **each("samples", lambda x: camera(sampler=INDEPENDENT | {"sample_count": x}), -1, "many"),
     # ------------------------------------------------------------------------- films
     **each("a width", lambda x: film(width=x), 0, -4, 1 << 20, "wide"),
+    **each("a crop", lambda x: film(crop_width=x, crop_height=1), 0, 1.5),
     "a crop beside": lambda: film(crop_offset_x=9, crop_width=4),
-    "a crop of 0": lambda: film(crop_width=0, crop_height=1),
-    "a crop of a fraction": lambda: film(crop_width=1.5),
     "a film beyond memory": lambda: film(width=60000, height=60000, temporal_bins=1000),
     "too many bins": lambda: film(temporal_bins=1 << 30),
-    "no light in the window": lambda: film(start_opl=1e6),
-    "a window that is over": lambda: film(start_opl=-1e6),
+    **each("a start", lambda x: film(start_opl=x), 1e6, -1e6),
 }
 
 
@@ -244,9 +223,7 @@ FLOOR, TRANSFORMS = (
 )
 LAMP = '<emitter type="area"><rgb name="radiance" value="{}"/></emitter>'
 XML: dict[str, bytes] = {
-    "empty": b"",
-    "blank": b"  \n",
-    "text": b"a scene",
+    **{"empty": b"", "blank": b"  \n", "text": b"a scene"},
     "a comment alone": b"<!-- scene -->",
     "zeros": bytes(100),
     "random": bytes(range(256)) * 4,
@@ -262,15 +239,13 @@ XML: dict[str, bytes] = {
     "an unknown tag": added("<lamp/>"),
     "a tag of ours": added('<wall type="rectangle"/>'),
     "no type": added("<shape/>"),
-    "an empty type": added('<shape type=""/>'),
-    "an unknown type": added('<shape type="rectangel"/>'),
+    **{f"a type of {x}": added(f'<shape type="{x}"/>') for x in ("", "rectangel")},
     "an unknown attribute": added('<shape type="sphere" size="3"/>'),
     "no name": added(ball('<float value="1"/>')),
     "no value": added(ball('<float name="radius"/>')),
     "a name twice": added(ball('<float name="radius" value="1"/><float name="radius" value="2"/>')),
     "an id twice": added('<shape type="sphere" id="floor"/>'),
-    "a float of text": added(ball('<float name="radius" value="x"/>')),
-    "a float of NaN": added(ball('<float name="radius" value="nan"/>')),
+    **{f"a float of {x}": added(ball(f'<float name="radius" value="{x}"/>')) for x in ("x", "nan")},
     **{f"a height of {text}": changed(HEIGHT, HEIGHT.replace("4", text)) for text in HEIGHTS},
     "a boolean of text": added(ball('<boolean name="flip_normals" value="maybe"/>')),
     "a point of two": changed('y="0" z="2"', 'y="0"'),
@@ -281,9 +256,7 @@ XML: dict[str, bytes] = {
     "a default without a name": changed('<default name="width"', "<default"),
     "a default without a value": changed('name="width" value="4"/>\n<int', 'name="width"/>\n<int'),
     "a default that is text": changed('name="width" value="4"', 'name="width" value="x"'),
-    "no such file": added('<include filename="no.xml"/>'),
-    "a folder to include": added('<include filename="."/>'),
-    "includes itself": added('<include filename="scene.xml"/>'),
+    **{f"include {x}": added(f'<include filename="{x}"/>') for x in ("no.xml", ".", "scene.xml")},
     "no such mesh": added('<shape type="ply"><string name="filename" value="no.ply"/></shape>'),
     "a deep nest": added('<bsdf type="twosided">' * 300 + "</bsdf>" * 300),
     "a very deep nest": added('<bsdf type="twosided">' * 100_000),
@@ -350,7 +323,6 @@ def test_xml_parameters(tmp_path, parameters):
 
 @pytest.mark.usefixtures("no_work")
 def test_xml_that_is_cut_or_flipped(tmp_path, pytestconfig):
-    """It loads, or is refused in one line."""
     path: Path = tmp_path / "scene.xml"
     content = GOOD.encode()
     step = 1 if pytestconfig.getoption("--all-inputs") else 29

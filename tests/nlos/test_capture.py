@@ -15,12 +15,8 @@ LASER = (-0.8, -0.5, 0.6)
 LIT = (-0.3, 0.25, 0.0)
 PATCH = nlos.Rectangle.turned((0.35, 0.3, 1.1), 30, 240, half=(0.2, 0.2))
 PLATE = nlos.Rectangle((0.0, 0.0, 1.0), (-0.05, 0, 0), (0, 0.05, 0))
-MOVED = (
-    mi.ScalarTransform4f()
-    .translate([0.5, -2, 3])
-    .rotate([0.48, 0.64, 0.6], 70)
-    .scale([1.5, 0.5, 1])
-)
+MOVED = mi.ScalarTransform4f().translate([0.5, -2, 3]).rotate([0.48, 0.64, 0.6], 70)
+MOVED = MOVED.scale([1.5, 0.5, 1])
 
 
 def matrix(to_world) -> np.ndarray:
@@ -275,9 +271,8 @@ def test_power_of_a_projector():
     watts = float(np.array(weight).ravel()[0]) * away[2] / np.linalg.norm(away)
     setup = nlos.Setup(sensor=DEVICE, laser=LASER, power=watts)
     expected = [[nlos.total(setup, PATCH.nodes(), 0.7, LIT, s) for s in row] for row in POINTS]
-    assert agree(
-        over_seeds(nlos.estimates(loaded, 1024), range(16)), np.array(expected), rounding=1e-3
-    )
+    found = over_seeds(nlos.estimates(loaded, 1024), range(16))
+    assert agree(found, np.array(expected), rounding=1e-3)
 
 
 @pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])

@@ -9,13 +9,8 @@ from tofrender.nlos import check_capture, make_capture, without_first_and_last_l
 
 WALL = Wall(4)
 GRID = WALL.grid()
-BASE = {
-    "mode": "confocal",
-    "start_opl": 1.0,
-    "bin_width_opl": 0.01,
-    "sensor_grid": GRID,
-    "sensor_normals": WALL.normals(GRID),
-}
+BASE = {"mode": "confocal", "start_opl": 1.0, "bin_width_opl": 0.01}
+BASE |= {"sensor_grid": GRID, "sensor_normals": WALL.normals(GRID)}
 LASER = {"laser_grid": (0, 0, 0), "laser_normals": (0, 0, 1)}
 
 

@@ -17,12 +17,11 @@ def totals(
     setup: nlos.Setup, hidden: nlos.Nodes, albedo: float = 0.7, lit=None, **more
 ) -> np.ndarray:
     """What the four points of GRID see; each lights itself unless `lit` is given."""
-    return np.array(
-        [
-            [nlos.total(setup, hidden, albedo, p if lit is None else lit, p, **more) for p in row]
-            for row in GRID.points()
-        ]
-    )
+
+    def at(p) -> float:
+        return nlos.total(setup, hidden, albedo, p if lit is None else lit, p, **more)
+
+    return np.array([[at(p) for p in row] for row in GRID.points()])
 
 
 def small_film(**more) -> dict:
@@ -37,13 +36,7 @@ def setup_of(mode: str, **more) -> nlos.Setup:
     return nlos.Setup(laser=None if mode == "confocal" else LASER, **more)
 
 
-def three_of(
-    mode: str,
-    hidden: dict,
-    the_film: dict | None = None,
-    setup: nlos.Setup | None = None,
-    **options,
-) -> dict:
+def three_of(mode: str, hidden: dict, the_film=None, setup=None, **options) -> dict:
     setup, the_film = setup or setup_of(mode), the_film or small_film()
     if mode == "confocal":
         return nlos.confocal(setup, hidden, the_film, **options)
@@ -83,16 +76,12 @@ def test_patch(name, mode):
 
 
 def test_small_patch_is_f1():
-    setup, patch = (
-        nlos.Setup(power=2.0),
-        facing(nlos.Rectangle.turned((0.3, 0.1, 1.2), 40, 30, (1e-3, 1e-3))),
-    )
+    patch = facing(nlos.Rectangle.turned((0.3, 0.1, 1.2), 40, 30, (1e-3, 1e-3)))
     r = float(np.linalg.norm(patch.centre))
     cos_h, cos_w = abs(np.dot(patch.normal, patch.centre)) / r, patch.centre[2] / r
     f1 = 2.0 * 0.8**2 * 0.7 * patch.area * cos_w**2 * cos_h**2 / (math.pi**3 * r**4)
-    assert nlos.total(setup, patch.nodes(), 0.7, (0, 0, 0), (0, 0, 0)) == pytest.approx(
-        f1, rel=1e-5
-    )
+    whole = nlos.total(nlos.Setup(power=2.0), patch.nodes(), 0.7, (0, 0, 0), (0, 0, 0))
+    assert whole == pytest.approx(f1, rel=1e-5)
 
 
 @pytest.mark.statistical
@@ -120,9 +109,8 @@ def test_infinite_plane(half_width):
     """A parallel plane of 24 m, of which the wall's material and area sampling find the middle."""
     setup, distance = nlos.Setup(legs=False, power=3.0), 0.8
     edges = 2 * (distance + np.arange(21) * 0.05 - 0.02)
-    hidden = nlos.Rectangle.turned((0, 0, distance), 0, 0, half=(half_width, half_width)).shape(
-        {"type": "twosided", "side": diffuse(0.7)}
-    )
+    far = nlos.Rectangle.turned((0, 0, distance), 0, 0, half=(half_width, half_width))
+    hidden = far.shape({"type": "twosided", "side": diffuse(0.7)})
     # The device stands between wall and plane, where the plane hides nothing from it
     setup.sensor = (-0.3, 0.2, 0.5)
     window = film(bins=20, start=edges[0], bin_width=0.1)
@@ -169,9 +157,8 @@ def test_light_between_the_faces_of_a_groove():
     window = film(bins=16, start=start, bin_width=0.05)
     described = nlos.confocal(setup, groove_shapes(groove), window, filter_bounces=4)
     samples = in_time(described, 4096)
-    expected = over_seeds(
-        lambda s: nlos.masses(edges, *groove.four_bounces(setup, 50_000, s)), SEEDS
-    )
+    four = (groove.four_bounces(setup, 50_000, seed) for seed in SEEDS)
+    expected = np.stack([nlos.masses(edges, *each) for each in four])
     assert samples.sum() > 0
     assert agree(samples, expected)
 

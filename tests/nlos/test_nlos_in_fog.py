@@ -22,27 +22,20 @@ DEVICE, SPOT = (0.0, -1.2, 1.4), (-0.5, -0.5, 0.0)
 BINS, START, WIDTH = 40, 2.5, 0.15
 FOV = 0.2
 CONFOCAL = {"type": "confocal_transient_path"}
-SCAN = {
-    "type": "transient_nlos_path",
-    "nlos_laser_sampling": True,
-    "nlos_hidden_geometry_sampling": True,
-    "account_first_and_last_bounces": True,
-    "discard_direct_paths": True,
-}
+SWITCHES = ("nlos_laser_sampling", "nlos_hidden_geometry_sampling", "discard_direct_paths")
+SCAN = {"type": "transient_nlos_path", "account_first_and_last_bounces": True}
+SCAN |= dict.fromkeys(SWITCHES, True)
 SINGLE, EACH = SCAN | {"capture_type": "single"}, SCAN | {"capture_type": "confocal"}
 MODES = {"confocal": CONFOCAL, "single": SINGLE, "each": EACH}
 THIN = fog(0.6, 0.95, 0.4)
 DIM, DARK = fog(0.3, 0.0), fog(1.5, 0.0)
 LEGS = {"confocal": 4.15, "single": 3.71, "each": 4.15}
 """Length of the ways between device and wall, both together: within 2 %."""
+DARK_SLAB = {"slab": filled(cube((3, 3, 0.1), (0, 0, 0.5)), DARK)}
 ABSORBING: dict[str, tuple[dict, float, Any]] = {
     "around": ({"around": DIM}, 0.3, lambda s, legs: s),
     "in a box": ({"around": DIM, "box": filled(cube(6.0), DIM)}, 0.3, lambda s, legs: s),
-    "slab": (
-        {"slab": filled(cube((3, 3, 0.1), (0, 0, 0.5)), DARK)},
-        1.5,
-        lambda s, legs: 0.2 * (s - legs) + 0.2 / DEVICE[2] * legs,
-    ),
+    "slab": (DARK_SLAB, 1.5, lambda s, legs: 0.2 * (s - legs) + 0.2 / DEVICE[2] * legs),
 }
 """Fog, its extinction [1/m], and how much of a path's length is in it."""
 

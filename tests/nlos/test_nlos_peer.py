@@ -22,20 +22,12 @@ def peers_scene(mode: str) -> dict:
     to_world = mi.ScalarTransform4f().look_at(list(DEVICE), list(LIT), [0, 1, 0])
     laser = {"type": "projector", "irradiance": grey(100.0), "fov": 0.2}
     window = film(2, 2, bins=40, start=1.7, bin_width=0.05)
-    return {
-        "type": "scene",
-        "integrator": {
-            "type": "transient_nlos_path",
-            "capture_type": {"single": 1, "confocal": 2}[mode],
-            "nlos_laser_sampling": True,
-            "nlos_hidden_geometry_sampling": True,
-            "account_first_and_last_bounces": False,
-            "temporal_filter": "box",
-        },
-        "relay_wall": relay_wall(Setup(sensor=DEVICE), window),
-        "laser": laser | {"to_world": to_world},
-        "hidden": plate.shape(),
-    }
+    integrator = {"type": "transient_nlos_path", "account_first_and_last_bounces": False}
+    integrator |= {"nlos_laser_sampling": True, "nlos_hidden_geometry_sampling": True}
+    integrator |= {"capture_type": {"single": 1, "confocal": 2}[mode], "temporal_filter": "box"}
+    wall = relay_wall(Setup(sensor=DEVICE), window)
+    parts = {"relay_wall": wall, "laser": laser | {"to_world": to_world}, "hidden": plate.shape()}
+    return {"type": "scene", "integrator": integrator} | parts
 
 
 def render_as_peer(mode: str, path: str) -> None:

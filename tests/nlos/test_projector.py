@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers.support import agree, film, load, over_seeds, rendered, with_sampler
 from oracles import films as oracles, nlos
+from test_confocal import totals
 
 from tofrender.scenes import cornell_box
 
@@ -59,11 +60,8 @@ def intensity(points, *pattern) -> np.ndarray:
     """I(w) towards points (..., 3), by the formula: one number for each point."""
     at, cos = in_pattern(points - np.asarray(PLACE))
     inside = (np.abs(at) <= 1).all(axis=-1) & (cos > 0)
-    return (
-        inside
-        * gaussians(*np.moveaxis(at, -1, 0), *pattern)
-        / (math.tan(FOV / 2) ** 2 * np.abs(cos) ** 3)
-    )
+    on_square = inside * gaussians(*np.moveaxis(at, -1, 0), *pattern)
+    return on_square / (math.tan(FOV / 2) ** 2 * np.abs(cos) ** 3)
 
 
 def direct(points, value: np.ndarray, albedo: float = 0.8) -> np.ndarray:
@@ -79,27 +77,17 @@ PATTERNS = {
     "beside the axis": (WHERE[:1], [0.2], [1.0]),
     "several": (WHERE, [0.2, 0.1, 0.3], [1.0, 3.0, 0.5]),
 }
-COLOURS = [(1.0, 0.5, 0.25), (0.0, 2.0, 1.0)]
+COLOURED = [(0.3, 0.0), (-0.3, 0.0)], [0.2, 0.2], [(1.0, 0.5, 0.25), (0.0, 2.0, 1.0)]
+IN_WORDS = {"spot_positions": "0.5, -0.25  -0.6 0.1", "spot_sigmas": "0.2 0.1"}
+IN_WORDS |= {"spot_intensities": "1, 3"}
+GRID = {"grid_rows": 2, "grid_cols": 3, "grid_sigma": 0.05, "grid_intensity": 1.5}
 ROWS = [(x, y) for y in (-0.5, 0.5) for x in (-2 / 3, 0, 2 / 3)]
 """In the middle of equal cells, each spot with the whole power."""
 
 DIRECT = {name: (spots(*pattern), pattern) for name, pattern in PATTERNS.items()} | {
-    "grid": (
-        {"grid_rows": 2, "grid_cols": 3, "grid_sigma": 0.05, "grid_intensity": 1.5},
-        (ROWS, [0.05] * 6, [1.5] * 6),
-    ),
-    "colours": (
-        spots([(0.3, 0.0), (-0.3, 0.0)], [0.2, 0.2], COLOURS),
-        ([(0.3, 0.0), (-0.3, 0.0)], [0.2, 0.2], COLOURS),
-    ),
-    "text": (
-        {
-            "spot_positions": "0.5, -0.25  -0.6 0.1",
-            "spot_sigmas": "0.2 0.1",
-            "spot_intensities": "1, 3",
-        },
-        (WHERE[:2], [0.2, 0.1], [1.0, 3.0]),
-    ),
+    "grid": (GRID, (ROWS, [0.05] * 6, [1.5] * 6)),
+    "colours": (spots(*COLOURED), COLOURED),
+    "text": (IN_WORDS, (WHERE[:2], [0.2, 0.1], [1.0, 3.0])),
 }
 
 
@@ -168,12 +156,7 @@ def test_samples_follow_the_pattern(name, tries):
 def test_a_narrow_spot_is_a_point():
     setup = nlos.Setup(sensor=PLACE, power=2.0)
     described = nlos.confocal(setup, {"hidden": PATCH.shape()}, film(2, 2), spot_sigma=1e-3)
-    expected = np.array(
-        [
-            [nlos.total(setup, PATCH.nodes(), 0.7, p, p) for p in row]
-            for row in nlos.Grid(2, 2).points()
-        ]
-    )
+    expected = totals(setup, PATCH.nodes())
     assert agree(over_seeds(nlos.estimates(described, 1024), SEEDS), expected, rounding=2e-3)
 
 

@@ -324,7 +324,6 @@ def test_more_samples_the_second_time(path, small_steps):
 
 
 def test_on_top_of_an_earlier_render(path, small_steps):
-    """`resume` and a checkpoint of what came after it; then of that one's result."""
     whole = rendered(box(), spp=3 * SPP)(None)
     small_steps()
     earlier = rendered(box())(None)
@@ -357,7 +356,6 @@ def test_parts_weigh_by_their_samples(done):
 
 
 def test_a_partial_result_is_gone_on_with(path, small_steps):
-    """Without the checkpoint: what Ctrl-C returns is a render of fewer samples."""
     whole = rendered(box())(None)
     small_steps()
     with pytest.warns(UserWarning, match="interrupted"):
@@ -457,7 +455,6 @@ def test_ctrl_c_in_the_last_step_of_a_laser_point(path, small_steps):
 
 
 def test_a_second_ctrl_c_ends_at_once(path, small_steps):
-    """And the file is still whole."""
     small_steps()
     assert stopped(rendered(box()), Cut(path, 2)) is None
 

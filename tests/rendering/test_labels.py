@@ -33,11 +33,15 @@ def reconstructed() -> xr.Dataset:
     return tofrender.reconstruct(captured(), "bp", progress=False)
 
 
-def from_zarr(folder: Path) -> xr.Dataset:
-    return tofrender.save_zarr(rendered(), folder / "a.zarr")
+def from_stack(path: Path, **options) -> xr.Dataset:
+    return tofrender.load_exr_stack(tofrender.save_exr_stack(rendered(), path, **options))
 
 
-SCENE_OF_AXIS = {"width": 5, "height": 4, "temporal_bins": 12, "bin_width_opl": 1.0}
+def small_box() -> dict:
+    return tofrender.cornell_box(width=5, height=4, temporal_bins=12, bin_width_opl=1.0)
+
+
+OF_PYRAMID = {"spp": 1, "size": (4, 4), "bins": 5, "window": (3, 13), "progress": False}
 VOLUMES = {
     "reconstruction": lambda _: reconstructed(),
     "depth": lambda _: tofrender.depth_map(reconstructed()).to_dataset(),
@@ -51,20 +55,12 @@ KINDS = VOLUMES | {
     "rendered capture": lambda _: tofrender.capture("nlos_plane", grid=(2, 2), spp=1),
     "merged": lambda _: tofrender.merge([rendered(), rendered().assign_attrs(seed=1)]),
     "npz": lambda path: tofrender.load_npz(tofrender.save_npz(rendered(), path / "a.npz")),
-    "frames": lambda path: tofrender.load_exr_stack(
-        tofrender.save_exr_stack(rendered(), path / "a")
-    ),
-    "one file": lambda path: tofrender.load_exr_stack(
-        tofrender.save_exr_stack(rendered(), path / "a.exr", layout="multipart")
-    ),
-    "zarr": from_zarr,
-    "streamed": lambda path: tofrender.render(
-        tofrender.cornell_box(**SCENE_OF_AXIS), spp=1, out=path / "a.zarr"
-    ),
+    "frames": lambda path: from_stack(path / "a"),
+    "one file": lambda path: from_stack(path / "a.exr", layout="multipart"),
+    "zarr": lambda path: tofrender.save_zarr(rendered(), path / "a.zarr"),
+    "streamed": lambda path: tofrender.render(small_box(), spp=1, out=path / "a.zarr"),
     "HDF5": lambda path: tofrender.load_capture(tofrender.save_capture(captured(), path / "a.h5")),
-    "pyramid": lambda _: tofrender.strategy_pyramid(
-        SCENE, max_depth=2, spp=1, size=(4, 4), bins=5, window=(3, 13), progress=False
-    ),
+    "pyramid": lambda _: tofrender.strategy_pyramid(SCENE, max_depth=2, **OF_PYRAMID),
 }
 
 
@@ -106,11 +102,10 @@ def test_arithmetic_goes_on():
     assert "time" in twice.xindexes
     plain = xr.DataArray(np.arange(12.0), {"opl": one["opl"].values}, "opl")
     assert (one["transient"] * plain).sizes == one["transient"].sizes
-    assert one["transient"].coarsen(opl=2).sum().sizes["opl"] == 6
-    np.testing.assert_allclose(
-        one["transient"].coarsen(opl=2).sum()["time"],
-        one["time"][::2] + (one["time"][1] - one["time"][0]) / 2,
-    )
+    coarse = one["transient"].coarsen(opl=2).sum()
+    assert coarse.sizes["opl"] == 6
+    middle = one["time"][::2] + (one["time"][1] - one["time"][0]) / 2
+    np.testing.assert_allclose(coarse["time"], middle)
 
 
 def test_times_of_other_lengths_are_refused(tmp_path):
@@ -160,6 +155,5 @@ def test_xarray_labels_its_plots():
 
 def test_what_no_one_knows_has_no_label():
     assert labels.labels_of("something", {}) == {}
-    assert labels.labels_of(
-        "transient", {"quantity": "radiance per metre", "units": "W m^-3 sr^-1"}
-    ) == {"units": "W m^-3 sr^-1", "long_name": "radiance per metre"}
+    name, unit = "radiance per metre", {"units": "W m^-3 sr^-1"}
+    assert labels.labels_of("transient", unit | {"quantity": name}) == unit | {"long_name": name}

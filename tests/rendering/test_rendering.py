@@ -45,14 +45,12 @@ def outside(dataset) -> float:
     return dataset.attrs["energy_outside_window"]
 
 
+SUN = {"type": "directional", "direction": [0.2, -0.3, -0.9]}
 CHANGES = {
     "plain": lambda described: described,
     "pulse": lambda described: with_integrator(described, pulse_width_opl=0.2),
     "sky": lambda described: described | {"sky": {"type": "constant", "radiance": grey(0.5)}},
-    "sun": lambda described: (
-        described
-        | {"light": {"type": "directional", "direction": [0.2, -0.3, -0.9], "irradiance": grey(3)}}
-    ),
+    "sun": lambda described: described | {"light": SUN | {"irradiance": grey(3)}},
 }
 
 
@@ -131,7 +129,6 @@ def test_a_loaded_scene_is_left_as_it_was():
 @pytest.mark.parametrize("rfilter", ["box", "gaussian"])
 @pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_mono"])
 def test_equals_mitsuba_render(variant, rfilter):
-    """The same sampler and seed through `mi.render` give the same numbers."""
     mi.set_variant(variant)
     described = with_integrator(box(), temporal_filter="box")
     loaded = mi.load_dict(with_film(described, rfilter={"type": rfilter}))
@@ -202,7 +199,6 @@ def test_a_seed_repeats_and_another_does_not(sampler):
 
 @pytest.mark.parametrize("sampler", ["padded_sobol", "independent"])
 def test_many_steps_are_one(monkeypatch, sampler):
-    """A render in steps goes on in the same point set, so that steps do not show."""
     numbers: list[int] = []
     watch_steps(monkeypatch, numbers.append)
     whole = render(box(), spp=512, sampler=sampler)
@@ -254,12 +250,8 @@ def test_window_by_numbers():
     coarse = render(box(), window=(3.0, 33.0), temporal_bins=10)
     assert coarse.sizes["opl"] == 10
     assert coarse.attrs["bin_width_opl"] == pytest.approx(3.0)
-    np.testing.assert_allclose(
-        coarse.transient.sum(("y", "x", "channel")),
-        dataset.transient.sum(("y", "x", "channel")).values.reshape(10, 12).sum(1),
-        rtol=1e-4,
-        atol=1e-4,
-    )
+    few, many = (each.transient.sum(("y", "x", "channel")).values for each in (coarse, dataset))
+    np.testing.assert_allclose(few, many.reshape(10, 12).sum(1), rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.statistical

@@ -56,13 +56,12 @@ def with_takes(client, wrapper, where=None) -> None:
     def install(wrapper=wrapper):
         from tofrender.rendering import job
 
+        def wrapped(j, piece, **options):
+            return wrapper(partial(take, **options), j, piece)
+
         take = getattr(job, "own_render_item", job.render_item)
         job.own_render_item = take
-        job.render_item = (
-            take
-            if wrapper is None
-            else lambda j, piece, **options: wrapper(partial(take, **options), j, piece)
-        )
+        job.render_item = wrapped if wrapper else take
 
     client.run(install, workers=where)
 

@@ -41,14 +41,12 @@ def rendered() -> dict:
             return dict(archive)
 
 
+PULSE = {"start_opl": 0.0, "bin_width_opl": 1.0}
 AXES = {axis: np.arange(3.0) for axis in "zyx"}
 BOMBS = {
     "shape of a render": (tofrender.load_npz, {"transient": BOMB}),
     "description": (tofrender.load_npz, {"tofrender": np.array("x" * len(BOMB))}),
-    "pulse": (
-        tofrender.SampledPulse.from_file,
-        {"values": BOMB, "start_opl": 0.0, "bin_width_opl": 1.0},
-    ),
+    "pulse": (tofrender.SampledPulse.from_file, PULSE | {"values": BOMB}),
     "volume": (_volume, AXES | {"intensity": BOMB}),
     "axis of a volume": (_volume, AXES | {"intensity": BOMB, "z": BOMB}),
 }

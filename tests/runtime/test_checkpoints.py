@@ -19,12 +19,8 @@ ALWAYS = 1e-9
 
 
 def arrays(value: float = 1.0) -> dict[str, np.ndarray]:
-    return {
-        "light": np.full((2, 3), value, np.float32),
-        "places": np.arange(5, dtype=np.uint32),
-        "count": np.array(7),
-        "none": np.zeros((0, 4)),
-    }
+    light, places = np.full((2, 3), value, np.float32), np.arange(5, dtype=np.uint32)
+    return {"light": light, "places": places, "count": np.array(7), "none": np.zeros((0, 4))}
 
 
 def made(path: Path, **options) -> Checkpoint:
