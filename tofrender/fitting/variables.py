@@ -31,10 +31,11 @@ class Variables:
         self, scene: mi.Scene, params: Any, apply: Apply | None, bounds: Any = None
     ) -> None:
         own = isinstance(params, mi.SceneParameters)
-        given = checks.mapping("params", dict(params) if own else params)
+        start = dict(params) if own else params
+        given = checks.mapping("params", start)
         if not given:
             raise ValueError(
-                f"params = {checks.quote(given)}: must have a name and start value or more"
+                f"params = {checks.quote(start)}: must have a name and start value or more"
             )
         self.params = params if own and apply is None else mi.traverse(scene)
         self._apply = apply
