@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import html
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from concurrent.futures import Executor
 from typing import Any
@@ -54,12 +55,15 @@ class Canvas(pn.custom.JSComponent):
     __abstract = True
 
 
-class Page:
+class Page(ABC):
     """The page of one reader, with a thread for long tasks; subclasses have `layout` and `draw`.
 
     Example:
         >>> class Counting(Page):
         ...     drawn = 0
+        ...
+        ...     def layout(self):
+        ...         return None
         ...
         ...     async def draw(self):
         ...         self.drawn += 1
@@ -76,13 +80,13 @@ class Page:
         self._executor = executor
         self._drawing = self._outdated = False
 
+    @abstractmethod
     def layout(self) -> Any:
         """The layout, an object of Panel."""
-        raise NotImplementedError
 
+    @abstractmethod
     async def draw(self) -> None:
         """Draw the current choice."""
-        raise NotImplementedError
 
     async def redraw(self, *_: Any) -> None:
         """Draw now, or once more after the drawing under way."""

@@ -37,7 +37,7 @@ class Path(Generic[H]):
 
     ray: mi.Ray3f  # the ray to the next vertex
     depth: mi.UInt32  # number of vertices so far
-    # path throughput, a Mueller matrix in polarised variants; `extended` multiplies it
+    # path throughput, a Mueller matrix in polarised variants; `multiply_throughput` multiplies it
     β: mi.Spectrum
     # index of refraction around the ray; for paths from lights, relative to that around the light
     η: mi.Float

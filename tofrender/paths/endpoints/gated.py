@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -251,7 +252,8 @@ class GatedFog(GatedEmitters):
         *options: bool,
     ) -> None:
         super().__init__(scene, sensor, gate, *options)
-        self.in_media = EllipsoidalConnections(self, gate, media)
+        # a copy, since a cycle would keep the scene until garbage collection
+        self.in_media = EllipsoidalConnections(copy(self), gate, media)
 
     @staticmethod
     def serves(scene: mi.Scene) -> bool:

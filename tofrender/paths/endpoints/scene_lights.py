@@ -93,7 +93,9 @@ class SceneLights(EmitterEndpoint):
 
     def _set_count(self, count: int) -> None:
         """Set the number of emitter samples at a path's first vertex."""
-        self.further = EmitterLattice(self, count) if count > 1 else None
+        self.further = None
+        if count > 1:  # a copy, since a cycle would keep the scene until garbage collection
+            self.further = EmitterLattice(copy(self), count)
 
     def for_bin_width(self, width_opl: float) -> Self:
         """Return the endpoint with as many emitter samples as pay off, if they are "auto"."""
