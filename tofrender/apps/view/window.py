@@ -55,7 +55,10 @@ class Window(Page):
         """Buttons and messages above the explorer."""
         redraw: Any = self.redraw
         pn.state.add_periodic_callback(redraw, period=REFRESH_MS)
-        buttons = [self.stop, self.save] if isinstance(self.source, LiveRender) else []
+        buttons = []
+        if isinstance(self.source, LiveRender):
+            buttons = [self.stop, self.save]
+            self._show_progress(self.source)
         wrap = {"flex-wrap": "wrap", "align-items": "center"}
         self.region.styles = wrap
         bar = pn.Row(*buttons, self.message, sizing_mode="stretch_width", styles=wrap)
@@ -68,11 +71,11 @@ class Window(Page):
     async def draw(self) -> None:
         """Show the source's state, and its data if they are new."""
         source = self.source
+        if not self.explorer.ready:  # Bokeh fails if a button is disabled before it is on the page
+            return
         if isinstance(source, LiveRender):
             self._show_progress(source)
-        if not self.explorer.ready:
-            return
-        if isinstance(source, SavedDataset):
+        else:
             await self.run(source.refresh)
         version = source.version
         if version != self._shown_version:
