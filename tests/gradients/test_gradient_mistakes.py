@@ -23,7 +23,7 @@ SEEDS = range(6)
 HALF_PERCENT = 5e-3
 
 TARGETS = {
-    "length of light": "tofrender.films.derivatives:Collected.add",
+    "length of light": "tofrender.gradients.films:Collected.add",
     # Slides along the camera's ray: its Jacobian is 1. Where it follows its surface instead, the
     # Jacobian of the camera's rays belongs to it
     "first vertex": "tofrender.paths.space:Vacuum.next_vertex",
@@ -34,8 +34,8 @@ TARGETS = {
     # Which contributions count
     "active lanes": "tofrender.paths.walk:accumulate",
     # Of a vertex that follows its surface, and the same with the cosine and the distance there
-    "area Jacobian": "tofrender.paths.attached:element",
-    "solid angle": "tofrender.paths.attached:changing",
+    "area Jacobian": "tofrender.gradients.detached:element",
+    "solid angle": "tofrender.gradients.detached:changing",
     # The energy of a pulse up to a length
     "pulse": "tofrender.signals.pulses:GaussianPulse.cdf",
 }

@@ -25,9 +25,9 @@ from helpers.support import (
 )
 
 import tofrender
+from tofrender.bidirectional.lens import Lens
 from tofrender.integrators import passes, visible_emitters
 from tofrender.integrators.visible_emitters import VisibleEmitters
-from tofrender.paths.lens import Lens
 
 SEEDS, OTHER_SEEDS = range(16), range(1000, 1016)
 SPP = 64

@@ -24,7 +24,7 @@ from helpers.support import (
 )
 
 import tofrender
-from tofrender.paths.endpoints import GatedFog
+from tofrender.media.gated import GatedFog
 
 pytestmark = pytest.mark.statistical
 SEEDS = range(8)

@@ -38,9 +38,9 @@ from helpers.support import (
 )
 
 import tofrender
-from tofrender.paths.endpoints.camera import Camera
-from tofrender.paths.media import Media
-from tofrender.paths.phases import Phases
+from tofrender.bidirectional.camera import Camera
+from tofrender.media.phases import Phases
+from tofrender.media.space import Media
 from tofrender.paths.records import Vertex
 
 pytestmark = pytest.mark.statistical

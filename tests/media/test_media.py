@@ -13,11 +13,11 @@ from helpers.scenes import numbers
 from helpers.support import plane, rotate, translate
 
 from tofrender.integrators.plan import Plan
-from tofrender.paths import media as media_module
+from tofrender.media import space as media_module
+from tofrender.media.flight import sample_channel, value_in
+from tofrender.media.phases import Phases, as_surface
+from tofrender.media.space import Media
 from tofrender.paths.endpoints import SceneLights
-from tofrender.paths.flight import sample_channel, value_in
-from tofrender.paths.media import Media
-from tofrender.paths.phases import Phases, as_surface
 from tofrender.paths.records import Limits, MediumPoint, Path, Vertex
 from tofrender.paths.scattering import Materials
 from tofrender.sampling.statistics import p_values, smallest_allowed

@@ -19,7 +19,7 @@ from test_confocal import (
     totals,
 )
 
-from tofrender.paths import guided
+from tofrender.nlos.light import guided
 from tofrender.scenes.meshes import bunny_mesh, letter_z_mesh
 
 SEEDS = range(16)

@@ -14,11 +14,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from tofrender.bidirectional.camera import LightPath
+from tofrender.bidirectional.emission import Emitted
+from tofrender.bidirectional.mis import BidirectionalMIS
 from tofrender.integrators.bidirectional import BidirectionalPlan
-from tofrender.paths.bidirectional_mis import BidirectionalMIS
 from tofrender.paths.camera import ray_origin
-from tofrender.paths.emission import Emitted
-from tofrender.paths.endpoints.camera import LightPath
 from tofrender.paths.protocols import Space
 from tofrender.paths.records import BSDFSample, Limits, Vertex
 from tofrender.paths.scattering import Materials

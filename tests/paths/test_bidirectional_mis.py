@@ -36,11 +36,11 @@ from helpers.support import (
 from oracles.light_paths import window_area
 from oracles.replayed_paths import LONGEST, WIDE, Paths, Products, shares, started
 
-from tofrender.paths.bidirectional_mis import BidirectionalMIS, PartialSums
-from tofrender.paths.emission import Emission
-from tofrender.paths.endpoints.camera import Camera
-from tofrender.paths.endpoints.light_paths import LightPaths, VertexConnection
-from tofrender.paths.lens import Lens
+from tofrender.bidirectional.camera import Camera
+from tofrender.bidirectional.emission import Emission
+from tofrender.bidirectional.lens import Lens
+from tofrender.bidirectional.light_paths import LightPaths, VertexConnection
+from tofrender.bidirectional.mis import BidirectionalMIS, PartialSums
 from tofrender.paths.records import Vertex
 from tofrender.paths.scattering import Materials
 

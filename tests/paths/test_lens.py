@@ -7,8 +7,8 @@ import pytest
 from helpers.scenes import numbers
 from helpers.support import camera, film, load, unit
 
+from tofrender.bidirectional.lens import Lens
 from tofrender.paths.camera import pixel_corner, ray_origin, sampled_size
-from tofrender.paths.lens import Lens
 
 ORIGIN, TARGET = (0.3, -0.5, 1.2), (1.0, 2.0, 0.4)
 AXIS = unit(np.subtract(TARGET, ORIGIN))

@@ -10,9 +10,9 @@ import mitsuba as mi
 from ..films.exposure import Exposure, Weight
 from ..films.recording import Recording, recording, warn_not_finite
 from ..films.sums import Radiance
+from ..media.space import Media
 from ..paths.endpoints import EmitterHits, SceneLights
 from ..paths.endpoints.scene_lights import checked_count
-from ..paths.media import Media
 from ..paths.protocols import Endpoint, Scattering, Space
 from ..paths.records import Limits
 from ..paths.refraction import index_around
@@ -47,7 +47,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
     | `camera_unwarp` | false | leave out the segment from the camera to the first surface |
     | `discard_direct_light` | false | drop light that comes straight from an emitter |
     | `emitter_sampling` | true | connect to emitters; if false, paths must run into them |
-    | `gradient_sampling` | "detached" | or "attached", for derivatives: see `paths.attached` |
+    | `gradient_sampling` | "detached" | or "attached", for derivatives: see `gradients.detached` |
     """
 
     def __init__(self, props: mi.Properties) -> None:

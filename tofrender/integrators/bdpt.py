@@ -6,7 +6,7 @@ import re
 
 import mitsuba as mi
 
-from ..paths.bidirectional_mis import BidirectionalMIS
+from ..bidirectional.mis import BidirectionalMIS
 from ..runtime import checks
 from .bidirectional import BothEnds
 
@@ -20,7 +20,7 @@ class TransientBDPT(BothEnds):
 
     A sample is a path from a light and one from the camera, all of whose vertices are connected.
     Each path of light is thus found by several strategies (s, t), s vertices from the light and t
-    from the lens, weighted by MIS, see `tofrender.paths.bidirectional_mis`.
+    from the lens, weighted by MIS, see `tofrender.bidirectional.mis`.
     Slower per sample than `transient_path`, and far better where light is hard to find from the
     camera: caustics, lamps in fixtures, light through holes.
 

@@ -8,13 +8,13 @@ from dataclasses import replace
 import drjit as dr
 import mitsuba as mi
 
+from ..bidirectional.camera import Camera, LightPathHistory
+from ..bidirectional.emission import Emission, Emitted
+from ..bidirectional.lens import Lens
+from ..bidirectional.light_paths import LightPaths
+from ..bidirectional.mis import BidirectionalMIS
 from ..films.contribution import Contribution
 from ..films.exposure import BINS, PHASORS, PICTURE, Exposure
-from ..paths.bidirectional_mis import BidirectionalMIS
-from ..paths.emission import Emission, Emitted
-from ..paths.endpoints.camera import Camera, LightPathHistory
-from ..paths.endpoints.light_paths import LightPaths
-from ..paths.lens import Lens
 from ..paths.protocols import Parts, Space
 from ..paths.records import Limits, Path
 from ..paths.scattering import Materials

@@ -11,12 +11,12 @@ import drjit as dr
 import mitsuba as mi
 
 from ..films.contribution import Contribution
-from ..films.derivatives import BinChanges, Changes, Collected
 from ..films.histogram import MAX_ADDED
 from ..films.recording import BinRecording, Recording
-from ..paths.attached import Detached
+from ..gradients.detached import Detached
+from ..gradients.films import BinChanges, Changes, Collected
+from ..gradients.steps import MOST_KEPT, move, pull
 from ..paths.camera import CameraSample, sample_camera, sampled_size
-from ..paths.derivatives import MOST_KEPT, move, pull
 from ..paths.protocols import Endpoint, Parts
 from ..paths.records import Path, packed
 from ..paths.surfaces import has_lobes

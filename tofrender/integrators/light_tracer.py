@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..paths.bidirectional_mis import BidirectionalMIS
+from ..bidirectional.mis import BidirectionalMIS
 from .bidirectional import BothEnds
 
 

@@ -16,8 +16,9 @@ from ..films.exposure import BINS, PICTURE, Exposure
 from ..films.image import transient_film
 from ..films.recording import recording
 from ..films.sums import Weighted
-from ..paths.endpoints import GatedFog, GatedLights
-from ..paths.media import Media
+from ..media.gated import GatedFog
+from ..media.space import Media
+from ..paths.endpoints import GatedLights
 from ..paths.surfaces import has_lobes
 from ..runtime import checks
 from ..runtime.checkpoints import Checkpoint

@@ -5,7 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from ..paths.bidirectional_mis import BidirectionalMIS
+from ..bidirectional.mis import BidirectionalMIS
 from ..runtime import checks
 from .bidirectional import BothEnds
 

@@ -3,20 +3,20 @@
 | part | implementation | is |
 |---|---|---|
 | space | `space.Vacuum` | straight rays between surfaces |
-| | `media.Media` | straight rays through participating media |
+| | `media.space.Media` | straight rays through participating media |
 | endpoint | `endpoints.SceneLights` | the scene's emitters, by next-event estimation and hits |
 | | `endpoints.LightsStraightAhead` | `SceneLights`, also behind panes and masks |
 | | `endpoints.EmitterHits`, `ConnectionsOnly` | one of both techniques |
 | | `endpoints.OneSampleLights` | one-sample MIS of emitter and BSDF sampling |
-| | `endpoints.GatedLights`, `GatedFog` | emitter samples that arrive while a gate is open |
+| | `endpoints.GatedLights`, `media.gated.GatedFog` | emitter samples seen through a gate |
 | | `endpoints.PointSource`, `endpoints.OpenSky` | a light that is not part of the scene |
-| | `endpoints.camera.Camera` | the lens, for paths from lights |
-| | `endpoints.light_paths.LightPaths` | the scene's emitters, and the vertices of a light path |
+| | `bidirectional.camera.Camera` | the lens, for paths from lights |
+| | `bidirectional.light_paths.LightPaths` | emitters, and the vertices of a light path |
 | | `nlos.light.laser_spot.LaserSpot` | the laser spot on a relay wall |
 | | `nlos.light.transient_nlos.LaserItself` | the scene's laser, for the paths that count |
 | scattering | `scattering.Materials` | the BSDF of each surface, or one for all |
-| | `phases.Phases` | phase functions in media, another scattering on surfaces |
-| | `guided.Guided` | another scattering, mixed with directions to target surfaces |
+| | `media.phases.Phases` | phase functions in media, another scattering on surfaces |
+| | `nlos.light.guided.Guided` | another scattering, mixed with directions to target surfaces |
 | measurement | `films.sums.Radiance` | the sum of all light |
 | | `films.sums.Weighted` | a sum weighted by path length: a gate, a correlation |
 | | `films.time_bins.TimeBins` | a film's time bins |
@@ -32,17 +32,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from copy import copy
-from typing import TYPE_CHECKING, Generic, Protocol, Self, TypeVar
+from typing import Generic, Protocol, Self, TypeVar
 
 import mitsuba as mi
 
 from ..films.contribution import Contribution
 from .records import BSDFEval, BSDFSample, Connection, Hit, Limits, Path, Vertex
 
-if TYPE_CHECKING:
-    from .endpoints.gated import EllipsoidalConnections
-
 H = TypeVar("H")
+T = TypeVar("T", bound="Target")
 
 
 class Space(ABC):
@@ -125,6 +123,27 @@ class FurtherConnections(Protocol):
         """Sample number `k` of those that follow the first one."""
 
 
+class Target(Protocol):
+    """Emitter sample and path length of a connection by way of a point of a medium."""
+
+    active: mi.Bool  # lanes in which there is such a point
+
+
+class MediumConnections(Protocol[T]):
+    """Connections of points of media along rays, instead of those where paths scatter."""
+
+    def prepare(self, path: Path, sampler: mi.Sampler, active: mi.Bool) -> T:
+        """Sample the emitter and the length of a connection to the path's last vertex."""
+
+    def sample_direction(self, target: T, sampler: mi.Sampler) -> tuple[T, mi.Vector3f, mi.Float]:
+        """Sample a direction to the point; returns the target along it, and the density [1/sr]."""
+
+    def connect(
+        self, path: Path, target: T, sampler: mi.Sampler
+    ) -> tuple[Path, Vertex, Connection]:
+        """Connect the point on the path's ray; returns the path up to it, too."""
+
+
 class Endpoint(ABC):
     """Light-sampling technique, or the lens: what vertices connect to, and what rays run into.
 
@@ -137,8 +156,7 @@ class Endpoint(ABC):
     hide_emitters: bool = False  # whether the sensor looks through area lights
     history: HistoryUpdates | None = None  # for MIS weights that need earlier vertices
     further: FurtherConnections | None = None  # connections beside the first one of a vertex
-    # Connections of points of media along rays, None if those connect where paths scatter
-    in_media: EllipsoidalConnections | None = None
+    in_media: MediumConnections | None = None  # connections of points of media along rays
 
     @abstractmethod
     def connect(

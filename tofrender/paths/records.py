@@ -45,7 +45,7 @@ class Path(Generic[H]):
     prev: mi.Interaction3f  # the last vertex; at first the point that lengths are measured from
     pdf: mi.Float  # solid-angle density of the ray's direction [1/sr]
     history: H  # what the endpoint's MIS weights need of earlier vertices, None if nothing
-    # distance to the target that guiding has sent the ray to, see `guided`; else None
+    # distance to the target that guiding has sent the ray to, see `nlos.light.guided`; else None
     guide: mi.Float | None
     medium: mi.MediumPtr | None  # the current medium, null in vacuum; None in scenes without media
     not_finite: mi.UInt32  # number of contributions dropped because they were not finite

@@ -3,10 +3,10 @@
 `walk` traces paths and adds every contribution to a measurement. It has path lengths, and no
 pulses, films or frequencies: what varies are the four parts of `protocols`.
 
-**Paths from lights** use the same loop. They start with an emission sample (`emission`), and their
-endpoint is the camera (`endpoints.camera`), whose connections end on the lens. Scattering is then
-adjoint (`Materials(importance=True)`), and Russian roulette leaves η² out, since importance is not
-compressed at refraction. `bidirectional_mis` weights the strategies of both ends.
+**Paths from lights** use the same loop, see `bidirectional`: they start with an emission sample,
+and their endpoint is the camera, whose connections end on the lens. Scattering is then adjoint
+(`Materials(importance=True)`), and Russian roulette leaves η² out, since importance is not
+compressed at refraction. `bidirectional.mis` weights the strategies of both ends.
 
 **Polarised light** makes the throughput a Mueller matrix, see `signals.polarisation`. Russian
 roulette and MIS weights use its first entry, and a contribution is a Stokes vector.
@@ -14,26 +14,23 @@ roulette and MIS weights use its first entry, and a contribution is a Stokes vec
 **Media** are a space: `next_vertex` may return a point that scatters, and `transmittance` is a
 spectrum. Phase functions are a scattering that wraps another one.
 
-**Gradients** differentiate `step`, one vertex at a time (`derivatives`). All parts are therefore
-pure: `step` returns a new path, and nothing is stored outside of it.
+**Gradients** differentiate `step`, one vertex at a time (`gradients.steps`). All parts are
+therefore pure: `step` returns a new path, and nothing is stored outside of it.
 """
 
 from __future__ import annotations
 
 from copy import copy
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import drjit as dr
 import mitsuba as mi
 
 from ..films.contribution import Contribution
 from ..signals.polarisation import apply_throughput, intensity, multiply_throughput, summed
-from .protocols import FurtherConnections, Measurement, Parts
+from .protocols import FurtherConnections, Measurement, MediumConnections, Parts, Target
 from .records import BSDFEval, Connection, Path, Vertex
-
-if TYPE_CHECKING:
-    from .endpoints.gated import Ellipsoid, EllipsoidalConnections
 
 M = TypeVar("M", bound=Measurement)
 
@@ -189,10 +186,10 @@ def _connect_medium(
     path: Path,
     active: mi.Bool,
     parts: Parts,
-    in_media: EllipsoidalConnections,
+    in_media: MediumConnections,
     measurement: Measurement,
     sampler: mi.Sampler,
-    target: Ellipsoid | None = None,
+    target: Target | None = None,
 ) -> mi.UInt32:
     """Connect a point of a medium along the path's ray; returns how many were not finite."""
     if parts.limits.bounded:
@@ -210,7 +207,7 @@ def _connect_medium_around(
     vertex: Vertex,
     active: mi.Bool,
     parts: Parts,
-    in_media: EllipsoidalConnections,
+    in_media: MediumConnections,
     measurement: Measurement,
     sampler: mi.Sampler,
 ) -> mi.UInt32:

@@ -12,9 +12,9 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from tofrender.bidirectional.emission import Emission
 from tofrender.films.splats import Splats
 from tofrender.paths.camera import sample_camera
-from tofrender.paths.emission import Emission
 
 LANES = 1 << 18
 """Paths that are traced together."""

@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 from both_ends import BothEnds, Vertex
 
-from tofrender.paths.emission import Emitted
+from tofrender.bidirectional.emission import Emitted
 
 
 def light_path(scene: mi.Scene, sampler: mi.Sampler, emitted: Emitted, count: int) -> list[Vertex]:

@@ -17,10 +17,10 @@ import drjit as dr
 import mitsuba as mi
 
 from ...films.contribution import Contribution
-from ...paths.guided import REACHED, Guided, ray_to
 from ...paths.protocols import Space
 from ...paths.records import Connection, Path, Vertex
 from ...paths.walk import accumulate
+from .guided import REACHED, Guided, ray_to
 from .laser_spot import LaserSpot
 
 CONNECTIONS = 16  # target points for each camera ray

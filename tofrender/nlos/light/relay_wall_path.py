@@ -13,7 +13,6 @@ import numpy as np
 
 from ...films.contribution import Contribution
 from ...integrators.transient_path import TransientPath
-from ...paths.guided import Guided, Targets
 from ...paths.records import Limits
 from ...paths.scattering import Materials
 from ...paths.space import transmittance_between
@@ -22,6 +21,7 @@ from ...runtime import checks
 from ..device.laser import position_of
 from ..device.relay_wall import DEFAULT_ID, find_relay_wall, find_shapes, parse_ids, seen_shapes
 from .corner import walked_weight
+from .guided import Guided, Targets
 from .laser_spot import Beam, LaserInMedia, LaserSpot
 from .scan import Scan, ScanPlan
 

@@ -12,11 +12,11 @@ import mitsuba as mi
 
 from ...integrators.plan import Plan
 from ...paths.camera import behind_emitters
-from ...paths.guided import Guided
 from ...paths.protocols import Space
 from ...paths.records import Limits, Path
 from ...paths.scattering import Materials
 from .corner import CornerConnections, accumulate_corner
+from .guided import Guided
 from .laser_spot import Beam, Spot
 
 

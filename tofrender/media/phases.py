@@ -8,10 +8,10 @@ from dataclasses import replace
 import drjit as dr
 import mitsuba as mi
 
+from ..paths.protocols import Scattering, ScatteringWrapper
+from ..paths.records import BSDFEval, BSDFSample, Connection, MediumPoint, Vertex
 from ..scenes.media import FLAKES, RAYLEIGH, has_flakes
 from ..signals.polarisation import depolarise, rayleigh
-from .protocols import Scattering, ScatteringWrapper
-from .records import BSDFEval, BSDFSample, Connection, MediumPoint, Vertex
 
 
 def stored_medium_point(si: mi.SurfaceInteraction3f, medium: mi.MediumPtr) -> MediumPoint:

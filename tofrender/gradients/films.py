@@ -18,12 +18,12 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..films.colours import channels_of
+from ..films.contribution import CameraRays, Contribution
+from ..films.recording import BinRecording, Recording
+from ..films.sums import Radiance
+from ..films.time_bins import TimeBins, bins_of_pulse, pulse_weight
 from ..signals.polarisation import no_light, scaled
-from .colours import channels_of
-from .contribution import CameraRays, Contribution
-from .recording import BinRecording, Recording
-from .sums import Radiance
-from .time_bins import TimeBins, bins_of_pulse, pulse_weight
 
 # Rates of parameters are needed again at the next vertex
 FORWARDS = dr.ADFlag.ClearEdges | dr.ADFlag.AllowNoGrad

@@ -24,13 +24,13 @@ from dataclasses import replace
 import drjit as dr
 import mitsuba as mi
 
+from ..paths.protocols import Scattering, Space
+from ..paths.records import Connection, MediumPoint, Path, Vertex
+from ..paths.surfaces import Boundaries, lets_straight_through
 from ..scenes.media import media_of
 from ..signals.polarisation import bsdf_to_world, intensity, multiply_throughput
 from .flight import Flight, channel_probabilities, sample_channel, value_in
 from .phases import Phases, as_surface
-from .protocols import Scattering, Space
-from .records import Connection, MediumPoint, Path, Vertex
-from .surfaces import Boundaries, lets_straight_through
 
 FARTHEST = 1e30  # replaces infinite distances where they are multiplied [m]
 

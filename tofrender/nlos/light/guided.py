@@ -21,9 +21,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .protocols import Scattering, ScatteringWrapper
-from .records import BSDFEval, BSDFSample, Connection, Path, Vertex
-from .surfaces import is_on
+from ...paths.protocols import Scattering, ScatteringWrapper
+from ...paths.records import BSDFEval, BSDFSample, Connection, Path, Vertex
+from ...paths.surfaces import is_on
 
 MATERIAL = -1.0  # value of `Path.guide` where the BSDF has sampled the direction
 REACHED = 1e-3  # relative distance by which a ray may miss its target point, by rounding

@@ -14,7 +14,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from .window import Arrival, Window
+from ..paths.window import Arrival, Window
 
 
 class Lens(Window):

@@ -12,7 +12,7 @@ memory of each lane; neither time nor memory has more than one factor of depth, 
 of the threads at work, however many paths there are.
 
 So all that a step depends on has a derivative: lengths, indices, MIS weights, directions of
-mirrors. For the sampling of directions, see `attached`.
+mirrors. For the sampling of directions, see `detached`.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ import drjit as dr
 import mitsuba as mi
 
 from ..films.contribution import Contribution
-from ..films.derivatives import Changes
-from .protocols import Parts
-from .records import Path, packed, tape, unpacked
-from .walk import step
+from ..paths.protocols import Parts
+from ..paths.records import Path, packed, tape, unpacked
+from ..paths.walk import step
+from .films import Changes
 
 MOST_KEPT = 256  # vertices of a path whose states fit into the memory of a lane
 

@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 import drjit as dr
 import mitsuba as mi
 
-from ...signals.polarisation import apply_light_path
-from ..bidirectional_mis import BidirectionalMIS, PartialSums
-from ..emission import Emission
-from ..lens import Lens
-from ..protocols import HistoryUpdates, Scattering
-from ..records import BSDFEval, BSDFSample, Connection, Hit, Path, Vertex
+from ..paths.endpoints.emitters import EmitterEndpoint
+from ..paths.protocols import HistoryUpdates, Scattering
+from ..paths.records import BSDFEval, BSDFSample, Connection, Hit, Path, Vertex
+from ..signals.polarisation import apply_light_path
 from .camera import LightPath, StoredVertex
-from .emitters import EmitterEndpoint
+from .emission import Emission
+from .lens import Lens
+from .mis import BidirectionalMIS, PartialSums
 
 
 @dataclass

@@ -7,15 +7,15 @@ from dataclasses import dataclass, field, replace
 import drjit as dr
 import mitsuba as mi
 
-from ...signals.polarisation import sensor_frame
-from ..bidirectional_mis import BidirectionalMIS, PartialSums
-from ..camera import behind_emitters
-from ..emission import Emission, Emitted
-from ..lens import Lens
-from ..phases import stored_medium_point
-from ..protocols import Endpoint, HistoryUpdates, Scattering
-from ..records import BSDFEval, BSDFSample, Connection, Path, Vertex, packed, tape
-from ..window import Arrival
+from ..media.phases import stored_medium_point
+from ..paths.camera import behind_emitters
+from ..paths.protocols import Endpoint, HistoryUpdates, Scattering
+from ..paths.records import BSDFEval, BSDFSample, Connection, Path, Vertex, packed, tape
+from ..paths.window import Arrival
+from ..signals.polarisation import sensor_frame
+from .emission import Emission, Emitted
+from .lens import Lens
+from .mis import BidirectionalMIS, PartialSums
 
 
 @dataclass

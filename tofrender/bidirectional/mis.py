@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from .records import BSDFSample, Path, Vertex
+from ..paths.records import BSDFSample, Path, Vertex
 
 
 @dataclass

@@ -1,0 +1,1 @@
+"""Paths from lights, and bidirectional paths: emission, the lens, light paths, MIS weights."""
