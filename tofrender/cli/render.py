@@ -149,12 +149,12 @@ def _with_time(options: dict[str, Any]) -> RenderSettings:
     That is a window and a pulse for the built-in scenes and for those of files whose film is
     steady, unless one of --start-opl, --bin-width, --window and --pulse-width is given.
     """
-    from ..rendering.renderer import suited
+    from ..rendering.renderer import with_default_window
 
     unset = (opt.SCENE_TIME, opt.NO_PULSE)
     own: dict[str, Any] = {name: None for name in TIME if options[name] in unset}
     settings = RenderSettings(**options | own)
-    found = suited(settings)
+    found = with_default_window(settings)
     if found is not settings and options["window"] == opt.SCENE_TIME:
         raise ValueError(
             f"--window = {opt.SCENE_TIME}: must be auto or START,STOP, the scene's film is steady"

@@ -21,7 +21,7 @@ import mitsuba as mi
 from ..integrators.running import stopped
 from ..rendering.films_on_disk import require_zarr
 from ..rendering.store import check_film
-from ..rendering.workers import THREADS, check_client, shared_out
+from ..rendering.workers import THREADS, check_client, distribute
 from ..runtime import atomic, backend, checks
 from ..runtime.backend import versions
 from ..runtime.progress import deferred_stop, held_signals, progress_bar
@@ -145,7 +145,7 @@ def make_dataset(
         done = (
             _here(plan, store, left)
             if client is None
-            else shared_out(client, partial(_by_worker, _order(plan, folder)), left)
+            else distribute(client, partial(_by_worker, _order(plan, folder)), left)
         )
         started = time.perf_counter()
         with progress_bar("Making", count, unit="record", enabled=progress) as bar:

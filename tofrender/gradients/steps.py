@@ -24,8 +24,9 @@ import mitsuba as mi
 
 from ..films.contribution import Contribution
 from ..paths.protocols import Parts
-from ..paths.records import Path, packed, tape, unpacked
+from ..paths.records import Path
 from ..paths.walk import step
+from ..runtime.lane_memory import packed, tape, unpacked
 from .films import Changes
 
 MOST_KEPT = 256  # vertices of a path whose states fit into the memory of a lane

@@ -18,10 +18,11 @@ from ..gradients.films import BinChanges, Changes, Collected
 from ..gradients.steps import MOST_KEPT, move, pull
 from ..paths.camera import CameraSample, sample_camera, sampled_size
 from ..paths.protocols import Endpoint, Parts
-from ..paths.records import Path, packed
+from ..paths.records import Path
 from ..paths.surfaces import has_lobes
 from ..paths.walk import accumulate
 from ..runtime import backend, checks
+from ..runtime.lane_memory import packed
 from ..runtime.progress import progress_bar
 from .differentiable import tracked
 from .passes import best_sampler

@@ -121,12 +121,12 @@ def render_all(
     seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
     checks.boolean("progress", progress)
     sampler, checkpoint = best_sampler(spp), Checkpoint.of(checkpoint)
-    kept = None
+    saved = None
     if checkpoint is not None:
         more = {**identity, "film": str(record.film)}
         made = made_with(scene, sensor, integrator, more)
-        kept = checkpoint.begin({"seed": seed, "variant": mi.variant(), **made}, spp, UNIT)
-    part = Part(kept=kept)
+        saved = checkpoint.begin({"seed": seed, "variant": mi.variant(), **made}, spp, UNIT)
+    part = Part(saved=saved)
     rendering = steps(tracer, record, sensor, sampler, seed, part)
     done = run(rendering, record, spp, done=part.done, checkpoint=checkpoint, progress=progress)
     if done < spp:

@@ -133,7 +133,7 @@ def capture(
             values, outside = job.render_all(client, Checkpoint.of(checkpoint), progress)
         start, width = job.film.start_opl, job.film.bin_width_opl
         attrs["energy_outside_window"] = outside
-        warn_of_losses(job.film, outside, mend=WINDOW_SETTINGS, stacklevel=3)
+        warn_of_losses(job.film, outside, window_option=WINDOW_SETTINGS, stacklevel=3)
         geometry |= {"laser_grid": points, "laser_normals": normals}
     else:
         job = _job(setup, name)
@@ -183,7 +183,7 @@ def _job(setup: CaptureSetup, name: str = "scene", axis: Any = None) -> Job:
     settings = RenderSettings(name, spp=setup.spp, seed=setup.seed, sensor=setup.sensor)
     origin = _job_in_worker, setup.arguments
     job = decide(setup.plan(), setup.integrator, setup.scene, settings, origin, axis)
-    job.more, job.mend = setup.more, WINDOW_SETTINGS
+    job.more, job.window_option = setup.more, WINDOW_SETTINGS
     return job
 
 

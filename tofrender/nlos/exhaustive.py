@@ -69,7 +69,7 @@ class ExhaustiveCapture:
         film = transient_film(setup.camera.film(), *self.window)
         record = setup.integrator.recording(film)
         seed = (setup.seed + point[0] * self.points.shape[1] + point[1]) % checks.MAX_SEED
-        part, sampler = Part(kept=kept), best_sampler(setup.spp)
+        part, sampler = Part(saved=kept), best_sampler(setup.spp)
         done = run(
             steps(setup.plan(), record, setup.camera, sampler, seed, part),
             *(record, setup.spp),

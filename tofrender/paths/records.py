@@ -1,4 +1,4 @@
-"""Records of the path loop: paths, vertices, connections, BSDF samples, and limits; lane memory.
+"""Records of the path loop: paths, vertices, connections, BSDF samples, and limits.
 
 Masks that a loop carries are stored as integers, floats are all as wide as the loop: Dr.Jit could
 not differentiate the loop in reverse otherwise.
@@ -7,9 +7,8 @@ not differentiate the loop in reverse otherwise.
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, field, fields, is_dataclass, replace
-from functools import cache
-from typing import Any, Generic, TypeVar
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
 
 import drjit as dr
 import mitsuba as mi
@@ -260,46 +259,3 @@ class Limits:
     def iterations(self) -> int:
         """Bound on the rays of a path, -1 if there is none."""
         return self.max_depth if self.bounded and not self.ignore_null else -1
-
-
-def tape(example: Any, length: int) -> Any:
-    """Allocate memory for `length` records like an example.
-
-    It is on the stack of the thread that works on a lane, whatever the number of lanes.
-    """
-    return dr.alloc_local(_type(example), length)
-
-
-def packed(value: Any) -> Any:
-    """Convert a record to the type that `tape` stores: without fields that are None."""
-    if not is_dataclass(value):
-        return value
-    stored = _type(value)()
-    for name, each in _given(value):
-        setattr(stored, name, packed(each))
-    return stored
-
-
-def unpacked(stored: Any, example: Any) -> Any:
-    """Convert a stored record back, to one like the example."""
-    if not is_dataclass(example):
-        return dr.copy(stored)  # A step may change it in place
-    values = {name: unpacked(getattr(stored, name), each) for name, each in _given(example)}
-    return replace(example, **values)
-
-
-def _given(value: Any) -> list[tuple[str, Any]]:
-    pairs = [(field.name, getattr(value, field.name)) for field in fields(value)]
-    return [(name, each) for name, each in pairs if each is not None]
-
-
-def _type(value: Any) -> type:
-    """Return the type of a record with concrete types of fields, which lane memory needs."""
-    if not is_dataclass(value):
-        return type(value)
-    return _struct(type(value).__name__, tuple((name, _type(each)) for name, each in _given(value)))
-
-
-@cache
-def _struct(name: str, members: tuple[tuple[str, type], ...]) -> type:
-    return type(name, (), {"DRJIT_STRUCT": dict(members)})

@@ -6,6 +6,7 @@ import itertools
 import math
 import threading
 from collections.abc import Iterator, Sequence
+from types import EllipsisType
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,8 @@ SHARE = 8
 
 Place = tuple[slice, ...]
 """Position of a piece: a slice for each axis."""
+
+Index = int | slice | EllipsisType | tuple[int | slice | EllipsisType | None, ...]
 
 
 class Cube:
@@ -51,12 +54,12 @@ class Cube:
         self._kept: dict[int, np.ndarray] = {}
         self._lock = threading.Lock()
 
-    def __reduce__(self) -> tuple[type[Cube], tuple[Any]]:
+    def __reduce__(self) -> tuple[type[Cube], tuple[object]]:
         """Pickle the values alone, without lock and cache."""
         return Cube, (self._held,)
 
     @classmethod
-    def of(cls, name: str, values: Any) -> Cube:
+    def of(cls, name: str, values: object) -> Cube:
         """A cube of real numbers: of a cube, a Dataset's variable, or what NumPy converts."""
         cube = values if isinstance(values, Cube) else None
         if cube is None and hasattr(values, "chunks") and hasattr(values, "dtype"):
@@ -72,11 +75,11 @@ class Cube:
         """Size of all values [bytes]."""
         return math.prod(self.shape) * self.dtype.itemsize
 
-    def view(self, place: Any) -> Cube:
+    def view(self, place: Index) -> Cube:
         """The part that an index of an array selects, not read yet."""
         return Cube(self._held[place])
 
-    def read(self, place: Any = ...) -> np.ndarray:
+    def read(self, place: Index = ...) -> np.ndarray:
         """The values that an index of an array selects."""
         return np.asarray(self._held[place])
 
@@ -143,7 +146,7 @@ class Cube:
                 found.append(self.read(place)[tuple(along - s.start for along, s in at)])
         return np.concatenate(found)
 
-    def _gather(self, place: Any) -> np.ndarray:
+    def _gather(self, place: Index) -> np.ndarray:
         """As `read`, with no piece in memory twice."""
         if self.in_memory:
             return self.read(place)

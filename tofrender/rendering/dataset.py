@@ -56,7 +56,7 @@ def channel_coordinates(film: TransientHDRFilm) -> dict[str, np.ndarray]:
 
 
 def transient_dataset(
-    arrays: Mapping[str, np.ndarray], film: Any, attrs: dict[str, str | int | float]
+    arrays: Mapping[str, np.ndarray], film: TransientHDRFilm, attrs: dict[str, str | int | float]
 ) -> xr.Dataset:
     """Make the Dataset of what a film has collected, with attributes that say how it was made."""
     import xarray as xr
@@ -126,7 +126,7 @@ def of_intensity(values: np.ndarray) -> np.ndarray:
     return values[..., : count // 4] if count in (4, 12) else values
 
 
-def components_of(dataset: Any) -> list[Any]:
+def components_of(dataset: xr.Dataset) -> list[xr.Dataset]:
     """A polarised Dataset's Stokes components, else the only one."""
     if "stokes" not in getattr(dataset, "dims", ()):
         return [dataset]
@@ -200,7 +200,7 @@ def time_axis(dataset: xr.Dataset) -> tuple[float, float]:
     return float(centres[0] - width / 2), width
 
 
-def plain_attributes(labelled: Any) -> dict[str, Any]:
+def plain_attributes(labelled: xr.Dataset | xr.Variable) -> dict[str, Any]:
     """Attributes of a Dataset or one of its variables by name, NumPy's scalars as Python's."""
     return {
         str(name): value.item() if isinstance(value, np.generic) else value

@@ -27,7 +27,7 @@ from .arrivals import LAST_OPL, Arrivals, find_arrivals
 from .dataset import check_dataset, components_of, coordinates, require_finite, transient_dataset
 from .errors import parts_of
 from .settings import SAMPLERS, RenderSettings, is_auto
-from .window import MEND, check_window, warn_of_losses, windowed_film
+from .window import WINDOW_OPTION, check_window, warn_of_losses, windowed_film
 from .work_items import (
     ArrayStore,
     WorkItem,
@@ -69,7 +69,7 @@ class Job:
         origin: The function that makes the job again in a worker, and its arguments but for the
             time axis.
         more: What else the result depends on.
-        mend: What decides on the window, for a warning.
+        window_option: What decides on the window, for a warning.
     """
 
     plan: Plan
@@ -79,9 +79,9 @@ class Job:
     film: TransientHDRFilm
     profile: Pulse | None
     arrivals: Arrivals | None
-    origin: tuple[Callable[..., Job], Mapping[str, Any]]
-    more: Mapping[str, Any] = field(default_factory=dict)
-    mend: str = MEND
+    origin: tuple[Callable[..., Job], Mapping[str, object]]
+    more: Mapping[str, object] = field(default_factory=dict)
+    window_option: str = WINDOW_OPTION
 
     @property
     def camera(self) -> mi.Sensor:
@@ -123,7 +123,7 @@ class Job:
         }
 
     @property
-    def all_of_it(self) -> dict[str, Any]:
+    def full_recipe(self) -> dict[str, Any]:
         """All that the result depends on: the recipe, the film's pixels, and more."""
         named = {**self.more, **self.recipe, "film": str(self.film)}
         return named | {"fingerprint": named.pop("fingerprint")}  # What has a name is told first
@@ -154,7 +154,7 @@ def decide(
     tracer: TransientIntegrator,
     scene: mi.Scene,
     settings: RenderSettings,
-    origin: tuple[Callable[..., Job], Mapping[str, Any]],
+    origin: tuple[Callable[..., Job], Mapping[str, object]],
     axis: tuple[int, float, float] | None = None,
 ) -> Job:
     """Find the window, and refuse what makes no sense in it.
@@ -218,7 +218,7 @@ def collect(
         arrays[f"transient{suffix}"] = np.zeros(job.film.shape, np.float32)
         arrays[f"steady{suffix}"] = np.zeros((height, width, channels), np.float32)
     arrays["not_finite"] = np.zeros(1, int)
-    recipe = job.all_of_it | {"spp": count, "workers": workers}
+    recipe = job.full_recipe | {"spp": count, "workers": workers}
     start = time.perf_counter()
     store = ArrayStore(job, items, arrays, recipe, "pieces", checkpoint)
     store.collect(render_by_workers(client, job, store.left), progress)
@@ -273,7 +273,9 @@ def warn_of_missing(job: Job, attrs: Mapping[str, Any], stacklevel: int) -> None
     warn_not_finite(attrs["contributions_not_finite"], stacklevel=stacklevel + 1)
     if attrs["complete"] and job.arrivals is not None:
         outside = attrs["energy_outside_window"]
-        warn_of_losses(job.film, outside, job.arrivals, job.profile, job.mend, stacklevel + 1)
+        warn_of_losses(
+            job.film, outside, job.arrivals, job.profile, job.window_option, stacklevel + 1
+        )
 
 
 def film_of_light(
@@ -312,7 +314,7 @@ def sampler_for(camera: mi.Sensor, sampler: object, spp: int | None, first: int 
     return mi.load_dict({"type": plugins.qualified_name(kind), "sample_count": count - first})
 
 
-def _samples_of(resume: Any) -> int:
+def _samples_of(resume: xr.Dataset) -> int:
     """Samples per pixel of a Dataset to go on from."""
     try:
         for component in components_of(resume):

@@ -88,7 +88,7 @@ def merge(renders: Sequence[xr.Dataset]) -> xr.Dataset:
     return labelled(merged)
 
 
-def _check_numbers(attrs: Mapping[str, Any]) -> None:
+def _check_numbers(attrs: Mapping[str, object]) -> None:
     """Refuse attributes that cannot be joined."""
     checks.integer("spp", attrs.get("spp"), 1, MOST_SPP)
     for name in ("complete", "energy_outside_window", "render_seconds"):
@@ -98,7 +98,7 @@ def _check_numbers(attrs: Mapping[str, Any]) -> None:
 
 
 def _error(
-    name: str, renders: list[Any], parts: list[Any], mean: Any, weights: np.ndarray
+    name: str, renders: list[xr.Dataset], parts: list[Any], mean: Any, weights: np.ndarray
 ) -> Any | None:
     """Standard error of a mean: from those of the parts, or from their scatter."""
     if all(f"{name}_error" in render for render in renders):
@@ -111,7 +111,7 @@ def _error(
     return np.sqrt(scatter / np.float32(len(parts) - 1))
 
 
-def _check_alike(renders: list[Any]) -> None:
+def _check_alike(renders: list[xr.Dataset]) -> None:
     """Refuse renders that are not of one scene, or share random numbers."""
     first = renders[0]
     for number, render in enumerate(renders[1:], 1):

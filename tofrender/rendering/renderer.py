@@ -28,8 +28,12 @@ if TYPE_CHECKING:
     import xarray as xr
     from distributed import Client
 
+    from ..integrators.base import TransientIntegrator
+
 TIME_SETTINGS = {"temporal_bins", "start_opl", "bin_width_opl", "pulse_width_opl"}
 """Changes of a scene that say when to look."""
+
+Integrator = str | Mapping[str, object] | mi.Integrator | None
 
 WITH_PARAMS = {"scene", "params", "spp", "seed", "integrator", "sensor", "progress"}
 """Arguments that may be given with `params`."""
@@ -37,7 +41,7 @@ WITH_PARAMS = {"scene", "params", "spp", "seed", "integrator", "sensor", "progre
 
 @overload
 def render(
-    scene: mi.Scene | Mapping[str, Any] | str | PathLike[str],
+    scene: mi.Scene | Mapping[str, object] | str | PathLike[str],
     *,
     params: None = None,
     spp: int | None = None,
@@ -49,10 +53,10 @@ def render(
     window: str | tuple[float, float] | None = None,
     pulse_width: float | str | None = None,
     max_depth: int | None = None,
-    integrator: Any = None,
+    integrator: Integrator = None,
     sampler: str | mi.Sampler | None = None,
     sensor: int = 0,
-    define: Mapping[str, Any] | None = None,
+    define: Mapping[str, object] | None = None,
     errors: bool = False,
     resume: xr.Dataset | None = None,
     checkpoint: Checkpoint | str | PathLike[str] | None = None,
@@ -61,7 +65,7 @@ def render(
     scheduler: str | None = None,
     client: Client | None = None,
     progress: bool = True,
-    settings: Mapping[str, Any] | None = None,
+    settings: Mapping[str, object] | None = None,
     temporal_bins: int | None = None,
 ) -> xr.Dataset: ...
 
@@ -73,14 +77,14 @@ def render(
     params: mi.SceneParameters,
     spp: int | None = None,
     seed: int = 0,
-    integrator: Any = None,
+    integrator: Integrator = None,
     sensor: int = 0,
     progress: bool = True,
 ) -> tuple[mi.TensorXf, mi.TensorXf]: ...
 
 
 def render(
-    scene: mi.Scene | Mapping[str, Any] | str | PathLike[str],
+    scene: mi.Scene | Mapping[str, object] | str | PathLike[str],
     *,
     params: mi.SceneParameters | None = None,
     spp: int | None = None,
@@ -92,10 +96,10 @@ def render(
     window: str | tuple[float, float] | None = None,
     pulse_width: float | str | None = None,
     max_depth: int | None = None,
-    integrator: Any = None,
+    integrator: Integrator = None,
     sampler: str | mi.Sampler | None = None,
     sensor: int = 0,
-    define: Mapping[str, Any] | None = None,
+    define: Mapping[str, object] | None = None,
     errors: bool = False,
     resume: xr.Dataset | None = None,
     checkpoint: Checkpoint | str | PathLike[str] | None = None,
@@ -104,7 +108,7 @@ def render(
     scheduler: str | None = None,
     client: Client | None = None,
     progress: bool = True,
-    settings: Mapping[str, Any] | None = None,
+    settings: Mapping[str, object] | None = None,
     temporal_bins: int | None = None,
 ) -> xr.Dataset | tuple[mi.TensorXf, mi.TensorXf]:
     """Render a scene in time.
@@ -235,7 +239,12 @@ def render(
 
 
 def _render_attached(
-    scene: Any, params: Any, spp: int | None, seed: Any, integrator: Any, sensor: int
+    scene: object,
+    params: object,
+    spp: int | None,
+    seed: Any,
+    integrator: Integrator,
+    sensor: int,
 ) -> tuple[mi.TensorXf, mi.TensorXf]:
     """Steady and transient light that track gradients."""
     checks.instance("scene", scene, mi.Scene, "a loaded scene with `params`, as of load_scene")
@@ -260,7 +269,7 @@ def make_job(settings: RenderSettings, axis: tuple[int, float, float] | None = N
 
     `axis` is the number, start and width [m] of the bins, if they were decided elsewhere.
     """
-    settings = suited(settings)
+    settings = with_default_window(settings)
     if is_auto(settings.pulse_width):
         without = make_job(replace(settings, pulse_width=None), axis)
         width = pulse_width_for(without)
@@ -275,7 +284,7 @@ def _job_in_worker(axis: tuple[int, float, float], **settings: Any) -> Job:
     return make_job(RenderSettings(**settings), axis)
 
 
-def suited(settings: RenderSettings) -> RenderSettings:
+def with_default_window(settings: RenderSettings) -> RenderSettings:
     """Add bins and a pulse that suit the light of a steady scene, if none are given.
 
     They are "auto" until they are found.
@@ -293,7 +302,7 @@ def suited(settings: RenderSettings) -> RenderSettings:
     return replace(settings, window="auto", pulse_width=pulse, bins=settings.bins or BINS)
 
 
-def open_scene(settings: RenderSettings) -> tuple[mi.Scene, Any]:
+def open_scene(settings: RenderSettings) -> tuple[mi.Scene, TransientIntegrator]:
     """Load and check a scene, and its integrator or the one that is used instead."""
     backend.require_vectorised()
     scene, integrator = settings.scene, settings.integrator
@@ -321,13 +330,13 @@ def open_scene(settings: RenderSettings) -> tuple[mi.Scene, Any]:
     return scene, tracer
 
 
-def _integrator(scene: mi.Scene, integrator: Any) -> Any:
+def _integrator(scene: mi.Scene, integrator: Any) -> TransientIntegrator:
     """The integrator to use."""
     if isinstance(integrator, str):
         integrator = {"type": checks.one_of("integrator", integrator, INTEGRATORS)}
     if isinstance(integrator, Mapping):
         integrator = load_plugin("integrator", integrator)
-    found = scene.integrator() if integrator is None else integrator
+    found: Any = scene.integrator() if integrator is None else integrator
     withheld = getattr(found, "withheld", None)
     if withheld is not None:
         raise Withheld(f"integrator = {withheld}")

@@ -157,9 +157,9 @@ class Store:
     def finish(
         self,
         coordinates: Mapping[str, np.ndarray],
-        attrs: Mapping[str, Any],
+        attrs: Mapping[str, object],
         target: Path,
-        labels: Mapping[str, Mapping[str, Any]] | None = None,
+        labels: Mapping[str, Mapping[str, object]] | None = None,
     ) -> None:
         """Write coordinates and attributes, those of variables too, and move the film."""
         group = self._group()

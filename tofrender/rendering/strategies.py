@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import mitsuba as mi
 import numpy as np
@@ -38,11 +38,11 @@ VARIED = ("type", "strategy", "mis", "camera_connections")
 
 
 def strategy_pyramid(
-    scene: mi.Scene | Mapping[str, Any] | str | PathLike[str],
+    scene: mi.Scene | Mapping[str, object] | str | PathLike[str],
     *,
     max_depth: int = DEFAULT_DEPTH,
     mis: str = "power",
-    parameters: Mapping[str, Any] | None = None,
+    parameters: Mapping[str, object] | None = None,
     spp: int | None = None,
     seed: int = 0,
     size: tuple[int, int] | None = None,

@@ -62,8 +62,8 @@ def stream(
     shape = job.film.shape
     workers = 1 if client is None else check_client(client)
     with atomic.locked(target, "out"):
-        _require_room(folder, shape, 2 if job.settings.errors else 1)
-        film = _begun(job, folder, workers)
+        _require_disk_space(folder, shape, 2 if job.settings.errors else 1)
+        film = _open_store(job, folder, workers)
         rows, columns = film.tile
         items = [whole(job)] if job.plan.splats else tiles(job, film.tile)
         results = FilmStore(items, film, again or f"the same call goes on with {folder}")
@@ -84,14 +84,14 @@ def stream(
     return load_zarr(target)
 
 
-def _begun(job: Job, folder: Path, workers: int) -> Store:
+def _open_store(job: Job, folder: Path, workers: int) -> Store:
     """The film under way, or a new one."""
-    recipe = {"spp": whole(job).count, **job.all_of_it}
+    recipe = {"spp": whole(job).count, **job.full_recipe}
     rows, columns = Store.planned(folder).get("tile") or tile_size(job.film.shape, workers)
     return Store.begin(folder, recipe, job.film.shape, (rows, columns), job.settings.errors)
 
 
-def _require_room(folder: Path, shape: tuple[int, int, int, int], films: int) -> None:
+def _require_disk_space(folder: Path, shape: tuple[int, int, int, int], films: int) -> None:
     """Refuse a disk that a film does not fit on."""
     height, width, bins, channels = shape
     needed = 4 * films * height * width * (bins + 1) * channels

@@ -23,7 +23,7 @@ MANY_HITS = 250
 BINS = 300
 """Bins of a scene that has none."""
 
-MEND = "`window='auto'`"
+WINDOW_OPTION = "`window='auto'`"
 """Setting that finds a better window, for warnings."""
 
 PULSES = 128
@@ -85,7 +85,7 @@ def warn_of_losses(
     outside: float,
     arrivals: Arrivals | None = None,
     profile: Pulse | None = None,
-    mend: str = MEND,
+    window_option: str = WINDOW_OPTION,
     stacklevel: int = 4,
 ) -> None:
     """Say when light is missing, which window would hold it if that is known, and what says so."""
@@ -96,7 +96,7 @@ def warn_of_losses(
             better = f"{first:g} to {last:g} m would hold 99.9 %"
         warnings.warn(
             f"{100 * outside:.1f} % of the energy arrives outside the window {film.start_opl:g} to "
-            f"{film.end_opl():g} m; {better} ({mend})",
+            f"{film.end_opl():g} m; {better} ({window_option})",
             stacklevel=stacklevel,
         )
 

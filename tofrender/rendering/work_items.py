@@ -145,7 +145,7 @@ def render_item(
     saved = None
     if checkpoint is not None:
         parts = item.count if job.settings.errors else 0  # Of parts none may change
-        recipe = {"resume": resumed, "errors": parts, **job.all_of_it}
+        recipe = {"resume": resumed, "errors": parts, **job.full_recipe}
         if item != whole(job, resumed):
             recipe |= {"piece": str(asdict(item))}
         saved = checkpoint.begin(recipe, item.count, UNIT, resumed)
@@ -176,7 +176,7 @@ class _Samples:
         self.record, self._item, self._tile = job.recording(film), item, tile
         points = job.points()
         points.set_sample_count(item.count)
-        part = Part(first=item.first, tile=tile, kept=saved)
+        part = Part(first=item.first, tile=tile, saved=saved)
         self.done = part.done
         self.steps = steps(job.plan, self.record, job.camera, points, seed, part)
 

@@ -25,10 +25,13 @@ from ..runtime import backend, checks
 from ..runtime.backend import versions
 from ..scenes.packing import packed, unpacked
 from .settings import MAX_WORKERS, SETTINGS
-from .store import Store
+from .store import Receipt, Store
+from .work_items import Item, Result, WorkItem, WorkResult
 
 if TYPE_CHECKING:
     from distributed import Client, Future
+
+    from .job import Job
 
 PATIENCE, LEAST_WAIT_S = 10.0, 60.0
 """An item is given to a second worker after so many times the usual time, but not before [s]."""
@@ -60,8 +63,8 @@ class Order:
         key: Tells orders apart.
     """
 
-    make: Callable[..., Any]
-    arguments: Mapping[str, Any]
+    make: Callable[..., Job]
+    arguments: Mapping[str, object]
     variant: str
     axis: tuple[int, float, float]
     fingerprint: str
@@ -69,7 +72,7 @@ class Order:
     key: str
 
     @classmethod
-    def of(cls, job: Any, folder: Path | None) -> Order:
+    def of(cls, job: Job, folder: Path | None) -> Order:
         """The order for a job."""
         make, arguments = job.origin
         for name in ("integrator", "sampler"):
@@ -82,7 +85,7 @@ class Order:
         there = None if folder is None else str(folder.resolve())
         return cls(make, sent, mi.variant() or "", axis, mark, there, uuid.uuid4().hex)
 
-    def render(self, item: Any) -> Any:
+    def render(self, item: WorkItem) -> WorkResult | Receipt:
         """Render a work item here, in a worker: gives its result, or the receipt of its tile."""
         mi.set_variant(self.variant)
         job = _job(self)
@@ -224,22 +227,22 @@ def check_client(client: object) -> int:
 
 
 def render_by_workers(
-    client: Client, job: Any, items: Sequence[Any], folder: Path | None = None
-) -> Iterator[tuple[Any, Any]]:
+    client: Client, job: Job, items: Sequence[WorkItem], folder: Path | None = None
+) -> Iterator[tuple[WorkItem, Any]]:
     """Have work items of a job rendered; gives each with its result as it is done.
 
     With `folder`, a film on disk that workers see too, they write to it, and results are receipts.
     """
-    return shared_out(client, partial(Order.render, Order.of(job, folder)), items)
+    return distribute(client, partial(Order.render, Order.of(job, folder)), items)
 
 
-def shared_out(
-    client: Client, work: partial[Any], items: Sequence[Any]
-) -> Iterator[tuple[Any, Any]]:
+def distribute(
+    client: Client, work: partial[Result], items: Sequence[Item]
+) -> Iterator[tuple[Item, Result]]:
     """Have work done on some items, each by one worker; gives item and result as they are done."""
     workers = len(client.scheduler_info()["workers"])
 
-    def submit(item: Any, priority: int = 0) -> Future:
+    def submit(item: Item, priority: int = 0) -> Future:
         return client.submit(work.func, *work.args, item, priority=priority, pure=False)
 
     pending = {submit(item): item for item in items}
@@ -320,10 +323,10 @@ tofrender alone activates no variant.
 """
 
 
-_jobs: dict[str, Any] = {}
+_jobs: dict[str, Job] = {}
 
 
-def _job(order: Order) -> Any:
+def _job(order: Order) -> Job:
     """The job of an order, kept for its next item."""
     if order.key not in _jobs:
         _jobs.clear()

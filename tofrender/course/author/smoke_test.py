@@ -103,7 +103,7 @@ def _dataset() -> Any:
     from tofrender.rendering.dataset import transient_dataset
 
     point = SimpleNamespace(x=4, y=2)
-    film = SimpleNamespace(shape=(2, 4, 3, 3), start_opl=0.0, bin_width_opl=0.1)
+    film: Any = SimpleNamespace(shape=(2, 4, 3, 3), start_opl=0.0, bin_width_opl=0.1)
     film.base_channels_count = lambda: 3
     film.crop_offset, film.size = lambda: (0, 0), lambda: point
     transient = np.random.default_rng(0).random(film.shape, np.float32)

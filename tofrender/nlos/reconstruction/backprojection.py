@@ -20,7 +20,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ...rendering.workers import check_client, shared_out
+from ...rendering.workers import check_client, distribute
 from ...runtime.backend import activate, require_vectorised
 from ...runtime.progress import progress_bar
 from .measured import Measured
@@ -68,7 +68,7 @@ def backproject(
         everywhere: Any = client.scatter(measured, broadcast=True)
         work = partial(_in_worker, mi.variant() or "", everywhere, grid, weighting)
         with progress_bar("backprojection", count, unit="piece", enabled=progress) as bar:
-            for (first, last), found in shared_out(client, work, ranges):
+            for (first, last), found in distribute(client, work, ranges):
                 result[first:last] = found
                 bar.update()
     return (result / (lasers * rows * columns)).reshape(grid.shape)
