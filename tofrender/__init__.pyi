@@ -101,9 +101,6 @@ from .paths.endpoints import (
     ConnectionsOnly as ConnectionsOnly,
     EmitterHits as EmitterHits,
     GatedLights as GatedLights,
-    OneSampleLights as OneSampleLights,
-    OpenSky as OpenSky,
-    PointSource as PointSource,
     SceneLights as SceneLights,
 )
 from .rendering.films_on_disk import load_zarr as load_zarr

@@ -100,7 +100,8 @@ def render(
     opt.check_out(out)
     opt.activate(variant, polarised=True)
 
-    from tofrender.rendering.job import carry_out, collect
+    from tofrender.rendering.collecting import collect
+    from tofrender.rendering.job import carry_out
     from tofrender.rendering.renderer import make_job
     from tofrender.runtime.progress import deferred_stop
     from tofrender.scenes.loading import find_scene

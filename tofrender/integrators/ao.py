@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import mitsuba as mi
 
-from ..paths.endpoints import OpenSky
 from .first_surface import FirstSurface
+from .outside_lights import OpenSky
 
 
 class AmbientOcclusion(FirstSurface):

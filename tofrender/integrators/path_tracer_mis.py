@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import mitsuba as mi
 
-from ..paths.endpoints import OneSampleLights, SceneLights
+from ..paths.endpoints import SceneLights
 from ..runtime import checks
+from .one_sample import OneSampleLights
 from .path_tracer import PathTracer
 
 TECHNIQUES = ("reuse", "one_sample")

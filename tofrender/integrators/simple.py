@@ -8,9 +8,9 @@ from typing import Any
 
 import mitsuba as mi
 
-from ..paths.endpoints import PointSource
 from ..runtime import checks
 from .first_surface import FirstSurface
+from .outside_lights import PointSource
 
 
 class Simple(FirstSurface):

@@ -12,7 +12,8 @@ import mitsuba as mi
 import numpy as np
 
 from ..paths.surfaces import first_surface
-from ..rendering.job import Job, carry_out, collect, decide
+from ..rendering.collecting import collect
+from ..rendering.job import Job, carry_out, decide
 from ..rendering.settings import RenderSettings
 from ..rendering.window import warn_of_losses
 from ..rendering.workers import require_client

@@ -11,7 +11,7 @@ from ..films.image import time_bins, transient_film
 from ..films.recording import warn_not_finite
 from ..integrators.passes import Part, best_sampler, steps
 from ..integrators.running import interrupted, made_with, run
-from ..rendering.work_items import ArrayStore
+from ..rendering.collecting import ArrayStore
 from ..rendering.workers import check_client, render_by_workers
 from ..runtime import checks
 from ..runtime.backend import versions

@@ -7,9 +7,9 @@
 | endpoint | `endpoints.SceneLights` | the scene's emitters, by next-event estimation and hits |
 | | `endpoints.LightsStraightAhead` | `SceneLights`, also behind panes and masks |
 | | `endpoints.EmitterHits`, `ConnectionsOnly` | one of both techniques |
-| | `endpoints.OneSampleLights` | one-sample MIS of emitter and BSDF sampling |
+| | `integrators.one_sample.OneSampleLights` | one-sample MIS of emitter and BSDF sampling |
 | | `endpoints.GatedLights`, `media.gated.GatedFog` | emitter samples seen through a gate |
-| | `endpoints.PointSource`, `endpoints.OpenSky` | a light that is not part of the scene |
+| | `integrators.outside_lights.PointSource`, `OpenSky` | a light outside the scene |
 | | `bidirectional.camera.Camera` | the lens, for paths from lights |
 | | `bidirectional.light_paths.LightPaths` | emitters, and the vertices of a light path |
 | | `nlos.light.laser_spot.LaserSpot` | the laser spot on a relay wall |

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -29,20 +28,14 @@ from .errors import parts_of
 from .settings import SAMPLERS, RenderSettings, is_auto
 from .window import WINDOW_OPTION, check_window, warn_of_losses, windowed_film
 from .work_items import (
-    ArrayStore,
     WorkItem,
     WorkResult,
     render_item,
-    sample_ranges,
-    tile_size,
-    tiles,
     whole,
 )
-from .workers import check_client, render_by_workers
 
 if TYPE_CHECKING:
     import xarray as xr
-    from distributed import Client
 
     from ..films.transient import TransientHDRFilm
     from ..integrators.base import TransientIntegrator
@@ -191,43 +184,10 @@ def carry_out(
     if result.done < item.count:
         what = f"returning {result.done} of {item.count} samples per pixel"
         warnings.warn(f"interrupted: {what}", stacklevel=3)
-    return _dataset_of(job, result, result.done == item.count, resume)
+    return dataset_of(job, result, result.done == item.count, resume)
 
 
-def collect(
-    job: Job,
-    client: Client,
-    checkpoint: Checkpoint | str | PathLike[str] | None = None,
-    progress: bool = True,
-) -> xr.Dataset:
-    """Have a job done by workers, and its film put together here."""
-    workers = check_client(client)
-    if job.plan.splats and job.settings.errors:
-        raise ValueError("errors = True: must be False with a client for light that lands anywhere")
-    count, checkpoint = whole(job).count, Checkpoint.of(checkpoint)
-    job.require_memory(count)
-    if checkpoint is not None:  # The work items are those that were begun with
-        workers = int(checkpoint.recipe().get("workers", workers))
-    if job.plan.splats:
-        items = sample_ranges(job, workers)
-    else:
-        items = tiles(job, tile_size(job.film.shape, workers))
-    height, width, _, channels = job.film.shape
-    arrays = {}
-    for suffix in ("", "_error") if job.settings.errors else ("",):
-        arrays[f"transient{suffix}"] = np.zeros(job.film.shape, np.float32)
-        arrays[f"steady{suffix}"] = np.zeros((height, width, channels), np.float32)
-    arrays["not_finite"] = np.zeros(1, int)
-    recipe = job.full_recipe | {"spp": count, "workers": workers}
-    start = time.perf_counter()
-    store = ArrayStore(job, items, arrays, recipe, "pieces", checkpoint)
-    store.collect(render_by_workers(client, job, store.left), progress)
-    seconds = time.perf_counter() - start
-    not_finite = int(arrays.pop("not_finite")[0])
-    return _dataset_of(job, WorkResult(arrays, count, not_finite, seconds), complete=True)
-
-
-def _dataset_of(
+def dataset_of(
     job: Job, result: WorkResult, complete: bool, resume: xr.Dataset | None = None
 ) -> xr.Dataset:
     """The Dataset of a whole film and of an earlier render; warns of what is missing in it."""

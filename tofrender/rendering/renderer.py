@@ -17,7 +17,8 @@ from ..runtime.withheld import Withheld
 from ..scenes.checking import check_scene
 from ..scenes.loading import is_steady, load_plugin, load_scene, require_light, require_sensor
 from ..scenes.packing import packed
-from .job import Job, carry_out, collect, decide
+from .collecting import collect
+from .job import Job, carry_out, decide
 from .settings import INTEGRATORS, RenderSettings, either, is_auto
 from .store import check_film
 from .streaming import stream

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 from ..runtime import atomic, memory
 from ..runtime.checkpoints import Checkpoint
 from ..runtime.progress import EVERY_S, deferred_stop
+from .collecting import ResultStore
 from .dataset import channel_coordinates
 from .films_on_disk import load_zarr
 from .job import render_attributes, warn_of_missing
 from .store import Receipt, Store, check_film, under_way
-from .work_items import ResultStore, WorkItem, tile_size, tiles, whole
+from .work_items import WorkItem, tile_size, tiles, whole
 from .workers import check_client, render_by_workers
 
 if TYPE_CHECKING:

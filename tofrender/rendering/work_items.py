@@ -9,21 +9,20 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from abc import ABC, abstractmethod
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Hashable
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import mitsuba as mi
 import numpy as np
 
 from ..films.image import pixels_of, transient_film
 from ..integrators.passes import Part, steps
-from ..integrators.running import UNIT, interrupted, run, stopped
+from ..integrators.running import UNIT, interrupted, run
 from ..paths.camera import Tile
 from ..runtime import memory
 from ..runtime.checkpoints import Checkpoint, SavedState, SubCheckpoint
-from ..runtime.progress import deferred_stop, progress_bar
+from ..runtime.progress import deferred_stop
 from .errors import Scatter, parts_of, seed_of
 
 if TYPE_CHECKING:
@@ -262,90 +261,3 @@ def _film_of(film: TransientHDRFilm, item: WorkItem) -> tuple[TransientHDRFilm, 
         del own[name]
     small = mi.load_dict({"type": "hdrfilm"} | own)
     return transient_film(small, bins, film.start_opl, film.bin_width_opl), Tile(x, y, film)
-
-
-# ------------------------------------------------------------------------------ collecting many
-
-
-class ResultStore(ABC, Generic[Item, Result]):
-    """Keeps the results of work items as they are finished, in memory or on disk.
-
-    Messages call the items by `unit`, and say by `again` how stopped work goes on.
-    """
-
-    def __init__(self, items: Sequence[Item], unit: str, again: str = "") -> None:
-        self.items, self.unit, self.again = items, unit, again
-        self.finished: set[Item] = set()
-
-    @property
-    def left(self) -> list[Item]:
-        """Items that are not finished."""
-        return [item for item in self.items if item not in self.finished]
-
-    @abstractmethod
-    def put(self, item: Item, result: Result) -> None:
-        """Keep the result of an item."""
-
-    @abstractmethod
-    def save(self, force: bool = False) -> None:
-        """Write a checkpoint, where results are not on disk, if it is time to or if forced."""
-
-    def collect(self, results: Iterator[tuple[Item, Result]], progress: bool = True) -> None:
-        """Keep the results of the items that are left, and show how many there are."""
-        total, unit = len(self.items), self.unit.removesuffix("s")
-        with progress_bar("Rendering", total, unit=unit, enabled=progress) as bar:
-            bar.update(len(self.finished))
-            try:
-                for item, result in results:
-                    with deferred_stop() as stop:  # A result is kept whole or not at all
-                        self.put(item, result)
-                        self.finished.add(item)
-                    bar.update()
-                    self.save()
-                    if stop.requested and len(self.finished) < total:
-                        raise KeyboardInterrupt
-            except (KeyboardInterrupt, Exception) as error:
-                self.save(force=True)
-                done = len(self.finished)
-                raise stopped(error, done, total, self.unit, self.again) from None
-
-
-class Work(Protocol[ItemT, ResultT]):
-    """Work whose items are rendered apart, and whose results add up in arrays."""
-
-    def add(self, arrays: dict[str, np.ndarray], item: ItemT, result: ResultT, /) -> None:
-        """Add the result of an item to the arrays of the whole."""
-        ...
-
-
-class ArrayStore(ResultStore[Item, Result]):
-    """Keeps results in arrays, and these in a checkpoint."""
-
-    def __init__(
-        self,
-        work: Work[Item, Result],
-        items: Sequence[Item],
-        arrays: dict[str, np.ndarray],
-        recipe: Mapping[str, object],
-        unit: str,
-        checkpoint: Checkpoint | None = None,
-    ) -> None:
-        super().__init__(items, unit, checkpoint.again if checkpoint else "")
-        self._work, self._arrays, self._checkpoint = work, arrays, checkpoint
-        saved = None if checkpoint is None else checkpoint.begin(recipe, len(items), unit)
-        if saved is not None:
-            done = saved.arrays.pop("done")
-            self.finished.update(item for item, is_done in zip(items, done, strict=True) if is_done)
-            for name, array in saved.arrays.items():
-                arrays[name][...] = array
-
-    def put(self, item: Item, result: Result) -> None:
-        """Add the result of an item."""
-        self._work.add(self._arrays, item, result)
-
-    def save(self, force: bool = False) -> None:
-        """Write the checkpoint, with a flag for each item."""
-        if self._checkpoint is not None and (force or self._checkpoint.due):
-            done = np.array([item in self.finished for item in self.items], bool)
-            arrays = {**self._arrays, "done": done}
-            self._checkpoint.save(len(self.finished), len(self.items), arrays)

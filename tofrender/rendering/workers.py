@@ -16,7 +16,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager, nullco
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import drjit as dr
 import mitsuba as mi
@@ -26,7 +26,7 @@ from ..runtime.backend import versions
 from ..scenes.packing import packed, unpacked
 from .settings import MAX_WORKERS, SETTINGS
 from .store import Receipt, Store
-from .work_items import Item, Result, WorkItem, WorkResult
+from .work_items import WorkItem, WorkResult
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -44,6 +44,9 @@ POLL_S = 2.0
 
 RESTART_TIMEOUT = "10 minutes"
 """Time after which a worker that has died, and does not start again, is given up."""
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 THREADS = "TOFRENDER_THREADS"
 """Variable of a worker's environment with the number of threads that it renders on."""

@@ -8,8 +8,6 @@ direction's wavefront is plane, all of it starts at OPL 0, and no length is nega
 from __future__ import annotations
 
 from .gated import GatedLights as GatedLights
-from .one_sample import OneSampleLights as OneSampleLights
-from .outside import OpenSky as OpenSky, PointSource as PointSource
 from .scene_lights import (
     ConnectionsOnly as ConnectionsOnly,
     EmitterHits as EmitterHits,

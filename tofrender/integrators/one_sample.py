@@ -5,9 +5,9 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from ..records import Connection, Hit, Path, Vertex
-from ..surfaces import first_surface
-from .emitters import EmitterEndpoint
+from ..paths.endpoints.emitters import EmitterEndpoint
+from ..paths.records import Connection, Hit, Path, Vertex
+from ..paths.surfaces import first_surface
 
 
 class OneSampleLights(EmitterEndpoint):

@@ -5,12 +5,12 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from ...runtime import checks
-from ...sampling.warps import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
-from ...signals.illuminants import white
-from ..protocols import Endpoint
-from ..records import Connection, Path, Vertex
-from ..surfaces import Wavefronts
+from ..paths.protocols import Endpoint
+from ..paths.records import Connection, Path, Vertex
+from ..paths.surfaces import Wavefronts
+from ..runtime import checks
+from ..sampling.warps import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
+from ..signals.illuminants import white
 
 
 class PointSource(Endpoint):
