@@ -287,9 +287,8 @@ ax.legend(frameon=False)
 plt.show()
 
 # %% [markdown]
-# The pixels are near the curve or below it, since the sampler of these scenes distributes the 16
-# samples of a pixel more evenly than independent samples. Change `sampler` in `small` to
-# `independent` and compare.
+# The pixels are near the curve or below it: the scene's sampler distributes the 16 samples of a pixel
+# more evenly than `independent` does. Change the `sampler` of `small` and compare.
 #
 # ## 6. Triangles and caps
 

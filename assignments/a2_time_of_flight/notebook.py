@@ -431,8 +431,7 @@ for j, frequency in enumerate(FREQUENCIES):
 # **Questions, part 2.** Answer in this cell.
 # 1. Is the mean squared error of the comparison explained by noise? What do the lines after it show
 #    that the mean squared error hides?
-# 2. Why does the truncated window make the path length too short at 20 MHz, while at 100 MHz the
-#    error may have either sign?
+# 2. Why does truncation make the path length too short at 20 MHz, but perhaps too long at 100 MHz?
 # 3. By which factor does the pulse of 30 mm change the amplitude at 100 MHz? Must it be corrected?
 
 # %% [markdown]
