@@ -70,7 +70,7 @@ def readme_block(results: Results) -> str:
         ["variance of", "mitransient / tofrender"],
         ["all bins of all pixels", over_ours(box, PEER, "cube")],
         ["all bins, without pixels that see the lamp", over_ours(box, PEER, "without lamps")],
-        ["these, each bin relative to its squared mean", over_ours(box, PEER, MEASURES[2])],
+        ["the same, each bin relative to its squared mean", over_ours(box, PEER, MEASURES[2])],
     ]
     after = f"""In the first row, nearly all of mitransient's variance is in the few pixels that
         see the lamp. The second ratio is {mirror} in a scene with a mirror, and {glass} with a
@@ -114,7 +114,7 @@ def page(results: Results) -> str:
         scenes with a mirror or clear glass. The next table shows the second technique alone:
         `light_samples = 1` divided by the default:"""
     samplers = results["samplers"]
-    sampler_rows = [["sampler", "energy against ours", *(f"{m}, over ours" for m in MEASURES)]]
+    sampler_rows = [["sampler", "energy relative to ours", *(f"{m}, over ours" for m in MEASURES)]]
     for name, row in samplers.items():
         if name != "ours":
             bias = f"{100 * row['bias']:+.2f} % ± {100 * row['bias error']:.2f} %"

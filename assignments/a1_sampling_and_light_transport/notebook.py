@@ -1,26 +1,26 @@
 # %% [markdown]
 # # A1: sampling and light transport
 #
-# **Overview.** You turn uniform random numbers into points, normals and directions of any density,
-# aim them at lights, and end with three path tracers that render the same picture with very
-# different noise. This notebook is the workbench: each problem has a cell that holds its file, and
-# a cell that tries it out with pictures. The [handout](README.md) has the theory and says what each
-# function has to do.
+# **Overview.** You warp uniform random numbers to points, normals and directions of a given
+# density, sample directions towards lights, and write three path tracers that render the same
+# picture with very different noise. For each problem, this notebook has a cell that contains its
+# file, and a cell that runs it and draws pictures. The [handout](README.md) explains the theory and
+# specifies each function.
 #
 # **What you will learn**
-# - how a warp follows from a density, and what a chi-square test can and cannot find
+# - how to derive a warp from a density, and which errors a chi-square test detects and misses
 # - how to sample triangles, cones of directions, and whole groups of lights
 # - what ambient occlusion and direct light are as integrals
-# - why sampling materials and sampling lights are good at different pixels, and how to have both
+# - where BSDF sampling and light sampling have low noise, and how MIS combines them
 #
 # **How to work.** Fill in a cell that starts with `%%solution`, run it (it writes the file), run
-# the cell below it, and then the problem's tests in a terminal: `pytest -m a1_tent`. Run the cells
-# of "Set-up" first, and those of earlier problems, whose functions are used again. A cell whose
-# problem is still a stub ends with `NotImplementedError`, which is no harm; or with a `RuntimeError`
-# of Mitsuba ("failed to instantiate unknown plugin", "error while performing a custom differentiable
-# operation (see above)") in which `NotImplementedError` and the problem's name stand further up. You
-# may as well edit the files in an editor: skip the cells that start with `%%solution` then (one that
-# still holds its stub leaves a changed file alone).
+# the cell below it, and then the problem's tests in a terminal: `pytest -m a1_tent`. First run the
+# cells of "Set-up" and those of earlier problems, whose functions are used again. Cells that need
+# an unsolved problem end with `NotImplementedError`, or with a `RuntimeError` of Mitsuba ("failed
+# to instantiate unknown plugin", "error while performing a custom differentiable operation (see
+# above)"); `NotImplementedError` and the problem's name are then further up in the output. You may
+# also edit the files in an editor; then skip the cells that start with `%%solution` (a cell that
+# still contains its stub does not overwrite a changed file).
 
 # %% [markdown]
 # ## Set-up
@@ -91,17 +91,17 @@ def compare(image, name, exposure):
 
 
 # %% [markdown]
-# ## 1. The tent
+# ## 1. Tent distribution
 # $p(x, y) = p_1(x)\,p_1(y)$ with $p_1(t) = 1 - |t|$ on $[-1, 1]$.
 #
 # **Your derivation of the warp.** *(Replace this line: the distribution function $P_1(t)$, its
-# inverse, and what a uniform number becomes.)*
+# inverse, and the resulting warp.)*
 
 # %% [solution] tent.py
 
 # %% [markdown]
-# Rows of the square become curves of the tent. The histogram below shows one coordinate of many
-# points, and the density's value along the axis, which should agree.
+# Stratified points and their warp. The histogram of one coordinate of many points should agree with
+# the density along the axis.
 
 # %%
 from tent import square_to_tent, square_to_tent_pdf
@@ -123,8 +123,8 @@ tent_verdict = chi_square(square_to_tent, square_to_tent_pdf, "plane", "tent")
 tent_verdict.figure()
 
 # %% [markdown]
-# A pass is no proof. If warp and density are wrong together, they still agree with each other, and
-# only a value that is known from elsewhere finds it. For the tent, the mean of $x^2$ is 1/6.
+# Passing is not a proof: a warp and a density that are wrong in the same way agree with each other.
+# An independently known moment reveals this: for the tent, the mean of $x^2$ is 1/6.
 
 # %%
 tent_moments = chi_square_test(
@@ -197,7 +197,7 @@ for ax, (name, (warp, *_)) in zip(axes, on_sphere.items(), strict=True):
 plt.show()
 
 # %% [markdown]
-# ## 3. Beckmann's normals
+# ## 3. Beckmann distribution of normals
 # $$p(m) = \frac{e^{-\tan^2\theta/\alpha^2}}{\pi\alpha^2\cos^3\theta}.$$
 #
 # **Your derivation of the warp.** *(Replace this line: the density of $\theta$, the substitution,
@@ -234,13 +234,13 @@ for alpha in (0.1, 0.3, 1.0):
     )
 
 # %% [markdown]
-# The facets' areas, projected onto the ground, add up to the ground: each facet with the normal $m$
-# covers $\cos\theta$ of its own area. The density above is of the projected areas. Without
-# projection, with $\cos^4\theta$ below, it is the $D(m)$ of many books, and no density of
-# directions. **What does the chi-square test say of that one?** Try it.
+# A facet with the normal $m$ covers a ground area of $\cos\theta$ times its own area, and these
+# projected areas add up to the area of the ground. The density above is that of projected area.
+# $D(m)$ of many books, with $\cos^4\theta$ in the denominator, is that of facet area, and not a
+# density of directions. **Which result does the chi-square test give for $D(m)$?** Try it.
 
 # %% [markdown]
-# ## 4. A point light
+# ## 4. Point light integrator
 
 # %% [solution] simple.py
 
@@ -271,8 +271,8 @@ compare(image, "ao", 1.0)
 print(f"from {image.min():.2f} to {image.max():.2f}")
 
 # %% [markdown]
-# With cosine-weighted directions a sample is 1 if it sees the sky and 0 if not, and its variance is
-# $L(1 - L)$. The measured one agrees.
+# With cosine-weighted directions, a sample is 1 if its ray reaches the sky and 0 if not, so its
+# variance is $L(1 - L)$. Compare with the measured variance.
 
 # %%
 small = mi.load_dict(tofrender.bust_ao(width=48, height=64))
@@ -287,8 +287,8 @@ ax.legend(frameon=False)
 plt.show()
 
 # %% [markdown]
-# The pixels lie around the curve or below it: the sampler of these scenes spreads the 16 samples of
-# a pixel more evenly than chance does. Change `sampler` in `small` to `independent` and look again.
+# The pixels are near the curve or below it: the scene's sampler distributes the 16 samples of a pixel
+# more evenly than `independent` does. Change the `sampler` of `small` and compare.
 #
 # ## 6. Triangles and caps
 
@@ -316,8 +316,8 @@ print("mean of the triangle's points:", p.mean(axis=1).round(3), "centroid: [0.5
 print("density:", sample_triangle_pdf(mi.Point3f(0.5, 2 / 3, 1), *CORNERS)[0], "1 / area: 1.069")
 
 # %% [markdown]
-# All point sets together, for the report. They come from independent numbers, so that the densities
-# can be tested.
+# All point sets for `deliverables/`, from independent random numbers, so that the densities can be
+# tested.
 
 # %%
 count = 10_000
@@ -350,7 +350,7 @@ for k, (name, points) in enumerate(sets.items()):
 show(figure, "warps")
 
 # %% [markdown]
-# ## 7. Shapes as lights
+# ## 7. Area lights
 
 # %% [solution] lights.py
 
@@ -375,8 +375,8 @@ for ax, (name, light) in zip(axes, lights.items(), strict=True):
 show(figure, "lights")
 
 # %% [markdown]
-# The picture is the density of all directions (`pdf`), the dots are directions of `sample`. Where
-# they do not agree, the test says so.
+# The image shows the density of all directions (`pdf`), the dots are directions drawn by `sample`.
+# The chi-square tests below compare the two.
 
 # %%
 light_verdicts = {
@@ -390,8 +390,8 @@ light_verdicts = {
 }
 
 # %% [markdown]
-# The mean of `weight` times the cosine is the irradiance. For a sphere that is above the horizon it
-# is $\pi L_e (r/D)^2\cos\theta$, and at a hundred times the distance the two still agree.
+# The mean of `weight` times the cosine is the irradiance. For a sphere above the horizon it is
+# $\pi L_e (r/D)^2\cos\theta$, which should also hold at a hundred times the distance.
 
 # %%
 for scale in (1, 10, 100):
@@ -404,8 +404,8 @@ for scale in (1, 10, 100):
 
 # %% [markdown]
 # ## 8. Three path tracers
-# Each cell replaces the plugin of its name, so that the built-in scenes are rendered by what you
-# wrote.
+# Each cell registers your integrator as the plugin of that name, so that your code renders the
+# built-in scenes.
 
 # %% [solution] path_tracer_mats.py
 
@@ -466,8 +466,8 @@ def save(name, renders):
 
 # %% [markdown]
 # ### Veach's plates, direct light
-# Four lights of equal power, four plates from nearly a mirror (top) to rough (bottom). The number
-# of paths is the same in all three pictures.
+# Four lights of equal power, and four plates, from nearly specular (top) to rough (bottom). All
+# three pictures use the same number of paths.
 
 # %%
 veach, seconds = three(tofrender.veach, width=3 * SIDE // 2, height=SIDE, max_bounces=1)
@@ -476,8 +476,8 @@ show_three(veach, "veach", 1.2)
 compare(veach["mis"].mean(axis=0), "veach", 1.2)
 
 # %% [markdown]
-# The standard deviation of a sample in each pixel, from the renders of different seeds, and a fair
-# comparison: variance times seconds.
+# The standard deviation of a sample in each pixel, estimated from renders with different seeds; and
+# variance times render time, which compares the techniques at equal time.
 
 # %%
 figure, axes = plt.subplots(1, 3, figsize=(14, 3.6), layout="compressed")
@@ -492,15 +492,15 @@ figure.colorbar(shown, ax=axes, label="log$_{10}$ standard deviation of a sample
 show(figure, "veach_noise")
 
 # %% [markdown]
-# Two means may differ by more than their ± suggests: where a technique is bad, most samples miss and
-# a few are huge, and sixteen renders do not know how rare those are.
+# Two means may differ by more than their ± suggests: where a technique is poor, most samples are 0
+# and a few are very large, and sixteen renders are too few to estimate how rare these are.
 #
-# **Where is which strategy good, and why?** *(Replace this line: plates and lights by name.)*
+# **Where is each technique good, and why?** *(Replace this line: plates and lights by name.)*
 #
 # ### Lights of equal power
-# Spheres of radius 0.03, 0.3 and 0.9 m with one power give one picture, because the irradiance of a
-# sphere that is seen as a whole does not depend on its radius. A wrong density shows at once. The
-# light's *arrival times* do depend on it: that is for the assignment on time of flight.
+# Sphere lights of radius 0.03, 0.3 and 0.9 m with equal power give equal pictures, because the
+# irradiance of an entirely visible sphere does not depend on its radius. This reveals a wrong
+# density. *Arrival times* do depend on the radius: see the assignment on time of flight.
 
 # %%
 spheres = {
@@ -513,8 +513,8 @@ save("sphere_lights", spheres)
 show_three(spheres, "sphere_lights", 1.0)
 
 # %% [markdown]
-# ### One light in two shapes
-# The panel is a quad, or two triangles.
+# ### One light as two shapes
+# The panel is a quad, or two triangles. Both pictures should be equal.
 
 # %%
 rectangle = {
@@ -550,7 +550,7 @@ show(figure, "rectangle_light")
 
 # %% [markdown]
 # ### Full paths
-# Four bounces in a small box. The more a picture is lit by way of walls, the less the strategies
+# Four bounces in a small box. The larger the fraction of indirect light, the less the techniques
 # differ.
 
 # %%
@@ -560,8 +560,8 @@ show_three(box, "small_box", 1.2)
 compare(box["mis"].mean(axis=0), "small_box", 1.2)
 
 # %% [markdown]
-# With a mirror and glass in the box, some light can be found by following the material only. The
-# dots beside the glass are that light.
+# With a mirror and a glass sphere in the box, some light can be found by BSDF sampling only. It
+# causes the bright dots beside the glass.
 
 # %%
 described = tofrender.small_box(
@@ -579,8 +579,8 @@ show(figure, "small_box_mirror_glass")
 # %% [solution] hierarchical.py
 
 # %% [markdown]
-# First two by two texels, then a picture of the sky with a sun, and one of your own if you have a
-# light probe: square, a power of two.
+# First an image of two by two texels, then a sky with a sun, and your own light probe if you have
+# one (square, with a power of two as its size).
 
 # %%
 from hierarchical import HierarchicalWarp
@@ -608,14 +608,14 @@ points = np.array(HierarchicalWarp(saved).sample(independent(50_000, seed=3))).T
 np.savez_compressed(deliverables / "hierarchical.npz", image=saved, points=points)
 
 # %% [markdown]
-# ## What you hand in
+# ## Handing in
 
 # %%
 for path in sorted(deliverables.iterdir()):
     print(f"{path.stat().st_size / 1024:8.0f} KiB  {path.name}")
 
 # %% [markdown]
-# Then, in a terminal: `tofrender submit a1 .` runs the public tests and packs the zip file.
+# In a terminal, `tofrender submit a1 .` runs the public tests and packs the zip file.
 #
 # ## See also
 # - the [handout](README.md) and the [written exercises](exercises.md)

@@ -9,22 +9,21 @@
 # %% [markdown]
 # # Time of flight
 #
-# **Overview.** You turn a path tracer into one that knows *when* light arrives: first through a
-# gate that opens at one instant, then as a depth camera measures it, then into the time bins of a
-# film, and at last around a corner. The [handout](README.md) has the theory and what each problem
-# asks for.
+# **Overview.** You extend a path tracer by the *arrival time* of light: as a camera with a time
+# gate, as a correlation camera that measures depth, with a film of time bins, and for a scene
+# around a corner. The [handout](README.md) explains the theory and specifies each problem.
 #
 # **What you will learn**
 # - what pulses, gates and time bins measure, in which units, and how they sum to a steady image
-# - how a correlation camera turns path lengths into phases, and what wrapping and detours do to
-#   depth
-# - how to trace paths into time bins, and what of that survives a conversion to phasors
-# - how a wall becomes a mirror of sorts, if the lit point is treated as a light
+# - how a correlation camera maps path lengths to phases, and how phase wrapping and multi-path
+#   interference change depth
+# - how to trace paths into time bins, and which errors a conversion to phasors has
+# - how light from a hidden scene is computed, if the laser spot is treated as a light source
 #
-# **How it works.** A cell that begins with `%%solution` is a file of your solution: running it
-# writes the file. Below each is one that runs its tests, `%%test`, and one that tries it. The cells
-# at the end of a part write what you hand in to `deliverables/`. Replace
-# `raise NotImplementedError(...)`, run, look, and test.
+# **How to work.** A cell that begins with `%%solution` contains a file of your solution; running it
+# writes the file. Below it are a cell that runs its tests (`%%test`), and one that uses it and
+# draws pictures. Some cells also write files to `deliverables/`, which you hand in. Replace
+# `raise NotImplementedError(...)`, run the cell, look at the pictures, and run the tests.
 
 # %% [markdown]
 # ## Set-up
@@ -70,8 +69,8 @@ def show(ax, image, title="", **options):
 
 # %% [markdown]
 # # Part 1: gates and waves
-# ## 1. A pulse
-# Problem `a2.gaussian_pulse`. Its `eval`, `cdf` and `sample` must tell the same story.
+# ## 1. Gaussian pulse
+# Problem `a2.gaussian_pulse`. Its `eval`, `cdf` and `sample` must be consistent.
 
 # %% [solution] gaussian_pulse.py
 
@@ -102,8 +101,8 @@ right.legend(frameon=False)
 plt.show()
 
 # %% [markdown]
-# Problem `a2.pulse_checks`. Your own pulse should pass your own test, and a pulse with twice the
-# energy should not.
+# Problem `a2.pulse_checks`. Your pulse should pass your test, and a pulse with twice the energy
+# should fail.
 
 # %% [solution] pulse_checks.py
 
@@ -128,9 +127,9 @@ else:
     print("a density that integrates to 2 passes: look again")
 
 # %% [markdown]
-# ## 2. One instant, and many
-# Problem `a2.time_gated`. Start from `PathTracer` in `path_tracer.py`: carry the path's length
-# along, and weight each contribution with the pulse.
+# ## 2. Time gates
+# Problem `a2.time_gated`. Start from `PathTracer` in `path_tracer.py`: keep track of the path
+# length, and weight each contribution with the pulse.
 
 # %% [solution] time_gated.py
 
@@ -152,9 +151,9 @@ for ax, target in zip(axes, instants, strict=True):
 plt.show()
 
 # %% [markdown]
-# Now all gates of the film's window, with the paths of one trace. A gate reads a density, so the
-# sum over gates times their spacing compares with the steady image of Mitsuba's own path tracer.
-# Some light is missing: it arrives later than 9.5 m, when the last gate has closed.
+# Now all gates of the film's window, computed from the same paths. A gated value is a density, so
+# the sum over gates times their spacing is compared with the steady image of Mitsuba's path tracer.
+# Some light is missing: it arrives later than 9.5 m, after the last gate.
 
 # %%
 film_config = {"temporal_bins": 300, "start_opl": 3.5, "bin_width_opl": 0.02}
@@ -176,8 +175,8 @@ show(axes[2], tofrender.tonemap(missing, exposure=exposure), "difference x 5")
 plt.show()
 
 # %% [markdown]
-# What single pixels see. The left side of the tall box is in shadow: where does its light come
-# from?
+# The responses of single pixels. The left side of the tall box is in shadow: where does its light
+# come from?
 
 # %%
 places = {"back wall": (0.7, 0.35), "red wall": (0.08, 0.5), "box, in shadow": (0.29, 0.65)}
@@ -194,7 +193,7 @@ figure.savefig(OUT / "pixel_responses.png", dpi=110)
 plt.show()
 
 # %% [markdown]
-# And light in flight, three gates a frame.
+# An animation of light in flight, with three gates per frame.
 
 # %%
 three = gated.reshape(*gated.shape[:2], 100, 3, 3).mean(axis=3)
@@ -207,8 +206,8 @@ animation
 save("gated.npz", transient=gated, pulse_width_opl=0.03, start_opl=start, bin_width_opl=width)
 
 # %% [markdown]
-# ## 3. A wave for a clock
-# Problem `a2.amcw_pulse`. Which `phase_offset` makes it a sine?
+# ## 3. AMCW modulation
+# Problem `a2.amcw_pulse`. Which `phase_offset` turns the cosine into a sine?
 
 # %% [solution] amcw_pulse.py
 
@@ -235,8 +234,8 @@ for frequency in FREQUENCIES:
 # %% [solution] amcw_path.py
 
 # %% [markdown]
-# First a scene in which half a path *is* a depth: the box is lit by a flash at the camera. At 20
-# MHz all depths fit into one range, at 50 MHz none does.
+# First a scene in which half the path length *is* a depth: the box is lit by a flash at the camera.
+# At 20 MHz all depths are within the unambiguous range, at 50 MHz none is.
 
 # %%
 from amcw_path import render_amcw_phasor
@@ -254,9 +253,9 @@ flash_phasors = all_phasors(flash)
 tofrender.phasor_panel(FREQUENCIES, *flash_phasors, title="with a flash at the camera")
 
 # %% [markdown]
-# How far is the depth from the truth, the distance of the first surface? What is too small by a
-# whole range has wrapped. What is left after that is light that came by way of other surfaces.
-# (Phases of colours are not averaged: their phasors are added.)
+# The error of the depth, compared with the distance of the first surface. Depths that are too small
+# by whole unambiguous ranges have wrapped. The remaining error is due to indirect light (multi-path
+# interference). The phasors of the colour channels are added; their phases are not averaged.
 
 
 # %%
@@ -284,8 +283,8 @@ for j, frequency in enumerate(FREQUENCIES):
     )
 
 # %% [markdown]
-# Now the scene of your other results, which the ceiling lights. There "depth" is half the path from
-# lamp to camera, and no distance of anything.
+# Now the scene of your other results, with a lamp in the ceiling. There, "depth" is half the length
+# of the path from lamp to camera, not the distance of a surface.
 
 # %%
 phasors = all_phasors(scene)
@@ -300,21 +299,21 @@ save("phasors.npz", frequencies_hz=FREQUENCIES, I=phasors[0], Q=phasors[1])
 # %% [markdown]
 # **Questions, part 1.** Answer in this cell.
 # 1. Which surface is the first to be lit at 4.9 m, and why is it not the ceiling?
-# 2. Which share of the light does your sum over gates hold, and where and when is the rest?
-# 3. In the flash scene, in which pixels is depth wrong although it has not wrapped? In which
-#    direction, and why?
+# 2. Which fraction of the light is in your sum over gates? Where and when does the rest arrive?
+# 3. In the flash scene, in which pixels is the depth wrong although it has not wrapped? Is it too
+#    large or too small, and why?
 
 # %% [markdown]
 # # Part 2: bins
-# ## 5. Paths into time bins
-# Problem `a2.transient_path`. The film and its `render` are given, the path is yours; and how a
-# pulse spreads one contribution over bins.
+# ## 5. Transient path tracer
+# Problem `a2.transient_path`. The film and `render` are given. You write the path tracer, and the
+# method that spreads a contribution over bins with a pulse.
 
 # %% [solution] transient_path.py
 
 # %% [markdown]
-# **Task 1: a Gaussian pulse.** The scene's film has the window of the gates above. A bin holds
-# radiance, not a density: the sum over bins needs no factor.
+# **Task 1: a Gaussian pulse.** The scene's film has the time window of the gates above. The value
+# of a bin is a radiance, not a density, so the sum over bins needs no factor.
 
 # %%
 from transient_path import TransientPath
@@ -356,14 +355,14 @@ save(
 )
 
 # %% [markdown]
-# ## 6. From bins to phasors
+# ## 6. Phasors from time bins
 # Problem `a2.transient_to_phasor`.
 
 # %% [solution] phasors.py
 
 # %% [markdown]
-# **Task 2: phasors from a transient.** Bins say how much light has which length, and that is all
-# that a phasor asks for.
+# **Task 2: phasors from a transient.** Bins contain how much light has which path length, and a
+# phasor depends on nothing else.
 
 # %%
 from phasors import sum_channels, transient_to_phasor
@@ -374,9 +373,9 @@ panel = [np.where(dark[..., None], part, np.nan) for part in converted]
 tofrender.phasor_panel(FREQUENCIES, *panel, title="converted from bins")
 
 # %% [markdown]
-# **Task 3: compare.** A mean squared error says nothing by itself. So we print beside it that of
-# two direct renders of different seeds, which differ by noise only. (The comparison may have less:
-# bins and direct render need not be equally noisy.)
+# **Task 3: comparison.** A mean squared error alone does not show whether it is only noise. So we
+# also print that of two direct renders with different seeds, which differ by noise only. (That of
+# the comparison may be smaller, since bins and direct renders need not be equally noisy.)
 
 # %%
 again = all_phasors(scene, seed=7)
@@ -401,9 +400,9 @@ save(
 )
 
 # %% [markdown]
-# Noise hides what all pixels have in common. Half the path length, all pixels but the lamp
-# together, shows it: the window that ends at 9.5 m cuts off the latest light, and the conversion
-# misses it. With a window that holds all paths, the two ways agree.
+# Noise in single pixels hides an error that is common to all. Half the path length, computed from
+# the sum of all pixels except the lamp, shows it: the time window ends at 9.5 m, and the conversion
+# lacks later light. With a window that contains all paths, converted and direct phasors agree.
 
 # %%
 long_box = tofrender.cornell_box(
@@ -432,7 +431,7 @@ for j, frequency in enumerate(FREQUENCIES):
 # **Questions, part 2.** Answer in this cell.
 # 1. Is the mean squared error of the comparison explained by noise? What do the lines after it show
 #    that the mean squared error hides?
-# 2. Why does the cut-off window make the path too short at 20 MHz, and may do anything at 100 MHz?
+# 2. Why does truncation make the path length too short at 20 MHz, but perhaps too long at 100 MHz?
 # 3. By which factor does the pulse of 30 mm change the amplitude at 100 MHz? Must it be corrected?
 
 # %% [markdown]
@@ -443,16 +442,15 @@ for j, frequency in enumerate(FREQUENCIES):
 # %% [solution] relay_wall.py
 
 # %% [markdown]
-# ## 8. The lit point as a light
+# ## 8. The laser spot as a light source
 # Problem `a2.confocal` (and the bonus `a2.area_spot`, in the same file).
 
 # %% [solution] confocal.py
 
 # %% [markdown]
-# The scene: laser and camera scan a wall, a floor goes on from it, and a letter Z faces the wall.
-# All are on the same side of the wall; an occluder keeps the letter out of the camera's sight. Wall
-# and floor are both "relay wall", so that light between the two can be told from that of the
-# letter.
+# The scene: laser and camera scan a wall, a floor adjoins it, and a letter Z faces it. All are on
+# the same side of the wall; an occluder hides the letter from the camera. Wall and floor both count as
+# relay wall, so that light between them can be distinguished from that of the letter.
 
 # %%
 import confocal  # noqa: F401 (this registers the integrator)
@@ -465,7 +463,7 @@ corner = mi.load_dict(described, optimize=False)
 tofrender.plan_figure(corner, view="side", title="corner_scene, from the side")
 
 # %% [markdown]
-# What is relay wall, seen from the device? Directions all around it, as a map.
+# A map of all directions around the device, which shows where it sees the relay wall.
 
 # %%
 rows, columns = 90, 180
@@ -487,9 +485,9 @@ bar.ax.set_yticklabels(["nothing", "something", "relay wall"])
 plt.show()
 
 # %% [markdown]
-# A test with a formula: what a tilted patch sends back to the point of the wall that is lit,
-# $\Phi\rho_w^2\rho_h\cos^2\theta_w\cos^2\theta_h/(\pi^3r^4)$ for each of its square metres. A
-# missing cosine shows at large tilts.
+# A test with a closed form: the light that a tilted patch reflects back to the laser spot,
+# $\Phi\rho_w^2\rho_h\cos^2\theta_w\cos^2\theta_h/(\pi^3r^4)$ per square metre of the patch. A
+# missing cosine is visible at large tilts.
 
 # %%
 SIDE, PLACE = 0.3, np.array([0.3, 0.1, 1.0])
@@ -525,7 +523,7 @@ ax.legend(frameon=False)
 plt.show()
 
 # %% [markdown]
-# Now the corner, with and without light that has met nothing but relay walls.
+# Now the scene around the corner, with and without paths that only hit relay walls.
 
 # %%
 NLOS_SPP = 1024 if SMALL else 8192
@@ -539,9 +537,9 @@ nlos_start, nlos_width = film["start_opl"], film["bin_width_opl"]
 save("nlos.npz", **captures, start_opl=nlos_start, bin_width_opl=nlos_width)
 
 # %% [markdown]
-# The points of the wall that a line half a metre above its middle scans. The device is 0.25 m in
-# front of the wall, so its own distance from each point belongs to the length: 2d + 2r. Lines show
-# when the nearest point of letter and floor answers.
+# Responses of the wall points on a line half a metre above the middle of the wall. The device is
+# 0.25 m in front of the wall, and its distance d from each point is included in the length,
+# 2d + 2r. The curves show the first arrival, from the nearest point of the letter and of the floor.
 
 # %%
 nlos_opl = nlos_start + nlos_width * (np.arange(captures["filtered"].shape[2]) + 0.5)
@@ -585,7 +583,7 @@ axes[2].legend(frameon=False)
 plt.show()
 
 # %% [markdown]
-# ## 9. Bonus: a beam with a width
+# ## 9. Bonus: laser beam of finite width
 # Problem `a2.area_spot`. How wide may a beam be before the capture blurs in time? (If `spot_sigma`
 # is ignored, the curves coincide.)
 
@@ -613,8 +611,8 @@ plt.show()
 # %% [solution] fog.py
 
 # %% [markdown]
-# A pulse that dissolves: photons of fog after four path lengths. The dotted circle is as far as light
-# can be. (Cells of this section show nothing while `fog.py` is not written.)
+# Positions of photons in fog after four path lengths. The dotted circle is the largest distance
+# that light can reach. (Cells of this section show nothing until `fog.py` is written.)
 
 # %%
 from fog import absorb, through_polariser, wander
@@ -636,8 +634,9 @@ except NotImplementedError as error:
     print(error)
 
 # %% [markdown]
-# The Cornell box full of a gas that absorbs, from the bins that you have rendered; and how much of
-# light at 30° three polarisers let through, if the middle one turns between crossed ones.
+# The response of the Cornell box filled with an absorbing gas, computed from the bins that you have
+# rendered; and the fraction of light polarised at 30° that passes three polarisers, over the angle
+# of the middle one. The outer two are crossed.
 
 # %%
 try:
@@ -663,13 +662,13 @@ except NotImplementedError as error:
 
 # %% [markdown]
 # **Questions, part 3.** Answer in this cell.
-# 1. Which bins of which wall points hold light of laser, wall, floor, wall, sensor, and which hold
-#    that of the letter? Where do both share a bin, and what does a filter by time do there that
-#    `use_nlos_only` does not?
-# 2. Where would the light of laser, wall, sensor be, and why is it in none of your captures?
-# 3. How does the first arrival along the wall tell where the letter is? Which information about the
-#    letter is in what comes after it?
-# 4. How would a capture look with four or five segments (`max_depth`) between camera and lit point?
+# 1. Which bins of which wall points contain light of the path laser, wall, floor, wall, sensor, and
+#    which contain light from the letter? Where are both in the same bin, and how does a filter by
+#    time differ there from `use_nlos_only`?
+# 2. Where would light of the path laser, wall, sensor be, and why is it in none of your captures?
+# 3. How do the first arrivals along the wall determine the position of the letter? Which
+#    information about the letter is in later light?
+# 4. How would a capture look with four or five segments (`max_depth`) up to the laser spot?
 #
 # ## See also
 # - `README.md`, `exercises.md`

@@ -9,20 +9,20 @@
 # %% [markdown]
 # # Light tracing in time
 #
-# **Overview.** A path tracer starts at the camera and hopes to find the lamp. You start at the lamp
-# as well, connect what you meet to the camera, and let both share what they find. The
-# [handout](README.md) has the theory and what each problem asks for.
+# **Overview.** A path tracer starts at the camera and finds a small lamp only by chance. You also
+# trace paths from the lamp, connect their vertices to the camera, and combine all strategies by
+# MIS. The [handout](README.md) explains the theory and specifies each problem.
 #
 # **What you will learn**
-# - what a camera is for light that arrives at it
-# - how to follow light to the camera, and where and when it lands
-# - how strategies share a path that several of them find, from two of them to all
-# - what a caustic is in time, and which strategy finds it
+# - the importance of a camera, and its density in several measures
+# - how to trace light to the camera, and to compute film positions and arrival times of splats
+# - how to compute the MIS weights of two strategies, and of all strategies
+# - when the light of a caustic arrives, and which strategy samples it
 #
-# **How it works.** A cell that begins with `%%solution` is a file of your solution: running it
-# writes the file. Below each is one that runs its tests, `%%test`, and one that tries it. The cells
-# at the end write what you hand in to `deliverables/`. Replace `raise NotImplementedError(...)`, run,
-# look, and test.
+# **How to work.** A cell that begins with `%%solution` contains a file of your solution; running it
+# writes the file. Below it are a cell that runs its tests (`%%test`), and one that uses it and
+# draws pictures. Some cells also write files to `deliverables/`, which you hand in. Replace
+# `raise NotImplementedError(...)`, run the cell, look at the pictures, and run the tests.
 
 # %% [markdown]
 # ## Set-up
@@ -76,9 +76,9 @@ def show(ax, image, title="", **options):
 
 
 # %% [markdown]
-# ## 1. A camera that light arrives at
-# Problem `a3.lens`. Whatever the camera, the integral of $W_e \cos\theta$ over its window is 1. And
-# the point on the floor that a pixel sees must land in this pixel.
+# ## 1. Camera importance
+# Problem `a3.lens`. For every camera, the integral of $W_e \cos\theta$ over its window is 1. A
+# point on the floor must be projected to the pixel that sees it.
 
 # %% [solution] lens.py
 
@@ -104,9 +104,9 @@ error = np.abs(error[:, np.array(seen.is_valid())]).max()
 print(f"points land where they are seen from: within {error:.1e} pixels")
 
 # %% [markdown]
-# ## 2. Light that finds the camera
-# Problem `a3.light_tracer`, and with glass `a3.caustics`. A sphere of glass stands in the Cornell
-# box, beside a small lamp. What of the picture is missing, and why?
+# ## 2. Transient light tracer
+# Problem `a3.light_tracer`, and with glass `a3.caustics`. A glass sphere stands in the Cornell box,
+# beside a small lamp. Which part of the picture is missing, and why?
 
 # %% [solution] light_tracer.py
 
@@ -125,8 +125,8 @@ plt.show()
 
 # %% [markdown]
 # ## 3. Two strategies
-# Problem `a3.two_strategies`. What each end finds, with its share; their sum; and a path tracer's
-# noise beside it.
+# Problem `a3.two_strategies`. The contribution of each strategy with its MIS weights, and their
+# sum. Compare its noise with that of the path tracer above.
 
 # %% [solution] two_strategies.py
 
@@ -146,8 +146,8 @@ plt.show()
 
 # %% [markdown]
 # ## 4. All strategies
-# Problem `a3.all_strategies`. First each strategy of four segments alone, above without weights,
-# below with its share. Which one has the caustic?
+# Problem `a3.all_strategies`. Each strategy of four segments alone, above unweighted, below with
+# its MIS weights. Which one contains the caustic?
 
 # %% [solution] all_strategies.py
 
@@ -175,8 +175,8 @@ save("strategies.npz", strategies=np.array(strategies, float), alone=alone, shar
 
 # %% [markdown]
 # ## 5. The caustic in flight
-# All strategies in the film's bins. The light through the middle of the sphere goes straight, and
-# takes index times as long in the glass:
+# All strategies, in time bins. Light through the centre of the sphere is not refracted; in glass,
+# its optical path length is $n$ times the geometric one:
 #
 # $$\mathrm{opl} = |x_\mathrm{lamp} - x_\mathrm{floor}| + 2r(n - 1) + |x_\mathrm{floor} - x_\mathrm{camera}|.$$
 
@@ -210,8 +210,9 @@ animation.save(OUT / "animation.gif", writer="pillow", fps=10, dpi=60)
 animation
 
 # %% [markdown]
-# ## 6. Who has least noise?
-# Mean squared errors, against many more paths, on the pixels that see neither glass nor lamp.
+# ## 6. Comparison of the noise
+# Mean squared errors, relative to a render with many more paths, on the pixels that see neither
+# glass nor lamp.
 
 # %%
 pictures = {"path": path, "light": light, "two": together, "bdpt": render(bdpt, scene)[0]}
@@ -242,10 +243,10 @@ save(
 
 # %% [markdown]
 # **Questions.** Answer in this cell.
-# 1. What is missing in the light tracer's picture, and which strategy of `strategies.npz` has it?
-# 2. Why does (2, 3) see the floor, but nothing of the caustic?
-# 3. The light through the middle of the glass is not the last of the caustic to arrive. What comes
-#    later, and from where?
+# 1. Which light is missing in the light tracer's picture? Which strategy of `strategies.npz` has it?
+# 2. Why does (2, 3) contain the floor, but not the caustic?
+# 3. The light through the centre of the sphere is not the last light of the caustic to arrive.
+#    Which light arrives later, and along which path?
 # 4. Where in the picture is the light tracer worse than the path tracer? Would more paths change
 #    the ratio?
 #

@@ -2,8 +2,8 @@
 Light in flight
 ===============
 
-A pulse leaves the lamp in the ceiling. Its front runs over boxes and walls; what was reflected
-before follows. The player opens on the brightest bin.
+A pulse leaves the ceiling lamp of the Cornell box. The wavefront of direct light moves over boxes
+and walls, and indirect light follows. The player opens at the brightest bin.
 """
 
 import tofrender

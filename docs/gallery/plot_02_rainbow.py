@@ -1,9 +1,9 @@
 """
-When light arrives, in one picture
-==================================
+Arrival times in one picture
+============================
 
-Hue is the time of each pixel's light, so that a front is a band of one colour. One colour comes
-back after ``period_ns``.
+The hue of a pixel shows when its light arrives, so that a wavefront appears as a band of one
+colour. Hues repeat every ``period_ns``.
 """
 
 import tofrender

@@ -1,9 +1,9 @@
 """
-What a pixel sees
-=================
+The response of a pixel
+=======================
 
-The response of one pixel of the floor: first the lamp's direct light, then what walls and boxes
-send. The band is the standard error of each bin, from the same render.
+The response of a pixel on the floor: first the direct light of the lamp, then indirect light from
+walls and boxes. The band is the standard error of each bin, from the same render.
 """
 
 import tofrender

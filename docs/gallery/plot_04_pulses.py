@@ -1,9 +1,9 @@
 """
-A pulse blurs time
-==================
+Pulses of finite length
+=======================
 
-Lamps do not flash for an instant. A pulse spreads each arrival by its exact energy in every bin,
-which adds no noise: the light of one pixel of the box, with pulses of three lengths.
+Real lamps emit pulses of finite length. Each bin gets the exact energy of the pulse in it, which
+adds no noise. The figure shows one pixel of the Cornell box with pulses of three lengths.
 """
 
 import matplotlib.pyplot as plt

@@ -1,9 +1,9 @@
 """
-One instant
+A time gate
 ===========
 
-A camera that is open for a tenth of a nanosecond. The integrator looks for light of one length
-only, which takes fewer samples than to sort all of it.
+Three images of a camera whose time gate is open for a tenth of a nanosecond. The integrator
+samples only light of the gate's path lengths, which needs fewer samples than recording all bins.
 """
 
 import matplotlib.pyplot as plt

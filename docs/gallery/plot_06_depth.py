@@ -2,9 +2,9 @@
 Depth from phase
 ================
 
-The depth camera of a phone: its lamp is a wave, and each pixel measures by how much the wave
-lags. 50 MHz wraps after 3 m; with 20 MHz beside it, depth is one again. All frequencies come from
-one trace.
+The depth camera of a phone modulates its lamp, and measures the phase delay of the light at each
+pixel. Depth wraps after 3 m at 50 MHz; together with 20 MHz it is unambiguous. All frequencies are
+computed from the same paths.
 """
 
 import tofrender

@@ -1,9 +1,9 @@
 """
-Light through glass
+A caustic in flight
 ===================
 
-A glass sphere focuses the light of a small lamp on the floor. Paths from the camera hardly find
-that lamp; paths from both ends do. Light in glass is late: it goes slower there.
+A glass sphere focuses the light of a small lamp on the floor. Paths from the camera rarely hit the
+lamp; bidirectional paths find its light. The caustic arrives late, since light is slower in glass.
 """
 
 import tofrender

@@ -1,9 +1,9 @@
 """
-Who finds the light
-===================
+Strategies of bidirectional path tracing
+========================================
 
-A path of light with so many vertices from the lamp and so many from the camera: each way of
-making it finds other light. Weighted, they add up to the picture.
+Each picture shows one strategy (s, t): s vertices are sampled from the lamp, t from the camera.
+With MIS weights, the pictures sum to the render.
 """
 
 import tofrender

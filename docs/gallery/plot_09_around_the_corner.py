@@ -1,9 +1,9 @@
 """
-Around the corner
-=================
+Around the corner (NLOS)
+========================
 
-A laser scans a wall; a letter that neither laser nor sensor sees sends some light back to it.
-From when that light comes, the letter is found.
+A laser scans a relay wall. A letter that neither laser nor sensor sees reflects some light back to
+the wall. The letter is reconstructed from the arrival times of this light.
 """
 
 import tofrender
@@ -11,8 +11,8 @@ import tofrender
 figure = tofrender.plan_figure(tofrender.load_scene("nlos_z", optimize=False))
 
 # %%
-# A confocal capture: each point of the wall is lit while it is looked at. Then the light-cone
-# transform.
+# In a confocal capture, laser and sensor point at the same point of the wall. The light-cone
+# transform reconstructs it.
 
 capture = tofrender.capture(tofrender.nlos_z(width=32, height=32, temporal_bins=500), spp=256)
 found = tofrender.reconstruct(capture, "lct")

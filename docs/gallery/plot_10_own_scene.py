@@ -1,9 +1,9 @@
 """
-A scene of your own
-===================
+Your own scene
+==============
 
-A steady Mitsuba scene gets a time axis by ``window`` and ``temporal_bins``. Here: a lamp, a
-floor, three balls.
+A Mitsuba scene with a steady film, here a lamp, a floor and three balls, gets a time axis from
+``window`` and ``bins``.
 """
 
 import mitsuba as mi

@@ -1,9 +1,9 @@
 """
-Do samples follow their density?
-================================
+Testing a warp
+==============
 
-Points of the square, bent into Beckmann's distribution of microfacet normals, and the chi-square
-test that compares how many fall into each cell with how many should.
+Points of the unit square, warped to Beckmann's distribution of microfacet normals, and a
+chi-square test that compares the number of points in each cell with the expected number.
 """
 
 import numpy as np
