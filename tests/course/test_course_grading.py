@@ -421,24 +421,24 @@ def test_report_that_was_cut_off(assignment, tmp_path):
     path = tmp_path / "lines.json"
     path.write_text("".join(json.dumps(each) + "\n" for each in lines) + '{"id": "test_a')
     assert read_report(path) == lines
-    whole = grades_of(problem, lines, True, "")
+    whole = grades_of(problem, lines, "")
     assert [grade.passed for grade in whole.values()] == [True, True]
-    cut = grades_of(problem, lines, False, "took too long")
+    cut = grades_of(problem, lines, "took too long")
     assert [grade.passed for grade in cut.values()] == [True, False]
     assert cut["test_add.py::test_arrays"].reason == "took too long"
-    skipped = grades_of(problem, [lines[0] | {"outcome": "skipped"}], True, "")
+    skipped = grades_of(problem, [lines[0] | {"outcome": "skipped"}], "")
     assert not any(grade.passed for grade in skipped.values())
 
 
 def test_the_worst_case_counts_and_a_skipped_one_gives_nothing(tmp_path):
     case = {"id": "t", "outcome": "failed", "text": "", "seconds": 0.1, "seeded": False, "uses": []}
-    assert outcomes_of(case | {"share": share} for share in (0.5, 0.2, 1.0))["t"].share == 0.2
+    assert outcomes_of(case | {"share": share} for share in (0.5, 0.2, 1.0))["t"].fraction == 0.2
     path, stash = tmp_path / "lines.json", pytest.Stash()
     config = SimpleNamespace(getoption=lambda _: path)
     item = SimpleNamespace(nodeid="test_a.py::test_b", config=config, stash=stash)
     reporting = plugin.pytest_runtest_protocol(item)
     next(reporting)
-    plugin._reports.append(SimpleNamespace(failed=False, skipped=True, duration=0.1))
+    stash[plugin.REPORTS].append(SimpleNamespace(failed=False, skipped=True, duration=0.1))
     with pytest.raises(StopIteration):
         reporting.send(None)
     assert json.loads(path.read_text())["share"] == 0

@@ -223,8 +223,8 @@ def test_data_survive_the_wire(tmp_path):
 def test_rubric_adds_points_and_names_homes(assignment):
     read = rubric.read(assignment)
     assert [problem.points for problem in read.problems] == [5.5, 4]
-    assert read.home_of["unambiguous_range"].id == "a0.range"
-    assert read.problem_of["test_pulse.py::test_peak"].marker == "a0_pulse"
+    assert read.problem_by_name["unambiguous_range"].id == "a0.range"
+    assert read.problem_by_test["test_pulse.py::test_peak"].marker == "a0_pulse"
     assert read.withheld["tofrender.signals.pulses"] == "a0.pulse"
 
 
@@ -295,15 +295,15 @@ def test_a_factor_is_named_hints_and_leaves_a_part():
             expect.close, right * factor, right, says=says, hint="look here", ratios=ratios
         )
         assert f"hint:     {hint}" in str(failure)
-        assert failure.share == share
+        assert failure.fraction == share
     for came in (right * 1.7, np.zeros(4), right * [2, 2, 1, 1]):
         failure = fails(expect.close, came, right, ratios=ratios)
         assert "which is" not in str(failure)
-        assert failure.share == 0
+        assert failure.fraction == 0
     for came, share in ((2.0, 0), (np.pi, 0.5)):  # in one number, 2 may be chance
-        assert fails(expect.close, came, 1.0, says="which is: ").share == share
+        assert fails(expect.close, came, 1.0, says="which is: ").fraction == share
     # a bound so wide that several fit
-    assert fails(expect.close, right * 2, right, rtol=0.4).share == 0
+    assert fails(expect.close, right * 2, right, rtol=0.4).fraction == 0
 
 
 @pytest.mark.statistical
@@ -311,8 +311,8 @@ def test_a_factor_is_found_through_noise():
     expect.configure(comparisons=10)
     noise = np.random.default_rng(3).normal(1, 0.05, (32, 6))
     for compare, wanted in ((expect.estimate, 1.0), (expect.same, noise[::-1])):
-        assert fails(compare, noise * np.pi, wanted, says="which is: π times").share == 0.5
-    assert fails(expect.estimate, noise * 1.2, 1.0).share == 0
+        assert fails(compare, noise * np.pi, wanted, says="which is: π times").fraction == 0.5
+    assert fails(expect.estimate, noise * 1.2, 1.0).fraction == 0
 
 
 @pytest.mark.statistical

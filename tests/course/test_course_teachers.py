@@ -24,7 +24,7 @@ pytest.importorskip("resource", reason="a grading machine runs Linux or macOS")
 from tofrender.cli import app as cli
 from tofrender.course import mutants, pages, rubric
 from tofrender.course.assignments import Assignment, find
-from tofrender.course.author import terms
+from tofrender.course.author import release
 from tofrender.course.grade import (
     classes,
     gradescope,
@@ -32,7 +32,6 @@ from tofrender.course.grade import (
     overview,
     roster,
     similarity,
-    standing,
 )
 from tofrender.course.grade.roster import Marks, Member
 from tofrender.course.judge import running, sandbox
@@ -147,7 +146,7 @@ def test_a_students_test_gets_its_share(staff, tmp_path, name):
     student = tiny_assignment.write(tmp_path / "student", {"check.py": text})
     test = "test_check_staff.py::test_share"
     outcome = running.run(staff.folder, tests=[test], submission=student)[test]
-    assert outcome.share == share
+    assert outcome.fraction == share
     assert said in "".join(outcome.texts)
     assert "return" not in "".join(outcome.texts)
     assert running.points_of(staff.rubric, {test: outcome})["a0.check"] == 4 * share
@@ -187,7 +186,7 @@ def test_class_with_roster_sheet_pages_and_jobs(staff, tmp_path, monkeypatch, ca
     assert (table["ada"]["total"], table["ada"]["lost_late"]) == ("10", "2.5")
     assert table["ada"]["a0.check"] == "2"
     assert (table["ben"]["a0.mean"], table["ben"]["total"]) == ("4", "4")
-    assert table["carl"]["reason"] == standing.NOTHING
+    assert table["carl"]["reason"] == roster.NOTHING
     assert (table["carl"]["submission"], table["carl"]["total"]) == ("", "0")
     assert (table["17"]["submission"], table["17"]["total"]) == ("dora", "11")
     assert table["ada"]["note"] == "well done"
@@ -379,9 +378,9 @@ def test_standing_adds_by_hand_and_takes_off_late_days(toy, tmp_path):
     problems = {"problems": {"a0.a": 4.0, "a0.b": 1.0}, "summary": "=1+1"}
     content = {"score": 5.0, "output": "", "extra_data": problems}
     marks = Marks({"a0.text": 3.0, "a0.a": 2.0}, late_days=3, note="-x")
-    each = standing.Standing(toy, Member("ada", tmp_path / "ada"), content, marks)
+    each = roster.Standing(toy, Member("ada", tmp_path / "ada"), content, marks)
     assert (each.before, each.lost, each.total) == (6.0, 1.2, 4.8)
-    standing.write_csv(tmp_path / "g.csv", toy, [each], roster=True, sheet=True)
+    roster.write_csv(tmp_path / "g.csv", toy, [each], roster=True, sheet=True)
     (row,) = rows(tmp_path / "g.csv")
     assert (row["reason"], row["note"]) == ("'=1+1", "'-x")
     assert [toy.late.lost(days) for days in (0, 1, 2, 99)] == [0, 0, 0.1, 1]
@@ -421,9 +420,9 @@ def test_overview_names_the_likeliest_mutant(staff):
     problem = staff.rubric.problems[0]
     known = mutants.read(staff)
     both = {test.id: "the sum" for test in problem.tests}
-    assert overview.looks_like(both, problem, known).id == "takes_the_difference"
-    assert overview.looks_like({problem.tests[0].id: "else"}, problem, known) is None
-    missing = overview.Work("x", {}, dict.fromkeys(both, "add.py is missing"))
+    assert overview.likeliest_mutant(both, problem, known).id == "takes_the_difference"
+    assert overview.likeliest_mutant({problem.tests[0].id: "else"}, problem, known) is None
+    missing = overview.Result("x", {}, dict.fromkeys(both, "add.py is missing"))
     assert overview.failures_of(missing, problem) == {}
 
 
@@ -510,7 +509,7 @@ def test_a_new_term_draws_other_inputs(tmp_path, capsys):
     staff = find(tiny_assignment.write(tmp_path / "a0", FILES))
     file = str(staff.folder / "tests" / "test_add.py")
     assert Inputs(file).number("width", 0.5, low=1, high=2) == 0.5
-    assert terms.new_term(staff, 7) == (0, 7)
+    assert release.new_term(staff, 7) == (0, 7)
     first = Inputs(file).number("width", 0.5, low=1, high=2)
     assert 1 <= first <= 2
     assert Inputs(file).number("width", 0.5, low=1, high=2) == first

@@ -182,9 +182,9 @@ def true_depth(scene: Any, sensor: int = 0) -> np.ndarray:
     """
     import drjit as dr
 
-    camera, ray, si, pixels = _pixel_centre_hits(scene, sensor)
     from ..paths.camera import ray_origin
 
+    camera, ray, si, pixels = _pixel_centre_hits(scene, sensor)
     distance = dr.select(si.is_valid(), dr.norm(si.p - ray_origin(camera, ray)), dr.nan)
     return np.array(distance, dtype=np.float64).reshape(pixels)
 

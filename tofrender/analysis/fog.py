@@ -11,19 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 def absorb(
     transient_data: ArrayLike, mu_a: float, start_opl: float, bin_width_opl: float
 ) -> NDArray[Any]:
-    """Apply absorption to the bins of fog that only scatters.
+    """Apply absorption exp(-mu_a s) [1/m] to radiance per bin (height, width, bins, channels).
 
-    Light of the length s fades by exp(-mu_a s). The light of a bin counts as spread evenly over its
-    lengths.
-
-    Args:
-        transient_data: Radiance per bin, shape (height, width, bins, channels).
-        mu_a: Absorption coefficient [1/m], 0 or more.
-        start_opl: Start of the first bin [m].
-        bin_width_opl: Width of a bin [m].
-
-    Returns:
-        Radiance per bin, of the same shape.
+    The light of a bin counts as spread evenly over its path lengths s [m].
 
     Example:
         >>> absorb(np.ones((1, 1, 2, 1)), 1.0, 0.0, 1.0).ravel().round(4)
@@ -40,13 +30,7 @@ def absorb(
 def sample_turn(xi: ArrayLike, g: float) -> NDArray[Any]:
     """Sample the cosine of the scattering angle by Henyey and Greenstein's phase function (1941).
 
-    Args:
-        xi: Uniform random numbers in [0, 1], both ends included.
-        g: Mean of the cosine, between -1 and 1.
-
-    Returns:
-        Cosines of the angles between the directions before and after, one for each `xi`, with the
-        density (1 - g²) / (2 (1 + g² - 2 g cos)^1.5).
+    Its density is (1 - g²) / (2 (1 + g² - 2 g cos)^1.5), with the mean g; xi is in [0, 1].
 
     Example:
         >>> sample_turn([0.0, 0.5, 1.0], 0.5)
@@ -62,19 +46,9 @@ def sample_turn(xi: ArrayLike, g: float) -> NDArray[Any]:
 def wander(
     random: np.random.Generator, mu_s: float, g: float, opl: float, count: int
 ) -> NDArray[Any]:
-    """Simulate the positions of photons in endless fog after a path length.
+    """Simulate positions (count, 3) [m] of photons in endless fog after a path length `opl` [m].
 
-    All start at the origin along +z, and scatter as `sample_turn` says.
-
-    Args:
-        random: Source of random numbers.
-        mu_s: Scattering coefficient [1/m], 0 or more.
-        g: Mean cosine of the scattering angle.
-        opl: Path length [m].
-        count: Number of photons.
-
-    Returns:
-        Positions [m], shape (count, 3).
+    All start at the origin along +z. They scatter as `sample_turn` says, mu_s times a metre.
 
     Example:
         >>> wander(np.random.default_rng(0), 0.0, 0.5, 3.0, 2)
@@ -86,11 +60,14 @@ def wander(
     remaining = np.full(count, float(opl))
     flies = remaining > 0
     while flies.any():
+        # Sample a free-flight distance, cut off at the path length that remains
         n = int(flies.sum())
         step = random.exponential(1 / mu_s, n) if mu_s > 0 else np.full(n, np.inf)
         step = np.minimum(step, remaining[flies])
         p[flies] += step[:, None] * d[flies]
         remaining[flies] -= step
+
+        # Scatter
         d[flies] = _scattered(d[flies], sample_turn(random.random(n), g), random.random(n))
         flies = remaining > 0
     return p
@@ -110,14 +87,9 @@ def _scattered(d: NDArray[Any], cosine: NDArray[Any], xi: NDArray[Any]) -> NDArr
 
 
 def through_polariser(stokes: ArrayLike, angle: float) -> NDArray[Any]:
-    """Stokes vectors behind an ideal linear polariser.
+    """Stokes vectors, in the last axis, behind an ideal linear polariser at an angle [rad].
 
-    Args:
-        stokes: Stokes vectors, in the last axis.
-        angle: Of the transmission axis [rad]; 0 passes S1 > 0, pi/4 passes S2 > 0.
-
-    Returns:
-        Stokes vectors, of the same shape.
+    Angle 0 passes S1 > 0, pi/4 passes S2 > 0.
 
     Example:
         >>> through_polariser([1.0, 0.6, 0.0, 0.0], 0.0).tolist()

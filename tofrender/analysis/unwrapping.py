@@ -112,12 +112,15 @@ def unwrap(
             f"{longest:g} m, and {MAX_WRAPS} ranges of the highest frequency are searched"
         )
 
+    # Depths without wraps, and weights that sum to 1
     phases = np.where(np.isfinite(phases), phases, np.nan)
     wrapped = np.mod(phases, 2 * math.pi) / (2 * math.pi) * ranges
     light = (weights > 0).sum(axis=0) >= 2
     weights = weights / np.where(light, weights.max(axis=0), 1) / ranges
     weights = np.where(light, weights**2, 1 / len(frequencies))
     weights /= weights.sum(axis=0)
+
+    # Try all combinations of wraps, and keep the depth of the least cost
     depth = np.full(phases.shape[1:], np.nan)
     least = np.full(phases.shape[1:], np.inf)
     margin = 1e-12 * finest**2  # Rounding between equal costs

@@ -221,9 +221,9 @@ def new_term(
     It writes one line of the rubric. Commit it after `tofrender verify` has passed.
     """
     from ..course.assignments import find
-    from ..course.author import terms
+    from ..course.author.release import new_term as write_term
 
     found = find(assignment)
-    before, now = terms.new_term(found, term)
+    before, now = write_term(found, term)
     say(f"{found.rubric.id}: term {before} is term {now} now", "Next:")
     say(f"  tofrender verify {assignment} --seeds 200", f"  tofrender release {assignment} -o dist")

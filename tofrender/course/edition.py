@@ -33,7 +33,7 @@ def copy(assignment: Assignment, folder: Path) -> None:
         return bad | ({"material"} if inside == Path("course") else set())
 
     shutil.copytree(PACKAGE, package, ignore=left_out)
-    names = {name: problem.id for name, problem in rubric.home_of.items()}
+    names = {name: problem.id for name, problem in rubric.problem_by_name.items()}
     text = json.dumps({"modules": modules, "names": names}, indent=1)
     (package / "runtime" / "withheld.json").write_text(text + "\n", encoding="utf-8")
     init = package / "__init__.py"
@@ -50,10 +50,7 @@ def copy(assignment: Assignment, folder: Path) -> None:
 
 
 def of_grading(assignment: Assignment, folder: Path) -> None:
-    """Write the edition that submissions import.
-
-    In a student edition, where an autograder runs, that is this package itself.
-    """
+    """Write the edition that submissions import; in an autograder, a copy of this package."""
     if not (PACKAGE / "runtime" / "withheld.json").is_file():
         copy(assignment, folder)
         return
@@ -71,11 +68,7 @@ def version(rubric: Rubric) -> str:
 
 
 def withheld(rubric: Rubric) -> dict[str, str | None]:
-    """Modules that an edition lacks, with the problem that each solves.
-
-    Those that the rubric chooses, and with them all that cannot be imported without one of them.
-    ValueError if one does not exist, or one that the rubric keeps needs one of them.
-    """
+    """Modules that the rubric chooses, with the problem each solves, and all that need them."""
     modules = chosen(rubric)
     needing = dependents(modules)
     for name in rubric.keeps:
@@ -134,8 +127,7 @@ def dependents(withheld: Collection[str]) -> dict[str, str]:
     found: dict[str, str] = {}
     grew = True
     while grew:
-        grew = False
-        gone = {*withheld, *found}
+        grew, gone = False, {*withheld, *found}
         for module in needs:
             cause = next((need for need in sorted(needs[module]) if is_in(need, gone)), None)
             if cause is not None and not is_in(module, gone):

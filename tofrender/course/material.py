@@ -19,8 +19,6 @@ FILES = ("README.md", "exercises.md", "notebook.py", "pytest.ini")
 SCENES = "scenes"
 """Folder of the scenes, from which `from scenes import cornell_box` works beside it."""
 SCENE_FILES = ("__init__.py", "*.xml", "*/*.xml", "meshes/*.ply")
-HANDED_OUT = ("README.md", "exercises.md", "figures")
-"""Files that students read before they install anything."""
 
 
 def write(assignment: Assignment, folder: Path) -> None:

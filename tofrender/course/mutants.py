@@ -65,4 +65,4 @@ def affected(rubric: Rubric, mutant: Mutant) -> list[str]:
     """Tests of the problems that use the mutant's file."""
     wrong = {problem.id for problem in rubric.problems if problem.file == mutant.file}
     wrong.add(mutant.problem)
-    return [test for test, p in rubric.problem_of.items() if wrong & rubric.needed(p.id)]
+    return [test for test, p in rubric.problem_by_test.items() if wrong & rubric.needed(p.id)]

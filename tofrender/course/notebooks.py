@@ -20,10 +20,7 @@ MARK = re.compile(r"\[solution\] (\S+)")
 
 
 def write(source: str, files: Path, path: Path) -> None:
-    """Write the notebook of a percent script; `files` has the content of solution cells.
-
-    ValueError if a solution cell's file does not exist.
-    """
+    """Write the notebook of a percent script; `files` has the content of solution cells."""
     import jupytext
     import nbformat
     from nbformat import v4

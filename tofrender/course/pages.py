@@ -7,26 +7,7 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-STYLE = """
-body { max-width: 50rem; margin: 2rem auto; padding: 0 1rem; line-height: 1.5;
-  font-family: system-ui, sans-serif; color: #222; background: #fff; }
-pre { background: #f4f4f4; padding: 0.6rem; overflow-x: auto; white-space: pre-wrap; }
-table { border-collapse: collapse; display: block; overflow-x: auto; }
-th, td { border-bottom: 1px solid #ccc; padding: 0.2rem 0.7rem; text-align: left;
-  vertical-align: top; }
-img { max-width: 100%; }
-math { font-size: 1.08em;
-  font-family: "Latin Modern Math", "STIX Two Math", "STIX Math", "Cambria Math", math; }
-math[display="block"] { margin: 1em 0; overflow-x: auto; }
-@media print {
-  @page { size: A4; margin: 18mm; }
-  body { max-width: none; margin: 0; font-size: 10.5pt; }
-  table, pre, math[display="block"] { overflow: visible; }
-  h1, h2, h3 { break-after: avoid; }
-  table, pre, img, blockquote, math { break-inside: avoid; }
-}
-blockquote { margin-left: 0; padding-left: 1rem; border-left: 3px solid #ccc; }
-"""
+STYLE = Path(__file__).with_name("style.css")
 _SPECIAL = re.compile(r"([\\`*_\[\]<>|~&$])")
 
 
@@ -37,10 +18,7 @@ def write(folder: Path, name: str, text: str) -> None:
 
 
 def page(text: str) -> str:
-    """Page of HTML that needs no network, from Markdown whose first line is the title.
-
-    HTML in it stays text. ValueError in one line if a formula cannot be read.
-    """
+    """Page of HTML, from Markdown whose first line is the title; HTML in it stays text."""
     from markdown_it import MarkdownIt
 
     reader = MarkdownIt("commonmark", {"html": False}).enable(["table", "strikethrough"])
@@ -53,7 +31,7 @@ def page(text: str) -> str:
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width">\n'
-        f"<title>{title}</title>\n<style>{STYLE}</style>\n</head>\n"
+        f"<title>{title}</title>\n<style>\n{STYLE.read_text()}</style>\n</head>\n"
         f"<body>\n{body}</body>\n</html>\n"
     )
 

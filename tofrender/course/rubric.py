@@ -21,10 +21,7 @@ VISIBILITIES = ("visible", "after_due_date", "after_published", "hidden")
 
 @dataclass(frozen=True)
 class GradedTest:
-    """A test that gives points.
-
-    A parametrised function is one test, which passes with all its cases.
-    """
+    """A test that gives points; a parametrised function is one test, passed with all its cases."""
 
     id: str  # file and function as pytest names them: "test_pulse.py::test_area"
     points: float
@@ -117,12 +114,12 @@ class Rubric:
         return sum(problem.points for problem in self.problems if not problem.bonus)
 
     @cached_property
-    def home_of(self) -> dict[str, Problem]:
+    def problem_by_name(self) -> dict[str, Problem]:
         """Problem in whose file a name has to be written."""
         return {name: problem for problem in self.problems for name in problem.names}
 
     @cached_property
-    def problem_of(self) -> dict[str, Problem]:
+    def problem_by_test(self) -> dict[str, Problem]:
         """Problem that a test judges, by the test's id."""
         return {test.id: problem for problem in self.problems for test in problem.tests}
 
@@ -147,11 +144,7 @@ def name_of(test: str) -> str:
 
 
 def read(path: str | Path) -> Rubric:
-    """Read `rubric.toml`, by its path or its folder's.
-
-    FileNotFoundError if there is none; ValueError, in one line that names the file and the entry,
-    if it is inconsistent.
-    """
+    """Read `rubric.toml`, by its path or its folder's; ValueError if it is inconsistent."""
     path = Path(path)
     path = path / FILE_NAME if path.is_dir() else path
     if not path.is_file():

@@ -7,7 +7,7 @@ import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import drjit as dr
@@ -179,7 +179,7 @@ def fit(
         progress_bar("Fitting", count, unit="step", enabled=progress) as bar,
         deferred_stop() as stop,
         warnings.catch_warnings(),
-        variables.settled(lambda: history[_best(losses, patience)[0]] if history else None),
+        variables.write_at_exit(lambda: history[_best(losses, patience)[0]] if history else None),
     ):
         for step in range(count):
             if step == 1:
@@ -225,11 +225,13 @@ def fit(
             bar.update()
             ended = callback is not None and callback(step, losses[-1], history[-1]) is True
             converged = plateau.add(losses[-1])
+            if stop.requested:
+                why = "stopped"
+            elif converged:
+                why = "the loss no longer falls"
+            elif ended:
+                why = "the callback ended it"
             if stop.requested or converged or ended:
-                reasons = {"stopped": stop.requested, "the loss no longer falls": converged}
-                why = next(
-                    (text for text, is_so in reasons.items() if is_so), "the callback ended it"
-                )
                 break
     best, lowest = _best(losses, patience)
     if not dr.any(dr.detach(light) != 0, axis=None):
@@ -305,25 +307,27 @@ def _dataset_bins(dataset: Any, film: Any) -> np.ndarray:
     return values.reshape(*values.shape[:-2], -1) if "stokes" in dataset.dims else values
 
 
+@dataclass
 class _Plateau:
     """Schedule that halves the learning rates where losses no longer fall."""
 
-    def __init__(self, tolerance: float, patience: int) -> None:
-        self.rate, self._tolerance, self._patience = 1.0, tolerance, patience
-        self._since: list[float] = []
+    tolerance: float
+    patience: int
+    rate: float = 1.0  # factor of all learning rates
+    losses: list[float] = field(default_factory=list)  # since the last change
 
     def add(self, loss: float) -> bool:
         """Add a step's loss, and return whether the fit ends."""
-        self._since.append(loss)
-        n = self._patience
-        if len(self._since) < 2 * n:
+        self.losses.append(loss)
+        before, now = (
+            self.losses[-2 * self.patience : -self.patience],
+            self.losses[-self.patience :],
+        )
+        if len(before) < self.patience or math.fsum(now) < math.fsum(before):
             return False
-        before, now = self._since[-2 * n : -n], self._since[-n:]
-        if math.fsum(now) < math.fsum(before):
-            return False
-        self._since.clear()
+        self.losses.clear()
         self.rate /= 2
-        return self.rate < self._tolerance
+        return self.rate < self.tolerance
 
 
 def _best(losses: Sequence[float], patience: int) -> tuple[int, float]:

@@ -1,4 +1,4 @@
-"""Variables of a fit: their start values and bounds, and their place in the scene."""
+"""Variables of a fit: start values, bounds, and parameters of the scene."""
 
 from __future__ import annotations
 
@@ -22,9 +22,6 @@ class Variables:
     Attributes:
         params: The scene's parameters.
         start: Start values by name, as differentiable arrays of Dr.Jit's.
-
-    Raises:
-        ValueError: A name, a value or a bound is wrong; one line.
     """
 
     def __init__(
@@ -63,26 +60,24 @@ class Variables:
             mi.set_log_level(level)
 
     @contextmanager
-    def settled(self, best: Callable[[], Mapping[str, Any] | None]) -> Iterator[None]:
+    def write_at_exit(self, best: Callable[[], Mapping[str, Any] | None]) -> Iterator[None]:
         """Write the best plain values into the scene after the block, after an error too.
 
         If there are none, the scene gets back those from before, or with `apply` the start values.
         """
 
-        def settle() -> None:
-            values = best()
-            values = self._before if values is None else values
-            self.write(
-                {k: _like(self.start[k], np.asarray(v, np.float32)) for k, v in values.items()}
-            )
+        def write_best() -> None:
+            values = best() or self._before
+            arrays = {name: np.asarray(value, np.float32) for name, value in values.items()}
+            self.write({name: _like(self.start[name], array) for name, array in arrays.items()})
 
         try:
             yield
         except BaseException:
             with suppress(Exception):  # `apply` may be what has failed
-                settle()
+                write_best()
             raise
-        settle()
+        write_best()
 
     def bounded(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Clip the values that have bounds."""

@@ -35,61 +35,69 @@ HEADS = "(Args|Returns|Raises|Attributes|Example|Yields):"
 
 
 @dataclass(frozen=True)
-class Contract:
-    """A sentence that a solution has to keep."""
+class Entry:
+    """Sentences that ask for nothing that a test could find broken, unless a `Contract`."""
 
     problem: str
-    says: str  # the sentence, or a part of it
+    says: str | tuple[str, ...]  # the sentences, or parts of them
+
+    @property
+    def sentences(self) -> list[str]:
+        """Sentences with single spaces."""
+        return [plain(text) for text in ([self.says] if isinstance(self.says, str) else self.says)]
+
+    @property
+    def where(self) -> str:
+        """Beginning of messages about it."""
+        return f"{FILE_NAME}: {' / '.join(self.sentences)[:60]!r}"
+
+
+@dataclass(frozen=True)
+class Contract(Entry):
+    """A sentence that a solution has to keep."""
+
     tests: tuple[str, ...]  # tests that fail when it is broken
     mutants: tuple[str, ...]  # wrong solutions that break it
 
 
-@dataclass(frozen=True)
-class Remark:
-    """Sentences that ask for nothing that a test could find broken."""
-
-    problem: str
-    says: tuple[str, ...]
-
-
-def read(assignment: Assignment) -> tuple[list[Contract], list[Remark]]:
+def read(assignment: Assignment) -> list[Entry]:
     """Contracts and remarks of an assignment; ValueError if the file is missing or wrong."""
     content = toml.read(assignment.folder / FILE_NAME, FILE_NAME)
-    for name in content.keys() - {"contract", "remark"}:
+    kinds = {"contract": Contract, "remark": Entry}
+    for name in content.keys() - kinds:
         raise ValueError(f"{FILE_NAME}: [[{name}]]: must be [[contract]] or [[remark]]")
-
-    def entries(name: str, kind: type) -> list:
-        tables = content.get(name, [])
-        return [toml.make(kind, t, f"{FILE_NAME}: {t.get('says')!r:.80}") for t in tables]
-
-    return entries("contract", Contract), entries("remark", Remark)
+    return [
+        toml.make(kind, table, f"{FILE_NAME}: {table.get('says')!r:.80}")
+        for name, kind in kinds.items()
+        for table in content.get(name, [])
+    ]
 
 
 def check(assignment: Assignment) -> Iterator[str]:
     """Faults of the table, a line each."""
     try:
-        contracts, remarks = read(assignment)
+        entries = read(assignment)
         known = {mutant.id: mutant for mutant in mutants.read(assignment)}
     except ValueError as error:
         yield str(error)
         return
     problems = {problem.id: problem for problem in assignment.rubric.problems}
-    for each in (*contracts, *remarks):
-        if each.problem not in problems:
-            yield f"{FILE_NAME}: {_shown(each)}: the rubric has no problem {each.problem}"
+    for entry in entries:
+        if entry.problem not in problems:
+            yield f"{entry.where}: the rubric has no problem {entry.problem}"
     for problem in problems.values():
-        own = [each for each in contracts if each.problem == problem.id]
-        explained = [each for each in remarks if each.problem == problem.id]
-        yield from _sentences(assignment, problem, own, explained)
-        for contract in own:
-            yield from _unproved(contract, problem, known)
+        own = [entry for entry in entries if entry.problem == problem.id]
+        yield from _sentences(assignment, problem, own)
+        for entry in own:
+            if isinstance(entry, Contract):
+                yield from _unproved(entry, problem, known)
 
 
 def _unproved(
     contract: Contract, problem: Problem, known: dict[str, mutants.Mutant]
 ) -> Iterator[str]:
     """Faults of a contract: its tests must exist, and its mutants must fail one of them."""
-    where = f"{FILE_NAME}: {_shown(contract)}"
+    where = contract.where
     tests = {test.id for test in problem.tests}
     if not contract.tests or not contract.mutants:
         yield f"{where}: must name a test and a mutant"
@@ -103,17 +111,14 @@ def _unproved(
             yield f"{where}: {name} fails none of its tests"
 
 
-def _sentences(
-    assignment: Assignment, problem: Problem, contracts: list[Contract], remarks: list[Remark]
-) -> Iterator[str]:
+def _sentences(assignment: Assignment, problem: Problem, entries: list[Entry]) -> Iterator[str]:
     """Sentences of a problem that the table lacks, and those of the table in no text."""
-    quoted = {plain(contract.says): contract for contract in contracts}
-    quoted |= {plain(text): remark for remark in remarks for text in remark.says}
+    quoted = {sentence: entry for entry in entries for sentence in entry.sentences}
     handout, docstrings = _handout(assignment, problem), _docstrings(assignment, problem)
     texts = list(map(plain, (handout, *docstrings)))
     for part, entry in quoted.items():
         if not any(part in text for text in texts):
-            yield f"{FILE_NAME}: {_shown(entry)}: no text of {problem.id} says {part!r:.80}"
+            yield f"{entry.where}: no text of {problem.id} says {part!r:.80}"
     demands = [p.partition(MISTAKES)[0] for p in _paragraphs(handout) if DEMANDING.match(p)]
     demands += [paragraph for text in docstrings for paragraph in _paragraphs(text)]
     for sentence in (sentence for text in demands for sentence in sentences(text)):
@@ -166,8 +171,3 @@ def sentences(text: str) -> list[str]:
 def plain(text: str) -> str:
     """Text with single spaces."""
     return " ".join(text.split())
-
-
-def _shown(entry: Contract | Remark) -> str:
-    text = entry.says if isinstance(entry, Contract) else " / ".join(entry.says)
-    return repr(plain(text)[:60])

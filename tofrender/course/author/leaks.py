@@ -27,10 +27,7 @@ _SMOKE_TEST = Path(__file__).with_name("smoke_test.py")
 
 
 def leaks(assignment: Assignment, folder: Path) -> list[str]:
-    """Withheld functions and files that are in an edition all the same, a line each.
-
-    Functions of the stubs are given on purpose.
-    """
+    """Withheld functions and files, but for those of stubs, that are in an edition; a line each."""
     modules = {module: path_of(module) for module in chosen(assignment.rubric)}
     sources = sorted(assignment.solutions.glob("*.py"))
     for path in modules.values():
@@ -81,7 +78,7 @@ def smoke_test(assignment: Assignment, folder: Path) -> list[str]:
     expected: dict[str, Any] = {
         "modules": withheld(rubric),
         "names": [[p.reference, name, p.id] for p in rubric.problems for name in p.names],
-        "used": sorted(set(_PUBLIC_NAME.findall(text)) - rubric.home_of.keys()),
+        "used": sorted(set(_PUBLIC_NAME.findall(text)) - rubric.problem_by_name.keys()),
         "assignment": rubric.id,
     }
     result = subprocess.run(

@@ -1,59 +1,35 @@
-"""Release of an assignment: the handout, and the package without the students' parts."""
+"""Release of an assignment: the handout, and the package without the students' parts; its terms."""
 
 from __future__ import annotations
 
 import json
 import os
 import re
+import secrets
 import shutil
 import subprocess
 import tempfile
 from pathlib import Path
 
 from ...runtime.atomic import replacing
-from .. import edition, material, pages, toml
+from .. import edition, pages, rubric as rubrics, toml
 from ..assignments import PACKAGE, Assignment
 from ..rubric import Rubric
 from .leaks import leaks, smoke_test
 
 PACKAGE_FOLDER = "package"
 EXTRAS = ("course",)
-PAGES = ("README.md", "exercises.md")  # also released as HTML
-PYTHON = "3.12"
-LLVM = "libllvm19"
-WORKFLOW = f"""# Runs the public tests of each student's folder in this repository.
-name: tests
-on: [push, pull_request, workflow_dispatch]
-permissions:
-  contents: read
-jobs:
-  tests:
-    runs-on: ubuntu-24.04
-    timeout-minutes: 30
-    steps:
-      - uses: actions/checkout@v4
-      - uses: actions/setup-python@v5
-        with:
-          python-version: "{PYTHON}"
-          cache: pip
-          cache-dependency-path: package/pyproject.toml
-      - run: sudo apt-get update && sudo apt-get install -y --no-install-recommends {LLVM}
-      - run: pip install "./package[course]"
-      - run: tofrender doctor
-      - name: The public tests
-        run: |
-          found=
-          for rubric in */rubric.toml; do
-            [ -e "$rubric" ] || continue
-            found=yes
-            folder=$(dirname "$rubric")
-            (cd "$folder" && pytest -q) || failed=yes
-          done
-          [ -n "$found" ] || echo "::notice::no folder yet: tofrender start ASSIGNMENT my-work"
-          [ -z "${{failed:-}}" ]
-"""
+PAGES = ("README.md", "exercises.md")  # read before anything is installed; also as HTML
+REPOSITORY = {
+    "tests.yml": ".github/workflows/tests.yml",
+    "devcontainer.json": ".devcontainer/devcontainer.json",
+    "gitignore": ".gitignore",
+}
+"""Files of `author/repository/`, and their paths in what is released."""
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 PRINTING_S = 120.0
+TERM = re.compile(r"^term *= *\d+ *$", re.MULTILINE)
+HEAD = re.compile(r"^\[assignment\] *\n", re.MULTILINE)
 LOCAL_LINK = re.compile(r'<a href="(?!https?:|#)[^"]*">(.*?)</a>', re.DOTALL)
 
 
@@ -66,10 +42,7 @@ def release(assignment: Assignment, out: Path, *, pdf: bool = False) -> Path:
 
     It holds the handout and the exercises, as Markdown, HTML and with `pdf` as PDF, the figures, a
     workflow that runs the tests, and the folder `package`, which pip installs and from which
-    `tofrender start` makes a student's folder.
-
-    FileExistsError if it exists; ValueError if the assignment has no solutions or is inconsistent,
-    or Chromium is missing; `Leak` if the edition must not be given away.
+    `tofrender start` makes a student's folder. `Leak` if the edition must not be given away.
     """
     assignment.require_staff("release")
     if pdf:
@@ -83,15 +56,12 @@ def release(assignment: Assignment, out: Path, *, pdf: bool = False) -> Path:
         _make_installable(package, assignment.rubric)
         _refuse([*leaks(assignment, package), *smoke_test(assignment, package)])
         inside = package / "tofrender" / "course" / "material" / assignment.name
-        for name in material.HANDED_OUT:
-            if (inside / name).is_dir():
-                shutil.copytree(inside / name, folder / name)
-            elif (inside / name).is_file():
-                shutil.copyfile(inside / name, folder / name)
+        if (inside / "figures").is_dir():
+            shutil.copytree(inside / "figures", folder / "figures")
         for name in PAGES:
-            if (folder / name).is_file():
-                text = (folder / name).read_text(encoding="utf-8")
-                html = pages.page(text)
+            if (inside / name).is_file():
+                shutil.copyfile(inside / name, folder / name)
+                html = pages.page((folder / name).read_text(encoding="utf-8"))
                 for other in PAGES:
                     html = html.replace(f'href="{other}', f'href="{Path(other).stem}.html')
                 page = (folder / name).with_suffix(".html")
@@ -139,25 +109,11 @@ def _make_installable(package: Path, rubric: Rubric) -> None:
 
 def _write_repository(folder: Path, rubric: Rubric) -> None:
     """Write `.github/workflows/tests.yml`, `.devcontainer/` and `.gitignore`."""
-    workflow = folder / ".github" / "workflows" / "tests.yml"
-    workflow.parent.mkdir(parents=True)
-    workflow.write_text(WORKFLOW, encoding="utf-8")
-    container = {
-        "name": rubric.title,
-        "image": f"mcr.microsoft.com/devcontainers/python:{PYTHON}-bookworm",
-        "hostRequirements": {"cpus": 2, "memory": "8gb"},
-        "onCreateCommand": "sudo apt-get update && sudo apt-get install -y --no-install-recommends "
-        f"wget && (sudo apt-get install -y {LLVM} || wget -qO- https://apt.llvm.org/llvm.sh | "
-        "sudo bash -s -- 19)",
-        "postCreateCommand": f'pip install "./{PACKAGE_FOLDER}[course]" jupyterlab '
-        "&& tofrender doctor",
-        "customizations": {"vscode": {"extensions": ["ms-python.python", "ms-toolsai.jupyter"]}},
-    }
-    path = folder / ".devcontainer" / "devcontainer.json"
-    path.parent.mkdir()
-    path.write_text(json.dumps(container, indent=2) + "\n", encoding="utf-8")
-    ignored = (".venv/", "__pycache__/", ".pytest_cache/", ".ipynb_checkpoints/", "failures/")
-    (folder / ".gitignore").write_text("\n".join(ignored) + "\n", encoding="utf-8")
+    for name, path in REPOSITORY.items():
+        source, target = Path(__file__).parent / "repository" / name, folder / path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        text = source.read_text(encoding="utf-8").replace('"@TITLE@"', json.dumps(rubric.title))
+        target.write_text(text, encoding="utf-8")
 
 
 def _browser() -> str:
@@ -172,10 +128,7 @@ def _browser() -> str:
 
 
 def _print(page: Path, path: Path) -> None:
-    """Print a page of HTML, with an outline and the tags that screen readers need.
-
-    Pictures are taken relative to the page. ValueError if Chromium is missing or fails.
-    """
+    """Print a page of HTML, with an outline and the tags that screen readers need."""
     with (
         tempfile.TemporaryDirectory() as profile,
         replacing(path) as temporary,
@@ -203,3 +156,25 @@ def _print(page: Path, path: Path) -> None:
         if done.returncode or not temporary.is_file():
             last = (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
             raise ValueError(f"{path.name}: Chromium has failed: {last}")
+
+
+def new_term(assignment: Assignment, term: int | None = None) -> tuple[int, int]:
+    """Write another `term` into the rubric, by default a drawn one; returns the old and the new."""
+    assignment.require_staff("new-term")
+    path = assignment.folder / rubrics.FILE_NAME
+    before = assignment.rubric.term
+    if term is None:
+        term = 1 + secrets.randbelow(rubrics.MAX_TERM)
+    text = path.read_text(encoding="utf-8")
+    line = f"term = {term}"
+    if TERM.search(text):
+        text = TERM.sub(line, text, count=1)
+    elif HEAD.search(text):
+        text = HEAD.sub(f"[assignment]\n{line}\n", text, count=1)
+    else:
+        raise ValueError(f"{path}: has no line [assignment]")
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+        if rubrics.read(temporary).term != term:
+            raise ValueError(f"{path}: its term cannot be set; write {line} below [assignment]")
+    return before, term

@@ -28,12 +28,8 @@ LEAST_MUTANTS = 2
 
 def check(assignment: Assignment) -> Iterator[str]:
     """Faults of an assignment, a line each."""
-    yield from _files(assignment)
-    yield from _handout(assignment)
-    yield from _tests(assignment)
-    yield from _notebook(assignment)
-    yield from _mutants(assignment)
-    yield from contracts.check(assignment)
+    for part in (_files, _handout, _tests, _notebook, _mutants, contracts.check):
+        yield from part(assignment)
 
 
 def collect(folder: Path, package: Path | None = None) -> dict[str, list[str]]:
@@ -154,7 +150,7 @@ def _mutants(assignment: Assignment) -> Iterator[str]:
         if mutant.problem not in ids:
             yield f"{where}: the rubric has no problem {mutant.problem}"
         for name in mutant.fails:
-            if name not in rubric.problem_of:
+            if name not in rubric.problem_by_test:
                 yield f"{where}: the rubric has no test {name}"
         if not mutant.fails:
             yield f"{where}: fails no test"

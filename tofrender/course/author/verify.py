@@ -65,8 +65,7 @@ def verify(
     """Run checks of an assignment and yield each when it is done; see the table above.
 
     Right solutions must pass tests that draw random numbers under all `seeds`. `only` has some of
-    `CHECKS`, and ids of mutants; `wrong` is the number of mutants to try, evenly spread. ValueError
-    if there are no solutions, or `only` names something unknown.
+    `CHECKS`, and ids of mutants; `wrong` is the number of mutants to try, evenly spread.
     """
     assignment.require_staff("verify")
     chosen = set(only).intersection(CHECKS)
@@ -110,12 +109,17 @@ class _Checks:
     def _right(self) -> Path:
         """Folder of the independent solutions, with the files their notebook has written."""
         self.say("solutions: running the notebook")
-        target = self.folder / "right"
+        target = self._given_files("right")
         shutil.copytree(self.assignment.solutions, target, dirs_exist_ok=True)
-        for name in self.assignment.given:
-            shutil.copy(self.assignment.starter / name, target)
         self._solve_notebook(target, self._edition)
         return target
+
+    def _given_files(self, name: str) -> Path:
+        """Make a folder of the files that students build on."""
+        (self.folder / name).mkdir()
+        for file in self.assignment.given:
+            shutil.copy(self.assignment.starter / file, self.folder / name)
+        return self.folder / name
 
     def _run(self, submission: Path, **options: Any) -> dict[str, running.Outcome]:
         folder, edition = self.assignment.folder, self._edition
@@ -130,7 +134,7 @@ class _Checks:
                 yield f"{name}: did not run"
             elif outcome.outcome != "passed":
                 several = f" ({len(outcome.texts)} of {outcome.cases} cases)"
-                text = _one_line(outcome.texts[0] if outcome.texts else "")
+                text = _one_line("".join(outcome.texts[:1]))
                 yield f"{name}: {outcome.outcome}{several * (outcome.cases > 1)}: {text}"
 
     def structure(self, check: Check) -> None:
@@ -163,7 +167,7 @@ class _Checks:
     def starter(self, check: Check) -> None:
         """Check that stubs get no points and do not crash."""
         outcomes = self._run(self.assignment.starter)
-        for name, problem in self.assignment.rubric.problem_of.items():
+        for name, problem in self.assignment.rubric.problem_by_test.items():
             outcome = outcomes.get(name)
             if outcome is None or outcome.outcome != "failed":
                 state = outcome.outcome if outcome else "did not run"
@@ -181,24 +185,21 @@ class _Checks:
         files = [name for name, outcome in outcomes.items() if outcome.outcome == "skipped"]
         if files:
             self.say("reference: running the notebook")
-            folder = self.folder / "reference"
-            folder.mkdir()
-            for name in self.assignment.given:
-                shutil.copy(self.assignment.starter / name, folder)
+            folder = self._given_files("reference")
             for problem in self.assignment.rubric.problems:
                 if problem.names:  # others share the file of one that has some
                     with (folder / problem.file).open("a", encoding="utf-8") as file:
                         file.write(f"from {problem.reference} import {', '.join(problem.names)}\n")
             self._solve_notebook(folder, PACKAGE.parent)
             outcomes |= running.run(self.assignment.folder, tests=files, submission=folder)
-        check.reasons += self._not_passed(self.assignment.rubric.problem_of, outcomes)
+        check.reasons += self._not_passed(self.assignment.rubric.problem_by_test, outcomes)
         check.detail = f"{len(outcomes)} tests, {len(files)} of them of the notebook's results"
 
     def solutions(self, check: Check) -> None:
         """Check that independent solutions get all points, under every seed."""
         right = self._right
         outcomes = self._run(right)
-        check.reasons += self._not_passed(self.assignment.rubric.problem_of, outcomes)
+        check.reasons += self._not_passed(self.assignment.rubric.problem_by_test, outcomes)
         check.reasons += self._faults_of_tests(outcomes)
         check.detail = f"{len(outcomes)} tests"
         noisy = sorted(name for name, outcome in outcomes.items() if outcome.seeded)
@@ -213,8 +214,7 @@ class _Checks:
         parts = [part for k in range(_cores()) if (part := tests[k :: _cores()])]
         found: dict[str, running.Outcome] = {}
         with ThreadPoolExecutor(len(parts)) as pool:
-            runs = [pool.submit(self._run, right, tests=p, seeds=self.seeds) for p in parts]
-            for run in runs:
+            for run in [pool.submit(self._run, right, tests=p, seeds=self.seeds) for p in parts]:
                 found |= run.result()
         return found
 
@@ -224,7 +224,10 @@ class _Checks:
         for problem in rubric.problems:
             ran = [(test, outcomes[test.id]) for test in problem.tests if test.id in outcomes]
             for test, outcome in ran:
-                owners = {rubric.home_of[name].id for name in outcome.uses & rubric.home_of.keys()}
+                owners = {
+                    rubric.problem_by_name[name].id
+                    for name in outcome.uses & rubric.problem_by_name.keys()
+                }
                 text = f"which {problem.id} does not need in rubric.toml"
                 for other in sorted(owners - rubric.needed(problem.id)):
                     yield f"{test.id}: uses {other}, {text}"

@@ -22,8 +22,7 @@ from ..assignments import PACKAGE
 from ..rubric import Rubric
 from .grading import Extracted, Grader
 from .results import Results, finished, printable, seed_of
-from .roster import Marks, Member
-from .standing import Standing, write_csv
+from .roster import Marks, Member, Standing, write_csv
 
 MORE_S = 25.0  # time beyond the limit before the process of a submission is told to end [s]
 END_WITHIN_S = 60.0  # time that it then has to end its children [s]
@@ -85,8 +84,8 @@ class Class:
     def write(self) -> None:
         """Write the CSV file: members that are graded, and those without a submission."""
         done = [m for m in self.members if m.submission is None or m.id in self.content]
-        sheet = self.marks is not None
-        write_csv(self.csv, self.rubric, map(self.standing, done), roster=self.roster, sheet=sheet)
+        class_ = map(self.standing, done)
+        write_csv(self.csv, self.rubric, class_, self.roster, sheet=self.marks is not None)
 
     @property
     def rubric(self) -> Rubric:
@@ -133,16 +132,11 @@ class Class:
         grader, path = self.grader, self.results(member)
         private = (self.folder, self.out, self.csv, *self.private)
         request = {
-            "assignment": str(grader.assignment.folder),
-            "scratch": str(grader.scratch),
-            "time_limit_s": grader.time_limit_s,
-            "memory_gib": grader.memory_gib,
-            "seed": grader.seed,
-            "folder": str(files.folder),
-            "error": files.error,
-            "out": str(path.absolute()),
-            "hidden": [str(each.absolute()) for each in private],
-            "pictures": str(self.pictures(member).absolute()),
+            "grader": vars(grader) | {"assignment": grader.assignment.folder},
+            "submission": vars(files),
+            "out": path.absolute(),
+            "hidden": [each.absolute() for each in private],
+            "pictures": self.pictures(member).absolute(),
         }
         with self._lock:
             if self._stopped:
@@ -157,7 +151,7 @@ class Class:
             )
             self._processes.append(process)
         try:
-            text = json.dumps(request).encode()
+            text = json.dumps(request, default=str).encode()
             errors = process.communicate(text, timeout=grader.time_limit_s + MORE_S)[1]
         except subprocess.TimeoutExpired:
             process.terminate()

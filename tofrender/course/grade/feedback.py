@@ -14,8 +14,7 @@ from ..material import points_text
 from ..rubric import Problem, name_of
 from .classes import Class
 from .results import split
-from .roster import folder_name
-from .standing import NOTHING, Standing
+from .roster import NOTHING, Standing, folder_name
 
 NAME = "feedback"
 

@@ -6,6 +6,7 @@ where submissions run, but for that of a problem whose task is to test it.
 
 from __future__ import annotations
 
+import re
 import tempfile
 import zipfile
 from collections.abc import Iterator
@@ -17,25 +18,7 @@ from ..assignments import PACKAGE, Assignment
 from ..student.folders import add_file
 from .grading import MEMORY_GIB, TIME_LIMIT_S, drawn_seed, judging_files
 
-SETUP = """#!/usr/bin/env bash
-# Run once, as root, when Gradescope makes the container.
-set -euo pipefail
-cd "${AUTOGRADER:-/autograder}/source/course"
-if ! python3 -c 'import sys; sys.exit(sys.version_info < (3, 11))'; then
-  apt-get update
-  apt-get install -y --no-install-recommends python3.11 python3.11-venv
-fi
-sh .ci/setup
-"""
-RUN = """#!/usr/bin/env bash
-# Run for each submission.
-root=${{AUTOGRADER:-/autograder}}
-cd "$root/source/course" || exit 1
-export PYTHONPATH=$PWD
-exec .venv/bin/python -m tofrender grade {folder} --submission "$root/submission" \\
-  -o "$root/results/results.json" --time-limit {time_limit_s:g} --memory {memory_gib:g} \\
-  --seed {seed}
-"""
+SCRIPTS = Path(__file__).parent / "autograder"
 CHECKOUT = (".ci/setup", ".ci/requirements.txt", "pyproject.toml", "README.md", "LICENSE")
 """Files of the checkout that the set-up needs."""
 
@@ -50,21 +33,25 @@ def write(
 ) -> list[str]:
     """Write the zip, whole or not at all; returns the names of the files in it.
 
-    The seed of the staff's tests is the same for the whole class. Gradescope's own time limit has
-    to be longer than `time_limit_s`. ValueError if this is not the course's checkout.
+    Gradescope's own time limit has to be longer than `time_limit_s`.
     """
     assignment.require_staff("gradescope")
     missing = [name for name in CHECKOUT if not (PACKAGE.parent / name).is_file()]
     if missing:
         raise ValueError(f"{PACKAGE.parent}: has no {missing[0]}; must be the course's checkout")
     folder = f"assignment/{assignment.name}"
-    limits = {"time_limit_s": time_limit_s, "memory_gib": memory_gib}
-    limits["seed"] = drawn_seed(assignment, seed)
-    scripts = {"setup.sh": SETUP, "run_autograder": RUN.format(folder=folder, **limits)}
+    values = {
+        "folder": folder,
+        "time_limit_s": f"{time_limit_s:g}",
+        "memory_gib": f"{memory_gib:g}",
+        "seed": str(drawn_seed(assignment, seed)),
+    }
     with tempfile.TemporaryDirectory() as scratch, replacing(path) as temporary:
         edition.copy(assignment, Path(scratch))
         with zipfile.ZipFile(temporary, "x", zipfile.ZIP_DEFLATED) as archive:
-            for name, text in scripts.items():
+            for name in ("setup.sh", "run_autograder"):
+                text = (SCRIPTS / name).read_text(encoding="utf-8")
+                text = re.sub(r"@(\w+)@", lambda found: values[found[1]], text)
                 add_file(archive, name, text.encode(), 0o755)
             for name, file in _files(assignment, Path(scratch), folder):
                 add_file(archive, name, file.read_bytes())

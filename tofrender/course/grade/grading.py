@@ -93,11 +93,10 @@ class Grader:
         hidden: Sequence[Path] = (),
         pictures: Path | None = None,
     ) -> Results:
-        """Grade a submission and write `out` in Gradescope's format.
+        """Grade a folder, zip or copy by `extract`, which is used up; write Gradescope's `out`.
 
-        Call it from a thread that stays: the processes end with that thread. The submission is a
-        folder, a zip or a copy by `extract`, which is used up; it cannot read solutions and
-        `hidden` paths. `pictures` is the folder to make of pictures of failures, if there are any.
+        Call it from a thread that stays: the processes end with that thread. The submission cannot
+        read solutions and `hidden` paths. `pictures` is the folder to make of pictures of failures.
         """
         begin = time.monotonic()
         results = Results(self.assignment.rubric, fingerprint=self.fingerprint, seed=self.seed)
@@ -148,7 +147,7 @@ class Grader:
                 left = self.time_limit_s - (time.monotonic() - begin)
                 if left < 1 - BEYOND_S:
                     reason = f"not judged: all problems together took {self.time_limit_s:g} s"
-                    results.grades |= grades_of(problem, [], False, reason)
+                    results.grades |= grades_of(problem, [], reason)
                     continue
                 later = sum(2 * other.takes_s + 5 for other in problems[number + 1 :])
                 whole = START_S + problem.timeout_s + 4 * problem.takes_s
@@ -166,9 +165,8 @@ class Grader:
     ) -> dict[str, Grade]:
         """Judge one problem in a process of its own; grades by test id."""
         workspace, submission = folder / problem.marker, folder / "submission"
-        home, tmp, report, judging = (
-            workspace / name for name in ("home", "tmp", "report", "judging")
-        )
+        home, tmp, report = (workspace / name for name in ("home", "tmp", "report"))
+        judging = workspace / "judging"
         for path, mode in ((workspace, 0o755), (home, 0o700), (tmp, 0o711), (report, 0o700)):
             path.mkdir()
             path.chmod(mode)
@@ -185,16 +183,15 @@ class Grader:
             "pictures": report / "pictures",
             "memory-gib": self.memory_gib,
         }
-        pytest = [sys.executable, "-P", "-s", "-m", "pytest", *running.QUICKLY]
+        pytest = [sys.executable, "-P", "-s", "-m", "pytest", *running.PYTEST_OPTIONS]
         pytest += ["-c", "pytest.ini", "-m", problem.marker, "--confine"]
         pytest += [f"--{name}={value}" for name, value in options.items()]
         pytest += [] if uid is None else [f"--uid={uid}"]
         # Nothing that others make in the scratch folder, now or later, is readable
-        readable = (package, submission, workspace)
         confinement = {
-            "writable": list(map(str, (home, tmp, report))),
-            "hidden": list(map(str, hidden)),
-            "readable": [*sandbox.python_folders(), *map(str, readable)],
+            "writable": (home, tmp, report),
+            "hidden": hidden,
+            "readable": (*sandbox.python_folders(), package, submission, workspace),
             "judge": True,
         }
         ended = processes.run(
@@ -210,21 +207,18 @@ class Grader:
         for path in sorted((report / "pictures").glob("*.png"))[:MAX_PICTURES]:
             if path.is_file() and not path.is_symlink() and path.stat().st_size <= MAX_PICTURE:
                 shutil.copyfile(path, pictures / f"{problem.marker}-{path.name}")
-        complete = not ended.reason and ended.status in (running.OK, running.SOME_FAILED)
-        reason = ended.reason and f"not judged: the problem {ended.reason}"
-        if not complete and not reason:
+        reason = ""
+        if ended.reason:
+            reason = f"not judged: the problem {ended.reason}"
+        elif ended.status not in (running.OK, running.SOME_FAILED):
             reason = f"not judged: the judge ended with status {ended.status}\n{ended.output}"
         remove(workspace)
-        return grades_of(problem, lines, complete, reason)
+        return grades_of(problem, lines, reason)
 
 
 @contextmanager
 def open_grader(assignment: Assignment, seed: int = 0, **limits: float) -> Iterator[Grader]:
-    """Make the shared scratch folder with the edition, and remove it afterwards.
-
-    Seed 0 stands for the rubric's, and 0 there for a drawn one. `limits` are `time_limit_s` and
-    `memory_gib` of `Grader`.
-    """
+    """Grader with a scratch folder and edition; `limits` are `time_limit_s`, `memory_gib`."""
     seed = drawn_seed(assignment, seed)
     scratch = Path(tempfile.mkdtemp(prefix="tofrender-grade-")).resolve()
     try:
@@ -304,16 +298,12 @@ def _environment(home: Path, tmp: Path, package: Path) -> dict[str, str]:
 
 def main(request: dict[str, Any]) -> None:
     """Grade a copied submission; the arguments of `Grader` and `Grader.grade` as JSON."""
-    grader = Grader(
-        Assignment(Path(request["assignment"])),
-        Path(request["scratch"]),
-        request["time_limit_s"],
-        request["memory_gib"],
-        request["seed"],
-    )
-    files = Extracted(Path(request["folder"]), request["error"])
+    settings, files = request["grader"], request["submission"]
+    paths = {name: Path(settings[name]) for name in ("assignment", "scratch")}
+    grader = Grader(**settings | paths | {"assignment": Assignment(paths["assignment"])})
     hidden = [Path(path) for path in request["hidden"]]
-    grader.grade(files, Path(request["out"]), hidden, Path(request["pictures"]))
+    submission = Extracted(Path(files["folder"]), files["error"])
+    grader.grade(submission, Path(request["out"]), hidden, Path(request["pictures"]))
 
 
 if __name__ == "__main__":  # Processes of a submission end with this one, and harm no other

@@ -21,7 +21,7 @@ from ..material import points_text
 from ..mutants import Mutant
 from ..rubric import Problem, Rubric, name_of
 from .classes import Class
-from .standing import Standing
+from .roster import Standing
 
 NAME = "overview"
 NO_ANSWER = ("not written yet", "is missing", "not judged")
@@ -31,33 +31,33 @@ SHOWN = 12  # names of members in a line
 
 
 @dataclass(frozen=True)
-class Work:
+class Result:
     """Test results of a member's submission."""
 
-    who: str  # name of the member
+    member: str  # name
     scores: Mapping[str, float]  # points of each test, by its id
     failures: Mapping[str, str]  # texts of failed tests, by their ids
 
 
 def write(class_: Class, folder: Path) -> None:
     """Write `overview.md` and `overview.html` into a folder, which exists."""
-    works = []
+    results = []
     for member in class_.members:
         if tests := class_.tests(member):
             scores = {name: float(test["score"]) for name, test in tests.items()}
             failed = {n: test["output"] for n, test in tests.items() if test["status"] != "passed"}
-            works.append(Work(member.name, scores, failed))
+            results.append(Result(member.name, scores, failed))
     standings = [class_.standing(member) for member in class_.members]
-    pages.write(folder, NAME, page(class_.grader.assignment, standings, works))
+    pages.write(folder, NAME, page(class_.grader.assignment, standings, results))
 
 
-def page(assignment: Assignment, standings: Sequence[Standing], works: Sequence[Work]) -> str:
+def page(assignment: Assignment, standings: Sequence[Standing], results: Sequence[Result]) -> str:
     """Overview as Markdown, from the points of all members and the tests of all submissions."""
     rubric = assignment.rubric
     totals = np.array([each.total for each in standings] or [0.0])
     parts = [
         f"# {pages.plain(rubric.title)}: the class",
-        f"{len(works)} of {len(standings)} handed in. Points, of {points_text(rubric.points)}: "
+        f"{len(results)} of {len(standings)} handed in. Points, of {points_text(rubric.points)}: "
         f"mean {totals.mean():.1f}, median {np.median(totals):.1f}, "
         f"from {totals.min():.1f} to {totals.max():.1f}.",
         "## Problems",
@@ -65,9 +65,9 @@ def page(assignment: Assignment, standings: Sequence[Standing], works: Sequence[
         "## Tests",
         "How many failed, and how well the test separates: r is the correlation of its points with "
         "those of all other tests. Above 0.3 is good; below 0, look at the test and at the text.",
-        _tests(rubric, works),
+        _tests(rubric, results),
         "## What failures look like",
-        *_mistakes(assignment, works),
+        *_mistakes(assignment, results),
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -83,28 +83,24 @@ def _problems(rubric: Rubric, standings: Sequence[Standing]) -> str:
     return pages.table(["problem", "points", "mean", "all points", "none"], lines)
 
 
-def _tests(rubric: Rubric, works: Sequence[Work]) -> str:
-    ids = list(rubric.problem_of)
-    scores = np.array([[work.scores.get(name, 0.0) for name in ids] for work in works])
-    separates = separation(scores.reshape(len(works), len(ids)))
+def _tests(rubric: Rubric, results: Sequence[Result]) -> str:
+    ids = list(rubric.problem_by_test)
+    scores = np.array([[result.scores.get(name, 0.0) for name in ids] for result in results])
+    separates = separation(scores.reshape(len(results), len(ids)))
     lines = []
     for name, r in zip(ids, separates, strict=True):
-        failed = sum(name in work.failures for work in works)
-        percent = f" ({100 * failed / len(works):.0f} %)" if works else ""
+        failed = sum(name in result.failures for result in results)
+        percent = f" ({100 * failed / len(results):.0f} %)" if results else ""
         text = "" if np.isnan(r) else f"{r:+.2f}" + " **!**" * bool(r < 0)
-        lines.append([rubric.problem_of[name].id, f"`{name_of(name)}`", f"{failed}{percent}", text])
+        problem = rubric.problem_by_test[name]
+        lines.append([problem.id, f"`{name_of(name)}`", f"{failed}{percent}", text])
     return pages.table(["problem", "test", "failed", "r"], lines)
 
 
 def separation(scores: np.ndarray) -> np.ndarray:
-    """Item-rest correlation of each item.
+    """Item-rest correlation (Pearson's r) of each item of scores (members, items).
 
-    Args:
-        scores: Points of each member and item, shape (members, items).
-
-    Returns:
-        Pearson's r of shape (items,), which is the point-biserial one for items that are all or
-        nothing; NaN where all members have equal points.
+    NaN where all members have equal points.
 
     Example:
         >>> separation(np.array([[1, 1, 0], [1, 1, 0], [0, 0, 0], [0, 0, 1.0]])).round(2)
@@ -118,30 +114,28 @@ def separation(scores: np.ndarray) -> np.ndarray:
     return found
 
 
-def _mistakes(assignment: Assignment, works: Sequence[Work]) -> list[str]:
+def _mistakes(assignment: Assignment, results: Sequence[Result]) -> list[str]:
     """Tables of the mutants that failures of each problem look like."""
     known = mutants.read(assignment) if (assignment.folder / "mutants.toml").is_file() else []
     parts = []
     for problem in assignment.rubric.problems:
         seen: dict[str, list[str]] = defaultdict(list)
         unknown: dict[tuple[str, ...], list[str]] = defaultdict(list)
-        for work in works:
-            failures = failures_of(work, problem)
-            if not failures:
-                continue
-            likeliest = looks_like(failures, problem, known)
-            if likeliest is None:
-                unknown[tuple(sorted(failures))].append(work.who)
-            else:
-                seen[likeliest.id].append(work.who)
+        for result in results:
+            if failures := failures_of(result, problem):
+                likeliest = likeliest_mutant(failures, problem, known)
+                if likeliest is None:
+                    unknown[tuple(sorted(failures))].append(result.member)
+                else:
+                    seen[likeliest.id].append(result.member)
         lines = [
             [f"`{mutant.id}`", pages.plain(mutant.why), _names(seen[mutant.id])]
             for mutant in sorted(known, key=lambda m: -len(seen.get(m.id, ())))
             if mutant.id in seen
         ]
         lines += [
-            ["no mutant", "fails " + ", ".join(f"`{name_of(n)}`" for n in names), _names(who)]
-            for names, who in sorted(unknown.items(), key=lambda item: -len(item[1]))
+            ["no mutant", "fails " + ", ".join(f"`{name_of(n)}`" for n in names), _names(members)]
+            for names, members in sorted(unknown.items(), key=lambda item: -len(item[1]))
         ]
         if lines:
             parts.append(f"### {pages.plain(problem.title)}")
@@ -154,13 +148,13 @@ def _mistakes(assignment: Assignment, works: Sequence[Work]) -> list[str]:
     return parts
 
 
-def failures_of(work: Work, problem: Problem) -> dict[str, str]:
+def failures_of(result: Result, problem: Problem) -> dict[str, str]:
     """Texts of a problem's failed tests that had an answer."""
-    texts = {t.id: work.failures[t.id] for t in problem.tests if t.id in work.failures}
+    texts = {t.id: result.failures[t.id] for t in problem.tests if t.id in result.failures}
     return {n: text for n, text in texts.items() if not any(no in text for no in NO_ANSWER)}
 
 
-def looks_like(
+def likeliest_mutant(
     failures: Mapping[str, str], problem: Problem, known: Iterable[Mutant]
 ) -> Mutant | None:
     """Mutant of a problem whose failures are most like these, by test id; None if none is."""
@@ -178,6 +172,6 @@ def looks_like(
     return best
 
 
-def _names(who: Sequence[str]) -> str:
-    shown = ", ".join(pages.plain(name) for name in who[:SHOWN])
-    return f"{len(who)}: {shown}" + ", ..." * (len(who) > SHOWN)
+def _names(members: Sequence[str]) -> str:
+    shown = ", ".join(pages.plain(name) for name in members[:SHOWN])
+    return f"{len(members)}: {shown}" + ", ..." * (len(members) > SHOWN)

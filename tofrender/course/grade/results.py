@@ -23,7 +23,7 @@ class Grade:
     passed: bool = False  # in all its cases, which gives all its points
     reason: str = "not judged"  # why not, as a student reads it
     seconds: float = 0.0
-    share: float = 0.0  # fraction of the points that a failed test gives
+    fraction: float = 0.0  # fraction of the points that a failed test gives
     pictures: tuple[str, ...] = ()  # file names of pictures of expected and actual values
 
 
@@ -32,15 +32,13 @@ class Results:
     """Results of a submission; no points at first."""
 
     rubric: Rubric
-    # by test id; a test without one gives nothing
-    grades: dict[str, Grade] = field(default_factory=dict)
+    grades: dict[str, Grade] = field(default_factory=dict)  # by test id
     remarks: list[str] = field(default_factory=list)  # about the submission as a whole
     seconds: float = 0.0  # duration of grading [s]
     fingerprint: str = ""  # hash of the tests and the rubric
     complete: bool = False  # whether grading has ended
     seed: int = 0  # of the staff's tests
-    # see `sandbox.missing_protections`
-    missing_protections: list[str] = field(default_factory=list)
+    missing_protections: list[str] = field(default_factory=list)  # of the sandbox
 
     def grade(self, test: GradedTest) -> Grade:
         """Grade of a test."""
@@ -49,7 +47,7 @@ class Results:
     def points(self, test: GradedTest) -> float:
         """Points of a test: all, none, or the fraction that it awards."""
         grade = self.grade(test)
-        return test.points if grade.passed else round(test.points * grade.share, 2)
+        return test.points if grade.passed else round(test.points * grade.fraction, 2)
 
     def problem_points(self, problem: Problem) -> float:
         """Points of all tests of a problem."""
@@ -71,10 +69,7 @@ class Results:
         return "; ".join(dict.fromkeys(reasons))
 
     def gradescope(self) -> dict[str, Any]:
-        """Content of `results.json`.
-
-        A bonus test has no maximum of its own there, so that the maximum stays the rubric's.
-        """
+        """Content of `results.json`."""
         problems = self.rubric.problems
         return {
             "score": self.score,
@@ -100,7 +95,7 @@ class Results:
         return {
             "name": f"{problem.id}: {name_of(test.id)}",
             "score": self.points(test),
-            "max_score": 0.0 if problem.bonus else test.points,
+            "max_score": 0.0 if problem.bonus else test.points,  # so that all are the rubric's
             "status": "passed" if grade.passed else "failed",
             "output": "" if grade.passed else printable(grade.reason, KEPT_TEXT),
             "visibility": test.visibility,
@@ -142,29 +137,27 @@ def finished(path: Path, rubric: Rubric, fingerprint: str) -> dict[str, Any] | N
 
 
 def grades_of(
-    problem: Problem, lines: Sequence[Mapping[str, Any]], ended: bool, reason: str
+    problem: Problem, lines: Sequence[Mapping[str, Any]], reason: str
 ) -> dict[str, Grade]:
-    """Grades of a problem's tests by id, from the judge's report.
+    """Grades of a problem's tests by id, from the lines of the judge's report, in their order.
 
-    It has a line for each case of a test, in the order of their end. If the judge was `ended`
-    early, for this `reason`, cases of the last test may be missing.
+    If the judge was ended early, for a `reason`, cases of the last test may be missing.
     """
     grades = {}
     for test in problem.tests:
         cases = [line for line in lines if line["id"] == test.id]
         failed = [line for line in cases if line["outcome"] != "passed"]
         seconds = math.fsum(line["seconds"] for line in cases)
-        cut = not ended and bool(lines) and lines[-1]["id"] == test.id
+        cut = bool(reason) and bool(lines) and lines[-1]["id"] == test.id
         if failed:
-            text, names = split("\n\n".join(_case(line) for line in failed[:3]), PICTURE)
+            text, names = split("\n\n".join(map(_case, failed[:3])), PICTURE)
             pictures = tuple(f"{problem.marker}-{Path(name).name}" for name in names)
-            share = 0.0 if cut else min(float(line["share"]) for line in cases)
-            grades[test.id] = Grade(False, text, seconds, share, pictures)
-        elif not cases or cut:
-            text = reason or "not judged: the test did not run"
-            grades[test.id] = Grade(False, text, seconds)
-        else:
+            fraction = 0.0 if cut else min(float(line["share"]) for line in cases)
+            grades[test.id] = Grade(False, text, seconds, fraction, pictures)
+        elif cases and not cut:
             grades[test.id] = Grade(True, "", seconds)
+        else:
+            grades[test.id] = Grade(False, reason or "not judged: the test did not run", seconds)
     return grades
 
 

@@ -25,13 +25,11 @@ def write(
 ) -> tuple[list[str], list[str]]:
     """Write `OUT/submissions/NAME/*.py` and the stubs in `OUT/base/`.
 
-    Returns the names of those that are there, and why others are not, a line each. FileExistsError
-    if `out` is not empty.
+    Returns the names of those that are there, and why others are not, a line each.
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise FileExistsError(f"--out = {out}: exists; must be a new folder, or an empty one")
-    patterns = [pattern for pattern in assignment.rubric.submit if pattern.endswith(".py")]
-    patterns = patterns or ["*.py"]
+    patterns = [p for p in assignment.rubric.submit if p.endswith(".py")] or ["*.py"]
     given = set(assignment.given)
     names, reasons = [], []
     with replacing(out, folder=True) as folder:

@@ -35,9 +35,7 @@ def extract(source: Path, patterns: Sequence[str], target: Path) -> list[str]:
     """Copy matching files of a submission into a new folder; returns their names, sorted.
 
     A single folder at the top is looked through, if nothing outside matches. Links in a folder are
-    passed over, a zip with links is refused. In patterns such as "*.py" and "deliverables/*", `*`
-    stays in its folder. `BadSubmission` for too many or too large files, or a zip that is broken or
-    dangerous.
+    passed over. `BadSubmission` for too many or too large files, or a broken or dangerous zip.
 
     Example:
         >>> import tempfile
@@ -47,7 +45,7 @@ def extract(source: Path, patterns: Sequence[str], target: Path) -> list[str]:
         ['pulse.py']
     """
     with _open_files(source, 1 + max(len(pattern.split("/")) for pattern in patterns)) as files:
-        chosen = {name: name for name in files if matches(name, patterns)}
+        chosen = {name: name for name in files if matches(name, patterns)}  # and new names
         if not chosen:
             inner = {name: name.partition("/")[2] for name in files if not name.startswith(".")}
             if len({name.partition("/")[0] for name in inner}) == 1:

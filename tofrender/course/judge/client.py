@@ -42,10 +42,10 @@ class Limits:
 
 
 class Worker:
-    """Runs one submission in processes of its own; a new one after each that dies.
+    """Runs a submission, by default the package itself, in a process; a new one after a crash.
 
-    The assignment's folder has `rubric.toml` and `tests/probes.py`. Without a submission, the
-    package itself is judged; `edition` is the folder whose `tofrender` the submission imports.
+    The assignment's folder has `rubric.toml` and `tests/probes.py`; `edition` is the folder whose
+    `tofrender` the submission imports.
     """
 
     def __init__(
@@ -66,8 +66,7 @@ class Worker:
     def ask(self, probe: str, arguments: dict[str, Any], timeout_s: float) -> Any:
         """Result of a function of `tests/probes.py`; arguments are data as `wire` takes it.
 
-        NoAnswer with the reason if it failed, crashed, took too long or too much. The time limit
-        does not count the start of a new process.
+        NoAnswer with the reason if there is none. The start of a process does not count as time.
         """
         running = self._running
         if running is None or running.process.poll() is not None:
@@ -104,11 +103,9 @@ class Worker:
         # New folders each time, so that a worker finds nothing of the one before
         shutil.rmtree(self._folder, ignore_errors=True)
         self._folder = _unlisted_folder(self._scratch)
-        questions, *writable = (
-            self._folder / name for name in ("questions", "answers", "work", "tmp")
-        )
-        answers, work, tmp = writable
-        for folder in (questions, *writable):
+        names = ("questions", "answers", "work", "tmp")
+        questions, answers, work, tmp = folders = [self._folder / name for name in names]
+        for folder in folders:
             folder.mkdir()
         settings = {
             "rubric": self._assignment / "rubric.toml",
@@ -126,7 +123,7 @@ class Worker:
         command = [sys.executable, "-P", "-u", "-m", WORKER, str(configuration)]
         if self._limits.confine:
             environment["HOME"] = str(tmp)  # Dr.Jit keeps its kernels there
-            command = self._confined(command, writable)
+            command = self._confined(command, folders[1:])
         self._running = Supervised(command, cwd=work, env=environment, stdin=subprocess.PIPE)
         self._wait(self._running, START_S)
         return self._running
@@ -137,8 +134,8 @@ class Worker:
         patterns = ("tests/test_*.py", f"tests/{STAFF_TEST}", mutants.FILE_NAME, "solutions")
         hidden = [path for pattern in patterns for path in self._assignment.glob(pattern)]
         confinement = {
-            "writable": list(map(str, writable)),
-            "hidden": [*limits.hidden, *map(str, hidden)],
+            "writable": writable,
+            "hidden": (*limits.hidden, *hidden),
             "memory_bytes": limits.memory_bytes,
             "uid": limits.uid,
             "reads_all": bool(limits.uid and sandbox.closed_to_others()),

@@ -6,14 +6,15 @@ The statistical ones share one chance of a false alarm, `ALPHA`, for a whole ass
 its part by Šidák's rule, from the number of comparisons that the rubric states. A failure of
 arrays leaves a picture in the folder that the judge has chosen.
 
-Of all comparisons: `came` is the submission's answer, `wanted` the right one, `what` names the
-quantity, `hint` the usual cause of a difference, `ratios` hints for answers that are right but
-for a factor; `x` and `x_label` are the abscissae of a one-dimensional array, for text and picture.
+Of all comparisons: `actual` is the submission's answer, `expected` the right one, `what` names the
+quantity, `hint` the usual cause of a difference. `**more` are `hint`, `ratios` (hints for answers
+that are right but for a factor), and `x` and `x_label` (the abscissae of a one-dimensional array).
 """
 
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -33,12 +34,12 @@ HINT = "  hint:     "  # begin of the line that names the usual cause
 class Failure(AssertionError):
     """A comparison failed; the text is for the student.
 
-    `share` is the fraction of the test's points that it still gives.
+    `fraction` is the fraction of the test's points that it still gives.
     """
 
-    def __init__(self, text: str, share: float = 0.0) -> None:
+    def __init__(self, text: str, fraction: float = 0.0) -> None:
         super().__init__(text)
-        self.share = share
+        self.fraction = fraction
 
 
 class _Settings:
@@ -56,105 +57,69 @@ def configure(**settings: Any) -> None:
 
 
 def close(
-    came: Any,
-    wanted: Any,
-    what: str,
-    *,
-    rtol: float = 1e-4,
-    atol: float = 0.0,
-    hint: str = "",
-    ratios: Ratios | None = None,
-    x: Any = None,
-    x_label: str = "",
+    actual: Any, expected: Any, what: str, *, rtol: float = 1e-4, atol: float = 0.0, **more: Any
 ) -> None:
-    """Numbers or arrays agree to `atol + rtol |wanted|`, element by element; else `Failure`.
+    """Numbers or arrays agree to `atol + rtol |expected|`, element by element; else `Failure`.
 
-    `wanted` is a number, or has the shape of `came`.
+    `expected` is a number, or has the shape of `actual`.
     """
-    __tracebackhide__ = True
-    came, wanted = _numbers(came, what, hint), np.asarray(wanted, np.float64)
-    if wanted.ndim and came.shape != wanted.shape:
-        shape(came, wanted.shape, what, hint=hint)
-    finite(came, what, hint=hint)
-    wanted = np.broadcast_to(wanted, came.shape)
-    excess = np.abs(came - wanted) - (atol + rtol * np.abs(wanted))
+    compared = _Compared(what, **more)
+    actual, expected = compared.numbers(actual), np.asarray(expected, np.float64)
+    if expected.ndim:
+        compared.require_shape(actual, expected.shape)
+    compared.require_finite(actual)
+    expected = np.broadcast_to(expected, actual.shape)
+    excess = np.abs(actual - expected) - (atol + rtol * np.abs(expected))
 
     def agrees(other: np.ndarray) -> bool:
-        return bool(np.all(np.abs(came - other) <= atol + rtol * np.abs(other)))
+        return bool(np.all(np.abs(actual - other) <= atol + rtol * np.abs(other)))
 
     if not np.all(excess <= 0):
-        factor = factors.find(wanted, agrees, ratios)
-        _fail_at(int(np.argmax(excess)), came, wanted, what, hint, x, x_label, factor)
+        factor = factors.find(expected, agrees, compared.ratios)
+        compared.fail_at(int(np.argmax(excess)), actual, expected, factor)
 
 
-def finite(came: Any, what: str, *, hint: str = "") -> None:
+def finite(actual: Any, what: str, *, hint: str = "") -> None:
     """No NaN and no infinity; else `Failure`, which says how many and where the first is."""
-    __tracebackhide__ = True
-    came = _numbers(came, what, hint)
-    bad = ~np.isfinite(came)
-    if bad.any():
-        first = tuple(int(i) for i in np.argwhere(bad)[0])
-        where = f", the first at {list(first)}" if first else ""
-        _fail(what, "finite numbers", f"{bad.sum()} that are NaN or infinite{where}", hint)
+    compared = _Compared(what, hint)
+    compared.require_finite(compared.numbers(actual))
 
 
-def shape(came: Any, wanted: tuple[int, ...], what: str, *, hint: str = "") -> None:
+def shape(actual: Any, expected: tuple[int, ...], what: str, *, hint: str = "") -> None:
     """An array of this shape; else `Failure`."""
-    __tracebackhide__ = True
-    came = _numbers(came, what, hint)
-    if came.shape != tuple(wanted):
-        _fail(what, f"shape {tuple(wanted)}", f"shape {came.shape}", hint)
+    compared = _Compared(what, hint)
+    compared.require_shape(compared.numbers(actual), expected)
 
 
 def true(condition: Any, what: str, *, hint: str = "") -> None:
     """A condition holds; else `Failure` with `what` as its text."""
-    __tracebackhide__ = True
     if not bool(condition):
         raise Failure("\n".join([what, *_hint(hint)]))
 
 
 def estimate(
-    samples: Any,
-    wanted: Any,
-    what: str,
-    *,
-    hint: str = "",
-    ratios: Ratios | None = None,
-    rounding: float = 1e-5,
-    x: Any = None,
-    x_label: str = "",
+    samples: Any, expected: Any, what: str, *, rounding: float = 1e-5, **more: Any
 ) -> None:
-    """Independent estimates have the mean `wanted` (Student's t-test, element by element).
+    """Independent estimates have the mean `expected` (Student's t-test, element by element).
 
-    `samples` has the shape (seeds, ...) with eight seeds or more, `wanted` one that broadcasts to
+    `samples` has the shape (seeds, ...) with eight seeds or more, `expected` one that broadcasts to
     (...); `rounding` is the relative difference that single precision explains.
     """
-    __tracebackhide__ = True
-    samples = _numbers(samples, what, hint)
-    finite(samples, what, hint=hint)
-    wanted = np.broadcast_to(np.asarray(wanted, np.float64), samples.shape[1:])
-    _judge(samples, wanted, what, hint, ratios, rounding, x, x_label)
+    compared = _Compared(what, **more)
+    samples = compared.numbers(samples)
+    compared.require_finite(samples)
+    expected = np.broadcast_to(np.asarray(expected, np.float64), samples.shape[1:])
+    _compare_means(samples, expected, compared, rounding)
 
 
-def same(
-    samples_a: Any,
-    samples_b: Any,
-    what: str,
-    *,
-    hint: str = "",
-    ratios: Ratios | None = None,
-    rounding: float = 1e-5,
-    x: Any = None,
-    x_label: str = "",
-) -> None:
+def same(samples_a: Any, samples_b: Any, what: str, *, rounding: float = 1e-5, **more: Any) -> None:
     """Two sets of independent estimates have equal means (Welch's t-test); see `estimate`."""
-    __tracebackhide__ = True
-    samples_a, samples_b = (_numbers(s, what, hint) for s in (samples_a, samples_b))
-    finite(samples_a, what, hint=hint)
-    finite(samples_b, what, hint=hint)
-    if samples_a.shape[1:] != samples_b.shape[1:]:
-        shape(samples_a, (len(samples_a), *samples_b.shape[1:]), what, hint=hint)
-    _judge(samples_a, samples_b, what, hint, ratios, rounding, x, x_label)
+    compared = _Compared(what, **more)
+    samples_a, samples_b = map(compared.numbers, (samples_a, samples_b))
+    compared.require_finite(samples_a)
+    compared.require_finite(samples_b)
+    compared.require_shape(samples_a, (len(samples_a), *samples_b.shape[1:]))
+    _compare_means(samples_a, samples_b, compared, rounding)
 
 
 def noise(samples: Any, most: float, what: str, *, hint: str = "") -> None:
@@ -163,39 +128,33 @@ def noise(samples: Any, most: float, what: str, *, hint: str = "") -> None:
     `samples` has the shape (n, ...), n >= 2. `most` is the largest standard deviation, in their
     units: the root of the mean variance of all elements. Allow for the scatter of few estimates.
     """
-    __tracebackhide__ = True
-    samples = _numbers(samples, what, hint)
-    finite(samples, what, hint=hint)
+    compared = _Compared(what, hint)
+    samples = compared.numbers(samples)
+    compared.require_finite(samples)
     deviation = float(np.sqrt(np.mean(samples.var(axis=0, ddof=1))))
     if not deviation <= most:
-        _fail(f"standard deviation of {what}", f"at most {_number(most)}", _number(deviation), hint)
+        compared = _Compared(f"standard deviation of {what}", hint)
+        compared.fail(f"at most {_number(most)}", _number(deviation))
 
 
-def histogram(
-    counts: Any,
-    probabilities: Any,
-    what: str,
-    *,
-    hint: str = "",
-    x: Any = None,
-    x_label: str = "",
-) -> None:
+def histogram(counts: Any, probabilities: Any, what: str, **more: Any) -> None:
     """Counts of samples follow the probabilities of their bins (Pearson's chi-square test).
 
     Bins that expect fewer than five samples are pooled. The probabilities may sum to less than 1:
     the remainder is the chance of falling into no bin.
     """
-    __tracebackhide__ = True
-    counts, probabilities = _numbers(counts, what, hint), np.asarray(probabilities, np.float64)
-    shape(counts, probabilities.shape, what, hint=hint)
-    finite(counts, what, hint=hint)
+    compared = _Compared(what, **more)
+    counts, probabilities = compared.numbers(counts), np.asarray(probabilities, np.float64)
+    compared.require_shape(counts, probabilities.shape)
+    compared.require_finite(counts)
     total = counts.sum()
     if not total > 0:
-        _fail(what, "samples in the bins", "none", hint)
+        compared.fail("samples in the bins", "none")
     expected = probabilities * total / probabilities.sum()
     impossible = counts[expected == 0].sum()
     if impossible:
-        _fail(what, "no samples where the density is 0", f"{impossible:.0f} of {total:.0f}", hint)
+        outside = f"{impossible:.0f} of {total:.0f}"
+        compared.fail("no samples where the density is 0", outside)
     few = expected < 5
     pooled, of = (np.append(n[~few], n[few].sum()) for n in (counts, expected))
     pooled, of = pooled[of > 0], of[of > 0]
@@ -204,12 +163,11 @@ def histogram(
     if not p >= smallest_allowed(ALPHA, _Settings.comparisons):
         worst = int(np.argmax(np.where(few, 0, (counts - expected) ** 2 / np.maximum(expected, 1))))
         text = f" (chi² = {chi2:.0f} of {freedom} degrees of freedom; the worst bin is shown)"
-        _fail_at(worst, counts, expected, what + text, hint, x, x_label)
+        replace(compared, what=what + text).fail_at(worst, counts, expected)
 
 
-def _judge(samples, reference, what, hint, ratios, rounding, x, x_label) -> None:
+def _compare_means(samples, reference, compared: _Compared, rounding: float) -> None:
     """Fail if the mean of samples differs from the reference: values, or other samples."""
-    __tracebackhide__ = True
     least = smallest_allowed(smallest_allowed(ALPHA, _Settings.comparisons), samples[0].size)
     p = p_values(samples, reference, rounding=rounding)
 
@@ -217,51 +175,97 @@ def _judge(samples, reference, what, hint, ratios, rounding, x, x_label) -> None
         return bool(p_values(samples, other, rounding=rounding).min() >= least)
 
     if not p.min() >= least:
-        factor = factors.find(reference, agrees, ratios)
+        factor = factors.find(reference, agrees, compared.ratios)
         shown = reference if reference.ndim < samples.ndim else reference.mean(0)
         error = samples.std(axis=0, ddof=1) / len(samples) ** 0.5
         worst = int(np.argmin(p))
-        text = f"{what} (mean of {len(samples)} renders, ± {_number(error.reshape(-1)[worst])})"
-        _fail_at(worst, samples.mean(0), np.asarray(shown), text, hint, x, x_label, factor)
+        about = f" (mean of {len(samples)} renders, ± {_number(error.reshape(-1)[worst])})"
+        named = replace(compared, what=compared.what + about)
+        named.fail_at(worst, samples.mean(0), np.asarray(shown), factor)
 
 
-def _numbers(value: Any, what: str, hint: str) -> np.ndarray:
-    """Value as a non-empty array of numbers, else `Failure`."""
-    __tracebackhide__ = True
-    try:
-        numbers = np.asarray(value, np.float64)
-    except (TypeError, ValueError):
-        _fail(what, "numbers", f"{value!r:.80}", hint)
-    if numbers.size == 0:
-        _fail(what, "numbers", f"none: an array of shape {numbers.shape}", hint)
-    return numbers
+@dataclass(frozen=True)
+class _Compared:
+    """Quantity that a comparison is of, and the failures of it; the arguments are those above."""
 
+    what: str
+    hint: str = ""
+    ratios: Ratios | None = None
+    x: Any = None
+    x_label: str = ""
 
-def _fail_at(index, came, wanted, what, hint, x, x_label, factor=None) -> None:
-    """Fail with the element that differs most, and a picture of all."""
-    __tracebackhide__ = True
-    where = ""
-    if came.ndim == 1 and x is not None:
-        where = f" at {x_label or 'x'} = {_number(np.asarray(x).reshape(-1)[index])}"
-    elif came.ndim:
-        where = f" at {[int(i) for i in np.unravel_index(index, came.shape)]}"
-    picture = _picture(came, wanted, what, x, x_label)
-    expected, actual = wanted.reshape(-1)[index], came.reshape(-1)[index]
-    ratio = f" ({actual / expected:.4g} times that)" if expected else ""
-    text, share = _number(actual) + ratio, 0.0
-    if factor is not None:
-        name, own_hint, share = factor
-        text += f"\n{FACTOR}{name} times what is right, everywhere"
-        hint = own_hint or hint
-    _fail(what + where, _number(expected), text, hint, picture, share)
+    def numbers(self, value: Any) -> np.ndarray:
+        """Convert an answer to a non-empty array of numbers."""
+        try:
+            numbers = np.asarray(value, np.float64)
+        except (TypeError, ValueError):
+            self.fail("numbers", f"{value!r:.80}")
+        if numbers.size == 0:
+            self.fail("numbers", f"none: an array of shape {numbers.shape}")
+        return numbers
 
+    def require_finite(self, actual: np.ndarray) -> None:
+        """Fail if there is a NaN or an infinity."""
+        bad = ~np.isfinite(actual)
+        if bad.any():
+            first = [int(i) for i in np.argwhere(bad)[0]]
+            where = f", the first at {first}" if first else ""
+            self.fail("finite numbers", f"{bad.sum()} that are NaN or infinite{where}")
 
-def _fail(
-    what: str, wanted: str, came: str, hint: str, picture: Path | None = None, share: float = 0.0
-) -> NoReturn:
-    __tracebackhide__ = True
-    lines = [what, f"  expected: {wanted}", f"  came:     {came}", *_hint(hint)]
-    raise Failure("\n".join(lines + ([f"{PICTURE}{picture}"] if picture else [])), share)
+    def require_shape(self, actual: np.ndarray, expected: tuple[int, ...]) -> None:
+        """Fail if the shape is another."""
+        if actual.shape != tuple(expected):
+            self.fail(f"shape {tuple(expected)}", f"shape {actual.shape}")
+
+    def fail_at(self, index: int, actual: Any, expected: Any, factor: Any = None) -> NoReturn:
+        """Fail with the element that differs most, and a picture of all."""
+        where = ""
+        if actual.ndim == 1 and self.x is not None:
+            where = f" at {self.x_label or 'x'} = {_number(np.asarray(self.x).reshape(-1)[index])}"
+        elif actual.ndim:
+            where = f" at {[int(i) for i in np.unravel_index(index, actual.shape)]}"
+        picture = self._picture(actual, expected)
+        wrong, right = actual.reshape(-1)[index], expected.reshape(-1)[index]
+        ratio = f" ({wrong / right:.4g} times that)" if right else ""
+        text, hint, fraction = _number(wrong) + ratio, self.hint, 0.0
+        if factor is not None:
+            name, own_hint, fraction = factor
+            text += f"\n{FACTOR}{name} times what is right, everywhere"
+            hint = own_hint or hint
+        located = replace(self, what=self.what + where, hint=hint)
+        located.fail(_number(right), text, picture, fraction)
+
+    def fail(self, expected: str, actual: str, picture: Any = "", fraction=0.0) -> NoReturn:
+        """Raise `Failure` with expected and actual value."""
+        lines = [self.what, f"  expected: {expected}", f"  came:     {actual}", *_hint(self.hint)]
+        raise Failure("\n".join(lines + ([f"{PICTURE}{picture}"] if picture else [])), fraction)
+
+    def _picture(self, actual: np.ndarray, expected: np.ndarray) -> Path | None:
+        """Plot expected and actual values; None for numbers, or without a folder for pictures."""
+        if _Settings.pictures is None or actual.ndim == 0 or actual.size < 3 or actual.ndim > 3:
+            return None
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(6 if actual.ndim == 1 else 8, 3.5), layout="constrained")
+        curves = {"expected": expected, "came": actual}
+        if actual.ndim == 1:
+            axes = figure.subplots()
+            axis = np.arange(actual.size) if self.x is None else np.asarray(self.x).reshape(-1)
+            for (name, values), width in zip(curves.items(), (2, 1), strict=True):
+                axes.plot(axis, values, label=name, lw=width)
+            axes.set(xlabel=self.x_label)
+            axes.legend()
+        else:
+            limits = {"vmin": float(expected.min()), "vmax": float(expected.max())}
+            for (name, values), axes in zip(curves.items(), figure.subplots(1, 2), strict=True):
+                image = axes.imshow(values.mean(-1) if values.ndim == 3 else values, **limits)
+                axes.set_title(name)
+            figure.colorbar(image, ax=figure.axes)
+        figure.suptitle(self.what, fontsize="small", wrap=True)
+        _Settings.pictures.mkdir(parents=True, exist_ok=True)
+        path = _Settings.pictures / (re.sub(r"[^\w-]+", "_", _Settings.test) + ".png")
+        figure.savefig(path)
+        return path
 
 
 def _hint(hint: str) -> list[str]:
@@ -270,31 +274,3 @@ def _hint(hint: str) -> list[str]:
 
 def _number(value: Any) -> str:
     return f"{float(value):.6g}"
-
-
-def _picture(came, wanted, what, x, x_label) -> Path | None:
-    """Plot expected and actual values; None for numbers, or without a folder for pictures."""
-    if _Settings.pictures is None or came.ndim == 0 or came.size < 3 or came.ndim > 3:
-        return None
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6 if came.ndim == 1 else 8, 3.5), layout="constrained")
-    curves = {"expected": wanted, "came": came}
-    if came.ndim == 1:
-        axes = figure.subplots()
-        axis = np.arange(came.size) if x is None else np.asarray(x).reshape(-1)
-        for (name, values), width in zip(curves.items(), (2, 1), strict=True):
-            axes.plot(axis, values, label=name, lw=width)
-        axes.set(xlabel=x_label)
-        axes.legend()
-    else:
-        limits = {"vmin": float(wanted.min()), "vmax": float(wanted.max())}
-        for (name, values), axes in zip(curves.items(), figure.subplots(1, 2), strict=True):
-            image = axes.imshow(values.mean(-1) if values.ndim == 3 else values, **limits)
-            axes.set_title(name)
-        figure.colorbar(image, ax=figure.axes)
-    figure.suptitle(what, fontsize="small", wrap=True)
-    _Settings.pictures.mkdir(parents=True, exist_ok=True)
-    path = _Settings.pictures / (re.sub(r"[^\w-]+", "_", _Settings.test) + ".png")
-    figure.savefig(path)
-    return path

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-SHARE = 0.5  # fraction of a test's points for such an answer
+FRACTION = 0.5  # fraction of a test's points for such an answer
 LEAST = 3  # different numbers that are off by the same rational factor, for it to be one mistake
 # Constants that are forgotten, or counted twice
 FACTORS = {
@@ -42,20 +42,15 @@ Ratios = Mapping[str, str | Ratio]
 def find(
     wanted: np.ndarray, agrees: Callable[[Any], bool], ratios: Ratios | None
 ) -> tuple[str, str, float] | None:
-    """Only factor with which `wanted` is the answer, None if there is none, or several.
-
-    `agrees` says whether the answer agrees with an array. Returned are the factor's name, a hint
-    or "", and the fraction of the points that is left.
-    """
+    """Name, hint and fraction of the points of the only factor with which `wanted` agrees."""
     ratios = ratios or {}
     own = {name: each.values for name, each in ratios.items() if isinstance(each, Ratio)}
     with np.errstate(all="ignore"):
         names = [name for name, value in (FACTORS | own).items() if agrees(wanted * value)]
     if len(names) != 1:
         return None
-    name = names[0]
-    hint = ratios.get(name, "")
+    name, hint = names[0], ratios.get(names[0], "")
     # 2 may be chance in one number, π is not
     sure = any(sign in name for sign in "π√") or np.unique(wanted[wanted != 0]).size >= LEAST
-    share = SHARE if sure and name not in own else 0.0
-    return name, hint.hint if isinstance(hint, Ratio) else hint, share
+    fraction = FRACTION if sure and name not in own else 0.0
+    return name, hint.hint if isinstance(hint, Ratio) else hint, fraction

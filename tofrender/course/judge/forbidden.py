@@ -73,10 +73,7 @@ def imported(tree: ast.Module) -> Iterator[str]:
 
 
 def _forbidden(node: ast.AST, words: frozenset[str], own: set[str]) -> str:
-    """Forbidden feature that a syntax node uses, "" if none.
-
-    `own` has the functions and methods that the submission defines.
-    """
+    """Forbidden feature that a syntax node uses, "" if none; the submission defines `own` names."""
     if "warps" in words and (_imports(node, "mitsuba.warp") or _names(node, "warp", of=MITSUBA)):
         return "mi.warp"
     if "integrators" in words:

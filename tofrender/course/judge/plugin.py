@@ -25,6 +25,7 @@ RUBRIC = pytest.StashKey[rubric.Rubric]()
 WORKER = pytest.StashKey[Worker]()
 SECRET = pytest.StashKey[int]()
 SUBMISSION = pytest.StashKey["Submission"]()
+REPORTS = pytest.StashKey[list[pytest.TestReport]]()  # of set-up, test and tear-down
 MAX_DELIVERED = 1 << 30  # bytes of the arrays in a file that was handed in
 
 
@@ -42,11 +43,11 @@ class Submission:
             self._seed += config.stash[SECRET]
         self.is_seeded = False  # whether the test has used its seed
         self.uses: set[str] = set()  # names of the submission that the probes have used
-        self.share = 0.0  # fraction of the points that the test gives although it fails
+        self.fraction = 0.0  # fraction of the points that the test gives although it fails
 
-    def award(self, share: float) -> None:
+    def award(self, fraction: float) -> None:
         """Give a fraction of the test's points, even if the test fails after this."""
-        self.share = min(1.0, max(0.0, float(share)))
+        self.fraction = min(1.0, max(0.0, float(fraction)))
 
     @property
     def seed(self) -> int:
@@ -60,11 +61,7 @@ class Submission:
         return np.random.default_rng([self.seed, *self._name.encode()])
 
     def ask(self, probe: str, **arguments: Any) -> Any:
-        """Result of a probe of `tests/probes.py` for this submission.
-
-        Arguments are numbers, texts, arrays, or lists and dicts of them. `NoAnswer` if it failed.
-        """
-        __tracebackhide__ = True
+        """Answer of a probe in `tests/probes.py`, else `NoAnswer`; arguments as for `wire`."""
         timeout_s = self.problem.timeout_s if self.problem else 60.0
         answer = self._worker.ask(probe, arguments, timeout_s)
         self.uses |= self._worker.used
@@ -81,7 +78,6 @@ class Submission:
 
     def arrays(self, name: str) -> dict[str, np.ndarray]:
         """Arrays of an npz file that was handed in; `Failure` if it holds something else."""
-        __tracebackhide__ = True
         path = self.path(name)
         try:
             with wire.open_untrusted(path, MAX_DELIVERED) as file:
@@ -135,9 +131,9 @@ def pytest_configure(config: pytest.Config) -> None:
     config.stash[RUBRIC] = assignment
     for problem in assignment.problems:
         config.addinivalue_line("markers", f"{problem.marker}: {problem.title}")
-    names = ("secret", "report", "edition", "pictures")
     secret, report, edition, pictures = (
-        Path(path).resolve() if (path := config.getoption(f"--{name}")) else None for name in names
+        Path(path).resolve() if (path := config.getoption(option)) else None
+        for option in ("--secret", "--report", "--edition", "--pictures")
     )
     config.stash[SECRET] = 0
     if secret is not None:  # not an argument, since all users can read a command's
@@ -183,18 +179,15 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo
 ) -> Iterator[None] | pytest.TestReport:
-    """Show expected and actual values instead of a traceback.
-
-    When students are graded, nothing shows the source of a test, nor an error in the test itself
-    after an answer of an unexpected type.
-    """
+    """Show expected and actual values instead of a traceback, and to graded students no source."""
     report = yield
+    item.stash[REPORTS].append(report)
     if call.excinfo is None or not report.failed:
         return report
     error = call.excinfo.value
     if isinstance(error, expect.Failure | NoAnswer):
         text = shortened(str(error))
-    elif item.config.getoption("--confine"):
+    elif item.config.getoption("--confine"):  # an answer of an unexpected type broke the test
         frames = call.excinfo.traceback
         lines = [frame.lineno + 1 for frame in frames if Path(frame.path) == item.path]
         where = f" in line {lines[-1]} of the test" if lines else ""
@@ -204,7 +197,7 @@ def pytest_runtest_makereport(
         return report
     submission = item.stash.get(SUBMISSION, None)
     if submission is not None and isinstance(error, expect.Failure):
-        submission.award(max(submission.share, error.share))
+        submission.award(max(submission.fraction, error.fraction))
     problem = _problem(item)
     where = f"problem {problem.id}, {problem.file}" if problem else ""
     about = (getattr(item, "function", item).__doc__ or "").strip().split("\n")[0]
@@ -212,32 +205,24 @@ def pytest_runtest_makereport(
     return report
 
 
-_reports: list[pytest.TestReport] = []  # of the test that runs
-
-
-def pytest_runtest_logreport(report: pytest.TestReport) -> None:
-    """Collect the reports of a test for `--report`."""
-    _reports.append(report)
-
-
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None] | object:
     """Append a line to the report when a test has ended."""
-    _reports.clear()
+    reports = item.stash[REPORTS] = []
     result = yield
     target = item.config.getoption("--report")
     if target:
-        bad = [r for r in _reports if r.failed]
-        skipped = any(r.skipped for r in _reports)
+        bad = [r for r in reports if r.failed]
+        skipped = any(r.skipped for r in reports)
         submission = item.stash.get(SUBMISSION, None)
-        share = submission.share if bad and submission else float(not (bad or skipped))
+        fraction = submission.fraction if bad and submission else float(not (bad or skipped))
         line = {
             "id": rubric_id(item.nodeid),
             "case": item.nodeid.partition("[")[2].rstrip("]"),
             "outcome": "failed" if bad else "skipped" if skipped else "passed",
             "text": shortened(str(bad[0].longrepr)) if bad else "",
-            "share": share,
-            "seconds": sum(r.duration for r in _reports),
+            "share": fraction,
+            "seconds": sum(r.duration for r in reports),
             "seeded": submission is not None and submission.is_seeded,
             "uses": sorted(submission.uses) if submission is not None else [],
         }

@@ -32,10 +32,9 @@ SET_CHILD_SUBREAPER = 36
 
 
 class Supervised:
-    """A command and all its children: their output, resources and end.
+    """A command and all its children: their output, resources and end; one at a time.
 
-    When it ends, only processes that are below this one now stay, and those of this one's session,
-    which a command started here cannot join; so run one at a time.
+    Other children of this process, and those of its session, stay when it ends.
     """
 
     def __init__(
@@ -48,7 +47,7 @@ class Supervised:
     ) -> None:
         if sys.platform.startswith("linux"):
             sandbox.prctl(SET_CHILD_SUBREAPER, 1)
-        self._free: int | None = None
+        self._free = 0  # most bytes that were free on the disk
         self._others = {child.pid for child in psutil.Process().children()}
         self.process = subprocess.Popen(
             command,
@@ -78,9 +77,9 @@ class Supervised:
 
     def excess(self, memory_bytes: int | None, folder: Path | None = None) -> str:
         """Limit that is exceeded, "" if none: disk in `folder`, processes, memory together."""
-        if folder is not None and self._fills(folder):
+        if folder is not None and self._fills_disk(folder):
             return f"wrote more than {MAX_WRITTEN >> 30} GiB"
-        below = self._below()
+        below = self._descendants()
         if len(below) > MAX_PROCESSES:
             return f"started more than {MAX_PROCESSES} processes"
         if memory_bytes is None or _memory(below, "rss") <= memory_bytes:
@@ -90,28 +89,23 @@ class Supervised:
             return ""
         return f"used more than {memory_bytes / 2**30:g} GiB of memory"
 
-    def _fills(self, folder: Path) -> bool:
+    def _fills_disk(self, folder: Path) -> bool:
         """Whether the disk has lost much since the first look, and the folder holds as much."""
         with suppress(OSError):
             free = shutil.disk_usage(folder).free
-            if self._free is None or free > self._free:
-                self._free = free
-            if self._free - free > MAX_WRITTEN and _size(folder) > MAX_WRITTEN:
-                return True
+            self._free = max(free, self._free)
+            return self._free - free > MAX_WRITTEN and _size(folder) > MAX_WRITTEN
         return False
 
     def end(self) -> None:
-        """End all processes, those started meanwhile too.
-
-        RuntimeError if some are still there after `END_WITHIN_S`.
-        """
+        """End all processes, those started meanwhile too; RuntimeError after `END_WITHIN_S`."""
         deadline = time.monotonic() + END_WITHIN_S
         if hasattr(os, "killpg") and self.process.poll() is None:
             with suppress(ProcessLookupError, PermissionError):  # those that no tree shows, too
                 os.killpg(self.process.pid, signal.SIGKILL)
         self.process.kill()
         self.process.wait()
-        while below := self._below():
+        while below := self._descendants():
             for action in ("suspend", "kill"):  # first nobody forks any more
                 for process in below:
                     with suppress(psutil.Error):
@@ -123,7 +117,7 @@ class Supervised:
                 raise RuntimeError(f"{len(below)} processes of a submission cannot be ended")
             time.sleep(0.005)
 
-    def _below(self) -> list[psutil.Process]:
+    def _descendants(self) -> list[psutil.Process]:
         """All processes below this one, but for earlier ones and those below them."""
         children = psutil.Process().children(recursive=True)
         parents: dict[int, int] = {}
@@ -189,19 +183,7 @@ def run(
     cwd: str | os.PathLike,
     env: dict[str, str],
 ) -> Ended:
-    """Run a command and end all its children, whatever happens.
-
-    Example:
-        >>> ended = run(
-        ...     ["sh", "-c", "sleep 999 & echo started"],
-        ...     timeout_s=99,
-        ...     memory_bytes=1 << 30,
-        ...     cwd=".",
-        ...     env=dict(os.environ),
-        ... )
-        >>> ended.reason, ended.status, ended.output.split()
-        ('', 0, ['started'])
-    """
+    """Run a command and end all its children, whatever happens."""
     begin = time.monotonic()
     started = Supervised(command, cwd=cwd, env=env)
     reason = ""

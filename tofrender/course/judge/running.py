@@ -19,9 +19,9 @@ from ..rubric import Rubric
 
 MAX_REPORT = 64 << 20  # bytes of a report that are read
 OK, SOME_FAILED, NONE_COLLECTED = 0, 1, 5
-QUICKLY = ("-q", "-p", "no:cacheprovider", "-p", "tofrender.course.judge.plugin")
+PYTEST_OPTIONS = ("-q", "-p", "no:cacheprovider", "-p", "tofrender.course.judge.plugin")
 """Options of pytest with which it starts no Mitsuba and leaves no files."""
-REPORTED = {"id", "case", "outcome", "text", "share", "seconds"}  # keys of every line of a report
+REPORTED = {"id", "case", "outcome", "text", "share", "seconds"}  # keys of a report's line
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Outcome:
 
     outcome: str  # "passed", "failed", or "skipped" if all cases were
     texts: tuple[str, ...] = ()  # of the cases that failed
-    share: float = 0.0  # fraction of its points: that of its worst case
+    fraction: float = 0.0  # fraction of its points: that of its worst case
     seconds: float = 0.0  # of all cases
     cases: int = 1
     seeded: bool = False  # whether the test draws random numbers
@@ -48,9 +48,8 @@ def run(
 ) -> dict[str, Outcome]:
     """Run tests of an assignment's folder; the outcomes by the tests' ids.
 
-    The submission is the folder in `pytest.ini`, or the package, unless given; `edition` the folder
-    of the package that tests and submission import. `more` are options of pytest, which may choose
-    no test. RuntimeError if pytest itself fails.
+    By default the submission is the folder in `pytest.ini`, or the package; it imports the package
+    of `edition`. `more` are options of pytest, which may choose no test.
     """
     with tempfile.TemporaryDirectory() as scratch:
         report = Path(scratch) / "report.jsonl"
@@ -68,9 +67,9 @@ def read_report(path: Path) -> list[dict[str, Any]]:
     """Whole lines of a judge's report, one a case of a test; none if there is no report."""
     if not path.is_file():
         return []
-    lines = []
     with path.open("rb") as file:
         content = file.read(MAX_REPORT)
+    lines = []
     for text in content.decode("utf-8", errors="replace").splitlines():
         with suppress(ValueError):  # the last one, cut off when the judge was ended
             lines.append(json.loads(text))
@@ -92,7 +91,7 @@ def _outcome_of(cases: list[dict]) -> Outcome:
     return Outcome(
         outcome,
         texts,
-        share=min(case["share"] for case in cases),
+        fraction=min(case["share"] for case in cases),
         seconds=sum(case["seconds"] for case in cases),
         cases=len(cases),
         seeded=any(case["seeded"] for case in cases),
@@ -102,10 +101,9 @@ def _outcome_of(cases: list[dict]) -> Outcome:
 
 def points_of(rubric: Rubric, outcomes: dict[str, Outcome]) -> dict[str, float]:
     """Points of each problem: those of its tests that passed, and fractions of others."""
+    none = Outcome("skipped")
     return {
-        problem.id: math.fsum(
-            test.points * outcomes[test.id].share for test in problem.tests if test.id in outcomes
-        )
+        problem.id: math.fsum(t.points * outcomes.get(t.id, none).fraction for t in problem.tests)
         for problem in rubric.problems
     }
 
@@ -121,7 +119,7 @@ def pytest(
         "PYTEST_ADDOPTS": "",
         "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
     }
-    command = [sys.executable, "-P", "-m", "pytest", *QUICKLY, *options]
+    command = [sys.executable, "-P", "-m", "pytest", *PYTEST_OPTIONS, *options]
     return subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, check=False
     )

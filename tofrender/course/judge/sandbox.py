@@ -69,21 +69,12 @@ def confine(
     reads_all: bool = False,
     judge: bool = False,
 ) -> None:
-    """Confine this process and all its children, for good.
+    """Confine this process and all its children, for good; it ends with the thread that started it.
 
-    Call it before there are threads: those that exist stay as they are. The process ends with the
-    thread that started it.
-
-    Args:
-        writable: Files and folders that exist; below them everything is allowed.
-        hidden: Files and folders whose content cannot be read. Their names can.
-        readable: Exceptions inside hidden folders, but for hidden paths there.
-        memory_bytes: Memory that somebody else watches [bytes]. The address space is limited to a
-            multiple of it, since Dr.Jit crashes on the real limit and threads reserve much more
-            than they use.
-        uid: User to become, who gets all that is writable. Only root can.
-        reads_all: Whether this user keeps root's right to read others' files.
-        judge: Whether it starts, confines and ends a submission in turn.
+    Call it before there are threads: those that exist stay as they are. Everything is allowed below
+    `writable` paths, which exist; the content of `hidden` ones cannot be read, but for `readable`
+    paths in them. `uid` is the user to become, if this is root, who gets all that is writable and
+    with `reads_all` keeps root's right to read. A `judge` confines and ends a submission in turn.
     """
     if not sys.platform.startswith("linux"):
         return
@@ -114,7 +105,7 @@ def command(confinement: dict, arguments: Sequence[str]) -> list[str]:
     """Command that runs `arguments` confined; `confinement` holds the arguments of `confine`."""
     if not sys.platform.startswith("linux"):
         return list(arguments)
-    return [sys.executable, "-I", "-S", __file__, json.dumps(confinement), *arguments]
+    return [sys.executable, "-I", "-S", __file__, json.dumps(confinement, default=str), *arguments]
 
 
 def landlock_version() -> int:
@@ -161,8 +152,7 @@ def protects_files() -> bool:
 def own_user() -> Iterator[int | None]:
     """An unused user, for one submission at a time; None if this may not become another.
 
-    A socket without a file marks the user as taken, for all graders of the machine; it ends with
-    this process, however that ends.
+    A socket without a file marks the user as taken, for all graders; it ends with this process.
     """
     users = spare_users()
     if not users:
@@ -253,6 +243,7 @@ def _limit(memory_bytes: int | None, uid: int | None) -> None:
     import resource
 
     tasks = resource.RLIM_INFINITY if uid is None else MAX_TASKS  # which are counted by user
+    # Dr.Jit crashes on the real limit, and threads reserve much more than they use
     space = resource.RLIM_INFINITY if memory_bytes is None else 2 * memory_bytes + 8 * GIB
     for number, bound in (
         (resource.RLIMIT_CORE, 0),

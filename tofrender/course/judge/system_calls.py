@@ -104,11 +104,7 @@ def available() -> bool:
 
 
 def restrict(judge: bool = False) -> None:
-    """Filter the calls of this process and of all its children, for good.
-
-    It needs `PR_SET_NO_NEW_PRIVS` before. `judge` also allows to confine and end others. OSError if
-    the kernel refuses.
-    """
+    """Filter the calls of this process and its children, for good, after PR_SET_NO_NEW_PRIVS."""
     machine = os.uname().machine
     code = program(machine, os.getpid(), judge)
     buffer = ctypes.create_string_buffer(code, len(code))

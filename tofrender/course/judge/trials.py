@@ -69,7 +69,6 @@ def share_found(submission: Submission, probe: str, more: Iterable[Solution] = (
     The probe gets `name` and `text` of a solution, and returns a `verdict`. Solutions are those of
     `solutions/` and `mutants.toml`, and `more`.
     """
-    __tracebackhide__ = True
     problem = submission.problem
     assert problem is not None
     submission.ask("defines", name=problem.names[0])  # before it can quote a solution

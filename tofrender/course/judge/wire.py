@@ -23,10 +23,7 @@ KINDS = "biufcU"  # of arrays: NumPy's letters for numbers and texts
 
 
 def write(path: Path, value: Any, convert: Callable[[Any], Any] = lambda part: part) -> None:
-    """Write a value; TypeError in one line with the type of a part that cannot be sent.
-
-    `convert` makes arrays of parts of other types.
-    """
+    """Write a value; `convert` makes arrays of parts of other types, else TypeError in one line."""
     arrays: dict[str, Any] = {}
 
     def add_array(part: Any) -> dict[str, str]:
@@ -68,10 +65,7 @@ def read(path: Path, most: int = MAX_BYTES) -> Any:
 
 
 def open_untrusted(path: Path, most: int = MAX_BYTES) -> IO[bytes]:
-    """Open a file of an untrusted writer, who may still write it.
-
-    ValueError if it is no regular file, or has more than `most` bytes.
-    """
+    """Open a regular file of at most `most` bytes, whose untrusted writer may still write it."""
     careful = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     fd = os.open(path, os.O_RDONLY | careful | getattr(os, "O_BINARY", 0))
     state = os.fstat(fd)
@@ -84,10 +78,7 @@ def open_untrusted(path: Path, most: int = MAX_BYTES) -> IO[bytes]:
 
 
 def arrays_of(file: IO[bytes], most: int = MAX_BYTES) -> dict[str, np.ndarray]:
-    """Arrays of an npz file, together of at most `most` bytes.
-
-    ValueError if they are larger, or not of numbers and texts. Damage raises anything.
-    """
+    """Arrays of an npz file, of numbers and texts, at most `most` bytes. Damage raises anything."""
     with np.lib.npyio.NpzFile(file, allow_pickle=False) as archive:
         assert archive.zip is not None
         size = sum(entry.file_size for entry in archive.zip.infolist())

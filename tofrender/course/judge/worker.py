@@ -35,17 +35,14 @@ class Refused(Exception):
 
 
 class SubmittedNames:
-    """Names that a submission defines, each loaded from its problem's file on first use.
-
-    Without a folder, they are the reference's: the package's own.
-    """
+    """Names that a submission, or without a folder the package, defines; loaded on first use."""
 
     def __init__(self, rubric: rubrics.Rubric, folder: Path | None) -> None:
         self._rubric, self._folder = rubric, folder
         self.used: set[str] = set()
 
     def __getattr__(self, name: str) -> Any:
-        problem = self._rubric.home_of.get(name)
+        problem = self._rubric.problem_by_name.get(name)
         if problem is None:
             raise AttributeError(f"theirs.{name}: no problem of the rubric has this name")
         self.used.add(name)
@@ -57,10 +54,8 @@ class SubmittedNames:
         value = getattr(module, name)
         if inspect.isclass(value) or inspect.isfunction(value):
             home = value.__module__
-            if (
-                Path(getattr(sys.modules.get(home), "__file__", None) or home).parent
-                != self._folder
-            ):
+            file = getattr(sys.modules.get(home), "__file__", None) or home
+            if Path(file).parent != self._folder:
                 raise Refused(f"{name} is defined in {home}; must be written in {problem.file}")
         return value
 
@@ -151,10 +146,7 @@ def _explained(error: BaseException, folder: Path | None) -> str:
 
 
 def explain(error: BaseException, folder: Path | None) -> str:
-    """Reason of a failure, with the student's own lines of the traceback.
-
-    They are those of the first cause, or of the exception it led to if that has none.
-    """
+    """Reason of a failure, with the student's own lines of the first traceback that has some."""
     chain = [error]  # Dr.Jit wraps errors raised in a loop
     while (cause := chain[0].__cause__) is not None and len(chain) < 20:
         chain.insert(0, cause)
@@ -171,8 +163,8 @@ def explain(error: BaseException, folder: Path | None) -> str:
     if isinstance(error, RuntimeError) and inner:  # Mitsuba's, for what a plugin raises
         if inner["kind"] == "NotImplementedError":
             return f"not written yet: {inner['text']}"
-        places = re.findall(r'  File "(.+)", line (\d+)', inner["frames"])
-        frames.insert(0, [traceback.FrameSummary(name, int(line), "") for name, line in places])
+        lines = re.findall(r'  File "(.+)", line (\d+)', inner["frames"])
+        frames.insert(0, [traceback.FrameSummary(name, int(line), "") for name, line in lines])
         return _with_lines(f"{inner['kind']}: {inner['text']}", frames, folder)
     head = f"{type(error).__name__}: {str(error)[:MAX_TEXT]}"
     if isinstance(error, SyntaxError):

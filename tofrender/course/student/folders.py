@@ -44,8 +44,7 @@ def stubs(assignment: Assignment) -> dict[str, bytes]:
 
 def _flatten(folder: Path) -> None:
     """Turn released material into a folder to work in."""
-    source = folder / "notebook.py"
-    starter = folder / "starter"
+    source, starter = folder / "notebook.py", folder / "starter"
     if source.is_file():
         text = source.read_text(encoding="utf-8")
         notebooks.write(text, starter, folder / NOTEBOOK)
@@ -70,10 +69,7 @@ class Packed:
 
 
 def check(assignment: Assignment, folder: Path) -> tuple[dict[str, Path], list[str]]:
-    """Files that `submit` asks for by their names, and those that are missing.
-
-    ValueError in one line if the folder does not exist, or holds a link or too much.
-    """
+    """Files that `submit` asks for by their names, and those that are missing."""
     folder = checks.path("FOLDER", folder)
     if not folder.is_dir():
         raise ValueError(f"FOLDER = {folder}: does not exist; must be one that `start` has made")
