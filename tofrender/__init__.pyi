@@ -57,6 +57,8 @@ from .integrators.ao import AmbientOcclusion as AmbientOcclusion
 from .integrators.bdpt import TransientBDPT as TransientBDPT
 from .integrators.differentiable import VisibilityWarning as VisibilityWarning
 from .integrators.light_tracer import TransientLightTracer as TransientLightTracer
+from .integrators.one_sample import OneSampleLights as OneSampleLights
+from .integrators.outside_lights import OpenSky as OpenSky, PointSource as PointSource
 from .integrators.path_tracer_mats import PathTracerMats as PathTracerMats
 from .integrators.path_tracer_mis import PathTracerMIS as PathTracerMIS
 from .integrators.path_tracer_nee import PathTracerNEE as PathTracerNEE
