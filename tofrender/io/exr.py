@@ -267,10 +267,8 @@ class _Stack:
             rounded = values.astype(self.dtype)
         lost = np.isinf(rounded) & np.isfinite(values)
         if lost.any():
-            raise ValueError(
-                f"precision = 'half': {values[lost].flat[0]:g} is beyond the range of half, "
-                "+-65504; must be 'float' for these values"
-            )
+            problem = f"{values[lost].flat[0]:g} is beyond the range of half, +-65504"
+            raise ValueError(f"precision = 'half': {problem}; must be 'float' for these values")
         return rounded
 
 

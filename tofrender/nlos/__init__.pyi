@@ -5,7 +5,7 @@ from .captures import (
     without_first_and_last_legs as without_first_and_last_legs,
 )
 from .capturing import capture as capture
-from .device.focus import focus_laser as focus_laser
+from .device.laser import focus_laser as focus_laser
 from .reconstruction import (
     METHODS as METHODS,
     DepthError as DepthError,

@@ -39,8 +39,8 @@ def warp_figure(points: Any, verdict: Verdict, title: str = "points") -> Figure:
     checks.instance("verdict", verdict, Verdict, "a result of chi_square_test")
     checks.instance("title", title, str, "text")
     points = checks.real_array("points", points, np.float64)
-    if points.ndim != 2 or len(points) not in (2, 3) or not points.size:
-        raise ValueError(f"points with shape {points.shape}: must be (2, n) or (3, n)")
+    valid = points.ndim == 2 and len(points) in (2, 3) and points.size
+    checks.shape("points", points, valid, "(2, n) or (3, n)")
     grid = PictureGrid(figure_width(5.5), 2, 2, 1.0, own_y=True, **caption(verdict))
     _points(grid.axes(0, 0, title), points, verdict, grid.wide)
     names = ("expected density", "observed density", "difference")

@@ -19,7 +19,7 @@ import numpy as np
 from scipy import sparse
 
 from ...runtime.progress import Bar
-from .fourier import fft, forward, inverse, require_memory
+from .fourier import fft, forward, inverse_sides, require_memory
 from .measured import Lattice, Measured
 from .volume import VolumeGrid, native_volume
 
@@ -57,7 +57,8 @@ def light_cone_transform(
     spectrum *= kernel
     del kernel
     bar.update()
-    found = inverse(spectrum, (rows, columns), lines)[..., :bins]
+    field = inverse_sides(spectrum, rows, columns)
+    found = fft.irfft(field, lines, axis=2, workers=-1)[..., :bins]
     bar.update()
     return _to_depth(found, grid, low, width), grid
 
