@@ -6,13 +6,12 @@ from .captures import (
 )
 from .capturing import capture as capture
 from .device.laser import focus_laser as focus_laser
-from .reconstruction import (
-    METHODS as METHODS,
+from .reconstruction.depths import (
     DepthError as DepthError,
-    VolumeGrid as VolumeGrid,
     depth_error as depth_error,
     depth_map as depth_map,
     max_projection as max_projection,
-    reconstruct as reconstruct,
 )
+from .reconstruction.methods import METHODS as METHODS, reconstruct as reconstruct
+from .reconstruction.volume import VolumeGrid as VolumeGrid
 from .truth import hidden_depth as hidden_depth

@@ -173,8 +173,8 @@ def require_same_capture(found: xr.Dataset, scene: Any, **options: Any) -> None:
     if "fingerprint" in found.attrs:  # Those of earlier versions have none
         wanted["fingerprint"] = fingerprint(setup.scene, setup.camera, setup.integrator)
     for name, value in wanted.items():
-        if found.attrs.get(name) != value:
-            own = found.attrs.get(name)
+        own = found.attrs.get(name)
+        if own != value:
             raise ValueError(f"resume: was captured with {name} = {own!r}; must be {value!r}")
     points = found["sensor_grid"].values
     if points.shape != setup.points[0].shape or not np.allclose(points, setup.points[0]):

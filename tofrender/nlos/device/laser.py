@@ -57,6 +57,8 @@ def solid_angle(laser: Any) -> float:
     on_axis = intensity(forward)
     if not on_axis[0] > 0:
         raise ValueError("laser: is dark along its axis; must shine where it looks")
+
+    # Bound the beam on the plane
     local = frame.to_local(rays.d)
     sides = (dr.arange(mi.Float, CELLS) + 0.5) / CELLS
     plane, extents = [], []
@@ -65,6 +67,8 @@ def solid_angle(laser: Any) -> float:
         margin = 0.05 * (high - low)
         extents.append(high - low + 2 * margin)
         plane.append(low - margin + unit * extents[-1])
+
+    # Sum over the plane's cells, dw = cos³ dx dy
     d = mi.Vector3f(*plane, 1)
     cos = dr.rsqrt(dr.squared_norm(d))
     cell = extents[0] * extents[1] / CELLS**2

@@ -215,8 +215,6 @@ def _pose(frame: Any) -> np.ndarray:
 
 def _pulse(props: mi.Properties) -> tuple[float, Pulse | None]:
     """Read the width of a Gaussian pulse [m], and a histogram's pulse, which replaces it."""
-    from ...signals.pulses import SampledPulse
-
     kind = checks.one_of("pulse_type", props.get("pulse_type", "gaussian"), PULSES)
     width = props.get("pulse_width_opl", 0.01)
     start: Any = props.get("pulse_start_opl", 0.0)
@@ -226,6 +224,8 @@ def _pulse(props: mi.Properties) -> tuple[float, Pulse | None]:
         return checks.width("pulse_width_opl", width), None
     if values is None:
         raise ValueError("pulse_values: are missing; must be given if pulse_type is 'histogram'")
+    from ...signals.pulses import SampledPulse
+
     return 0.0, SampledPulse(numbers("pulse_values", values).ravel(), start, bin_width)
 
 

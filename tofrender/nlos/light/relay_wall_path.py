@@ -22,7 +22,7 @@ from ...runtime import checks
 from ..device.laser import position_of
 from ..device.relay_wall import DEFAULT_ID, find_relay_wall, find_shapes, parse_ids, seen_shapes
 from .corner import walked_weight
-from .laser_spot import Beam, LaserInMedia, LaserSpot
+from .laser_spot import Beam, LaserSpot, scatter_beam
 from .scan import Scan, ScanPlan
 
 HIDDEN_SAMPLING = "nlos_hidden_geometry_sampling"
@@ -94,7 +94,7 @@ class RelayWallPath(TransientPath):
 
     def laser_spot(self, scan: Scan, beam: Beam) -> LaserSpot:
         """Make connections to the spot of a beam."""
-        return LaserInMedia(scan, beam) if scan.space.scatters else LaserSpot(scan, beam)
+        return LaserSpot(scan, scatter_beam(scan, beam) if scan.space.scatters else beam)
 
     def plan(
         self,
