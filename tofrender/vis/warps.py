@@ -9,13 +9,11 @@ import numpy as np
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style
 from ..runtime.plots import PictureGrid, few_ticks
-from ..sampling.verdicts import Verdict, caption, density_panels, verdict_figure
+from ..sampling.verdicts import Verdict, caption, density_panels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["verdict_figure", "warp_figure"]
 
 
 @in_style
