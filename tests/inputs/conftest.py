@@ -4,7 +4,7 @@ import pytest
 
 import tofrender
 from tofrender.integrators import passes, running
-from tofrender.nlos import exhaustive
+from tofrender.nlos import capturing
 from tofrender.nlos.reconstruction import methods
 from tofrender.rendering import strategies, work_items
 
@@ -16,7 +16,7 @@ def no_work(monkeypatch):
     def never(*_, **__):
         raise AssertionError("work has started")
 
-    for module in (work_items, strategies, exhaustive, passes, running):
+    for module in (work_items, strategies, capturing, passes, running):
         monkeypatch.setattr(module, "steps", never)
     monkeypatch.setattr(methods, "backproject", never)
     monkeypatch.setattr(tofrender.TransientHDRFilm, "prepare", never)

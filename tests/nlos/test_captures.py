@@ -52,7 +52,7 @@ def test_what_a_caller_changes_later_stays_out():
         ({"transient": np.ones((4, 4))}, r"transient with shape \(4, 4\): must be"),
         ({"transient": np.ones((4, 4, 10, 2))}, "with 1 or 3 channels"),
         ({"transient": np.ones((4, 4, 0))}, r"transient with shape \(4, 4, 0\)"),
-        ({"transient": np.ones((4, 5, 10))}, r"sensor_grid with shape .* must have size 5 on .* x"),
+        ({"transient": np.ones((4, 5, 10))}, r"sensor_grid with shape .* must be of size 5 .* x"),
         ({"sensor_grid": GRID[..., :2]}, "sensor_grid with shape .*xyz of size 3"),
         ({"sensor_grid": GRID * np.nan}, "sensor_grid: must hold finite numbers"),
         ({"sensor_normals": 2 * BASE["sensor_normals"]}, "sensor_normals: .*length 1"),

@@ -11,7 +11,7 @@ from helpers.fogs import cube, filled, fog
 from helpers.support import agree, diffuse, film, load, plane, rotate, scene, translate
 
 import tofrender
-from tofrender.nlos.light.laser_spot import LaserInMedia
+from tofrender.nlos.light import relay_wall_path
 
 pytestmark = [
     pytest.mark.statistical,
@@ -129,9 +129,7 @@ def test_fog_scatters_as_a_bidirectional_tracer_finds(name):
 def test_a_beam_that_is_not_scattered_is_noticed(monkeypatch):
     """All of the laser's light, landing on the wall: fog would be darker, and later."""
     right = bins(corner(SINGLE, 3, around=THIN), 1024, SEEDS)
-    monkeypatch.setattr(
-        LaserInMedia, "source", lambda self, sampler, active: self.beam(sampler, active)
-    )
+    monkeypatch.setattr(relay_wall_path, "scatter_beam", lambda scan, beam: beam)
     wrong = bins(corner(SINGLE, 3, around=THIN), 1024, OTHER_SEEDS)
     assert not agree(wrong.sum(axis=1), right.sum(axis=1), rounding=1e-2)
 

@@ -358,9 +358,9 @@ BASE = scenes.capture_of(point(), scenes.Wall(8), bins=20, width=0.05)
         ({"method": "phasor", "surface": "diffuse"}, "surface = .* for lct and fk only"),
         ({"method": "phasor", "wavelength": 0.02}, "wavelength = 0.02: must be above two bins"),
         ({"method": "bp", "volume": ((0, 1, 2), (0, 1, 2), (0, 1))}, r"volume: z = \(0, 1\): must"),
-        ({"method": "bp", "volume": ((1, 0, 2), (0, 1, 2), (0, 1, 2))}, "volume: x .*low must be"),
+        ({"method": "bp", "volume": ((1, 0, 2), (0, 1, 2), (0, 1, 2))}, "volume: x .*low < high"),
         ({"method": "bp", "volume": ((0, 1, 0), (0, 1, 2), (0, 1, 2))}, "count of x = 0"),
-        ({"method": "bp", "volume": ((0, 1, 2), (0, 1, 2), (-1, 1, 2))}, "behind the wall"),
+        ({"method": "bp", "volume": ((0, 1, 2), (0, 1, 2), (-1, 1, 2))}, "before the wall"),
         ({"method": "bp", "volume": [(0, 1, 9999)] * 3}, r"voxels: must be at most"),
     ],
 )

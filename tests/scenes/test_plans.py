@@ -44,7 +44,7 @@ def test_plan_of_a_camera_draws_what_it_sees():
 
 
 def test_bad_plans_are_one_line():
-    assert "scene = dict: must be an mi" in refusal(plan_figure, {})
+    assert "scene = {}: must be an mi" in refusal(plan_figure, {})
     scene = stands_alone(builder("wall_box_behind"))
     assert "view = 'top': must be one of above, side" in refusal(plan_figure, scene, view="top")
     assert "laser = [0, 1]: must be 3 finite numbers" in refusal(plan_figure, scene, laser=[0, 1])

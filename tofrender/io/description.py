@@ -9,14 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..rendering.dataset import (
-    DIMS,
-    ERRORS,
-    check_dataset,
-    in_components,
-    plain_attributes,
-    require_finite,
-)
+from ..rendering import dataset as datasets
+from ..rendering.dataset import DIMS, ERRORS, plain_attributes
 from ..rendering.labels import labelled
 from ..runtime import checks
 
@@ -48,24 +42,24 @@ def parse(text: Any) -> dict[str, Any]:
     sizes = _require("sizes", description["sizes"], _AXES)
     for axis in _AXES:
         checks.integer(f"sizes: {axis}", sizes[axis], 1, 1 << 40)
-    names = description["channel"]
+    names, count = description["channel"], sizes["channel"]
     are_texts = isinstance(names, list) and all(isinstance(name, str) for name in names)
-    if names not in (["L"], ["R", "G", "B"]) and not (are_texts and len(names) == sizes["channel"]):
-        raise ValueError(f"channel = {checks.quote(names)}: must be {sizes['channel']} names")
+    valid = names in (["L"], ["R", "G", "B"]) or (are_texts and len(names) == count)
+    checks.require("channel", names, valid, f"{count} names")
     variables = _require("variables", description["variables"], (*DIMS, *_AXES))
     for owner, attrs in (("attrs", description["attrs"]), *variables.items()):
-        for name, value in _require(owner, attrs, ()).items():
+        for name, value in _require(owner, attrs).items():
             allowed = "text, an int or a float"
             checks.instance(f"{owner}: {name}", value, str | int | float, allowed)
     return description
 
 
-def _require(what: str, value: Any, names: Sequence[str]) -> dict[str, Any]:
+def _require(what: str, value: Any, keys: Sequence[str] = ()) -> dict[str, Any]:
     """Require a dict with these keys."""
     checks.instance(what, value, dict, "a dict of names and values")
-    for name in names:
-        if name not in value:
-            raise ValueError(f"{what}: has no {name}; must be as it was saved")
+    for key in keys:
+        if key not in value:
+            raise ValueError(f"{what}: has no {key}; must be as it was saved")
     return value
 
 
@@ -80,9 +74,9 @@ def restore(description: dict[str, Any], arrays: dict[str, np.ndarray]) -> xr.Da
     import xarray as xr
 
     for name, shape in shapes_of(description).items():
-        if name in arrays and arrays[name].shape != shape:
-            found = arrays[name].shape
-            raise ValueError(f"{name} with shape {found}: must be {shape}, as sizes says")
+        if name in arrays:
+            valid = arrays[name].shape == shape
+            checks.shape(name, arrays[name], valid, f"{shape}, as sizes says")
     arrays = {**arrays, "channel": np.array(description["channel"])}
     attrs = description["variables"]
     variables = {name: (_DIMS[name], array, attrs[name]) for name, array in arrays.items()}
@@ -91,13 +85,13 @@ def restore(description: dict[str, Any], arrays: dict[str, np.ndarray]) -> xr.Da
         coords={name: variables[name] for name in _AXES},
         attrs=description["attrs"],
     )
-    check_dataset(dataset)
-    return in_components(labelled(dataset))
+    datasets.check_dataset(dataset)
+    return datasets.in_components(labelled(dataset))
 
 
 def warn_not_finite(dataset: xr.Dataset, stacklevel: int = 3) -> None:
     """Warn that a file will not be readable, rather than lose a render of hours."""
     try:
-        require_finite(dataset)
+        datasets.require_finite(dataset)
     except ValueError as error:
         warnings.warn(f"{error}; what is written now cannot be read again", stacklevel=stacklevel)

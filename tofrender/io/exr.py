@@ -1,4 +1,4 @@
-"""EXR stacks: an image for each time bin and the steady image, in a folder or one file."""
+"""EXR files: stacks of an image for each time bin and the steady image, and named layers."""
 
 from __future__ import annotations
 
@@ -6,22 +6,16 @@ import io
 import json
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..rendering.cubes import Cube
-from ..rendering.dataset import (
-    DIMS,
-    check_dataset,
-    in_channels,
-    plain_attributes,
-    require_finite,
-)
+from ..rendering.dataset import DIMS, check_dataset, in_channels, plain_attributes, require_finite
 from ..runtime import checks, memory
-from ..runtime.atomic import replacing
+from ..runtime.atomic import check_file, replacing
 from ..signals.polarisation import STOKES
 from .description import describe, parse, restore, warn_not_finite
 from .files import for_each, named, reading, seal, seal_file
@@ -159,6 +153,62 @@ def load_exr_stack(path: str | os.PathLike) -> xr.Dataset:
         return _assemble(steady, len(files), lambda number: _read(files[number])[0])
 
 
+def save_exr_layers(
+    path: str | os.PathLike,
+    layers: Mapping[str, np.ndarray],
+    attrs: Mapping[str, str | float | int] | None = None,
+) -> Path:
+    """Write pictures of one size as the layers of an EXR file.
+
+    Args:
+        path: File name; an existing file is replaced.
+        layers: Pictures by name, shape (height, width, channels) with 1 or 3 channels. The name
+            "" stands for the channels R, G, B or Y that every viewer shows.
+        attrs: Attributes of the header.
+
+    Raises:
+        ValueError: There are no layers, or their sizes differ.
+
+    Example:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     file = save_exr_layers(folder + "/a.exr", {"I": np.zeros((2, 3, 3))})
+        ...     file.name
+        'a.exr'
+    """
+    import OpenEXR
+
+    attrs = checks.mapping("attrs", attrs)
+    arrays = {
+        name: checks.real_array(f"layers[{name!r}]", values, np.float32)
+        for name, values in checks.mapping("layers", layers).items()
+    }
+    for name, array in arrays.items():
+        valid = array.ndim == 3 and array.shape[2] in (1, 3) and 0 not in array.shape
+        allowed = "(height, width, channels) with 1 or 3 channels"
+        checks.shape(f"layers[{name!r}]", array, valid, allowed)
+    sizes = {array.shape[:2] for array in arrays.values()}
+    if len(sizes) != 1:
+        given = checks.quote(layers)
+        raise ValueError(f"layers = {given}: have the sizes {sorted(sizes)}; must be one size")
+    needed = sum(array.nbytes for array in arrays.values())
+    target = check_file(path, overwrite=True, needed_bytes=needed)
+    channels = {}
+    for name, array in arrays.items():
+        letters = "RGB" if array.shape[2] == 3 else "Y"
+        channels |= _by_channel(array, [f"{name}.{c}" if name else c for c in letters])
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    header |= {"format": "tofrender layers 1", **{k: str(value) for k, value in attrs.items()}}
+    with replacing(target) as temporary:
+        OpenEXR.File(header, channels).write(str(temporary))
+    return target
+
+
+def _by_channel(image: np.ndarray, names: list[str]) -> dict[str, np.ndarray]:
+    """Channels of an image (height, width, channels); OpenEXR writes strided arrays wrongly."""
+    return {name: np.ascontiguousarray(image[..., k]) for k, name in enumerate(names)}
+
+
 class _Stack:
     """A Dataset as EXR parts: headers and pixels at the chosen precision."""
 
@@ -198,8 +248,7 @@ class _Stack:
         channels = {}
         for layer, (transient, steady) in self.films.items():
             values = self._round(steady.values if index < 0 else transient.frame(index))
-            for k, name in enumerate(self.channels):  # OpenEXR writes strided arrays wrongly
-                channels[f"{layer}{name}"] = np.ascontiguousarray(values[..., k])
+            channels |= _by_channel(values, [f"{layer}{name}" for name in self.channels])
         return header, channels
 
     def encode(self, index: int) -> bytes:
@@ -218,10 +267,8 @@ class _Stack:
             rounded = values.astype(self.dtype)
         lost = np.isinf(rounded) & np.isfinite(values)
         if lost.any():
-            raise ValueError(
-                f"precision = 'half': {values[lost].flat[0]:g} is beyond the range of half, "
-                "+-65504; must be 'float' for these values"
-            )
+            problem = f"{values[lost].flat[0]:g} is beyond the range of half, +-65504"
+            raise ValueError(f"precision = 'half': {problem}; must be 'float' for these values")
         return rounded
 
 
@@ -270,13 +317,11 @@ def _assemble(steady: Any, count: int, frame: Callable[[int], Any]) -> xr.Datase
     if steady.header.get("format") != FORMAT or "dataset" not in steady.header:
         raise ValueError("holds other EXR images; must be a saved stack")
     description = parse(steady.header["dataset"])
-    sizes = [description["sizes"][axis] for axis in DIMS["transient"]]
-    bins = description["sizes"]["opl"]
+    height, width, bins, colours = sizes = [description["sizes"][a] for a in DIMS["transient"]]
     if count != bins:
         raise ValueError(f"{count} frames of {bins} are there; must be complete")
     image = _pixels(steady)
-    if image.shape != (sizes[0], sizes[1], sizes[3]):
-        raise ValueError(f"steady with shape {image.shape}: must be of {sizes}")
+    checks.shape("steady", image, image.shape == (height, width, colours), f"of {sizes}")
     has_errors = "transient_error" in description["variables"]
     memory.require_free("transient", 4 * (1 + has_errors) * math.prod(sizes))
     arrays = {"transient": np.empty(sizes, np.float32), "steady": image}
@@ -302,8 +347,7 @@ def _assemble(steady: Any, count: int, frame: Callable[[int], Any]) -> xr.Datase
     if np.isnan(arrays["opl"]).any():
         raise ValueError("two frames have the same bin_index; each must be saved once")
     x, y = (int(first) for first in steady.header["dataWindow"][0])
-    arrays["y"] = y + np.arange(image.shape[0])
-    arrays["x"] = x + np.arange(image.shape[1])
+    arrays |= {"y": y + np.arange(height), "x": x + np.arange(width)}
     dataset = restore(description, arrays)
     require_finite(dataset)
     return dataset
@@ -312,13 +356,12 @@ def _assemble(steady: Any, count: int, frame: Callable[[int], Any]) -> xr.Datase
 def _pixels(part: Any, layer: str = "") -> np.ndarray:
     """Values of an image, or of its standard errors, (height, width, channels)."""
     channels = part.channels
-    names = [
-        [f"{layer}{kind}" for kind in kinds] for kinds in _READ if f"{layer}{kinds[0]}" in channels
-    ]
+    found = [kinds for kinds in _READ if f"{layer}{kinds[0]}" in channels]
+    names = [[f"{layer}{kind}" for kind in kinds] for kinds in found]
     known = ({f"{each}{kind}" for each in ("", LAYER) for kind in kinds} for kinds in _READ)
     if len(names) != 1 or not any({*names[0]} <= {*channels} <= kinds for kinds in known):
-        found = ", ".join(channels)
-        raise ValueError(f"has the channels {found}; must be RGB or Y, or those of S0 to S3")
+        shown = ", ".join(channels)
+        raise ValueError(f"has the channels {shown}; must be RGB or Y, or those of S0 to S3")
     images = [np.atleast_3d(channels[name].pixels) for name in names[0]]
     pixels = images[0] if len(images) == 1 else np.concatenate(images, axis=-1)
     return pixels.astype(np.float32, copy=False)

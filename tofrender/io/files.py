@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from ..runtime import checks
 from ..runtime.progress import progress_bar
@@ -30,10 +30,7 @@ def seal(content: bytes) -> bytes:
 def seal_file(path: Path) -> None:
     """Append a seal to a file on the disk."""
     with path.open("r+b") as file:
-        checksum = 0
-        while part := file.read(_STEP):
-            checksum = zlib.crc32(part, checksum)
-        file.write(_line(checksum))
+        file.write(_line(_checksum(file, path.stat().st_size)))
 
 
 def _require_unbroken(path: Path) -> None:
@@ -42,15 +39,18 @@ def _require_unbroken(path: Path) -> None:
         size = file.seek(0, 2)
         file.seek(max(0, size - _LENGTH))
         found = file.read()
-        if _MARK[:10] not in found:
-            return
         file.seek(0)
-        checksum, left = 0, size - _LENGTH
-        while part := file.read(max(0, min(_STEP, left))):
-            checksum = zlib.crc32(part, checksum)
-            left -= len(part)
-    if found != _line(checksum):
+        broken = _MARK[:10] in found and found != _line(_checksum(file, size - _LENGTH))
+    if broken:
         raise ValueError("is damaged or cut short, its checksum differs; must be as it was saved")
+
+
+def _checksum(file: BinaryIO, size: int) -> int:
+    """CRC-32 of the next `size` bytes."""
+    checksum = 0
+    while part := file.read(max(0, min(_STEP, size))):
+        checksum, size = zlib.crc32(part, checksum), size - len(part)
+    return checksum
 
 
 def _line(checksum: int) -> bytes:

@@ -24,7 +24,6 @@ from ..runtime import checks, memory
 from ..runtime.atomic import check_file, replacing
 from ..runtime.progress import with_status
 from ..signals.colour import luminance
-from . import hdf5_fields
 from .description import warn_not_finite
 from .files import reading, seal_file
 
@@ -32,6 +31,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _GRIDS = ("grid_xyz", "grid_normals", "grid_format")
+_GRID_AXES = {1: "N_3", 2: "X_Y_3"}
 _H_AXES = {1: "T_Sx_Sy", 2: "T_Lx_Ly_Sx_Sy", 3: "T_Si", 4: "T_Li_Si"}
 _NAMES = (
     *("H", "H_format", "delta_t", "t_start", "t_accounts_first_and_last_bounces", "scene_info"),
@@ -221,32 +221,31 @@ def _field_of(file: h5py.File, name: str) -> h5py.Dataset | None:
 def _restore(fields: dict[str, Any]) -> xr.Dataset:
     if "H" not in fields and {"data", "data_t"} & set(fields):
         raise ValueError("holds another layout of y-tal's; must be converted with tal.io first")
-    axes = hdf5_fields.code(fields, "H_format", _H_AXES)
-    transient = hdf5_fields.array(fields, "H")
-    if transient.ndim != len(axes.split("_")):
-        raise ValueError(f"H with shape {transient.shape}: must be {axes}, as H_format says")
+    axes = _code(fields, "H_format", _H_AXES)
+    transient = _array(fields, "H")
+    valid = transient.ndim == len(axes.split("_"))
+    checks.shape("H", transient, valid, f"{axes}, as H_format says")
     if axes == "T_Si":
         transient = transient[:, :, None]
     elif axes == "T_Li_Si":
         transient = transient[:, :, None, :, None]
-    exhaustive = transient.ndim == 5
     about, foreign = _scene_info(fields.get("scene_info"))
-    grids = {name: hdf5_fields.grid(fields, name) for name in DEVICES}
-    mode = "exhaustive" if exhaustive else _mode(grids, about.get("mode"))
+    grids = {name: _grid(fields, name) for name in DEVICES}
+    mode = "exhaustive" if transient.ndim == 5 else _mode(grids, about.get("mode"))
     channels = about.get("channel") or ["L"]
-    if not isinstance(channels, list) or not all(isinstance(name, str) for name in channels):
-        raise ValueError(f"channel = {checks.quote(channels)}: must be a list of names")
+    are_names = isinstance(channels, list) and all(isinstance(name, str) for name in channels)
+    checks.require("channel", channels, are_names, "a list of names")
     given = {"sensor_grid": grids["sensor"][0], "sensor_normals": grids["sensor"][1]}
     if mode != "confocal":
         given |= {"laser_grid": grids["laser"][0], "laser_normals": grids["laser"][1]}
     capture = make_capture(
         _in_colour(transient, fields[_COLOURS], channels),
         mode=mode,
-        start_opl=hdf5_fields.number(fields, "t_start"),
-        bin_width_opl=hdf5_fields.number(fields, "delta_t"),
-        sensor_origin=hdf5_fields.origin(fields, "sensor_xyz"),
-        laser_origin=hdf5_fields.origin(fields, "laser_xyz"),
-        counts_first_and_last_legs=hdf5_fields.truth(fields, "t_accounts_first_and_last_bounces"),
+        start_opl=_number(fields, "t_start"),
+        bin_width_opl=_number(fields, "delta_t"),
+        sensor_origin=_origin(fields, "sensor_xyz"),
+        laser_origin=_origin(fields, "laser_xyz"),
+        counts_first_and_last_legs=_truth(fields, "t_accounts_first_and_last_bounces"),
         on_wall=_runs(about.get(ON_WALL), given["sensor_grid"].shape[:2]),
         attrs=foreign | about.get("attrs", {}),
         **given,
@@ -265,8 +264,8 @@ def _in_colour(light: np.ndarray, colours: dict[str, Any], channels: list[str]) 
     values = np.repeat(light.transpose(order)[..., None], len(channels), axis=-1)
     for first, part in colours.items():
         bins = values[..., int(first) : int(first) + len(part), :]
-        if np.ndim(part) != values.ndim or part.transpose(*order, -1).shape != bins.shape:
-            raise ValueError(f"H: colours with shape {np.shape(part)}: must be {bins.shape}")
+        fits = np.ndim(part) == values.ndim and part.transpose(*order, -1).shape == bins.shape
+        checks.shape("H: colours", part, fits, str(bins.shape))
         bins[...] = part.transpose(*order, -1)
     return values
 
@@ -276,9 +275,8 @@ def _pixels(given: Any, capture: xr.Dataset) -> dict[str, list[int]]:
     for axis, numbers in given.items():
         size = capture.sizes.get(axis, 0) if axis[-1] in "xy" else 0
         first = numbers[0] if isinstance(numbers, list) and numbers else None
-        if not isinstance(first, int) or numbers != list(range(first, first + size)):
-            allowed = f"must be {size} pixels in a row"
-            raise ValueError(f"pixels: {axis} = {checks.quote(numbers)}: {allowed}")
+        in_a_row = isinstance(first, int) and numbers == list(range(first, first + size))
+        checks.require(f"pixels: {axis}", numbers, in_a_row, f"{size} pixels in a row")
     return given
 
 
@@ -287,10 +285,8 @@ def _runs(runs: list[int] | None, shape: tuple[int, ...]) -> np.ndarray | None:
     if runs is None:
         return None
     are_counts = isinstance(runs, list) and all(isinstance(n, int) and n >= 0 for n in runs)
-    if not are_counts or sum(runs) != math.prod(shape):
-        raise ValueError(
-            f"{ON_WALL} = {checks.quote(runs)}: must be runs of {math.prod(shape)} pixels"
-        )
+    size = math.prod(shape)
+    checks.require(ON_WALL, runs, are_counts and sum(runs) == size, f"runs of {size} pixels")
     return np.repeat(np.arange(len(runs)) % 2 == 1, runs).reshape(shape)
 
 
@@ -299,11 +295,7 @@ def _mode(grids: dict[str, tuple[np.ndarray, np.ndarray]], stated: Any) -> str:
     laser, sensor = grids["laser"][0], grids["sensor"][0]
     modes = ["confocal"] * (laser.shape == sensor.shape and np.allclose(laser, sensor))
     modes += ["single"] * (laser.shape[:2] == (1, 1))
-    if not modes:
-        raise ValueError(
-            f"laser_grid_xyz with {laser.shape[:2]} points: must be one point or equal "
-            "sensor_grid_xyz"
-        )
+    checks.shape("laser_grid_xyz", laser, modes, "one point or equal sensor_grid_xyz")
     return stated if stated in modes and stated in MODES else modes[0]
 
 
@@ -320,3 +312,69 @@ def _scene_info(text: Any) -> tuple[dict[str, Any], dict[str, Any]]:
         for name in ("attrs", "pixels", "labels")
     }
     return about | {name: ours.get(name) for name in ("mode", "channel", ON_WALL)}, {}
+
+
+def _code(fields: dict[str, Any], name: str, known: dict[int, str]) -> str:
+    """Look up a field that must be a known code."""
+    found = _number(fields, name)
+    if found not in known:
+        allowed = ", ".join(f"{key} ({axes})" for key, axes in known.items())
+        raise ValueError(f"{name} = {found:g}: must be one of {allowed}")
+    return known[int(found)]
+
+
+def _field(fields: dict[str, Any], name: str) -> Any:
+    if fields.get(name) is None:
+        problem = "lacks" if name not in fields else "has nothing in"
+        raise ValueError(f"{problem} the field {name}; must have it, as y-tal does")
+    return fields[name]
+
+
+def _array(fields: dict[str, Any], name: str) -> np.ndarray:
+    """Return a field that must hold real numbers, as float32."""
+    return checks.real_array(name, _field(fields, name), np.float32)
+
+
+def _number(fields: dict[str, Any], name: str) -> float:
+    """Return a field that must be one number."""
+    value = np.asarray(_field(fields, name))
+    checks.shape(name, value, value.size == 1 and value.dtype.kind in "fiub", "one number")
+    return float(value.reshape(-1)[0])
+
+
+def _truth(fields: dict[str, Any], name: str) -> bool:
+    """Return a field that must be 0 or 1, as a bool."""
+    value = _number(fields, name)
+    return checks.require(name, value, value in (0, 1), "0 or 1") == 1
+
+
+def _origin(fields: dict[str, Any], name: str) -> np.ndarray | None:
+    """Return a field that must be a point (3,) [m], None if it is missing."""
+    if fields.get(name) is None:
+        return None
+    values = _array(fields, name)
+    checks.shape(name, values, values.size == 3, "(3,)")
+    return values.reshape(3)
+
+
+def _grid(fields: dict[str, Any], device: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return points and normals, (rows, columns, 3), of the sensor or the laser."""
+    axes = _code(fields, f"{device}_grid_format", _GRID_AXES)
+    name = f"{device}_grid_normals"
+    points = _array(fields, f"{device}_grid_xyz")
+    normals = _array(fields, name) if fields.get(name) is not None else _default_normals(points)
+    for what, values in ((f"{device}_grid_xyz", points), (name, normals)):
+        valid = values.ndim == len(axes.split("_")) and values.shape[-1] == 3
+        checks.shape(what, values, valid, axes)
+        if not np.isfinite(values).all():
+            raise ValueError(f"{what}: must hold finite numbers only")
+    if axes == "N_3":
+        points, normals = points[:, None], normals[:, None]
+    return points.swapaxes(0, 1), normals.swapaxes(0, 1)
+
+
+def _default_normals(points: np.ndarray) -> np.ndarray:
+    depth = points[..., 2]
+    if np.ptp(depth) > 1e-4:
+        raise ValueError("has no normals, and points at several z; must have both or one z")
+    return np.broadcast_to(np.array([0, 0, 1], np.float32), points.shape)

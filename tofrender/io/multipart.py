@@ -16,13 +16,9 @@ _MULTIPART_FLAG = 0x1000
 
 
 class MultipartWriter:
-    """Writer of parts of one size into an empty file.
+    """Writer of parts of one size, single-part EXR files, into an empty file.
 
-    Args:
-        file: The file.
-        names: Names of all parts.
-        first, second: The first two parts, as single-part EXR files; all headers after the first
-            have the length of the second.
+    All headers after that of the `first` part have the length of that of the `second` one.
     """
 
     def __init__(self, file: BinaryIO, names: Sequence[str], first: bytes, second: bytes):

@@ -33,7 +33,7 @@ def check_output(
     precision: str = "float",
     overwrite: bool = False,
 ) -> Path:
-    """Check, before any work starts, that an output can be written in the end.
+    """Check that an output can be written, before any work starts.
 
     Args:
         path: Folder (`layout="frames"`) or file (`"multipart"`: .exr, `"npz"`: .npz).
@@ -59,12 +59,12 @@ def check_output(
     checks.one_of("precision", precision, BYTES_PER_VALUE)
     precision = "float" if layout == "npz" else precision
     needed = 0 if shape is None else stack_bytes(shape, precision)
-    if layout != "frames":
-        suffix = ".npz" if layout == "npz" else ".exr"
-        return check_file(path, suffix, overwrite=overwrite, needed_bytes=needed)
-    _check_folder(path, overwrite)
-    check_writable(path, needed)
-    return target
+    if layout == "frames":
+        _check_folder(path, overwrite)
+        check_writable(path, needed)
+        return target
+    suffix = ".npz" if layout == "npz" else ".exr"
+    return check_file(path, suffix, overwrite=overwrite, needed_bytes=needed)
 
 
 def stack_bytes(shape: Sequence[int], precision: str = "float") -> int:
@@ -126,9 +126,8 @@ def _check_folder(path: str | os.PathLike, overwrite: bool) -> None:
     if foreign:
         raise FileExistsError(f"path = {path}: holds other content ({foreign[0]}); {allowed}")
     if files and not overwrite:
-        raise FileExistsError(
-            f"path = {path}: holds an earlier output; pass overwrite=True to replace it"
-        )
+        mend = "pass overwrite=True to replace it"
+        raise FileExistsError(f"path = {path}: holds an earlier output; {mend}")
 
 
 def _has_mark(file: Path) -> bool:

@@ -91,24 +91,20 @@ def make_capture(
     legs = counts_first_and_last_legs
     legs = bool(legs) if isinstance(legs, int) and legs in (0, 1) else legs  # As files store it
     legs = checks.boolean("counts_first_and_last_legs", legs)
-    if values.ndim == len(dims) - 1:
-        values = values[..., None]
-    if values.ndim != len(dims) or values.shape[-1] not in (1, 3) or 0 in values.shape:
-        raise ValueError(
-            f"transient with shape {np.shape(transient)}: must be {dims} of a {mode} capture, "
-            "with 1 or 3 channels"
-        )
+    light = values[..., None] if values.ndim == len(dims) - 1 else values
+    valid = light.ndim == len(dims) and light.shape[-1] in (1, 3) and 0 not in light.shape
+    allowed = f"{dims} of a {mode} capture, with 1 or 3 channels"
+    checks.shape("transient", values, valid, allowed)
     if mode == "confocal":
         for name, given in (("laser_grid", laser_grid), ("laser_normals", laser_normals)):
-            if given is not None:
-                allowed = "None, as a confocal capture has the sensor's"
-                raise ValueError(f"{name} = {checks.quote(given)}: must be {allowed}")
+            allowed = "None, as a confocal capture has the sensor's"
+            checks.require(name, given, given is None, allowed)
         laser_grid, laser_normals = sensor_grid, sensor_normals
     elif mode == "single" and np.shape(laser_grid) == (3,):
         laser_grid, laser_normals = (np.reshape(v, (1, 1, -1)) for v in (laser_grid, laser_normals))
     unknown = np.full(3, np.nan, np.float32)
     arrays = {
-        "transient": values,
+        "transient": light,
         "sensor_grid": sensor_grid,
         "sensor_normals": sensor_normals,
         "laser_grid": laser_grid,
@@ -119,27 +115,24 @@ def make_capture(
     variables = {}
     for name, axes in dimensions(mode).items():
         array = checks.real_array(name, arrays[name], np.float32)
-        array = array if name == "transient" else array.copy()
-        if array.ndim != len(axes) or (axes[-1] == "xyz" and array.shape[-1] != 3):
-            raise ValueError(f"{name} with shape {array.shape}: must be {axes}, xyz of size 3")
-        variables[name] = (axes, array)
+        valid = array.ndim == len(axes) and (axes[-1] != "xyz" or array.shape[-1] == 3)
+        checks.shape(name, array, valid, f"{axes}, xyz of size 3")
+        variables[name] = (axes, array if name == "transient" else array.copy())
     if on_wall is not None:
         try:
             mask = np.asarray(on_wall)
         except (TypeError, ValueError):
             mask = np.array(None)
-        if mask.dtype != bool or mask.ndim not in (0, 2):
-            raise ValueError(f"on_wall = {checks.quote(on_wall)}: must be bool (rows, columns)")
+        valid = mask.dtype == bool and mask.ndim in (0, 2)
+        checks.require("on_wall", on_wall, valid, "bool (rows, columns)")
         if not mask.all():
             variables[ON_WALL] = (_PIXELS, mask.copy())
     sizes: dict[str, int] = {}
     for name, (axes, array) in variables.items():
         for axis, size in zip(axes, array.shape, strict=True):
-            if sizes.setdefault(axis, size) != size:
-                raise ValueError(
-                    f"{name} with shape {array.shape}: must have size {sizes[axis]} on the axis "
-                    f"{axis}, as other variables have"
-                )
+            valid = sizes.setdefault(axis, size) == size
+            same = f"of size {sizes[axis]} on the axis {axis}, as other variables are"
+            checks.shape(name, array, valid, same)
     coords: dict[str, Any] = {a: np.arange(n) for a, n in sizes.items() if a[-1] in "xy"}
     coords |= {
         "opl": start + (np.arange(sizes["opl"]) + 0.5) * width,
@@ -203,38 +196,33 @@ def check_capture(dataset: Any) -> None:
     axes = {axis for each in expected.values() for axis in each}
     sizes = dict(dataset.sizes)
     if set(dataset.coords) - {TIME} != axes or not all(sizes.values()):
-        raise ValueError(
-            f"capture with {sizes}: must have coordinates on all axes, and no other but time"
-        )
+        rule = "must have coordinates on all axes, and no other but time"
+        raise ValueError(f"capture with {sizes}: {rule}")
     if sizes["channel"] not in (1, 3) or sizes["xyz"] != 3:
         raise ValueError(f"capture with {sizes}: must have 1 or 3 channels, 3 xyz")
     if mode == "single" and dataset["laser_grid"].shape != (1, 1, 3):
         raise ValueError("capture: laser_grid: a single capture must have one laser spot")
 
     # Geometry
-    names = ["sensor_grid", "laser_grid", "sensor_normals", "laser_normals"]
-    for name in names:
-        if not np.isfinite(dataset[name].values).all():
-            raise ValueError(f"capture: {name}: must hold finite numbers only")
-    for name in names[2:]:
-        if not np.allclose(np.linalg.norm(dataset[name].values, axis=-1), 1, atol=1e-3):
-            raise ValueError(f"capture: {name}: must hold vectors of length 1")
-    for sensor, laser in (names[:2], names[2:]):
-        if mode == "confocal" and not np.array_equal(dataset[laser].values, dataset[sensor].values):
-            raise ValueError(f"capture: {laser}: a confocal one must equal {sensor}")
+    for kind in ("grid", "normals"):
+        vectors = {name: dataset[name].values for name in (f"sensor_{kind}", f"laser_{kind}")}
+        for name, values in vectors.items():
+            if not np.isfinite(values).all():
+                raise ValueError(f"capture: {name}: must hold finite numbers only")
+            lengths = np.linalg.norm(values, axis=-1)
+            if kind == "normals" and not np.allclose(lengths, 1, atol=1e-3):
+                raise ValueError(f"capture: {name}: must hold vectors of length 1")
+        if mode == "confocal" and not np.array_equal(*vectors.values()):
+            raise ValueError(f"capture: laser_{kind}: a confocal one must equal sensor_{kind}")
 
     # Attributes
     check_attributes("capture", dataset)
     counts = attrs.get("counts_first_and_last_legs")
-    if counts not in (0, 1):
-        raise ValueError(
-            f"capture: attribute counts_first_and_last_legs = {checks.quote(counts)}: must be 0, 1"
-        )
+    name = "capture: attribute counts_first_and_last_legs"
+    checks.require(name, counts, counts in (0, 1), "0, 1")
     if counts and not all(np.isfinite(dataset[f"{d}_origin"].values).all() for d in DEVICES):
-        raise ValueError(
-            "capture: sensor_origin, laser_origin: must be known where path lengths count the "
-            "legs to them (counts_first_and_last_legs = 1)"
-        )
+        rule = "must be known where counts_first_and_last_legs = 1, as path lengths count them"
+        raise ValueError(f"capture: sensor_origin, laser_origin: {rule}")
 
 
 def first_and_last_legs(capture: xr.Dataset, devices: Collection[str] = DEVICES) -> np.ndarray:
@@ -243,15 +231,13 @@ def first_and_last_legs(capture: xr.Dataset, devices: Collection[str] = DEVICES)
     float64, (rows, columns), of an exhaustive capture (laser rows, laser columns, rows, columns).
     With one of the `devices`, its leg alone.
     """
-    laser, sensor = (
-        np.linalg.norm(
-            capture[f"{device}_grid"].values.astype(np.float64)
-            - capture[f"{device}_origin"].values.astype(np.float64),
-            axis=-1,
-        )
-        * (device in devices)
-        for device in DEVICES
-    )
+
+    def leg(device: str) -> np.ndarray:
+        points, origin = (capture[f"{device}_{k}"].values for k in ("grid", "origin"))
+        offset = points.astype(np.float64) - origin.astype(np.float64)
+        return np.linalg.norm(offset, axis=-1) * (device in devices)
+
+    laser, sensor = (leg(device) for device in DEVICES)
     if capture.attrs["mode"] == "exhaustive":
         laser = laser[:, :, None, None]
     legs = laser + sensor  # Of a single capture, laser is of shape (1, 1)

@@ -7,32 +7,34 @@ import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..paths.surfaces import first_surface
-from ..rendering.collecting import collect
+from ..films.image import time_bins, transient_film
+from ..films.recording import warn_not_finite
+from ..integrators.passes import Part, best_sampler, steps
+from ..integrators.running import interrupted, made_with, run
+from ..rendering.collecting import ArrayStore, collect
 from ..rendering.job import Job, carry_out, decide
 from ..rendering.settings import RenderSettings
 from ..rendering.window import warn_of_losses
-from ..rendering.workers import require_client
+from ..rendering.workers import check_client, render_by_workers, require_client
 from ..runtime import backend, checks
-from ..runtime.backend import tracing_lock
-from ..runtime.checkpoints import Checkpoint
-from ..runtime.progress import status, without_bars
+from ..runtime.backend import versions
+from ..runtime.checkpoints import Checkpoint, SavedState, SubCheckpoint
+from ..runtime.progress import Stop, deferred_stop, progress_bar, status, without_bars
 from ..scenes.fingerprint import fingerprint
 from ..scenes.packing import packed
 from .captures import MODES, first_and_last_legs, make_capture, subtract_legs
-from .device.laser import axis, find_laser, position_of, restored_pose
-from .device.relay_wall import is_on_relay_wall
-from .exhaustive import ExhaustiveCapture
+from .device.laser import find_laser, focus_laser, position_of, restored_pose
+from .device.relay_wall import trace_laser_spot
 from .setup import CaptureSetup, prepare_capture
 
 if TYPE_CHECKING:
     import xarray as xr
     from distributed import Client
 
+POINTS = "laser points"
 WINDOW_SETTINGS = "temporal_bins, start_opl and bin_width_opl of its film"
 RENDER_ATTRIBUTES = ("pulse", "spp", "energy_outside_window", "complete")
 
@@ -146,7 +148,7 @@ def capture(
         start, width = dataset.attrs["start_opl"], dataset.attrs["bin_width_opl"]
         attrs |= {k: dataset.attrs[k] for k in RENDER_ATTRIBUTES}
         if mode == "single":
-            geometry |= _laser_spot(scene, setup.wall)
+            geometry["laser_grid"], geometry["laser_normals"] = trace_laser_spot(scene, setup.wall)
     data = make_capture(
         np.where(on_wall[..., None, None], values, np.float32(0)),
         mode=mode,
@@ -171,8 +173,8 @@ def require_same_capture(found: xr.Dataset, scene: Any, **options: Any) -> None:
     if "fingerprint" in found.attrs:  # Those of earlier versions have none
         wanted["fingerprint"] = fingerprint(setup.scene, setup.camera, setup.integrator)
     for name, value in wanted.items():
-        if found.attrs.get(name) != value:
-            own = found.attrs.get(name)
+        own = found.attrs.get(name)
+        if own != value:
             raise ValueError(f"resume: was captured with {name} = {own!r}; must be {value!r}")
     points = found["sensor_grid"].values
     if points.shape != setup.points[0].shape or not np.allclose(points, setup.points[0]):
@@ -193,13 +195,103 @@ def _job_in_worker(axis: Any, **arguments: Any) -> Job:
     return _job(prepare_capture(**arguments), axis=axis)
 
 
-@tracing_lock()
-def _laser_spot(scene: mi.Scene, wall: list[mi.Shape]) -> dict[str, np.ndarray]:
-    """Trace the laser spot of a single capture, and the wall's normal there."""
-    ray = mi.Ray3f(*axis(find_laser(scene)))
-    si: Any = first_surface(scene, ray)
-    if not is_on_relay_wall(si, wall)[0]:
-        raise ValueError("laser: does not light the relay wall; focus_laser aims it there")
-    normal = si.n * dr.sign(-dr.dot(si.n, ray.d))
-    grid, normals = (np.array(v, dtype=np.float64).reshape(1, 1, 3) for v in (si.p, normal))
-    return {"laser_grid": grid, "laser_normals": normals}
+class ExhaustiveCapture:
+    """Exhaustive capture, a render for each laser spot of the grid, by this process or workers."""
+
+    def __init__(self, setup: CaptureSetup) -> None:
+        self.setup = setup
+        film = setup.camera.film()
+        window = time_bins(film)
+        if not window:
+            kind = film.class_name()
+            raise ValueError(f"film = {kind}: has no time bins; must be transient_hdr_film")
+        self.window, self.film = window, transient_film(film, *window)  # An empty film
+        self.points, _, on_wall = setup.points
+        self.spots = [(int(row), int(column)) for row, column in np.argwhere(on_wall)]
+        made = {"seed": setup.seed, "spp": setup.spp, "variant": mi.variant(), **setup.more}
+        made |= {"film": str(self.film), "versions": versions()}
+        self.recipe = made_with(setup.scene, setup.camera, setup.integrator, made)
+        self.origin = _exhaustive_in_worker, setup.arguments  # Makes the capture in a worker
+        self.arrays: dict[str, np.ndarray] = {}
+
+    def render(
+        self,
+        point: tuple[int, int],
+        kept: SavedState | None = None,
+        checkpoint: SubCheckpoint | None = None,
+        stop: Stop | None = None,
+        progress: bool = False,
+    ) -> tuple[float, np.ndarray] | None:
+        """Render one laser spot: all energy, and bins (rows, columns, bins, C); None if stopped."""
+        setup = self.setup
+        focus_laser(setup.scene, point=self.points[point])
+        film = transient_film(setup.camera.film(), *self.window)
+        record = setup.integrator.recording(film)
+        seed = (setup.seed + point[0] * self.points.shape[1] + point[1]) % checks.MAX_SEED
+        part, sampler = Part(saved=kept), best_sampler(setup.spp)
+        done = run(
+            steps(setup.plan(), record, setup.camera, sampler, seed, part),
+            *(record, setup.spp),
+            done=part.done,
+            checkpoint=checkpoint,
+            progress=progress,
+            stop=stop,
+        )
+        if done < setup.spp:
+            return None
+        warn_not_finite(record.not_finite)
+        steady, bins = film.take()
+        return float(np.sum(steady, dtype=np.float64)), bins
+
+    def add(
+        self, arrays: dict[str, np.ndarray], point: tuple[int, int], found: tuple[float, np.ndarray]
+    ) -> None:
+        """Add energy and bins of a laser point to the arrays of all."""
+        arrays["energy"][point], arrays["values"][point] = found
+
+    def render_all(
+        self, client: Client | None, checkpoint: Checkpoint | None, progress: bool
+    ) -> tuple[np.ndarray, float]:
+        """Bins (laser rows, laser columns, rows, columns, bins, C), and energy outside of them."""
+        lasers = self.points.shape[:2]
+        self.arrays["values"] = np.zeros((*lasers, *self.film.shape), np.float32)
+        self.arrays["energy"] = np.zeros(lasers)
+        if client is None:
+            self._render_here(checkpoint, progress)
+        else:
+            check_client(client)
+            store = ArrayStore(self, self.spots, self.arrays, self.recipe, POINTS, checkpoint)
+            store.collect(render_by_workers(client, self, store.left), progress)
+        values, energy = self.arrays["values"], self.arrays["energy"]
+        inside, total = (float(np.sum(a, dtype=np.float64)) for a in (values[energy > 0], energy))
+        return values, min(max(1 - inside / total, 0.0), 1.0) if total else 0.0
+
+    def _render_here(self, checkpoint: Checkpoint | None, progress: bool) -> None:
+        """Render point by point; a checkpoint also holds the film of the point under way."""
+        spp, saved, done, arrays = self.setup.spp, None, 0, self.arrays
+        whole = len(self.spots) * spp
+        if checkpoint is not None:
+            saved = checkpoint.begin(self.recipe, whole, "samples per pixel")
+        if saved is not None:
+            done = saved.done
+            arrays |= {name: saved.arrays.pop(name) for name in arrays if name in saved.arrays}
+        bar = progress_bar(POINTS, len(self.spots), unit="point", enabled=progress)
+        with bar, deferred_stop() as stop:
+            for number, point in enumerate(self.spots):
+                bar.update()
+                if done > (number + 1) * spp:  # Where equal, the film of this point was kept
+                    continue
+                begun = max(0, done - number * spp)
+                state = SavedState(begun, spp, 0.0, saved.arrays) if saved and begun else None
+                within = checkpoint and SubCheckpoint(checkpoint, number * spp, whole, arrays)
+                found = self.render(point, state, within, stop)
+                if found is None or (stop.requested and number + 1 < len(self.spots)):
+                    again = checkpoint.again if checkpoint else ""
+                    raise KeyboardInterrupt(interrupted(number, len(self.spots), POINTS, again))
+                self.add(arrays, point, found)
+                done = (number + 1) * spp
+
+
+def _exhaustive_in_worker(axis: Any, **arguments: Any) -> ExhaustiveCapture:
+    """Prepare the same capture in a worker."""
+    return ExhaustiveCapture(prepare_capture(**arguments))

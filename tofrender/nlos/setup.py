@@ -18,7 +18,7 @@ from ..scenes.checking import check_scene
 from ..scenes.fingerprint import shape_digest
 from ..scenes.loading import load_scene, require_sensor
 from .device.laser import apply_meters
-from .device.relay_wall import DEFAULT_ID, find_shapes, ids, seen_shapes, wall_points
+from .device.relay_wall import APART, DEFAULT_ID, find_shapes, ids, seen_shapes, wall_points
 
 COPIES = 2  # of a capture's light in memory at the end
 
@@ -61,11 +61,9 @@ def prepare_capture(
     arguments |= {"seed": seed, "sensor": sensor, "wall": wall}
     if not isinstance(scene, mi.Scene):
         scene = load_scene(scene, optimize=False, **_film_size(grid))
-    elif grid is not None:
-        raise ValueError(
-            f"grid = {checks.quote(grid)}: must be None for a loaded scene, whose film has its "
-            "size already"
-        )
+    else:
+        allowed = "None for a loaded scene, whose film has its size already"
+        checks.require("grid", grid, grid is None, allowed)
     require_sensor(scene)
     number = checks.integer("sensor", sensor, 0, len(scene.sensors()) - 1)
     camera: Any = scene.sensors()[number]
@@ -73,15 +71,12 @@ def prepare_capture(
     integrator: Any = scene.integrator()
     kind = type(integrator).__name__.replace("NoneType", "none")
     if not hasattr(integrator, "capture_plan"):
-        raise ValueError(
-            f"integrator = {kind}: must be transient_nlos_path or confocal_transient_path"
-        )
+        allowed = "transient_nlos_path or confocal_transient_path"
+        raise ValueError(f"integrator = {kind}: must be {allowed}")
     integrator.require_mode(mode)
     if is_user_defined(integrator):
-        raise TypeError(
-            f"integrator = {kind}: has a sample of its own, which tells no path lengths; must "
-            "have none for a capture"
-        )
+        problem = "has a sample of its own, which tells no path lengths"
+        raise TypeError(f"integrator = {kind}: {problem}; must have none for a capture")
     samples = camera.sampler().sample_count() if spp is None else spp
     samples = checks.integer("spp", samples, 1, checks.MAX_SPP)
     _require_memory(mode, camera.film())
@@ -96,16 +91,9 @@ def _film_size(grid: Any) -> dict[str, Any]:
     """Settings for a film of the grid's width and height."""
     if grid is None:
         return {}
-    try:
-        width, height = grid
-    except (TypeError, ValueError):
-        raise ValueError(
-            f"grid = {checks.quote(grid)}: must be a width and a height, for example (64, 64)"
-        ) from None
-    sides = {"width": width, "height": height}
-    return {
-        name: checks.integer(f"grid {name}", n, 1, checks.MAX_SIZE) for name, n in sides.items()
-    }
+    sides = checks.items("grid", grid, 2, "a width and a height, for example (64, 64)")
+    named = zip(("width", "height"), sides, strict=True)
+    return {name: checks.integer(f"grid {name}", n, 1, checks.MAX_SIZE) for name, n in named}
 
 
 def _require_memory(mode: str, film: mi.Film) -> None:
@@ -129,19 +117,16 @@ def _require_memory(mode: str, film: mi.Film) -> None:
 
 def _find_wall(scene: mi.Scene, integrator: Any, camera: Any, given: Any) -> list[mi.Shape]:
     """Find the relay wall by argument, integrator, name or view, as `capture` documents."""
+    shapes = scene.shapes()
     wall = (
         integrator.wall(scene, camera) if given is None else find_shapes(scene, given, DEFAULT_ID)
     )
     if not wall:
         wall = seen_shapes(scene, camera)
         if len(wall) != 1:
-            seen = ", ".join(repr(shape.id()) for shape in wall) or "nothing"
-            raise ValueError(
-                f"relay_wall: is not known, and the sensor sees {seen}; must be one of {ids(scene)}"
-            )
-    if all(shape in wall or shape.is_emitter() for shape in scene.shapes()):
-        raise ValueError(
-            f"scene: has no hidden geometry, its shapes are {ids(scene)}; must have another than "
-            "the relay wall (a load with optimize=False keeps meshes of equal material apart)"
-        )
+            known = f"is not known, and the sensor sees {ids(wall)}"
+            raise ValueError(f"relay_wall: {known}; must be one of {ids(shapes)}")
+    if all(shape in wall or shape.is_emitter() for shape in shapes):
+        rule = f"must have another than the relay wall ({APART})"
+        raise ValueError(f"scene: has no hidden geometry, its shapes are {ids(shapes)}; {rule}")
     return wall

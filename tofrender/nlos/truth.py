@@ -87,9 +87,8 @@ def _rays(where: Any) -> tuple[np.ndarray, np.ndarray]:
         points = where["frame_origin"].values + x[..., None] * along_x + y[..., None] * along_y
         return points, np.broadcast_to(along_z, points.shape)
     if {"sensor_grid", "sensor_normals"} <= names:
-        return where["sensor_grid"].values.astype(float), where["sensor_normals"].values.astype(
-            float
-        )
+        points, normals = where["sensor_grid"].values, where["sensor_normals"].values
+        return points.astype(float), normals.astype(float)
     kind = type(where).__name__
     raise ValueError(f"where = {kind}: must be a result of reconstruct() or capture()")
 

@@ -13,7 +13,7 @@
 | | `bidirectional.camera.Camera` | the lens, for paths from lights |
 | | `bidirectional.light_paths.LightPaths` | emitters, and the vertices of a light path |
 | | `nlos.light.laser_spot.LaserSpot` | the laser spot on a relay wall |
-| | `nlos.light.transient_nlos.LaserItself` | the scene's laser, for the paths that count |
+| | `nlos.light.transient_nlos.LaserEmitter` | the scene's laser, for the paths that count |
 | scattering | `scattering.Materials` | the BSDF of each surface, or one for all |
 | | `media.phases.Phases` | phase functions in media, another scattering on surfaces |
 | | `nlos.light.guided.Guided` | another scattering, mixed with directions to target surfaces |

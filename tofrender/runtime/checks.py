@@ -82,14 +82,37 @@ def type_name(value: Any) -> str:
 # -------------------------------------------------------------------------------------- kinds
 
 
+def require(name: str, value: Any, valid: Any, allowed: str) -> Any:
+    """Require a value to be `valid`; the message says what is `allowed`."""
+    if not valid:
+        raise ValueError(f"{name} = {quote(value)}: must be {allowed}")
+    return value
+
+
+def shape(name: str, array: Any, valid: Any, allowed: str) -> None:
+    """Require an array's shape to be `valid`; the message says what is `allowed`."""
+    if not valid:
+        raise ValueError(f"{name} with shape {array.shape}: must be {allowed}")
+
+
+def items(name: str, value: Any, count: int, allowed: str) -> list[Any]:
+    """Require a value of `count` items; the message says what is `allowed`."""
+    try:
+        found = list(value)
+    except TypeError:
+        found = []
+    require(name, value, len(found) == count, allowed)
+    return found
+
+
 def boolean(name: str, value: Any) -> bool:
     """Require True or False."""
-    return bool(_require(name, value, _is_bool(value), "True or False"))
+    return bool(require(name, value, _is_bool(value), "True or False"))
 
 
 def instance(name: str, value: Any, kind: Any, what: str) -> Any:
     """Require an instance of a type, or of one of several, which the message calls `what`."""
-    return _require(name, value, isinstance(value, kind), what)
+    return require(name, value, isinstance(value, kind), what)
 
 
 def text(name: str, value: Any) -> str | None:
@@ -99,14 +122,14 @@ def text(name: str, value: Any) -> str | None:
 
 def function(name: str, value: Any) -> Any:
     """Require something that can be called."""
-    return _require(name, value, callable(value), "a function")
+    return require(name, value, callable(value), "a function")
 
 
 def mapping(name: str, value: Any) -> dict[str, Any]:
     """Require a mapping of names and return it as a dict, an empty one for None."""
     given = {} if value is None else value
     valid = isinstance(given, Mapping) and all(isinstance(key, str) for key in given)
-    return dict(_require(name, given, valid, "a dict of names and values"))
+    return dict(require(name, given, valid, "a dict of names and values"))
 
 
 def one_of(name: str, value: Any, allowed: Collection[str]) -> str:
@@ -122,12 +145,6 @@ def one_of(name: str, value: Any, allowed: Collection[str]) -> str:
     close = get_close_matches(value, allowed, 1) if isinstance(value, str) else []
     hint = f"did you mean {close[0]!r}? Must" if close else "must"
     raise ValueError(f"{name} = {quote(value)}: {hint} be one of {join_names(allowed)}")
-
-
-def _require(name: str, value: Any, valid: bool, allowed: str) -> Any:
-    if not valid:
-        raise ValueError(f"{name} = {quote(value)}: must be {allowed}")
-    return value
 
 
 def _is_bool(value: Any) -> bool:
@@ -154,7 +171,7 @@ def _integer(name: str, value: Any, low: int, high: int, allowed: str) -> int:
         found = None if _is_bool(value) else operator.index(value)
     except TypeError:
         found = None
-    _require(name, value, found is not None and low <= found <= high, allowed)
+    require(name, value, found is not None and low <= found <= high, allowed)
     return operator.index(value)
 
 
@@ -162,7 +179,7 @@ def depth(name: str, value: Any) -> int:
     """Require a path depth: -1 for no limit, else 1 or more segments."""
     allowed = f"-1 (no limit) or an integer from 1 to {MAX_DEPTH}"
     found = _integer(name, value, -1, MAX_DEPTH, allowed)
-    return _require(name, found, found != 0, allowed)
+    return require(name, found, found != 0, allowed)
 
 
 def depth_of_bounces(max_bounces: Any) -> int:
@@ -245,7 +262,7 @@ def point(name: str, value: Any, count: int = 3) -> list[float]:
     except (TypeError, ValueError):
         numbers = []
     valid = not isinstance(value, str) and len(numbers) == count
-    _require(name, value, valid, f"{count} finite numbers of metres")
+    require(name, value, valid, f"{count} finite numbers of metres")
     return numbers
 
 
@@ -275,7 +292,7 @@ def address(name: str, value: Any) -> str:
     """Require the address of a scheduler."""
     found = re.fullmatch(r"((tcp|tls|ws|wss|ucx)://)?(\[[\w:%.]+\]|[^\s/:]+):(\d{1,5})", str(value))
     valid = isinstance(value, str) and found is not None and 0 < int(found[4]) < 1 << 16
-    return _require(name, value, valid, "an address like tcp://10.0.0.1:8786")
+    return require(name, value, valid, "an address like tcp://10.0.0.1:8786")
 
 
 # ------------------------------------------------------------------------------------- arrays

@@ -1,4 +1,5 @@
 from ..runtime.canvas import figure_style as figure_style
+from ..sampling.verdicts import verdict_figure as verdict_figure
 from .animation import (
     plot_pixel_transient as plot_pixel_transient,
     visualize_transient as visualize_transient,
@@ -21,4 +22,4 @@ from .tone import (
 )
 from .transient import Transient as Transient, luminance as luminance
 from .unwarp import unwarp_camera as unwarp_camera
-from .warps import verdict_figure as verdict_figure, warp_figure as warp_figure
+from .warps import warp_figure as warp_figure

@@ -11,9 +11,8 @@ import numpy as np
 
 from ..runtime.canvas import figure_width, in_style, new_figure, palette
 from ..signals.units import opl_to_ns
-from .figures import picture_aspect, pixel_axes, time_axes
 from .tone import auto_exposure, tonemap
-from .transient import Transient
+from .transient import Transient, picture_aspect, pixel_axes, time_axes
 
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
@@ -147,7 +146,9 @@ def plot_pixel_transient(
     *,
     quantity: str | None = None,
 ) -> Figure:
-    """Plot the response of one pixel over time, a line for each channel.
+    """Plot the response of one pixel over time [ns], a line for each channel.
+
+    A band shows the standard errors of a Dataset.
 
     Args:
         data: Array (height, width, bins) or (height, width, bins, channels), or a Dataset.
@@ -157,10 +158,6 @@ def plot_pixel_transient(
         bin_width_opl: Width of a bin [m], above 0; by default that of a Dataset.
         quantity: "radiance per bin", the default for an array, or "radiance per metre", for the
             result of `render_transient`; by default that of a Dataset.
-
-    Returns:
-        A `matplotlib.figure.Figure` outside of pyplot; time in ns at bin centres. A band shows the
-        standard errors of a Dataset.
 
     Raises:
         ValueError: Another shape or quantity, a pixel outside, or a time axis that is missing or
@@ -181,15 +178,15 @@ def plot_pixel_transient(
     styles = [(palette().ink, "L", "-")]
     if response.shape[1] == 3:
         styles = list(zip(palette().channels, "RGB", ("-", "--", ":"), strict=True))
-    errors = None
-    if hasattr(data, "data_vars") and "transient_error" in data:
+    errors = np.zeros_like(response)
+    has_errors = hasattr(data, "data_vars") and "transient_error" in data
+    if has_errors:
         errors = data["transient_error"].sel(x=int(x), y=int(y)).values
-    for channel, (color, name, dashes) in enumerate(styles):
-        time_ns, line = opl_to_ns(sequence.opl), response[:, channel]
+    time_ns = opl_to_ns(sequence.opl)
+    for (color, name, dashes), line, error in zip(styles, response.T, errors.T, strict=True):
         axes.plot(time_ns, line, color=color, linestyle=dashes, label=name)
-        if errors is not None:
-            low, high = line - errors[:, channel], line + errors[:, channel]
-            axes.fill_between(time_ns, low, high, color=color, alpha=0.25, lw=0)
+        if has_errors:
+            axes.fill_between(time_ns, line - error, line + error, color=color, alpha=0.25, lw=0)
     if response.shape[1] == 3:
         axes.legend(frameon=False)
     axes.set_title(f"pixel ({x}, {y})")

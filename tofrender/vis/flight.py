@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..runtime import checks
-from ..runtime.canvas import in_style
-from ..runtime.plots import percentile_range
+from ..runtime.canvas import figure_width, in_style, new_figure
+from ..runtime.plots import colour_bar, fit_height, percentile_range, wrap_text
 from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
 from .colours import hue_map, time_map
-from .figures import picture_figure
 from .tone import auto_exposure, tonemap
-from .transient import Transient
+from .transient import Transient, explain_hatch, picture_aspect, pixel_axes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -87,17 +86,15 @@ def light_in_flight(
     grey = tonemap(luminance(steady), exposure=exposure, percentile=98)
     picture = np.where(unfinished[..., None], tonemap(np.full(grey.shape, np.nan)), colour * grey)
     parts = picture.astype(np.uint8), STYLES[style], scale, label, extend, unfinished
-    return picture_figure(*parts, extent=sequence.extent)
+    return _picture_figure(*parts, extent=sequence.extent)
 
 
 def _check_period(period_ns: Any, style: str, sequence: Transient) -> None:
-    named = f"period_ns = {checks.quote(period_ns)}"
-    if style != "rainbow":
-        raise ValueError(f"{named}: must be None for style = {style!r}")
+    checks.require("period_ns", period_ns, style == "rainbow", f"None for style = {style!r}")
     period = checks.number("period_ns", period_ns, unit="nanoseconds", positive=True)
     shortest = opl_to_ns(2 * sequence.bin_width_opl)
-    if period < shortest * (1 - 1e-9):
-        raise ValueError(f"{named}: must be at least two bins, {shortest:.6g} ns")
+    enough = period >= shortest * (1 - 1e-9)
+    checks.require("period_ns", period_ns, enough, f"at least two bins, {shortest:.6g} ns")
 
 
 def _sum_over_bins(sequence: Transient) -> np.ndarray:
@@ -168,6 +165,8 @@ def gate_figure(
 ) -> Figure:
     """Draw the picture of a Gaussian time gate, with its time, width and brightness.
 
+    The colour bar has the radiance of white and greys, for each channel of colours.
+
     Args:
         image: Result of `render_at_time`, radiance per metre [W m^-3 sr^-1]: (height, width) or
             (height, width, channels) with 1 or 3 channels.
@@ -176,10 +175,6 @@ def gate_figure(
         exposure: Gain; `1` is shown as white after it. By default the 99.5th percentile of the
             light is white.
         title: Above the line with the time; None for none.
-
-    Returns:
-        A `matplotlib.figure.Figure` outside of pyplot. The colour bar has the radiance of white
-        and greys, for each channel of colours.
 
     Raises:
         ValueError: Another shape, or a number out of range.
@@ -207,10 +202,37 @@ def gate_figure(
     extend = "max" if (image * gain > 1.0001).any() else "neither"
     time = _with_width(opl_to_ns(opl), opl_to_ns(width), "ns")
     when = f"t = {time}, OPL = {_with_width(opl, width, 'm')}"
-    return picture_figure(picture, when, scale, label, extend, np.isnan(image), above=title)
+    return _picture_figure(picture, when, scale, label, extend, np.isnan(image), above=title)
 
 
 def _with_width(middle: float, width: float, unit: str) -> str:
     """Middle and width of a gate, with digits for a tenth of the width."""
     digits = min(12, max(1, 1 - math.floor(math.log10(width))))
     return f"{middle:.{digits}f} ± {width:.{digits}f} {unit}"
+
+
+def _picture_figure(
+    picture: np.ndarray,
+    title: str,
+    scale: Any,
+    label: str,
+    extend: str,
+    unfinished: np.ndarray,
+    *,
+    above: str | None = None,
+    **options: Any,
+) -> Figure:
+    """A figure of one RGB picture with a colour bar, and options for `imshow`."""
+    wide = figure_width(4.6)
+    high = wide * picture_aspect(picture.shape[0], picture.shape[1], 0.4, 2.0) + 1.0
+    figure = new_figure(wide, high, "compressed")
+    axes = figure.add_subplot()
+    axes.imshow(picture, interpolation="nearest", **options)
+    axes.set_title(title)
+    pixel_axes(axes)
+    colour_bar(scale, axes, label, extend=extend)
+    if above is not None:
+        figure.suptitle(wrap_text(above, wide))
+    explain_hatch(figure, unfinished, dark=True)
+    fit_height(figure)
+    return figure

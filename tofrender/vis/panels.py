@@ -13,7 +13,7 @@ from ..runtime.canvas import figure_width, in_style
 from ..runtime.plots import COLUMN, NO_VALUE, PictureGrid, percentile_range
 from ..signals.units import SPEED_OF_LIGHT, check_frequencies
 from .colours import phase_map
-from .figures import map_axes, picture_aspect
+from .transient import map_axes, picture_aspect
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,7 +45,8 @@ def phasor_panel(
 
     The last column is half the path length, a depth only where light and camera coincide. With
     two or more frequencies of a short common period, a row below has the depth unwrapped by
-    `analysis.unwrap` and its residual, which is large where no depth fits.
+    `analysis.unwrap` and its residual, which is large where no depth fits. Hatched pixels have no
+    light or are unfinished (NaN). The strongest two percent of I, Q and amplitude are clipped.
 
     Args:
         frequencies_hz: One modulation frequency [Hz] or several, finite and above 0.
@@ -56,10 +57,6 @@ def phasor_panel(
         phase: [rad], likewise.
         depth: [m], likewise.
         title: Title of the figure; None for none.
-
-    Returns:
-        A `matplotlib.figure.Figure` outside of pyplot. Hatched pixels have no light or are
-        unfinished (NaN). The strongest two percent of I, Q and amplitude are clipped.
 
     Raises:
         ValueError: A frequency that is no finite number above 0, or shapes that do not fit.
@@ -106,22 +103,17 @@ def phasor_panel(
 def _without_channels(count: int, parts: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Images (frequencies, height, width); those with channels follow from the sums of I and Q."""
     shape = parts["I"].shape
-    if len(shape) not in (3, 4) or shape[-1] not in (1, 3) or 0 in shape:
-        raise ValueError(
-            f"I with shape {shape}: must be (height, width, channels) or (frequencies, height, "
-            "width, channels) with 1 or 3 channels last"
-        )
-    if count != (shape[0] if len(shape) == 4 else 1):
-        wanted = f"({count}, height, width, channels)"
-        raise ValueError(f"I with shape {shape}: must be {wanted} for {count} frequencies")
+    valid = len(shape) in (3, 4) and shape[-1] in (1, 3) and 0 not in shape
+    one = "(height, width, channels)"
+    allowed = f"{one} or (frequencies, {one[1:]} with 1 or 3 channels last"
+    checks.shape("I", parts["I"], valid, allowed)
+    allowed = f"({count}, {one[1:]} for {count} frequencies"
+    checks.shape("I", parts["I"], count == (shape[0] if len(shape) == 4 else 1), allowed)
     images: dict[str, np.ndarray] = {}
     for name, values in parts.items():
-        allowed = [shape] if name in "IQ" else [shape, shape[:-1]]
-        if values.shape not in allowed:
-            raise ValueError(
-                f"{name} with shape {values.shape}: must be {' or '.join(map(str, allowed))}, "
-                f"as I has {shape}"
-            )
+        shapes = [shape] if name in "IQ" else [shape, shape[:-1]]
+        allowed = f"{' or '.join(map(str, shapes))}, as I has {shape}"
+        checks.shape(name, values, values.shape in shapes, allowed)
         if name in "IQ":
             values = values.sum(axis=-1, dtype=np.float64)
         if values.ndim < len(shape):

@@ -14,7 +14,7 @@ from ..runtime import checks
 from ..runtime.backend import tracing_lock
 from ..runtime.canvas import figure_width, in_style, new_figure, palette
 from ..runtime.plots import few_ticks, fit_height, wrap_text
-from .figures import picture_aspect
+from .transient import picture_aspect
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,9 +60,6 @@ def plan_figure(
             an integrator with one: at the first camera, or at its projector's `frame`.
         title: Title of the figure.
 
-    Returns:
-        A figure with axes in metres.
-
     Raises:
         ValueError: No scene, a scene without shapes, an unknown view, or a laser that is no point.
 
@@ -72,9 +69,7 @@ def plan_figure(
         >>> figure.axes[0].get_xlabel()
         'x [m]'
     """
-    if not isinstance(scene, mi.Scene):
-        kind = type(scene).__name__
-        raise ValueError(f"scene = {kind}: must be an mi.Scene of variant {mi.variant()}")
+    checks.instance("scene", scene, mi.Scene, f"an mi.Scene of variant {mi.variant()}")
     checks.text("title", title)
     if not scene.shapes():
         raise ValueError("scene: has no shapes to draw")

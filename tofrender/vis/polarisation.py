@@ -17,8 +17,8 @@ from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style
 from ..runtime.plots import COLUMN, PictureGrid
 from .colours import from_srgb, hue_map, phase_map
-from .figures import map_axes, picture_aspect
 from .tone import auto_exposure, tonemap
+from .transient import map_axes, picture_aspect
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,8 +8,8 @@ from ..rendering.dataset import time_axis
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure
 from ..runtime.plots import wrap_text
-from .figures import picture_aspect
 from .tone import auto_exposure, tonemap
+from .transient import picture_aspect
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -30,6 +30,9 @@ def pyramid_figure(
 ) -> Figure:
     """Draw the light of each strategy: a row for each number of segments, s grows to the right.
 
+    White in the first row is the 98th percentile of the light of all strategies. Pictures are at
+    least 0.42 inches wide, whatever width is set.
+
     Args:
         pyramid: The result of `strategy_pyramid`.
         weighting: "mis" for light with MIS weights, "none" for the unweighted light.
@@ -38,11 +41,6 @@ def pyramid_figure(
             rows comparable.
         title: Title of the figure; by default the contents. Narrow pictures are only titled by
             the numbers s and t.
-
-    Returns:
-        A `matplotlib.figure.Figure` outside of pyplot. White in the first row is the 98th
-        percentile of the light of all strategies. Pictures are at least 0.42 inches wide, whatever
-        width is set.
 
     Raises:
         ValueError: Not a result of `strategy_pyramid`, or a path length outside its bins.
@@ -55,9 +53,8 @@ def pyramid_figure(
         ['s = 0, t = 2', 's = 1, t = 1', 's = 0, t = 3', 's = 1, t = 2', 's = 2, t = 1']
     """
     if "strategy" not in getattr(pyramid, "dims", ()):
-        raise ValueError(
-            f"pyramid = {type(pyramid).__name__}: must be a result of strategy_pyramid"
-        )
+        kind = type(pyramid).__name__
+        raise ValueError(f"pyramid = {kind}: must be a result of strategy_pyramid")
     checks.text("title", title)
     weighting = checks.one_of("weighting", weighting, ("mis", "none"))
     stops = checks.number("stops_per_row", stops_per_row, low=0, high=100)

@@ -24,14 +24,12 @@ def reconstruction_figure(
 
     The front view is that of the wall, with rows downwards if they run down in the world, whose up
     is y, else upwards. All panels have one scale in metres, the projections one of intensities.
+    Axes are those of the wall's frame.
 
     Args:
         volume: A result of `reconstruct`.
         threshold: As in `depth_map`; without a depth, pixels are hatched.
         title: Title of the figure; by default the scene and the method.
-
-    Returns:
-        A `matplotlib.figure.Figure` outside of pyplot; axes in metres, in the wall's frame.
 
     Raises:
         ValueError: Not a result of `reconstruct`, or a threshold out of range.

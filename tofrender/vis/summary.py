@@ -13,9 +13,8 @@ from ..runtime.plots import COLUMN, colour_bar, percentile_range, wrap_text
 from ..runtime.progress import with_status
 from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
-from .figures import explain_hatch, map_axes, picture_aspect, pixel_axes, time_axes
 from .tone import tonemap
-from .transient import Transient
+from .transient import Transient, explain_hatch, map_axes, picture_aspect, pixel_axes, time_axes
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,9 +35,8 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
         ValueError: A pixel outside the image.
 
     Example:
-        >>> import tofrender
-        >>> scene = tofrender.cornell_box(width=16, height=16, temporal_bins=20)
-        >>> dataset = tofrender.render(scene, spp=16, window="auto")
+        >>> from tofrender import cornell_box, render
+        >>> dataset = render(cornell_box(width=16, height=16), spp=16, window="auto")
         >>> [axes.get_title() for axes in summary_figure(dataset).axes[:2]]
         ['steady image', 'time of the brightest bin']
     """

@@ -153,14 +153,11 @@ def tonemap(
     """
     from scipy.special import lambertw
 
-    linear = checks.real_array("values", values)
-    if linear.ndim == 2:
-        linear = linear[..., None]
-    if linear.ndim != 3 or linear.shape[2] not in (1, 3):
-        raise ValueError(
-            f"values with shape {np.shape(values)}: must be (height, width) or "
-            "(height, width, channels) with 1 or 3 channels"
-        )
+    given = checks.real_array("values", values)
+    linear = given[..., None] if given.ndim == 2 else given
+    valid = linear.ndim == 3 and linear.shape[2] in (1, 3)
+    allowed = "(height, width) or (height, width, channels) with 1 or 3 channels"
+    checks.shape("values", given, valid, allowed)
     if exposure is None:
         exposure = auto_exposure(linear, percentile=percentile)
     exposure = checks.number("exposure", exposure, positive=True)

@@ -1,4 +1,4 @@
-"""A transient image with its time axis and first pixel, the data of all figures."""
+"""A transient image with its time axis and first pixel, and axes for figures of it."""
 
 from __future__ import annotations
 
@@ -6,16 +6,19 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..rendering.cubes import Cube, Place
 from ..rendering.dataset import DIMS, QUANTITIES, first_pixel, time_axis
-from ..runtime import checks
-from ..runtime.plots import superscript
+from ..runtime import checks, plots
 from ..signals.colour import luminance
-from ..signals.units import opl_to_ns
+from ..signals.units import ns_to_opl, opl_to_ns
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 @dataclass
@@ -47,7 +50,7 @@ class Transient:
         bin_width_opl: float | None = None,
         quantity: str | None = None,
     ):
-        """Take and check a Dataset of `render`, or an array with its time axis."""
+        """Check a Dataset of `render`, or an array with its time axis."""
         first = (0, 0)
         if quantity is not None:
             checks.one_of("quantity", quantity, QUANTITIES)
@@ -136,19 +139,17 @@ def typeset(units: str) -> str:
         >>> typeset("W m^-2 sr^-1")
         'W m⁻² sr⁻¹'
     """
-    return re.sub(r"\^(-?\d+)", lambda found: superscript(int(found[1])), units)
+    return re.sub(r"\^(-?\d+)", lambda found: plots.superscript(int(found[1])), units)
 
 
 def _cube(name: str, data: Any) -> Cube:
     """Real numbers as (height, width, bins, channels)."""
-    cube = Cube.of(name, data)
-    shape = cube.shape
-    cube = cube.view((..., None)) if len(shape) == 3 else cube
-    if len(cube.shape) != 4 or cube.shape[3] not in (1, 3) or 0 in cube.shape:
-        raise ValueError(
-            f"{name} with shape {shape}: must be (height, width, bins) or "
-            "(height, width, bins, channels) with 1 or 3 channels last"
-        )
+    given = Cube.of(name, data)
+    cube = given.view((..., None)) if len(given.shape) == 3 else given
+    valid = len(cube.shape) == 4 and cube.shape[3] in (1, 3) and 0 not in cube.shape
+    one = "(height, width, bins)"
+    allowed = f"{one} or {one[:-1]}, channels) with 1 or 3 channels last"
+    checks.shape(name, given, valid, allowed)
     return cube
 
 
@@ -162,5 +163,46 @@ def _require_labels(data: Any) -> None:
         shape = data["transient"].shape
         raise ValueError(f"data = Dataset with transient {shape}: must have a pixel and a bin")
     for name in ("quantity", "units"):
-        if not isinstance(data.attrs.get(name), str):
-            raise ValueError(f"data: attribute {name} = {data.attrs.get(name)!r}: must be text")
+        checks.instance(f"data: attribute {name}", data.attrs.get(name), str, "text")
+
+
+def pixel_axes(axes: Axes) -> None:
+    """Label both axes in whole pixels."""
+    axes.set_xlabel("x [pixel]")
+    axes.set_ylabel("y [pixel]")
+    plots.few_ticks(axes, integer=True)
+
+
+def map_axes(axes: Axes, values: Any, **options: Any) -> Any:
+    """Draw values (height, width) like `imshow`, hatched where they are NaN; returns the image."""
+    axes.patch.set(**plots.HATCH, linewidth=0)
+    pixel_axes(axes)
+    return axes.imshow(values, interpolation="nearest", **options)
+
+
+def time_axes(axes: Axes, sequence: Transient) -> None:
+    """Label time below, path length above, quantity on the left; for axes with all curves."""
+    axes.set_xlabel("time [ns]")
+    factor, formatter = plots.tick_scale(max(map(abs, axes.get_ylim())))
+    axes.yaxis.set_major_formatter(formatter)
+    quantity = plots.label_with_factor(sequence.quantity, factor)
+    figure: Any = axes.get_figure(root=True)
+    narrow = figure.get_figwidth() < plots.COLUMN
+    axes.set_ylabel(quantity.replace(" [", "\n[") if narrow else quantity)
+    axes.set_xlim(opl_to_ns(sequence.opl[0]), opl_to_ns(sequence.opl[-1]) + 1e-9)
+    axes.grid(alpha=0.3)
+    axes.locator_params(axis="x", nbins=7)
+    above = axes.secondary_xaxis("top", functions=(ns_to_opl, opl_to_ns))
+    above.set_xlabel("optical path length [m]")
+
+
+def picture_aspect(height: float, width: float, low: float, high: float) -> float:
+    """Height over width, clamped to [low, high] so that a figure stays readable."""
+    return min(high, max(low, height / width))
+
+
+def explain_hatch(figure: Figure, mask: np.ndarray, dark: bool = False) -> None:
+    """Explain the hatch of pixels without a value below, or that of `tonemap`, which is dark."""
+    if mask.any():
+        handle = plots.hatch_patch("not finished" if dark else plots.NO_VALUE, dark)
+        figure.legend(handles=[handle], loc="outside lower center", frameon=False)

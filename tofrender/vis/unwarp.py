@@ -43,9 +43,8 @@ def unwarp_camera(dataset: xr.Dataset, distance_m: Any) -> xr.Dataset:
         MemoryError: The result does not fit into memory.
 
     Example:
-        >>> import tofrender
-        >>> scene = tofrender.cornell_box(width=16, height=16, temporal_bins=20)
-        >>> dataset = tofrender.render(scene, spp=16, window="auto")
+        >>> from tofrender import cornell_box, render
+        >>> dataset = render(cornell_box(width=16, height=16), spp=16, window="auto")
         >>> unwarped = unwarp_camera(dataset, np.full((16, 16), 3.0))
         >>> float(unwarped.opl[0]) < float(dataset.opl[0])
         True
@@ -119,20 +118,16 @@ def _window(
         return 0, count, lit, unfinished
     first, stop = (begin - whole - has_part)[used].min(), (end - whole)[used].max()
     if stop - first > checks.MAX_BINS:
-        raise ValueError(
-            f"distance_m spreads the light over {stop - first} bins: must be at most "
-            f"{checks.MAX_BINS}"
-        )
+        problem = f"spreads the light over {stop - first} bins"
+        raise ValueError(f"distance_m {problem}: must be at most {checks.MAX_BINS}")
     return int(first), int(stop), lit, unfinished
 
 
 def checked_distances(distance_m: Any, shape: tuple[int, ...]) -> np.ndarray:
     """Distances [m] of the pixels of a shape, NaN or infinite where there is no surface."""
     distances = checks.real_array("distance_m", distance_m, np.float64)
-    if distances.shape != shape:
-        raise ValueError(
-            f"distance_m with shape {distances.shape}: must be {shape}, one number a pixel"
-        )
+    valid = distances.shape == shape
+    checks.shape("distance_m", distances, valid, f"{shape}, one number a pixel")
     wrong = distances[(distances < 0) | (np.isfinite(distances) & (distances > checks.MAX_OPL))]
     if wrong.size:
         raise ValueError(f"distance_m holds {wrong[0]:g}: must be from 0 to 1e12 metres, or NaN")

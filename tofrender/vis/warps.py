@@ -9,13 +9,11 @@ import numpy as np
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style
 from ..runtime.plots import PictureGrid, few_ticks
-from ..sampling.verdicts import Verdict, caption, density_panels, verdict_figure
+from ..sampling.verdicts import Verdict, caption, density_panels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["verdict_figure", "warp_figure"]
 
 
 @in_style
@@ -39,8 +37,8 @@ def warp_figure(points: Any, verdict: Verdict, title: str = "points") -> Figure:
     checks.instance("verdict", verdict, Verdict, "a result of chi_square_test")
     checks.instance("title", title, str, "text")
     points = checks.real_array("points", points, np.float64)
-    if points.ndim != 2 or len(points) not in (2, 3) or not points.size:
-        raise ValueError(f"points with shape {points.shape}: must be (2, n) or (3, n)")
+    valid = points.ndim == 2 and len(points) in (2, 3) and points.size
+    checks.shape("points", points, valid, "(2, n) or (3, n)")
     grid = PictureGrid(figure_width(5.5), 2, 2, 1.0, own_y=True, **caption(verdict))
     _points(grid.axes(0, 0, title), points, verdict, grid.wide)
     names = ("expected density", "observed density", "difference")

@@ -74,10 +74,8 @@ class NLOSCaptureMeter(mi.Sensor):
             return False
         for name, value in zip(names, given, strict=True):
             checks.integer(name, value, 1, checks.MAX_SIZE)
-        if size != [1, 1]:
-            raise ValueError(
-                f"{names[0]}, {names[1]} = {given}: must be the film's {size}, or the film 1 x 1"
-            )
+        allowed = f"the film's {size}, or the film 1 x 1"
+        checks.require(", ".join(names), given, size == [1, 1], allowed)
         return True
 
     def world_transform(self) -> mi.Transform4f:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, cast
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+
+from ...runtime import checks
+from ...runtime.backend import tracing_lock
 
 RAYS, CELLS = 32, 256
 """Rays that bound a beam, and cells of the midpoint rule that integrates it, on each side."""
@@ -18,11 +21,7 @@ VISIBLE_NM = (460.0, 530.0, 590.0, 640.0)
 
 
 def find_laser(scene: mi.Scene) -> Any:
-    """Return the scene's one emitter.
-
-    Raises:
-        ValueError: It has none, several, or one that is neither a projector nor a spot; one line.
-    """
+    """Return the scene's one emitter, a projector or a spot; a ValueError for others."""
     emitters = scene.emitters()
     delta = mi.EmitterFlags.DeltaPosition
     if len(emitters) != 1 or not mi.has_flag(emitters[0].flags(), delta):
@@ -40,10 +39,7 @@ def axis(laser: Any) -> tuple[mi.Point3f, mi.Vector3f]:
 def solid_angle(laser: Any) -> float:
     """Integrate I(w) / I(axis) over the directions of a laser's beam [sr].
 
-    The midpoint rule on a plane before the laser, whose extent sampled rays bound.
-
-    Raises:
-        ValueError: The laser is dark along its axis; one line.
+    By the midpoint rule on a plane before the laser, whose extent sampled rays bound.
     """
     sides = (dr.arange(mi.Float, RAYS) + 0.5) / RAYS
     u = mi.Point2f(*dr.meshgrid(sides, sides))
@@ -61,6 +57,8 @@ def solid_angle(laser: Any) -> float:
     on_axis = intensity(forward)
     if not on_axis[0] > 0:
         raise ValueError("laser: is dark along its axis; must shine where it looks")
+
+    # Bound the beam on the plane
     local = frame.to_local(rays.d)
     sides = (dr.arange(mi.Float, CELLS) + 0.5) / CELLS
     plane, extents = [], []
@@ -69,6 +67,8 @@ def solid_angle(laser: Any) -> float:
         margin = 0.05 * (high - low)
         extents.append(high - low + 2 * margin)
         plane.append(low - margin + unit * extents[-1])
+
+    # Sum over the plane's cells, dw = cos³ dx dy
     d = mi.Vector3f(*plane, 1)
     cos = dr.rsqrt(dr.squared_norm(d))
     cell = extents[0] * extents[1] / CELLS**2
@@ -77,16 +77,10 @@ def solid_angle(laser: Any) -> float:
 
 
 def aim_laser(laser: Any, target: Any) -> None:
-    """Aim a laser, a projector or spot, at a point [m].
-
-    Raises:
-        ValueError: The point is the laser's own; one line.
-    """
+    """Aim a laser, a projector or spot, at another point than its own [m]."""
     origin, target = mi.Point3f(axis(laser)[0]), mi.Point3f(target)
-    if not dr.norm(target - origin)[0] > 0:
-        raise ValueError(
-            f"point = {np.array(target).ravel().tolist()}: must not be the laser's own"
-        )
+    shown = np.array(target).ravel().tolist()
+    checks.require("point", shown, dr.norm(target - origin)[0] > 0, "another than the laser's own")
     along = dr.normalize(target - origin)
     up = mi.Vector3f(0, 1, 0) if abs(along.y[0]) < 0.99 else mi.Vector3f(1, 0, 0)
     _set_pose(laser, mi.Transform4f().look_at(origin, target, up))
@@ -98,14 +92,14 @@ def apply_meters(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
     An aim at a pixel that the film does not have stays with the meter, for `require_aim`. A
     `sensor` that looks at the laser spot is then told where that is.
     """
-    for meter in cast(Any, scene.sensors()):
-        if getattr(meter, "laser_origin", None) is not None:
+    for meter in _meters(scene):
+        if meter.laser_origin is not None:
             laser, origin = find_laser(scene), meter.laser_origin
             matrix = np.array(laser.world_transform().matrix).reshape(4, 4)
             matrix[:3, 3] = origin
             _set_pose(laser, mi.Transform4f(matrix))
             meter.laser_origin = None
-        if getattr(meter, "laser_target", None) is not None and not meter.misplaced_aim():
+        if meter.laser_target is not None and not meter.misplaced_aim():
             aim_laser(find_laser(scene), meter.aim())
             meter.laser_target = None
     follow: Any = getattr(sensor, "follow_laser", None)
@@ -130,19 +124,95 @@ def position_of(device: mi.Sensor | mi.Emitter) -> np.ndarray:
 
 def discard_meter_aims(scene: mi.Scene) -> None:
     """Let the laser stay where it is aimed from now on, whatever a meter says."""
-    for meter in cast(Any, scene.sensors()):
-        if hasattr(meter, "laser_target"):
-            meter.laser_target = None
+    for meter in _meters(scene):
+        meter.laser_target = None
 
 
 def require_aim(scene: mi.Scene) -> None:
     """Refuse a meter whose laser is aimed at a pixel that its film does not have."""
-    for meter in cast(Any, scene.sensors()):
-        if getattr(meter, "laser_target", None) is not None:
+    for meter in _meters(scene):
+        if meter.laser_target is not None:
             raise ValueError(meter.misplaced_aim())
+
+
+def _meters(scene: mi.Scene) -> list[Any]:
+    """Sensors of a scene that are an `nlos_capture_meter`."""
+    return [sensor for sensor in scene.sensors() if hasattr(sensor, "laser_target")]
 
 
 def _set_pose(laser: Any, to_world: mi.Transform4f) -> None:
     parameters = mi.traverse(laser)
     parameters["to_world"] = to_world
     parameters.update()
+
+
+@tracing_lock()
+def focus_laser(
+    scene: mi.Scene, *, point: Any = None, uv: Any = None, pixel: Any = None, sensor: int = 0
+) -> np.ndarray:
+    """Aim the scene's laser at a point of the relay wall.
+
+    Args:
+        scene: A scene with one emitter, a projector or spot.
+        point: The point [m], or
+        uv: its coordinates in the uv square of the shape that the sensor is a child of, or
+        pixel: (x, y) of the sensor's whole film, whatever its crop window; its centre is meant.
+        sensor: Number of the sensor.
+
+    Returns:
+        The point [m], shape (3,).
+
+    Raises:
+        ValueError: Not exactly one of the three is given, it is out of range, or the pixel sees
+            nothing; one line.
+
+    Example:
+        >>> from tofrender import load_scene
+        >>> scene = load_scene("nlos_z", width=4, height=4, optimize=False)
+        >>> focus_laser(scene, pixel=(3, 0)).round(2).tolist()
+        [0.75, -0.75, 0.0]
+    """
+    checks.instance("scene", scene, mi.Scene, "a loaded scene; load_scene loads one")
+    given = (point, uv, pixel)
+    if sum(value is not None for value in given) != 1:
+        shown = ", ".join(map(checks.quote, given))
+        raise ValueError(f"point, uv, pixel = {shown}: must be one of them, and None the others")
+    laser = find_laser(scene)
+    apply_meters(scene)
+    discard_meter_aims(scene)
+    sensors = scene.sensors()
+    camera = sensors[checks.integer("sensor", sensor, 0, len(sensors) - 1)]
+    if pixel is not None:
+        numbers = checks.items("pixel", pixel, 2, "its column and row")
+        film = camera.film()
+        size = film.size()
+        x, y = (
+            checks.integer(f"pixel {axis}", k, 0, n - 1) + 0.5
+            for axis, k, n in zip("xy", numbers, size, strict=True)
+        )
+        if camera.get_shape() is None:
+            crop, offset = film.crop_size(), film.crop_offset()  # Rays are sampled in the window
+            sample = mi.Point2f((x - offset.x) / crop.x, (y - offset.y) / crop.y)
+            from ...paths.surfaces import first_surface  # Editions have lasers without paths
+
+            ray, _ = camera.sample_ray(0.0, 0.5, sample, mi.Point2f(0.5))
+            si = first_surface(scene, mi.Ray3f(ray))
+            if not dr.all(si.is_valid()):
+                raise ValueError(f"pixel = {pixel}: sees nothing; must be one that sees a surface")
+            target = si.p
+        else:
+            target = _at_uv(camera, (x / size.x, y / size.y))
+    elif uv is not None:
+        sides = checks.items("uv", uv, 2, "two numbers from 0 to 1")
+        target = _at_uv(camera, [checks.number("uv", side, low=0, high=1) for side in sides])
+    else:
+        target = mi.Point3f(*checks.point("point", point))
+    aim_laser(laser, target)
+    return np.array(target).ravel()
+
+
+def _at_uv(camera: mi.Sensor, uv: Any) -> mi.Point3f:
+    shape: Any = camera.get_shape()
+    if shape is None:
+        raise ValueError("uv: the sensor is no child of a wall; must be a point or a pixel")
+    return shape.sample_position(0.0, mi.Point2f(*uv), True).p

@@ -70,17 +70,14 @@ class ConfocalProjector(mi.Emitter):
         super().__init__(props)
         self.is_confocal = checks.boolean("is_confocal", props.get("is_confocal", True))
         fov = checks.number("fov", props.get("fov", 0.2), positive=True, unit="radians")
-        if fov >= math.pi:
-            raise ValueError(f"fov = {fov:g}: must be an angle above 0 and below pi, in radians")
+        checks.require("fov", fov, fov < math.pi, "an angle above 0 and below pi, in radians")
         self.tan = math.tan(fov / 2)
         tries = props.get("max_rejection_samples", 8)
         self.tries = checks.integer("max_rejection_samples", tries, 1, 64)
         frame: Any = props.get("frame", None)
         if frame is None and not self.is_confocal:
             raise ValueError("frame: is missing; must be given if is_confocal is false")
-        if frame is not None and np.size(getattr(frame, "matrix", 0)) != 16:
-            raise ValueError(f"frame = {checks.quote(frame)}: must be an mi.ScalarTransform4f")
-        self.frame: Any = None if frame is None else mi.ScalarTransform4f(_pose(frame.matrix))
+        self.frame: Any = None if frame is None else mi.ScalarTransform4f(_pose(frame))
         self._pulse_width_opl, self._histogram = _pulse(props)
         positions, sigmas, powers = _spots(props)
         self.power: list[float] = powers.sum(axis=0).tolist()
@@ -125,9 +122,7 @@ class ConfocalProjector(mi.Emitter):
     ) -> tuple[mi.Vector3f, Any]:
         """Sample a direction in proportion to the pattern, in a frame that `axes` has returned.
 
-        Returns:
-            Unit vector, and the sample's weight [W] at wavelengths [nm], 0 outside of the field of
-            view.
+        Returns it, and its weight [W] at wavelengths [nm], 0 outside of the field of view.
         """
         # Choose a spot by its power
         xi, u = sampler.next_1d(), sampler.next_2d()
@@ -170,6 +165,15 @@ class ConfocalProjector(mi.Emitter):
 
     # Mitsuba calls every emitter that exists, in whatever scene; this one is dark to all others.
 
+    def _no_light(self, *args: Any, **kwargs: Any) -> Any:
+        return mi.Spectrum(0)
+
+    def _no_density(self, *args: Any, **kwargs: Any) -> Any:
+        return mi.Float(0)
+
+    eval = eval_direction = _no_light
+    pdf_direction = pdf_position = _no_density
+
     def sample_ray(self, time, sample1, sample2, sample3, active=True):
         """No ray: only the integrator samples the projector."""
         return dr.zeros(mi.Ray3f), mi.Spectrum(0)
@@ -186,15 +190,6 @@ class ConfocalProjector(mi.Emitter):
         """No light at the interaction's wavelengths."""
         return si.wavelengths, mi.Spectrum(0)
 
-    def _no_light(self, *args: Any, **kwargs: Any) -> Any:
-        return mi.Spectrum(0)
-
-    def _no_density(self, *args: Any, **kwargs: Any) -> Any:
-        return mi.Float(0)
-
-    eval = eval_direction = _no_light
-    pdf_direction = pdf_position = _no_density
-
     def bbox(self):
         """Empty."""
         return mi.ScalarBoundingBox3f()
@@ -205,14 +200,16 @@ class ConfocalProjector(mi.Emitter):
         return f"ConfocalProjector[{kind}, {self.count} spots, power = {self.power}]"
 
 
-def _pose(matrix: Any) -> np.ndarray:
-    """Return a finite matrix whose axes span space."""
+def _pose(frame: Any) -> np.ndarray:
+    """Return the finite matrix of a transform whose axes span space."""
+    matrix = getattr(frame, "matrix", 0)
+    checks.require("frame", frame, np.size(matrix) == 16, "an mi.ScalarTransform4f")
     pose = np.array(matrix, dtype=np.float64).reshape(4, 4)
     lengths = np.linalg.norm(pose[:3, :3], axis=0)
     spans = np.isfinite(pose).all() and lengths.min() > 0
-    if not spans or abs(np.linalg.det(pose[:3, :3] / lengths)) < 1e-6:
-        rows = pose[:3].tolist()
-        raise ValueError(f"frame = {rows}: must be finite, with three axes that span space")
+    spans = spans and abs(np.linalg.det(pose[:3, :3] / lengths)) >= 1e-6
+    allowed = "finite, with three axes that span space"
+    checks.require("frame", pose[:3].tolist(), spans, allowed)
     return pose
 
 
@@ -253,23 +250,16 @@ def _spots(props: mi.Properties) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if np.any(np.abs(positions) > 1):
         raise ValueError("spot_positions: must be from -1 to 1")
     for name, values in (("spot_sigmas", sigmas), ("spot_intensities", powers.mean(axis=1))):
-        if np.any(values <= 0):
-            raise ValueError(f"{name} = {values.min():g}: must be above 0")
+        checks.number(name, float(values.min()), positive=True)
     return positions, sigmas, np.broadcast_to(powers, (n, 3)).copy()
 
 
 def _grid(props: mi.Properties) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    rows, columns = (
-        checks.integer(name, props.get(name, 1), 1, MAX_SPOTS)
-        for name in ("grid_rows", "grid_cols")
-    )
-    sigma, power = (
-        checks.number(name, props.get(name, default), positive=True, unit=unit)
-        for name, default, unit in (
-            ("grid_sigma", 0.01, "half fields of view"),
-            ("grid_intensity", 1.0, "watts"),
-        )
-    )
+    rows = checks.integer("grid_rows", props.get("grid_rows", 1), 1, MAX_SPOTS)
+    columns = checks.integer("grid_cols", props.get("grid_cols", 1), 1, MAX_SPOTS)
+    sigma, power = props.get("grid_sigma", 0.01), props.get("grid_intensity", 1.0)
+    sigma = checks.number("grid_sigma", sigma, positive=True, unit="half fields of view")
+    power = checks.number("grid_intensity", power, positive=True, unit="watts")
     spacing = checks.one_of("grid_spacing", props.get("grid_spacing", "uniform"), SPACINGS)
     seed = checks.integer("grid_seed", props.get("grid_seed", 0), 0, checks.MAX_SEED)
     n = checks.integer("grid_rows * grid_cols", rows * columns, 1, MAX_SPOTS)
@@ -289,6 +279,5 @@ def numbers(name: str, value: Any) -> np.ndarray:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
         array = np.array([])
-    if array.size == 0 or not np.all(np.isfinite(array)):
-        raise ValueError(f"{name} = {checks.quote(value)}: must be finite numbers")
+    checks.require(name, value, array.size and np.all(np.isfinite(array)), "finite numbers")
     return array

@@ -12,22 +12,17 @@ import numpy as np
 from ...paths.surfaces import first_surface, is_on
 from ...runtime import checks
 from ...runtime.backend import tracing_lock
+from .laser import axis, find_laser
 
 DEFAULT_ID = "relay_wall"
 FLAT = 1e-4  # distance from a plane, over a wall's size, up to which the wall is flat
+APART = "a load with optimize=False keeps meshes of equal material apart"
 
 
 def is_on_relay_wall(
     si: mi.SurfaceInteraction3f, relay_wall_shapes: mi.Shape | Sequence[mi.Shape]
 ) -> mi.Bool:
-    """Test whether surface points are on the relay wall.
-
-    Args:
-        si: Surface interactions, of any number.
-        relay_wall_shapes: The wall, a shape or several.
-
-    Returns:
-        A mask, one entry for each interaction.
+    """Test whether surface points are on the relay wall, a shape or several; a mask of `si`.
 
     Raises:
         ValueError: An argument has another type; one line.
@@ -40,8 +35,8 @@ def is_on_relay_wall(
     """
     given = relay_wall_shapes
     shapes = [given] if isinstance(given, mi.Shape) else given
-    if not isinstance(shapes, Sequence) or not shapes or isinstance(shapes, str | bytes):
-        raise ValueError(f"relay_wall_shapes = {checks.quote(given)}: must be a shape or several")
+    several = isinstance(shapes, Sequence) and shapes and not isinstance(shapes, str | bytes)
+    checks.require("relay_wall_shapes", given, several, "a shape or several")
     for each in shapes:
         checks.instance("relay_wall_shapes", each, mi.Shape, "a shape or several")
     checks.instance("si", si, mi.SurfaceInteraction3f, "an mi.SurfaceInteraction3f")
@@ -71,42 +66,46 @@ def find_relay_wall(scene: mi.Scene, wall: Any = DEFAULT_ID) -> list[mi.Shape]:
 
 
 def find_shapes(scene: mi.Scene, wanted: Any, name: str) -> list[mi.Shape]:
-    """Find shapes of a scene by themselves, by their ids, or by a list of either.
-
-    Raises:
-        ValueError: The scene has no such shape; one line with `name` and the shapes that it has.
-    """
+    """Find shapes of a scene by themselves, by their ids, or by a list of either."""
     keys = list(wanted) if isinstance(wanted, list | tuple) else [wanted]
-    if not keys:
-        raise ValueError(f"{name} = []: must name at least one shape")
+    checks.require(name, keys, keys, "at least one shape")
     found: list[mi.Shape] = []
     for key in keys:
         known = isinstance(key, str | mi.Shape)
         matches = [s for s in scene.shapes() if known and key in (s, s.id())]
         if not matches:
             shown = checks.quote(key.id() if isinstance(key, mi.Shape) else key)
-            raise ValueError(
-                f"{name} = {shown}: the scene has no such shape; must be one of {ids(scene)} (a "
-                "load with optimize=False keeps meshes of equal material apart)"
-            )
+            rule = f"must be one of {ids(scene.shapes())} ({APART})"
+            raise ValueError(f"{name} = {shown}: the scene has no such shape; {rule}")
         found += [shape for shape in matches if shape not in found]
     return found
 
 
-def ids(scene: mi.Scene) -> str:
-    """List the ids of a scene's shapes, for messages."""
-    return ", ".join(repr(shape.id()) for shape in scene.shapes()) or "none"
+def ids(shapes: list[mi.Shape]) -> str:
+    """List the ids of shapes, for messages."""
+    return ", ".join(repr(shape.id()) for shape in shapes) or "none"
 
 
 def parse_ids(name: str, value: Any) -> list[str] | None:
     """Split a plugin's parameter with ids of shapes at its commas; None stays None."""
     if value is None:
         return None
-    if not isinstance(value, str):
-        raise ValueError(
-            f"{name} = {checks.quote(value)}: must be ids of shapes, separated by commas"
-        )
+    checks.instance(name, value, str, "ids of shapes, separated by commas")
     return [each.strip() for each in value.split(",")]
+
+
+@tracing_lock()
+def trace_laser_spot(scene: mi.Scene, wall: list[mi.Shape]) -> tuple[np.ndarray, np.ndarray]:
+    """Trace the laser to the wall, or to any surface if that is not known; its point and normal."""
+    ray = mi.Ray3f(*axis(find_laser(scene)))
+    si: Any = first_surface(scene, ray)
+    lit = is_on(si, wall) if wall else si.is_valid()
+    if not lit[0]:
+        must = "must look at it, and tofrender.focus_laser aims it there"
+        raise ValueError(f"laser: does not light the relay wall; {must}")
+    normal = si.n * dr.sign(-dr.dot(si.n, ray.d))
+    point, normal = (np.array(v, dtype=np.float64).reshape(1, 1, 3) for v in (si.p, normal))
+    return point, normal
 
 
 @tracing_lock()
@@ -134,23 +133,17 @@ def wall_points(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Find the points of the wall, and normals there, at the centres of a sensor's pixels.
 
-    Returns:
-        Points [m] and unit normals on the sensor's side, both (height, width, 3) of its film's crop
-        window, and whether each pixel looks at the wall, (height, width). A pixel that does not
-        gets the point where it looks at the plane of a flat wall, else that of a pixel nearby.
-
-    Raises:
-        ValueError: No pixel looks at the wall; one line.
+    Returns points [m] and unit normals on the sensor's side, both (height, width, 3) of its film's
+    crop window, and whether each pixel looks at the wall, (height, width). A pixel that does not
+    gets the point where it looks at the plane of a flat wall, else that of a pixel nearby.
     """
     width, height = (int(n) for n in sensor.film().crop_size())
     ray, si = first_hits(scene, sensor)
     count = width * height
     on_wall = np.broadcast_to(np.array(is_on_relay_wall(si, wall)), count)
     if not on_wall.any():
-        names = ", ".join(repr(shape.id()) for shape in wall)
-        raise ValueError(
-            f"sensor: 0 of {count} pixels look at the relay wall, {names}; must be 1 or more"
-        )
+        looked = f"0 of {count} pixels look at the relay wall, {ids(wall)}"
+        raise ValueError(f"sensor: {looked}; must be 1 or more")
     normal = si.n * dr.sign(-dr.dot(si.n, ray.d))
     points, normals, origins, directions = (
         np.broadcast_to(np.array(v, dtype=np.float64).reshape(3, -1).T, (count, 3))

@@ -147,17 +147,15 @@ def _in_unit_interval(texture: Any) -> Any:
     A texture is tested at 256 x 256 points; not in spectral variants, where Mitsuba's conversion
     to spectra keeps it in range.
     """
+    values = np.zeros(1)
     if not texture.is_spatially_varying():
-        found = [float(texture.max())]
-    elif mi.is_spectral:
-        found = []
-    else:
+        values = np.array([texture.max()])
+    elif not mi.is_spectral:
         si = dr.zeros(mi.SurfaceInteraction3f)
         line = (dr.arange(mi.Float, 256) + 0.5) / 256
         si.uv = mi.Point2f(*dr.meshgrid(line, line))
         values = np.array(texture.eval(si))
-        found = [float(values.min()), float(values.max())]
-    for value in found:
+    for value in (values.min(), values.max()):
         if not 0 <= value <= 1:
             raise ValueError(f"reflectance = {value:g}: must be a colour or texture in [0, 1]")
     return texture

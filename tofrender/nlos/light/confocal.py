@@ -52,26 +52,23 @@ class ConfocalTransientIntegrator(RelayWallPath):
         (0.5, 8)
     """
 
+    default_depth = 8
+
     def __init__(self, props: mi.Properties) -> None:
-        if "max_depth" not in props:
-            props["max_depth"] = 8
         projector: Any = props.get("confocal_projector", None)
         if projector is not None:
             for name in ("power", "spot_sigma", "pulse_width_opl"):
-                if name in props:
-                    raise ValueError(
-                        f"{name} = {props[name]}: must be left out; confocal_projector has it"
-                    )
+                allowed = "left out; confocal_projector has it"
+                checks.require(name, props.get(name, None), name not in props, allowed)
         self.power = checks.number("power", props.get("power", 1.0), positive=True, unit="watts")
         sigma = checks.number("spot_sigma", props.get("spot_sigma", 0.0), unit="radians")
-        if not 0 <= sigma < MAX_SIGMA:
-            raise ValueError(f"spot_sigma = {sigma:g}: must be from 0 to {MAX_SIGMA} radians")
-        self.spot_sigma = sigma
+        allowed = f"from 0 to {MAX_SIGMA} radians"
+        self.spot_sigma = checks.require("spot_sigma", sigma, 0 <= sigma < MAX_SIGMA, allowed)
         super().__init__(props)
         if projector is not None:
             self.pulse = projector.pulse
         elif sigma > 0:
-            projector = round_beam(sigma, self.power)
+            projector = gaussian_beam(sigma, self.power)
         self.projector: Any = projector
 
     def scan(self, scene: mi.Scene, sensor: mi.Sensor | None, wall: list[mi.Shape]) -> Scan:
@@ -107,15 +104,11 @@ class ConfocalTransientIntegrator(RelayWallPath):
 
     def require_mode(self, mode: str) -> None:
         """Refuse all modes but confocal, and a projector that does not follow the camera."""
-        if mode != "confocal":
-            raise ValueError(
-                f"mode = {mode!r}: must be 'confocal' with a confocal_transient_path; "
-                "the others need a transient_nlos_path"
-            )
-        if self.projector is not None and not self.projector.is_confocal:
-            raise ValueError(
-                "is_confocal = False: must be True for a capture, whose laser follows the camera"
-            )
+        allowed = "'confocal' with a confocal_transient_path; others need a transient_nlos_path"
+        checks.require("mode", mode, mode == "confocal", allowed)
+        follows = self.projector is None or self.projector.is_confocal
+        allowed = "True for a capture, whose laser follows the camera"
+        checks.require("is_confocal", follows, follows, allowed)
 
     def to_string(self) -> str:
         """The integrator's parameters."""
@@ -123,7 +116,7 @@ class ConfocalTransientIntegrator(RelayWallPath):
         return super().to_string()[:-1] + f", {laser}]"
 
 
-def round_beam(sigma: float, power: float) -> Any:
+def gaussian_beam(sigma: float, power: float) -> Any:
     """Make a projector with one spot of standard deviation `sigma` [rad], cut off at 8 of them."""
     fov = min(16 * sigma, 3.0)
     return mi.load_dict(

@@ -53,7 +53,7 @@ def trace_beam(scan: Scan, ray: mi.Ray3f, power: Any, active: Any, origin: Any) 
     return Spot(si, power, distance, ray, origin)
 
 
-class LeftWall(HistoryUpdates[mi.UInt32]):
+class OffWallHistory(HistoryUpdates[mi.UInt32]):
     """History of paths: 1 if a vertex so far is off the relay wall, else 0."""
 
     def __init__(self, wall: list[mi.Shape]) -> None:
@@ -68,7 +68,7 @@ class LeftWall(HistoryUpdates[mi.UInt32]):
         return dr.select(active & ~is_on(vertex.si, self.wall), mi.UInt32(1), path.history)
 
 
-def counted(scan: Scan, path: Path, bounces: mi.UInt32, active: mi.Bool) -> mi.Bool:
+def counted_lanes(scan: Scan, path: Path, bounces: mi.UInt32, active: mi.Bool) -> mi.Bool:
     """Lanes whose paths count: with a vertex off the wall, or of so many bounces."""
     if scan.bounces >= 0:
         active = active & (bounces == scan.bounces)
@@ -83,17 +83,13 @@ class LaserSpot(Endpoint):
         I(w) = Phi f_p(w_laser, w) cos_p   [W/sr]
 
     so that a connection from y at the distance r receives I / r^2 and has the optical length
-    r + |p - laser|. Rays that hit the spot by chance see no light.
-
-    Args:
-        scan: The scan.
-        beam: Returns the `Spot` for a sampler and active lanes. It is called for each connection: a
-            beam with a width lands on another point each time.
+    r + |p - laser|. Rays that hit the spot by chance see no light. `beam` is called for each
+    connection, since a beam with a width lands on another point each time.
     """
 
     def __init__(self, scan: Scan, beam: Beam) -> None:
         self.scan, self.beam, self.hide_emitters = scan, beam, scan.hide_emitters
-        self.history = LeftWall(scan.wall) if scan.hidden_only else None
+        self.history = OffWallHistory(scan.wall) if scan.hidden_only else None
 
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
@@ -104,16 +100,12 @@ class LaserSpot(Endpoint):
             connection.weight *= self.scan.mis_weight(vertex, path)
         return connection
 
-    def source(self, sampler: mi.Sampler, active: mi.Bool) -> Spot:
-        """Sample the laser spot."""
-        return self.beam(sampler, active)
-
     def unweighted(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
         """Connect to the laser spot, without a MIS weight."""
-        active = counted(self.scan, path, path.depth + 2, active)
-        spot = self.source(sampler, active)
+        active = counted_lanes(self.scan, path, path.depth + 2, active)
+        spot = self.beam(sampler, active)
         to_spot = spot.si.p - vertex.si.p
         r2 = dr.squared_norm(to_spot)
         active = active & (r2 > 0) & dr.any(spot.power > 0)
@@ -139,34 +131,27 @@ class FirstScattering(Spot):
         return self.scattering.eval_pdf(self.vertex, direction, active).f
 
 
-class LaserInMedia(LaserSpot):
-    """Connections to a beam's first scattering event, sampled anew each time.
+def scatter_beam(scan: Scan, beam: Beam) -> Beam:
+    """Beam up to its first scattering event in media, sampled anew for each connection.
 
-    The beam carries the power that would land in clear air. Its free-flight distance is sampled as
-    that of paths; light that scatters more than once before the wall is found by the camera's
-    paths, which connect to points of the beam from the media around it.
+    It carries the power that would land in clear air. Its free-flight distance is sampled as that
+    of paths; light that scatters more than once before the wall is found by the camera's paths,
+    which connect to points of the beam from the media around it.
     """
+    space, scattering = scan.space, scan.space.with_phase_functions(Materials(scan.scene))
 
-    def __init__(self, scan: Scan, beam: Beam) -> None:
-        super().__init__(scan, beam)
-        self.scattering = scan.space.with_phase_functions(Materials(scan.scene))
-
-    def source(self, sampler: mi.Sampler, active: mi.Bool) -> FirstScattering:
-        """Trace the beam up to its first real vertex."""
-        space = self.scan.space
-        lands, nothing = self.beam(sampler, active), dr.zeros(mi.Float, dr.width(active))
-        ray = mi.Ray3f(lands.beam)
+    def scattered(sampler: mi.Sampler, active: mi.Bool) -> Spot:
+        spot, nothing = beam(sampler, active), dr.zeros(mi.Float, dr.width(active))
+        ray = mi.Ray3f(spot.beam)
         ray.o, ray.d = ray.o + nothing, ray.d + nothing  # One for each lane
-        path = Path.start(ray, lands.origin, active, medium=space.medium_at(ray))
+        path = Path.start(ray, spot.origin, active, medium=space.medium_at(ray))
         path, vertex = space.next_vertex(path, sampler)
-        lit = vertex.valid & dr.any(lands.power > 0)
-        return FirstScattering(
-            si=vertex.si,
-            power=dr.select(lit, lands.power * path.β, 0),
-            distance=vertex.length if self.scan.counts_legs else mi.Float(0),
-            vertex=vertex,
-            scattering=self.scattering,
-        )
+        lit = vertex.valid & dr.any(spot.power > 0)
+        power = dr.select(lit, spot.power * path.β, 0)
+        distance = vertex.length if scan.counts_legs else mi.Float(0)
+        return FirstScattering(vertex.si, power, distance, vertex=vertex, scattering=scattering)
+
+    return scattered
 
 
 @tracing_lock()

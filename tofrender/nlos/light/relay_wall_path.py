@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from functools import partial
-from typing import Any, cast
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -22,8 +22,10 @@ from ..device.laser import position_of
 from ..device.relay_wall import DEFAULT_ID, find_relay_wall, find_shapes, parse_ids, seen_shapes
 from .corner import walked_weight
 from .guided import Guided, Targets
-from .laser_spot import Beam, LaserInMedia, LaserSpot
+from .laser_spot import Beam, LaserSpot, scatter_beam
 from .scan import Scan, ScanPlan
+
+HIDDEN_SAMPLING = "nlos_hidden_geometry_sampling"
 
 
 class RelayWallPath(TransientPath):
@@ -54,7 +56,8 @@ class RelayWallPath(TransientPath):
     follows_polarisation = False
     starts_at_lights = True
     takes_light_samples = False
-    counts_legs_by_default = True
+    shown = ("max_depth", "use_nlos_only", "filter_bounces", "samples_hidden", "counts_legs")
+    counts_legs_by_default = samples_hidden_by_default = True
     lights_a_point = True
     """Whether paths connect to the laser spot, rather than to the emitter itself."""
 
@@ -62,27 +65,20 @@ class RelayWallPath(TransientPath):
     """Probability with which a path leaves the wall towards a point of the hidden geometry."""
 
     def __init__(self, props: mi.Properties) -> None:
-        self.relay_wall, self.hidden_shapes = (
-            cast(Any, parse_ids(name, props.get(name, None)))
-            for name in ("relay_wall", "hidden_shapes")
-        )
-        self._samples_by_name = props.get("nlos_hidden_geometry_sampling", None) is True
+        self.relay_wall: Any = parse_ids("relay_wall", props.get("relay_wall", None))
+        self.hidden_shapes: Any = parse_ids("hidden_shapes", props.get("hidden_shapes", None))
+        self._samples_by_name = props.get(HIDDEN_SAMPLING, None) is True
         block = props.get("block_size", 0)
         if block:
             warn_no_effect("block_size", block, "only scalar variants render in blocks")
-        defaults = {
-            "use_nlos_only": False,
-            "nlos_hidden_geometry_sampling": True,
-            "account_first_and_last_bounces": self.counts_legs_by_default,
-        }
-        self.use_nlos_only, self.samples_hidden, self.counts_legs = (
-            checks.boolean(name, props.get(name, default)) for name, default in defaults.items()
-        )
-        if self.hidden_shapes is not None and not self.samples_hidden:
-            raise ValueError(
-                f"hidden_shapes = {props['hidden_shapes']!r}: must be left out without "
-                "nlos_hidden_geometry_sampling"
-            )
+        self.use_nlos_only = flag(props, "use_nlos_only")
+        self.samples_hidden = flag(props, HIDDEN_SAMPLING, self.samples_hidden_by_default)
+        legs = "account_first_and_last_bounces"
+        self.counts_legs = flag(props, legs, self.counts_legs_by_default)
+        if not self.samples_hidden:
+            allowed = f"left out without {HIDDEN_SAMPLING}"
+            shapes = props.get("hidden_shapes", None)
+            checks.require("hidden_shapes", shapes, self.hidden_shapes is None, allowed)
         self.filter_bounces = checks.depth("filter_bounces", props.get("filter_bounces", -1))
         super().__init__(props)
         self.camera_unwarp |= not self.counts_legs
@@ -92,15 +88,13 @@ class RelayWallPath(TransientPath):
     ) -> tuple[Any, Contribution | None]:
         """Make the endpoint of camera rays, whose lengths start at `origin`.
 
-        Returns:
-            The endpoint, and radiance of the laser spot that the camera sees, if the endpoint does
-            not find that.
+        Returns it, and radiance of the laser spot that the camera sees if it does not find that.
         """
         raise TypeError(f"{type(self).__name__}: must define laser, what its paths connect to")
 
     def laser_spot(self, scan: Scan, beam: Beam) -> LaserSpot:
         """Make connections to the spot of a beam."""
-        return LaserInMedia(scan, beam) if scan.space.scatters else LaserSpot(scan, beam)
+        return LaserSpot(scan, scatter_beam(scan, beam) if scan.space.scatters else beam)
 
     def plan(
         self,
@@ -137,10 +131,8 @@ class RelayWallPath(TransientPath):
             up = np.array(sensor.world_transform().matrix).reshape(4, 4)[:3, 1].tolist()
         space = self.space(scene, sensor)
         if space.index != 1:
-            raise ValueError(
-                f"sensor: is in glass or water of index {space.index:g}; must be in air, lengths "
-                f"of {type(self).__name__} would be too short"
-            )
+            rule = f"must be in air, lengths of {type(self).__name__} would be too short"
+            raise ValueError(f"sensor: is in glass or water of index {space.index:g}; {rule}")
         solid = [s for s in surfaces if not is_boundary(s.bsdf())]
         guided = self._guided(scene, sensor, solid, wall) if self.samples_hidden else None
         three = self.filter_bounces in (-1, 3) and (self.max_depth < 0 or self.max_depth >= 3)
@@ -169,11 +161,10 @@ class RelayWallPath(TransientPath):
             aims = [shape for shape in surfaces if shape not in senders]
         else:
             aims = find_shapes(scene, self.hidden_shapes, "hidden_shapes")
-            for shape in aims:
-                if shape in senders:
-                    raise ValueError(
-                        f"hidden_shapes = {shape.id()!r}: is the relay wall; must be other shapes"
-                    )
+            walls = [shape for shape in aims if shape in senders]
+            if walls:
+                problem = "is the relay wall; must be other shapes"
+                raise ValueError(f"hidden_shapes = {walls[0].id()!r}: {problem}")
         if senders and not wall and len(surfaces) == 1:
             warnings.warn(
                 f"nlos_hidden_geometry_sampling: the scene is one shape, {surfaces[0].id()!r}; if "
@@ -212,8 +203,7 @@ class RelayWallPath(TransientPath):
     ) -> Contribution:
         """Radiance of the laser's light reflected by the surface that the camera sees.
 
-        `irradiance` returns the irradiance of a surface that faces the laser [W/m^2], for the
-        direction from the laser's position and the distance.
+        `irradiance` is that of a surface facing the laser [W/m^2], by direction and distance.
         """
         si = first_surface(scan.scene, ray, active)
         to_laser = laser - si.p
@@ -242,11 +232,10 @@ class RelayWallPath(TransientPath):
             return find_relay_wall(scene, DEFAULT_ID)
         return []
 
-    def to_string(self) -> str:
-        """The integrator's parameters."""
-        names = ("max_depth", "use_nlos_only", "filter_bounces", "samples_hidden", "counts_legs")
-        values = ", ".join(f"{name} = {getattr(self, name)!r}" for name in names)
-        return f"{type(self).__name__}[{values}]"
+
+def flag(props: mi.Properties, name: str, default: bool = False) -> bool:
+    """Read a parameter that is true or false."""
+    return checks.boolean(name, props.get(name, default))
 
 
 def warn_no_effect(name: str, value: Any, reason: str) -> None:

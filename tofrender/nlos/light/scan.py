@@ -69,9 +69,8 @@ class ScanPlan(Plan):
     def attached(self):
         """Plan for derivatives: the laser spot moves, and paths alone find its light."""
         if self.space.scatters:
-            raise ValueError(
-                "medium: has no derivatives around the corner; must be left out of the scene"
-            )
+            mend = "must be left out of the scene"
+            raise ValueError(f"medium: has no derivatives around the corner; {mend}")
         return self._with(mis_weight=None, reuses_spot=False)
 
     def counting_from(self, first_opl: float) -> ScanPlan:

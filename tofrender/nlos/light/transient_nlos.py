@@ -17,14 +17,12 @@ from ...runtime import checks
 from ...runtime.backend import tracing_lock
 from ...signals.illuminants import white
 from ..device.laser import apply_meters, axis, find_laser, position_of, require_aim, solid_angle
-from ..device.relay_wall import first_hits, is_on_relay_wall
-from .laser_spot import LeftWall, Spot, counted, require_clear_way, trace_beam
-from .relay_wall_path import RelayWallPath, warn_no_effect
+from ..device.relay_wall import first_hits, trace_laser_spot
+from .laser_spot import OffWallHistory, Spot, counted_lanes, require_clear_way, trace_beam
+from .relay_wall_path import HIDDEN_SAMPLING, RelayWallPath, flag, warn_no_effect
 from .scan import Scan, ScanPlan
 
 CAPTURE_TYPES = ("single", "confocal", "exhaustive")
-
-HIDDEN_SAMPLING = "nlos_hidden_geometry_sampling"
 
 AREA = 1.0
 """Area that a laser spot stands for [m^2], as in the plugin of the same name in mitransient."""
@@ -70,7 +68,7 @@ class TransientNLOSPath(RelayWallPath):
         'confocal'
     """
 
-    counts_legs_by_default = False
+    counts_legs_by_default = samples_hidden_by_default = False
 
     def __init__(self, props: mi.Properties) -> None:
         kind: Any = props.get("capture_type", None)
@@ -82,25 +80,18 @@ class TransientNLOSPath(RelayWallPath):
         self.capture_type: str | None = kind
         self._type_is_given = kind is not None
         _read_mitransient(props)
-        self.lights_a_point, self.discard_direct_paths, by_material, self.targets_wall = (
-            checks.boolean(name, props.get(name, False))
-            for name in (
-                "nlos_laser_sampling",
-                "discard_direct_paths",
-                f"{HIDDEN_SAMPLING}_do_rroulette",
-                f"{HIDDEN_SAMPLING}_includes_relay_wall",
-            )
-        )
+        self.lights_a_point = flag(props, "nlos_laser_sampling")
+        self.discard_direct_paths = flag(props, "discard_direct_paths")
+        self.targets_wall = flag(props, f"{HIDDEN_SAMPLING}_includes_relay_wall")
         # Without the material as often, it still finds where the wall meets hidden geometry
+        by_material = flag(props, f"{HIDDEN_SAMPLING}_do_rroulette")
         self.hidden_probability = 0.5 if by_material else 0.9
-        if HIDDEN_SAMPLING not in props:
-            props[HIDDEN_SAMPLING] = False
-        power = props.get("laser_power", None)
-        if power is not None:
-            power = checks.number("laser_power", power, positive=True, unit="watts")
-            if not self.lights_a_point:
-                raise ValueError("laser_power: must be left out without nlos_laser_sampling")
-        self.laser_power = power
+        self.laser_power: Any = props.get("laser_power", None)
+        if self.laser_power is not None:
+            power = checks.number("laser_power", self.laser_power, positive=True, unit="watts")
+            self.laser_power = power
+            allowed = "left out without nlos_laser_sampling"
+            checks.require("laser_power", self.laser_power, self.lights_a_point, allowed)
         super().__init__(props)
 
     def targets(self, hidden: list[mi.Shape], wall: list[mi.Shape]) -> list[mi.Shape]:
@@ -120,16 +111,14 @@ class TransientNLOSPath(RelayWallPath):
         The wall and the capture type, "single" or "confocal", are by default as the parameters say.
         """
         kind = self._kind(sensor) if capture_type is None else capture_type
-        if kind == "exhaustive":
-            raise ValueError(
-                "capture_type = 'exhaustive': must be 'single' or 'confocal' to render; "
-                "tofrender.capture(scene, mode='exhaustive') makes exhaustive captures"
-            )
-        if kind == "confocal" and not self.lights_a_point:
-            raise ValueError(
-                "nlos_laser_sampling = False: must be true for confocal captures, whose laser "
-                "lights one point after the other"
-            )
+        allowed = (
+            "'single' or 'confocal' to render; "
+            "tofrender.capture(scene, mode='exhaustive') makes exhaustive captures"
+        )
+        checks.require("capture_type", kind, kind != "exhaustive", allowed)
+        allowed = "true for confocal captures, whose laser lights one point after the other"
+        samples = self.lights_a_point
+        checks.require("nlos_laser_sampling", samples, samples or kind != "confocal", allowed)
         find_laser(scene)
         apply_meters(scene, sensor)
         plan = super().plan(scene, sensor, weight, wall)
@@ -169,31 +158,24 @@ class TransientNLOSPath(RelayWallPath):
     @tracing_lock()
     def _check_aim(self, scan: Scan, kind: str, sensor: mi.Sensor | None) -> None:
         """Refuse a laser that misses the wall, or that is in its plane."""
-        origin, direction = axis(find_laser(scan.scene))
         if kind == "single":
             require_aim(scan.scene)
-            si = first_surface(scan.scene, mi.Ray3f(origin, direction))
-            lit = is_on_relay_wall(si, scan.wall) if scan.wall else si.is_valid()
-            if not lit[0]:
-                raise ValueError(
-                    "laser: does not light the relay wall; must look at it, "
-                    "and tofrender.focus_laser aims it there"
-                )
+            trace_laser_spot(scan.scene, scan.wall)
         elif sensor is not None:
+            origin = axis(find_laser(scan.scene))[0]
             _, si = first_hits(scan.scene, sensor)
             cos = dr.dot(si.n, dr.normalize(origin - si.p))
             if not dr.any(si.is_valid() & (dr.abs(cos) > GRAZING)):
-                raise ValueError(
-                    f"laser: is at {np.array(origin).ravel().tolist()}, in the plane of what the "
-                    "sensor sees; must be before it"
-                )
+                where = np.array(origin).ravel().tolist()
+                plane = "in the plane of what the sensor sees; must be before it"
+                raise ValueError(f"laser: is at {where}, {plane}")
 
     def laser(
         self, scan: Scan, ray: mi.Ray3f, origin: mi.Point3f, sampler: mi.Sampler, active: mi.Bool
     ) -> tuple[Any, Contribution | None]:
         """Make connections to the laser spot, or to the emitter itself."""
         if not self.lights_a_point:
-            return LaserItself(scan, self.shows_spot), None
+            return LaserEmitter(scan, self.shows_spot), None
         scene, emitter = scan.scene, find_laser(scan.scene)
         source, forward = axis(emitter)
 
@@ -240,12 +222,12 @@ def _read_mitransient(props: mi.Properties) -> None:
     depth: Any = props.get("filter_depth", -1)
     if not isinstance(depth, int) or depth != -1:
         checks.integer("filter_depth", depth, 2, checks.MAX_DEPTH)
-        if props.get("filter_bounces", -1) != -1:
-            raise ValueError(f"filter_depth = {depth}: must be left out; filter_bounces is given")
+        free = props.get("filter_bounces", -1) == -1
+        checks.require("filter_depth", depth, free, "left out; filter_bounces is given")
         props["filter_bounces"] = depth - 1
-    equal = "force_equal_illumination_scanning"
-    if not checks.boolean(equal, props.get(equal, True)):
-        raise ValueError(f"{equal} = False: must be True; all captures light the sensor's points")
+    name = "force_equal_illumination_scanning"
+    equal = checks.boolean(name, props.get(name, True))
+    checks.require(name, equal, equal, "True; all captures light the sensor's points")
     limit, fov = f"{HIDDEN_SAMPLING}_max_depth", "illumination_scan_fov"
     if props.get(limit, -1) != -1:
         checks.integer(limit, props[limit], 1, checks.MAX_DEPTH)
@@ -255,28 +237,24 @@ def _read_mitransient(props: mi.Properties) -> None:
         warn_no_effect(fov, props[fov], "the laser lights the sensor's points")
 
 
-class LaserItself(Endpoint):
-    """Next-event estimation of the scene's laser, with the paths of a scan that count.
-
-    Args:
-        scan: The scan.
-        single: Whether light of a single bounce counts.
-    """
+class LaserEmitter(Endpoint):
+    """Next-event estimation of the scene's laser, with the paths of a scan that count."""
 
     finds_all = False
 
-    def __init__(self, scan: Scan, single: bool) -> None:
+    def __init__(self, scan: Scan, counts_single_bounce: bool) -> None:
         self.lights = SceneLights(scan.scene, None, scan.hide_emitters)
-        self.scan, self.single, self.hide_emitters = scan, single, scan.hide_emitters
-        self.history = LeftWall(scan.wall) if scan.hidden_only else None
+        self.scan, self.counts_single_bounce = scan, counts_single_bounce
+        self.hide_emitters = scan.hide_emitters
+        self.history = OffWallHistory(scan.wall) if scan.hidden_only else None
 
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
         """Connect as `SceneLights`, for the paths that count."""
-        if not self.single:
+        if not self.counts_single_bounce:
             active = active & (path.depth > 0)
-        active = counted(self.scan, path, path.depth + 1, active)
+        active = counted_lanes(self.scan, path, path.depth + 1, active)
         connection = self.lights.connect(vertex, path, sampler, active)
         connection.length = connection.length if self.scan.counts_legs else mi.Float(0)
         first_opl = self.scan.first_opl

@@ -78,25 +78,15 @@ def depth_map(volume: xr.Dataset, threshold: float = 0.2) -> xr.DataArray:
 
 @dataclass(frozen=True)
 class DepthError:
-    """Differences between a depth map and the true one.
+    """Differences between a depth map and the true one, over pixels where both have a depth."""
 
-    Attributes:
-        median: Median of the absolute difference [m], over pixels where both have a depth.
-        mean: Mean of the absolute difference [m].
-        rms: Root of the mean squared difference [m].
-        bias: Median of found less true depth [m].
-        pixels: Number of pixels where both have a depth.
-        found: Fraction of the true pixels that have a depth.
-        extra: Fraction of the pixels with a depth where in truth there is nothing.
-    """
-
-    median: float
-    mean: float
-    rms: float
-    bias: float
-    pixels: int
-    found: float
-    extra: float
+    median: float  # of the absolute difference [m]
+    mean: float  # of the absolute difference [m]
+    rms: float  # root of the mean squared difference [m]
+    bias: float  # median of found less true depth [m]
+    pixels: int  # number of pixels where both have a depth
+    found: float  # fraction of the true pixels that have a depth
+    extra: float  # fraction of the pixels with a depth where in truth there is nothing
 
 
 def depth_error(volume: xr.Dataset, truth: Any, threshold: float = 0.2) -> DepthError:
@@ -125,15 +115,13 @@ def depth_error(volume: xr.Dataset, truth: Any, threshold: float = 0.2) -> Depth
     """
     depth = depth_map(volume, threshold).values
     true = checks.real_array("truth", truth, np.float64)
-    if true.shape != depth.shape:
-        raise ValueError(f"truth with shape {true.shape}: must be {depth.shape}, as the volume has")
+    valid = true.shape == depth.shape
+    checks.shape("truth", true, valid, f"{depth.shape}, as the volume has")
     there, seen = np.isfinite(true), np.isfinite(depth)
     if not there.any():
         raise ValueError("truth: must have a depth in one pixel or more")
     compared = there & seen
-    off = (depth - true)[compared]
-    if not off.size:
-        off = np.array([np.nan])
+    off = (depth - true)[compared] if compared.any() else np.array([np.nan])
     return DepthError(
         median=float(np.median(abs(off))),
         mean=float(abs(off).mean()),

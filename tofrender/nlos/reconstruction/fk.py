@@ -18,7 +18,7 @@ import math
 import numpy as np
 
 from ...runtime.progress import Bar
-from .fourier import fft, forward, require_memory
+from .fourier import fft, forward, inverse_sides, require_memory
 from .measured import Measured
 from .volume import VolumeGrid, native_volume
 
@@ -41,8 +41,7 @@ def fk_migration(measured: Measured, surface: str, bar: Bar) -> tuple[np.ndarray
     frequencies = fft.fftfreq(sides[0], lattice.dy), fft.fftfreq(sides[1], lattice.dx)
     _stolt(spectrum, frequencies, grid, lines)
     bar.update()
-    field = fft.ifft(spectrum, axis=0, workers=-1, overwrite_x=True)[:rows]
-    field = fft.ifft(field, axis=1, workers=-1)[:, :columns]
+    field = inverse_sides(spectrum, rows, columns)
     field = fft.ifft(field, lines, axis=2, workers=-1, overwrite_x=True)[..., :bins]
     bar.update()
     values = np.square(field.real) + np.square(field.imag)

@@ -19,10 +19,9 @@ def require_memory(method: str, shape: Sequence[int], copies: float) -> None:
     """Refuse work on complex arrays that do not fit."""
     needed, free = copies * 8 * math.prod(shape), memory.available()
     if needed > free:
-        raise MemoryError(
-            f"method = {method!r}: takes {needed / 2**30:.1f} GiB, {free / 2**30:.1f} GiB is free; "
-            "must be a capture of fewer points or bins, or method 'bp'"
-        )
+        sizes = f"takes {needed / 2**30:.1f} GiB, {free / 2**30:.1f} GiB is free"
+        mend = "must be a capture of fewer points or bins, or method 'bp'"
+        raise MemoryError(f"method = {method!r}: {sizes}; {mend}")
 
 
 def forward(values: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
@@ -36,8 +35,7 @@ def forward(values: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
     return fft.fft(spectrum, shape[0], axis=0, workers=-1, overwrite_x=True)
 
 
-def inverse(spectrum: np.ndarray, sides: tuple[int, int], lines: int) -> np.ndarray:
-    """Real values (rows, columns, lines) of a half spectrum, cropped to `sides`."""
-    values = fft.ifft(spectrum, axis=0, workers=-1, overwrite_x=True)[: sides[0]]
-    values = fft.ifft(values, axis=1, workers=-1)[:, : sides[1]]
-    return fft.irfft(values, lines, axis=2, workers=-1)
+def inverse_sides(spectrum: np.ndarray, rows: int, columns: int) -> np.ndarray:
+    """Inverse transform of the first two axes, cropped to `rows` and `columns`."""
+    field = fft.ifft(spectrum, axis=0, workers=-1, overwrite_x=True)[:rows]
+    return fft.ifft(field, axis=1, workers=-1)[:, :columns]

@@ -19,7 +19,7 @@ import numpy as np
 from scipy import sparse
 
 from ...runtime.progress import Bar
-from .fourier import fft, forward, inverse, require_memory
+from .fourier import fft, forward, inverse_sides, require_memory
 from .measured import Lattice, Measured
 from .volume import VolumeGrid, native_volume
 
@@ -44,11 +44,14 @@ def light_cone_transform(
     low, high = (edge * edge for edge in grid.z[:2])
     width = (high - low) / bins  # of a bin of v: half a bin of path length at mid-depth
 
+    # Resample light to bins of v, and transform it and the kernel
     light = _to_squared_depth(measured.light(0), grid, low + width * np.arange(bins + 1), surface)
     spectrum = forward(light, (*sides, lines))
     bar.update()
     kernel = _kernel_spectrum(lattice, rows, columns, bins, width)
     bar.update()
+
+    # Apply the Wiener filter, conj(kernel) / (|kernel|² + 1 / snr)
     power = np.square(kernel.real) + np.square(kernel.imag)
     power += np.float32(power.mean(dtype=np.float64) / snr)
     np.conjugate(kernel, out=kernel)
@@ -57,7 +60,10 @@ def light_cone_transform(
     spectrum *= kernel
     del kernel
     bar.update()
-    found = inverse(spectrum, (rows, columns), lines)[..., :bins]
+
+    # Transform back, and interpolate at the voxels' depths
+    field = inverse_sides(spectrum, rows, columns)
+    found = fft.irfft(field, lines, axis=2, workers=-1)[..., :bins]
     bar.update()
     return _to_depth(found, grid, low, width), grid
 

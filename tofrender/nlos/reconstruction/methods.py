@@ -109,20 +109,11 @@ def reconstruct(
         1.0
     """
     checks.one_of("method", method, METHODS)
-    given = {
-        "weighting": weighting,
-        "surface": surface,
-        "snr": snr,
-        "wavelength": wavelength,
-        "cycles": cycles,
-    }
-    options = _options(method, given)
+    given = {"weighting": weighting, "surface": surface, "snr": snr}
+    options = _options(method, given | {"wavelength": wavelength, "cycles": cycles})
     if client is not None:
-        if method not in ("bp", "fbp"):
-            raise ValueError(
-                f"client = {checks.quote(client)}: must be None, as method = {method!r} is done in "
-                "one process"
-            )
+        allowed = f"None, as method = {method!r} is done in one process"
+        checks.require("client", client, method in ("bp", "fbp"), allowed)
         require_client(client)
     wanted = None if volume is None else VolumeGrid.of(volume)
     check_capture(capture)
@@ -154,11 +145,8 @@ def _options(method: str, given: dict[str, Any]) -> dict[str, Any]:
     for name, (methods, default, check) in OPTIONS.items():
         value = given[name]
         if method not in methods:
-            if value is not None:
-                allowed = " and ".join(methods)
-                raise ValueError(
-                    f"{name} = {checks.quote(value)}: must be None, as it is for {allowed} only"
-                )
+            allowed = f"None, as it is for {' and '.join(methods)} only"
+            checks.require(name, value, value is None, allowed)
         elif value is not None or default is not None:
             options[name] = check(name, default if value is None else value)
     return options
@@ -172,9 +160,8 @@ def _check_method(method: str, measured: Measured) -> None:
     allowed += ["phasor"] * even
     if method not in allowed:
         grid = "an even plane grid" if even else "a grid that is not even, or not plane"
-        raise ValueError(
-            f"method = {method!r}: a {measured.mode} capture on {grid} allows {', '.join(allowed)}"
-        )
+        names = ", ".join(allowed)
+        raise ValueError(f"method = {method!r}: a {measured.mode} capture on {grid} allows {names}")
     if measured.path_range()[1] <= 0:
         raise ValueError("capture: its bins end before light can come back; must hold later ones")
 

@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from ...runtime import checks
 from ...runtime.progress import progress_bar
 from .fourier import fft, require_memory
 from .measured import Measured
@@ -80,10 +81,8 @@ def _pulse(
     low = max(1, math.ceil((centre - 3 / sigma) / step))
     high = math.floor(min(centre + 3 / sigma, math.pi / measured.width) / step)
     wavenumbers = step * np.arange(low, high + 1)
-    if not len(wavenumbers):
-        raise ValueError(
-            f"wavelength = {wavelength:g}: must be above two bins, {2 * measured.width:g} m"
-        )
+    allowed = f"above two bins, {2 * measured.width:g} m"
+    checks.require("wavelength", float(wavelength), len(wavenumbers), allowed)
     return wavenumbers, np.exp(-(((wavenumbers - centre) * sigma) ** 2) / 2)
 
 

@@ -39,8 +39,7 @@ class VolumeGrid:
     def __post_init__(self):
         for name in "xyz":
             object.__setattr__(self, name, _axis(name, getattr(self, name)))
-        if self.z[0] < 0:
-            raise ValueError(f"volume: z = {self.z}: must not lie behind the wall, z >= 0")
+        checks.require("volume: z", self.z, self.z[0] >= 0, "before the wall, z >= 0")
         if math.prod(self.shape) > MAX_VOXELS:
             raise ValueError(f"volume of {self.shape} voxels: must be at most {MAX_VOXELS}")
 
@@ -49,14 +48,8 @@ class VolumeGrid:
         """Convert three axes (low, high, count); a grid is returned as it is."""
         if isinstance(value, cls):
             return value
-        try:
-            x, y, z = value
-        except (TypeError, ValueError):
-            raise ValueError(
-                f"volume = {checks.quote(value)}: must be a VolumeGrid or (low, high, "
-                "count) for x, y, z"
-            ) from None
-        return cls(x, y, z)
+        allowed = "a VolumeGrid or (low, high, count) for x, y, z"
+        return cls(*checks.items("volume", value, 3, allowed))
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -75,16 +68,10 @@ class VolumeGrid:
 
 
 def _axis(name: str, value: Any) -> tuple[float, float, int]:
-    try:
-        low, high, count = value
-    except (TypeError, ValueError):
-        raise ValueError(
-            f"volume: {name} = {checks.quote(value)}: must be (low, high, count)"
-        ) from None
-    low, high = (checks.metres(f"volume: {name}", edge) for edge in (low, high))
+    *edges, count = checks.items(f"volume: {name}", value, 3, "(low, high, count)")
+    low, high = (checks.metres(f"volume: {name}", edge) for edge in edges)
     count = checks.integer(f"volume: count of {name}", count, 1, checks.MAX_SIZE)
-    if not low < high:
-        raise ValueError(f"volume: {name} = {checks.quote(value)}: low must be less than high")
+    checks.require(f"volume: {name}", value, low < high, "(low, high, count) with low < high")
     return low, high, count
 
 
