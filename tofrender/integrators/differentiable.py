@@ -14,8 +14,8 @@ import numpy as np
 
 from ..films.recording import BinRecording, PhasorRecording, Recording
 from ..paths.refraction import index_around
-from ..paths.scattering import undifferentiated
-from ..paths.surfaces import Boundaries, flat_twin, materials
+from ..paths.scattering import BLEND, MASK
+from ..paths.surfaces import Boundaries, bsdfs_in, flat_twin, materials
 from ..runtime import checks
 from ..scenes.media import media_of
 from ..signals.pulses import GaussianPulse, Pulse
@@ -102,7 +102,7 @@ def require_derivatives(
 
 
 def _material_reasons(scene: mi.Scene, straight: bool) -> Iterator[str]:
-    """Yield refusals of materials: see `paths.choices`, and of changing transmission."""
+    """Yield refusals of materials: see `paths.scattering`, and of changing transmission."""
     for bsdf in materials(scene):
         if wrong := undifferentiated(bsdf):
             yield (
@@ -119,6 +119,30 @@ def _material_reasons(scene: mi.Scene, straight: bool) -> Iterator[str]:
                 f"bsdf = {bsdf.class_name()}: has no derivatives by transient_volpath of what it "
                 "lets straight through; must be rendered by transient_path"
             )
+
+
+# BSDFs that return p with its derivative, which a mask over them mixes with its own
+CHOOSERS = ("ThinDielectric", "SmoothPlastic", BLEND)
+
+
+def undifferentiated(bsdf: mi.BSDF) -> str:
+    """Name the part of a BSDF that has no derivatives, "" if there is none.
+
+    Example:
+        >>> pane = {"type": "thindielectric"}
+        >>> undifferentiated(mi.load_dict({"type": "mask", "opacity": 0.5, "pane": pane}))
+        'mask over a thindielectric, a plastic or a blendbsdf'
+        >>> undifferentiated(mi.load_dict(pane))
+        ''
+    """
+    single = [part for part in bsdfs_in(bsdf) if mi.has_flag(part.flags(), mi.BSDFFlags.Delta)]
+    kinds = [part.class_name() for part in single]
+    if MASK in kinds and any(kind in CHOOSERS for kind in kinds):
+        return "mask over a thindielectric, a plastic or a blendbsdf"
+    smooth = [mi.has_flag(part.flags(), mi.BSDFFlags.Smooth) for part in single]
+    if any(kind == BLEND and more for kind, more in zip(kinds, smooth, strict=True)):
+        return "blendbsdf of single directions and others"
+    return ""
 
 
 def _motion_reasons(

@@ -21,8 +21,6 @@ from .refraction import Glass
 from .surfaces import bsdfs_in, changing, has_lobes, materials, spawn_ray
 
 MASK, BLEND = "MaskBSDF", "BlendBSDF"
-# BSDFs that return p with its derivative, which a mask over them mixes with its own
-CHOOSERS = ("ThinDielectric", "SmoothPlastic", BLEND)
 
 
 class Materials(Scattering):
@@ -171,23 +169,3 @@ class Choices:
         """Return 1, with the derivative that a weight lacks."""
         whole = reduce(lambda found, mask: found | (bsdf == mi.BSDFPtr(mask)), self._whole, False)
         return dr.replace_grad(mi.Float(1), changing(pdf, specular & ~mi.Bool(whole)))
-
-
-def undifferentiated(bsdf: mi.BSDF) -> str:
-    """Name the part of a BSDF that has no derivatives, "" if there is none.
-
-    Example:
-        >>> pane = {"type": "thindielectric"}
-        >>> undifferentiated(mi.load_dict({"type": "mask", "opacity": 0.5, "pane": pane}))
-        'mask over a thindielectric, a plastic or a blendbsdf'
-        >>> undifferentiated(mi.load_dict(pane))
-        ''
-    """
-    single = [part for part in bsdfs_in(bsdf) if mi.has_flag(part.flags(), mi.BSDFFlags.Delta)]
-    kinds = [part.class_name() for part in single]
-    if MASK in kinds and any(kind in CHOOSERS for kind in kinds):
-        return "mask over a thindielectric, a plastic or a blendbsdf"
-    smooth = [mi.has_flag(part.flags(), mi.BSDFFlags.Smooth) for part in single]
-    if any(kind == BLEND and more for kind, more in zip(kinds, smooth, strict=True)):
-        return "blendbsdf of single directions and others"
-    return ""

@@ -11,6 +11,5 @@ from .gated import GatedLights as GatedLights
 from .scene_lights import (
     ConnectionsOnly as ConnectionsOnly,
     EmitterHits as EmitterHits,
-    LightsStraightAhead as LightsStraightAhead,
     SceneLights as SceneLights,
 )

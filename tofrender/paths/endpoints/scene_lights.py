@@ -10,8 +10,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ...runtime import checks
-from ..protocols import HistoryUpdates
-from ..records import BSDFEval, BSDFSample, Connection, Hit, Path, Vertex
+from ..records import BSDFEval, Connection, Hit, Path, Vertex
 from ..surfaces import Wavefronts, has_lobes
 from .emitters import EmitterEndpoint, power_heuristic
 
@@ -149,28 +148,6 @@ class ConnectionsOnly(SceneLights):
     """
 
     finds_all = True
-
-
-class LastScattering(HistoryUpdates[mi.Interaction3f]):
-    """History of paths that go straight through surfaces: the last vertex that scattered them."""
-
-    def start(self) -> mi.Interaction3f:
-        """Return a placeholder: the first ray comes from the sensor."""
-        return dr.zeros(mi.Interaction3f)
-
-    def after_sample(self, path: Path, vertex: Vertex, bsdf_sample: BSDFSample) -> mi.Interaction3f:
-        """Return the vertex, or the earlier one where the path goes straight on."""
-        return dr.select(bsdf_sample.null, path.history, mi.Interaction3f(vertex.si))
-
-
-class LightsStraightAhead(SceneLights):
-    """`SceneLights` with connections through panes and masks, for `Limits` with `ignore_null`."""
-
-    history = LastScattering()
-
-    def connection_reference(self, path: Path) -> mi.Interaction3f:
-        """Return the last vertex that scattered the path, from which connections go."""
-        return path.history
 
 
 class EmitterHits(EmitterEndpoint):
