@@ -159,7 +159,7 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
 CHECKED = {
     **{"_check_size": "sizes", "_check_window": "window", "_check_length": "positive"},
     **{"_check_pulse_width": "pulse-width", "metres": "metres", "depth": "depth"},
-    **{"mapping": "mapping", "boolean": "boolean", "address": "address"},
+    **{"mapping": "mapping", "boolean": "boolean", "address": "address", "unchecked": "source"},
 }
 """The kind of a setting, by the function that checks it."""
 
@@ -202,7 +202,7 @@ def kind_of_setting(name: str) -> str:
         return "choice"
     if isinstance(setting.check, partial):
         return "count" if setting.low else "seed"
-    return CHECKED[setting.check.__name__] if setting.check else "source"
+    return CHECKED[setting.check.__name__]
 
 
 def bad(kind: str) -> Iterator[tuple[str, Any]]:

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from ..nlos.captures import MODES
+from ..rendering.settings import SETTINGS
 from ..runtime import checks
-from ..scenes.settings import CHECKS
+from ..runtime.settings import CHECKS
 from .randomness import Source
 from .tables import boolean, checked, known_keys, table, text
 from .varied import Varied, parse_varied
@@ -161,22 +162,16 @@ def _integer(low: int, high: int) -> Check:
     return lambda name, value: checks.integer(name, value, low, high)
 
 
-def _pair(check: Check, allowed: str) -> Check:
-    """Check of two values; None stays None."""
-
-    def pair(name: str, value: Any) -> Any:
-        if value is not None and (not isinstance(value, list | tuple) or len(value) != 2):
-            raise ValueError(f"{name} = {value!r}: must be {allowed}")
-        return value and tuple(check(name, each) for each in value)
-
-    return pair
+def _grid(name: str, value: Any) -> Any:
+    if value is None:
+        return None
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise ValueError(f"{name} = {value!r}: must be [width, height] in points")
+    return tuple(checks.integer(name, each, 1, checks.MAX_SIZE) for each in value)
 
 
 def _window(name: str, value: Any) -> tuple[float, float] | None:
-    window = _pair(checks.metres, "[start, end] in metres")(name, value)
-    if window and not window[0] < window[1]:
-        raise ValueError(f"{name} = {value!r}: must end after it starts")
-    return window
+    return None if value is None else checks.interval(name, value, "[start, end] in metres")
 
 
 def _only(key: str, check: Check) -> Check:
@@ -267,10 +262,10 @@ def _capture(name: str, value: Any) -> Capture:
     return Capture(**checked(name, table(name, value), CAPTURE))
 
 
-RENDER = CHECKS | {"window": _window, "sensor": _integer(0, 1000)}
+RENDER = CHECKS | {"window": _window, "sensor": SETTINGS["sensor"].check}
 CAPTURE = {
     "mode": lambda name, value: checks.one_of(name, value, MODES),
-    "grid": _pair(_integer(1, checks.MAX_SIZE), "[width, height] in points"),
+    "grid": _grid,
     "relay_wall": text,
     "hidden_depth": boolean,
 }
@@ -282,7 +277,7 @@ OUTPUTS = {
 }
 CONFIG: dict[str, Check] = {
     "records": _integer(1, MAX_RECORDS),
-    "seed": _integer(0, checks.MAX_SEED),
+    "seed": SETTINGS["seed"].check,
     "retry": _integer(0, MAX_RETRY),
     "scene": _scene,
     "arguments": table,

@@ -10,8 +10,8 @@ from typing import Any
 import mitsuba as mi
 
 from ..runtime import checks, plugins
-from .nodes import children
-from .settings import IN_TIME, INTEGRATORS
+from ..runtime.settings import INTEGRATORS
+from .nodes import IN_TIME, children
 
 WRAPPERS = {"aov": "AOVs", "moment": "moments", "stokes": "Stokes vectors"}
 """Integrators that add AOVs or statistics to the picture of another, nested one."""

@@ -20,6 +20,7 @@ import mitsuba as mi
 from ..runtime import checks, plugins
 from ..runtime.backend import keep_alive, tracing_lock
 from ..runtime.progress import held_signals, with_status
+from ..runtime.settings import SceneSettings, check_settings
 from . import BUILT_IN
 from .checking import require_inverse
 from .compatibility import use_own_names
@@ -28,7 +29,6 @@ from .files import require_indices, require_readable_dict, require_shallow_xml
 from .fingerprint import describe, remember_description
 from .nodes import is_kind
 from .numbers import is_transform
-from .settings import Settings, check_settings
 
 parser: Any = mi.parser
 
@@ -42,7 +42,7 @@ def load_scene(
     *,
     parameters: Mapping[str, Any] | None = None,
     optimize: bool = True,
-    **settings: Unpack[Settings],
+    **settings: Unpack[SceneSettings],
 ) -> mi.Scene:
     """Load a scene and change its settings on the way.
 

@@ -7,7 +7,10 @@ from typing import Any
 
 import mitsuba as mi
 
-from .settings import IN_TIME
+from ..runtime.settings import INTEGRATORS
+
+IN_TIME = (*INTEGRATORS, "simple", "confocal_transient_path", "transient_nlos_path")
+"""Transient integrators."""
 
 UNKNOWN = mi.ObjectType.Unknown
 

@@ -9,7 +9,7 @@ from typing import Any, TypedDict
 import mitsuba as mi
 
 from ..runtime import checks
-from .settings import INTEGRATORS
+from ..runtime.settings import INTEGRATORS
 
 Dict = dict[str, Any]
 
