@@ -76,14 +76,12 @@ class Config:
     """A data set, checked.
 
     Attributes:
-        records, seed, retry, arguments, parameters, outputs, materials, objects: Values of the
-            keys of these names, see docs/datasets.md.
+        records, seed, retry, arguments, parameters, outputs, materials, objects, window, sensor:
+            Values of the keys of these names, see docs/datasets.md.
         scene: A built-in scene's name, the path of an XML file, or a dict.
         settings: Settings of `load_scene`.
-        window: Start and end of the time bins [m], None for the scene's.
-        sensor: Number of the sensor.
         varied: The varied quantities by name.
-        folder: Folder where names of files start.
+        folder: Folder that names of files are relative to.
         plain: The configuration as JSON can hold it.
         checksum: Checksum of a scene that is a file or a dict.
         given: The configuration as it was read.
@@ -249,17 +247,9 @@ def _require_plain(where: str, value: Any) -> None:
         raise ValueError(f"{where} = {value!r}: must be a number, text, a list or a table")
 
 
-def _vary(name: str, value: Any) -> dict[str, Varied]:
-    return {key: parse_varied(key, each) for key, each in table(name, value).items()}
-
-
 def _scene(name: str, value: Any) -> Any:
     allowed = "a built-in scene's name, an XML file or, in Python, a dict"
     return checks.instance(name, value, str | os.PathLike | Mapping, allowed)
-
-
-def _capture(name: str, value: Any) -> Capture:
-    return Capture(**checked(name, table(name, value), CAPTURE))
 
 
 RENDER = CHECKS | {"window": _window, "sensor": SETTINGS["sensor"].check}
@@ -273,7 +263,7 @@ OUTPUTS = {
     **dict.fromkeys(("transient", "steady", "depth", "normals"), boolean),
     "phasor": _only("frequencies_hz", _frequencies),
     "noisy": _only("spp", CHECKS["spp"]),
-    "capture": _capture,
+    "capture": lambda name, value: Capture(**checked(name, table(name, value), CAPTURE)),
 }
 CONFIG: dict[str, Check] = {
     "records": _integer(1, MAX_RECORDS),
@@ -286,7 +276,9 @@ CONFIG: dict[str, Check] = {
     "outputs": _outputs,
     "materials": _plugins,
     "objects": _plugins,
-    "vary": _vary,
+    "vary": lambda name, value: {
+        key: parse_varied(key, each) for key, each in table(name, value).items()
+    },
 }
 """The check of each key."""
 
@@ -318,7 +310,7 @@ def parse_config(given: dict[str, Any], folder: Path) -> Config:
     for name, each in varied.items():
         fits, owner = owners.get(each.target, (True, ""))
         if not fits:
-            where = f"vary.{name}.{each.target} = {each.what!r}"
+            where = f"vary.{name}.{each.target} = {each.part!r}"
             raise ValueError(f"{where}: must be left out, scene is not {owner}")
     _require_once(varied, {kind: found[f"{kind}s"] for kind in owners})
     return Config(
@@ -338,8 +330,8 @@ def _require_once(varied: Mapping[str, Varied], fixed: Mapping[str, Mapping[str,
     """Refuse a part of the scene that is varied twice, or is varied and has a fixed value."""
     owners: dict[tuple[str, str], str] = {}
     for name, each in varied.items():
-        part, where = (each.target, str(each.what)), f"vary.{name}.{each.target} = {each.what!r}"
-        if each.what in fixed.get(each.target, ()):
+        part, where = (each.target, str(each.part)), f"vary.{name}.{each.target} = {each.part!r}"
+        if each.part in fixed.get(each.target, ()):
             raise ValueError(f"{where}: is in [{each.target}s] too; must be in one of both")
         if each.only_once and part in owners:
             raise ValueError(f"{where}: vary.{owners[part]} has it too; must be in one of both")
@@ -350,7 +342,7 @@ def _require_once(varied: Mapping[str, Varied], fixed: Mapping[str, Mapping[str,
 
 
 def _plain(given: Mapping[str, Any], scene: Any) -> dict[str, Any]:
-    """All keys as JSON holds them."""
+    """Convert the configuration to what JSON can hold."""
     found = dict(given)
     if isinstance(scene, Path):
         found["scene"] = os.fspath(given["scene"])

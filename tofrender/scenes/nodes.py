@@ -9,7 +9,7 @@ import mitsuba as mi
 
 from ..runtime.settings import INTEGRATORS
 
-IN_TIME = (*INTEGRATORS, "simple", "confocal_transient_path", "transient_nlos_path")
+TRANSIENT_INTEGRATORS = (*INTEGRATORS, "simple", "confocal_transient_path", "transient_nlos_path")
 """Transient integrators."""
 
 UNKNOWN = mi.ObjectType.Unknown
@@ -23,7 +23,7 @@ ENDINGS = {
     mi.ObjectType.Sampler: ("sampler", "sobol"),
     mi.ObjectType.Integrator: (
         *("path", "integrator", "prb", "prb_basic", "_projective", "_rf_basic"),
-        *IN_TIME,
+        *TRANSIENT_INTEGRATORS,
     ),
     mi.ObjectType.Sensor: ("camera", "meter"),
 }
