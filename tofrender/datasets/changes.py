@@ -23,14 +23,7 @@ FILMS = ("film", "sampler")
 
 
 def change(scene: Dict, sensor: int, varied: Iterable[Varied], drawn: Mapping[str, Any]) -> None:
-    """Put drawn values into a scene: values and materials, then poses, camera, objects present.
-
-    Args:
-        scene: A dict for `mi.load_dict`, changed in place.
-        sensor: Number of the sensor that `camera` means.
-        varied: The quantities.
-        drawn: Their values by name.
-    """
+    """Put drawn values into a scene: values, materials, then poses, camera, objects present."""
     by_target: dict[str, list[tuple[Varied, Any]]] = {}
     for each in varied:
         by_target.setdefault(each.target, []).append((each, drawn[each.name]))

@@ -28,11 +28,7 @@ TIME_AXES = ("opl", "capture_opl")
 
 
 class Store:
-    """A data set on disk that is being made, begun by `Store.begin`.
-
-    Args:
-        folder: Where it is, with its receipts.
-    """
+    """A data set on disk that is being made, with its receipts; `Store.begin` begins one."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.group_path = folder, folder / GROUP
