@@ -60,7 +60,7 @@ def test_the_documentation_says_what_the_table_does():
 @pytest.mark.parametrize("name", [n for n, s in SETTINGS.items() if s.check is not unchecked])
 def test_bad_values_are_refused(name):
     check = SETTINGS[name].check
-    for label, value in bad(kind_of_setting(name)):
+    for label, value in bad(kind_of_setting(SETTINGS[name])):
         if value is not None:
             with pytest.raises(ValueError, match=" ") as error:
                 check(name, value)

@@ -258,16 +258,7 @@ def _in_words(moment: Moment) -> str:
 
 @dataclass(frozen=True)
 class Case:
-    """A sampler and its density, with the arguments of `chi_square_test` that belong to them.
-
-    Attributes:
-        sample: Uniform numbers to points, or (points, weights), or (points, weights, densities).
-        pdf: Points to densities.
-        domain: Domain of the points.
-        name: Name in the verdict.
-        sample_dimension: Uniform numbers per sample, 2 or 3.
-        expected_moments: Known moments, if any.
-    """
+    """A sampler and its density: the arguments of `chi_square_test` of the same names."""
 
     sample: Callable[[Any], Any]
     pdf: Callable[[Any], mi.Float]
