@@ -119,11 +119,9 @@ def setting(name: str, parse: Callable[[str, Any], Any] | None = None, more: str
         return choice(described.choices, help)
     if described.check is checks.boolean:
         return switch(f"--{name}", help)
-    check = parse or described.check
-    assert check is not None
     if parse is None and described.low is not None and described.high is not None:
-        return checked(check, help, min=described.low, max=described.high)
-    return checked(check, help, **METAVARS.get(name, {}))
+        return checked(described.check, help, min=described.low, max=described.high)
+    return checked(parse or described.check, help, **METAVARS.get(name, {}))
 
 
 def named(metavar: str, help: str, *names: str) -> Any:
@@ -173,10 +171,7 @@ def span(name: str, value: Any) -> str | tuple[float, float]:
     if any(isinstance(end, str) for end in ends) or len(ends) != 2:
         allowed = "auto, scene, or start,stop in metres of path, like 3.5,15"
         raise ValueError(f"{name} = {checks.quote(value)}: must be {allowed}")
-    start, stop = (checks.metres(name, end) for end in ends)
-    if not start < stop < start + checks.MAX_OPL:
-        raise ValueError(f"{name} = {value}: must end after it starts, and not at infinity")
-    return start, stop
+    return checks.interval(name, ends)
 
 
 def definition(name: str, value: Any) -> tuple[str, str]:

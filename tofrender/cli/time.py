@@ -155,8 +155,8 @@ def _load(
 ) -> tuple[Any, Any, int]:
     """A scene with an integrator that knows time, its sensor, and samples per pixel."""
     opt.activate(variant)
-    from tofrender.scenes.in_time import successor_of
     from tofrender.scenes.loading import find_scene, load_scene, require_light, require_sensor
+    from tofrender.scenes.transient_integrators import transient_integrator_for
 
     found = find_scene(source)
     settings: dict[str, Any] = {"max_depth": max_depth}
@@ -165,7 +165,7 @@ def _load(
     loaded = load_scene(found, **settings)
     require_sensor(loaded)
     if getattr(loaded.integrator(), "traits", None) is None:  # One in a wrapper does not tell
-        kind = successor_of(loaded.integrator())
+        kind = transient_integrator_for(loaded.integrator())
         loaded = load_scene(found, integrator=kind, **settings)
     own: Any = loaded.integrator()
     if own.needs_lights:

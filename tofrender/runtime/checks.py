@@ -255,6 +255,20 @@ def resolved(name: str, width: float, *lengths: float) -> None:
         raise ValueError(f"{name} = {width:g}: must be at least {least:.3g} m, as {rounded}")
 
 
+def interval(
+    name: str, value: Any, allowed: str = "(start, stop) in metres"
+) -> tuple[float, float]:
+    """Require start and stop of path lengths, in metres."""
+    try:
+        start, stop = value
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} = {quote(value)}: must be {allowed}") from None
+    start, stop = metres(f"{name}[0]", start), metres(f"{name}[1]", stop)
+    if not start < stop < start + MAX_OPL:
+        raise ValueError(f"{name} = {quote(value)}: must end after it starts, and not at infinity")
+    return start, stop
+
+
 def point(name: str, value: Any, count: int = 3) -> list[float]:
     """Require a point, `count` finite coordinates in metres."""
     try:
