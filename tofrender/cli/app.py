@@ -16,6 +16,7 @@ from typing import Annotated, Any
 
 import typer
 
+from ..runtime import doctor as diagnosis
 from ..runtime.checks import printable
 from ..runtime.progress import Terminated, ended_by_signals, status, without_bars
 from . import course, dataset, grade, nlos, render, report, time, view, warp, writing
@@ -139,12 +140,10 @@ def scenes(as_json: Json = False) -> None:
 @app.command()
 def doctor(as_json: Json = False) -> None:
     """Check whether rendering works here, and say what to do if not."""
-    from tofrender.runtime import doctor
-
     if not as_json:
-        raise typer.Exit(doctor.main())
-    checks = doctor.diagnose()
-    works = doctor.works(checks)
+        raise typer.Exit(diagnosis.main())
+    checks = diagnosis.diagnose()
+    works = diagnosis.works(checks)
     answer("doctor", True, {"works": works, "checks": [asdict(each) for each in checks]}, ())
     raise typer.Exit(0 if works else FAILURE)
 

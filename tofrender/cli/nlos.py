@@ -6,9 +6,10 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ..runtime.progress import EVERY_S
+from ..runtime import backend
+from ..runtime.progress import EVERY_S, deferred_stop
 from . import completion, options as opt
-from .answers import Capture, Json, Reconstruct, answer, dataset_facts
+from .answers import Json, answer, dataset_facts
 from .checkpoints import (
     Resume,
     Seconds,
@@ -65,7 +66,6 @@ def capture(
     from tofrender.films.image import developed_shape
     from tofrender.nlos import capture as render_capture
     from tofrender.nlos.capturing import require_same_capture
-    from tofrender.runtime.progress import deferred_stop
     from tofrender.scenes.loading import find_scene, load_scene, require_sensor
 
     source = find_scene(scene)
@@ -108,10 +108,9 @@ def capture(
     end_if_stopped(stop)
 
 
-def _facts(captured: xr.Dataset, out: Path) -> Capture:
-    """Facts of a capture."""
+def _facts(captured: xr.Dataset, out: Path) -> dict[str, Any]:
     rows, columns = captured["sensor_grid"].shape[:2]
-    return dataset_facts(Capture, captured, {"out": out, "rows": rows, "columns": columns})
+    return dataset_facts("capture", captured, {"out": out, "rows": rows, "columns": columns})
 
 
 def reconstruct(
@@ -134,9 +133,8 @@ def reconstruct(
     for name, value in (("workers", workers), ("scheduler", scheduler)):
         if value is not None and method not in ("bp", "fbp"):
             raise ValueError(f"{name} = {value}: must be left out with `method={method}`")
-    from tofrender.runtime import backend
-
     backend.activate()
+
     import numpy as np
 
     from tofrender import io, nlos, vis
@@ -161,7 +159,6 @@ def reconstruct(
     median = float(np.median(seen)) if seen.size else None
     where = "nothing found" if median is None else f"median depth {median:.3f} m"
     files = ["volume.npz", "brightness.exr", "depth.exr", f"volume.{figure}"]
-    facts = Reconstruct(
-        out=str(out), files=files, source=str(source), method=method, median_depth=median
-    )
+    facts = {"out": str(out), "files": files, "source": str(source), "method": method}
+    facts |= {"median_depth": median}
     answer("reconstruct", as_json, facts, [f"{out}: {', '.join(files)}; {where}"])

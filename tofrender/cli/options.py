@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from ..rendering.settings import SETTINGS
-from ..runtime import checks
+from ..runtime import backend, checks
+from ..runtime.atomic import check_file, check_writable
 from ..runtime.progress import bars_cleared
 from . import completion
 
@@ -253,9 +254,7 @@ Dpi = Annotated[int | None, integer(20, 2400, "Dots per inch of the figure's pix
 
 
 def activate(variant: str | None = None, polarised: bool = False) -> None:
-    """Make a Mitsuba variant active that can render; it chooses the LLVM before any import."""
-    from tofrender.runtime import backend
-
+    """Activate a Mitsuba variant that can render."""
     backend.activate(variant)
     backend.require_vectorised()
     if not polarised:
@@ -280,24 +279,22 @@ def dots(dpi: int | None) -> dict[str, Any]:
 
 
 def check_client(workers: int | None, scheduler: str | None) -> None:
-    """Refuse workers that are asked for in two ways."""
+    """Refuse --workers together with --scheduler."""
     if workers is not None and scheduler is not None:
         raise ValueError("--scheduler: must be left out with --workers")
 
 
 def client_of(workers: int | None, scheduler: str | None) -> AbstractContextManager[Client | None]:
-    """A client of the workers that are asked for, None if none are."""
-    check_client(workers, scheduler)
-    if workers is None and scheduler is None:
-        return nullcontext()
+    """Client of local workers or of a scheduler's, None without either option."""
     from tofrender.rendering.workers import workers_for
 
+    check_client(workers, scheduler)
     return workers_for(workers, scheduler)
 
 
 @contextmanager
 def _naming_out() -> Iterator[None]:
-    """Errors of a path as errors of --out."""
+    """Turn errors of a path into errors of --out."""
     try:
         yield
     except (ValueError, OSError) as error:
@@ -317,16 +314,12 @@ def check_out(
 
 def check_file_out(out: Path, *suffixes: str, overwrite: bool = False) -> None:
     """Refuse a file that cannot be written."""
-    from tofrender.runtime.atomic import check_file
-
     with _naming_out():
         check_file(out, *suffixes, overwrite=overwrite, needed_bytes=FIGURE_BYTES)
 
 
 def check_room(out: Path, *arrays: int) -> None:
-    """Refuse a disk too small for arrays of floats, each of so many values."""
-    from tofrender.runtime.atomic import check_writable
-
+    """Refuse a disk too small for arrays of floats with these numbers of values."""
     with _naming_out():
         check_writable(out, 4 * sum(arrays) + FIGURE_BYTES)
 

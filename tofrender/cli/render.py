@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ..rendering.settings import RenderSettings
-from ..runtime.progress import EVERY_S
+from ..runtime import atomic
+from ..runtime.progress import EVERY_S, deferred_stop
 from . import options as opt
 from .answers import Json, answer, render_facts
 from .checkpoints import (
@@ -102,7 +103,6 @@ def render(
 
     from tofrender.rendering.job import carry_out, collect
     from tofrender.rendering.renderer import make_job
-    from tofrender.runtime.progress import deferred_stop
     from tofrender.scenes.loading import find_scene
 
     options |= {"scene": find_scene(scene), "define": dict(define or ())}
@@ -200,7 +200,6 @@ def _on_disk(
     from tofrender.rendering.store import under_way
     from tofrender.rendering.streaming import stream
     from tofrender.rendering.work_items import whole
-    from tofrender.runtime import atomic
 
     if not resume:
         for left in (film, under_way(film)):

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 from zipfile import ZipFile
 
-from ..runtime import checks
+from ..runtime import backend, checks
 from . import options as opt
 
 if TYPE_CHECKING:
@@ -34,8 +34,6 @@ def report(
     FILE opens from disk, without a server or a network: light in time, responses of pixels,
     gates, phasors. What was reduced for it, and how right its values are, is said in it.
     """
-    from tofrender.runtime import backend
-
     opt.check_file_out(out, *SUFFIXES, overwrite=True)
     backend.activate()
     data = _seen(checks.path("DIR|FILE", source))

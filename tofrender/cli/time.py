@@ -6,10 +6,10 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ..runtime.progress import EVERY_S
+from ..runtime.progress import EVERY_S, deferred_stop
 from ..signals.units import check_frequency
 from . import options as opt
-from .answers import Gate, Json, Phasor, answer
+from .answers import Json, answer
 from .checkpoints import Resume, Seconds, checkpointed, end_if_stopped, exclusively, require_begun
 
 if TYPE_CHECKING:
@@ -64,7 +64,6 @@ def phasor(
                 raise ValueError(f"{option} = {value}: must be left out, {source} is rendered")
         from tofrender.analysis import transient_to_phasor
         from tofrender.rendering.dataset import components_of
-        from tofrender.runtime.progress import deferred_stop
 
         rendered = components_of(opt.load_render(Path(source), "RENDER_DIR"))[0]
         opt.check_room(out, PARTS * len(freq) * rendered["steady"].size)
@@ -74,7 +73,6 @@ def phasor(
     else:
         loaded, sensor, samples = _load(source, spp, size, max_depth, variant)
         from tofrender.integrators.amcw import render_amcw_phasor
-        from tofrender.runtime.progress import deferred_stop
 
         opt.check_room(out, PARTS * len(freq) * _values(sensor))
         with checkpointed(out, checkpoint, resume) as kept:
@@ -83,9 +81,8 @@ def phasor(
             with deferred_stop() as stop:
                 files = _write_phasors(out, freq, parts, source, figure, dpi)
     height, width = parts[0].shape[1:3]
-    facts = Phasor(
-        out=str(out), files=files, source=source, frequencies_hz=freq, width=width, height=height
-    )
+    facts = {"out": str(out), "files": files, "width": width, "height": height}
+    facts |= {"source": source, "frequencies_hz": freq}
     answer("phasor", as_json, facts, [f"{out}: {', '.join(files)}"])
     end_if_stopped(stop)
 
@@ -118,7 +115,6 @@ def gate(
     loaded, sensor, samples = _load(scene, spp, size, max_depth, variant)
     from tofrender import io, vis
     from tofrender.integrators.time_gated import render_at_time
-    from tofrender.runtime.progress import deferred_stop
 
     opt.check_room(out, _values(sensor))
     integrator = _gated(loaded.integrator(), pulse_width)
@@ -135,17 +131,8 @@ def gate(
             io.save_figure(drawn, folder / f"picture.{figure}", **opt.dots(dpi))
     files = ["gate.exr", f"picture.{figure}"]
     rows, columns = image.shape[:2]
-    facts = Gate(
-        out=str(out),
-        files=files,
-        width=columns,
-        height=rows,
-        scene=scene,
-        at=at,
-        spp=samples,
-        pulse_width=width,
-        seed=seed,
-    )
+    facts = {"out": str(out), "files": files, "width": columns, "height": rows, "scene": scene}
+    facts |= {"at": at, "pulse_width": width, "spp": samples, "seed": seed}
     answer("gate", as_json, facts, [f"{out}: {', '.join(files)}"])
     end_if_stopped(stop)
 

@@ -6,6 +6,8 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from ..runtime import backend
+from ..runtime.progress import deferred_stop
 from . import options as opt
 from .checkpoints import exclusively
 
@@ -29,12 +31,10 @@ def merge(
     """
     opt.check_format(format, precision)
     opt.check_out(out)
-    from tofrender.runtime import backend
-
     backend.activate()
+
     from tofrender.rendering.dataset import in_channels
     from tofrender.rendering.merging import merge as join
-    from tofrender.runtime.progress import deferred_stop
 
     renders = []
     for source in sources:

@@ -16,7 +16,7 @@ from ..rendering.workers import check_client, render_by_workers
 from ..runtime import checks
 from ..runtime.backend import versions
 from ..runtime.checkpoints import Checkpoint, SavedState, SubCheckpoint
-from ..runtime.progress import Stop, deferred_stop, progress_bar
+from ..runtime.progress import ProgressBar, Stop, deferred_stop
 from .device.focus import focus_laser
 from .setup import CaptureSetup, prepare_capture
 
@@ -121,7 +121,7 @@ class ExhaustiveCapture:
         if kept is not None:
             done = kept.done
             arrays |= {name: kept.arrays.pop(name) for name in arrays if name in kept.arrays}
-        bar = progress_bar(POINTS, len(self.spots), unit="point", enabled=progress)
+        bar = ProgressBar(POINTS, len(self.spots), unit="point", enabled=progress)
         with bar, deferred_stop() as stop:
             for number, point in enumerate(self.spots):
                 bar.update()

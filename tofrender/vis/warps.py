@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["verdict_figure", "warp_figure"]
 
 
-@in_style
+@in_style()
 def warp_figure(points: Any, verdict: Verdict, title: str = "points") -> Figure:
     """Draw warped points and their expected density, above the verdict of a chi-square test.
 

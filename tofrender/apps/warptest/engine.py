@@ -93,7 +93,7 @@ def _warped(case: Case, numbers: np.ndarray) -> np.ndarray:
     return warped
 
 
-@in_style
+@in_style()
 def panels(verdict: Verdict) -> str:
     """SVG of observed and expected density and their difference, in the colours of the page."""
     grid = PictureGrid(8.0, 1, 3, 1.0, own_y=True)
