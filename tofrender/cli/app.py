@@ -50,12 +50,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     set_command(None, {})
     try:
-        with warnings.catch_warnings(), ended_by_signals() as came:
+        with warnings.catch_warnings(), ended_by_signals() as received:
             warnings.simplefilter("always", UserWarning)
             warnings.showwarning = _warn
             code = app(args=arguments, prog_name="tofrender", standalone_mode=False) or 0
-            if came and code == INTERRUPTED:  # Before the command starts; Typer says nothing
-                raise Terminated(came[0])
+            if received and code == INTERRUPTED:  # Before the command starts; Typer says nothing
+                raise Terminated(received[0])
             return code
     except (Exception, KeyboardInterrupt) as error:
         if os.environ.get("TOFRENDER_DEBUG", "0") not in ("", "0"):
@@ -64,16 +64,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _explain(error: BaseException) -> int:
-    """Put an error into one line on stderr; returns the exit status."""
+    """Print an error in one line on stderr; returns the exit status."""
     explain = getattr(error, "format_message", None)  # Typer's errors about the command line
     if explain is not None:
         return _complain(explain(), BAD_INPUT)
     while error.__cause__ is not None:  # Dr.Jit wraps what is raised inside a loop
         error = error.__cause__
     if isinstance(error, KeyboardInterrupt | typer.Abort):
-        said = str(error)
-        told = said if said.startswith("interrupted") else "interrupted"
-        return _complain(told, getattr(error, "status", INTERRUPTED))
+        message = str(error) if str(error).startswith("interrupted") else "interrupted"
+        return _complain(message, getattr(error, "status", INTERRUPTED))
     bad = (ValueError, MemoryError, FileNotFoundError, FileExistsError, PermissionError)
     status = BAD_INPUT if isinstance(error, bad) else FAILURE
     return _complain(with_option_names(str(error)) or type(error).__name__, status)
@@ -89,23 +88,22 @@ def _complain(message: str, status: int) -> int:
 
 
 def _wrapped(command: Callable[..., None]) -> Callable[..., None]:
-    """A command that is seen to work, and says what goes wrong in words of its options.
+    """Wrap a command so that it shows a status line, and errors name its options.
 
-    Its Ctrl-C reaches `_explain`: Typer would end it without a word.
+    Its Ctrl-C reaches `_explain` in another error: Typer would end it without a word.
     """
     name = f"tofrender {command.__name__.replace('_', '-')}"
-    shown = command in SHOWN
 
     @wraps(command)
-    def told(**options: Any) -> None:
+    def wrapper(**options: Any) -> None:
         set_command(command, options)
         try:
-            with without_bars(not options.get("progress", True)), status(name, shown):
+            with without_bars(not options.get("progress", True)), status(name, command in SHOWN):
                 command(**options)
-        except KeyboardInterrupt as stopped:
-            raise RuntimeError from stopped
+        except KeyboardInterrupt as interrupt:
+            raise RuntimeError from interrupt
 
-    return told
+    return wrapper
 
 
 def _show_version(wanted: bool) -> None:
@@ -152,7 +150,7 @@ SHOWN = (
     *(time.phasor, time.gate, nlos.capture, nlos.reconstruct, warp.warp, report.report),
     *(render.render, writing.merge, dataset.dataset),
 )
-"""Commands that show that they work; the others say each thing that they have done."""
+"""Commands with a status line; the others print each thing that they have done."""
 
 for command in (
     *SHOWN,

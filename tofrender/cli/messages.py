@@ -1,4 +1,4 @@
-"""Messages of the package as the command says them: its words are options there."""
+"""Messages of the package with the names of the command's options in them."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import typer
 
 from ..rendering.settings import SCENE_NAMES
 
-OTHER_NAMES = {scene_name: name for name, scene_name in SCENE_NAMES.items()}
-OTHER_NAMES |= {"width": "size", "height": "size"}
-"""Names in scenes and films of what options give."""
+OPTION_NAMES = {scene_name: name for name, scene_name in SCENE_NAMES.items()}
+OPTION_NAMES |= {"width": "size", "height": "size"}
+"""Parameters of commands by the names of the same settings in scenes and films."""
 
 _options: dict[str, tuple[str, bool]] = {}
-"""Names of the options of the command under way, by its parameters, and whether each is given."""
+"""Options of the running command by parameter, with whether each is given."""
 
 
 def set_command(command: Callable[..., Any] | None, given: Mapping[str, Any]) -> None:
-    """From now on, messages are about this command, called with these values; None for none."""
+    """Set the command that messages are about, and the values it is called with."""
     _options.clear()
     if command is None:
         return
@@ -35,18 +35,18 @@ def set_command(command: Callable[..., Any] | None, given: Mapping[str, Any]) ->
 
 
 def with_option_names(message: str) -> str:
-    """A message with the options of the command under way in place of the package's words.
+    """Replace names of parameters in a message by options of the running command.
 
-    The word that it starts with is an option if that was given; a word in backticks is one
-    wherever the command has it.
+    The first word is replaced if that option was given, a word in backticks wherever the command
+    has the option.
     """
 
     def first(found: re.Match[str]) -> str:
-        option, given = _options.get(_own(found[1]), ("", False))
+        option, given = _option(found[1])
         return f"{option if given else found[1]}{found[2]}"
 
     def quoted(found: re.Match[str]) -> str:
-        option, _ = _options.get(_own(found[1]), ("", False))
+        option, _ = _option(found[1])
         return found[0] if not option else f"{option} {found[3]}" if found[3] else option
 
     message = re.sub(r"\A(\w+)( = |:)", first, message)
@@ -55,5 +55,5 @@ def with_option_names(message: str) -> str:
     return re.sub(r"`(\w+)(='?([^`']*)'?)?`", quoted, message)
 
 
-def _own(word: str) -> str:
-    return OTHER_NAMES.get(word, word)
+def _option(word: str) -> tuple[str, bool]:
+    return _options.get(OPTION_NAMES.get(word, word), ("", False))

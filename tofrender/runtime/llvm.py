@@ -46,12 +46,7 @@ class Library:
 
     path: Path  # Symbolic links resolved
     major: int | None  # None if the version is unknown
-    problem: str = ""  # Why Dr.Jit must not load it
-
-    @property
-    def usable(self) -> bool:
-        """Whether Dr.Jit renders with this library."""
-        return not self.problem
+    problem: str = ""  # Why Dr.Jit must not load it; empty if it can render with it
 
 
 @dataclass(frozen=True)
@@ -76,10 +71,6 @@ class System:
             return set(" ".join(found).lower().split())
         return set()
 
-    def which(self, command: str) -> str | None:
-        """Path of `command`, None if this system has none."""
-        return shutil.which(command, path=self.environ.get("PATH", ""))
-
 
 def candidates(system: System | None = None) -> list[Library]:
     """List every libLLVM on this machine, that of `DRJIT_LIBLLVM_PATH` first.
@@ -103,8 +94,7 @@ def candidates(system: System | None = None) -> list[Library]:
 def choose(system: System | None = None) -> Library | None:
     """Choose the library that Dr.Jit should load, None if there is none that it can use.
 
-    A library named by `DRJIT_LIBLLVM_PATH` is the only choice: if it is unusable, no other one
-    replaces it, and `refusal` says why.
+    A library named by `DRJIT_LIBLLVM_PATH` is the only choice, even if it is unusable.
     """
     system = system or System()
     named = _named(system)
@@ -137,7 +127,8 @@ def install_command(system: System | None = None) -> str:
     """Command that installs a usable LLVM on this system."""
     system = system or System()
     sudo = "" if system.euid == 0 else "sudo "
-    conda = next((name for name in ("mamba", "conda", "micromamba") if system.which(name)), "conda")
+    names, path = ("mamba", "conda", "micromamba"), system.environ.get("PATH", "")
+    conda = next((name for name in names if shutil.which(name, path=path)), "conda")
     from_conda = f"{conda} install -y -c conda-forge libllvm19"
     if system.platform == "win32":
         return "winget install LLVM.LLVM"
@@ -176,7 +167,7 @@ def main() -> int:
 
 
 def _best(libraries: list[Library]) -> Library | None:
-    usable = [library for library in libraries if library.usable]
+    usable = [library for library in libraries if not library.problem]
     return max(usable, key=lambda library: _preference(library.major or 0), default=None)
 
 
