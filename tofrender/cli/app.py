@@ -32,15 +32,11 @@ app = typer.Typer(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command and return its exit status.
+    """Run the command with `arguments`, by default the process's, and return its exit status.
 
-    Args:
-        arguments: What follows the command's name; by default those of the process.
-
-    Returns:
-        0 on success, 2 for bad input, 1 for a failure, 130 after Ctrl-C or if work that can go on
-        was stopped, else 143 after SIGTERM and 129 after SIGHUP. All but the first leave one line
-        on stderr; with TOFRENDER_DEBUG=1 an error is raised instead.
+    That is 0 on success, 2 for bad input, 1 for a failure, 130 after Ctrl-C or if work that can go
+    on was stopped, else 143 after SIGTERM and 129 after SIGHUP. All but the first leave one line on
+    stderr; with TOFRENDER_DEBUG=1 an error is raised instead.
 
     Example:
         >>> main(["--version"]) == 0

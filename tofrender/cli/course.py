@@ -81,10 +81,7 @@ def verify(
         raise typer.Exit(1)
 
 
-def start(
-    assignment: Name,
-    folder: Annotated[Path, argument("FOLDER", "A new folder.")],
-) -> None:
+def start(assignment: Name, folder: Annotated[Path, argument("FOLDER", "A new folder.")]) -> None:
     """Make a folder to work in: stubs, tests, handout and notebook of an assignment."""
     from tofrender.course import assignments
     from tofrender.course.notebooks import NOTEBOOK

@@ -29,10 +29,7 @@ METHODS = ("lct", "fk", "bp", "fbp", "phasor")
 
 
 def capture(
-    scene: Annotated[
-        str,
-        opt.argument("SCENE", "A scene with a relay wall.", completion.scene),
-    ],
+    scene: Annotated[str, opt.argument("SCENE", "A scene with a relay wall.", completion.scene)],
     out: Annotated[Path, opt.named("FILE", "HDF5 file to write.")],
     mode: Annotated[str, opt.choice(MODES, "Which points of the wall are lit.")] = "confocal",
     grid: Annotated[opt.Size | None, opt.size("64x64", "Points on the wall.")] = None,
@@ -70,6 +67,7 @@ def capture(
 
     source = find_scene(scene)
     names = None if wall is None else [each.strip() for each in wall.split(",")]
+    sampling: dict[str, Any] = {"mode": mode, "spp": spp, "seed": seed}
     columns, rows = grid or (None, None)
     loaded = load_scene(source, optimize=False, width=columns, height=rows)
     require_sensor(loaded)
@@ -79,22 +77,15 @@ def capture(
     if resume and out.exists() and unfinished_work(out) is None:
         found = io.load_capture(out)
         if found.attrs.get("complete", 1):
-            options: dict[str, Any] = {"spp": spp, "seed": seed, "sensor": 0, "wall": names}
-            require_same_capture(found, loaded, mode=mode, grid=None, **options)
+            require_same_capture(found, loaded, grid=None, sensor=0, wall=names, **sampling)
             line = f"{out}: already complete, {found.attrs['spp']} samples per pixel"
             answer("capture", as_json, _facts(found, out), [line])
             return
-    with checkpointed(out, checkpoint, resume) as kept, opt.client_of(workers, scheduler) as client:
-        require_begun(resume, kept and kept.path, out)
+    with checkpointed(out, checkpoint, resume) as file, opt.client_of(workers, scheduler) as client:
+        require_begun(resume, file and file.path, out)
+        given, points = (loaded, None) if client is None else (source, grid)
         captured = render_capture(
-            loaded if client is None else source,
-            mode=mode,
-            grid=None if client is None else grid,
-            spp=spp,
-            seed=seed,
-            relay_wall=names,
-            checkpoint=kept,
-            client=client,
+            given, grid=points, relay_wall=names, checkpoint=file, client=client, **sampling
         )
         captured.attrs["scene"] = str(source)
         with deferred_stop() as stop:

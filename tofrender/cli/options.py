@@ -1,9 +1,8 @@
-"""Options that commands share, and what turns the text of each into a value.
+"""Options that commands share, with the checks of their values.
 
-Options of `render`'s settings come from the table in `rendering/settings.py`. Types, ranges and
-choices are shown by Typer in `--help`; only its words for a bad value are replaced, as they do not
-say the value: each is refused in one line, `--option = value: must be ...`. Nothing here imports
-Mitsuba.
+Options of `render`'s settings come from the table in `rendering/settings.py`. Typer shows types,
+ranges and choices in `--help`, but its messages for bad values lack the value: here each is refused
+in one line, `--option = value: must be ...`. Nothing here imports Mitsuba.
 """
 
 from __future__ import annotations
@@ -27,11 +26,8 @@ if TYPE_CHECKING:
     import xarray as xr
     from distributed import Client
 
-BAD_INPUT, FAILURE, INTERRUPTED = 2, 1, 130
-"""Exit statuses of the command, if not 0."""
-
-FIGURE_BYTES = 1 << 20
-"""Size of a figure and a few headers on a disk [bytes]."""
+BAD_INPUT, FAILURE, INTERRUPTED = 2, 1, 130  # Exit statuses
+FIGURE_BYTES = 1 << 20  # Size of a figure and a few headers on a disk
 
 FILES = {
     "frames": "",
@@ -42,8 +38,7 @@ FILES = {
 }
 """The file that holds the transient in the output folder, by --format."""
 
-SCENE_TIME, NO_PULSE = "scene", "none"
-"""Values of --window and --pulse-width that leave time to the scene."""
+SCENE_TIME, NO_PULSE = "scene", "none"  # --window and --pulse-width: as the scene has them
 
 
 class Size(NamedTuple):
@@ -56,11 +51,11 @@ class Size(NamedTuple):
         return f"{self.width}x{self.height}"
 
 
-class Refused(typer.BadParameter):
-    """A bad value, with all that is said of it behind the option's name."""
+class BadValue(typer.BadParameter):
+    """A bad value; the message is what follows the option's name."""
 
     def format_message(self) -> str:
-        """The whole line."""
+        """Format the whole line."""
         name = self.param.opts[0] if self.param else ""
         return f"{name if name.startswith('-') else name.upper()}{self.message}"
 
@@ -68,16 +63,16 @@ class Refused(typer.BadParameter):
 def checked(
     check: Callable[[str, Any], Any], help: str, *names: str, kind: Any = typer.Option, **info: Any
 ) -> Any:
-    """An option or argument whose value is `check("", text)`, text that spells a number as one.
+    """An option or argument whose value is `check("", text)`, where numbers are no text.
 
-    A bad value makes `check` raise a ValueError with what is to be said behind the option's name.
+    For a bad value `check` raises a ValueError, whose message follows the option's name.
     """
 
     def parse(text: Any) -> Any:
         try:
             return check("", number(text))
         except ValueError as error:
-            raise Refused(str(error)) from None
+            raise BadValue(str(error)) from None
 
     return kind(*names, parser=parse, help=help, **info)
 
@@ -113,7 +108,7 @@ def choice(names: Iterable[str], help: str, **info: Any) -> Any:
 
 
 def setting(name: str, parse: Callable[[str, Any], Any] | None = None, more: str = "") -> Any:
-    """The option of a setting of `render`, by the table; `parse` checks what is no plain number."""
+    """An option of a setting of `render`, by the table; `parse` checks what is no plain number."""
     described = SETTINGS[name]
     help = f"{described.help}{more}."
     if described.choices:
@@ -157,7 +152,7 @@ def size(example: str, help: str) -> Any:
 
 
 def pulse(name: str, value: Any) -> str | float:
-    """The check of an option that is a pulse's width: auto, none, or metres."""
+    """Check a pulse's width: auto, none, or metres."""
     if value in ("auto", NO_PULSE):
         return value
     width = number(value)
@@ -167,7 +162,7 @@ def pulse(name: str, value: Any) -> str | float:
 
 
 def span(name: str, value: Any) -> str | tuple[float, float]:
-    """The check of an option that is a window: auto, scene, or where it starts and stops."""
+    """Check a window: auto, scene, or where it starts and stops."""
     ends = [number(end) for end in str(value).split(",")]
     if value in ("auto", SCENE_TIME):
         return value
@@ -181,7 +176,7 @@ def span(name: str, value: Any) -> str | tuple[float, float]:
 
 
 def definition(name: str, value: Any) -> tuple[str, str]:
-    """The check of an option that is a name and a value."""
+    """Split a name and its value."""
     key, separator, text = str(value).partition("=")
     if not separator or not key:
         raise ValueError(f"{name} {value}: must be name=value, like spp=64")
@@ -189,12 +184,7 @@ def definition(name: str, value: Any) -> tuple[str, str]:
 
 
 def number(text: Any) -> Any:
-    """The number that a text spells, NaN and infinities too; any other text for a check to refuse.
-
-    Example:
-        >>> number("64"), number("2e7"), number("1_000"), number("\u0663")
-        (64, 20000000.0, '1_000', '\u0663')
-    """
+    """Convert text of ASCII digits to a number, NaN and infinities too; return other text as is."""
     if not isinstance(text, str) or not text.isascii() or "_" in text or text != text.strip():
         return text
     for kind in (int, float):
@@ -223,9 +213,7 @@ METAVARS: dict[str, dict[str, Any]] = {
 Scene = Annotated[
     str,
     argument(
-        "SCENE",
-        f"{SETTINGS['scene'].help}; `tofrender scenes` lists the names.",
-        completion.scene,
+        "SCENE", f"{SETTINGS['scene'].help}; `tofrender scenes` lists the names.", completion.scene
     ),
 ]
 Out = Annotated[Path, named("DIR", "Folder to write, made whole.")]
@@ -262,14 +250,14 @@ def activate(variant: str | None = None, polarised: bool = False) -> None:
 
 
 def say(*lines: str, err: bool = False) -> None:
-    """Say something on stdout, or on stderr."""
+    """Print lines on stdout or stderr, above progress bars."""
     with bars_cleared():
         for line in lines:
             typer.echo(checks.printable(line), err=err)
 
 
 def note(line: str) -> None:
-    """Say something on stderr."""
+    """Print a line on stderr."""
     say(line, err=True)
 
 
@@ -338,7 +326,7 @@ def check_format(format: str, precision: str) -> None:
 
 
 def load_render(out: Path, option: str) -> xr.Dataset:
-    """The render that `tofrender render` wrote to `out`, the value of `option`."""
+    """Load the render that `tofrender render` wrote to `out`, the value of `option`."""
     from tofrender import io
     from tofrender.rendering.films_on_disk import load_zarr
 
@@ -352,5 +340,5 @@ def load_render(out: Path, option: str) -> xr.Dataset:
         if path.exists():
             return load(path)
     name = checks.quote(str(out))
-    what = "pictures, which cannot be read back" if (out / "steady.png").exists() else "no render"
-    raise ValueError(f"{option}: {name} holds {what}; must be what `tofrender render` has written")
+    found = "pictures, which cannot be read back" if (out / "steady.png").exists() else "no render"
+    raise ValueError(f"{option}: {name} holds {found}; must be what `tofrender render` has written")

@@ -13,8 +13,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 SUFFIXES = (".html", ".htm")
-VOLUME = "volume.npz"
-"""File that `tofrender reconstruct` writes."""
+VOLUME = "volume.npz"  # As `tofrender reconstruct` writes it
 
 
 def report(

@@ -80,8 +80,7 @@ def view(
 
 def compare(
     one: Annotated[
-        str,
-        opt.argument("SCENE|FILE", "A scene of the course, or a picture's file."),
+        str, opt.argument("SCENE|FILE", "A scene of the course, or a picture's file.")
     ] = "veach",
     two: Annotated[str | None, opt.argument("[FILE]", "Another picture of the same size.")] = None,
     host: Host = "127.0.0.1",

@@ -63,12 +63,6 @@ def join_names(names: Collection[str]) -> str:
     return ", ".join(first) + (f", or {more} more" if more else "")
 
 
-def type_name(value: Any) -> str:
-    """Name of an array's dtype, or of any other value's type."""
-    dtype = getattr(value, "dtype", None)
-    return type(value).__name__ if dtype is None else str(dtype)
-
-
 # -------------------------------------------------------------------------------------- kinds
 
 
@@ -268,7 +262,8 @@ def real_array(name: str, values: Any, dtype: Any = None) -> np.ndarray:
     except (TypeError, ValueError, OverflowError):
         array = np.array(None)
     if array.dtype.kind not in "fiu":
-        raise ValueError(f"{name} of type {type_name(values)}: must hold real numbers")
+        kind = getattr(values, "dtype", type(values).__name__)
+        raise ValueError(f"{name} of type {kind}: must hold real numbers")
     return array if dtype is None else array.astype(dtype, copy=False)
 
 

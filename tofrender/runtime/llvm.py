@@ -15,6 +15,7 @@ standard library, because the set-up runs the file before anything is installed:
 from __future__ import annotations
 
 import os
+import platform
 import re
 import shutil
 import subprocess
@@ -49,6 +50,15 @@ class Library:
     problem: str = ""  # Why Dr.Jit must not load it; empty if it can render with it
 
 
+def _distributions() -> set[str]:
+    """ID and ID_LIKE of this Linux, such as {"ubuntu", "debian"}."""
+    try:
+        release = platform.freedesktop_os_release()
+    except (OSError, ValueError):  # None, or not in UTF-8
+        return set()
+    return {release["ID"], *release.get("ID_LIKE", "").split()}
+
+
 @dataclass(frozen=True)
 class System:
     """Machine that is searched; tests pass another one."""
@@ -58,18 +68,7 @@ class System:
     platform: str = sys.platform
     prefixes: tuple[Path, ...] = (Path(sys.prefix), Path(sys.base_prefix))  # venv, and its base
     euid: int = field(default_factory=lambda: getattr(os, "geteuid", lambda: 1)())  # 0 is root
-
-    @property
-    def distributions(self) -> set[str]:
-        """ID and ID_LIKE of this Linux, from os-release."""
-        for name in ("etc/os-release", "usr/lib/os-release"):
-            try:
-                text = (self.root / name).read_text(encoding="utf-8", errors="replace")
-            except OSError:
-                continue
-            found = re.findall(r"^(?:ID|ID_LIKE)=[\"']?([^\"'\n]*)", text, re.MULTILINE)
-            return set(" ".join(found).lower().split())
-        return set()
+    distributions: set[str] = field(default_factory=_distributions)
 
 
 def candidates(system: System | None = None) -> list[Library]:
