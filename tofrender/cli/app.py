@@ -9,12 +9,12 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
-from functools import wraps
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from ..runtime import doctor as diagnosis
 from ..runtime.checks import printable
@@ -44,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         True
     """
     arguments = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
-    set_command(None, {})
+    set_command()
     try:
         with warnings.catch_warnings(), ended_by_signals() as received:
             warnings.simplefilter("always", UserWarning)
@@ -83,23 +83,22 @@ def _complain(message: str, status: int) -> int:
     return status
 
 
-def _wrapped(command: Callable[..., None]) -> Callable[..., None]:
-    """Wrap a command so that it shows a status line, and errors name its options.
+class Command(TyperCommand):
+    """Command with a status line, whose errors name its options.
 
     Its Ctrl-C reaches `_explain` in another error: Typer would end it without a word.
     """
-    name = f"tofrender {command.__name__.replace('_', '-')}"
 
-    @wraps(command)
-    def wrapper(**options: Any) -> None:
-        set_command(command, options)
+    def invoke(self, ctx: Any) -> Any:
+        """Call the command."""
+        set_command(ctx)
+        is_hidden = not ctx.params.get("progress", True)
+        has_status = self.name in {each.__name__ for each in SHOWN}
         try:
-            with without_bars(not options.get("progress", True)), status(name, command in SHOWN):
-                command(**options)
+            with without_bars(is_hidden), status(f"tofrender {self.name}", has_status):
+                return super().invoke(ctx)
         except KeyboardInterrupt as interrupt:
             raise RuntimeError from interrupt
-
-    return wrapper
 
 
 def _show_version(wanted: bool) -> None:
@@ -154,4 +153,4 @@ for command in (
     *(grade.gradescope, grade.similarity, grade.new_term),
     *(warp.warptest, view.view, view.compare),
 ):
-    app.command()(_wrapped(command))
+    app.command(cls=Command)(command)

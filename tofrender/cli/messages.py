@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
-from inspect import signature
-from typing import Any, get_type_hints
-
-import typer
+from typing import Any
 
 from ..rendering.settings import SCENE_NAMES
 
@@ -19,19 +15,13 @@ _options: dict[str, tuple[str, bool]] = {}
 """Options of the running command by parameter, with whether each is given."""
 
 
-def set_command(command: Callable[..., Any] | None, given: Mapping[str, Any]) -> None:
-    """Set the command that messages are about, and the values it is called with."""
+def set_command(context: Any = None) -> None:
+    """Set the command that messages are about, by the context of its call; None for no command."""
     _options.clear()
-    if command is None:
-        return
-    kinds = get_type_hints(command, include_extras=True)
-    for name, parameter in signature(command).parameters.items():
-        about = [each for each in getattr(kinds[name], "__metadata__", ()) if each is not None]
-        if any(isinstance(each, typer.models.ArgumentInfo) for each in about):
-            continue
-        declared = [name for each in about for name in getattr(each, "param_decls", None) or ()]
-        option = declared[0] if declared else f"--{name.replace('_', '-')}"
-        _options[name] = option, given.get(name) != parameter.default
+    for parameter in context.command.params if context else ():
+        if parameter.param_type_name == "option":
+            source = context.get_parameter_source(parameter.name)
+            _options[parameter.name] = parameter.opts[0], source.name != "DEFAULT"
 
 
 def with_option_names(message: str) -> str:

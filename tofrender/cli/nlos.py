@@ -73,7 +73,9 @@ def capture(
     require_sensor(loaded)
     shape = developed_shape(loaded.sensors()[0].film())
     if shape is not None:
-        opt.check_room(out, math.prod(shape) * (shape[0] * shape[1] if mode == "exhaustive" else 1))
+        opt.check_disk_space(
+            out, math.prod(shape) * (shape[0] * shape[1] if mode == "exhaustive" else 1)
+        )
     if resume and out.exists() and unfinished_work(out) is None:
         found = io.load_capture(out)
         if found.attrs.get("complete", 1):
@@ -131,7 +133,7 @@ def reconstruct(
     from tofrender import io, nlos, vis
 
     captured = io.load_capture(source)
-    opt.check_room(out, captured["transient"].size)
+    opt.check_disk_space(out, captured["transient"].size)
     with opt.client_of(workers, scheduler) as client:
         volume = nlos.reconstruct(captured, method, client=client)
     brightness, depth = nlos.max_projection(volume), nlos.depth_map(volume)

@@ -297,7 +297,7 @@ def check_out(
 
     with _naming_out():
         check_output(out, shape, precision=precision, overwrite=True)
-    check_room(out)
+    check_disk_space(out)
 
 
 def check_file_out(out: Path, *suffixes: str, overwrite: bool = False) -> None:
@@ -306,7 +306,7 @@ def check_file_out(out: Path, *suffixes: str, overwrite: bool = False) -> None:
         check_file(out, *suffixes, overwrite=overwrite, needed_bytes=FIGURE_BYTES)
 
 
-def check_room(out: Path, *arrays: int) -> None:
+def check_disk_space(out: Path, *arrays: int) -> None:
     """Refuse a disk too small for arrays of floats with these numbers of values."""
     with _naming_out():
         check_writable(out, 4 * sum(arrays) + FIGURE_BYTES)

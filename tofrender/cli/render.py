@@ -114,7 +114,7 @@ def render(
     cells = height * width * films * count
     opt.check_out(out, (height, width, films * count, channels), precision)
     if checkpoint:  # which has the samples' weight of each bin, too
-        opt.check_room(out, cells * channels, cells * (channels + 1))
+        opt.check_disk_space(out, cells * channels, cells * (channels + 1))
 
     complete = _complete(out, job) if resume and unfinished_work(out) is None else None
     if complete is not None:

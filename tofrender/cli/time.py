@@ -63,7 +63,7 @@ def phasor(
         from tofrender.rendering.dataset import components_of
 
         rendered = components_of(opt.load_render(Path(source), "RENDER_DIR"))[0]
-        opt.check_room(out, len(LAYERS) * len(freq) * rendered["steady"].size)
+        opt.check_disk_space(out, len(LAYERS) * len(freq) * rendered["steady"].size)
         parts = transient_to_phasor(rendered, freq)
         with exclusively(out), deferred_stop() as stop:
             files = _write_phasors(out, freq, parts, source, figure, dpi)
@@ -71,7 +71,7 @@ def phasor(
         loaded, sensor, samples = _load(source, spp, size, max_depth, variant)
         from tofrender.integrators.amcw import render_amcw_phasor
 
-        opt.check_room(out, len(LAYERS) * len(freq) * _values(sensor))
+        opt.check_disk_space(out, len(LAYERS) * len(freq) * _values(sensor))
         with checkpointed(out, checkpoint, resume) as file:
             require_begun(resume, file and file.path, out)
             parts = render_amcw_phasor(loaded, sensor, freq, samples, seed, checkpoint=file)
@@ -113,7 +113,7 @@ def gate(
     from tofrender import io, vis
     from tofrender.integrators.time_gated import render_at_time
 
-    opt.check_room(out, _values(sensor))
+    opt.check_disk_space(out, _values(sensor))
     integrator = _gated(loaded.integrator(), pulse_width)
     width: float = integrator.pulse.width_opl
     with checkpointed(out, checkpoint, resume) as file:

@@ -71,9 +71,9 @@ def boolean(name: str, value: Any) -> bool:
     return bool(_require(name, value, _is_bool(value), "True or False"))
 
 
-def instance(name: str, value: Any, kind: Any, what: str) -> Any:
-    """Require an instance of a type, or of one of several, which the message calls `what`."""
-    return _require(name, value, isinstance(value, kind), what)
+def instance(name: str, value: Any, kind: Any, allowed: str) -> Any:
+    """Require an instance of a type, or of one of several, which the message calls `allowed`."""
+    return _require(name, value, isinstance(value, kind), allowed)
 
 
 def text(name: str, value: Any) -> str | None:
@@ -277,8 +277,8 @@ def finite(name: str, values: np.ndarray) -> np.ndarray:
 def finite_parts(name: str, parts: Iterable[tuple[Sequence[int], np.ndarray]]) -> None:
     """Require finite values of an array in parts, each with the index of its first value.
 
-    The least and the largest value tell first, as NaN and infinities turn up in them: no memory is
-    needed, and a gigabyte of float32 takes a fraction of a second.
+    NaN and infinities show in the least or the largest value, which are looked at first: no memory
+    is needed, and a gigabyte of float32 takes a fraction of a second.
     """
     import numpy as np
 

@@ -25,7 +25,7 @@ FILE = Path(__file__).with_name("withheld.json")
 
 
 class Withheld(ImportError):
-    """A module is not part of the student edition."""
+    """Error for a module that is not part of the student edition."""
 
 
 def refusal(module: str) -> str | None:
