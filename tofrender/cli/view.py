@@ -62,7 +62,8 @@ def view(
     if live:
         from tofrender.scenes.loading import load_scene
 
-        load_scene(source, **(size._asdict() if size else {}))
+        width, height = size or (None, None)
+        load_scene(source, width=width, height=height)
         options = {"scene": source, "spp": spp or MAX_SPP, "seed": seed, "window": "auto"}
         options |= {"size": tuple(size) if size else None, "max_depth": max_depth}
         shown = LiveRender(name, options | {"pulse_width": "auto"})
