@@ -24,7 +24,7 @@ from ..rendering.store import check_film
 from ..rendering.workers import THREADS, check_client, shared_out
 from ..runtime import atomic, backend, checks
 from ..runtime.backend import versions
-from ..runtime.progress import deferred_stop, held_signals, progress_bar
+from ..runtime.progress import ProgressBar, deferred_stop, held_signals
 from ..scenes.fingerprint import file_digest
 from ..scenes.packing import packed, unpacked
 from .config import Config, parse_config, read_config
@@ -148,7 +148,7 @@ def make_dataset(
             else shared_out(client, partial(_make_on_worker, _worker_task(plan, folder)), left)
         )
         started = time.perf_counter()
-        with progress_bar("Making", count, unit="record", enabled=progress) as bar:
+        with ProgressBar("Making", count, unit="record", enabled=progress) as bar:
             bar.update(count - len(left))
             try:
                 for number, (record, receipt) in enumerate(done, 1):

@@ -23,7 +23,7 @@ from ..integrators.running import UNIT, interrupted, run, stopped
 from ..paths.camera import Tile
 from ..runtime import memory
 from ..runtime.checkpoints import Checkpoint, SavedState, SubCheckpoint
-from ..runtime.progress import deferred_stop, progress_bar
+from ..runtime.progress import ProgressBar, deferred_stop
 from .errors import Scatter, parts_of, seed_of
 
 if TYPE_CHECKING:
@@ -293,7 +293,7 @@ class ResultStore(ABC, Generic[Item, Result]):
     def collect(self, results: Iterator[tuple[Item, Result]], progress: bool = True) -> None:
         """Keep the results of the items that are left, and show how many there are."""
         total, unit = len(self.items), self.unit.removesuffix("s")
-        with progress_bar("Rendering", total, unit=unit, enabled=progress) as bar:
+        with ProgressBar("Rendering", total, unit=unit, enabled=progress) as bar:
             bar.update(len(self.finished))
             try:
                 for item, result in results:

@@ -19,7 +19,7 @@ import mitsuba as mi
 
 from ..runtime import checks, plugins
 from ..runtime.backend import keep_alive, tracing_lock
-from ..runtime.progress import held_signals, with_status
+from ..runtime.progress import held_signals, status
 from ..runtime.settings import SceneSettings, check_settings
 from . import BUILT_IN
 from .checking import require_inverse
@@ -36,7 +36,7 @@ LONGEST = 500
 """Most characters of an error of Mitsuba's in a message."""
 
 
-@with_status("Loading the scene")
+@status("Loading the scene")
 def load_scene(
     source: mi.Scene | Mapping[str, Any] | str | os.PathLike[str],
     *,
