@@ -20,9 +20,7 @@ from tofrender.apps.warptest.engine import POINT_SETS
 from tofrender.apps.warptest.subjects import SUBJECTS
 from tofrender.cli import nlos as cli_nlos, warp as cli_warp
 from tofrender.cli.app import app, main
-from tofrender.rendering import settings
 from tofrender.runtime.atomic import sibling
-from tofrender.scenes.settings import INTEGRATORS, SAMPLERS
 
 ROOT = Path(__file__).parents[2]
 XML = ROOT / "scenes" / "cornell_box.xml"
@@ -182,8 +180,6 @@ for command, option, text in {cases!r}:
 def test_choices_are_those_there_are():
     """The command line names them without importing what has them."""
     for choices, there in (
-        (settings.INTEGRATORS, INTEGRATORS),
-        (settings.SAMPLERS, SAMPLERS),
         (cli_nlos.MODES, tofrender.nlos.MODES),
         (cli_nlos.METHODS, tofrender.nlos.METHODS),
         (cli_warp.WARPS, SUBJECTS),

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from helpers.made_dataset import make_dataset
-from tofrender.rendering.settings import SETTINGS
+from tofrender.runtime.settings import Setting
 
 LONGEST = 600
 """Characters of a line that can still be read at a glance."""
@@ -158,8 +158,9 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
 
 CHECKED = {
     **{"_check_size": "sizes", "_check_window": "window", "_check_length": "positive"},
-    **{"_check_pulse_width": "pulse-width", "metres": "metres", "depth": "depth"},
-    **{"mapping": "mapping", "boolean": "boolean", "address": "address"},
+    **{"_check_pulse_width": "pulse-width", "width": "pulse-width", "metres": "metres"},
+    **{"mapping": "mapping", "boolean": "boolean", "address": "address", "depth": "depth"},
+    "unchecked": "source",
 }
 """The kind of a setting, by the function that checks it."""
 
@@ -195,14 +196,13 @@ def kind_of(text: str) -> str:
     return text.partition(" but ")[0].rstrip("?")
 
 
-def kind_of_setting(name: str) -> str:
-    """The kind of a setting of `render`, by its entry in the table."""
-    setting = SETTINGS[name]
+def kind_of_setting(setting: Setting) -> str:
+    """The kind of a setting of `render` or `load_scene`, by its description."""
     if setting.choices:
         return "choice"
     if isinstance(setting.check, partial):
         return "count" if setting.low else "seed"
-    return CHECKED[setting.check.__name__] if setting.check else "source"
+    return CHECKED[setting.check.__name__]
 
 
 def bad(kind: str) -> Iterator[tuple[str, Any]]:

@@ -14,13 +14,14 @@ import numpy as np
 import pytest
 import xarray as xr
 from helpers import bad_inputs
-from helpers.bad_inputs import FILM, kind_of, listing, outcome, sample
+from helpers.bad_inputs import FILM, kind_of, kind_of_setting, listing, outcome, sample
 from helpers.hidden_scenes import Wall, capture_of, rectangle
 from helpers.made_dataset import make_dataset
 from oracles import lamp_above_floor
 
 import tofrender
 from tofrender import sampling
+from tofrender.runtime.settings import SCENE_SETTINGS
 
 PACKAGE = Path(tofrender.__file__).parent
 
@@ -221,11 +222,6 @@ SIZE = {"width": "count", "height": "count", "spp": "count"}
 BINNED = SIZE | {"temporal_bins": "count", "bin_width_opl": "positive", "start_opl": FAR}
 BINNED |= {"max_depth": "depth", "integrator": "choice"}
 OF_SCENE = {"sensor": "object", "integrator": "object"}
-SETTINGS = {
-    name: f"{PARAMETERS.get(name, name)}?" for name in (*SIZE, "temporal_bins", "bin_width_opl")
-}
-SETTINGS |= {"sampler": "choice?", "integrator": "choice?", "max_depth": "depth?"}
-SETTINGS |= {"start_opl": "metres? but 1e30, 2**40", "pulse_width_opl": "pulse-width?"}
 PATH = {"path": "path"}
 FITTED = {"params": "parameters", "integrator": "object?", "loss": "choice but type"}
 FITTED |= {"target": "cube but dataset without pixels"}
@@ -275,7 +271,7 @@ TABLE = [
     alone("fit", {"apply": "function?"}, **LAMP | {"params": {"z": 1.0}}, apply=place_lamp),
     alone("fit", {"frequency_hz": "frequencies"}, **LAMP, loss="phasor", frequency_hz=5e7),
     *rows("l2_loss", **dict.fromkeys(("rendered", "target"), "cube but flat, 5-axes")),
-    row("load_scene", SETTINGS),
+    row("load_scene", {n: f"{kind_of_setting(s)}?" for n, s in SCENE_SETTINGS.items()}),
     # ----------------------------------------------------------------------------------- files
     *rows("io.save_exr_stack", "io.save_png_frames", "io.save_exr_layers", **PATH),
     *rows("io.check_output", "io.output_folder", "io.replacing", **PATH),

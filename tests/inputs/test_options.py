@@ -44,7 +44,7 @@ KINDS = {
 }
 """The kind of each option and argument, see `bad_inputs.KINDS`."""
 OPTIONS = {name: kind for kind, names in KINDS.items() for name in names.split()}
-OPTIONS |= {f"--{name.replace('_', '-')}": kind_of_setting(name) for name in SETTINGS}
+OPTIONS |= {f"--{name.replace('_', '-')}": kind_of_setting(s) for name, s in SETTINGS.items()}
 OPTIONS |= {
     **{"-D": "definition", "scene": "source", "view source": "source", "phasor source": "render"},
     **{"reconstruct source": "file", "report source": "file", "submit folder": "file"},

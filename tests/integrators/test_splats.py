@@ -38,7 +38,7 @@ from oracles.light_paths import View, window_area
 
 import tofrender
 from tofrender.integrators import passes
-from tofrender.scenes.settings import SAMPLERS
+from tofrender.runtime.settings import SAMPLERS
 
 CUTOFF = 20.0
 VIEW = View(1.0, fov=100)

@@ -27,7 +27,7 @@ from helpers.support import (
 import tofrender
 from tofrender.integrators import passes as base
 from tofrender.rendering import work_items
-from tofrender.scenes.settings import SAMPLERS
+from tofrender.runtime.settings import SAMPLERS
 
 ALL_TIME = {"start_opl": 3.5, "temporal_bins": 120, "bin_width_opl": 0.25}
 """A window that holds all light of the Cornell box."""

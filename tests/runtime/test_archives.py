@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tofrender
-from tofrender.cli.report import _volume
+from tofrender.cli.report import _load_volume
 from tofrender.runtime import archives
 from tofrender.runtime.checkpoints import Checkpoint
 
@@ -47,8 +47,8 @@ BOMBS = {
     "shape of a render": (tofrender.load_npz, {"transient": BOMB}),
     "description": (tofrender.load_npz, {"tofrender": np.array("x" * len(BOMB))}),
     "pulse": (tofrender.SampledPulse.from_file, PULSE | {"values": BOMB}),
-    "volume": (_volume, AXES | {"intensity": BOMB}),
-    "axis of a volume": (_volume, AXES | {"intensity": BOMB, "z": BOMB}),
+    "volume": (_load_volume, AXES | {"intensity": BOMB}),
+    "axis of a volume": (_load_volume, AXES | {"intensity": BOMB, "z": BOMB}),
 }
 
 

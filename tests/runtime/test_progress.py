@@ -17,7 +17,7 @@ import tofrender
 from tofrender.integrators import passes as base
 from tofrender.rendering import work_items
 from tofrender.runtime import progress
-from tofrender.runtime.progress import deferred_stop, held_signals, progress_bar
+from tofrender.runtime.progress import ProgressBar, deferred_stop, held_signals
 
 IS_WATCHED = progress.is_watched
 
@@ -61,10 +61,10 @@ def ticks(monkeypatch):
 
 def test_something_is_to_be_seen_within_a_second_but_not_of_short_work(capsys, ticks):
     assert progress.DELAY_S + progress.REFRESH_S < 1
-    with progress_bar("Working", 8) as bar:
+    with ProgressBar("Working", 8) as bar:
         bar.update(2)
     assert capsys.readouterr().err == ""
-    with progress_bar("Working", 8) as bar:
+    with ProgressBar("Working", 8) as bar:
         bar.update(2)
         assert ticks[1].tick() == progress.DELAY_S
         assert "2/8" in capsys.readouterr().err
@@ -75,13 +75,13 @@ def test_something_is_to_be_seen_within_a_second_but_not_of_short_work(capsys, t
 
 
 def test_disabled_and_hidden_bars(monkeypatch):
-    with progress_bar("Working", 8, enabled=False):
+    with ProgressBar("Working", 8, enabled=False):
         assert progress._open == []
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     monkeypatch.setattr(progress, "is_watched", IS_WATCHED)
-    with progress.without_bars(), progress_bar("Working", 3):
+    with progress.without_bars(), ProgressBar("Working", 3):
         assert progress._open == []
-    with progress_bar("Working", 3):
+    with ProgressBar("Working", 3):
         assert len(progress._open) == 1
 
 
@@ -124,7 +124,7 @@ sys.modules["ipykernel"] = types.ModuleType("ipykernel")
 sys.modules["IPython"].get_ipython = lambda: shell
 sys.argv = ["tofrender"]  # No variant is needed
 {_DRAWN}
-with progress.progress_bar("Working", 2) as bar:
+with progress.ProgressBar("Working", 2) as bar:
     drawn(bar)
 """
 
@@ -140,7 +140,7 @@ def test_in_a_notebook_without_ipywidgets():
     ("bar", "shown"),
     [
         # As while kernels are compiled: no step is done, but a bar is there, with its clock
-        (lambda: progress_bar("Working", 8), "Working:   0%"),
+        (lambda: ProgressBar("Working", 8), "Working:   0%"),
         (lambda: progress.status("Loading"), "Loading ... 01:0"),
     ],
 )
@@ -159,7 +159,7 @@ def test_what_is_done_is_shown_though_nothing_is_counted(capsys, monkeypatch, ti
 def test_inner_work_takes_the_place_of_the_outer(capsys, ticks):
     with progress.status("Outer"):
         ticks[0].tick()
-        with progress_bar("Inner", 3) as bar:
+        with ProgressBar("Inner", 3) as bar:
             bar.update()
             for each in (1, 0, 1):
                 ticks[each].tick()
@@ -187,7 +187,7 @@ _JUPYTER = f"""
 {_DRAWN}
 with progress.status("Starting") as starting:
     drawn(starting)
-    with progress.progress_bar("Working", 8) as bar:
+    with progress.ProgressBar("Working", 8) as bar:
         bar.update(3)
         drawn(bar)
 """
@@ -224,7 +224,7 @@ def test_in_a_notebook():
 def test_threads_end_with_their_bars():
     before = threading.active_count()
     for _ in range(20):
-        with progress_bar("Working", 3), progress.status("Within"):
+        with ProgressBar("Working", 3), progress.status("Within"):
             pass
     while threading.active_count() > before:  # Until the time limit of tests
         time.sleep(0.01)

@@ -11,6 +11,7 @@ from helpers.scenes import refusal as refused
 
 import tofrender  # noqa: F401  (picks the variant, registers the plugins)
 from tofrender.films.transient import TransientHDRFilm
+from tofrender.runtime.settings import check_settings
 from tofrender.scenes import cornell_box, cornell_box_steady_state
 from tofrender.scenes.loading import (
     find_scene,
@@ -19,7 +20,6 @@ from tofrender.scenes.loading import (
     require_light,
     require_sensor,
 )
-from tofrender.scenes.settings import check_settings
 
 XML = Path(__file__).parents[2] / "scenes" / "cornell_box.xml"
 WINDOW = {"temporal_bins": 7, "start_opl": 4.0, "bin_width_opl": 0.5}

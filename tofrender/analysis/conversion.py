@@ -21,12 +21,12 @@ import numpy as np
 from ..rendering.cubes import Cube
 from ..rendering.dataset import DIMS, LOST_ENERGY, QUANTITIES, time_axis
 from ..runtime import checks
-from ..runtime.progress import with_status
+from ..runtime.progress import status
 from ..signals.phasors import phasor_parts
 from ..signals.units import SPEED_OF_LIGHT, check_frequencies
 
 
-@with_status("Converting to phasors")
+@status("Converting to phasors")
 def transient_to_phasor(
     transient_data: Any,
     frequency_hz: float | Sequence[float],

@@ -60,10 +60,7 @@ class Page(ABC):
 
     Example:
         >>> class Counting(Page):
-        ...     drawn = 0
-        ...
-        ...     def layout(self):
-        ...         return None
+        ...     layout, drawn = None, 0
         ...
         ...     async def draw(self):
         ...         self.drawn += 1

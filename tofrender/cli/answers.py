@@ -1,6 +1,6 @@
 """Output of commands that are done: lines for people or, with --json, one object for scripts.
 
-The classes are the objects' schemas. docs/for_scripts.md describes them; keys may be added.
+`SCHEMAS` lists the objects' keys, and docs/for_scripts.md describes them; keys may be added.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypedDict, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any
 
 from .options import say, switch
 
@@ -17,106 +17,29 @@ if TYPE_CHECKING:
 
 Json = Annotated[bool, switch("--json", "Say what was made as one JSON object.")]
 
+_CHECK = {"name": str, "ok": bool, "detail": str, "remedy": str, "required": bool}
+_WRITTEN = {"out": str, "files": list[str]}
+_PICTURE = _WRITTEN | {"width": int, "height": int}
+_SAMPLING = {"spp": int, "seed": int}
+_BINNED = {"out": str, "complete": bool, "scene": str, "bins": int, "start_opl": float}
+_BINNED |= {"bin_width": float, **_SAMPLING}
+_RENDER = {"channels": int, "integrator": str, "pulse": str, "max_depth": int, "sampler": str}
+_RENDER |= {"variant": str, "render_seconds": float, "energy_outside_window": float}
 
-class Scene(TypedDict):
-    """A built-in scene."""
-
-    name: str
-    description: str
-
-
-class Scenes(TypedDict):
-    """`tofrender scenes`."""
-
-    scenes: list[Scene]
-
-
-class Check(TypedDict):
-    """A check of `tofrender doctor`."""
-
-    name: str
-    ok: bool
-    detail: str
-    remedy: str
-    required: bool
-
-
-class Doctor(TypedDict):
-    """`tofrender doctor`."""
-
-    works: bool
-    checks: list[Check]
-
-
-class _Written(TypedDict):
-    out: str
-    files: list[str]
-
-
-class _Picture(_Written):
-    width: int
-    height: int
-
-
-class _Binned(TypedDict):
-    out: str
-    complete: bool
-    scene: str
-    bins: int
-    start_opl: float
-    bin_width: float
-    spp: int
-    seed: int
-
-
-class Render(_Picture, _Binned):
-    """`tofrender render`."""
-
-    channels: int
-    integrator: str
-    pulse: str
-    max_depth: int
-    sampler: str
-    variant: str
-    render_seconds: float
-    energy_outside_window: float
-
-
-class Phasor(_Picture):
-    """`tofrender phasor`."""
-
-    source: str
-    frequencies_hz: list[float]
-
-
-class Gate(_Picture):
-    """`tofrender gate`."""
-
-    scene: str
-    at: float
-    pulse_width: float
-    spp: int
-    seed: int
-
-
-class Capture(_Binned):
-    """`tofrender capture`."""
-
-    mode: str
-    columns: int
-    rows: int
-
-
-class Reconstruct(_Written):
-    """`tofrender reconstruct`."""
-
-    source: str
-    method: str
-    median_depth: float | None
+SCHEMAS: dict[str, dict[str, Any]] = {
+    "scenes": {"scenes": [{"name": str, "description": str}]},
+    "doctor": {"works": bool, "checks": [_CHECK]},
+    "render": _PICTURE | _BINNED | _RENDER,
+    "phasor": _PICTURE | {"source": str, "frequencies_hz": list[float]},
+    "gate": _PICTURE | {"scene": str, "at": float, "pulse_width": float, **_SAMPLING},
+    "capture": _BINNED | {"mode": str, "columns": int, "rows": int},
+    "reconstruct": _WRITTEN | {"source": str, "method": str, "median_depth": float | None},
+}
+"""Types of the values that each command's object has, in their order."""
 
 
 def answer(command: str, as_json: bool, facts: Any, lines: Iterable[str]) -> None:
-    """Say what a command has done, on stdout: its facts, or lines of text."""
+    """Print what a command has done on stdout: its facts, or lines of text."""
     from tofrender import __version__
 
     if as_json:
@@ -125,17 +48,17 @@ def answer(command: str, as_json: bool, facts: Any, lines: Iterable[str]) -> Non
     say(*lines)
 
 
-def dataset_facts(kind: Any, dataset: xr.Dataset, more: Mapping[str, Any]) -> Any:
-    """Facts of a schema from a Dataset's attributes, and more."""
+def dataset_facts(command: str, dataset: xr.Dataset, more: Mapping[str, Any]) -> dict[str, Any]:
+    """Facts of a command's schema from a Dataset's attributes, and more."""
     attrs = dataset.attrs
     given = {"bins": dataset.sizes["opl"], "bin_width": attrs["bin_width_opl"], **more}
     complete = {"complete": attrs.get("complete", 1)}  # Captures of earlier versions have none
     found = complete | attrs | given
-    return {name: convert(found[name]) for name, convert in get_type_hints(kind).items()}
+    return {name: convert(found[name]) for name, convert in SCHEMAS[command].items()}
 
 
-def render_facts(dataset: xr.Dataset, out: Path, files: list[str]) -> Render:
+def render_facts(dataset: xr.Dataset, out: Path, files: list[str]) -> dict[str, Any]:
     """Facts of a render."""
     sizes = dataset.sizes
     picture = {"width": sizes["x"], "height": sizes["y"], "channels": sizes["channel"]}
-    return dataset_facts(Render, dataset, {"out": out, "files": files, **picture})
+    return dataset_facts("render", dataset, {"out": out, "files": files, **picture})

@@ -9,13 +9,14 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
-from functools import wraps
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
+from ..runtime import doctor as diagnosis
 from ..runtime.checks import printable
 from ..runtime.progress import Terminated, ended_by_signals, status, without_bars
 from . import course, dataset, grade, nlos, render, report, time, view, warp, writing
@@ -31,15 +32,11 @@ app = typer.Typer(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command and return its exit status.
+    """Run the command with `arguments`, by default the process's, and return its exit status.
 
-    Args:
-        arguments: What follows the command's name; by default those of the process.
-
-    Returns:
-        0 on success, 2 for bad input, 1 for a failure, 130 after Ctrl-C or if work that can go on
-        was stopped, else 143 after SIGTERM and 129 after SIGHUP. All but the first leave one line
-        on stderr; with TOFRENDER_DEBUG=1 an error is raised instead.
+    That is 0 on success, 2 for bad input, 1 for a failure, 130 after Ctrl-C or if work that can go
+    on was stopped, else 143 after SIGTERM and 129 after SIGHUP. All but the first leave one line on
+    stderr; with TOFRENDER_DEBUG=1 an error is raised instead.
 
     Example:
         >>> main(["--version"]) == 0
@@ -47,14 +44,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         True
     """
     arguments = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
-    set_command(None, {})
+    set_command()
     try:
-        with warnings.catch_warnings(), ended_by_signals() as came:
+        with warnings.catch_warnings(), ended_by_signals() as received:
             warnings.simplefilter("always", UserWarning)
             warnings.showwarning = _warn
             code = app(args=arguments, prog_name="tofrender", standalone_mode=False) or 0
-            if came and code == INTERRUPTED:  # Before the command starts; Typer says nothing
-                raise Terminated(came[0])
+            if received and code == INTERRUPTED:  # Before the command starts; Typer says nothing
+                raise Terminated(received[0])
             return code
     except (Exception, KeyboardInterrupt) as error:
         if os.environ.get("TOFRENDER_DEBUG", "0") not in ("", "0"):
@@ -63,16 +60,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _explain(error: BaseException) -> int:
-    """Put an error into one line on stderr; returns the exit status."""
+    """Print an error in one line on stderr; returns the exit status."""
     explain = getattr(error, "format_message", None)  # Typer's errors about the command line
     if explain is not None:
         return _complain(explain(), BAD_INPUT)
     while error.__cause__ is not None:  # Dr.Jit wraps what is raised inside a loop
         error = error.__cause__
     if isinstance(error, KeyboardInterrupt | typer.Abort):
-        said = str(error)
-        told = said if said.startswith("interrupted") else "interrupted"
-        return _complain(told, getattr(error, "status", INTERRUPTED))
+        message = str(error) if str(error).startswith("interrupted") else "interrupted"
+        return _complain(message, getattr(error, "status", INTERRUPTED))
     bad = (ValueError, MemoryError, FileNotFoundError, FileExistsError, PermissionError)
     status = BAD_INPUT if isinstance(error, bad) else FAILURE
     return _complain(with_option_names(str(error)) or type(error).__name__, status)
@@ -87,24 +83,22 @@ def _complain(message: str, status: int) -> int:
     return status
 
 
-def _wrapped(command: Callable[..., None]) -> Callable[..., None]:
-    """A command that is seen to work, and says what goes wrong in words of its options.
+class Command(TyperCommand):
+    """Command with a status line, whose errors name its options.
 
-    Its Ctrl-C reaches `_explain`: Typer would end it without a word.
+    Its Ctrl-C reaches `_explain` in another error: Typer would end it without a word.
     """
-    name = f"tofrender {command.__name__.replace('_', '-')}"
-    shown = command in SHOWN
 
-    @wraps(command)
-    def told(**options: Any) -> None:
-        set_command(command, options)
+    def invoke(self, ctx: Any) -> Any:
+        """Call the command."""
+        set_command(ctx)
+        is_hidden = not ctx.params.get("progress", True)
+        has_status = self.name in {each.__name__ for each in SHOWN}
         try:
-            with without_bars(not options.get("progress", True)), status(name, shown):
-                command(**options)
-        except KeyboardInterrupt as stopped:
-            raise RuntimeError from stopped
-
-    return told
+            with without_bars(is_hidden), status(f"tofrender {self.name}", has_status):
+                return super().invoke(ctx)
+        except KeyboardInterrupt as interrupt:
+            raise RuntimeError from interrupt
 
 
 def _show_version(wanted: bool) -> None:
@@ -139,12 +133,10 @@ def scenes(as_json: Json = False) -> None:
 @app.command()
 def doctor(as_json: Json = False) -> None:
     """Check whether rendering works here, and say what to do if not."""
-    from tofrender.runtime import doctor
-
     if not as_json:
-        raise typer.Exit(doctor.main())
-    checks = doctor.diagnose()
-    works = doctor.works(checks)
+        raise typer.Exit(diagnosis.main())
+    checks = diagnosis.diagnose()
+    works = diagnosis.works(checks)
     answer("doctor", True, {"works": works, "checks": [asdict(each) for each in checks]}, ())
     raise typer.Exit(0 if works else FAILURE)
 
@@ -153,7 +145,7 @@ SHOWN = (
     *(time.phasor, time.gate, nlos.capture, nlos.reconstruct, warp.warp, report.report),
     *(render.render, writing.merge, dataset.dataset),
 )
-"""Commands that show that they work; the others say each thing that they have done."""
+"""Commands with a status line; the others print each thing that they have done."""
 
 for command in (
     *SHOWN,
@@ -161,4 +153,4 @@ for command in (
     *(grade.gradescope, grade.similarity, grade.new_term),
     *(warp.warptest, view.view, view.compare),
 ):
-    app.command()(_wrapped(command))
+    app.command(cls=Command)(command)

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..runtime.atomic import DISK_FULL, locked, remove, remove_leftovers, sibling
+from ..runtime.progress import Stop
 from . import options as opt
 
 if TYPE_CHECKING:
-    from tofrender.runtime.checkpoints import Checkpoint
-    from tofrender.runtime.progress import Stop
+    from ..runtime.checkpoints import Checkpoint
 
 Seconds = Annotated[
     float, opt.real(0, "Keep what is done at least so often, seconds of work; 0: never.")
@@ -28,21 +29,21 @@ AGAIN = "the same command with --resume goes on"
 
 @contextmanager
 def checkpointed(out: Path, seconds: float, resume: bool) -> Iterator[Checkpoint | None]:
-    """The checkpoint of a command that writes `out`, as nobody else may meanwhile.
+    """Lock `out`, and yield the checkpoint of the command that writes it, if there is to be one.
 
-    What a killed run has left beside `out` is removed; so is the checkpoint when the block ends
-    without an error or `typer.Exit`.
+    Temporary files of killed runs are removed; so is the checkpoint when the block ends without an
+    error or `typer.Exit`.
     """
-    from tofrender.runtime.atomic import DISK_FULL, locked, remove, remove_leftovers, sibling
-    from tofrender.runtime.checkpoints import Checkpoint
+    from ..runtime.checkpoints import Checkpoint
 
-    with locked(out, "--out"):
-        path = sibling(out, ".checkpoint.npz")
-        for each in (out, path):
-            remove_leftovers(each)
-        left = unfinished_work(out)
-        if left is not None and not resume:
-            raise ValueError(f"--out = {out}: {left} is of a stopped run; {AGAIN}, or remove it")
+    with exclusively(out):
+        path = checkpoint_path(out)
+        remove_leftovers(path)
+        unfinished = unfinished_work(out)
+        if unfinished is not None and not resume:
+            raise ValueError(
+                f"--out = {out}: {unfinished} is of a stopped run; {AGAIN}, or remove it"
+            )
         checkpoint = None
         if seconds or (resume and path.exists()):
             checkpoint = Checkpoint(path, seconds or NEVER_S, opt.note, AGAIN, resume)
@@ -58,16 +59,14 @@ def checkpointed(out: Path, seconds: float, resume: bool) -> Iterator[Checkpoint
 
 @contextmanager
 def exclusively(out: Path) -> Iterator[None]:
-    """Be the only one that writes `out`, without what killed runs have left beside it."""
-    from tofrender.runtime.atomic import locked, remove_leftovers
-
+    """Lock `out` for the block, and remove temporary files of killed runs."""
     with locked(out, "--out"):
         remove_leftovers(out)
         yield
 
 
 def end_if_incomplete(attrs: Mapping[str, Any]) -> None:
-    """End the command, which has written a render or a capture, if that was stopped."""
+    """End the command if the render or capture that it has written was stopped."""
     if not attrs.get("complete", 1):
         opt.note(f"error: interrupted after {attrs['spp']} samples per pixel; {AGAIN}")
         raise typer.Exit(opt.INTERRUPTED)
@@ -80,31 +79,30 @@ def end_if_stopped(stop: Stop) -> None:
 
 
 def require_begun(resume: bool, begun: Path | None, out: Path) -> None:
-    """Refuse to go on where there is nothing to go on from."""
+    """Raise a ValueError if there is nothing that `resume` could go on from."""
     if resume and (begun is None or not is_begun(begun)):
         raise ValueError(f"--resume: no run that writes {out} was stopped; must be left out")
 
 
-def film_path(out: Path) -> Path:
-    """Name of the film of `out` on the disk, beside it."""
-    from tofrender.runtime.atomic import sibling
+def checkpoint_path(out: Path) -> Path:
+    """Hidden checkpoint beside `out`."""
+    return sibling(out, ".checkpoint.npz")
 
+
+def film_path(out: Path) -> Path:
+    """Hidden film on the disk, beside `out`."""
     return sibling(out, ".zarr")
 
 
 def unfinished_work(out: Path) -> Path | None:
-    """Checkpoint or tiles that a stopped or killed run has left of `out`, None without."""
-    from tofrender.runtime.atomic import sibling
-
+    """Checkpoint or tiles of `out` by a stopped or killed run, if there are any."""
     film = film_path(out)
     folder = sibling(film, ".film")
     if any(folder.glob("receipts/tile *")):
         return folder
-    return next((e for e in (sibling(out, ".checkpoint.npz"), film) if e.exists()), None)
+    return next((each for each in (checkpoint_path(out), film) if each.exists()), None)
 
 
 def is_begun(*begun: Path) -> bool:
     """Whether there is a checkpoint, or a film on the disk, finished or not."""
-    from tofrender.runtime.atomic import sibling
-
     return any(each.exists() or sibling(each, ".film").exists() for each in begun)

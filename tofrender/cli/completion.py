@@ -5,17 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-SCENES = (
-    *("cornell_box", "cornell_box_mirror", "cornell_box_glass", "cornell_box_flash"),
-    *("cornell_box_steady_state", "bust_simple", "bust_ao", "veach", "sphere_light_small"),
-    *("sphere_light_medium", "sphere_light_large", "rectangle_light_quad"),
-    *("rectangle_light_triangles", "small_box", "caustic", "mirror_and_glass", "lamp_in_fixture"),
-    *("light_through_hole", "cornell_box_fog", "lamp_in_milk", "smoke_corridor"),
-    *("headlight_in_fog", "brewster_window", "strained_mirror_corridor", "nlos_z", "nlos_bunny"),
-    *("nlos_patch", "nlos_plane", "nlos_behind_fog"),
-    *("wall_box_sphere_nlos", "wall_box_spheres_nlos", "wall_box_hi_nlos", "wall_box_behind"),
-    "ourbox_confocal",
-)
+from ..runtime.lazy import public_names
+
 VARIANTS = tuple(
     f"{backend}_{kind}"
     for backend in ("llvm", "cuda")
@@ -27,14 +18,20 @@ VARIANTS = tuple(
 
 
 def among(names: Iterable[str]) -> Callable[[str], list[str]]:
-    """A function that completes text to one of some names."""
+    """Make a function that completes text to one of some names."""
     known = tuple(names)
     return lambda incomplete: [name for name in known if name.startswith(incomplete)]
 
 
+def scene_names() -> list[str]:
+    """Names of the built-in scenes, as the package's stub lists them."""
+    names = public_names("tofrender", str(Path(__file__).parents[1] / "__init__.py"))
+    return [name for name, module in names.items() if module == "tofrender.scenes"]
+
+
 def scene(incomplete: str) -> list[str]:
     """Completions to a built-in scene, an XML file, or a folder on the way to one."""
-    names = [name.replace("_", "-") for name in SCENES] if "-" in incomplete else SCENES
+    names = [n.replace("_", "-") if "-" in incomplete else n for n in scene_names()]
     return among(names)(incomplete) + paths(incomplete, ".xml")
 
 

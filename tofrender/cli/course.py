@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ..course.rubric import Rubric
 
 MAX_SEEDS = 10_000
+CHECKS = "structure, edition, starter, reference, solutions, mutants, or a mutant's id"
 
 Name = Annotated[str, argument("ASSIGNMENT", "For example a2, or its folder.")]
 
@@ -51,14 +52,7 @@ def verify(
     wrong: Annotated[
         int | None, integer(1, MAX_SEEDS, "Try N of the wrong solutions only, evenly spread.")
     ] = None,
-    only: Annotated[
-        list[str] | None,
-        named(
-            "WHAT",
-            "structure, edition, starter, reference, solutions, mutants, or a mutant's id; "
-            "repeatable.",
-        ),
-    ] = None,
+    only: Annotated[list[str] | None, named("WHAT", f"{CHECKS}; repeatable.")] = None,
 ) -> None:
     """Check all that must hold of an assignment before it is released.
 
@@ -72,30 +66,22 @@ def verify(
     from tofrender.course.author.verify import verify as run_checks
 
     found = assignments.find(assignment)
+    chosen = tuple(only or ())
     console = Console()
-    failed = 0
-
-    def print_line(line: str) -> None:
-        console.print(printable(line), markup=False, highlight=False, soft_wrap=True)
-
+    passed = True
     with console.status("") as status:
-        checks = run_checks(
-            found, seeds=seeds, only=tuple(only or ()), wrong=wrong, say=status.update
-        )
-        for check in checks:
+        for check in run_checks(found, seeds=seeds, only=chosen, wrong=wrong, say=status.update):
             mark = "ok    " if check.ok else "FAILED"
-            print_line(f"{mark}  {check.name:10} {check.seconds:6.1f} s  {check.detail}")
-            for reason in check.reasons:
-                print_line(f"        {reason}")
-            failed += not check.ok
-    if failed:
+            lines = [f"{mark}  {check.name:10} {check.seconds:6.1f} s  {check.detail}"]
+            lines += [f"        {reason}" for reason in check.reasons]
+            text = printable("\n".join(lines))
+            console.print(text, markup=False, highlight=False, soft_wrap=True)
+            passed &= check.ok
+    if not passed:
         raise typer.Exit(1)
 
 
-def start(
-    assignment: Name,
-    folder: Annotated[Path, argument("FOLDER", "A new folder.")],
-) -> None:
+def start(assignment: Name, folder: Annotated[Path, argument("FOLDER", "A new folder.")]) -> None:
     """Make a folder to work in: stubs, tests, handout and notebook of an assignment."""
     from tofrender.course import assignments
     from tofrender.course.notebooks import NOTEBOOK
@@ -104,16 +90,15 @@ def start(
     found = assignments.find(assignment)
     made = make(found, folder)
     first = found.rubric.problems[0]
-    where = shlex.quote(str(made))
-    say(f"{made}: {found.rubric.title}")
-    say("Next:")
-    for command, what in (
-        (f"cd {where}", f"then read README.md, and open {NOTEBOOK} in an editor or Jupyter"),
-        (f"pytest -m {first.marker}", f"tests the first problem ({first.file or first.id})"),
-        ("pytest", "tests all of them"),
-        (f"tofrender submit {found.rubric.id} .", "packs what is handed in"),
-    ):
-        say(f"  {command:30} {what}".rstrip())
+    reading = f"then read README.md, and open {NOTEBOOK} in an editor or Jupyter"
+    commands = {
+        f"cd {shlex.quote(str(made))}": reading,
+        f"pytest -m {first.marker}": f"tests the first problem ({first.file or first.id})",
+        "pytest": "tests all of them",
+        f"tofrender submit {found.rubric.id} .": "packs what is handed in",
+    }
+    say(f"{made}: {found.rubric.title}", "Next:")
+    say(*(f"  {command:30} {meaning}" for command, meaning in commands.items()))
 
 
 def submit(
@@ -144,28 +129,26 @@ def submit(
 
 
 def _table(rubric: Rubric, outcomes: dict[str, Outcome]) -> None:
-    """The points of each problem, and the tests that failed."""
+    """Print the points of each problem, and the tests that failed."""
     from tofrender.course.judge.running import points_of
     from tofrender.course.material import points_text
 
-    came = points_of(rubric, outcomes)
+    reached = points_of(rubric, outcomes)
     width = max(len(problem.title) for problem in rubric.problems)
     total = 0.0
     for problem in rubric.problems:
-        seen = [test for test in problem.tests if test.id in outcomes]
-        public = sum(test.points for test in seen)
+        tests = [test for test in problem.tests if test.id in outcomes]
+        public = sum(test.points for test in tests)
         total += 0 if problem.bonus else public
-        line = f"{points_text(came[problem.id]):>5} of {points_text(public)}"
+        line = f"{points_text(reached[problem.id]):>5} of {points_text(public)}"
         line += " bonus" if problem.bonus else ""
         if public < problem.points:
             line += f", {points_text(problem.points - public)} from tests that are not public"
         say(f"  {problem.title:{width}}  {line}")
-        failed = [test for test in seen if outcomes[test.id].outcome != "passed"]
+        failed = [test for test in tests if outcomes[test.id].outcome != "passed"]
         unwritten = [t for t in failed if all("not written yet" in s for s in outcomes[t.id].texts)]
-        if unwritten:
-            say(f"  {'':{width}}    not written yet: {len(unwritten)} tests")
-        for test in failed:
-            if test not in unwritten:
-                say(f"  {'':{width}}    {test.id.partition('::')[2]}: failed")
-    together = f"{points_text(sum(came.values())):>5} of {points_text(total)}"
-    say(f"  {'Together':{width}}  {together}")
+        notes = [f"not written yet: {len(unwritten)} tests"] if unwritten else []
+        notes += [f"{t.id.partition('::')[2]}: failed" for t in failed if t not in unwritten]
+        say(*(f"  {'':{width}}    {note}" for note in notes))
+    line = f"{points_text(sum(reached.values())):>5} of {points_text(total)}"
+    say(f"  {'Together':{width}}  {line}")

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated, Any
 
-from ..runtime import checks
 from . import options as opt
 from .checkpoints import AGAIN
 
@@ -13,16 +13,12 @@ LAST = 10_000_000
 
 
 def numbers(name: str, value: Any) -> list[int]:
-    """The check of an option that is numbers and ranges, like 17 or 0-99,250."""
+    """Check numbers and ranges, like 17 or 0-99,250, and list the numbers."""
     found: list[int] = []
     for part in str(value).split(","):
-        first, dash, last = part.partition("-")
-        ends = [opt.number(first), opt.number(last) if dash else opt.number(first)]
-        try:
-            low, high = (checks.integer(name, end, 0, LAST) for end in ends)
-        except ValueError:
-            low, high = 1, 0
-        if low > high:
+        ends = re.fullmatch(r"(\d{1,8})(-(\d{1,8}))?", part, re.ASCII)
+        low, high = (int(ends[1]), int(ends[3] or ends[1])) if ends else (1, 0)
+        if not low <= high <= LAST:
             raise ValueError(f"{name} = {value}: must be numbers of records, like 17 or 0-99,250")
         found += range(low, high + 1)
     return found
@@ -68,13 +64,7 @@ def dataset(
         raise ValueError(f"--resume: no run that makes {out} was stopped; must be left out")
     with opt.client_of(workers, scheduler) as client:
         made = make_dataset(
-            config,
-            out,
-            only=only,
-            client=client,
-            resume=resume,
-            tell=opt.note,
-            again=AGAIN,
+            config, out, only=only, client=client, resume=resume, tell=opt.note, again=AGAIN
         )
     count = made.sizes["record"]
     opt.say(f"{out}: {count} record{'s' * (count != 1)}, {', '.join(_large(made))}")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from ..runtime import checks
 from .course import Name
-from .options import integer, named, real, say
+from .options import integer, named, note, real, say
 
 if TYPE_CHECKING:
     from ..course.grade.classes import Class
@@ -59,9 +59,9 @@ def grade(
     """
     if (submission is None) == (everyone is None):
         raise ValueError("--submission and --all: must be exactly one of them")
+    of_class = {"--csv": csv, "--roster": roster, "--sheet": sheet, "--feedback": feedback}
     if submission is not None:
-        alone = {"--csv": csv, "--roster": roster, "--sheet": sheet, "--feedback": feedback}
-        out = _check_one(submission, out, alone, jobs)
+        out = _check_one(submission, out, of_class, jobs)
     else:
         assert everyone is not None
         out, csv = _check_class(everyone, out, csv, feedback, jobs)
@@ -72,16 +72,15 @@ def grade(
 
     found = find(assignment)
     found.require_tests()
-    members, nobodys, marks = [], [], None
+    members, unknown, marks = [], [], None
     if everyone is not None:
-        assert csv is not None
         those = classes.submissions_in(everyone, out, *([feedback] if feedback else []))
-        members, nobodys = rosters.members(those, roster)
+        members, unknown = rosters.members(those, roster)
         marks = None if sheet is None else rosters.marks(sheet, found.rubric, members)
-    for what in sandbox.missing_protections():
-        say(f"warning: this machine cannot keep a submission from {what}", err=True)
-    for name in nobodys:
-        say(f"warning: --roster = {roster}: {name!a} is nobody's", err=True)
+    for risk in sandbox.missing_protections():
+        note(f"warning: this machine cannot keep a submission from {risk}")
+    for name in unknown:
+        note(f"warning: --roster = {roster}: {name!a} is nobody's")
     try:
         if seed is None and submission is None and not found.rubric.seed:
             seed = classes.seed_of_before(out)  # those that are graded stay as they are
@@ -89,31 +88,28 @@ def grade(
         with grading.open_grader(found, seed or 0, **limits) as grader:
             if submission is not None:
                 _grade_one(grader, submission, out)
-                return
-            assert everyone is not None
-            assert csv is not None
-            private = [path for path in (roster, sheet, feedback) if path is not None]
-            class_ = classes.Class(
-                grader, everyone, members, csv, out, marks, roster is not None, jobs, private
-            )
-            class_.grade(say)
-            say(f"{csv}: written")
-            if feedback is not None:
-                _write_pages(class_, feedback)
+            elif everyone is not None and csv is not None:
+                private = [path for path in (roster, sheet, feedback) if path is not None]
+                class_ = classes.Class(
+                    grader, everyone, members, csv, out, marks, roster is not None, jobs, private
+                )
+                class_.grade(say)
+                say(f"{csv}: written")
+                if feedback is not None:
+                    _write_pages(class_, feedback)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("interrupted; what is graded is kept") from None
 
 
 def _grade_one(grader: Grader, submission: Path, out: Path) -> None:
+    """Grade a submission, and print its points."""
     results = grader.grade(submission, out)
     rubric = grader.assignment.rubric
     for problem in rubric.problems:
         points = f"{results.problem_points(problem):g} of {problem.points:g}"
         say(f"{problem.id}: {points}{' (bonus)' if problem.bonus else ''}")
-    for remark in results.remarks:
-        say(remark)
     total = f"{results.score:g} of {rubric.points:g} points"
-    say(f"{out}: {total}, {results.seconds:.0f} s")
+    say(*results.remarks, f"{out}: {total}, {results.seconds:.0f} s")
 
 
 def _write_pages(class_: Class, folder: Path) -> None:
@@ -125,12 +121,14 @@ def _write_pages(class_: Class, folder: Path) -> None:
     say(f"{folder}: overview.html, and students/*/feedback.html")
 
 
-def _check_one(submission: Path, out: Path | None, alone: Mapping[str, object], jobs: int) -> Path:
-    """Refuse options that do not go together; the results file."""
+def _check_one(
+    submission: Path, out: Path | None, of_class: Mapping[str, object], jobs: int
+) -> Path:
+    """Refuse options that do not go together; returns the results file."""
     submission = checks.path("--submission", submission)
     if not submission.is_dir() and not submission.is_file():
         raise ValueError(f"--submission = {submission}: must be a folder or a zip that exists")
-    for name, value in {**alone, "--jobs": jobs if jobs > 1 else None}.items():
+    for name, value in {**of_class, "--jobs": jobs if jobs > 1 else None}.items():
         if value is not None:
             raise ValueError(f"{name} = {value}: must be left out without --all")
     if out is None:
@@ -143,7 +141,7 @@ def _check_one(submission: Path, out: Path | None, alone: Mapping[str, object], 
 def _check_class(
     everyone: Path, out: Path | None, csv: Path | None, feedback: Path | None, jobs: int
 ) -> tuple[Path, Path]:
-    """Refuse options that do not go together; the folder of the results and the CSV file."""
+    """Refuse options that do not go together; returns the folder of results and the CSV file."""
     if not everyone.is_dir():
         raise ValueError(f"--all = {everyone}: is no folder; must be one of submissions")
     if csv is None:
@@ -156,7 +154,7 @@ def _check_class(
         if path is not None and path.exists() and not path.is_dir():
             raise ValueError(f"{name} = {path}: is a file; must be a folder")
     cores = os.cpu_count() or 1
-    if jobs > max(cores, 1):
+    if jobs > cores:
         raise ValueError(
             f"--jobs = {jobs}: must be {cores} or less, the number of cores; tests have time limits"
         )
@@ -203,11 +201,11 @@ def similarity(
     from ..course.grade import classes, similarity
 
     found = find(assignment)
-    there, reasons = similarity.write(found, classes.submissions_in(everyone, out), out)
+    written, reasons = similarity.write(found, classes.submissions_in(everyone, out), out)
     for reason in reasons:
-        say(f"warning: {reason}", err=True)
-    say(f"{out}: {len(there)} submissions", "Next, with JPlag 5 or newer:")
-    say(f"  {similarity.command(out)}")
+        note(f"warning: {reason}")
+    next_step = f"  {similarity.command(out)}"
+    say(f"{out}: {len(written)} submissions", "Next, with JPlag 5 or newer:", next_step)
 
 
 def new_term(

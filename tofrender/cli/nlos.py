@@ -6,9 +6,10 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ..runtime.progress import EVERY_S
+from ..runtime import backend
+from ..runtime.progress import EVERY_S, deferred_stop
 from . import completion, options as opt
-from .answers import Capture, Json, Reconstruct, answer, dataset_facts
+from .answers import Json, answer, dataset_facts
 from .checkpoints import (
     Resume,
     Seconds,
@@ -28,10 +29,7 @@ METHODS = ("lct", "fk", "bp", "fbp", "phasor")
 
 
 def capture(
-    scene: Annotated[
-        str,
-        opt.argument("SCENE", "A scene with a relay wall.", completion.scene),
-    ],
+    scene: Annotated[str, opt.argument("SCENE", "A scene with a relay wall.", completion.scene)],
     out: Annotated[Path, opt.named("FILE", "HDF5 file to write.")],
     mode: Annotated[str, opt.choice(MODES, "Which points of the wall are lit.")] = "confocal",
     grid: Annotated[opt.Size | None, opt.size("64x64", "Points on the wall.")] = None,
@@ -65,36 +63,31 @@ def capture(
     from tofrender.films.image import developed_shape
     from tofrender.nlos import capture as render_capture
     from tofrender.nlos.capturing import require_same_capture
-    from tofrender.runtime.progress import deferred_stop
     from tofrender.scenes.loading import find_scene, load_scene, require_sensor
 
     source = find_scene(scene)
     names = None if wall is None else [each.strip() for each in wall.split(",")]
+    sampling: dict[str, Any] = {"mode": mode, "spp": spp, "seed": seed}
     columns, rows = grid or (None, None)
     loaded = load_scene(source, optimize=False, width=columns, height=rows)
     require_sensor(loaded)
     shape = developed_shape(loaded.sensors()[0].film())
     if shape is not None:
-        opt.check_room(out, math.prod(shape) * (shape[0] * shape[1] if mode == "exhaustive" else 1))
+        opt.check_disk_space(
+            out, math.prod(shape) * (shape[0] * shape[1] if mode == "exhaustive" else 1)
+        )
     if resume and out.exists() and unfinished_work(out) is None:
         found = io.load_capture(out)
         if found.attrs.get("complete", 1):
-            options: dict[str, Any] = {"spp": spp, "seed": seed, "sensor": 0, "wall": names}
-            require_same_capture(found, loaded, mode=mode, grid=None, **options)
+            require_same_capture(found, loaded, grid=None, sensor=0, wall=names, **sampling)
             line = f"{out}: already complete, {found.attrs['spp']} samples per pixel"
             answer("capture", as_json, _facts(found, out), [line])
             return
-    with checkpointed(out, checkpoint, resume) as kept, opt.client_of(workers, scheduler) as client:
-        require_begun(resume, kept and kept.path, out)
+    with checkpointed(out, checkpoint, resume) as file, opt.client_of(workers, scheduler) as client:
+        require_begun(resume, file and file.path, out)
+        given, points = (loaded, None) if client is None else (source, grid)
         captured = render_capture(
-            loaded if client is None else source,
-            mode=mode,
-            grid=None if client is None else grid,
-            spp=spp,
-            seed=seed,
-            relay_wall=names,
-            checkpoint=kept,
-            client=client,
+            given, grid=points, relay_wall=names, checkpoint=file, client=client, **sampling
         )
         captured.attrs["scene"] = str(source)
         with deferred_stop() as stop:
@@ -108,10 +101,9 @@ def capture(
     end_if_stopped(stop)
 
 
-def _facts(captured: xr.Dataset, out: Path) -> Capture:
-    """Facts of a capture."""
+def _facts(captured: xr.Dataset, out: Path) -> dict[str, Any]:
     rows, columns = captured["sensor_grid"].shape[:2]
-    return dataset_facts(Capture, captured, {"out": out, "rows": rows, "columns": columns})
+    return dataset_facts("capture", captured, {"out": out, "rows": rows, "columns": columns})
 
 
 def reconstruct(
@@ -134,15 +126,14 @@ def reconstruct(
     for name, value in (("workers", workers), ("scheduler", scheduler)):
         if value is not None and method not in ("bp", "fbp"):
             raise ValueError(f"{name} = {value}: must be left out with `method={method}`")
-    from tofrender.runtime import backend
-
     backend.activate()
+
     import numpy as np
 
     from tofrender import io, nlos, vis
 
     captured = io.load_capture(source)
-    opt.check_room(out, captured["transient"].size)
+    opt.check_disk_space(out, captured["transient"].size)
     with opt.client_of(workers, scheduler) as client:
         volume = nlos.reconstruct(captured, method, client=client)
     brightness, depth = nlos.max_projection(volume), nlos.depth_map(volume)
@@ -161,7 +152,6 @@ def reconstruct(
     median = float(np.median(seen)) if seen.size else None
     where = "nothing found" if median is None else f"median depth {median:.3f} m"
     files = ["volume.npz", "brightness.exr", "depth.exr", f"volume.{figure}"]
-    facts = Reconstruct(
-        out=str(out), files=files, source=str(source), method=method, median_depth=median
-    )
+    facts = {"out": str(out), "files": files, "source": str(source), "method": method}
+    facts |= {"median_depth": median}
     answer("reconstruct", as_json, facts, [f"{out}: {', '.join(files)}; {where}"])

@@ -1,16 +1,15 @@
-"""Options that commands share, and what turns the text of each into a value.
+"""Options that commands share, with the checks of their values.
 
-Options of `render`'s settings come from the table in `rendering/settings.py`. Types, ranges and
-choices are shown by Typer in `--help`; only its words for a bad value are replaced, as they do not
-say the value: each is refused in one line, `--option = value: must be ...`. Nothing here imports
-Mitsuba.
+Options of `render`'s settings come from the table in `rendering/settings.py`. Typer shows types,
+ranges and choices in `--help`, but its messages for bad values lack the value: here each is refused
+in one line, `--option = value: must be ...`. Nothing here imports Mitsuba.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -18,7 +17,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from ..rendering.settings import SETTINGS
-from ..runtime import checks
+from ..runtime import backend, checks
+from ..runtime.atomic import check_file, check_writable
 from ..runtime.progress import bars_cleared
 from . import completion
 
@@ -26,11 +26,8 @@ if TYPE_CHECKING:
     import xarray as xr
     from distributed import Client
 
-BAD_INPUT, FAILURE, INTERRUPTED = 2, 1, 130
-"""Exit statuses of the command, if not 0."""
-
-FIGURE_BYTES = 1 << 20
-"""Size of a figure and a few headers on a disk [bytes]."""
+BAD_INPUT, FAILURE, INTERRUPTED = 2, 1, 130  # Exit statuses
+FIGURE_BYTES = 1 << 20  # Size of a figure and a few headers on a disk
 
 FILES = {
     "frames": "",
@@ -41,8 +38,7 @@ FILES = {
 }
 """The file that holds the transient in the output folder, by --format."""
 
-SCENE_TIME, NO_PULSE = "scene", "none"
-"""Values of --window and --pulse-width that leave time to the scene."""
+SCENE_TIME, NO_PULSE = "scene", "none"  # --window and --pulse-width: as the scene has them
 
 
 class Size(NamedTuple):
@@ -55,11 +51,11 @@ class Size(NamedTuple):
         return f"{self.width}x{self.height}"
 
 
-class Refused(typer.BadParameter):
-    """A bad value, with all that is said of it behind the option's name."""
+class BadValue(typer.BadParameter):
+    """A bad value; the message is what follows the option's name."""
 
     def format_message(self) -> str:
-        """The whole line."""
+        """Format the whole line."""
         name = self.param.opts[0] if self.param else ""
         return f"{name if name.startswith('-') else name.upper()}{self.message}"
 
@@ -67,16 +63,16 @@ class Refused(typer.BadParameter):
 def checked(
     check: Callable[[str, Any], Any], help: str, *names: str, kind: Any = typer.Option, **info: Any
 ) -> Any:
-    """An option or argument whose value is `check("", text)`, text that spells a number as one.
+    """An option or argument whose value is `check("", text)`, where numbers are no text.
 
-    A bad value makes `check` raise a ValueError with what is to be said behind the option's name.
+    For a bad value `check` raises a ValueError, whose message follows the option's name.
     """
 
     def parse(text: Any) -> Any:
         try:
             return check("", number(text))
         except ValueError as error:
-            raise Refused(str(error)) from None
+            raise BadValue(str(error)) from None
 
     return kind(*names, parser=parse, help=help, **info)
 
@@ -112,18 +108,16 @@ def choice(names: Iterable[str], help: str, **info: Any) -> Any:
 
 
 def setting(name: str, parse: Callable[[str, Any], Any] | None = None, more: str = "") -> Any:
-    """The option of a setting of `render`, by the table; `parse` checks what is no plain number."""
+    """An option of a setting of `render`, by the table; `parse` checks what is no plain number."""
     described = SETTINGS[name]
     help = f"{described.help}{more}."
     if described.choices:
         return choice(described.choices, help)
     if described.check is checks.boolean:
         return switch(f"--{name}", help)
-    check = parse or described.check
-    assert check is not None
     if parse is None and described.low is not None and described.high is not None:
-        return checked(check, help, min=described.low, max=described.high)
-    return checked(check, help, **METAVARS.get(name, {}))
+        return checked(described.check, help, min=described.low, max=described.high)
+    return checked(parse or described.check, help, **METAVARS.get(name, {}))
 
 
 def named(metavar: str, help: str, *names: str) -> Any:
@@ -156,7 +150,7 @@ def size(example: str, help: str) -> Any:
 
 
 def pulse(name: str, value: Any) -> str | float:
-    """The check of an option that is a pulse's width: auto, none, or metres."""
+    """Check a pulse's width: auto, none, or metres."""
     if value in ("auto", NO_PULSE):
         return value
     width = number(value)
@@ -166,21 +160,18 @@ def pulse(name: str, value: Any) -> str | float:
 
 
 def span(name: str, value: Any) -> str | tuple[float, float]:
-    """The check of an option that is a window: auto, scene, or where it starts and stops."""
+    """Check a window: auto, scene, or where it starts and stops."""
     ends = [number(end) for end in str(value).split(",")]
     if value in ("auto", SCENE_TIME):
         return value
     if any(isinstance(end, str) for end in ends) or len(ends) != 2:
         allowed = "auto, scene, or start,stop in metres of path, like 3.5,15"
         raise ValueError(f"{name} = {checks.quote(value)}: must be {allowed}")
-    start, stop = (checks.metres(name, end) for end in ends)
-    if not start < stop < start + checks.MAX_OPL:
-        raise ValueError(f"{name} = {value}: must end after it starts, and not at infinity")
-    return start, stop
+    return checks.interval(name, ends)
 
 
 def definition(name: str, value: Any) -> tuple[str, str]:
-    """The check of an option that is a name and a value."""
+    """Split a name and its value."""
     key, separator, text = str(value).partition("=")
     if not separator or not key:
         raise ValueError(f"{name} {value}: must be name=value, like spp=64")
@@ -188,12 +179,7 @@ def definition(name: str, value: Any) -> tuple[str, str]:
 
 
 def number(text: Any) -> Any:
-    """The number that a text spells, NaN and infinities too; any other text for a check to refuse.
-
-    Example:
-        >>> number("64"), number("2e7"), number("1_000"), number("\u0663")
-        (64, 20000000.0, '1_000', '\u0663')
-    """
+    """Convert text of ASCII digits to a number, NaN and infinities too; return other text as is."""
     if not isinstance(text, str) or not text.isascii() or "_" in text or text != text.strip():
         return text
     for kind in (int, float):
@@ -222,9 +208,7 @@ METAVARS: dict[str, dict[str, Any]] = {
 Scene = Annotated[
     str,
     argument(
-        "SCENE",
-        f"{SETTINGS['scene'].help}; `tofrender scenes` lists the names.",
-        completion.scene,
+        "SCENE", f"{SETTINGS['scene'].help}; `tofrender scenes` lists the names.", completion.scene
     ),
 ]
 Out = Annotated[Path, named("DIR", "Folder to write, made whole.")]
@@ -253,9 +237,7 @@ Dpi = Annotated[int | None, integer(20, 2400, "Dots per inch of the figure's pix
 
 
 def activate(variant: str | None = None, polarised: bool = False) -> None:
-    """Make a Mitsuba variant active that can render; it chooses the LLVM before any import."""
-    from tofrender.runtime import backend
-
+    """Activate a Mitsuba variant that can render."""
     backend.activate(variant)
     backend.require_vectorised()
     if not polarised:
@@ -263,14 +245,14 @@ def activate(variant: str | None = None, polarised: bool = False) -> None:
 
 
 def say(*lines: str, err: bool = False) -> None:
-    """Say something on stdout, or on stderr."""
+    """Print lines on stdout or stderr, above progress bars."""
     with bars_cleared():
         for line in lines:
             typer.echo(checks.printable(line), err=err)
 
 
 def note(line: str) -> None:
-    """Say something on stderr."""
+    """Print a line on stderr."""
     say(line, err=True)
 
 
@@ -280,24 +262,22 @@ def dots(dpi: int | None) -> dict[str, Any]:
 
 
 def check_client(workers: int | None, scheduler: str | None) -> None:
-    """Refuse workers that are asked for in two ways."""
+    """Refuse --workers together with --scheduler."""
     if workers is not None and scheduler is not None:
         raise ValueError("--scheduler: must be left out with --workers")
 
 
 def client_of(workers: int | None, scheduler: str | None) -> AbstractContextManager[Client | None]:
-    """A client of the workers that are asked for, None if none are."""
-    check_client(workers, scheduler)
-    if workers is None and scheduler is None:
-        return nullcontext()
+    """Client of local workers or of a scheduler's, None without either option."""
     from tofrender.rendering.workers import workers_for
 
+    check_client(workers, scheduler)
     return workers_for(workers, scheduler)
 
 
 @contextmanager
 def _naming_out() -> Iterator[None]:
-    """Errors of a path as errors of --out."""
+    """Turn errors of a path into errors of --out."""
     try:
         yield
     except (ValueError, OSError) as error:
@@ -312,21 +292,17 @@ def check_out(
 
     with _naming_out():
         check_output(out, shape, precision=precision, overwrite=True)
-    check_room(out)
+    check_disk_space(out)
 
 
 def check_file_out(out: Path, *suffixes: str, overwrite: bool = False) -> None:
     """Refuse a file that cannot be written."""
-    from tofrender.runtime.atomic import check_file
-
     with _naming_out():
         check_file(out, *suffixes, overwrite=overwrite, needed_bytes=FIGURE_BYTES)
 
 
-def check_room(out: Path, *arrays: int) -> None:
-    """Refuse a disk too small for arrays of floats, each of so many values."""
-    from tofrender.runtime.atomic import check_writable
-
+def check_disk_space(out: Path, *arrays: int) -> None:
+    """Refuse a disk too small for arrays of floats with these numbers of values."""
     with _naming_out():
         check_writable(out, 4 * sum(arrays) + FIGURE_BYTES)
 
@@ -345,7 +321,7 @@ def check_format(format: str, precision: str) -> None:
 
 
 def load_render(out: Path, option: str) -> xr.Dataset:
-    """The render that `tofrender render` wrote to `out`, the value of `option`."""
+    """Load the render that `tofrender render` wrote to `out`, the value of `option`."""
     from tofrender import io
     from tofrender.rendering.films_on_disk import load_zarr
 
@@ -359,5 +335,5 @@ def load_render(out: Path, option: str) -> xr.Dataset:
         if path.exists():
             return load(path)
     name = checks.quote(str(out))
-    what = "pictures, which cannot be read back" if (out / "steady.png").exists() else "no render"
-    raise ValueError(f"{option}: {name} holds {what}; must be what `tofrender render` has written")
+    found = "pictures, which cannot be read back" if (out / "steady.png").exists() else "no render"
+    raise ValueError(f"{option}: {name} holds {found}; must be what `tofrender render` has written")

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ..rendering.settings import RenderSettings
-from ..runtime.progress import EVERY_S
+from ..runtime import atomic
+from ..runtime.progress import EVERY_S, deferred_stop
 from . import options as opt
 from .answers import Json, answer, render_facts
 from .checkpoints import (
@@ -32,8 +33,7 @@ if TYPE_CHECKING:
     from ..rendering.job import Job
     from ..runtime.checkpoints import Checkpoint
 
-TIME = ("start_opl", "bin_width", "window", "pulse_width")
-"""Settings that say when to look."""
+TIME = ("start_opl", "bin_width", "window", "pulse_width")  # Settings of the time axis
 
 
 def render(
@@ -103,7 +103,6 @@ def render(
     from tofrender.rendering.collecting import collect
     from tofrender.rendering.job import carry_out
     from tofrender.rendering.renderer import make_job
-    from tofrender.runtime.progress import deferred_stop
     from tofrender.scenes.loading import find_scene
 
     options |= {"scene": find_scene(scene), "define": dict(define or ())}
@@ -116,7 +115,7 @@ def render(
     cells = height * width * films * count
     opt.check_out(out, (height, width, films * count, channels), precision)
     if checkpoint:  # which has the samples' weight of each bin, too
-        opt.check_room(out, cells * channels, cells * (channels + 1))
+        opt.check_disk_space(out, cells * channels, cells * (channels + 1))
 
     complete = _complete(out, job) if resume and unfinished_work(out) is None else None
     if complete is not None:
@@ -126,14 +125,14 @@ def render(
         return
 
     # ---------------------------------------------------------------------- render and write
-    with checkpointed(out, checkpoint, resume) as kept, opt.client_of(workers, scheduler) as client:
+    with checkpointed(out, checkpoint, resume) as file, opt.client_of(workers, scheduler) as client:
         film = film_path(out)
         if client is None and format != "zarr" and not is_begun(film) and _fits(job):
-            earlier = _earlier(out, kept) if resume else None
-            dataset = carry_out(job, earlier, kept)
+            earlier = _earlier(out, file) if resume else None
+            dataset = carry_out(job, earlier, file)
         elif client is not None and job.plan.splats:
-            require_begun(resume, kept and kept.path, out)
-            dataset = collect(job, client, kept)
+            require_begun(resume, file and file.path, out)
+            dataset = collect(job, client, file)
         else:
             require_begun(resume, film, out)
             dataset = _on_disk(job, film, client, checkpoint, resume)
@@ -145,10 +144,9 @@ def render(
 
 
 def _with_time(options: dict[str, Any]) -> RenderSettings:
-    """Settings in which a time that nobody has chosen is to be found.
+    """Settings of a render, with an automatic window and pulse where no setting of `TIME` is given.
 
-    That is a window and a pulse for the built-in scenes and for those of files whose film is
-    steady, unless one of --start-opl, --bin-width, --window and --pulse-width is given.
+    They are for built-in scenes, and for files of scenes whose film is steady.
     """
     from ..rendering.renderer import with_default_window
 
@@ -167,7 +165,7 @@ def _with_time(options: dict[str, Any]) -> RenderSettings:
 
 
 def _report_time(settings: RenderSettings, job: Job) -> None:
-    """Say which window and pulse were found, and how to have the scene's own."""
+    """Print which window and pulse were found, and how to have the scene's own."""
     if settings.pulse_width != "auto" or settings.window != "auto":
         return
     start, stop = job.film.start_opl, job.film.end_opl()
@@ -181,7 +179,7 @@ def _report_time(settings: RenderSettings, job: Job) -> None:
 
 
 def _fits(job: Job) -> bool:
-    """Whether a job's film fits into memory; if not, says so."""
+    """Whether a job's film fits into memory; prints a note if not."""
     from tofrender.rendering.work_items import whole
 
     try:
@@ -196,37 +194,33 @@ def _on_disk(
     job: Job, film: Path, client: Client | None, seconds: float, resume: bool
 ) -> xr.Dataset:
     """Render a job on the disk, or open what a killed run had finished there."""
-    from tofrender.rendering.dataset import in_channels
     from tofrender.rendering.films_on_disk import is_film, load_zarr
+    from tofrender.rendering.job import check_resume
     from tofrender.rendering.store import under_way
     from tofrender.rendering.streaming import stream
     from tofrender.rendering.work_items import whole
-    from tofrender.runtime import atomic
 
     if not resume:
-        for left in (film, under_way(film)):
-            atomic.remove(left)
+        for unfinished in (film, under_way(film)):
+            atomic.remove(unfinished)
     if not is_film(film):
         return stream(job, film, client=client, seconds=seconds, tell=opt.note, again=AGAIN)
     dataset = load_zarr(film)
-    wanted = job.recipe | {"spp": whole(job).count, "errors": job.settings.errors}
-    found = dataset.attrs | {"errors": "transient_error" in dataset}
-    wanted["shape"], found["shape"] = job.film.shape, in_channels(dataset)["transient"].shape
-    for name, value in wanted.items():
-        its = found.get(name)
-        if its != value:
-            raise ValueError(f"--resume: was rendered with {name} = {its!r}; must be {value!r}")
+    check_resume(dataset, job)
+    spp, wanted = dataset.attrs["spp"], whole(job).count
+    if spp != wanted:
+        raise ValueError(f"--resume: was rendered with spp = {spp}; must be {wanted}")
     return dataset
 
 
 def _complete(out: Path, job: Job) -> xr.Dataset | None:
-    """The render in `out` if it is what `job` would come to, None if there is more to do."""
+    """Load the render in `out` if it is the result of `job`, None if there is more to do."""
     from ..rendering.job import check_resume
     from ..rendering.work_items import whole
 
     try:
         found = opt.load_render(out, "--resume")
-    except (ValueError, OSError):  # Is told by who goes on with it
+    except (ValueError, OSError):  # Raised again by `_earlier`
         return None
     if not found.attrs["complete"] or found.attrs["spp"] != whole(job).count:
         return None
@@ -234,20 +228,20 @@ def _complete(out: Path, job: Job) -> xr.Dataset | None:
     return found
 
 
-def _earlier(out: Path, kept: Checkpoint | None) -> xr.Dataset | None:
-    """The render in `out` to go on from, None if a checkpoint has all that is needed."""
-    first = None if kept is None else kept.recipe().get("resume")
-    if kept is not None and first == 0:
+def _earlier(out: Path, file: Checkpoint | None) -> xr.Dataset | None:
+    """Load the render in `out` to resume from, None if a checkpoint has all that is needed."""
+    first = None if file is None else file.recipe().get("resume")
+    if file is not None and first == 0:
         return None
     earlier = opt.load_render(out, "--resume")
-    if kept is not None and earlier.attrs["spp"] != first:  # DIR has changed since
-        kept.resume = False
+    if file is not None and earlier.attrs["spp"] != first:  # DIR has changed since
+        file.resume = False
     opt.note(f"resuming from {earlier.attrs['spp']} samples per pixel in {out}")
     return earlier
 
 
 def _report(dataset: xr.Dataset, out: Path, files: Sequence[str]) -> list[str]:
-    """Lines on what was written, how long it took, and what the window missed."""
+    """Lines with names of files, time, and the energy outside the window."""
     frames = [name for name in files if name.startswith("frame_")]
     names = [name for name in files if name not in frames]
     if frames:

@@ -6,15 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 from zipfile import ZipFile
 
-from ..runtime import checks
+from ..runtime import backend, checks
 from . import options as opt
 
 if TYPE_CHECKING:
     import xarray as xr
 
 SUFFIXES = (".html", ".htm")
-VOLUME = "volume.npz"
-"""File that `tofrender reconstruct` writes."""
+VOLUME = "volume.npz"  # As `tofrender reconstruct` writes it
 
 
 def report(
@@ -34,55 +33,48 @@ def report(
     FILE opens from disk, without a server or a network: light in time, responses of pixels,
     gates, phasors. What was reduced for it, and how right its values are, is said in it.
     """
-    from tofrender.runtime import backend
-
     opt.check_file_out(out, *SUFFIXES, overwrite=True)
     backend.activate()
-    data = _seen(checks.path("DIR|FILE", source))
+    data = load_intensity(checks.path("DIR|FILE", source))
 
     from tofrender.apps.explorer.page import report as write
 
-    named = title or data.attrs.get("scene") or source.resolve().name
-    write(data, out, title=str(named), megabytes=megabytes, overwrite=True)
+    title = str(title or data.attrs.get("scene") or source.resolve().name)
+    write(data, out, title=title, megabytes=megabytes, overwrite=True)
     opt.say(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
 
 
-def _seen(source: Path) -> xr.Dataset:
-    """The Dataset of a folder or a file; of Stokes vectors S0."""
+def load_intensity(source: Path) -> xr.Dataset:
+    """Load the Dataset of a folder or a file; of Stokes vectors S0."""
     from tofrender.rendering.dataset import components_of
 
     return components_of(_load(source))[0]
 
 
 def _load(source: Path) -> xr.Dataset:
-    """The Dataset of a folder or a file."""
+    """Load the Dataset of a folder or a file, with Stokes vectors if it has them."""
     from tofrender import io
     from tofrender.rendering.films_on_disk import load_zarr
 
+    loaders: dict[str, Any] = {".npz": io.load_npz, ".exr": io.load_exr_stack}
+    loaders |= dict.fromkeys((".h5", ".hdf5"), io.load_capture)
+    suffix = source.suffix.lower()
     if source.suffix == ".zarr":
         return load_zarr(source)
-    if (source / VOLUME).is_file():
-        return _volume(source / VOLUME)
+    volume = source / VOLUME if source.is_dir() else source
+    if volume.name == VOLUME and volume.is_file():
+        return _load_volume(volume)
     if source.is_dir():
         return opt.load_render(source, "DIR|FILE")
-    if source.name == VOLUME:
-        return _volume(source)
-    loaders: dict[str, Any] = {
-        ".npz": io.load_npz,
-        ".exr": io.load_exr_stack,
-        ".h5": io.load_capture,
-        ".hdf5": io.load_capture,
-    }
-    if source.suffix.lower() not in loaders or not source.is_file():
-        allowed = "a folder of `render` or `reconstruct`, or an .npz, .exr, .zarr, .h5 or .hdf5"
-        what = "does not exist" if not source.exists() else "is none of these"
-        given = checks.quote(str(source))
-        raise ValueError(f"DIR|FILE = {given}: {what}; must be {allowed}")
-    return loaders[source.suffix.lower()](source)
+    if source.is_file() and suffix in loaders:
+        return loaders[suffix](source)
+    allowed = "a folder of `render` or `reconstruct`, or an .npz, .exr, .zarr, .h5 or .hdf5"
+    problem = "is none of these" if source.exists() else "does not exist"
+    raise ValueError(f"DIR|FILE = {checks.quote(str(source))}: {problem}; must be {allowed}")
 
 
-def _volume(path: Path) -> xr.Dataset:
-    """The arrays that `tofrender reconstruct` keeps of a volume."""
+def _load_volume(path: Path) -> xr.Dataset:
+    """Load the arrays that `tofrender reconstruct` writes of a volume."""
     import xarray as xr
 
     from tofrender.runtime.archives import read_array
@@ -98,8 +90,8 @@ def _volume(path: Path) -> xr.Dataset:
     except MemoryError as error:
         raise MemoryError(f"DIR|FILE = {path}: {error}") from None
     except Exception as error:  # Whatever a damaged file makes zipfile, zlib and NumPy raise
-        said = " ".join(str(error).split())[:200] or type(error).__name__
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise ValueError(
-            f"DIR|FILE = {path}: must be a volume that `tofrender reconstruct` wrote ({said})"
+            f"DIR|FILE = {path}: must be a volume that `tofrender reconstruct` wrote ({reason})"
         ) from None
     return volume

@@ -6,20 +6,17 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ..runtime.progress import EVERY_S
+from ..runtime.progress import EVERY_S, deferred_stop
 from ..signals.units import check_frequency
 from . import options as opt
-from .answers import Gate, Json, Phasor, answer
+from .answers import Json, answer
 from .checkpoints import Resume, Seconds, checkpointed, end_if_stopped, exclusively, require_begun
 
 if TYPE_CHECKING:
     import numpy as np
 
-PARTS = 5
-"""I, Q, amplitude, phase and depth."""
-
-GATE = 0.03
-"""Standard deviation of a gate where the scene's light has no pulse [m]."""
+LAYERS = ("I", "Q", "amplitude", "phase", "depth")
+GATE_WIDTH = 0.03  # Standard deviation of a gate where the scene's light has no pulse [m]
 
 
 def phasor(
@@ -64,28 +61,25 @@ def phasor(
                 raise ValueError(f"{option} = {value}: must be left out, {source} is rendered")
         from tofrender.analysis import transient_to_phasor
         from tofrender.rendering.dataset import components_of
-        from tofrender.runtime.progress import deferred_stop
 
         rendered = components_of(opt.load_render(Path(source), "RENDER_DIR"))[0]
-        opt.check_room(out, PARTS * len(freq) * rendered["steady"].size)
+        opt.check_disk_space(out, len(LAYERS) * len(freq) * rendered["steady"].size)
         parts = transient_to_phasor(rendered, freq)
         with exclusively(out), deferred_stop() as stop:
             files = _write_phasors(out, freq, parts, source, figure, dpi)
     else:
         loaded, sensor, samples = _load(source, spp, size, max_depth, variant)
         from tofrender.integrators.amcw import render_amcw_phasor
-        from tofrender.runtime.progress import deferred_stop
 
-        opt.check_room(out, PARTS * len(freq) * _values(sensor))
-        with checkpointed(out, checkpoint, resume) as kept:
-            require_begun(resume, kept and kept.path, out)
-            parts = render_amcw_phasor(loaded, sensor, freq, samples, seed, checkpoint=kept)
+        opt.check_disk_space(out, len(LAYERS) * len(freq) * _values(sensor))
+        with checkpointed(out, checkpoint, resume) as file:
+            require_begun(resume, file and file.path, out)
+            parts = render_amcw_phasor(loaded, sensor, freq, samples, seed, checkpoint=file)
             with deferred_stop() as stop:
                 files = _write_phasors(out, freq, parts, source, figure, dpi)
     height, width = parts[0].shape[1:3]
-    facts = Phasor(
-        out=str(out), files=files, source=source, frequencies_hz=freq, width=width, height=height
-    )
+    facts = {"out": str(out), "files": files, "width": width, "height": height}
+    facts |= {"source": source, "frequencies_hz": freq}
     answer("phasor", as_json, facts, [f"{out}: {', '.join(files)}"])
     end_if_stopped(stop)
 
@@ -118,14 +112,13 @@ def gate(
     loaded, sensor, samples = _load(scene, spp, size, max_depth, variant)
     from tofrender import io, vis
     from tofrender.integrators.time_gated import render_at_time
-    from tofrender.runtime.progress import deferred_stop
 
-    opt.check_room(out, _values(sensor))
+    opt.check_disk_space(out, _values(sensor))
     integrator = _gated(loaded.integrator(), pulse_width)
     width: float = integrator.pulse.width_opl
-    with checkpointed(out, checkpoint, resume) as kept:
-        require_begun(resume, kept and kept.path, out)
-        image = render_at_time(loaded, integrator, sensor, at, samples, seed, checkpoint=kept)
+    with checkpointed(out, checkpoint, resume) as file:
+        require_begun(resume, file and file.path, out)
+        image = render_at_time(loaded, integrator, sensor, at, samples, seed, checkpoint=file)
         if not image.any():
             raise ValueError(f"--at = {at:g}: no light arrives then; `tofrender render` shows when")
         attrs = {"opl": at, "pulse_width_opl": width, "units": "W m^-3 sr^-1", "spp": samples}
@@ -135,17 +128,8 @@ def gate(
             io.save_figure(drawn, folder / f"picture.{figure}", **opt.dots(dpi))
     files = ["gate.exr", f"picture.{figure}"]
     rows, columns = image.shape[:2]
-    facts = Gate(
-        out=str(out),
-        files=files,
-        width=columns,
-        height=rows,
-        scene=scene,
-        at=at,
-        spp=samples,
-        pulse_width=width,
-        seed=seed,
-    )
+    facts = {"out": str(out), "files": files, "width": columns, "height": rows, "scene": scene}
+    facts |= {"at": at, "pulse_width": width, "spp": samples, "seed": seed}
     answer("gate", as_json, facts, [f"{out}: {', '.join(files)}"])
     end_if_stopped(stop)
 
@@ -153,10 +137,10 @@ def gate(
 def _load(
     source: str, spp: int | None, size: opt.Size | None, max_depth: int | None, variant: str | None
 ) -> tuple[Any, Any, int]:
-    """A scene with an integrator that knows time, its sensor, and samples per pixel."""
+    """Load a scene with a transient integrator, its sensor, and samples per pixel."""
     opt.activate(variant)
-    from tofrender.scenes.in_time import successor_of
     from tofrender.scenes.loading import find_scene, load_scene, require_light, require_sensor
+    from tofrender.scenes.transient_integrators import transient_integrator_for
 
     found = find_scene(source)
     settings: dict[str, Any] = {"max_depth": max_depth}
@@ -165,7 +149,7 @@ def _load(
     loaded = load_scene(found, **settings)
     require_sensor(loaded)
     if getattr(loaded.integrator(), "traits", None) is None:  # One in a wrapper does not tell
-        kind = successor_of(loaded.integrator())
+        kind = transient_integrator_for(loaded.integrator())
         loaded = load_scene(found, integrator=kind, **settings)
     own: Any = loaded.integrator()
     if own.needs_lights:
@@ -175,14 +159,14 @@ def _load(
 
 
 def _gated(own: Any, pulse_width: float | None) -> Any:
-    """A scene's integrator, or one that sees its paths through a Gaussian gate."""
+    """Make a gated integrator with the settings of a scene's, or set the pulse of a gated one."""
     from tofrender.scenes.loading import load_plugin
     from tofrender.signals.pulses import GaussianPulse
 
     if not own.needs_lights:
         kind = type(own).__name__
         raise ValueError(f"integrator = {kind}: has no gates; must be one like transient_path")
-    width = pulse_width or (GATE if own.pulse is None else own.pulse.width_opl)
+    width = pulse_width or (GATE_WIDTH if own.pulse is None else own.pulse.width_opl)
     if not hasattr(own, "gate"):
         traits = own.traits | {"type": "time_gated_transient_path"}
         own = load_plugin("integrator", traits | {"pulse_width_opl": width})
@@ -191,7 +175,7 @@ def _gated(own: Any, pulse_width: float | None) -> Any:
 
 
 def _values(sensor: Any) -> int:
-    """Values of a picture of the sensor's, of three channels at the most."""
+    """Number of values of the sensor's picture, in three channels at most."""
     width, height = sensor.film().crop_size()
     return 3 * int(width) * int(height)
 
@@ -207,14 +191,13 @@ def _write_phasors(
     """Write EXR files and the panel; returns their names."""
     from tofrender import io, vis
 
-    names = ("I", "Q", "amplitude", "phase", "depth")
     with io.output_folder(out, overwrite=True) as folder:
         files = []
         for k, frequency in enumerate(frequencies):
-            layers = {name: part[k] for name, part in zip(names, parts, strict=True)}
+            layers = {name: part[k] for name, part in zip(LAYERS, parts, strict=True)}
             files.append(f"phasor_{frequency:.15g}Hz.exr")
             io.save_exr_layers(folder / files[-1], layers, {"frequency_hz": frequency})
-        panel = vis.phasor_panel(frequencies, *parts, title=f"{source}")
+        panel = vis.phasor_panel(frequencies, *parts, title=source)
         files.append(f"panel.{figure}")
         io.save_figure(panel, folder / files[-1], **opt.dots(dpi))
     return files

@@ -7,10 +7,10 @@ from typing import Annotated
 
 from ..runtime import checks
 from . import options as opt
-from .report import _seen
+from .report import load_intensity
 from .warp import Browser, Host, Port
 
-MOST_SPP = 1024
+MAX_SPP = 1024
 
 
 def view(
@@ -62,12 +62,13 @@ def view(
     if live:
         from tofrender.scenes.loading import load_scene
 
-        load_scene(source, **({"width": size.width, "height": size.height} if size else {}))
-        words = {"scene": source, "spp": spp or MOST_SPP, "seed": seed, "window": "auto"}
-        words |= {"size": tuple(size) if size else None, "max_depth": max_depth}
-        shown = LiveRender(name, words | {"pulse_width": "auto"})
+        width, height = size or (None, None)
+        load_scene(source, width=width, height=height)
+        options = {"scene": source, "spp": spp or MAX_SPP, "seed": seed, "window": "auto"}
+        options |= {"size": tuple(size) if size else None, "max_depth": max_depth}
+        shown = LiveRender(name, options | {"pulse_width": "auto"})
     else:
-        shown = SavedDataset(Path(source), _seen)
+        shown = SavedDataset(Path(source), load_intensity)
         if shown.error is not None:
             opt.note(f"warning: {shown.error}")
     try:
@@ -80,8 +81,7 @@ def view(
 
 def compare(
     one: Annotated[
-        str,
-        opt.argument("SCENE|FILE", "A scene of the course, or a picture's file."),
+        str, opt.argument("SCENE|FILE", "A scene of the course, or a picture's file.")
     ] = "veach",
     two: Annotated[str | None, opt.argument("[FILE]", "Another picture of the same size.")] = None,
     host: Host = "127.0.0.1",

@@ -18,6 +18,7 @@ WARPS = (
 )
 NAMED: dict[str, Any] = {"kind": typer.Argument, "metavar": "NAME"}
 POINT_SETS = ("independent", "grid", "stratified", "sobol")
+TEST_SAMPLES = 1_000_000
 
 Alpha = Annotated[float | None, opt.real(0, "Roughness of beckmann.")]
 Image = Annotated[str | None, opt.named("FILE", "Image of hierarchical.")]
@@ -25,8 +26,7 @@ Points = Annotated[str, opt.choice(POINT_SETS, "Point set to draw.")]
 Count = Annotated[int, opt.integer(1, checks.MAX_SPP, "Points to draw.")]
 Samples = Annotated[int, opt.integer(1000, 1 << 24, "Samples of the chi-square test.")]
 Module = Annotated[
-    Path | None,
-    opt.named("FILE|DIR", "A student's Python file, or folder of files."),
+    Path | None, opt.named("FILE|DIR", "A student's Python file, or folder of files.")
 ]
 Parameters = Annotated[
     list[str] | None,
@@ -54,7 +54,7 @@ def warptest(
     parameters: Parameters = None,
     points: Points = "independent",
     count: Count = 1024,
-    samples: Samples = 1_000_000,
+    samples: Samples = TEST_SAMPLES,
     dpi: opt.Dpi = None,
     seed: opt.Seed = 0,
     host: Host = "127.0.0.1",
@@ -68,8 +68,8 @@ def warptest(
     which writes nowhere and is ended when it takes too long; its files are looked at again when
     they change. With --headless all that is there is tested, or only NAME.
     """
+    given = _parameters(name if headless else name or "tent", alpha, image, parameters)
     if headless:
-        given = _parameters(name, alpha, image, parameters)
         _headless(name, module, given, out, points, count, samples, dpi, seed, variant)
         return
     if out is not None:
@@ -82,9 +82,7 @@ def warptest(
 
     from tofrender.apps.warptest import application
 
-    subject = name or "tent"
-    given = _parameters(subject, alpha, image, parameters)
-    make, engine = application(subject, module=module, **given)
+    make, engine = application(name or "tent", module=module, **given)
     try:
         serve(make, "Warp tester", host=host, port=port, browser=browser, tell=opt.say)
     finally:
@@ -108,24 +106,25 @@ def warp(
     The same as `tofrender warptest NAME --headless --out FIG`. The chi-square test takes a million
     independent points, whichever are drawn. If the warp fails it, the exit status is 1.
     """
-    for option, value, wants in (("alpha", alpha, "beckmann"), ("image", image, "hierarchical")):
-        if name == wants and value is None:
-            raise ValueError(f"--{option}: must be given, {name} needs it")
-    given = _parameters(name, alpha, image, parameters)
-    _headless(name, None, given, out, points, count, 1_000_000, dpi, seed, variant)
+    given = _parameters(name, alpha, image, parameters, complete=True)
+    _headless(name, None, given, out, points, count, TEST_SAMPLES, dpi, seed, variant)
 
 
 def _parameters(
-    name: str | None, alpha: float | None, image: str | None, parameters: Any
+    name: str | None, alpha: Any, image: Any, parameters: Any, complete: bool = False
 ) -> dict[str, Any]:
-    """Parameters of a subject; refuses those that it does not have."""
-    if name is None and (parameters or alpha is not None or image is not None):
-        raise ValueError("NAME: must be given with --alpha, --image or -D")
-    for option, value, wants in (("alpha", alpha, "beckmann"), ("image", image, "hierarchical")):
-        if value is not None and name != wants:
-            raise ValueError(f"--{option} = {value}: must be left out, {name} has none")
+    """Parameters of a subject; refuses those that it does not have, or lacks if `complete`."""
     given = {key: opt.number(text) for key, text in parameters or ()}
-    return given | {k: v for k, v in (("alpha", alpha), ("image", image)) if v is not None}
+    if name is None and (given or alpha is not None or image is not None):
+        raise ValueError("NAME: must be given with --alpha, --image or -D")
+    for option, value, owner in (("alpha", alpha, "beckmann"), ("image", image, "hierarchical")):
+        if value is None and name == owner and complete:
+            raise ValueError(f"--{option}: must be given, {name} needs it")
+        if value is not None and name != owner:
+            raise ValueError(f"--{option} = {value}: must be left out, {name} has none")
+        if value is not None:
+            given[option] = value
+    return given
 
 
 def _headless(
@@ -140,10 +139,10 @@ def _headless(
     seed: int,
     variant: str | None,
 ) -> None:
-    """Test, say what was found, and leave with status 1 if anything failed."""
+    """Test, print the verdicts, and exit with status 1 if any test failed."""
+    if out is not None and name is None:
+        raise ValueError(f"--out = {out}: must be left out without NAME")
     if out is not None:
-        if name is None:
-            raise ValueError(f"--out = {out}: must be left out without NAME")
         opt.check_file_out(out, *FIGURE_SUFFIXES, overwrite=True)
         if "image" in given:
             opt.check_apart(out, Path(given["image"]))
@@ -156,29 +155,27 @@ def _headless(
     engine = engines.Engine(module)
     source = [*engine.sources.values()][-1]
     names = [name] if name else source.names()
-    bad = 0
+    passed = 0
     try:
-        for place, tested in enumerate(names):
+        for index, tested in enumerate(names):
             try:
                 case = source.case(tested, given)
-                # One chance of a false alarm for all
-                own = (seed + place) % (checks.MAX_SEED + 1)
-                verdict = case.test(samples=samples, seed=own, tests=len(names))
+                # The chance of a false alarm is that of one test, for all of them together
+                own_seed = (seed + index) % (checks.MAX_SEED + 1)
+                verdict = case.test(samples=samples, seed=own_seed, tests=len(names))
                 drawn = None if out is None else engines.draw(case, points, count, seed)
             except engines.NoAnswer as error:
                 opt.say(f"{tested}: FAILED, {error}")
-                bad += 1
                 continue
-            said = [str(verdict)]
+            opt.say(str(verdict))
+            passed += verdict.passed
             if out is not None and drawn is not None:
                 figure = engines.figure(drawn, verdict, f"{count} {points} points")
                 save_figure(figure, out, **opt.dots(dpi))
-                said.append(str(out))
-            opt.say(*said)
-            bad += not verdict.passed
+                opt.say(str(out))
     finally:
         engine.close()
     if len(names) > 1:
-        opt.say(f"{len(names) - bad} of {len(names)} passed")
-    if bad:
+        opt.say(f"{passed} of {len(names)} passed")
+    if passed < len(names):
         raise typer.Exit(1)

@@ -6,6 +6,8 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from ..runtime import backend
+from ..runtime.progress import deferred_stop
 from . import options as opt
 from .checkpoints import exclusively
 
@@ -29,12 +31,10 @@ def merge(
     """
     opt.check_format(format, precision)
     opt.check_out(out)
-    from tofrender.runtime import backend
-
     backend.activate()
+
     from tofrender.rendering.dataset import in_channels
     from tofrender.rendering.merging import merge as join
-    from tofrender.runtime.progress import deferred_stop
 
     renders = []
     for source in sources:
@@ -67,71 +67,64 @@ def write(
     from tofrender.io.files import run_concurrently
     from tofrender.io.output import stack_bytes
     from tofrender.rendering.dataset import components_of, in_channels
+    from tofrender.rendering.store import save_zarr
 
-    seen, *others = components_of(dataset)
+    intensity, *polarised = components_of(dataset)
 
-    def summary() -> None:
-        page = vis.summary_figure(seen)
+    def write_figures() -> None:
+        page = vis.summary_figure(intensity)
         io.save_figure(page, folder / f"summary.{figure}", **opt.dots(dpi))
-        if others:
+        if polarised:
             page = vis.polarisation_figure(dataset["steady"])
             io.save_figure(page, folder / f"polarisation.{figure}", **opt.dots(dpi))
 
-    def transient() -> None:
-        _transient(dataset, folder, format, precision, progress=not video)
+    def write_transient() -> None:
+        _write_transient(dataset, folder, format, precision, progress=not video)
 
-    def film() -> None:
-        io.save_video(seen, folder / "video.mp4")
+    def write_video() -> None:
+        io.save_video(intensity, folder / "video.mp4")
 
     needed = stack_bytes(in_channels(dataset)["transient"].shape, precision)
     with io.output_folder(out, overwrite=True, needed_bytes=needed) as folder:
-        run_concurrently(summary, transient, *[film] * video)
+        run_concurrently(write_figures, write_transient, *[write_video] * video)
         if format == "zarr":  # Last, as the film would be lost with the folder if others fail
-            _place(dataset, folder / opt.FILES[format])
+            film, target = dataset.encoding.get("source"), folder / opt.FILES[format]
+            if film is None:
+                save_zarr(dataset, target)
+            else:
+                os.rename(film, target)
         return sorted(path.name for path in folder.iterdir())
 
 
-def _transient(
+def _write_transient(
     dataset: xr.Dataset, folder: Path, format: str, precision: str, progress: bool
 ) -> None:
-    """Write bins and their sum; of bins that stay in Zarr, the sum alone."""
+    """Write bins and their sum, or only the sum for Zarr."""
     from tofrender import io, vis
     from tofrender.io.pictures import write_png
     from tofrender.rendering.dataset import components_of
 
-    seen, *others = components_of(dataset)
+    components = components_of(dataset)
     bar: Any = {"progress": progress}
     if format == "npz":
         io.save_npz(dataset, folder / opt.FILES[format])
     elif format == "zarr":
-        layers = {"": seen["steady"].values}
-        if others:
-            each = zip(dataset["stokes"].values, components_of(dataset), strict=True)
-            layers = {str(name): component["steady"].values for name, component in each}
+        names = dataset["stokes"].values if len(components) > 1 else [""]
+        each = zip(names, components, strict=True)
+        layers = {str(name): component["steady"].values for name, component in each}
         io.save_exr_layers(folder / "steady.exr", layers, dataset.attrs)
     elif format == "multipart":
         stack = folder / opt.FILES[format]
         io.save_exr_stack(dataset, stack, layout=format, precision=precision, **bar)
     elif format == "png":
-        _move_up(io.save_png_frames(seen, folder / "frames", **bar))
-        write_png(vis.tonemap(seen["steady"].values), folder / "steady.png")
+        _move_up(io.save_png_frames(components[0], folder / "frames", **bar))
+        write_png(vis.tonemap(components[0]["steady"].values), folder / "steady.png")
     else:
         _move_up(io.save_exr_stack(dataset, folder / "frames", precision=precision, **bar))
 
 
-def _place(dataset: xr.Dataset, target: Path) -> None:
-    """Move a film that is on the disk already, or write it."""
-    from tofrender.rendering.store import save_zarr
-
-    source = dataset.encoding.get("source")
-    if source is None:
-        save_zarr(dataset, target)
-    else:
-        os.rename(source, target)
-
-
 def _move_up(folder: Path) -> None:
-    """Put what is in a folder beside it."""
+    """Move the content of a folder beside it."""
     for each in list(folder.iterdir()):
         each.rename(folder.parent / each.name)
     folder.rmdir()

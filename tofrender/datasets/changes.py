@@ -23,14 +23,7 @@ FILMS = ("film", "sampler")
 
 
 def change(scene: Dict, sensor: int, varied: Iterable[Varied], drawn: Mapping[str, Any]) -> None:
-    """Put drawn values into a scene: values and materials, then poses, camera, objects present.
-
-    Args:
-        scene: A dict for `mi.load_dict`, changed in place.
-        sensor: Number of the sensor that `camera` means.
-        varied: The quantities.
-        drawn: Their values by name.
-    """
+    """Put drawn values into a scene: values, materials, then poses, camera, objects present."""
     by_target: dict[str, list[tuple[Varied, Any]]] = {}
     for each in varied:
         by_target.setdefault(each.target, []).append((each, drawn[each.name]))
@@ -41,7 +34,7 @@ def change(scene: Dict, sensor: int, varied: Iterable[Varied], drawn: Mapping[st
         _set_camera(scene, sensor, by_target["camera"])
     for each, value in by_target.get("present", []):
         kept = value if isinstance(value, list) else [value]
-        for name in each.what:
+        for name in each.part:
             _entry(f"vary.{each.name}.present", name, scene, name)
             if name not in kept:
                 del scene[name]
@@ -51,13 +44,13 @@ def change(scene: Dict, sensor: int, varied: Iterable[Varied], drawn: Mapping[st
 
 
 def _set_path(scene: Dict, varied: Varied, value: Any) -> None:
-    where, (*parents, last) = f"vary.{varied.name}.path", varied.what.split(".")
+    where, (*parents, last) = f"vary.{varied.name}.path", varied.part.split(".")
     part: Any = scene
     for key in parents:
-        part = _entry(where, varied.what, part, key)
+        part = _entry(where, varied.part, part, key)
         if key in FILMS:
-            raise ValueError(f"{where} = {varied.what!r}: {key} is the same in all records")
-    part[last] = _like(where, varied, _entry(where, varied.what, part, last), value)
+            raise ValueError(f"{where} = {varied.part!r}: {key} is the same in all records")
+    part[last] = _like(where, varied, _entry(where, varied.part, part, last), value)
 
 
 def _set_reflectance(scene: Dict, varied: Varied, value: Any) -> None:
@@ -134,7 +127,7 @@ def _set_camera(scene: Dict, sensor: int, changes: list[tuple[Varied, Any]]) -> 
     if not sensor < len(cameras) or cameras[sensor]["type"] not in IN_WORLD:
         raise ValueError(f"{where}: the scene has no camera that can be moved")
     camera = cameras[sensor]
-    values = {each.what: value for each, value in changes}
+    values = {each.part: value for each, value in changes}
     if "fov" in values:
         if camera["type"] == "orthographic":
             raise ValueError(f"{where} = 'fov': the scene's camera is orthographic")
@@ -175,14 +168,14 @@ def copied(value: Any) -> Any:
 def _target(scene: Dict, varied: Varied) -> tuple[str, Any]:
     """The part of the scene that is varied, and its name for messages."""
     where = f"vary.{varied.name}.{varied.target}"
-    return f"{where} = {varied.what!r}", _entry(where, varied.what, scene, varied.what)
+    return f"{where} = {varied.part!r}", _entry(where, varied.part, scene, varied.part)
 
 
-def _entry(where: str, what: str, part: Any, key: str) -> Any:
+def _entry(where: str, path: str, part: Any, key: str) -> Any:
     if not isinstance(part, dict):
-        raise ValueError(f"{where} = {what!r}: nothing is inside of what is before {key!r}")
+        raise ValueError(f"{where} = {path!r}: nothing is inside of what is before {key!r}")
     if key not in part:
-        raise ValueError(unknown(f"{where} = {what!r}: {key}", key, list(part)))
+        raise ValueError(unknown(f"{where} = {path!r}: {key}", key, list(part)))
     return part[key]
 
 
@@ -194,12 +187,12 @@ def _like(where: str, varied: Varied, old: Any, value: Any) -> Any:
         before, numbers = np.asarray(old, float), np.asarray(value, float)
         if numbers.ndim and numbers.shape != before.shape:
             raise ValueError(
-                f"{where} = {varied.what!r}: has {before.size} numbers, {numbers.size} are drawn"
+                f"{where} = {varied.part!r}: has {before.size} numbers, {numbers.size} are drawn"
             )
         with np.errstate(over="ignore"):
             new = np.broadcast_to(numbers, before.shape) * (before if varied.times else 1)
         if not np.isfinite(new).all():
-            raise ValueError(f"{where} = {varied.what!r}: becomes {new.tolist()}; must be finite")
+            raise ValueError(f"{where} = {varied.part!r}: becomes {new.tolist()}; must be finite")
         whole = isinstance(old, int) and bool(new == np.round(new))
         return int(new) if whole else new.tolist()
     same = isinstance(old, str) and isinstance(value, str)
@@ -207,7 +200,7 @@ def _like(where: str, varied: Varied, old: Any, value: Any) -> Any:
     if same and not varied.times:
         return value
     kind = type(old).__name__ if not isinstance(old, dict) else "a table"
-    raise ValueError(f"{where} = {varied.what!r}: is {kind}, and cannot become {value!r}")
+    raise ValueError(f"{where} = {varied.part!r}: is {kind}, and cannot become {value!r}")
 
 
 def _is_numeric(value: Any) -> bool:

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from ..nlos.captures import MODES
+from ..rendering.settings import SETTINGS
 from ..runtime import checks
-from ..scenes.settings import CHECKS
+from ..runtime.settings import CHECKS
 from .randomness import Source
 from .tables import boolean, checked, known_keys, table, text
 from .varied import Varied, parse_varied
@@ -75,14 +76,12 @@ class Config:
     """A data set, checked.
 
     Attributes:
-        records, seed, retry, arguments, parameters, outputs, materials, objects: Values of the
-            keys of these names, see docs/datasets.md.
+        records, seed, retry, arguments, parameters, outputs, materials, objects, window, sensor:
+            Values of the keys of these names, see docs/datasets.md.
         scene: A built-in scene's name, the path of an XML file, or a dict.
         settings: Settings of `load_scene`.
-        window: Start and end of the time bins [m], None for the scene's.
-        sensor: Number of the sensor.
         varied: The varied quantities by name.
-        folder: Folder where names of files start.
+        folder: Folder that names of files are relative to.
         plain: The configuration as JSON can hold it.
         checksum: Checksum of a scene that is a file or a dict.
         given: The configuration as it was read.
@@ -161,22 +160,16 @@ def _integer(low: int, high: int) -> Check:
     return lambda name, value: checks.integer(name, value, low, high)
 
 
-def _pair(check: Check, allowed: str) -> Check:
-    """Check of two values; None stays None."""
-
-    def pair(name: str, value: Any) -> Any:
-        if value is not None and (not isinstance(value, list | tuple) or len(value) != 2):
-            raise ValueError(f"{name} = {value!r}: must be {allowed}")
-        return value and tuple(check(name, each) for each in value)
-
-    return pair
+def _grid(name: str, value: Any) -> Any:
+    if value is None:
+        return None
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise ValueError(f"{name} = {value!r}: must be [width, height] in points")
+    return tuple(checks.integer(name, each, 1, checks.MAX_SIZE) for each in value)
 
 
 def _window(name: str, value: Any) -> tuple[float, float] | None:
-    window = _pair(checks.metres, "[start, end] in metres")(name, value)
-    if window and not window[0] < window[1]:
-        raise ValueError(f"{name} = {value!r}: must end after it starts")
-    return window
+    return None if value is None else checks.interval(name, value, "[start, end] in metres")
 
 
 def _only(key: str, check: Check) -> Check:
@@ -254,23 +247,15 @@ def _require_plain(where: str, value: Any) -> None:
         raise ValueError(f"{where} = {value!r}: must be a number, text, a list or a table")
 
 
-def _vary(name: str, value: Any) -> dict[str, Varied]:
-    return {key: parse_varied(key, each) for key, each in table(name, value).items()}
-
-
 def _scene(name: str, value: Any) -> Any:
     allowed = "a built-in scene's name, an XML file or, in Python, a dict"
     return checks.instance(name, value, str | os.PathLike | Mapping, allowed)
 
 
-def _capture(name: str, value: Any) -> Capture:
-    return Capture(**checked(name, table(name, value), CAPTURE))
-
-
-RENDER = CHECKS | {"window": _window, "sensor": _integer(0, 1000)}
+RENDER = CHECKS | {"window": _window, "sensor": SETTINGS["sensor"].check}
 CAPTURE = {
     "mode": lambda name, value: checks.one_of(name, value, MODES),
-    "grid": _pair(_integer(1, checks.MAX_SIZE), "[width, height] in points"),
+    "grid": _grid,
     "relay_wall": text,
     "hidden_depth": boolean,
 }
@@ -278,11 +263,11 @@ OUTPUTS = {
     **dict.fromkeys(("transient", "steady", "depth", "normals"), boolean),
     "phasor": _only("frequencies_hz", _frequencies),
     "noisy": _only("spp", CHECKS["spp"]),
-    "capture": _capture,
+    "capture": lambda name, value: Capture(**checked(name, table(name, value), CAPTURE)),
 }
 CONFIG: dict[str, Check] = {
     "records": _integer(1, MAX_RECORDS),
-    "seed": _integer(0, checks.MAX_SEED),
+    "seed": SETTINGS["seed"].check,
     "retry": _integer(0, MAX_RETRY),
     "scene": _scene,
     "arguments": table,
@@ -291,7 +276,9 @@ CONFIG: dict[str, Check] = {
     "outputs": _outputs,
     "materials": _plugins,
     "objects": _plugins,
-    "vary": _vary,
+    "vary": lambda name, value: {
+        key: parse_varied(key, each) for key, each in table(name, value).items()
+    },
 }
 """The check of each key."""
 
@@ -323,7 +310,7 @@ def parse_config(given: dict[str, Any], folder: Path) -> Config:
     for name, each in varied.items():
         fits, owner = owners.get(each.target, (True, ""))
         if not fits:
-            where = f"vary.{name}.{each.target} = {each.what!r}"
+            where = f"vary.{name}.{each.target} = {each.part!r}"
             raise ValueError(f"{where}: must be left out, scene is not {owner}")
     _require_once(varied, {kind: found[f"{kind}s"] for kind in owners})
     return Config(
@@ -343,8 +330,8 @@ def _require_once(varied: Mapping[str, Varied], fixed: Mapping[str, Mapping[str,
     """Refuse a part of the scene that is varied twice, or is varied and has a fixed value."""
     owners: dict[tuple[str, str], str] = {}
     for name, each in varied.items():
-        part, where = (each.target, str(each.what)), f"vary.{name}.{each.target} = {each.what!r}"
-        if each.what in fixed.get(each.target, ()):
+        part, where = (each.target, str(each.part)), f"vary.{name}.{each.target} = {each.part!r}"
+        if each.part in fixed.get(each.target, ()):
             raise ValueError(f"{where}: is in [{each.target}s] too; must be in one of both")
         if each.only_once and part in owners:
             raise ValueError(f"{where}: vary.{owners[part]} has it too; must be in one of both")
@@ -355,7 +342,7 @@ def _require_once(varied: Mapping[str, Varied], fixed: Mapping[str, Mapping[str,
 
 
 def _plain(given: Mapping[str, Any], scene: Any) -> dict[str, Any]:
-    """All keys as JSON holds them."""
+    """Convert the configuration to what JSON can hold."""
     found = dict(given)
     if isinstance(scene, Path):
         found["scene"] = os.fspath(given["scene"])

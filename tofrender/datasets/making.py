@@ -24,7 +24,7 @@ from ..rendering.store import check_film
 from ..rendering.workers import THREADS, check_client, distribute
 from ..runtime import atomic, backend, checks
 from ..runtime.backend import versions
-from ..runtime.progress import deferred_stop, held_signals, progress_bar
+from ..runtime.progress import ProgressBar, deferred_stop, held_signals
 from ..scenes.fingerprint import file_digest
 from ..scenes.packing import packed, unpacked
 from .config import Config, parse_config, read_config
@@ -143,12 +143,12 @@ def make_dataset(
         if len(left) < count:
             tell(f"resuming from {count - len(left)} of {count} records")
         done = (
-            _here(plan, store, left)
+            _make_locally(plan, store, left)
             if client is None
-            else distribute(client, partial(_by_worker, _order(plan, folder)), left)
+            else distribute(client, partial(_make_on_worker, _worker_task(plan, folder)), left)
         )
         started = time.perf_counter()
-        with progress_bar("Making", count, unit="record", enabled=progress) as bar:
+        with ProgressBar("Making", count, unit="record", enabled=progress) as bar:
             bar.update(count - len(left))
             try:
                 for number, (record, receipt) in enumerate(done, 1):
@@ -226,7 +226,7 @@ def _files_digest(plan: Plan) -> str:
 
 
 def _texts(value: Any) -> Iterator[str]:
-    """All texts in tables and lists."""
+    """Texts in nested tables and lists."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, Mapping | list | tuple):
@@ -241,7 +241,7 @@ def _require_room(folder: Path, plan: Plan) -> None:
         raise atomic.disk_full(folder, plan.bytes)
 
 
-def _here(plan: Plan, store: Store, records: list[int]) -> Iterator[tuple[int, Receipt]]:
+def _make_locally(plan: Plan, store: Store, records: list[int]) -> Iterator[tuple[int, Receipt]]:
     """Make records in this process."""
     for record in records:
         arrays, receipt = make_record(plan.config, plan.layout, record)
@@ -300,8 +300,8 @@ def _warn_of_records(receipts: Mapping[int, Receipt]) -> None:
 
 
 @dataclass(frozen=True)
-class Order:
-    """All that a worker needs to make records; `base` is the folder where names of files start."""
+class WorkerTask:
+    """Task of a worker that makes records; names of files are relative to the folder `base`."""
 
     given: Mapping[str, Any]
     base: str
@@ -312,31 +312,31 @@ class Order:
     key: str = field(default_factory=lambda: uuid.uuid4().hex)
 
 
-def _order(plan: Plan, folder: Path) -> Order:
+def _worker_task(plan: Plan, folder: Path) -> WorkerTask:
     config = plan.config
     given = {name: packed(name, value) for name, value in config.given.items()}
     if not isinstance(config.scene, Mapping):
         given["scene"] = str(config.scene)
     target = str(folder.resolve())
-    return Order(given, str(config.folder), plan.layout, target, config.checksum)
+    return WorkerTask(given, str(config.folder), plan.layout, target, config.checksum)
 
 
 _configs: dict[str, Config] = {}
 
 
-def _by_worker(order: Order, record: int) -> Receipt:
+def _make_on_worker(task: WorkerTask, record: int) -> Receipt:
     """Make a record in a worker."""
-    backend.activate(order.variant)
-    mi.set_variant(order.variant)
-    if order.key not in _configs:
+    backend.activate(task.variant)
+    mi.set_variant(task.variant)
+    if task.key not in _configs:
         _configs.clear()
-        given = {name: unpacked(value) for name, value in order.given.items()}
-        config = parse_config(given, Path(order.base))
-        if config.checksum != order.checksum:
+        given = {name: unpacked(value) for name, value in task.given.items()}
+        config = parse_config(given, Path(task.base))
+        if config.checksum != task.checksum:
             raise ValueError("scene: differs on this worker's machine; must be the same there")
-        _configs[order.key] = config
+        _configs[task.key] = config
         if os.environ.get(THREADS):
             dr.set_thread_count(int(os.environ[THREADS]))
-    store = Store(Path(order.folder))
+    store = Store(Path(task.folder))
     receipt = store.receipt(record)
-    return receipt or store.put(record, *make_record(_configs[order.key], order.layout, record))
+    return receipt or store.put(record, *make_record(_configs[task.key], task.layout, record))

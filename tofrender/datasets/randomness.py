@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from ..runtime import checks
 
 BITS = 52
-"""One less than a float has, so that it holds the half too."""
+"""Bits of n: one fewer than a float has, which then holds n + 1/2 exactly."""
 
 
 @dataclass(frozen=True)

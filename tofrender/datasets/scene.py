@@ -11,9 +11,9 @@ import mitsuba as mi
 from ..runtime import checks
 from ..scenes import BUILT_IN
 from ..scenes.as_dict import scene_as_dict
-from ..scenes.in_time import successor_of
 from ..scenes.loading import load_scene
 from ..scenes.parts import Dict, pose
+from ..scenes.transient_integrators import transient_integrator_for
 from .changes import change, copied
 from .config import Config
 from .tables import known_keys
@@ -36,7 +36,7 @@ def scene_of(config: Config, drawn: Mapping[str, Any]) -> Dict:
 def _source(config: Config, drawn: Mapping[str, Any]) -> Dict:
     """The scene before drawn values are put in."""
     given = {
-        kind: {v.what: drawn[v.name] for v in config.varied.values() if v.target == kind}
+        kind: {v.part: drawn[v.name] for v in config.varied.values() if v.target == kind}
         for kind in ("argument", "parameter")
     }
     if isinstance(config.scene, str):
@@ -86,6 +86,6 @@ def load(scene: Dict, config: Config) -> mi.Scene:
     loaded = load_scene(scene, optimize=capture is None, **settings)
     own = loaded.integrator()
     if config.outputs.phasor and getattr(own, "traits", None) is None:
-        settings["integrator"] = successor_of(own)  # With the depth of Mitsuba's own
+        settings["integrator"] = transient_integrator_for(own)  # With the depth of Mitsuba's own
         loaded = load_scene(scene, optimize=capture is None, **settings)
     return loaded

@@ -28,16 +28,12 @@ TIME_AXES = ("opl", "capture_opl")
 
 
 class Store:
-    """A data set on disk that is being made, begun by `Store.begin`.
-
-    Args:
-        folder: Where it is, with its receipts.
-    """
+    """A data set on disk that is being made, with its receipts; `Store.begin` begins one."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.group_path = folder, folder / GROUP
         self.records: list[int] = self.planned(folder)["only"]
-        self._places = {record: index for index, record in enumerate(self.records)}
+        self._indices = {record: index for index, record in enumerate(self.records)}
         zarr = require_zarr()
         self._group = zarr.open_group(self.group_path, mode="r+", zarr_format=3)
         with zarr.config.set({"array.write_empty_chunks": True}):  # A file for each record
@@ -72,7 +68,7 @@ class Store:
 
     def put(self, record: int, arrays: Mapping[str, np.ndarray], receipt: Receipt) -> Receipt:
         """Write a record; what was written before stays where the disk is full."""
-        index, files = self._places[record], {}
+        index, files = self._indices[record], {}
         try:
             for name, array in arrays.items():
                 self._arrays[name][index] = array

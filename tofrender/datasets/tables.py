@@ -14,11 +14,11 @@ def known_keys(where: str, given: Mapping[str, Any], allowed: Collection[str]) -
             raise ValueError(unknown(f"{where}.{key}" if where else str(key), key, allowed))
 
 
-def unknown(what: str, name: Any, allowed: Collection[str]) -> str:
+def unknown(where: str, name: Any, allowed: Collection[str]) -> str:
     """Message about an unknown name, with the nearest allowed one."""
     close = get_close_matches(str(name), allowed, 1)
     hint = f", did you mean {close[0]}? Must" if close else "; must"
-    return f"{what}: is not known{hint} be one of {', '.join(allowed)}"
+    return f"{where}: is not known{hint} be one of {', '.join(allowed)}"
 
 
 def checked(

@@ -43,7 +43,7 @@ class Varied:
     Attributes:
         name: Its name.
         target: One of `TARGETS`.
-        what: Which argument, path, object, material; a list of names for `present`.
+        part: Argument, path, object or material that is varied; a list of names for `present`.
         distribution: The distribution of its values.
         times: Whether the draw multiplies the scene's value.
         up: Up vector of the camera, None for the default.
@@ -53,7 +53,7 @@ class Varied:
 
     name: str
     target: str
-    what: Any
+    part: Any
     distribution: Distribution
     times: bool = False
     up: tuple[float, ...] | None = None
@@ -68,7 +68,7 @@ class Varied:
     @property
     def is_vector(self) -> bool:
         """Whether a draw is a point or a vector in space."""
-        of_camera = self.target == "camera" and self.what != "fov"
+        of_camera = self.target == "camera" and self.part != "fov"
         in_space = of_camera or self.target in ("move", "position")
         return in_space and self.distribution.length == 3
 
@@ -98,20 +98,19 @@ def parse_varied(name: str, given: Any) -> Varied:
     if (kind == "subset") != (target == "present") and kind != "choice":
         allowed = "subset or choice" if target == "present" else "another than subset"
         raise ValueError(f"{where}.distribution = {kind!r}: must be {allowed} with {target}")
-    what = _names(where, given[target]) if target == "present" else given[target]
-    if target != "present":
-        text(f"{where}.{target}", what)
+    read_part = _names if target == "present" else text
+    part = read_part(f"{where}.{target}", given[target])
     readers = {"times": boolean, "up": _direction, "axis": _direction, "around": _point}
     extra = {n: readers[n](f"{where}.{n}", given[n]) for n in TARGETS[target] if n in given}
-    found = Varied(name, target, what, parse_distribution(where, given), **extra)
+    found = Varied(name, target, part, parse_distribution(where, given), **extra)
     _require_fit(where, found, str(kind))
     return found
 
 
-def _names(where: str, value: Any) -> list[str]:
+def _names(name: str, value: Any) -> list[str]:
     right = isinstance(value, list | tuple) and value and all(isinstance(v, str) for v in value)
     if not right or len(set(value)) != len(value):
-        raise ValueError(f"{where}.present = {value!r}: must be a list of objects' names")
+        raise ValueError(f"{name} = {value!r}: must be a list of objects' names")
     return list(value)
 
 
@@ -141,8 +140,8 @@ def _require_fit(where: str, varied: Varied, kind: str) -> None:
     target, distribution = varied.target, varied.distribution
     lengths, allowed = LENGTHS.get(target, (None, ""))
     if target == "camera":
-        checks.one_of(f"{where}.camera", varied.what, CAMERA)
-        lengths, allowed = ((0,), "a number") if varied.what == "fov" else LENGTHS["move"]
+        checks.one_of(f"{where}.camera", varied.part, CAMERA)
+        lengths, allowed = ((0,), "a number") if varied.part == "fov" else LENGTHS["move"]
     if lengths is not None and distribution.length not in lengths:
         raise ValueError(f"{where}.distribution = {kind!r}: must give {allowed}")
     values = distribution.values
@@ -153,20 +152,20 @@ def _require_fit(where: str, varied: Varied, kind: str) -> None:
     if target == "present" and values is not None:
         for value in values:
             for name in value if isinstance(value, list) else [value]:
-                if name not in varied.what:
-                    raise ValueError(unknown(f"{where}.values = {name!r}", name, varied.what))
+                if name not in varied.part:
+                    raise ValueError(unknown(f"{where}.values = {name!r}", name, varied.part))
     low, high = distribution.bounds
-    what = varied.what if target == "camera" else target
+    quantity = varied.part if target == "camera" else target
     ranges = {"fov": (0.0, 180.0), "scale": (0.0, float("inf")), "reflectance": (0.0, 1.0)}
-    least, most = ranges.get(str(what), (float("-inf"), float("inf")))
+    least, most = ranges.get(str(quantity), (float("-inf"), float("inf")))
     if varied.times:
         least, most = 0.0, float("inf")
-    strict = what in ("fov", "scale")
+    strict = quantity in ("fov", "scale")
     below = low <= least if strict else low < least
-    above = high >= most if what == "fov" else high > most
+    above = high >= most if quantity == "fov" else high > most
     if below or above:
         side = f"above {least:g}" if strict else f"from {least:g}"
         side += f" to {most:g}" if most < float("inf") else ""
         raise ValueError(
-            f"{where}.{target} = {varied.what!r}: is drawn from {low:g} to {high:g}; must be {side}"
+            f"{where}.{target} = {varied.part!r}: is drawn from {low:g} to {high:g}; must be {side}"
         )

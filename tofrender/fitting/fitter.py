@@ -17,7 +17,7 @@ import numpy as np
 from ..integrators.differentiable import VisibilityWarning
 from ..rendering.dataset import time_axis
 from ..runtime import backend, checks
-from ..runtime.progress import deferred_stop, progress_bar
+from ..runtime.progress import ProgressBar, deferred_stop
 from ..scenes.loading import require_sensor
 from .losses import loss_of
 from .variables import Variables
@@ -176,7 +176,7 @@ def fit(
     history: list[dict[str, Any]] = []
     why, converged, light = "all steps are taken", False, measured
     with (
-        progress_bar("Fitting", count, unit="step", enabled=progress) as bar,
+        ProgressBar("Fitting", count, unit="step", enabled=progress) as bar,
         deferred_stop() as stop,
         warnings.catch_warnings(),
         variables.write_at_exit(lambda: history[_best(losses, patience)[0]] if history else None),

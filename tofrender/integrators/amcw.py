@@ -16,7 +16,7 @@ from ..films.sums import Weighted
 from ..runtime import plugins
 from ..runtime.checkpoints import Checkpoint
 from ..scenes.checking import check_view, require_modelled
-from ..scenes.in_time import path_tracer_of
+from ..scenes.transient_integrators import path_tracer_of
 from ..signals.modulations import AMCWPulse
 from ..signals.phasors import phasor_parts
 from .base import TransientIntegrator

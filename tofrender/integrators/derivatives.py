@@ -23,7 +23,7 @@ from ..paths.surfaces import has_lobes
 from ..paths.walk import accumulate
 from ..runtime import backend, checks
 from ..runtime.lane_memory import packed
-from ..runtime.progress import progress_bar
+from ..runtime.progress import ProgressBar
 from .differentiable import tracked
 from .passes import best_sampler
 from .plan import Plan
@@ -94,7 +94,7 @@ class Derivative:
         gc.collect()  # Scenes that nobody has any more would be asked, too: see `of_one_scene`
         dr.enqueue(dr.ADMode.Forward, fresh)
         dr.traverse(dr.ADMode.Forward, dr.ADFlag.ClearEdges)
-        with dr.suspend_grad(), progress_bar("Changes", self.spp, unit="spp") as bar:
+        with dr.suspend_grad(), ProgressBar("Changes", self.spp, unit="spp") as bar:
             added = 0
             for rays in self._passes(seed):
                 if added + rays.spp > MAX_ADDED:
@@ -130,7 +130,7 @@ class Derivative:
             raise ValueError(
                 f"max_depth = {depth}: must be from 1 to {MOST_KEPT} for derivatives in reverse"
             )
-        with dr.suspend_grad(), progress_bar("Gradients", self.spp, unit="spp") as bar:
+        with dr.suspend_grad(), ProgressBar("Gradients", self.spp, unit="spp") as bar:
             for rays in self._passes(seed):
                 film = self.changes(self.record, rays.camera, self.spp, gradients)
                 gradient = pull(rays.sampler, rays.path, rays.parts, film)

@@ -17,7 +17,7 @@ from ..films.image import image_film
 from ..films.recording import Recording, recording, warn_not_finite
 from ..runtime import checks
 from ..runtime.checkpoints import Checkpoint, SubCheckpoint
-from ..runtime.progress import Stop, deferred_stop, progress_bar
+from ..runtime.progress import ProgressBar, Stop, deferred_stop
 from ..scenes.checking import check_view
 from ..scenes.fingerprint import fingerprint
 from .passes import Part, best_sampler, steps
@@ -47,7 +47,7 @@ def run(
         which finish the current step and save the checkpoint.
     """
     with (
-        progress_bar("Rendering", before + spp, unit="spp", enabled=progress) as bar,
+        ProgressBar("Rendering", before + spp, unit="spp", enabled=progress) as bar,
         deferred_stop() if stop is None else nullcontext(stop) as stop,
     ):
         bar.update(before + done)

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from ..runtime import checks
-from ..runtime.progress import progress_bar
+from ..runtime.progress import ProgressBar
 
 _MARK = b"\ntofrender crc32 "
 _LENGTH = len(_MARK) + 9
@@ -101,7 +101,7 @@ def for_each(
     with ThreadPoolExecutor(min(16, os.cpu_count() or 1)) as pool:
         futures = [pool.submit(function, item) for item in items]
         try:
-            with progress_bar(description, len(futures), enabled=progress) as bar:
+            with ProgressBar(description, len(futures), enabled=progress) as bar:
                 for future in as_completed(futures):
                     future.result()
                     bar.update()

@@ -22,7 +22,7 @@ from ..rendering.dataset import plain_attributes, require_finite
 from ..rendering.labels import TIME, labelled, labels_of
 from ..runtime import checks, memory
 from ..runtime.atomic import check_file, replacing
-from ..runtime.progress import with_status
+from ..runtime.progress import status
 from ..signals.colour import luminance
 from .description import warn_not_finite
 from .files import reading, seal_file
@@ -44,7 +44,7 @@ _COLOURS = "tofrender_colours_"  # Attributes of H by their first bin, (bins, ..
 _IN_FIELDS = ("mode", "start_opl", "bin_width_opl", "counts_first_and_last_legs")
 
 
-@with_status("Writing HDF5")
+@status("Writing HDF5")
 def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = False) -> Path:
     """Write a capture as HDF5 in the layout of y-tal, which can read it.
 
@@ -158,7 +158,7 @@ def _yaml(value: Any) -> str:
     return text.replace("e", ".0e") if isinstance(value, float) and "." not in text else text
 
 
-@with_status("Reading HDF5")
+@status("Reading HDF5")
 def load_capture(path: str | os.PathLike) -> xr.Dataset:
     """Read a capture in the layout of y-tal, written by `save_capture`, y-tal or others.
 

@@ -15,7 +15,7 @@ from ..rendering.cubes import Cube
 from ..rendering.dataset import ERRORS, check_dataset, in_channels, require_finite
 from ..runtime.archives import read_array
 from ..runtime.atomic import replacing
-from ..runtime.progress import with_status
+from ..runtime.progress import status
 from .description import describe, parse, restore, shapes_of, warn_not_finite
 from .files import reading
 from .output import check_output, stack_bytes
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _ARRAYS = ("transient", "steady", "y", "x", "opl")
 
 
-@with_status("Writing NPZ")
+@status("Writing NPZ")
 def save_npz(dataset: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = False) -> Path:
     """Write a rendered Dataset as one .npz file that `numpy.load` opens as well.
 
@@ -76,7 +76,7 @@ def _write(archive: ZipFile, name: str, cube: Cube) -> None:
             member.write(np.ascontiguousarray(values).data)
 
 
-@with_status("Reading NPZ")
+@status("Reading NPZ")
 def load_npz(path: str | os.PathLike) -> xr.Dataset:
     """Read a Dataset that `save_npz` wrote, equal bit by bit.
 

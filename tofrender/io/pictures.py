@@ -19,7 +19,7 @@ import numpy as np
 from ..rendering.dataset import check_dataset
 from ..runtime import checks
 from ..runtime.atomic import check_file, check_writable, replacing
-from ..runtime.progress import progress_bar
+from ..runtime.progress import ProgressBar
 from ..vis import Transient, growing_exposure, lit_bins, tonemap
 from .files import for_each
 from .output import check_output, output_folder
@@ -201,7 +201,7 @@ def _encode(
         pipe = cast(BinaryIO, process.stdin)
         try:
             indices = range(frames.count)[bins]
-            with progress_bar("Writing video", len(indices), enabled=progress) as bar:
+            with ProgressBar("Writing video", len(indices), enabled=progress) as bar:
                 for index in indices:
                     pipe.write(frames.draw(index).tobytes())
                     bar.update()

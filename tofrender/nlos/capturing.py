@@ -22,7 +22,7 @@ from ..rendering.workers import check_client, render_by_workers, require_client
 from ..runtime import backend, checks
 from ..runtime.backend import versions
 from ..runtime.checkpoints import Checkpoint, SavedState, SubCheckpoint
-from ..runtime.progress import Stop, deferred_stop, progress_bar, status, without_bars
+from ..runtime.progress import ProgressBar, Stop, deferred_stop, status, without_bars
 from ..scenes.fingerprint import fingerprint
 from ..scenes.packing import packed
 from .captures import MODES, first_and_last_legs, make_capture, subtract_legs
@@ -275,7 +275,7 @@ class ExhaustiveCapture:
         if saved is not None:
             done = saved.done
             arrays |= {name: saved.arrays.pop(name) for name in arrays if name in saved.arrays}
-        bar = progress_bar(POINTS, len(self.spots), unit="point", enabled=progress)
+        bar = ProgressBar(POINTS, len(self.spots), unit="point", enabled=progress)
         with bar, deferred_stop() as stop:
             for number, point in enumerate(self.spots):
                 bar.update()

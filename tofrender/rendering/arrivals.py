@@ -15,7 +15,7 @@ from ..integrators.plan import Plan
 from ..paths.camera import sample_camera, sampled_size
 from ..runtime import checks
 from ..runtime.backend import tracing_lock
-from ..runtime.progress import with_status
+from ..runtime.progress import status
 from ..signals.polarisation import intensity
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ class Arrivals:
         return int(self.hits[overlaps].sum())
 
 
-@with_status("Looking for light")
+@status("Looking for light")
 @tracing_lock()
 def find_arrivals(plan: Plan, sensor: mi.Sensor, film: TransientHDRFilm, seed: int) -> Arrivals:
     """Trace 16384 paths through random pixels of a film's crop and note when light arrives."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..integrators.running import stopped
 from ..runtime.checkpoints import Checkpoint
-from ..runtime.progress import deferred_stop, progress_bar
+from ..runtime.progress import ProgressBar, deferred_stop
 from .job import Job, dataset_of
 from .work_items import WorkResult, sample_ranges, tile_size, tiles, whole
 from .workers import check_client, render_by_workers
@@ -53,7 +53,7 @@ class ResultStore(ABC, Generic[Item, Result]):
     def collect(self, results: Iterator[tuple[Item, Result]], progress: bool = True) -> None:
         """Keep the results of the items that are left, and show how many there are."""
         total, unit = len(self.items), self.unit.removesuffix("s")
-        with progress_bar("Rendering", total, unit=unit, enabled=progress) as bar:
+        with ProgressBar("Rendering", total, unit=unit, enabled=progress) as bar:
             bar.update(len(self.finished))
             try:
                 for item, result in results:

@@ -21,11 +21,12 @@ from ..integrators.user_defined import is_user_defined
 from ..runtime import checks, memory, plugins
 from ..runtime.backend import versions
 from ..runtime.checkpoints import Checkpoint
+from ..runtime.settings import SAMPLERS
 from ..scenes.fingerprint import fingerprint
 from .arrivals import LAST_OPL, Arrivals, find_arrivals
 from .dataset import check_dataset, components_of, coordinates, require_finite, transient_dataset
 from .errors import parts_of
-from .settings import SAMPLERS, RenderSettings, is_auto
+from .settings import RenderSettings, is_auto
 from .window import WINDOW_OPTION, check_window, warn_of_losses, windowed_film
 from .work_items import (
     WorkItem,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..runtime import checks
-from ..runtime.progress import with_status
+from ..runtime.progress import status
 from .dataset import DIMS, ERRORS, check_dataset, components_of, require_finite
 from .labels import labelled
 
@@ -25,7 +25,7 @@ MOST_SPP = 1 << 48
 """Samples per pixel of a render that was itself joined."""
 
 
-@with_status("Joining renders")
+@status("Joining renders")
 def merge(renders: Sequence[xr.Dataset]) -> xr.Dataset:
     """Join renders of one scene into one with all their samples.
 

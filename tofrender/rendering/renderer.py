@@ -13,13 +13,14 @@ import mitsuba as mi
 from ..runtime import backend, checks
 from ..runtime.checkpoints import Checkpoint
 from ..runtime.progress import status, without_bars
+from ..runtime.settings import INTEGRATORS
 from ..runtime.withheld import Withheld
 from ..scenes.checking import check_scene
 from ..scenes.loading import is_steady, load_plugin, load_scene, require_light, require_sensor
 from ..scenes.packing import packed
 from .collecting import collect
 from .job import Job, carry_out, decide
-from .settings import INTEGRATORS, RenderSettings, either, is_auto
+from .settings import RenderSettings, either, is_auto
 from .store import check_film
 from .streaming import stream
 from .window import BINS, pulse_width_for, windowed_film

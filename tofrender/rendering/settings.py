@@ -7,80 +7,47 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
-from functools import partial
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, Any
 
 from ..runtime import checks
+from ..runtime.settings import (
+    INTEGRATORS,
+    SCENE_SETTINGS,
+    Setting,
+    check_settings,
+    integer,
+    settings_of,
+    unchecked,
+)
 
 MAX_SENSOR = 1 << 16
 MAX_WORKERS = 1024
-INTEGRATORS = (
-    *("transient_path", "transient_volpath", "path_tracer_mats", "path_tracer_nee"),
-    *("path_tracer_mis", "transient_light_tracer", "transient_bdpt", "ao"),
-)
-SAMPLERS = (
-    *("padded_sobol", "independent", "stratified", "multijitter", "orthogonal", "ldsampler"),
-)
 
 FIXED_WHEN_LOADED = ("size", "pulse_width", "max_depth", "define", "settings")
 """Settings that change a scene while it loads; the others suit one that is loaded, too."""
 
-
-@dataclass(frozen=True)
-class Setting:
-    """Description of a setting, of which its field in `RenderSettings` has name, type and default.
-
-    Attributes:
-        help: What it sets, and in which unit: for `--help` and `render`'s documentation.
-        check: Refuses bad values of a parameter of this name, in one line.
-        low, high: Least and largest integer.
-        choices: All names that are allowed; in Python, objects are, too.
-        scene_name: Its name in `load_scene`.
-    """
-
-    help: str
-    check: Callable[[str, Any], object] | None = None
-    low: int | None = None
-    high: int | None = None
-    choices: tuple[str, ...] = ()
-    scene_name: str = ""
-
-
-def _integer(help: str, low: int, high: int, scene_name: str = "") -> Setting:
-    """A setting that is an integer from `low` to `high`."""
-    check = partial(checks.integer, low=low, high=high)
-    return Setting(help, check, low, high, scene_name=scene_name)
-
-
-def _field(setting: Setting, default: Any = None) -> Any:
-    """A field of a dataclass that has a setting."""
-    return field(default=default, metadata={"setting": setting})
+SCENE_NAMES = {
+    "bins": "temporal_bins",
+    "start_opl": "start_opl",
+    "bin_width": "bin_width_opl",
+    "pulse_width": "pulse_width_opl",
+    "max_depth": "max_depth",
+    "define": "parameters",
+}
+"""Names in `load_scene` of settings that change the scene."""
 
 
 def start_and_width(window: object, bins: int, name: str = "window") -> tuple[float, float]:
     """Start and bin width of a window given as (start, stop)."""
-    ends: Any = window
-    try:
-        start, stop = ends
-    except (TypeError, ValueError):
-        given = checks.quote(window)
-        raise ValueError(f"{name} = {given}: must be 'auto' or (start, stop) in metres") from None
-    start, stop = checks.metres(f"{name}[0]", start), checks.metres(f"{name}[1]", stop)
-    if not start < stop < start + checks.MAX_OPL:
-        given = checks.quote(window)
-        raise ValueError(f"{name} = {given}: must end after it starts, and not at infinity")
+    start, stop = checks.interval(name, window, "'auto' or (start, stop) in metres")
     return start, (stop - start) / bins
 
 
 def is_auto(value: object) -> bool:
     """Whether a window or a pulse's width is to be found."""
     return isinstance(value, str) and value == "auto"
-
-
-def _check_length(name: str, value: object) -> float:
-    return checks.metres(name, value, positive=True)
 
 
 def _check_window(name: str, value: object) -> None:
@@ -111,56 +78,41 @@ class RenderSettings:
         {'width': 64, 'height': 48, 'temporal_bins': 100}
     """
 
-    scene: Any = field(metadata={"setting": Setting("Built-in name or path of a Mitsuba XML file")})
-    spp: int | None = _field(_integer("Samples per pixel", 1, checks.MAX_SPP))
-    seed: int = _field(_integer("Seed of all random numbers", 0, checks.MAX_SEED), 0)
-    size: tuple[int, int] | None = _field(
-        Setting("Width and height of the picture [pixels]", _check_size, 1, checks.MAX_SIZE)
-    )
-    bins: int | None = _field(_integer("Number of time bins", 1, checks.MAX_BINS, "temporal_bins"))
-    start_opl: float | None = _field(
-        Setting("Path length where bins start [m]", checks.metres, scene_name="start_opl")
-    )
-    bin_width: float | None = _field(
-        Setting("Width of a time bin [m]", _check_length, scene_name="bin_width_opl")
-    )
-    window: tuple[float, float] | str | None = _field(
-        Setting("Start and stop of all bins, path length [m]", _check_window)
-    )
-    pulse_width: float | str | None = _field(
-        Setting(
-            "Standard deviation of a Gaussian pulse [m]",
-            _check_pulse_width,
-            scene_name="pulse_width_opl",
-        )
-    )
-    max_depth: int | None = _field(
-        Setting(
-            "Longest path in segments, -1 for any",
-            *(checks.depth, -1, checks.MAX_DEPTH),
-            scene_name="max_depth",
-        )
-    )
-    integrator: Any = _field(  # noqa: RUF009
-        Setting("Plugin that follows the paths", choices=INTEGRATORS)
-    )
-    sampler: Any = _field(  # noqa: RUF009
-        Setting("Plugin that draws the random numbers", choices=SAMPLERS)
-    )
-    sensor: int = _field(_integer("Number of the sensor", 0, MAX_SENSOR), 0)
-    define: Mapping[str, Any] | None = _field(
-        Setting("Values of an XML file's parameters", checks.mapping, scene_name="parameters")
-    )
-    settings: Mapping[str, Any] | None = _field(
-        Setting("More changes of the scene while it is loaded", checks.mapping)
-    )
-    errors: bool = _field(Setting("Measure the noise of each bin", checks.boolean), False)
+    scene: Annotated[Any, Setting("Built-in name or path of a Mitsuba XML file")]
+    spp: Annotated[int | None, SCENE_SETTINGS["spp"]] = None
+    seed: Annotated[int, integer("Seed of all random numbers", 0, checks.MAX_SEED)] = 0
+    size: Annotated[
+        tuple[int, int] | None,
+        Setting("Width and height of the picture [pixels]", _check_size, 1, checks.MAX_SIZE),
+    ] = None
+    bins: Annotated[int | None, SCENE_SETTINGS["temporal_bins"]] = None
+    start_opl: Annotated[float | None, SCENE_SETTINGS["start_opl"]] = None
+    bin_width: Annotated[float | None, SCENE_SETTINGS["bin_width_opl"]] = None
+    window: Annotated[
+        tuple[float, float] | str | None,
+        Setting("Start and stop of all bins, path length [m]", _check_window),
+    ] = None
+    pulse_width: Annotated[
+        float | str | None, replace(SCENE_SETTINGS["pulse_width_opl"], check=_check_pulse_width)
+    ] = None
+    max_depth: Annotated[int | None, SCENE_SETTINGS["max_depth"]] = None
+    integrator: Annotated[Any, replace(SCENE_SETTINGS["integrator"], check=unchecked)] = None
+    sampler: Annotated[Any, replace(SCENE_SETTINGS["sampler"], check=unchecked)] = None
+    sensor: Annotated[int, integer("Number of the sensor", 0, MAX_SENSOR)] = 0
+    define: Annotated[
+        Mapping[str, Any] | None, Setting("Values of an XML file's parameters", checks.mapping)
+    ] = None
+    settings: Annotated[
+        Mapping[str, Any] | None,
+        Setting("More changes of the scene while it is loaded", checks.mapping),
+    ] = None
+    errors: Annotated[bool, Setting("Measure the noise of each bin", checks.boolean)] = False
 
     def __post_init__(self) -> None:
         for each in fields(self):
-            value, check = getattr(self, each.name), SETTINGS[each.name].check
-            if check and not (value is None and each.default is None):
-                check(each.name, value)
+            value = getattr(self, each.name)
+            if value is not None or each.default is not None:
+                SETTINGS[each.name].check(each.name, value)
         if self.window is not None:
             for name in ("start_opl", "bin_width"):
                 value = getattr(self, name)
@@ -171,8 +123,6 @@ class RenderSettings:
     def _check_scene_changes(self) -> None:
         """Refuse changes that are wrong, given twice, or impossible as the scene is loaded."""
         import mitsuba as mi
-
-        from ..scenes.settings import check_settings
 
         settings = dict(self.settings or {})
         for name in ("source", "integrator", "sampler"):
@@ -241,28 +191,19 @@ class RenderSettings:
         return given
 
 
-SETTINGS: dict[str, Setting] = {
-    each.name: each.metadata["setting"] for each in fields(RenderSettings)
-} | {
-    "workers": _integer("Number of processes here that render", 1, MAX_WORKERS),
+SETTINGS = settings_of(RenderSettings) | {
+    "workers": integer("Number of processes here that render", 1, MAX_WORKERS),
     "scheduler": Setting("Address of a Dask scheduler, whose workers render", checks.address),
     "progress": Setting("Show a bar for work that takes long", checks.boolean),
 }
 """The table of settings: those of `RenderSettings`, and of how the work is done."""
 
-SCENE_NAMES = {name: each.scene_name for name, each in SETTINGS.items() if each.scene_name}
-"""Names in `load_scene` of settings that change the scene."""
-
 
 def either(name: str, value: Any, old: Any) -> Any:
     """The value of a setting that may be given by its old name, as in `load_scene`, instead."""
-    setting = SETTINGS[name]
     if old is None:
         return value
+    old_name = SCENE_NAMES[name]
     if value is not None:
-        raise ValueError(
-            f"{setting.scene_name} = {old}: must be left out with `{name}`, its new name"
-        )
-    if setting.check:
-        setting.check(setting.scene_name, old)
-    return old
+        raise ValueError(f"{old_name} = {old}: must be left out with `{name}`, its new name")
+    return SETTINGS[name].check(old_name, old)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..runtime import atomic, checks
-from ..runtime.progress import with_status
+from ..runtime.progress import status
 from .dataset import DIMS, ERRORS, check_dataset, in_channels, of_intensity, plain_attributes
 from .films_on_disk import checksum, list_files, load_zarr, require_zarr
 from .labels import TIME, labels_of
@@ -201,7 +201,7 @@ def put_in_place(folder: Path, target: Path, arrays: Iterable[str] = DIMS | ERRO
     atomic.sync(target.parent, deep=False)
 
 
-@with_status("Writing Zarr")
+@status("Writing Zarr")
 def save_zarr(dataset: xr.Dataset, path: str | os.PathLike[str]) -> xr.Dataset:
     """Write a Dataset of `render` as a film on disk, tile by tile.
 

@@ -13,7 +13,7 @@ import numpy as np
 from ..films.recording import recording, warn_not_finite
 from ..integrators.passes import steps
 from ..runtime import backend, checks, memory
-from ..runtime.progress import progress_bar
+from ..runtime.progress import ProgressBar
 from ..scenes.loading import load_plugin
 from .dataset import DIMS, coordinates
 from .job import film_of_light, sampler_for
@@ -123,7 +123,7 @@ def strategy_pyramid(
     memory.require_film(*film.shape, copies=2 * len(strategies) + 2)
     steady, transient = [], []
     total = 2 * len(strategies)
-    with progress_bar("Rendering", total, unit="picture", enabled=progress) as bar:
+    with ProgressBar("Rendering", total, unit="picture", enabled=progress) as bar:
         for weighting, (s, t) in itertools.product((mis, "none"), strategies):
             alone = shared | {"mis": weighting, "strategy": f"{s},{t}"}
             tracer = load_plugin("integrator", alone)

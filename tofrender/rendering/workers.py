@@ -181,9 +181,8 @@ def check_workers(**given: object) -> bool:
     if len(names) > 1:
         raise ValueError(f"{names[1]}: must be left out with `{names[0]}`")
     for name in names:
-        check = SETTINGS[name].check if name in SETTINGS else None
-        if check:
-            check(name, given[name])
+        if name in SETTINGS:
+            SETTINGS[name].check(name, given[name])
         else:
             require_client(given[name])
     return bool(names)

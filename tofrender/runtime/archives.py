@@ -17,10 +17,7 @@ MOST_BYTES = 1 << 28  # Of an array of unknown shape
 def read_array(archive: ZipFile, name: str, shape: tuple[int, ...] | None = None) -> np.ndarray:
     """Read an array of an .npz file to its end, where the checksum is compared.
 
-    Raises:
-        ValueError: Its header says another shape than `shape`, if given, or more than 256 MiB.
-        KeyError: There is none of this name.
-        MemoryError: It takes more memory than is free.
+    Raises a ValueError for another shape than `shape`, or without it for more than 256 MiB.
     """
     info = archive.getinfo(f"{name}.npy")
     with archive.open(info) as stream:

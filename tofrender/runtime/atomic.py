@@ -34,17 +34,11 @@ def replacing(
     """Yield a hidden temporary path beside `path` that becomes `path` when the block succeeds.
 
     Whatever ends the block early (an error, a full disk, Ctrl-C) removes the temporary and leaves
-    an earlier `path` as it was. The temporary keeps the suffix of `path`, missing parent folders
-    are made, and the content is on the disk before it is renamed. A folder replaces another in one
-    exchange where the system has that; elsewhere the other is moved aside first.
-
-    Args:
-        path: File or folder to write. A symbolic link is followed, not replaced.
-        folder: Yield an empty folder instead of the name of a file that does not exist yet.
-        needed_bytes: Size to name when the disk is full [bytes].
-
-    Raises:
-        OSError: The disk is full; one line that names `path` and the bytes needed and free.
+    an earlier `path` as it was. The temporary is an empty `folder`, or a file that does not exist
+    yet; it keeps the suffix of `path`, missing parent folders are made, and the content is on the
+    disk before it is renamed. Symbolic links are followed. A folder replaces another in one
+    exchange where the system has that; elsewhere the other is moved aside first. The error of a
+    full disk names `path` and `needed_bytes`.
 
     Example:
         >>> import tempfile
@@ -76,7 +70,7 @@ def replacing(
 
 
 def sibling(path: str | os.PathLike, ending: str) -> Path:
-    """Hidden name beside `path`, unique to it, whatever the length of its own name."""
+    """Hidden name beside `path` and unique to it, with its name's hash, as that may be long."""
     target = Path(os.path.realpath(path))
     digest = hashlib.sha256(os.fsencode(target.name)).hexdigest()[:8]
     return target.with_name(f"{TEMPORARY_PREFIX}{digest}{ending}")
@@ -97,12 +91,9 @@ def remove_leftovers(path: str | os.PathLike) -> None:
 
 @contextmanager
 def locked(path: str | os.PathLike, name: str = "path") -> Iterator[None]:
-    """Hold the lock on writing `path`, which need not exist; an error calls it `name`.
+    """Hold the lock on writing `path`, or raise a FileExistsError that calls it `name`.
 
-    Without effect where the system or the file system has no locks.
-
-    Raises:
-        FileExistsError: Another process holds the lock.
+    `path` need not exist. Without effect where the system or the file system has no locks.
     """
     lock = sibling(path, ".lock")
     lock.parent.mkdir(parents=True, exist_ok=True)
@@ -115,6 +106,7 @@ def locked(path: str | os.PathLike, name: str = "path") -> Iterator[None]:
 
 
 def _lock(path: str | os.PathLike, name: str, lock: Path) -> int:
+    """Create and lock the file `lock`, and return its descriptor."""
     while True:
         file = os.open(lock, os.O_CREAT | os.O_RDWR, 0o666)
         try:
@@ -143,14 +135,7 @@ def check_file(
 ) -> Path:
     """Require a file name with one of the suffixes, if any are given, that can be written.
 
-    Raises:
-        ValueError: Another suffix.
-        OSError: The file is a folder, exists without `overwrite`, or see `check_writable`.
-
-    Example:
-        >>> check_file("a.jpg", ".png", ".pdf", ".svg", overwrite=True)
-        Traceback (most recent call last):
-        ValueError: path = a.jpg: must be a file name that ends in .png, .pdf or .svg
+    Raises a ValueError for another suffix, an OSError for what cannot be written.
     """
     target = checks.path(name, path)
     overwrite = checks.boolean("overwrite", overwrite)
@@ -171,9 +156,8 @@ def check_writable(path: str | os.PathLike, needed_bytes: int = 0) -> None:
     By trying: permission bits do not apply to root.
     """
     try:
-        os.stat(path)
-    except (FileNotFoundError, NotADirectoryError):  # Nothing there, or see below
-        pass
+        with suppress(FileNotFoundError, NotADirectoryError):  # See below
+            os.stat(path)
     except OSError as error:  # A loop of links, say
         raise PermissionError(
             f"path = {path}: cannot be written ({error.strerror}); {_ALLOWED}"

@@ -74,7 +74,7 @@ def _free_unused_scenes() -> None:
 
 
 class BackendError(RuntimeError):
-    """No variant can render here; the message is one line with the command that helps."""
+    """Error where no variant can render; the message is one line with the command that helps."""
 
 
 def activate(variant: str | None = None) -> str:

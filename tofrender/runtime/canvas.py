@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import functools
 import io
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from . import checks
 from .atomic import check_file, replacing
@@ -19,9 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FIGURE_SUFFIXES = (".png", ".pdf", ".svg")
-
-P = ParamSpec("P")
-R = TypeVar("R")
+STYLE_SHEET = Path(__file__).with_name("figures.mplstyle")
 
 
 # ------------------------------------------------------------------------------------ style
@@ -117,50 +115,35 @@ def figure_width(natural: float) -> float:
     return _STYLE.get().width or natural
 
 
-def in_style(function: Callable[P, R]) -> Callable[P, R]:
-    """Decorate a function so that it draws with the active style."""
+@contextmanager
+def in_style() -> Iterator[None]:
+    """Draw with the active style in a block or a decorated function."""
+    from matplotlib import rc_context
 
-    @functools.wraps(function)
-    def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
-        from matplotlib import rc_context
+    with rc_context(_rc_params()):
+        yield
 
-        with rc_context(_rc_params()):
-            return function(*args, **kwargs)
 
-    return wrapper
+@cache
+def _style_sheet() -> dict[Any, Any]:
+    from matplotlib import rc_params_from_file
+
+    return dict(rc_params_from_file(STYLE_SHEET, use_default_template=False))
 
 
 def _rc_params() -> dict[Any, Any]:
+    """Parameters of the style sheet, and colours of the active theme."""
     from cycler import cycler
 
     colours = palette()
     inked = ("axes.edgecolor", "axes.labelcolor", "text.color", "xtick.color", "ytick.color")
     papered = ("figure.facecolor", "axes.facecolor", "savefig.facecolor", "legend.facecolor")
     return {
+        **_style_sheet(),
         **dict.fromkeys(inked, colours.ink),
         **dict.fromkeys(papered, colours.paper),
-        **dict.fromkeys(("xtick.labelcolor", "ytick.labelcolor"), "inherit"),
-        **dict.fromkeys(("font.size", "axes.labelsize"), 8),
-        **dict.fromkeys(("axes.titlesize", "figure.titlesize"), 9),
-        **dict.fromkeys(("xtick.labelsize", "ytick.labelsize"), 7),
-        **dict.fromkeys(("legend.fontsize", "legend.title_fontsize"), 7),
-        **dict.fromkeys(("axes.linewidth", "patch.linewidth", "hatch.linewidth"), 0.6),
-        **dict.fromkeys(("xtick.major.width", "ytick.major.width", "grid.linewidth"), 0.6),
-        **dict.fromkeys(("xtick.major.size", "ytick.major.size"), 2.5),
-        **dict.fromkeys(("figure.titleweight", "axes.titleweight", "axes.labelweight"), "normal"),
-        "axes.titlepad": 4.0,
-        "axes.labelpad": 2.0,
+        **dict.fromkeys(("grid.color", "legend.edgecolor"), colours.faint),
         "axes.prop_cycle": cycler(color=colours.lines),
-        "axes.grid": False,
-        "figure.dpi": 144,
-        "font.family": ["sans-serif"],
-        "font.sans-serif": ["DejaVu Sans"],
-        "grid.color": colours.faint,
-        "image.origin": "upper",
-        "legend.edgecolor": colours.faint,
-        "lines.linewidth": 1.2,
-        "lines.markersize": 4,
-        "text.usetex": False,
     }
 
 

@@ -87,11 +87,10 @@ class Checkpoint:
     def begin(
         self, recipe: Mapping[str, Any], of: int, unit: str, before: int = 0
     ) -> SavedState | None:
-        """Start work of `of` units, and return the state of it that the file holds, if any.
+        """Start work of `of` units after `before` others, and return its state in the file, if any.
 
         The recipe has all that results depend on, as JSON can hold it: a file of another recipe, or
         of more units, is a ValueError. With a damaged file the work starts anew, with a warning.
-        `before` units precede all of these.
         """
         self._recipe = json.loads(json.dumps(recipe))
         self._began = self._saved = time.monotonic()

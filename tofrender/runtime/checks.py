@@ -35,12 +35,7 @@ LISTED = 400  # Characters of the allowed names that a message lists
 
 
 def quote(value: Any) -> str:
-    """`repr` for messages: in one line, cut if it is long; arrays by type and shape.
-
-    Example:
-        >>> quote(0.5), len(quote([1] * 100)), quote(1 << 4000)
-        ('0.5', 80, 'an integer of 4001 bits')
-    """
+    """`repr` for messages: in one line, cut if it is long; arrays by type and shape."""
     if isinstance(value, int) and value.bit_length() > 200:
         return f"an integer of {value.bit_length()} bits"
     shape, dtype = getattr(value, "shape", None), getattr(value, "dtype", None)
@@ -54,12 +49,7 @@ def quote(value: Any) -> str:
 
 
 def printable(text: str) -> str:
-    r"""Text for a terminal, in which control characters, as of file names, are escaped.
-
-    Example:
-        >>> printable("out\x1b[31m")
-        'out\\x1b[31m'
-    """
+    """Escape control characters, as of file names, for a terminal."""
     text = re.sub(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]", lambda found: f"\\x{ord(found[0]):02x}", text)
     return text.encode(errors="backslashreplace").decode()
 
@@ -71,12 +61,6 @@ def join_names(names: Collection[str]) -> str:
     first = [each for each, end in zip(texts, ends, strict=True) if end <= LISTED]
     more = len(texts) - len(first)
     return ", ".join(first) + (f", or {more} more" if more else "")
-
-
-def type_name(value: Any) -> str:
-    """Name of an array's dtype, or of any other value's type."""
-    dtype = getattr(value, "dtype", None)
-    return type(value).__name__ if dtype is None else str(dtype)
 
 
 # -------------------------------------------------------------------------------------- kinds
@@ -110,9 +94,9 @@ def boolean(name: str, value: Any) -> bool:
     return bool(require(name, value, _is_bool(value), "True or False"))
 
 
-def instance(name: str, value: Any, kind: Any, what: str) -> Any:
-    """Require an instance of a type, or of one of several, which the message calls `what`."""
-    return require(name, value, isinstance(value, kind), what)
+def instance(name: str, value: Any, kind: Any, allowed: str) -> Any:
+    """Require an instance of a type, or of one of several, which the message calls `allowed`."""
+    return require(name, value, isinstance(value, kind), allowed)
 
 
 def text(name: str, value: Any) -> str | None:
@@ -148,7 +132,7 @@ def one_of(name: str, value: Any, allowed: Collection[str]) -> str:
 
 
 def _is_bool(value: Any) -> bool:
-    """Whether it is a bool of Python's or NumPy's."""
+    """Whether a value is a bool of Python's or NumPy's."""
     return type(value).__name__ in ("bool", "bool_")
 
 
@@ -156,13 +140,7 @@ def _is_bool(value: Any) -> bool:
 
 
 def integer(name: str, value: Any, low: int, high: int) -> int:
-    """Require an int or NumPy integer in [low, high]; a bool, a float or text is refused.
-
-    Example:
-        >>> integer("spp", 0, 1, MAX_SPP)
-        Traceback (most recent call last):
-        ValueError: spp = 0: must be an integer from 1 to 16777216
-    """
+    """Require an int or NumPy integer in [low, high]; a bool, a float or text is refused."""
     return _integer(name, value, low, high, f"an integer from {low} to {high}")
 
 
@@ -201,9 +179,6 @@ def number(
     """Require a finite number in [low, high] and above 0 if `positive`; bools and text are refused.
 
     Example:
-        >>> number("frequency_hz", 0, unit="hertz", positive=True)
-        Traceback (most recent call last):
-        ValueError: frequency_hz = 0: must be a finite number of hertz above 0
         >>> number("contrast", 1.5, positive=True, high=1)
         Traceback (most recent call last):
         ValueError: contrast = 1.5: must be a finite number above 0 and at most 1
@@ -255,6 +230,20 @@ def resolved(name: str, width: float, *lengths: float) -> None:
         raise ValueError(f"{name} = {width:g}: must be at least {least:.3g} m, as {rounded}")
 
 
+def interval(
+    name: str, value: Any, allowed: str = "(start, stop) in metres"
+) -> tuple[float, float]:
+    """Require start and stop of path lengths, in metres."""
+    try:
+        start, stop = value
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} = {quote(value)}: must be {allowed}") from None
+    start, stop = metres(f"{name}[0]", start), metres(f"{name}[1]", stop)
+    if not start < stop < start + MAX_OPL:
+        raise ValueError(f"{name} = {quote(value)}: must end after it starts, and not at infinity")
+    return start, stop
+
+
 def point(name: str, value: Any, count: int = 3) -> list[float]:
     """Require a point, `count` finite coordinates in metres."""
     try:
@@ -270,10 +259,7 @@ def point(name: str, value: Any, count: int = 3) -> list[float]:
 
 
 def path(name: str, value: Any) -> Path:
-    """Require a path, as text or an `os.PathLike`.
-
-    A number is refused, which `open` would take for an open file, and close.
-    """
+    """Require a path; a number is refused, which `open` would take for an open file, and close."""
     allowed = "must be text or an os.PathLike, the name of a file or folder"
     if isinstance(value, str | os.PathLike):
         text = os.fspath(value)
@@ -299,10 +285,7 @@ def address(name: str, value: Any) -> str:
 
 
 def real_array(name: str, values: Any, dtype: Any = None) -> np.ndarray:
-    """Require real numbers and return them as an array, of type `dtype` if it is given.
-
-    NaN and infinities may be among them.
-    """
+    """Require real numbers, NaN and infinities among them, and return them as an array."""
     import numpy as np  # Not for `tofrender --help`
 
     try:
@@ -310,19 +293,13 @@ def real_array(name: str, values: Any, dtype: Any = None) -> np.ndarray:
     except (TypeError, ValueError, OverflowError):
         array = np.array(None)
     if array.dtype.kind not in "fiu":
-        raise ValueError(f"{name} of type {type_name(values)}: must hold real numbers")
+        kind = getattr(values, "dtype", type(values).__name__)
+        raise ValueError(f"{name} of type {kind}: must hold real numbers")
     return array if dtype is None else array.astype(dtype, copy=False)
 
 
 def finite(name: str, values: np.ndarray) -> np.ndarray:
-    """Require that all values of an array are finite.
-
-    Example:
-        >>> import numpy as np
-        >>> finite("transient", np.array([[1, np.inf], [np.nan, 2]]))
-        Traceback (most recent call last):
-        ValueError: transient: 2 of 4 values are not finite, the first is inf at [0, 1]; must all be
-    """
+    """Require that all values of an array are finite."""
     if values.dtype.kind == "f":
         finite_parts(name, [((0,) * values.ndim, values)])
     return values
@@ -331,8 +308,8 @@ def finite(name: str, values: np.ndarray) -> np.ndarray:
 def finite_parts(name: str, parts: Iterable[tuple[Sequence[int], np.ndarray]]) -> None:
     """Require finite values of an array in parts, each with the index of its first value.
 
-    The least and the largest value tell first, as NaN and infinities turn up in them: no memory is
-    needed, and a gigabyte of float32 takes a fraction of a second.
+    NaN and infinities show in the least or the largest value, which are looked at first: no memory
+    is needed, and a gigabyte of float32 takes a fraction of a second.
     """
     import numpy as np
 

@@ -15,6 +15,7 @@ standard library, because the set-up runs the file before anything is installed:
 from __future__ import annotations
 
 import os
+import platform
 import re
 import shutil
 import subprocess
@@ -46,12 +47,16 @@ class Library:
 
     path: Path  # Symbolic links resolved
     major: int | None  # None if the version is unknown
-    problem: str = ""  # Why Dr.Jit must not load it
+    problem: str = ""  # Why Dr.Jit must not load it; empty if it can render with it
 
-    @property
-    def usable(self) -> bool:
-        """Whether Dr.Jit renders with this library."""
-        return not self.problem
+
+def _distributions() -> set[str]:
+    """ID and ID_LIKE of this Linux, such as {"ubuntu", "debian"}."""
+    try:
+        release = platform.freedesktop_os_release()
+    except (OSError, ValueError):  # None, or not in UTF-8
+        return set()
+    return {release["ID"], *release.get("ID_LIKE", "").split()}
 
 
 @dataclass(frozen=True)
@@ -63,22 +68,7 @@ class System:
     platform: str = sys.platform
     prefixes: tuple[Path, ...] = (Path(sys.prefix), Path(sys.base_prefix))  # venv, and its base
     euid: int = field(default_factory=lambda: getattr(os, "geteuid", lambda: 1)())  # 0 is root
-
-    @property
-    def distributions(self) -> set[str]:
-        """ID and ID_LIKE of this Linux, from os-release."""
-        for name in ("etc/os-release", "usr/lib/os-release"):
-            try:
-                text = (self.root / name).read_text(encoding="utf-8", errors="replace")
-            except OSError:
-                continue
-            found = re.findall(r"^(?:ID|ID_LIKE)=[\"']?([^\"'\n]*)", text, re.MULTILINE)
-            return set(" ".join(found).lower().split())
-        return set()
-
-    def which(self, command: str) -> str | None:
-        """Path of `command`, None if this system has none."""
-        return shutil.which(command, path=self.environ.get("PATH", ""))
+    distributions: set[str] = field(default_factory=_distributions)
 
 
 def candidates(system: System | None = None) -> list[Library]:
@@ -103,8 +93,7 @@ def candidates(system: System | None = None) -> list[Library]:
 def choose(system: System | None = None) -> Library | None:
     """Choose the library that Dr.Jit should load, None if there is none that it can use.
 
-    A library named by `DRJIT_LIBLLVM_PATH` is the only choice: if it is unusable, no other one
-    replaces it, and `refusal` says why.
+    A library named by `DRJIT_LIBLLVM_PATH` is the only choice, even if it is unusable.
     """
     system = system or System()
     named = _named(system)
@@ -137,7 +126,8 @@ def install_command(system: System | None = None) -> str:
     """Command that installs a usable LLVM on this system."""
     system = system or System()
     sudo = "" if system.euid == 0 else "sudo "
-    conda = next((name for name in ("mamba", "conda", "micromamba") if system.which(name)), "conda")
+    names, path = ("mamba", "conda", "micromamba"), system.environ.get("PATH", "")
+    conda = next((name for name in names if shutil.which(name, path=path)), "conda")
     from_conda = f"{conda} install -y -c conda-forge libllvm19"
     if system.platform == "win32":
         return "winget install LLVM.LLVM"
@@ -176,7 +166,7 @@ def main() -> int:
 
 
 def _best(libraries: list[Library]) -> Library | None:
-    usable = [library for library in libraries if library.usable]
+    usable = [library for library in libraries if not library.problem]
     return max(usable, key=lambda library: _preference(library.major or 0), default=None)
 
 

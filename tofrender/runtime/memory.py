@@ -40,11 +40,11 @@ def free_on_host() -> int:
     """Host memory that this process may still allocate [bytes], with all limits on it."""
     import psutil
 
-    return max(0, min(psutil.virtual_memory().available, *_left_in_cgroups(), address_space()[1]))
+    return max(0, min(psutil.virtual_memory().available, *_free_in_cgroups(), address_space()[1]))
 
 
 def address_space() -> tuple[int, int]:
-    """Limit of `ulimit -v` on this process, and what is left of it [bytes]."""
+    """Limit of `ulimit -v` on this process, and free bytes under it."""
     try:
         import resource
     except ImportError:  # Windows has no such limit
@@ -112,9 +112,9 @@ def _cuda_free() -> int:
     return free.value if status == 0 else UNLIMITED
 
 
-def _left_in_cgroups() -> list[int]:
-    """Bytes left by each memory limit on this process's control group and on its parents."""
-    left = []
+def _free_in_cgroups() -> list[int]:
+    """Free bytes under each memory limit on this process's control group and on its parents."""
+    free = []
     for line in _lines(ROOT / "proc/self/cgroup"):
         _, controllers, path = line.split(":", 2)
         for top, limit, used, cache in (CGROUPS[c] for c in controllers.split(",") if c in CGROUPS):
@@ -122,11 +122,11 @@ def _left_in_cgroups() -> list[int]:
             for group in (ROOT / top / part for part in (own, *own.parents)):
                 numbers = dict(line.split() for line in _lines(group / "memory.stat"))
                 try:
-                    most, taken = (int(_lines(group / name)[0]) for name in (limit, used))
+                    most, usage = (int(_lines(group / name)[0]) for name in (limit, used))
                 except (IndexError, ValueError):  # No such group, or "max": no limit
                     continue
-                left.append(most - taken + int(numbers.get(cache, 0)))
-    return left
+                free.append(most - usage + int(numbers.get(cache, 0)))
+    return free
 
 
 def _lines(path: Path) -> list[str]:

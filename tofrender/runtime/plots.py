@@ -132,20 +132,7 @@ TITLE, LINE, TICKS, LABEL, BAR = 0.22, 0.125, 0.17, 0.16, 0.07
 class PictureGrid:
     """Grid of pictures with titles above and colour bars below; `figure` has the height it needs.
 
-    Much faster than a layout by Matplotlib, and without margins.
-
-    Args:
-        width: Width of the figure [inches].
-        rows, columns: Numbers of pictures.
-        aspect: Height over width of a picture.
-        title: Title of the figure, or "".
-        title_colour: Colour of the title, None for that of all text.
-        bar_lines: Lines of a colour bar's label.
-        left: Margin to the left of the first column [inches].
-        own_y: Whether all columns have that margin, for y axes of their own.
-        with_x: Rows with space for the ticks and the label of an x axis; None for all.
-        with_bars: Rows with space for colour bars; None for all.
-        hatch: Meaning of the hatch, for a legend at the bottom, or "".
+    Much faster than a layout by Matplotlib, and without margins. Lengths are in inches.
     """
 
     def __init__(
@@ -153,16 +140,16 @@ class PictureGrid:
         width: float,
         rows: int,
         columns: int,
-        aspect: float,
+        aspect: float,  # Height over width of a picture
         *,
         title: str = "",
         title_colour: str | None = None,
-        bar_lines: int = 1,
-        left: float = LEFT,
-        own_y: bool = False,
-        with_x: Collection[int] | None = None,
-        with_bars: Collection[int] | None = None,
-        hatch: str = "",
+        bar_lines: int = 1,  # Of a colour bar's label
+        left: float = LEFT,  # Margin of the first column
+        own_y: bool = False,  # Whether all columns have that margin
+        with_x: Collection[int] | None = None,  # Rows with an x axis, None for all
+        with_bars: Collection[int] | None = None,  # Rows with colour bars, None for all
+        hatch: str = "",  # Meaning of the hatch, for a legend at the bottom
     ) -> None:
         self.width, self.columns, self.left, self.own_y = width, columns, left, own_y
         self.gap = left + 0.05 if own_y else GAP

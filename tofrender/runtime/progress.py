@@ -8,14 +8,10 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from functools import wraps
-from typing import Any, ParamSpec, TypeVar
-
-P = ParamSpec("P")
-R = TypeVar("R")
+from typing import Any
 
 DELAY_S = 0.5  # Until a bar appears
 REFRESH_S = 0.1  # Between two draws of a bar
@@ -39,18 +35,21 @@ def is_notebook() -> bool:
 
 
 _hidden = 0  # Number of blocks that hide bars
-_open: list[Bar] = []  # The innermost last
+_open: list[ProgressBar] = []  # The innermost last
 _lock = threading.RLock()
 
 
-class Bar:
+class ProgressBar:
     """Bar of tqdm that appears after `DELAY_S` even if nothing is done until then.
 
     A bar or a status line within another one replaces it while it is shown. `n` counts the units
-    that are done.
+    that are done; the unit "B" counts bytes with prefixes. The bar is hidden if it is not
+    `enabled`, or if stderr is a file or a pipe.
     """
 
-    def __init__(self, description: str, total: int | None, unit: str, enabled: bool) -> None:
+    def __init__(
+        self, description: str, total: int | None, unit: str = "frame", enabled: bool = True
+    ) -> None:
         self.n, self._bar = 0, None
         self._options: dict[str, Any] = {
             "desc": description,
@@ -101,7 +100,7 @@ class Bar:
             with suppress(OSError, ValueError):
                 bar.close()
 
-    def __enter__(self) -> Bar:
+    def __enter__(self) -> ProgressBar:
         if self._enabled:
             _open.append(self)
             threading.Thread(target=self._refresh, daemon=True).start()
@@ -115,34 +114,11 @@ class Bar:
                 self._clear()
 
 
-def progress_bar(
-    description: str, total: int | None, *, unit: str = "frame", enabled: bool = True
-) -> Bar:
-    """Make a bar for terminal or notebook that appears within a second.
-
-    The unit "B" counts bytes with prefixes. The bar is hidden if it is not `enabled`, or if stderr
-    is a file or a pipe.
-    """
-    return Bar(description, total, unit, enabled)
-
-
-def status(description: str, enabled: bool = True) -> Bar:
-    """Make a line with a description and the elapsed time, where nothing can be counted."""
-    return Bar(description, None, "", enabled)
-
-
-def with_status(description: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Decorate a function that may take long with a status line."""
-
-    def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        @wraps(function)
-        def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
-            with status(description):
-                return function(*args, **kwargs)
-
-        return wrapper
-
-    return decorate
+@contextmanager
+def status(description: str, enabled: bool = True) -> Iterator[ProgressBar]:
+    """Show a line with a description and the elapsed time, in a block or a decorated function."""
+    with ProgressBar(description, None, "", enabled) as bar:
+        yield bar
 
 
 @contextmanager

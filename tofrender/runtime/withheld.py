@@ -25,20 +25,11 @@ FILE = Path(__file__).with_name("withheld.json")
 
 
 class Withheld(ImportError):
-    """A module is not part of the student edition."""
-
-
-def modules() -> dict[str, str | None]:
-    """Withheld modules and packages, with the problem that each solves; usually none."""
-    return _content().get("modules", {})
-
-
-def _content() -> dict[str, Any]:
-    return json.loads(FILE.read_text(encoding="utf-8")) if FILE.is_file() else {}
+    """Error for a module that is not part of the student edition."""
 
 
 def refusal(module: str) -> str | None:
-    """Why `module` cannot be imported; None if it can."""
+    """Reason why `module` cannot be imported; None if it can."""
     parts = module.split(".")
     for count in range(len(parts), 1, -1):
         name = ".".join(parts[:count])
@@ -75,14 +66,13 @@ def placeholder(class_name: str, plugin_name: str, kind: str, home: str) -> Any:
     if kind not in bases:
         return None
     problem = _NAMES.get(class_name)
-    reason = refusal(home)
+    message = f"{plugin_name!r}: {refusal(home)}"
     if problem is not None:
-        reason = f"is yours to write: problem {problem}; import your file before loading the scene"
+        needed = "import your file before loading the scene"
+        message = f"{plugin_name!r} is yours to write: problem {problem}; {needed}"
 
     class YoursToWrite(bases[kind]):
         """Placeholder with any parameters; an integrator names the problem when it renders."""
-
-        withheld = f"{plugin_name!r} {reason}" if problem else f"{plugin_name!r}: {reason}"
 
         def __init__(self, props: mi.Properties) -> None:
             super().__init__(mi.Properties())
@@ -90,7 +80,7 @@ def placeholder(class_name: str, plugin_name: str, kind: str, home: str) -> Any:
                 props.mark_queried(name)
 
         def render(self, *_: Any, **__: Any) -> Any:
-            raise Withheld(self.withheld)
+            raise Withheld(message)
 
         sample = render
 
@@ -100,7 +90,8 @@ def placeholder(class_name: str, plugin_name: str, kind: str, home: str) -> Any:
     return YoursToWrite
 
 
-_WITHHELD: dict[str, str | None] = modules()
-_NAMES: dict[str, str] = _content().get("names", {})
+_CONTENT = json.loads(FILE.read_text(encoding="utf-8")) if FILE.is_file() else {}
+_WITHHELD: dict[str, str | None] = _CONTENT.get("modules", {})
+_NAMES: dict[str, str] = _CONTENT.get("names", {})
 if _WITHHELD:
     sys.meta_path.insert(0, _Finder())

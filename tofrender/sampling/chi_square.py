@@ -95,15 +95,12 @@ def chi_square_test(
         >>> chi_square_test(square_to_tent, half, "plane", samples=50_000).reason
         'the pdf integrates to 0.50000, not 1; ...'
     """
-    checks.function("sample", sample)
-    checks.function("pdf", pdf)
-    checks.instance("name", name, str, "text")
+    Case(sample, pdf, domain, name, sample_dimension, expected_moments)  # Checks these
     domain = domains.find(domain)
     checks.integer("samples", samples, 1000, MAX_SAMPLES)
     checks.integer("resolution", resolution, 2, 512)
     checks.integer("seed", seed, 0, checks.MAX_SEED)
     checks.integer("tests", tests, 1, 1_000_000)
-    checks.integer("sample_dimension", sample_dimension, 2, 3)
     check_chance(alpha)
     known = checks.mapping("expected_moments", expected_moments)
     for key in known:
@@ -261,16 +258,7 @@ def _in_words(moment: Moment) -> str:
 
 @dataclass(frozen=True)
 class Case:
-    """A sampler and its density, with the arguments of `chi_square_test` that belong to them.
-
-    Attributes:
-        sample: Uniform numbers to points, or (points, weights), or (points, weights, densities).
-        pdf: Points to densities.
-        domain: Domain of the points.
-        name: Name in the verdict.
-        sample_dimension: Uniform numbers per sample, 2 or 3.
-        expected_moments: Known moments, if any.
-    """
+    """A sampler and its density: the arguments of `chi_square_test` of the same names."""
 
     sample: Callable[[Any], Any]
     pdf: Callable[[Any], mi.Float]

@@ -121,7 +121,7 @@ class SuiteVerdict:
         return "\n".join([head, *lines])
 
 
-@in_style
+@in_style()
 def verdict_figure(verdict: Verdict) -> Figure:
     """Observed and expected density of a chi-square test, and their difference in each cell.
 

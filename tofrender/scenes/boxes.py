@@ -190,11 +190,7 @@ def small_box(*, spheres: str = "diffuse", **options: Unpack[SteadyOptions]) -> 
         spheres: "diffuse", or "mirror_glass" for a mirror on the left and glass on the right.
         **options: As for `veach`; by default `width` and `height` are 256, `max_bounces` is 8.
 
-    Returns:
-        A dict for `mi.load_dict` with film `hdrfilm`.
-
-    Raises:
-        ValueError: An argument is out of range; one line with its name, value and what is allowed.
+    Returns and errors are those of `veach`.
 
     Example:
         >>> small_box(spheres="mirror_glass")["right-material"]["int_ior"]

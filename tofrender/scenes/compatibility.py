@@ -10,7 +10,7 @@ from ..runtime import checks
 TIME_SAMPLINGS = ("stratified", "random")
 
 
-def use_own_names(state: Any) -> None:
+def translate_names(state: Any) -> None:
     """Replace names by this package's where they mean the same, and refuse others.
 
     `timegated_transient_path`, whose gates fill the bins of a film, becomes the `transient_path`
@@ -25,7 +25,7 @@ def use_own_names(state: Any) -> None:
             _limit_depth(node.props)
             node.props.set_plugin_name("transient_volpath")
         elif name == "transient_nlos_path" and "nlos_confocal" in node.props:
-            _scan(node.props)
+            _set_capture_type(node.props)
         elif name == "angulararea":
             raise ValueError(
                 "emitter = 'angulararea': is not known here; must be another emitter, e.g. area, "
@@ -53,7 +53,7 @@ def _limit_depth(props: Any) -> None:
         props["max_depth"] = 6
 
 
-def _scan(props: Any) -> None:
+def _set_capture_type(props: Any) -> None:
     confocal = checks.boolean("nlos_confocal", props["nlos_confocal"])
     del props["nlos_confocal"]
     if "capture_type" in props:

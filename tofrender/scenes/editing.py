@@ -8,8 +8,8 @@ from typing import Any
 import mitsuba as mi
 
 from ..runtime import plugins
-from .in_time import change_integrator
 from .nodes import ENDINGS, children, is_kind, is_of_no_known_kind, parts, replace_plugin
+from .transient_integrators import change_integrator
 
 parser: Any = mi.parser
 
@@ -24,7 +24,7 @@ FILM_KEPT = ("width", "height", *CROP, "sample_border")
 SAMPLER_KEPT = ("sample_count", "seed")
 
 
-def use_own_plugins(state: Any) -> None:
+def qualify_plugins(state: Any) -> None:
     """Replace names that other packages may have registered too by those of our own plugins."""
     for node in state.nodes:
         node.props.set_plugin_name(plugins.qualified_name(node.props.plugin_name()))

@@ -47,8 +47,8 @@ def fingerprint(scene: mi.Scene, sensor: mi.Sensor, integrator: Any) -> str:
     own = {"hide_emitters": None, **getattr(integrator, "__dict__", {})}  # Mitsuba keeps the first
     values = (f"{name} = {_text(getattr(integrator, name, v))}" for name, v in own.items())
     parts += [type(integrator).__name__, *sorted(values)]
-    called = {WALL, *re.findall(r"[^\s,'\[\]()]+", "\n".join(parts))}
-    parts += sorted(f"{s.id()}: {graph.digest(s)}" for s in scene.shapes() if s.id() in called)
+    referred = {WALL, *re.findall(r"[^\s,'\[\]()]+", "\n".join(parts))}
+    parts += sorted(f"{s.id()}: {graph.digest(s)}" for s in scene.shapes() if s.id() in referred)
     return RULE + _hash("\n".join(parts))[:12]
 
 
@@ -132,10 +132,12 @@ class _Graph:
         if node not in self._known:
             children = _Children()
             node.traverse(children)
-            apart = mi.Film | mi.Sampler | mi.Integrator
-            below = [(n, self._digest(c)) for n, c in children.found if not isinstance(c, apart)]
+            separate = mi.Film | mi.Sampler | mi.Integrator
+            digests = [
+                (n, self._digest(c)) for n, c in children.found if not isinstance(c, separate)
+            ]
             if isinstance(node, mi.Scene):  # Named by ids or addresses, and in any order
-                below = sorted(("", digest) for _, digest in below)
+                digests = sorted(("", digest) for _, digest in digests)
             text = ""
             if self.printed and not isinstance(node, mi.Scene | mi.Shape | mi.Sensor):
                 with suppress(RuntimeError):  # Python plugins need not describe themselves
@@ -145,7 +147,7 @@ class _Graph:
                 own = _without_order(own)
             values = [f"{name} = {_digest(value)}" for name, value in own.items()]
             kind = [type(node).__name__, node.class_name(), text]
-            self._known[node] = _hash("\n".join([*kind, *values, *map(str, below)]))
+            self._known[node] = _hash("\n".join([*kind, *values, *map(str, digests)]))
         return self._known[node]
 
 

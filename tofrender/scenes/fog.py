@@ -53,12 +53,7 @@ def cornell_box_fog(*, sigma_t: float = 0.3, **options: Unpack[TransientOptions]
             `temporal_bins` is 500, `start_opl` 3.5, `max_depth` -1 and `integrator`
             "transient_volpath".
 
-    Returns:
-        A dict for `mi.load_dict` with film `transient_hdr_film`. It loads under every llvm_* and
-        cuda_* variant.
-
-    Raises:
-        ValueError: An argument is out of range; one line with its name, value and what is allowed.
+    Returns and errors are those of `caustic`.
 
     Example:
         >>> scene = cornell_box_fog(width=64, height=64, sigma_t=0.5)

@@ -19,16 +19,16 @@ import mitsuba as mi
 
 from ..runtime import checks, plugins
 from ..runtime.backend import keep_alive, tracing_lock
-from ..runtime.progress import held_signals, with_status
+from ..runtime.progress import held_signals, status
+from ..runtime.settings import SceneSettings, check_settings
 from . import BUILT_IN
 from .checking import require_inverse
-from .compatibility import use_own_names
-from .editing import STEADY_FILM, change, name_shapes, use_own_plugins
+from .compatibility import translate_names
+from .editing import STEADY_FILM, change, name_shapes, qualify_plugins
 from .files import require_indices, require_readable_dict, require_shallow_xml
 from .fingerprint import describe, remember_description
 from .nodes import is_kind
 from .numbers import is_transform
-from .settings import Settings, check_settings
 
 parser: Any = mi.parser
 
@@ -36,13 +36,13 @@ LONGEST = 500
 """Most characters of an error of Mitsuba's in a message."""
 
 
-@with_status("Loading the scene")
+@status("Loading the scene")
 def load_scene(
     source: mi.Scene | Mapping[str, Any] | str | os.PathLike[str],
     *,
     parameters: Mapping[str, Any] | None = None,
     optimize: bool = True,
-    **settings: Unpack[Settings],
+    **settings: Unpack[SceneSettings],
 ) -> mi.Scene:
     """Load a scene and change its settings on the way.
 
@@ -100,9 +100,9 @@ def load_scene(
     try:
         with tracing_lock(), held_signals(), _files_beside(source):
             state = _resolved(config, source, parameters)
-            use_own_names(state)
+            translate_names(state)
             change(state, given)
-            use_own_plugins(state)
+            qualify_plugins(state)
             _require_safe(state)
             name_shapes(state)
             if sum(is_kind(node, mi.ObjectType.Emitter) for node in state.nodes) > 1:

@@ -73,8 +73,8 @@ def beyond(scene: mi.Scene, sensors: mi.Medium | None = None) -> mi.Medium | Non
     ray, active = mi.Ray3f(mi.Point3f(start), dr.normalize(end - start)), mi.Bool(True)
     for _ in range(CROSSINGS):
         si = scene.ray_intersect(ray, active)
-        tells = active & si.is_valid() & si.is_medium_transition()
-        for at in np.asarray(dr.compress(tells))[:1]:
+        boundary = active & si.is_valid() & si.is_medium_transition()
+        for at in np.asarray(dr.compress(boundary))[:1]:
             return dr.gather(mi.MediumPtr, si.target_medium(-ray.d), int(at))[0]
         active &= si.is_valid()
         ray = si.spawn_ray(ray.d)
@@ -147,14 +147,14 @@ def _require_consistent(scene: mi.Scene, sensor: mi.Sensor) -> None:
         before = si.target_medium(-ray.d)
         wrong = np.asarray(dr.compress(changes & (before != medium)))
         for at in wrong[LEAKS:]:
-            shape, there, here = (
+            shape, expected, current = (
                 dr.gather(type(x), x, int(at))[0] for x in (si.shape, before, medium)
             )
-            if str(there) != str(here):  # A description that occurs twice makes two media
+            if str(expected) != str(current):  # A description that occurs twice makes two media
                 raise ValueError(
-                    f"{_named(shape)}: has the medium {_named(there)} where a ray from the sensor "
-                    f"comes through {_named(here)}; must be the same, set sensor.medium or the "
-                    "shape's"
+                    f"{_named(shape)}: has the medium {_named(expected)} where a ray from the "
+                    f"sensor comes through {_named(current)}; must be the same, set sensor.medium "
+                    "or the shape's"
                 )
         through = active & (si.bsdf().flags() == BOUNDARY)
         medium = dr.select(through & changes, si.target_medium(ray.d), medium)

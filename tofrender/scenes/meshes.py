@@ -1,19 +1,20 @@
-"""Meshes of the built-in scenes, as Mitsuba's objects and as the PLY files that XML scenes read.
-
-`write("scenes/meshes")` writes the files anew.
-"""
+"""Meshes of the built-in scenes as Mitsuba's objects."""
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
-from .bunny import bunny
-from .bust import bust
 from .parts import Dict
+
+FILE = Path(__file__).with_suffix(".npz")
+"""Arrays of the bust and the bunny, computed by `scenes/make_meshes.py`."""
+
+PARTS = ("vertices", "faces", "normals")
 
 STROKE = 0.103
 """Width of the strokes of the letter Z [m]."""
@@ -25,14 +26,24 @@ HALVES = {
 }
 
 
+@cache
+def stored(name: str) -> tuple[np.ndarray, ...]:
+    """Vertices [m], faces (indices of corners, counter-clockwise from outside) and unit normals.
+
+    `name` is "bust" or "bunny"; each array has the shape (n, 3), and is the same every time.
+    """
+    with np.load(FILE) as arrays:
+        return tuple(arrays[f"{name}_{part}"] for part in PARTS)
+
+
 def bust_mesh(**parts: Dict) -> Any:
     """The bust as an `mi.Mesh`; parts, e.g. a `bsdf`, are dicts for `mi.load_dict`."""
-    return _mesh("bust", *bust(), **parts)
+    return _mesh("bust", *stored("bust"), **parts)
 
 
 def bunny_mesh(to_world: Any | None = None, **parts: Dict) -> Any:
     """The rabbit as an `mi.Mesh` with parts as in `bust_mesh`, after a rotation and a shift."""
-    vertices, faces, normals = bunny()
+    vertices, faces, normals = stored("bunny")
     turned = normals if to_world is None else normals @ np.array(to_world.matrix)[:3, :3].T
     return _mesh("bunny", transformed(vertices, to_world), faces, turned, **parts)
 
@@ -95,13 +106,3 @@ def _mesh(
         parameters["vertex_normals"] = normals.astype(np.float32).ravel()
     parameters.update()
     return mesh
-
-
-def write(folder: str | Path) -> None:
-    """Write a PLY file of each mesh into `folder`."""
-    if not Path(folder).is_dir():
-        raise NotADirectoryError(f"folder = {str(folder)!r}: must be a folder that exists")
-    meshes = {"bust": bust_mesh(), "bunny": bunny_mesh(), "letter_z": letter_z_mesh()}
-    meshes |= {f"{half}_triangle": half_rectangle(half) for half in HALVES}
-    for name, mesh in meshes.items():
-        mesh.write_ply(str(Path(folder) / f"{name}.ply"))

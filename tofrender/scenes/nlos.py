@@ -19,8 +19,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import checks
-from .bunny import bunny
-from .meshes import bunny_mesh, letter_z, letter_z_mesh, transformed
+from .meshes import bunny_mesh, letter_z, letter_z_mesh, stored, transformed
 from .parts import (
     SAMPLER,
     Dict,
@@ -172,7 +171,7 @@ def nlos_bunny(*, distance: float = 1.0, occluder: bool = True, **options: Any) 
     """
     z = checks.metres("distance", distance, positive=True)
     to_world = pose([0, -0.44, z], Y, BUNNY_TURN, [1, 1, 1])
-    vertices = transformed(bunny()[0], to_world)
+    vertices = transformed(stored("bunny")[0], to_world)
     if not vertices[:, 2].min() > 0:
         raise ValueError(
             f"distance = {checks.quote(distance)}: must leave all of the bunny before the wall"

@@ -7,7 +7,10 @@ from typing import Any
 
 import mitsuba as mi
 
-from .settings import IN_TIME
+from ..runtime.settings import INTEGRATORS
+
+TRANSIENT_INTEGRATORS = (*INTEGRATORS, "simple", "confocal_transient_path", "transient_nlos_path")
+"""Transient integrators."""
 
 UNKNOWN = mi.ObjectType.Unknown
 
@@ -20,7 +23,7 @@ ENDINGS = {
     mi.ObjectType.Sampler: ("sampler", "sobol"),
     mi.ObjectType.Integrator: (
         *("path", "integrator", "prb", "prb_basic", "_projective", "_rf_basic"),
-        *IN_TIME,
+        *TRANSIENT_INTEGRATORS,
     ),
     mi.ObjectType.Sensor: ("camera", "meter"),
 }

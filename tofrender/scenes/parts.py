@@ -9,7 +9,7 @@ from typing import Any, TypedDict
 import mitsuba as mi
 
 from ..runtime import checks
-from .settings import INTEGRATORS
+from ..runtime.settings import CHECKS, INTEGRATORS
 
 Dict = dict[str, Any]
 
@@ -200,27 +200,23 @@ def camera(
         "far_clip": 100.0,
         "to_world": mi.ScalarTransform4f().look_at(origin, target, Y),
         "film": film,
-        "sampler": {"type": SAMPLER, "sample_count": checks.integer("spp", spp, 1, checks.MAX_SPP)},
+        "sampler": {"type": SAMPLER, "sample_count": CHECKS["spp"]("spp", spp)},
     }
 
 
 def steady_film(width: int, height: int) -> Dict:
     """A steady film with a box filter [pixels]."""
-    return {
-        "type": "hdrfilm",
-        "width": checks.integer("width", width, 1, checks.MAX_SIZE),
-        "height": checks.integer("height", height, 1, checks.MAX_SIZE),
-        "rfilter": {"type": "box"},
-    }
+    return {"type": "hdrfilm", **_checked(width=width, height=height), "rfilter": {"type": "box"}}
 
 
 def transient_film(
     width: int, height: int, temporal_bins: int, start_opl: float, bin_width_opl: float
 ) -> Dict:
     """A film with time bins, from `start_opl` [m] on, each `bin_width_opl` [m] wide."""
-    return steady_film(width, height) | {
-        "type": "transient_hdr_film",
-        "temporal_bins": checks.integer("temporal_bins", temporal_bins, 1, checks.MAX_BINS),
-        "start_opl": checks.metres("start_opl", start_opl),
-        "bin_width_opl": checks.metres("bin_width_opl", bin_width_opl, positive=True),
-    }
+    bins = {"temporal_bins": temporal_bins, "start_opl": start_opl, "bin_width_opl": bin_width_opl}
+    return steady_film(width, height) | {"type": "transient_hdr_film", **_checked(**bins)}
+
+
+def _checked(**settings: Any) -> Dict:
+    """Settings of a scene, each one checked."""
+    return {name: CHECKS[name](name, value) for name, value in settings.items()}

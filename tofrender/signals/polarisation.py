@@ -133,12 +133,8 @@ def rayleigh(f: Any, incident: mi.Vector3f, outgoing: mi.Vector3f) -> mi.Spectru
     """Mueller matrix of Rayleigh scattering (Bohren and Huffman 1983, section 5.2).
 
     With the cosine c of the scattering angle, polarisation normal to the scattering plane keeps its
-    power, and that in the plane is scaled by c².
-
-    Args:
-        f: Phase function for unpolarised light.
-        incident: Unit vector towards the source of light, world space.
-        outgoing: Unit vector of the scattered light.
+    power, and that in the plane is scaled by c². `f` is the phase function for unpolarised light;
+    the unit vectors point to the source of light and along the scattered light, in world space.
     """
     f, c = mi.unpolarized_spectrum(f), -dr.dot(incident, outgoing)
     normal, total = dr.cross(incident, outgoing), 1 + c * c
@@ -187,11 +183,7 @@ def bsdf_to_world(
 ) -> Any:
     """Rotate a BSDF's value from its own frames to those of world space.
 
-    Args:
-        si: Surface interaction.
-        f: Value of the BSDF.
-        incident: Local unit vector towards the source of light.
-        outgoing: Local unit vector of the scattered light.
+    The local unit vectors point to the source of light and along the scattered light.
     """
     if not mi.is_polarized:
         return f

@@ -30,7 +30,7 @@ _SIGNS = {
 """Signs on the buttons, for which Matplotlib's player would load a font from the network."""
 
 
-@in_style
+@in_style()
 def visualize_transient(
     data: Any, start_opl: float | None = None, bin_width_opl: float | None = None
 ) -> FuncAnimation:
@@ -136,7 +136,7 @@ def _playing(html: str, frame: int) -> str:
     return f"{html[:end]} {start}{html[end:]}"
 
 
-@in_style
+@in_style()
 def plot_pixel_transient(
     data: Any,
     x: int,

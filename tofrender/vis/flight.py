@@ -23,7 +23,7 @@ STYLES = {"arrival": "arrival time", "peak": "peak time", "rainbow": "isochrones
 """Titles by style."""
 
 
-@in_style
+@in_style()
 def light_in_flight(
     data: Any,
     start_opl: float | None = None,
@@ -154,7 +154,7 @@ def _default_period_ns(sequence: Transient) -> float:
     return float(math.ceil(2 * period / digit) / 2 * digit)
 
 
-@in_style
+@in_style()
 def gate_figure(
     image: Any,
     opl: float,

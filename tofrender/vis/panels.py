@@ -25,7 +25,7 @@ _RADIANCE = "[W m⁻² sr⁻¹]"
 _PREFIXES = ((1e9, "GHz"), (1e6, "MHz"), (1e3, "kHz"), (1.0, "Hz"))
 
 
-@in_style
+@in_style()
 def phasor_panel(
     frequencies_hz: Any,
     I: Any,  # noqa: E741 (the field's letter)

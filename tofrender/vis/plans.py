@@ -38,7 +38,7 @@ MAX_RELATIVE_WIDTH = 3.0
 """Shapes more times wider than the relay wall are cut off at the picture's edge."""
 
 
-@in_style
+@in_style()
 def plan_figure(
     scene: mi.Scene,
     *,

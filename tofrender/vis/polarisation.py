@@ -93,7 +93,7 @@ def _checked(stokes: Any, exposure: float | None) -> tuple[np.ndarray, np.ndarra
     return values, light, checks.number("exposure", gain, positive=True)
 
 
-@in_style
+@in_style()
 def polarisation_figure(
     stokes: Any, *, exposure: float | None = None, title: str | None = None
 ) -> Figure:

@@ -19,7 +19,7 @@ _WIDTH, _LEAST, _WITH_TITLE, _GAP, _ABOVE = 1.2, 0.42, 0.8, 0.07, 0.2
 """Widths of a picture: usual, least, least with a full title; gaps [inches]."""
 
 
-@in_style
+@in_style()
 def pyramid_figure(
     pyramid: xr.Dataset,
     *,

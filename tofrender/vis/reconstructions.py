@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@in_style
+@in_style()
 def reconstruction_figure(
     volume: xr.Dataset, *, threshold: float = 0.2, title: str | None = None
 ) -> Figure:

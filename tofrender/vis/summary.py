@@ -10,7 +10,7 @@ from ..rendering.dataset import check_dataset
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure, palette
 from ..runtime.plots import COLUMN, colour_bar, percentile_range, wrap_text
-from ..runtime.progress import with_status
+from ..runtime.progress import status
 from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
 from .tone import tonemap
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@with_status("Drawing the summary")
-@in_style
+@status("Drawing the summary")
+@in_style()
 def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
     """Draw a render on one page: steady image, time of the brightest bin, some responses.
 

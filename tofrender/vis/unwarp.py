@@ -10,13 +10,13 @@ from ..rendering.cubes import Cube
 from ..rendering.dataset import DIMS, check_dataset, time_axis
 from ..rendering.labels import TIME, labelled
 from ..runtime import checks, memory
-from ..runtime.progress import with_status
+from ..runtime.progress import status
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
-@with_status("Unwarping")
+@status("Unwarping")
 def unwarp_camera(dataset: xr.Dataset, distance_m: Any) -> xr.Dataset:
     """Subtract the camera segment from the path lengths of every pixel.
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@in_style
+@in_style()
 def warp_figure(points: Any, verdict: Verdict, title: str = "points") -> Figure:
     """Draw warped points and their expected density, above the verdict of a chi-square test.
 

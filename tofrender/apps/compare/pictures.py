@@ -90,13 +90,11 @@ def load_picture(path: Any) -> Picture:
     from ...sampling.images import read_image
 
     path = checks.path("picture", path)
-    result = path / "transient.npz"
-    if result.is_file():
-        pixels = load_npz(result)["steady"].values
+    archive = path / "transient.npz" if path.is_dir() else path
+    if archive.is_file() and archive.suffix.lower() == ".npz":
+        pixels = load_npz(archive)["steady"].values
     elif path.is_dir():
         pixels = load_exr_stack(path)["steady"].values
-    elif path.suffix.lower() == ".npz":
-        pixels = load_npz(path)["steady"].values
     else:
         try:
             pixels = read_image(path)

@@ -14,9 +14,9 @@ import numpy as np
 
 from ...rendering.cubes import PIECE_BYTES, Cube
 
+# Joined bins are summed (light per bin) or averaged (densities); standard errors of either are
+# combined as those of independent estimates
 Mode = Literal["sum", "mean", "error", "mean error"]
-"""Joined bins are summed (light per bin) or averaged (densities); standard errors of either are
-combined as those of independent estimates."""
 
 MAX_SIZE = 64  # Largest edge of a block in pixels, and largest number of joined bins
 CODES = 255  # Number of codes, without that of darkness
@@ -40,7 +40,7 @@ class Reduction:
 
 
 def reductions(bins: int) -> list[Reduction]:
-    """Possible reductions from the finest on, of which 128 bins or more remain."""
+    """Possible reductions that leave 128 bins or more, the finest first."""
     sizes = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, MAX_SIZE)
     times = [t for t in sizes if t == 1 or bins / t >= 128]
     found = [Reduction(space, time) for space in sizes for time in times]
@@ -86,14 +86,7 @@ def _reduced(values: np.ndarray, by: Reduction, mode: Mode) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Scale:
-    """Logarithmic scale of codes: the value of code 1, and the ratio of successive values.
-
-    Example:
-        >>> scale = Scale.of([np.array([1.0, 10.0, 1000.0])])
-        >>> values = scale.values(scale.codes(np.array([0.0, 1.0, 50.0, 1000.0])))
-        >>> bool(abs(values[2] / 50 - 1) <= scale.tolerance), round(scale.tolerance, 4)
-        (True, 0.0137)
-    """
+    """Logarithmic scale of codes: the value of code 1, and the ratio of successive values."""
 
     least: float
     ratio: float

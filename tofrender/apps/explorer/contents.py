@@ -72,19 +72,9 @@ def contents_of(
     most_bytes: int | None = None,
     packed: bool = False,
 ) -> Contents:
-    """Make the contents of an explorer, for arguments of `explore`.
+    """Make the contents of an explorer of at most `most_bytes`, after compression if `packed`.
 
-    Args:
-        data: A Dataset of `render`, `capture`, `strategy_pyramid` or `reconstruct`.
-        orders: Parts of a render's light by name, Datasets of the same pixels and bins.
-        distance_m: (y, x) distance from the camera to the surface in each pixel of a render [m].
-        title: Title; by default the scene.
-        most_bytes: Largest size of the bytes; None for no limit.
-        packed: Whether `most_bytes` is the size after compression.
-
-    Raises:
-        ValueError: An argument is wrong, or no reduction is small enough; one line.
-        MemoryError: The codes do not fit into memory.
+    Other arguments and errors are those of `explore`.
     """
     from matplotlib import colormaps
 

@@ -56,7 +56,7 @@ class ExplorerData:
 
 
 def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> ExplorerData:
-    """Take a Dataset of `render`, `capture`, `strategy_pyramid` or `reconstruct`."""
+    """Check a Dataset of `render`, `capture`, `strategy_pyramid` or `reconstruct`."""
     import xarray as xr
 
     if not isinstance(data, xr.Dataset):
@@ -83,9 +83,11 @@ def facts(data: xr.Dataset, found: ExplorerData) -> list[tuple[str, str]]:
     size = f"{width} × {height} {PIXELS[kind]}, {bins} {unit}"
     if spots:
         size += f", {math.prod(spots)} laser spots"
-    values = {label: data.attrs[name] for name, label in FACTS.items() if name in data.attrs}
-    texts = ((k, f"{v:.4g}" if isinstance(v, float) else str(v)) for k, v in values.items())
-    return [("Size", size), *texts]
+    shown = ((label, data.attrs[name]) for name, label in FACTS.items() if name in data.attrs)
+    return [
+        ("Size", size),
+        *((k, f"{v:.4g}" if isinstance(v, float) else str(v)) for k, v in shown),
+    ]
 
 
 def _quantity(attrs: Mapping[str, Any]) -> str:
@@ -97,21 +99,12 @@ def _transient(data: xr.Dataset, orders: dict[str, Cube], distance_m: Any) -> Ex
     unwarped = bool(data.attrs.get("camera_unwarp"))
     per_metre = data.attrs["quantity"] == "radiance per metre"
     mode: Mode = "mean" if per_metre else "sum"
-    what = f"optical path length, camera segment {'left out' if unwarped else 'included'}"
-    condition = "a flash at the camera, and a single bounce"
-    found = ExplorerData(
-        {
-            "kind": "transient",
-            "quantity": _quantity(data.attrs),
-            "perMetre": per_metre,
-            "depth": "" if unwarped else condition,
-        },
-        seen.values,
-        mode,
-        {"start": seen.start_opl, "width": seen.bin_width_opl, "what": what},
-        {"peaks": ns_to_opl(seen.brightest()[1])[None]},
-        first=(seen.x0, seen.y0),
-    )
+    label = f"optical path length, camera segment {'left out' if unwarped else 'included'}"
+    header = {"kind": "transient", "quantity": _quantity(data.attrs), "perMetre": per_metre}
+    header["depth"] = "" if unwarped else "a flash at the camera, and a single bounce"
+    axis = {"start": seen.start_opl, "width": seen.bin_width_opl, "what": label}
+    arrays = {"peaks": ns_to_opl(seen.brightest()[1])[None]}
+    found = ExplorerData(header, seen.values, mode, axis, arrays, first=(seen.x0, seen.y0))
     unknown = np.zeros(seen.size, bool)
     for (rows, columns, *_), values in seen.values.pieces():
         if not np.isfinite(values.sum()):
@@ -144,26 +137,17 @@ def _capture(data: xr.Dataset) -> ExplorerData:
     geometry: dict[str, Any] = {"mode": mode}
     if mode != "confocal":
         geometry["lasers"] = _in_grid(data["laser_grid"].values.reshape(-1, 3), grid)
-    arrays = {"peaks": np.stack([ns_to_opl(view.brightest()[1]) for view in views])}
-    arrays["points"] = grid
+    peaks = np.stack([ns_to_opl(view.brightest()[1]) for view in views])
+    arrays = {"peaks": peaks, "points": grid}
     if ON_WALL in data:
         arrays["hatch"] = ~data[ON_WALL].values
     is_confocal = mode == "confocal" and not legs
-    depth = "a single bounce in the hidden scene, back to the laser spot" * is_confocal
+    header = {"kind": "capture", "quantity": _quantity(data.attrs), "geometry": geometry}
+    header["depth"] = "a single bounce in the hidden scene, back to the laser spot" * is_confocal
     ends = "laser to wall and wall to sensor included" if legs else "from the wall to the wall"
-    return ExplorerData(
-        {
-            "kind": "capture",
-            "quantity": _quantity(data.attrs),
-            "depth": depth,
-            "geometry": geometry,
-        },
-        light,
-        "sum",
-        {"start": start, "width": width, "what": f"optical path length, {ends}"},
-        arrays,
-        first=(int(data["x"].values[0]), int(data["y"].values[0])),
-    )
+    axis = {"start": start, "width": width, "what": f"optical path length, {ends}"}
+    first = int(data["x"].values[0]), int(data["y"].values[0])
+    return ExplorerData(header, light, "sum", axis, arrays, first=first)
 
 
 def _volume(data: xr.Dataset) -> ExplorerData:
@@ -176,13 +160,11 @@ def _volume(data: xr.Dataset) -> ExplorerData:
         rows, (low, size) = slice(None, None, -1), sides["y"]
         sides["y"] = low + size * values.shape[1], -size
     quantity = f"intensity [{data.attrs.get('units', 'arbitrary')}]"
-    return ExplorerData(
-        {"kind": "volume", "quantity": quantity, "geometry": dict(sides)},
-        Cube(np.moveaxis(values, 0, -1)[rows, ..., None]),
-        "mean",
-        {"start": start, "width": step, "what": "distance from the wall"},
-        {"peaks": depth_map(data).values[None, rows]},
-    )
+    header = {"kind": "volume", "quantity": quantity, "geometry": sides}
+    axis = {"start": start, "width": step, "what": "distance from the wall"}
+    peaks = depth_map(data).values[None, rows]
+    light = Cube(np.moveaxis(values, 0, -1)[rows, ..., None])
+    return ExplorerData(header, light, "mean", axis, {"peaks": peaks})
 
 
 def _strategies(data: xr.Dataset) -> tuple[xr.Dataset, dict[str, xr.Dataset]]:

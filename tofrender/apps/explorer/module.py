@@ -21,11 +21,11 @@ def text_of(name: str) -> str:
 
 @cache
 def javascript() -> str:
-    """One ES module that exports `mount(element, {header, bytes})`."""
+    """Join the scripts to an ES module that exports `mount(element, {header, bytes})`."""
     *others, last = (_IMPORT.sub("", text_of(f"explorer/{name}.js")) for name in MODULES)
     return "\n".join([*(_EXPORT.sub("", text) for text in others), last])
 
 
 def style() -> str:
-    """Its style sheet, whose rules only apply inside of an explorer."""
+    """Style sheet whose rules only apply inside of an explorer."""
     return text_of("explorer/explorer.css")

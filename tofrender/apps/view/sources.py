@@ -23,7 +23,7 @@ STEP_S = 4.0  # Time between two updates of a render [s], once it is under way
 
 
 class SavedDataset:
-    """A result of a command, read again when its file changes; large cubes may stay on disk."""
+    """Result of a command, read again when its file changes; large cubes may stay on disk."""
 
     def __init__(self, path: Path, load: Callable[[Path], xr.Dataset]) -> None:
         self.path, self._load = path, load
@@ -35,7 +35,7 @@ class SavedDataset:
         self.refresh()
 
     def refresh(self) -> None:
-        """Read it again if it has changed."""
+        """Read the file again if it has changed."""
         try:
             modified, missing = self.path.stat().st_mtime, None
         except OSError as error:
@@ -52,7 +52,7 @@ class SavedDataset:
 
 
 class LiveRender:
-    """A render in a thread of its own, to ever more samples, up to `spp` of the options."""
+    """Render in a thread of its own, to ever more samples, up to `spp` of the options."""
 
     def __init__(self, name: str, options: Mapping[str, Any]) -> None:
         self.name = name
@@ -78,7 +78,7 @@ class LiveRender:
 
     @property
     def has_started(self) -> bool:
-        """Whether it has ever been started."""
+        """Whether the render was ever started."""
         return self._thread.ident is not None
 
     def start(self) -> None:

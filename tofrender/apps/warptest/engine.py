@@ -38,8 +38,8 @@ NO_PROOF = (
     "smaller errors."
 )
 
-TROUBLE = (NoAnswer, ValueError, Withheld, FileNotFoundError)
-"""Errors of subjects, which are shown to the reader."""
+# Errors of subjects, which are shown to the reader
+SUBJECT_ERRORS = (NoAnswer, ValueError, Withheld, FileNotFoundError)
 
 
 def sobol(count: int, seed: int = 0) -> mi.Point2f:
@@ -54,18 +54,16 @@ def sobol(count: int, seed: int = 0) -> mi.Point2f:
     return sampler.next_2d()
 
 
+# Point sets by name, called with count and seed
 POINT_SETS: dict[str, Callable[[int, int], Any]] = points.POINT_SETS | {"sobol": sobol}
-"""Point sets by name, called with count and seed."""
 
 
 @dataclass(frozen=True)
 class Drawn:
     """Warped points and grid, float32."""
 
-    points: np.ndarray
-    """Shape (2, n) in the plane, (3, n) on the sphere."""
-    lines: np.ndarray
-    """Lines of the grid, NaN after each, shape (2, m) or (3, m)."""
+    points: np.ndarray  # Shape (2, n) in the plane, (3, n) on the sphere
+    lines: np.ndarray  # Shape (2, m) or (3, m), NaN after each line
 
 
 def draw(case: Case, kind: str, count: int, seed: int) -> Drawn:
@@ -93,7 +91,7 @@ def _warped(case: Case, numbers: np.ndarray) -> np.ndarray:
     return warped
 
 
-@in_style
+@in_style()
 def panels(verdict: Verdict) -> str:
     """SVG of observed and expected density and their difference, in the colours of the page."""
     grid = PictureGrid(8.0, 1, 3, 1.0, own_y=True)

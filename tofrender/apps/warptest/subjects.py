@@ -20,9 +20,8 @@ from ...sampling import domains, images
 Lookup = Callable[[str], Any]
 Functions = tuple[Callable[[Any], Any], Callable[[Any], Any]]
 
+# The 2 x 2 image of the course: 80 % of the light in the upper row
 EXAMPLE_IMAGE = np.array([[4.0, 4.0], [1.0, 1.0]])
-"""The 2 x 2 image of the course: 80 % of the light in the upper row."""
-
 MAX_SIDE = 512  # Most pixels along a side of an image; larger ones are averaged
 
 

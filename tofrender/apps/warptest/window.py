@@ -20,7 +20,7 @@ from .. import components
 from ..components import CONTROLS_WIDTH, Canvas, Page, control
 from ..explorer.module import text_of
 from . import engine
-from .engine import LIBRARY, MODULE, NO_PROOF, POINT_SETS, TROUBLE, Drawn, Engine
+from .engine import LIBRARY, MODULE, NO_PROOF, POINT_SETS, SUBJECT_ERRORS, Drawn, Engine
 from .subjects import SUBJECTS, Parameter, Subject, density_of
 
 COUNTS = [1 << k for k in range(17)]
@@ -181,7 +181,7 @@ class Window(Page):
         name = str(self.image.filename)
         try:
             self.given["image"] = await self.run(_density_of_file, event.new, name)
-        except TROUBLE as error:
+        except SUBJECT_ERRORS as error:
             self._show_error(f"{name} cannot be used", error)
             return
         await self.redraw()
@@ -211,7 +211,7 @@ class Window(Page):
         try:
             self.drawn = shown = await self.run(work)
             self.error.visible = False
-        except TROUBLE as error:
+        except SUBJECT_ERRORS as error:
             module = self.engine.module if source == MODULE else None
             whose = (module and module.file_of(name)) or "this package"
             self._show_error(f"{subject.title}: {whose} gives no points", error)
@@ -261,7 +261,7 @@ class Window(Page):
 
         try:
             verdict, panels = await self.run(work)
-        except TROUBLE as error:
+        except SUBJECT_ERRORS as error:
             title = f"{SUBJECTS[name].title}: the test could not be run"
             self.message.object = components.error_box(title, error)
             return

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...runtime.progress import progress_bar
+from ...runtime.progress import ProgressBar
 from ..assignments import PACKAGE
 from ..rubric import Rubric
 from .grading import Extracted, Grader
@@ -56,7 +56,7 @@ class Class:
         work = [(m, self._extract(m)) for m in self.members if m.submission is not None]
         with (
             ThreadPoolExecutor(self.jobs) as pool,
-            progress_bar("Grading", len(work), unit="submission") as bar,
+            ProgressBar("Grading", len(work), unit="submission") as bar,
         ):
             runs = {pool.submit(self._grade, member, files): member for member, files in work}
             try:

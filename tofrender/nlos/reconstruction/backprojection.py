@@ -22,7 +22,7 @@ import numpy as np
 
 from ...rendering.workers import check_client, distribute
 from ...runtime.backend import activate, require_vectorised
-from ...runtime.progress import progress_bar
+from ...runtime.progress import ProgressBar
 from .measured import Measured
 from .volume import VolumeGrid
 
@@ -59,7 +59,7 @@ def backproject(
     voxels = math.prod(grid.shape)
     if client is None:
         steps = lasers * len(blocks) * math.ceil(voxels / _voxels_a_step(measured))
-        with progress_bar("backprojection", steps, unit="step", enabled=progress) as bar:
+        with ProgressBar("backprojection", steps, unit="step", enabled=progress) as bar:
             result = _sum_light(measured, grid, weighting, (0, voxels), bar.update)
     else:
         result = np.zeros(voxels, np.float32)
@@ -67,7 +67,7 @@ def backproject(
         ranges = list(itertools.pairwise(voxels * k // count for k in range(count + 1)))
         everywhere: Any = client.scatter(measured, broadcast=True)
         work = partial(_in_worker, mi.variant() or "", everywhere, grid, weighting)
-        with progress_bar("backprojection", count, unit="piece", enabled=progress) as bar:
+        with ProgressBar("backprojection", count, unit="piece", enabled=progress) as bar:
             for (first, last), found in distribute(client, work, ranges):
                 result[first:last] = found
                 bar.update()

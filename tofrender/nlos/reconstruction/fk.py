@@ -17,7 +17,7 @@ import math
 
 import numpy as np
 
-from ...runtime.progress import Bar
+from ...runtime.progress import ProgressBar
 from .fourier import fft, forward, inverse_sides, require_memory
 from .measured import Measured
 from .volume import VolumeGrid, native_volume
@@ -25,7 +25,9 @@ from .volume import VolumeGrid, native_volume
 SURFACES = {"diffuse": 4, "retroreflective": 2}
 
 
-def fk_migration(measured: Measured, surface: str, bar: Bar) -> tuple[np.ndarray, VolumeGrid]:
+def fk_migration(
+    measured: Measured, surface: str, bar: ProgressBar
+) -> tuple[np.ndarray, VolumeGrid]:
     """Intensities (z, y, x) of a confocal capture on a lattice, without legs, and their grid."""
     grid = native_volume(measured)
     lattice = measured.lattice

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from ...runtime.progress import Bar
+from ...runtime.progress import ProgressBar
 from .fourier import fft, forward, inverse_sides, require_memory
 from .measured import Lattice, Measured
 from .volume import VolumeGrid, native_volume
@@ -28,7 +28,7 @@ SURFACES = {"diffuse": 3, "retroreflective": 1}
 
 
 def light_cone_transform(
-    measured: Measured, surface: str, snr: float, bar: Bar
+    measured: Measured, surface: str, snr: float, bar: ProgressBar
 ) -> tuple[np.ndarray, VolumeGrid]:
     """Albedo >= 0 (z, y, x) of a confocal capture on a lattice, without legs, and its grid.
 

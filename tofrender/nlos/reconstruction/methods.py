@@ -11,7 +11,7 @@ import numpy as np
 from ...rendering.cubes import Cube
 from ...rendering.workers import require_client
 from ...runtime import checks
-from ...runtime.progress import progress_bar
+from ...runtime.progress import ProgressBar
 from ..captures import check_capture, without_first_and_last_legs
 from .backprojection import WEIGHTINGS, backproject, sharpen
 from .fk import fk_migration
@@ -179,5 +179,5 @@ def _in_frequencies(
         later = measured.cube.view(np.s_[..., early:, :])
         measured = replace(measured, start=start, cube=later)
     run, steps = (light_cone_transform, 4) if method == "lct" else (fk_migration, 3)
-    with progress_bar(method, steps, unit="step", enabled=progress) as bar:
+    with ProgressBar(method, steps, unit="step", enabled=progress) as bar:
         return run(measured, bar=bar, **options)

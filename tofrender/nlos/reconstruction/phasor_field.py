@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from ...runtime import checks
-from ...runtime.progress import progress_bar
+from ...runtime.progress import ProgressBar
 from .fourier import fft, require_memory
 from .measured import Measured
 from .volume import VolumeGrid, resample
@@ -59,7 +59,7 @@ def phasor_field(
     require_memory("phasor", (measured.shape[0], len(wavenumbers), *window.padded), copies=2)
     spectra = _fields_at_the_wall(measured, wavenumbers, weights, window)
     planes = np.empty((len(depths), *window.shape), np.float32)
-    with progress_bar("phasor field", len(planes), unit="step", enabled=progress) as bar:
+    with ProgressBar("phasor field", len(planes), unit="step", enabled=progress) as bar:
         for index, z in enumerate(depths):
             field = _diffract(measured, window, spectra, wavenumbers, z, 3 * sigma)
             planes[index] = np.square(field.real) + np.square(field.imag)

@@ -10,8 +10,8 @@ from typing import Any
 import mitsuba as mi
 
 from ..runtime import checks, plugins
-from .nodes import children
-from .settings import IN_TIME, INTEGRATORS
+from ..runtime.settings import INTEGRATORS
+from .nodes import TRANSIENT_INTEGRATORS, children
 
 WRAPPERS = {"aov": "AOVs", "moment": "moments", "stokes": "Stokes vectors"}
 """Integrators that add AOVs or statistics to the picture of another, nested one."""
@@ -22,7 +22,7 @@ INHERITED = ("max_depth", "rr_depth", "hide_emitters")
 DEPTHS = {**dict.fromkeys(("path", "volpath", "volpathmis", "ptracer"), -1), "prbvolpath": 6}
 """Longest paths of Mitsuba's integrators where a scene gives none; -1 is unlimited."""
 
-SUCCESSORS = {
+REPLACEMENTS = {
     "path": "transient_path",
     **dict.fromkeys(("volpath", "volpathmis", "prbvolpath"), "transient_volpath"),
 }
@@ -32,7 +32,7 @@ UNLIMITED = 0xFFFFFFFF
 """A `max_depth` of -1 as Mitsuba's integrators print it."""
 
 
-def successor_of(integrator: Any) -> str:
+def transient_integrator_for(integrator: Any) -> str:
     """Name of the transient integrator for the paths of one of Mitsuba's, wrapped or not."""
     printed = str(integrator)
     if "max_depth" not in printed or not type(integrator).__module__.startswith("mitsuba"):
@@ -41,13 +41,13 @@ def successor_of(integrator: Any) -> str:
 
 
 def path_tracer_of(integrator: Any) -> dict[str, Any]:
-    """Transient integrator as in `successor_of`, for `mi.load_dict`, with the same depths."""
+    """Dict of a transient integrator for the paths of one of Mitsuba's, with the same depths."""
     printed = re.match(r"\w+\[\s*max_depth = (\d+)(?:,\s*rr_depth = (\d+))?", str(integrator))
     if printed is None:
         raise ValueError(_unknown(integrator))
     depth, roulette = int(printed[1]), printed[2] or getattr(integrator, "rr_depth", 5)
     return {
-        "type": plugins.qualified_name(successor_of(integrator)),
+        "type": plugins.qualified_name(transient_integrator_for(integrator)),
         "max_depth": -1 if depth == UNLIMITED else depth,
         "rr_depth": int(roulette),
         "hide_emitters": getattr(integrator, "hide_emitters", False),
@@ -75,13 +75,13 @@ def change_integrator(
     name = nodes[inner].props.plugin_name()
     _bounces_to_depth(nodes[inner].props)
     wanted = settings.get("integrator")
-    if wanted is None and now_transient and name not in IN_TIME:
-        if name not in SUCCESSORS:
+    if wanted is None and now_transient and name not in TRANSIENT_INTEGRATORS:
+        if name not in REPLACEMENTS:
             raise ValueError(
                 f"integrator = {name!r}: a transient film needs another one; "
                 f"must be one of {', '.join(INTEGRATORS)}"
             )
-        wanted = SUCCESSORS[name]
+        wanted = REPLACEMENTS[name]
     if isinstance(wanted, Mapping) or (wanted is not None and wanted != name):
         nodes[index].props = _replacement(wanted, nodes[inner].props)
     elif (wanted is not None or now_transient) and inner != index:
@@ -121,7 +121,7 @@ def _replacement(wanted: str | Mapping[str, Any], old: mi.Properties) -> mi.Prop
     plugin = given.pop("type")
     new = mi.Properties(plugin)
     new.set_id(old.id())
-    if plugin in IN_TIME:
+    if plugin in TRANSIENT_INTEGRATORS:
         before = {"max_depth": DEPTHS[old.plugin_name()]} if old.plugin_name() in DEPTHS else {}
         before |= {name: old[name] for name in INHERITED if name in old}
         given = before | given

@@ -1,0 +1,111 @@
+"""Settings of scenes: one description of each, from which checks, options and tests follow.
+
+Neither NumPy nor Mitsuba is imported: `tofrender --help` answers at once, and the command line
+refuses bad values before Mitsuba starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Annotated, Any, TypedDict, get_type_hints
+
+from . import checks
+
+SAMPLERS = ("padded_sobol", "independent", "stratified", "multijitter", "orthogonal", "ldsampler")
+INTEGRATORS = (
+    *("transient_path", "transient_volpath", "path_tracer_mats", "path_tracer_nee"),
+    *("path_tracer_mis", "transient_light_tracer", "transient_bdpt", "ao"),
+)
+"""Integrators that a name is enough for."""
+
+
+def unchecked(name: str, value: Any) -> Any:
+    """Accept any value of a setting whose user checks it."""
+    return value
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Description of a setting, which annotates the field that has its name, type and default.
+
+    Attributes:
+        help: What it sets, and in which unit: for `--help` and `render`'s documentation.
+        check: Refuses bad values of a parameter of this name, in one line.
+        low, high: Least and largest integer.
+        choices: All names that are allowed; in Python, objects are, too.
+    """
+
+    help: str
+    check: Callable[[str, Any], Any] = unchecked
+    low: int | None = None
+    high: int | None = None
+    choices: tuple[str, ...] = ()
+
+
+def integer(help: str, low: int, high: int) -> Setting:
+    """A setting that is an integer from `low` to `high`."""
+    return Setting(help, partial(checks.integer, low=low, high=high), low, high)
+
+
+def settings_of(described: type) -> dict[str, Setting]:
+    """Settings that annotate the fields of a dataclass or a `TypedDict`, by name."""
+    hints = get_type_hints(described, include_extras=True)
+    return {name: hint.__metadata__[0] for name, hint in hints.items()}
+
+
+def _check_length(name: str, value: Any) -> float:
+    return checks.metres(name, value, positive=True)
+
+
+def _check_integrator(name: str, value: Any) -> Any:
+    if not isinstance(value, Mapping):
+        return checks.one_of(name, value, INTEGRATORS)
+    if not isinstance(value.get("type"), str):
+        given = checks.quote(dict(value))
+        raise ValueError(f"{name} = {given}: must have a plugin's name as its type")
+    return value
+
+
+class SceneSettings(TypedDict, total=False):
+    """Settings that change a scene while it loads; None keeps the scene's own value."""
+
+    width: Annotated[int | None, integer("Width of the picture [pixels]", 1, checks.MAX_SIZE)]
+    height: Annotated[int | None, integer("Height of the picture [pixels]", 1, checks.MAX_SIZE)]
+    temporal_bins: Annotated[int | None, integer("Number of time bins", 1, checks.MAX_BINS)]
+    start_opl: Annotated[float | None, Setting("Path length where bins start [m]", checks.metres)]
+    bin_width_opl: Annotated[float | None, Setting("Width of a time bin [m]", _check_length)]
+    spp: Annotated[int | None, integer("Samples per pixel", 1, checks.MAX_SPP)]
+    sampler: Annotated[
+        str | None,
+        Setting(
+            "Plugin that draws the random numbers",
+            partial(checks.one_of, allowed=SAMPLERS),
+            choices=SAMPLERS,
+        ),
+    ]
+    max_depth: Annotated[
+        int | None,
+        Setting("Longest path in segments, -1 for any", checks.depth, -1, checks.MAX_DEPTH),
+    ]
+    integrator: Annotated[
+        str | Mapping[str, Any] | None,
+        Setting("Plugin that follows the paths", _check_integrator, choices=INTEGRATORS),
+    ]
+    pulse_width_opl: Annotated[
+        float | None, Setting("Standard deviation of a Gaussian pulse [m]", checks.width)
+    ]
+
+
+SCENE_SETTINGS = settings_of(SceneSettings)
+CHECKS = {name: each.check for name, each in SCENE_SETTINGS.items()}
+
+
+def check_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings that are given (not None), each one checked."""
+    for name in settings:
+        if name not in CHECKS:
+            raise TypeError(f"{name}: no such setting; there are {', '.join(CHECKS)}")
+    given = {name: value for name, value in settings.items() if value is not None}
+    return {name: CHECKS[name](name, value) for name, value in given.items()}
