@@ -227,7 +227,7 @@ def test_failure_is_one_line_and_status_one(capsys, tmp_path, monkeypatch):
     def fail(*_, **__):
         raise RuntimeError("the lamp\n  broke")
 
-    monkeypatch.setattr("tofrender.rendering.job.carry_out", fail)
+    monkeypatch.setattr("tofrender.rendering.work_items.render_item", fail)
     arguments = ["render", "cornell_box", "--out", str(tmp_path / "out"), *TINY]
     assert run(capsys, *arguments) == (1, "", "error: the lamp broke\n")
     monkeypatch.setenv("TOFRENDER_DEBUG", "1")

@@ -101,8 +101,9 @@ def render(
     opt.activate(variant, polarised=True)
 
     from tofrender.rendering.collecting import collect
-    from tofrender.rendering.job import carry_out
+    from tofrender.rendering.job import dataset_of, remaining
     from tofrender.rendering.renderer import make_job
+    from tofrender.rendering.work_items import render_item
     from tofrender.scenes.loading import find_scene
 
     options |= {"scene": find_scene(scene), "define": dict(define or ())}
@@ -129,10 +130,11 @@ def render(
         film = film_path(out)
         if client is None and format != "zarr" and not is_begun(film) and _fits(job):
             earlier = _earlier(out, file) if resume else None
-            dataset = carry_out(job, earlier, file)
+            result = render_item(job, remaining(job, earlier), checkpoint=file)
+            dataset = dataset_of(job, result, earlier)
         elif client is not None and job.plan.splats:
             require_begun(resume, file and file.path, out)
-            dataset = collect(job, client, file)
+            dataset = dataset_of(job, collect(job, client, file))
         else:
             require_begun(resume, film, out)
             dataset = _on_disk(job, film, client, checkpoint, resume)

@@ -65,8 +65,8 @@ class Part:
 WHOLE = Part()
 
 
-class Pixels:
-    """Tracer, recording, sensor and sampler of a film's pixels; no dataclass, as loops carry those.
+class PixelSampler:
+    """Samples pixels: camera rays, their paths, and the values that go into the film.
 
     There are `rate` rays for each of `spp` samples per pixel of the whole render; `splats` says
     that all contributions are splats.
@@ -85,6 +85,27 @@ class Pixels:
     ) -> None:
         self.tracer, self.record, self.sensor, self.sampler = tracer, record, sensor, sampler
         self.spp, self.tile, self.rate, self.splats = spp, tile, rate, splats
+
+    def sample(
+        self, pixel: mi.UInt32
+    ) -> tuple[mi.Point2f, list[mi.Float], list[mi.Float], mi.UInt32]:
+        """Trace one camera ray through each of some pixels.
+
+        Returns film positions [pixels], channels before and behind the picture's weight, and how
+        many contributions were not finite.
+        """
+        record = self.record
+        camera = sample_camera(self.sensor, record.film, self.sampler, pixel, self.tile)
+        if self.rate > 1:
+            camera = replace(camera, weight=camera.weight / self.rate)
+        measurement = record.measurement(camera, self.spp)
+        target = AsSplats(measurement, camera.position) if self.splats else measurement
+        traced, path = self.tracer.trace(
+            self.sampler, camera.ray, camera.origin, target, frame=camera.frame
+        )
+        measured = measurement if self.splats else traced
+        channels = record.channels(camera, measured, path.valid_ray)
+        return camera.position, *channels, path.not_finite
 
 
 def steps(
@@ -129,7 +150,7 @@ def steps(
     pixel = lane // dr.opaque(mi.UInt32, lanes)
     _seed(sampler, seed, lanes, pixel if tile is None else tile.numbers(film, pixel), part)
     rest = plan if emitters is None else emitters.rest
-    pixels = Pixels(rest, record, sensor, sampler, spp, tile)
+    pixels = PixelSampler(rest, record, sensor, sampler, spp, tile)
     apart = None
     if emitters is not None:
         apart = _EmitterPixels(emitters, record, sensor, spp, seed, part)
@@ -204,7 +225,9 @@ class _EmitterPixels:
         sampler.skip((part.first + part.done) * rate)
         self.record, self.rate = record, rate
         self.reached = _around(emitters.pixels, record.film)
-        self.pixels = Pixels(emitters, record, sensor, sampler, spp, tile, rate, emitters.splats)
+        self.pixels = PixelSampler(
+            emitters, record, sensor, sampler, spp, tile, rate, emitters.splats
+        )
 
     def sample(self, count: int) -> None:
         """Take `count` samples per pixel."""
@@ -253,7 +276,7 @@ def _divisor(number: int, bound: int) -> int:
 
 
 @dr.syntax
-def _step(pixels: Pixels, pixel: mi.UInt32, count: int, weight: float = 1.0) -> int:
+def _step(pixels: PixelSampler, pixel: mi.UInt32, count: int, weight: float = 1.0) -> int:
     """Take `count` samples in every lane, each of a `weight` in the picture; evaluate the film.
 
     Returns the number of contributions that were not finite.
@@ -261,38 +284,32 @@ def _step(pixels: Pixels, pixel: mi.UInt32, count: int, weight: float = 1.0) -> 
     record, sampler = pixels.record, pixels.sampler
     image = record.image
     block = image.create_block()
+    left = dr.opaque(mi.UInt32, count) + dr.zeros(mi.UInt32, dr.width(pixel))
     not_finite = mi.UInt32(0)
-    # A box filter's pixel is one for all samples of a lane: their sum is added once
-    adds_sums = count > 1 and record.film.rfilter().is_box_filter()
-    colours = colour_count(image)
-    sums = [mi.Float(0) for _ in range(block.channel_count() - 1)] if adds_sums else []
-    left = 1  # No symbolic loop for one sample
-    if dr.hint(count > 1, mode="scalar"):
-        left = dr.opaque(mi.UInt32, count) + dr.zeros(mi.UInt32, dr.width(pixel))
-    while left > 0:
-        # Trace a camera ray
-        camera = sample_camera(pixels.sensor, record.film, sampler, pixel, pixels.tile)
-        if dr.hint(pixels.rate > 1, mode="scalar"):
-            camera = replace(camera, weight=camera.weight / pixels.rate)
-        measurement = record.measurement(camera, pixels.spp)
-        target = AsSplats(measurement, camera.position) if pixels.splats else measurement
-        traced, path = pixels.tracer.trace(
-            sampler, camera.ray, camera.origin, target, frame=camera.frame
-        )
-
-        # Add its channels before and behind the picture's weight
-        measured = measurement if pixels.splats else traced
-        before, behind = record.channels(camera, measured, path.valid_ray)
-        if dr.hint(adds_sums, mode="scalar"):
-            sums = list(map(operator.add, sums, [*before, *behind]))
-        else:
-            block.put(camera.position, [*before, mi.Float(weight), *behind])
-        not_finite += path.not_finite
+    if dr.hint(count == 1, mode="scalar"):
+        position, colour, rest, odd = pixels.sample(pixel)
+        block.put(position, [*colour, mi.Float(weight), *rest])
+        not_finite += odd
         sampler.advance()
-        left -= 1
-    if dr.hint(adds_sums, mode="scalar"):
-        values = [*sums[:colours], mi.Float(count * weight), *sums[colours:]]
-        block.put(pixel_corner(record.film, pixel), values)
+    elif dr.hint(record.film.rfilter().is_box_filter(), mode="scalar"):
+        n = colour_count(image)
+        sums = [mi.Float(0) for _ in range(block.channel_count() - 1)]
+        while left > 0:
+            _, colour, rest, odd = pixels.sample(pixel)
+            sums = list(map(operator.add, sums, [*colour, *rest]))
+            not_finite += odd
+            sampler.advance()
+            left -= 1
+        block.put(
+            pixel_corner(record.film, pixel), [*sums[:n], mi.Float(count * weight), *sums[n:]]
+        )
+    else:
+        while left > 0:
+            position, colour, rest, odd = pixels.sample(pixel)
+            block.put(position, [*colour, mi.Float(weight), *rest])
+            not_finite += odd
+            sampler.advance()
+            left -= 1
     # Evaluate all outcomes of the walk together, or it would be traced again
     sampler.schedule_state()
     dr.schedule(not_finite)

@@ -15,9 +15,10 @@ from ..films.recording import warn_not_finite
 from ..integrators.passes import Part, best_sampler, steps
 from ..integrators.running import interrupted, made_with, run
 from ..rendering.collecting import ArrayStore, collect
-from ..rendering.job import Job, carry_out, decide
+from ..rendering.job import Job, dataset_of, decide, remaining
 from ..rendering.settings import RenderSettings
 from ..rendering.window import warn_of_losses
+from ..rendering.work_items import render_item
 from ..rendering.workers import check_client, render_by_workers, require_client
 from ..runtime import backend, checks
 from ..runtime.backend import versions
@@ -141,9 +142,11 @@ def capture(
     else:
         job = _job(setup, name)
         if client is None:
-            dataset = carry_out(job, checkpoint=checkpoint, progress=progress)
+            checkpoint = Checkpoint.of(checkpoint)
+            result = render_item(job, remaining(job), checkpoint=checkpoint, progress=progress)
         else:
-            dataset = collect(job, client, checkpoint, progress)
+            result = collect(job, client, checkpoint, progress)
+        dataset = dataset_of(job, result)
         values = dataset["transient"].values
         start, width = dataset.attrs["start_opl"], dataset.attrs["bin_width_opl"]
         attrs |= {k: dataset.attrs[k] for k in RENDER_ATTRIBUTES}

@@ -13,12 +13,11 @@ import numpy as np
 from ..integrators.running import stopped
 from ..runtime.checkpoints import Checkpoint
 from ..runtime.progress import ProgressBar, deferred_stop
-from .job import Job, dataset_of
+from .job import Job
 from .work_items import WorkResult, sample_ranges, tile_size, tiles, whole
 from .workers import check_client, render_by_workers
 
 if TYPE_CHECKING:
-    import xarray as xr
     from distributed import Client
 
 Item = TypeVar("Item", bound=Hashable)
@@ -116,8 +115,8 @@ def collect(
     client: Client,
     checkpoint: Checkpoint | str | PathLike[str] | None = None,
     progress: bool = True,
-) -> xr.Dataset:
-    """Have a job done by workers, and its film put together here."""
+) -> WorkResult:
+    """Render a job by workers, and add up their results."""
     workers = check_client(client)
     if job.plan.splats and job.settings.errors:
         raise ValueError("errors = True: must be False with a client for light that lands anywhere")
@@ -141,4 +140,4 @@ def collect(
     store.collect(render_by_workers(client, job, store.left), progress)
     seconds = time.perf_counter() - start
     not_finite = int(arrays.pop("not_finite")[0])
-    return dataset_of(job, WorkResult(arrays, count, not_finite, seconds), complete=True)
+    return WorkResult(arrays, count, not_finite, seconds)

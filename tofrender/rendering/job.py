@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
@@ -20,7 +19,6 @@ from ..integrators.plan import Plan
 from ..integrators.user_defined import is_user_defined
 from ..runtime import checks, memory, plugins
 from ..runtime.backend import versions
-from ..runtime.checkpoints import Checkpoint
 from ..runtime.settings import SAMPLERS
 from ..scenes.fingerprint import fingerprint
 from .arrivals import LAST_OPL, Arrivals, find_arrivals
@@ -168,31 +166,22 @@ def decide(
     return job
 
 
-def carry_out(
-    job: Job,
-    resume: xr.Dataset | None = None,
-    checkpoint: Checkpoint | str | PathLike[str] | None = None,
-    progress: bool = True,
-) -> xr.Dataset:
-    """Take all samples of a job; arguments, result and errors are as for `render`."""
-    first = 0 if resume is None else _samples_of(resume)
-    item = whole(job, first)
+def remaining(job: Job, resume: xr.Dataset | None = None) -> WorkItem:
+    """All pixels, and the samples that an earlier render lacks; refuses what cannot be resumed."""
+    item = whole(job, 0 if resume is None else _samples_of(resume))
     job.require_memory(item.count)
     if resume is not None:
         check_resume(resume, job)
-    checkpoint = Checkpoint.of(checkpoint)
-    result = render_item(job, item, checkpoint=checkpoint, resumed=first, progress=progress)
-    if result.done < item.count:
-        what = f"returning {result.done} of {item.count} samples per pixel"
-        warnings.warn(f"interrupted: {what}", stacklevel=3)
-    return dataset_of(job, result, result.done == item.count, resume)
+    return item
 
 
-def dataset_of(
-    job: Job, result: WorkResult, complete: bool, resume: xr.Dataset | None = None
-) -> xr.Dataset:
+def dataset_of(job: Job, result: WorkResult, resume: xr.Dataset | None = None) -> xr.Dataset:
     """The Dataset of a whole film and of an earlier render; warns of what is missing in it."""
     first = 0 if resume is None else _samples_of(resume)
+    count = whole(job, first).count
+    if result.done < count:
+        what = f"returning {result.done} of {count} samples per pixel"
+        warnings.warn(f"interrupted: {what}", stacklevel=3)
     arrays = result.arrays
     seconds, not_finite = result.seconds, result.not_finite
     if resume is not None:
@@ -212,11 +201,11 @@ def dataset_of(
     )
     attrs = render_attributes(job, steady, transient) | {
         "spp": first + result.done,
-        "complete": int(complete),
+        "complete": int(result.done == count),
         "contributions_not_finite": not_finite,
         "render_seconds": seconds,
     }
-    warn_of_missing(job, attrs, stacklevel=5)
+    warn_of_missing(job, attrs, stacklevel=4)
     return transient_dataset(arrays, job.film, attrs)
 
 

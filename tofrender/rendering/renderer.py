@@ -19,11 +19,12 @@ from ..scenes.checking import check_scene
 from ..scenes.loading import is_steady, load_plugin, load_scene, require_light, require_sensor
 from ..scenes.packing import packed
 from .collecting import collect
-from .job import Job, carry_out, decide
+from .job import Job, dataset_of, decide, remaining
 from .settings import RenderSettings, either, is_auto
 from .store import check_film
 from .streaming import stream
 from .window import BINS, pulse_width_for, windowed_film
+from .work_items import render_item
 from .workers import check_workers, workers_for
 
 if TYPE_CHECKING:
@@ -236,8 +237,11 @@ def render(
             if out is not None:
                 return stream(job, out, client=client)
             if client is not None:
-                return collect(job, client, checkpoint)
-            return carry_out(job, resume, checkpoint)
+                result = collect(job, client, checkpoint)
+            else:
+                item, checkpoint = remaining(job, resume), Checkpoint.of(checkpoint)
+                result = render_item(job, item, checkpoint=checkpoint)
+            return dataset_of(job, result, resume)
 
 
 def _render_attached(

@@ -133,30 +133,25 @@ def render_item(
     item: WorkItem,
     *,
     checkpoint: Checkpoint | None = None,
-    resumed: int = 0,
     progress: bool = True,
 ) -> WorkResult:
-    """Render a work item, all of it unless it is stopped.
-
-    `resumed` is the number of samples per pixel that an earlier render has, for the checkpoint and
-    the progress bar.
-    """
+    """Render a work item, all of it unless it is stopped."""
     saved = None
     if checkpoint is not None:
         parts = item.count if job.settings.errors else 0  # Of parts none may change
-        recipe = {"resume": resumed, "errors": parts, **job.full_recipe}
-        if item != whole(job, resumed):
+        recipe = {"resume": item.first, "errors": parts, **job.full_recipe}
+        if item != whole(job, item.first):
             recipe |= {"piece": str(asdict(item))}
-        saved = checkpoint.begin(recipe, item.count, UNIT, resumed)
+        saved = checkpoint.begin(recipe, item.count, UNIT, item.first)
     start = time.perf_counter()
     if job.settings.errors:
-        result = _render_in_parts(job, item, checkpoint, saved, resumed, progress)
+        result = _render_in_parts(job, item, checkpoint, saved, progress)
     else:
         samples = _Samples(job, item, job.settings.seed, saved)
         done = run(
             *(samples.steps, samples.record, item.count),
             done=samples.done,
-            before=resumed,
+            before=item.first,
             checkpoint=checkpoint,
             progress=progress,
         )
@@ -193,7 +188,6 @@ def _render_in_parts(
     item: WorkItem,
     checkpoint: Checkpoint | None,
     saved: SavedState | None,
-    resumed: int,
     progress: bool,
 ) -> WorkResult:
     """Render in parts with points of their own, whose scatter tells the standard errors."""
@@ -222,7 +216,7 @@ def _render_in_parts(
             done = run(
                 *(samples.steps, samples.record, count),
                 done=samples.done,
-                before=resumed + before,
+                before=item.first + before,
                 checkpoint=within,
                 progress=progress,
             )
