@@ -15,7 +15,7 @@ from .options import say, switch
 if TYPE_CHECKING:
     import xarray as xr
 
-Json = Annotated[bool, switch("--json", "Say what was made as one JSON object.")]
+Json = Annotated[bool, switch("--json", "Print the result as one JSON object.")]
 
 _CHECK = {"name": str, "ok": bool, "detail": str, "remedy": str, "required": bool}
 _WRITTEN = {"out": str, "files": list[str]}

@@ -132,7 +132,7 @@ def scenes(as_json: Json = False) -> None:
 
 @app.command()
 def doctor(as_json: Json = False) -> None:
-    """Check whether rendering works here, and say what to do if not."""
+    """Check whether rendering works here, and explain how to fix it if not."""
     if not as_json:
         raise typer.Exit(diagnosis.main())
     checks = diagnosis.diagnose()

@@ -16,12 +16,8 @@ from . import options as opt
 if TYPE_CHECKING:
     from ..runtime.checkpoints import Checkpoint
 
-Seconds = Annotated[
-    float, opt.real(0, "Keep what is done at least so often, seconds of work; 0: never.")
-]
-Resume = Annotated[
-    bool, opt.switch("--resume", "Go on where a run was stopped or killed, up to --spp.")
-]
+Seconds = Annotated[float, opt.real(0, "Seconds of work between checkpoints; 0: never.")]
+Resume = Annotated[bool, opt.switch("--resume", "Continue a stopped or killed run, up to --spp.")]
 
 NEVER_S = 1e9
 AGAIN = "the same command with --resume goes on"

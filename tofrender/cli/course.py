@@ -26,7 +26,7 @@ def release(
     out: Annotated[Path, named("DIR", "Where to make it.", "--out", "-o")],
     pdf: Annotated[bool, switch("--pdf", "PDF, too; Chromium prints it.")] = False,
 ) -> None:
-    """Make what students get of an assignment: a new folder in DIR.
+    """Make the students' edition of an assignment: a new folder in DIR.
 
     It holds the handout and the package, without the modules that students write themselves. If
     any of them is still there, nothing is made.
@@ -54,10 +54,10 @@ def verify(
     ] = None,
     only: Annotated[list[str] | None, named("WHAT", f"{CHECKS}; repeatable.")] = None,
 ) -> None:
-    """Check all that must hold of an assignment before it is released.
+    """Check that an assignment is consistent before it is released.
 
-    Right solutions get all points, the stubs none, each wrong one fails exactly its tests, nothing
-    withheld is in what students get, and rubric, tests and handout agree. If anything does not
+    Correct solutions get all points, stubs none, each wrong one fails exactly its tests, nothing
+    withheld is in the students' edition, and rubric, tests and handout agree. If anything does not
     hold, the exit status is 1.
     """
     from rich.console import Console

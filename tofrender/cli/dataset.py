@@ -34,16 +34,14 @@ def dataset(
     variant: opt.Variant = None,
     workers: opt.Workers = None,
     scheduler: opt.Scheduler = None,
-    resume: Annotated[
-        bool, opt.switch("--resume", "Go on where a run was stopped or killed.")
-    ] = False,
+    resume: Annotated[bool, opt.switch("--resume", "Continue a stopped or killed run.")] = False,
 ) -> None:
     """Make a data set: many scenes with varied cameras, lights, materials and objects.
 
     CONFIG says how many, what is varied, and what each record holds; docs/datasets.md has all its
-    keys. DIR is one Zarr group, which appears when all records are there. A run that was stopped
-    or killed goes on with --resume, and a DIR that is complete stays. With --only, some records are
-    made alone, the same as in all.
+    keys. DIR is one Zarr group, which appears when all records are there. --resume continues a
+    stopped or killed run; a complete DIR is not changed. With --only, some records are made alone,
+    equal to those of the complete set.
     """
     if out is None and not plan:
         raise ValueError("--out: must be given, or --plan")

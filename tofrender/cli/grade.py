@@ -21,7 +21,7 @@ MAX_SEED = (1 << 31) - 1
 RESULTS = "Results file; with --all the folder of the results files, else beside --csv."
 ROSTER = "With --all, CSV of the class: id, and name, email, section, submission."
 SHEET = (
-    "With --all, CSV of what people say: id, and late_days, note, ids of problems (points instead "
+    "With --all, CSV of manual entries: id, and late_days, note, ids of problems (points instead "
     "of the tests') and of what is graded by hand."
 )
 SEED = (
@@ -41,7 +41,7 @@ def grade(
         Path | None, named("DIR", "Folder of a class's submissions.", "--all")
     ] = None,
     out: Annotated[Path | None, named("FILE|DIR", RESULTS, "--out", "-o")] = None,
-    csv: Annotated[Path | None, named("FILE", "With --all, a line a student.")] = None,
+    csv: Annotated[Path | None, named("FILE", "With --all, one row per student.")] = None,
     jobs: Annotated[int, integer(1, MAX_JOBS, "With --all, submissions at a time.")] = 1,
     roster: Annotated[Path | None, named("FILE", ROSTER)] = None,
     sheet: Annotated[Path | None, named("FILE", SHEET)] = None,
@@ -54,8 +54,8 @@ def grade(
 ) -> None:
     """Grade a submission, or a class, with all tests.
 
-    The results are in Gradescope's format. A class can be stopped and gone on with: what is graded
-    is kept, unless the submission or the tests have changed. So a sheet can be merged in later.
+    The results are in Gradescope's format. Grading a class can be interrupted and resumed: finished
+    results are kept, unless the submission or the tests have changed. A sheet can be added later.
     """
     if (submission is None) == (everyone is None):
         raise ValueError("--submission and --all: must be exactly one of them")
@@ -193,7 +193,7 @@ def similarity(
 ) -> None:
     """Put a class's programs where JPlag compares them, and say how to run it.
 
-    Stubs go apart, so that what everybody was given counts for nobody.
+    Stubs are separate, so that given code is ignored.
     """
     if not everyone.is_dir():
         raise ValueError(f"--all = {everyone}: is no folder; must be one of submissions")
@@ -214,7 +214,7 @@ def new_term(
         int | None, integer(0, MAX_SEED, "The term; 0 is that of the first year. Else drawn.")
     ] = None,
 ) -> None:
-    """Let the public tests ask for other numbers, so that last year's answers fit no more.
+    """Draw new inputs for the public tests, so that last year's answers fail.
 
     It writes one line of the rubric. Commit it after `tofrender verify` has passed.
     """

@@ -31,7 +31,7 @@ METHODS = ("lct", "fk", "bp", "fbp", "phasor")
 def capture(
     scene: Annotated[str, opt.argument("SCENE", "A scene with a relay wall.", completion.scene)],
     out: Annotated[Path, opt.named("FILE", "HDF5 file to write.")],
-    mode: Annotated[str, opt.choice(MODES, "Which points of the wall are lit.")] = "confocal",
+    mode: Annotated[str, opt.choice(MODES, "Capture mode.")] = "confocal",
     grid: Annotated[opt.Size | None, opt.size("64x64", "Points on the wall.")] = None,
     wall: Annotated[
         str | None, opt.named("ID", "Shape that is the wall, if not relay_wall.")
@@ -48,8 +48,8 @@ def capture(
     """Capture a hidden scene by its relay wall.
 
     FILE holds the transient of every point, with all geometry, as reconstruction tools read it.
-    What is done is kept beside it while it renders. Ctrl-C, SIGTERM and SIGHUP write a confocal or
-    single capture as far as it is; with --resume, a stopped one goes on, and a whole one stays.
+    A checkpoint is kept beside it; Ctrl-C, SIGTERM and SIGHUP also write a confocal or single
+    capture so far. --resume continues a stopped capture; a complete one is not changed.
     """
     opt.check_client(workers, scheduler)
     opt.check_file_out(out, ".h5", ".hdf5", overwrite=True)

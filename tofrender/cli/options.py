@@ -211,7 +211,7 @@ Scene = Annotated[
         "SCENE", f"{SETTINGS['scene'].help}; `tofrender scenes` lists the names.", completion.scene
     ),
 ]
-Out = Annotated[Path, named("DIR", "Folder to write, made whole.")]
+Out = Annotated[Path, named("DIR", "Folder to write atomically.")]
 Spp = Annotated[int | None, setting("spp")]
 Pixels = Annotated[Size | None, size("256x256", f"{SETTINGS['size'].help}.")]
 MaxDepth = Annotated[int | None, setting("max_depth")]

@@ -77,20 +77,20 @@ def render(
 ) -> None:
     """Render SCENE in time.
 
-    What is left out stays as the scene has it, but for time: a built-in scene, or one whose film is
-    steady, gets a window that holds its light and a pulse that suits it, unless one of --start-opl,
-    --bin-width, --window and --pulse-width is given. DIR gets the transient image, its sum over
-    time (steady.exr), a video and a summary figure; it appears whole or not at all, and one that an
-    earlier run made is replaced. What is done is kept beside DIR while it renders; Ctrl-C, SIGTERM
-    and SIGHUP write it as far as it is. With --resume, a run goes on from a stopped one, or from a
-    render in DIR that has fewer samples; one that has all of them stays. Without it, what a stopped
-    run has done is never replaced.
+    Options that are not given keep the scene's values, except for time: a built-in scene, or one
+    whose film is steady, gets a window that holds its light and a pulse that suits it, unless one
+    of --start-opl, --bin-width, --window and --pulse-width is given. The command writes the
+    transient image, its sum over time (steady.exr), a video and a summary figure. DIR is written
+    atomically and replaces that of an earlier run. A checkpoint is kept beside it; Ctrl-C, SIGTERM
+    and SIGHUP also write the result so far. --resume continues a stopped run, or a render in DIR
+    with fewer samples; a complete one is not changed. Without --resume, the checkpoint of a stopped
+    run is never replaced.
 
     A film that does not fit into memory is rendered tile by tile on the disk, as are those with
     --format zarr and by workers.
 
     In a polarised --variant, files have Stokes vectors, in channels S0.R to S3.B of EXR files;
-    video, PNG frames and summary are of S0, and a second figure is of the polarisation.
+    video, PNG frames and summary show S0, and a second figure the polarisation.
     """
     options = locals().copy()
 

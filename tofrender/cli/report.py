@@ -25,13 +25,13 @@ def report(
         ),
     ],
     out: Annotated[Path, opt.named("FILE", "HTML file to write.", "--out", "-o")],
-    title: Annotated[str | None, opt.named("TEXT", "Above everything.")] = None,
-    megabytes: Annotated[float, opt.positive("megabytes", "What the file may take.")] = 10.0,
+    title: Annotated[str | None, opt.named("TEXT", "Title of the page.")] = None,
+    megabytes: Annotated[float, opt.positive("megabytes", "Maximum file size [MB].")] = 10.0,
 ) -> None:
     """One page to explore a render, a capture or a reconstruction.
 
     FILE opens from disk, without a server or a network: light in time, responses of pixels,
-    gates, phasors. What was reduced for it, and how right its values are, is said in it.
+    gates, phasors. The page states how it was reduced, and the accuracy of its values.
     """
     opt.check_file_out(out, *SUFFIXES, overwrite=True)
     backend.activate()

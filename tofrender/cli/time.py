@@ -47,9 +47,9 @@ def phasor(
     """Phasor images: I, Q, amplitude, phase and depth at each frequency.
 
     From a scene, phasors are rendered, all frequencies in one trace, by the scene's integrator with
-    its limits and its pulse. From a render, they are converted from its bins, which can hold less
-    light. DIR gets an EXR file a frequency, with layers I, Q, amplitude, phase [rad] and depth [m],
-    and a panel.
+    its limits and its pulse. From a render, they are converted from its bins, which lack light
+    outside the window. The command writes one EXR file per frequency, with layers I, Q, amplitude,
+    phase [rad] and depth [m], and a panel.
     """
     opt.check_out(out)
     if os.path.isdir(source):
@@ -105,8 +105,8 @@ def gate(
     """Render SCENE at one instant, given as a path length.
 
     Paths are those of the scene's integrator, and so is the gate: its pulse, of 0.03 m if it has
-    none. DIR gets gate.exr, the radiance per metre of path at that instant, and picture.png, which
-    says when it is and how bright.
+    none. The command writes gate.exr, the radiance per metre of path at that instant, and
+    picture.png, labelled with time and brightness.
     """
     opt.check_out(out)
     loaded, sensor, samples = _load(scene, spp, size, max_depth, variant)

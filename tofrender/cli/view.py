@@ -21,9 +21,7 @@ def view(
             "What a command has written; or a built-in name or XML file, with --live.",
         ),
     ],
-    live: Annotated[
-        bool, opt.switch("--live", "Render SCENE, ever finer while one looks.")
-    ] = False,
+    live: Annotated[bool, opt.switch("--live", "Render SCENE progressively.")] = False,
     spp: opt.Spp = None,
     size: opt.Pixels = None,
     max_depth: opt.MaxDepth = None,
@@ -34,7 +32,7 @@ def view(
     browser: Browser = True,
     variant: opt.Variant = None,
 ) -> None:
-    """Look at light in time in the browser: what was saved, or a render that goes on.
+    """View light in time in the browser: a saved file, or a progressive render.
 
     A cube that is too large for the browser is read in parts and averaged; parts of it can be
     looked at in full. With --live, SCENE is rendered to ever more samples; it can be stopped,
@@ -89,7 +87,7 @@ def compare(
     browser: Browser = True,
     variant: opt.Variant = None,
 ) -> None:
-    """Look at two pictures under a divider that one drags.
+    """Compare two pictures with a draggable divider.
 
     Of a scene of the course they are rendered by the techniques that are chosen in the page, and
     their differences from a reference are shown. Files are exr, png, jpg, or what `render` writes.

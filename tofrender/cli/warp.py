@@ -66,7 +66,7 @@ def warptest(
 
     Without --module they are this package's own. A student's module runs in a process of its own,
     which writes nowhere and is ended when it takes too long; its files are looked at again when
-    they change. With --headless all that is there is tested, or only NAME.
+    they change. With --headless all warps are tested, or only NAME.
     """
     given = _parameters(name if headless else name or "tent", alpha, image, parameters)
     if headless:
@@ -103,7 +103,7 @@ def warp(
 ) -> None:
     """Warp points of the unit square, draw them and their density, and test one against the other.
 
-    The same as `tofrender warptest NAME --headless --out FIG`. The chi-square test takes a million
+    Equivalent to `tofrender warptest NAME --headless --out FIG`. The chi-square test uses a million
     independent points, whichever are drawn. If the warp fails it, the exit status is 1.
     """
     given = _parameters(name, alpha, image, parameters, complete=True)

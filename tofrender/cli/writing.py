@@ -26,8 +26,8 @@ def merge(
 ) -> None:
     """Join renders of one scene with other seeds, from any machines.
 
-    Each counts by its samples per pixel. Error bars are joined where all have them, and measured
-    where there are four renders or more.
+    Each is weighted by its samples per pixel. Error bars are joined where all have them, and
+    measured where there are four renders or more.
     """
     opt.check_format(format, precision)
     opt.check_out(out)

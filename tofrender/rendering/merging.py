@@ -29,7 +29,7 @@ MOST_SPP = 1 << 48
 def merge(renders: Sequence[xr.Dataset]) -> xr.Dataset:
     """Join renders of one scene into one with all their samples.
 
-    Each counts by its samples per pixel. Standard errors are joined where all have them; four
+    Each is weighted by its samples per pixel. Standard errors are joined where all have them; four
     renders or more without any tell them by their scatter.
 
     Args:

@@ -138,8 +138,8 @@ def render(
             film is steady turns transient.
         pulse_width: Standard deviation of a Gaussian pulse [m]; "auto" takes a 128th of the window,
             unless the integrator has a pulse; by default the integrator's.
-        max_depth: Longest path in segments, -1 for any; by default the integrator's.
-        integrator: Plugin that follows the paths: a name, a dict or an integrator; by default the
+        max_depth: Longest path in segments, -1 if unlimited; by default the integrator's.
+        integrator: Integrator plugin: a name, a dict or an integrator; by default the
             scene's. A name or dict replaces the scene's while that is loaded, and what it does not
             say of `max_depth`, `rr_depth` and `hide_emitters` stays as it is there.
         sampler: Plugin that draws the random numbers, by default `padded_sobol`, whatever the scene
@@ -148,7 +148,7 @@ def render(
             `spp` is not given.
         sensor: Number of the sensor.
         define: Values of an XML file's parameters, by name.
-        errors: Measure the noise of each bin: the samples are taken in 16 parts (8 or 4 where `spp`
+        errors: Estimate standard errors: the samples are taken in 16 parts (8 or 4 where `spp`
             is no multiple of 16), each with points of its own, whose scatter tells.
         resume: A Dataset of the same render with fewer samples, stopped or complete, to go on
             from: only the samples that are missing are taken. `padded_sobol` goes on in the same

@@ -106,7 +106,7 @@ class RenderSettings:
         Mapping[str, Any] | None,
         Setting("More changes of the scene while it is loaded", checks.mapping),
     ] = None
-    errors: Annotated[bool, Setting("Measure the noise of each bin", checks.boolean)] = False
+    errors: Annotated[bool, Setting("Estimate standard errors", checks.boolean)] = False
 
     def __post_init__(self) -> None:
         for each in fields(self):

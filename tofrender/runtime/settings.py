@@ -87,11 +87,11 @@ class SceneSettings(TypedDict, total=False):
     ]
     max_depth: Annotated[
         int | None,
-        Setting("Longest path in segments, -1 for any", checks.depth, -1, checks.MAX_DEPTH),
+        Setting("Longest path in segments; -1: unlimited", checks.depth, -1, checks.MAX_DEPTH),
     ]
     integrator: Annotated[
         str | Mapping[str, Any] | None,
-        Setting("Plugin that follows the paths", _check_integrator, choices=INTEGRATORS),
+        Setting("Integrator plugin", _check_integrator, choices=INTEGRATORS),
     ]
     pulse_width_opl: Annotated[
         float | None, Setting("Standard deviation of a Gaussian pulse [m]", checks.width)
