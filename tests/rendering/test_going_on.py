@@ -336,6 +336,7 @@ def test_on_top_of_an_earlier_render(path, small_steps):
     assert result.attrs["spp"] == 3 * SPP
 
 
+@pytest.mark.filterwarnings("ignore:interrupted")
 @pytest.mark.parametrize("done", [STEP, 2 * SPP])
 def test_parts_weigh_by_their_samples(done):
     """Also where a resumed render was stopped again."""
@@ -347,10 +348,11 @@ def test_parts_weigh_by_their_samples(done):
         arrays = {"steady": 4 * light * steady, "transient": light * transient}
         return work_items.WorkResult(arrays, count)
 
-    earlier = job._dataset_of(decided, taken(1.0, SPP), True)
-    result = job._dataset_of(decided, taken(5.0, done), done == 2 * SPP, earlier)
+    earlier = job.dataset_of(decided, taken(1.0, SPP))
+    result = job.dataset_of(decided, taken(5.0, done), earlier)
     mean = (SPP + 5 * done) / (SPP + done)
     assert result.attrs["spp"] == SPP + done
+    assert result.attrs["complete"] == (done == 2 * SPP)
     np.testing.assert_allclose(result["transient"], mean, rtol=1e-6)
     np.testing.assert_allclose(result["steady"], 4 * mean, rtol=1e-6)
 
