@@ -19,7 +19,7 @@ from .runtime.lazy import attach_stub
 
 __version__ = "0.1.0"
 
-_get, __dir__, __all__ = attach_stub(__name__, __file__)  # pyright: ignore[reportUnsupportedDunderAll]
+_get, __dir__, __all__ = attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:

@@ -54,7 +54,7 @@ BUILT_IN: dict[str, Callable[..., Dict]] = {
 }
 """The built-in scenes by name; a builder's first line of documentation describes its scene."""
 
-__all__ = [*BUILT_IN, "BUILT_IN", "SAMPLER", "START_OPL", "describe"]  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = [*BUILT_IN, "BUILT_IN", "SAMPLER", "START_OPL", "describe"]
 
 
 def describe(name: str) -> str:

@@ -7,4 +7,4 @@ in one style, of which `figure_style` sets theme and width; `io.save_figure` wri
 
 from ..runtime.lazy import attach_stub
 
-__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)  # pyright: ignore[reportUnsupportedDunderAll]
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)
