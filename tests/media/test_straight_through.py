@@ -31,7 +31,7 @@ from helpers.support import (
 )
 
 import tofrender
-from tofrender.integrators.transient_volpath import LightsStraightAhead
+from tofrender.integrators.lights_straight_ahead import LightsStraightAhead
 
 SEEDS, OTHER_SEEDS = range(8), range(1000, 1008)
 SPP = 1024

@@ -5,7 +5,7 @@
 | space | `space.Vacuum` | straight rays between surfaces |
 | | `media.space.Media` | straight rays through participating media |
 | endpoint | `endpoints.SceneLights` | the scene's emitters, by next-event estimation and hits |
-| | `integrators.transient_volpath.LightsStraightAhead` | those, also behind panes and masks |
+| | `integrators.lights_straight_ahead` | those, also behind panes and masks |
 | | `endpoints.EmitterHits`, `ConnectionsOnly` | one of both techniques |
 | | `integrators.one_sample.OneSampleLights` | one-sample MIS of emitter and BSDF sampling |
 | | `endpoints.GatedLights`, `media.gated.GatedFog` | emitter samples seen through a gate |

@@ -87,7 +87,7 @@ class SceneSettings(TypedDict, total=False):
     ]
     max_depth: Annotated[
         int | None,
-        Setting("Longest path in segments; -1: unlimited", checks.depth, -1, checks.MAX_DEPTH),
+        Setting("Longest path in segments, -1 if unlimited", checks.depth, -1, checks.MAX_DEPTH),
     ]
     integrator: Annotated[
         str | Mapping[str, Any] | None,
