@@ -12,7 +12,7 @@ import numpy as np
 
 import tofrender
 from tofrender.integrators import passes
-from tofrender.rendering import work_items
+from tofrender.rendering import tiling, work_items
 
 ROOT = Path(__file__).parents[2]
 ROUNDING = 1e-5
@@ -37,7 +37,7 @@ def crop(x: int, y: int, width: int, height: int) -> dict:
 def in_tiles(monkeypatch: Any, rows: float, *, columns: int = 12, bins: int = 40) -> None:
     """Let tiles have at most so many rows of a film, by the memory that they may take."""
     size = int(rows * tofrender.runtime.memory.film_bytes(1, columns, bins, 3))
-    monkeypatch.setattr(work_items, "TILE_BYTES", size)
+    monkeypatch.setattr(tiling, "TILE_BYTES", size)
 
 
 def in_small_steps(patch: Any, pixels: int = 2 * 12) -> None:

@@ -331,8 +331,8 @@ def test_a_disk_that_becomes_full_keeps_finished_tiles(out, monkeypatch, capsys,
 _SHORT = """
 import resource, sys, psutil
 import tofrender, zarr
-from tofrender.rendering import work_items
-work_items.TILE_BYTES = 8 << 20
+from tofrender.rendering import tiling
+tiling.TILE_BYTES = 8 << 20
 size = {"width": 100, "height": 100, "temporal_bins": 2000, "bin_width_opl": 0.006}
 options = {"spp": 1, "progress": False}
 tofrender.render("cornell_box", settings=size | {"width": 4, "height": 4}, **options)

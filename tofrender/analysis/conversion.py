@@ -187,11 +187,8 @@ def _time_axis_and_quantity(dataset: Any, given: Mapping[str, Any]) -> tuple[flo
         value = given[name]
         if value is None or value == own:
             continue
-        if name == "quantity" or abs(checks.metres(name, value) - own) > 1e-3 * width:
-            raise ValueError(
-                f"{name} = {checks.quote(value)}: must be {own!r}, as the Dataset has it, or left "
-                "out"
-            )
+        valid = name != "quantity" and abs(checks.metres(name, value) - own) <= 1e-3 * width
+        checks.require(name, value, valid, f"{own!r}, as the Dataset has it, or left out")
     return start, width, quantity
 
 

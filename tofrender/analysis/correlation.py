@@ -52,8 +52,7 @@ def four_bucket(
     except ValueError:
         raise ValueError(f"offset with shape {base.shape}: must fit I of {I.shape}") from None
     contrast = checks.number("contrast", contrast, positive=True, high=1)
-    if not np.isfinite(base).all():
-        raise ValueError(f"offset = {checks.quote(offset)}: must be finite")
+    checks.require("offset", offset, np.isfinite(base).all(), "finite")
     if (base < 0).any():
         raise ValueError(f"offset = {np.nanmin(base):g}: must be at least 0")
     if (base < contrast * np.hypot(I, Q) * (1 - 1e-5)).any():

@@ -60,7 +60,6 @@ def capture(
     opt.activate(variant)
 
     from tofrender import io
-    from tofrender.films.image import developed_shape
     from tofrender.nlos import capture as render_capture
     from tofrender.nlos.capturing import require_same_capture
     from tofrender.scenes.loading import find_scene, load_scene, require_sensor
@@ -71,7 +70,7 @@ def capture(
     columns, rows = grid or (None, None)
     loaded = load_scene(source, optimize=False, width=columns, height=rows)
     require_sensor(loaded)
-    shape = developed_shape(loaded.sensors()[0].film())
+    shape = getattr(loaded.sensors()[0].film(), "shape", None)
     if shape is not None:
         opt.check_disk_space(
             out, math.prod(shape) * (shape[0] * shape[1] if mode == "exhaustive" else 1)

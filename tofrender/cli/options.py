@@ -154,8 +154,7 @@ def pulse(name: str, value: Any) -> str | float:
     if value in ("auto", NO_PULSE):
         return value
     width = number(value)
-    if isinstance(width, str):
-        raise ValueError(f"{name} = {checks.quote(value)}: must be auto, none, or metres above 0")
+    checks.require(name, value, not isinstance(width, str), "auto, none, or metres above 0")
     return checks.width(name, width)
 
 

@@ -54,8 +54,7 @@ def _uniform(where: str, table: Table) -> Distribution:
 
 def _log_uniform(where: str, table: Table) -> Distribution:
     low, high, single = _low_and_high(where, table)
-    if min(low) <= 0:
-        raise ValueError(f"{where}.low = {table['low']!r}: must be above 0 with log_uniform")
+    checks.require(f"{where}.low", table["low"], min(low) > 0, "above 0 with log_uniform")
     ranges = list(zip(low, high, strict=True))
     return _of_entries(lambda u, a, b: a * (b / a) ** u, ranges, ranges, single)
 
@@ -74,10 +73,8 @@ def _normal(where: str, table: Table) -> Distribution:
     wide = {n: _repeated(f"{where}.{n}", given.get(n), v, count) for n, v in entries.items()}
     parameters = []
     for mean, deviation, low, high in zip(*wide.values(), strict=True):
-        if not deviation > 0:
-            raise ValueError(f"{where}.deviation = {table['deviation']!r}: must be above 0")
-        if not low < high:
-            raise ValueError(f"{where}.low = {table['low']!r}: must be below high")
+        checks.require(f"{where}.deviation", table["deviation"], deviation > 0, "above 0")
+        checks.require(f"{where}.low", table.get("low"), low < high, "below high")
         side = -1.0 if low > mean else 1.0  # Tails are precise on the low side only
         edges = sorted(side * (limit - mean) / deviation for limit in (low, high))
         first, last = (float(ndtr(edge)) for edge in edges)
@@ -175,10 +172,8 @@ def _on_sphere(where: str, table: Table) -> Distribution:
     center = checks.point(f"{where}.center", table.get("center", [0.0, 0.0, 0.0]))
     radius = _numbers(f"{where}.radius", table.get("radius"))
     low, high = min(radius), max(radius)
-    if low <= 0 or list(radius) not in ([high], [low, high]):
-        raise ValueError(
-            f"{where}.radius = {table['radius']!r}: must be above 0, or [least, largest]"
-        )
+    valid = low > 0 and list(radius) in ([high], [low, high])
+    checks.require(f"{where}.radius", table.get("radius"), valid, "above 0, or [least, largest]")
     axis = checks.point(f"{where}.axis", table.get("axis", [0.0, 1.0, 0.0]))
     norm = math.hypot(*axis)
     if not norm > 0:

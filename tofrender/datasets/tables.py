@@ -6,6 +6,8 @@ from collections.abc import Callable, Collection, Mapping
 from difflib import get_close_matches
 from typing import Any
 
+from ..runtime import checks
+
 
 def known_keys(where: str, given: Mapping[str, Any], allowed: Collection[str]) -> None:
     """Refuse a key that is not one of the `allowed` ones."""
@@ -38,20 +40,17 @@ def checked(
 
 def table(name: str, value: Any) -> dict[str, Any]:
     """Return `value` as a dict if it is a table."""
-    if not isinstance(value, Mapping):
-        raise ValueError(f"{name} = {value!r}: must be a table")
+    checks.require(name, value, isinstance(value, Mapping), "a table")
     return dict(value)
 
 
 def boolean(name: str, value: Any) -> bool:
     """Return `value` if it is true or false, as TOML spells them."""
-    if not isinstance(value, bool):
-        raise ValueError(f"{name} = {value!r}: must be true or false")
+    checks.require(name, value, isinstance(value, bool), "true or false")
     return value
 
 
 def text(name: str, value: Any) -> str:
     """Return `value` if it is text, and not empty."""
-    if not isinstance(value, str) or not value:
-        raise ValueError(f"{name} = {value!r}: must be text")
+    checks.require(name, value, isinstance(value, str) and value, "text")
     return value

@@ -80,8 +80,7 @@ def parse_varied(name: str, given: Any) -> Varied:
         raise ValueError(f"vary.{name!r}: must be a name of letters, digits and _")
     if name in RESERVED or name.startswith("capture_"):
         raise ValueError(f"{where}: must have another name, which no array of the data set has")
-    if not isinstance(given, Mapping):
-        raise ValueError(f"{where} = {given!r}: must be a table")
+    checks.require(where, given, isinstance(given, Mapping), "a table")
     targets = [target for target in TARGETS if target in given]
     kind = given.get("distribution")
     if len(targets) != 1:
@@ -109,8 +108,7 @@ def parse_varied(name: str, given: Any) -> Varied:
 
 def _names(name: str, value: Any) -> list[str]:
     right = isinstance(value, list | tuple) and value and all(isinstance(v, str) for v in value)
-    if not right or len(set(value)) != len(value):
-        raise ValueError(f"{name} = {value!r}: must be a list of objects' names")
+    checks.require(name, value, right and len(set(value)) == len(value), "a list of objects' names")
     return list(value)
 
 

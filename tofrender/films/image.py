@@ -68,8 +68,3 @@ def require_resolved(film: mi.Film) -> None:
     if axis is not None:
         bins, start, width = axis
         checks.resolved("bin_width_opl", width, start, start + bins * width)
-
-
-def developed_shape(film: mi.Film) -> tuple[int, int, int, int] | None:
-    """Return the shape (height, width, temporal_bins, channels) of a film's bins, or None."""
-    return getattr(film, "shape", None)

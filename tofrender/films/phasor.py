@@ -136,10 +136,9 @@ def parse_frequencies(value: Any) -> tuple[float, ...]:
     if isinstance(value, str):
         value = [_number(part) for part in value.split(",") if part.strip()]
     frequencies, _ = check_frequencies(value, "frequencies_hz")
-    if len(frequencies) > MAX_FREQUENCIES:
-        raise ValueError(
-            f"frequencies_hz: has {len(frequencies)} entries; must have 1 to {MAX_FREQUENCIES}"
-        )
+    count, most = len(frequencies), MAX_FREQUENCIES
+    if count > most:
+        raise ValueError(f"frequencies_hz: has {count} entries; must have 1 to {most}")
     return tuple(frequencies)
 
 

@@ -122,8 +122,8 @@ class Recording:
             first.append(dr.select(valid_ray, mi.Float(1), mi.Float(0)))
         return first, [value for each in rest for value in kept(each)]
 
-    def begin(self, spp: int, one_writer: bool, splats: bool = False) -> None:
-        """Prepare for samples; `one_writer` says that only one thread writes to each pixel."""
+    def begin(self, spp: int, splats: bool = False) -> None:
+        """Prepare for samples."""
         self.splats = Splats(self.film, self.pictures) if splats else None
         self._splatted = self._in_picture = np.zeros(())
 
@@ -234,11 +234,10 @@ class BinRecording(Recording):
         profile, gated, picture = self.profile, self.exposure.at_centres, self.splat(camera, spp)
         return TimeBins.of_film(self.film, camera, spp, profile, gated, picture)
 
-    def begin(self, spp: int, one_writer: bool, splats: bool = False) -> None:
+    def begin(self, spp: int, splats: bool = False) -> None:
         """Prepare the film for samples."""
-        super().begin(spp, one_writer, splats)
+        super().begin(spp, splats)
         self.film.samples_per_pixel = spp
-        self.write(one_writer)
         if splats:
             self.film.expect_splats()
 
@@ -282,13 +281,13 @@ class MitransientRecording(BinRecording):
     def require_memory(self, spp: int) -> None:
         """Accept any film: its memory is not known."""
 
-    def begin(self, spp: int, one_writer: bool, splats: bool = False) -> None:
+    def begin(self, spp: int, splats: bool = False) -> None:
         """Prepare for samples, without splats."""
         if splats:
             raise TypeError(
                 f"{self._named(self.film)}: takes no light that lands on any pixel; {ONLY_OURS}"
             )
-        super().begin(spp, one_writer)
+        super().begin(spp)
 
     def flush(self, pixels: mi.UInt32 | None = None) -> None:
         """Do nothing."""

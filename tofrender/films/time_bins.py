@@ -62,10 +62,8 @@ class TimeBins(Radiance):
         def convolved(put: Put, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
             if pulse is None:
                 put(spectrum, opl, active)
-            elif gated:
-                add_gated_pulse(film, pulse, put, spectrum, opl, active)
             else:
-                add_pulse(film, pulse, put, spectrum, opl, active)
+                add_pulse(film, pulse, put, spectrum, opl, active, gated)
 
         def splat(spectrum: mi.Spectrum, opl: mi.Float, at: mi.Point2f, active: mi.Bool) -> None:
             def put_splat(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
@@ -89,32 +87,31 @@ class TimeBins(Radiance):
 
 @dr.syntax
 def add_pulse(
-    film: mi.Film, pulse: Pulse, put: Put, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool
+    film: mi.Film,
+    pulse: Pulse,
+    put: Put,
+    spectrum: mi.Spectrum,
+    opl: mi.Float,
+    active: mi.Bool,
+    at_centres: bool,
 ) -> None:
-    """Add a pulse's energy to each bin that it reaches: a difference of its cdf."""
+    """Add a pulse to each bin that it reaches: its energy there, a difference of its cdf.
+
+    With `at_centres` its density at the bin's centre instead: a gate for every bin.
+    """
     start, width = float(film.start_opl), float(film.bin_width_opl)
-    k, last = bins_of_pulse(film, pulse, opl, False)
-    opl = opl - start
-    before = pulse.cdf(k * width - opl)  # Energy before bin k
+    k, last = bins_of_pulse(film, pulse, opl, at_centres)
+    delay = opl - start
+    before = mi.Float(0) if at_centres else pulse.cdf(k * width - delay)  # Energy before bin k
     filling = active & (k <= last)
     while filling:
-        after = pulse.cdf((k + 1) * width - opl)
-        put(spectrum * (after - before), start + (k + 0.5) * width, filling)
-        before = mi.Float(after)
-        k += 1
-        filling &= k <= last
-
-
-@dr.syntax
-def add_gated_pulse(
-    film: mi.Film, pulse: Pulse, put: Put, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool
-) -> None:
-    """Add a pulse's density at the centre of each bin that it reaches: a gate for every bin."""
-    start, width = float(film.start_opl), float(film.bin_width_opl)
-    k, last = bins_of_pulse(film, pulse, opl, True)
-    filling = active & (k <= last)
-    while filling:
-        put(spectrum * pulse_weight(film, pulse, k, opl, True), start + (k + 0.5) * width, filling)
+        if dr.hint(at_centres, mode="scalar"):
+            part = pulse_weight(film, pulse, k, opl, True)
+        else:
+            after = pulse.cdf((k + 1) * width - delay)
+            part = after - before
+            before = mi.Float(after)
+        put(spectrum * part, start + (k + 0.5) * width, filling)
         k += 1
         filling &= k <= last
 

@@ -74,8 +74,8 @@ class TransientHDRFilm(mi.Film):
         start = props.get("start_opl", 0.0)
         scans = ("exhaustive_scan", False), ("laser_scan_width", 0), ("laser_scan_height", 0)
         for name, only in scans:
-            if value := props.get(name, only):
-                raise ValueError(f"{name} = {value}: must be {only}, this film has no laser axes")
+            value = props.get(name, only)
+            checks.require(name, value, not value, f"{only}, this film has no laser axes")
         stored = {
             "pixel_format": "luminance" if mi.is_monochromatic else "rgb",
             "component_format": "float32",
@@ -242,9 +242,9 @@ class TransientHDRFilm(mi.Film):
         """Restore a `state`, multiplied by a factor; call `expect_splats` before if it has some."""
         for part, cells in self._histograms().items():
             prefix = f"{part}."
-            own = {name: state[name] for name in state if name.startswith(prefix)}
+            own = {n.removeprefix(prefix): state[n] for n in state if n.startswith(prefix)}
             if own:
-                cells.restore({name.removeprefix(prefix): own[name] for name in own}, factor)
+                cells.restore(own, factor)
 
     def _histograms(self) -> dict[str, Histogram]:
         splats = {} if self._splats is None else {"splats": self._splats.cells}

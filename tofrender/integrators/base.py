@@ -53,31 +53,24 @@ class TransientIntegrator(mi.SamplingIntegrator):
     def __init__(self, props: mi.Properties) -> None:
         self.max_depth = checks.depth("max_depth", props.get("max_depth", self.default_depth))
         self.rr_depth = checks.integer("rr_depth", props.get("rr_depth", 5), 1, checks.MAX_DEPTH)
-        if checks.number("timeout", props.get("timeout", -1.0)) > 0:
-            raise ValueError(
-                f"timeout = {props['timeout']}: must be left out; Ctrl-C stops a render"
-            )
+        timeout = checks.number("timeout", props.get("timeout", -1.0))
+        checks.require("timeout", timeout, timeout <= 0, "left out; Ctrl-C stops a render")
         super().__init__(props)
         flags = {"camera_unwarp": False, "discard_direct_light": False, "emitter_sampling": True}
         self.camera_unwarp, self.discard_direct_light, self.emitter_sampling = (
             checks.boolean(name, props.get(name, default)) for name, default in flags.items()
         )
-        if "gradient_sampling" in props and not self.has_derivatives:
-            raise ValueError(
-                f"gradient_sampling = {checks.quote(props['gradient_sampling'])}: must be left "
-                f"out; {type(self).__name__} has no derivatives"
-            )
-        sampling = props.get("gradient_sampling", "detached")
-        self.gradient_sampling = checks.one_of("gradient_sampling", sampling, GRADIENT_SAMPLINGS)
+        name, sampling = "gradient_sampling", props.get("gradient_sampling", "detached")
+        allowed = f"left out; {type(self).__name__} has no derivatives"
+        checks.require(name, sampling, self.has_derivatives or name not in props, allowed)
+        self.gradient_sampling = checks.one_of(name, sampling, GRADIENT_SAMPLINGS)
         points = props.get("light_samples", None)
         self.light_samples: str | int = 1
         if self.takes_light_samples and self.emitter_sampling:
             self.light_samples = checked_count("auto" if points is None else points)
-        elif points is not None:
-            raise ValueError(
-                f"light_samples = {checks.quote(points)}: must be left out; here vertices "
-                "connect to one light point or none"
-            )
+        else:
+            allowed = "left out; here vertices connect to one light point or none"
+            checks.require("light_samples", points, points is None, allowed)
 
     @property
     def traits(self) -> dict[str, Any]:

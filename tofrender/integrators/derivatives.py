@@ -147,7 +147,7 @@ class Derivative:
         width, height = sampled_size(record.film)
         lanes = max(1, min(spp, PASS_SAMPLES // (width * height), MAX_ADDED))
         record.prepare()
-        record.begin(spp, False)
+        record.begin(spp)
         while done < spp:
             count = min(lanes, spp - done)
             sampler.set_samples_per_wavefront(count)

@@ -141,7 +141,7 @@ def steps(
     width, height = sampled_size(film)
     spp, done = sampler.sample_count(), part.done
     lanes, most, private = _lanes(sampler, width * height, spp - done)
-    record.begin(spp, private, plan.splats or (emitters is not None and emitters.splats))
+    record.begin(spp, plan.splats or (emitters is not None and emitters.splats))
     if part.saved is not None:
         record.restore(part.saved.arrays, part.saved.done, part.saved.of, spp)
 
@@ -169,15 +169,12 @@ def steps(
             record.flush()
             flushed = done
         if done > part.done + count * lanes:  # The first step compiled as well
-            per_step = _next_count(count, time.perf_counter() - start, most)
+            seconds = time.perf_counter() - start
+            if seconds > 2 * STEP_S:
+                per_step = max(1, count // 2)
+            else:
+                per_step = min(most, 2 * count) if seconds < 0.5 * STEP_S else count
         yield done
-
-
-def _next_count(count: int, seconds: float, most: int) -> int:
-    """Return the samples of each lane in the next step, where the last took `count` and a time."""
-    if seconds > 2 * STEP_S:
-        return max(1, count // 2)
-    return min(most, 2 * count) if seconds < 0.5 * STEP_S else count
 
 
 def _seed(

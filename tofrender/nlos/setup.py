@@ -10,7 +10,6 @@ import mitsuba as mi
 import numpy as np
 
 from ..films.exposure import profile as seen_pulse
-from ..films.image import developed_shape
 from ..integrators.user_defined import is_user_defined
 from ..rendering.window import windowed_film
 from ..runtime import checks, memory
@@ -98,7 +97,7 @@ def _film_size(grid: Any) -> dict[str, Any]:
 
 def _require_memory(mode: str, film: mi.Film) -> None:
     """Refuse a capture that does not fit into memory, with a size that would."""
-    shape = developed_shape(film)
+    shape = getattr(film, "shape", None)
     if shape is None:
         return
     rows, columns, bins, channels = shape

@@ -65,10 +65,8 @@ class Window:
     def __init__(self, sensor: mi.Sensor) -> None:
         self.sensor, kind = sensor, sensor.class_name()
         if kind not in KINDS:
-            raise ValueError(
-                f"sensor = {kind}: has no lens that light could be connected to; must be "
-                f"{' or '.join(KINDS.values())}"
-            )
+            wrong = f"sensor = {kind}: has no lens that light could be connected to"
+            raise ValueError(f"{wrong}; must be {' or '.join(KINDS.values())}")
         parameters = mi.traverse(sensor)
 
         # Frame and position

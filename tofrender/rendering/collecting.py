@@ -14,7 +14,8 @@ from ..integrators.running import stopped
 from ..runtime.checkpoints import Checkpoint
 from ..runtime.progress import ProgressBar, deferred_stop
 from .job import Job
-from .work_items import WorkResult, sample_ranges, tile_size, tiles, whole
+from .tiling import sample_ranges, tile_size, tiles
+from .work_items import WorkResult, whole
 from .workers import check_client, render_by_workers
 
 if TYPE_CHECKING:

@@ -245,12 +245,7 @@ def render(
 
 
 def _render_attached(
-    scene: object,
-    params: object,
-    spp: int | None,
-    seed: Any,
-    integrator: Integrator,
-    sensor: int,
+    scene: object, params: object, spp: int | None, seed: Any, integrator: Integrator, sensor: int
 ) -> tuple[mi.TensorXf, mi.TensorXf]:
     """Steady and transient light that track gradients."""
     checks.instance("scene", scene, mi.Scene, "a loaded scene with `params`, as of load_scene")

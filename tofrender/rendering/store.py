@@ -23,7 +23,8 @@ from ..runtime.progress import status
 from .dataset import DIMS, ERRORS, check_dataset, in_channels, of_intensity, plain_attributes
 from .films_on_disk import checksum, list_files, load_zarr, require_zarr
 from .labels import TIME, labels_of
-from .work_items import WorkItem, WorkResult, tile_size
+from .tiling import tile_size
+from .work_items import WorkItem, WorkResult
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -16,7 +16,8 @@ from .dataset import channel_coordinates
 from .films_on_disk import load_zarr
 from .job import render_attributes, warn_of_missing
 from .store import Receipt, Store, check_film, under_way
-from .work_items import WorkItem, tile_size, tiles, whole
+from .tiling import tile_size, tiles
+from .work_items import WorkItem, whole
 from .workers import check_client, render_by_workers
 
 if TYPE_CHECKING:

@@ -6,8 +6,6 @@ add up to the whole but for rounding, however it is cut. Other samplers give eac
 
 from __future__ import annotations
 
-import itertools
-import math
 import time
 from collections.abc import Hashable
 from dataclasses import asdict, dataclass, replace
@@ -20,7 +18,6 @@ from ..films.image import pixels_of, transient_film
 from ..integrators.passes import Part, steps
 from ..integrators.running import UNIT, interrupted, run
 from ..paths.camera import Tile
-from ..runtime import memory
 from ..runtime.checkpoints import Checkpoint, SavedState, SubCheckpoint
 from ..runtime.progress import deferred_stop
 from .errors import Scatter, parts_of, seed_of
@@ -33,12 +30,6 @@ Item = TypeVar("Item", bound=Hashable)
 Result = TypeVar("Result")
 ItemT = TypeVar("ItemT", bound=Hashable, contravariant=True)
 ResultT = TypeVar("ResultT", contravariant=True)
-
-TILE_BYTES = 256 << 20
-"""Memory of the bins of a tile, if the whole film does not fit [bytes]."""
-
-TILES_PER_WORKER = 4
-"""Least tiles for each worker, so that none waits long for the last one."""
 
 
 @dataclass(frozen=True, order=True)
@@ -86,46 +77,6 @@ def whole(job: Job, first: int = 0) -> WorkItem:
     """All pixels, and all samples after the `first` ones."""
     height, width, _, _ = job.film.shape
     return WorkItem(0, 0, height, width, first, job.points(first).sample_count())
-
-
-def tiles(job: Job, size: tuple[int, int]) -> list[WorkItem]:
-    """Tiles of so many rows and columns, the last ones smaller, that cover the film."""
-    height, width, _, _ = job.film.shape
-    rows, columns = size
-    count = job.points().sample_count()
-    return [
-        WorkItem(y, x, min(rows, height - y), min(columns, width - x), 0, count)
-        for y in range(0, height, rows)
-        for x in range(0, width, columns)
-    ]
-
-
-def tile_size(
-    shape: tuple[int, int, int, int], workers: int = 1, tile_bytes: float | None = None
-) -> tuple[int, int]:
-    """Rows and columns of the tiles of a film (height, width, temporal_bins, channels).
-
-    The bins of a tile take `tile_bytes` at most, by default `TILE_BYTES`.
-    """
-    height, width, bins, channels = shape
-    tile_bytes = TILE_BYTES if tile_bytes is None else tile_bytes
-    wanted = TILES_PER_WORKER * workers if workers > 1 else 1
-    row_bytes = memory.film_bytes(1, width, bins, channels)
-    rows = max(1, min(int(tile_bytes // row_bytes), height // wanted))
-    rows = math.ceil(height / math.ceil(height / rows))
-    if row_bytes <= tile_bytes and height >= workers:
-        return rows, width
-    fit = int(tile_bytes // memory.film_bytes(1, 1, bins, channels))
-    columns = max(1, min(fit, width // math.ceil(wanted / height)))
-    return 1, math.ceil(width / math.ceil(width / columns))
-
-
-def sample_ranges(job: Job, workers: int) -> list[WorkItem]:
-    """Ranges of samples of the whole film, for light that lands anywhere on it."""
-    item = whole(job)
-    count = min(workers, item.count)
-    edges = [item.count * k // count for k in range(count + 1)]
-    return [replace(item, first=low, count=high - low) for low, high in itertools.pairwise(edges)]
 
 
 def render_item(

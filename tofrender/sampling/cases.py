@@ -54,8 +54,7 @@ def bsdf_case(bsdf: dict | mi.BSDF, wi: Any, *, uv: Any = (0.5, 0.5), name: str 
     """
     x, y, z = point("wi", wi).tolist()
     length = math.hypot(x, y, z)
-    if not length > 0:
-        raise ValueError(f"wi = {checks.quote(wi)}: must be a direction, not zero")
+    checks.require("wi", wi, length > 0, "a direction, not zero")
     wi = x / length, y / length, z / length
     try:
         u, v = (checks.number("uv", each) for each in uv)

@@ -146,8 +146,7 @@ def emission_values(emission: Any) -> tuple[float, ...]:
 
 def spectrum(emission: tuple[float, ...]) -> mi.UnpolarizedSpectrum:
     """Convert an emission to the active variant's colour."""
-    if mi.is_spectral:
-        raise ValueError(f"variant = {mi.variant()!r}: must be an rgb or mono variant")
+    checks.require("variant", mi.variant(), not mi.is_spectral, "an rgb or mono variant")
     if mi.is_monochromatic and len(emission) == 3:
         emission = (float(LUMINANCE @ emission),)
     return mi.UnpolarizedSpectrum(*emission)

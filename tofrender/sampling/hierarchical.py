@@ -14,6 +14,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..runtime import checks
 from ..signals.colour import luminance
 from .images import latitude_longitude_weights, power_of_two, read_image, resized
 from .warps import unit_square
@@ -154,8 +155,7 @@ class EnvironmentWarp:
     """
 
     def __init__(self, image: str | os.PathLike | mi.Bitmap | np.ndarray) -> None:
-        if mi.is_spectral:
-            raise ValueError(f"variant = {mi.variant()!r}: must be an rgb or mono variant")
+        checks.require("variant", mi.variant(), not mi.is_spectral, "an rgb or mono variant")
         values = read_image(image)
         height, width = values.shape[:2]
         if height < 3 or width < 2:

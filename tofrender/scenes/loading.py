@@ -250,8 +250,7 @@ def _files_beside(source: Any) -> Iterator[None]:
         resolver.prepend(str(Path(source).absolute().parent))
     for part in filter(_is_folder, source.values() if isinstance(source, Mapping) else ()):
         folder = checks.path("resources: path", part.get("path"))
-        if not folder.is_dir():
-            raise ValueError(f"resources: path = {str(folder)!r}: must be a folder that exists")
+        checks.require("resources: path", str(folder), folder.is_dir(), "a folder that exists")
         resolver.prepend(str(folder.absolute()))
     untyped.set_file_resolver(resolver)
     try:

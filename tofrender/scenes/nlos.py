@@ -114,8 +114,7 @@ def nlos_patch(
     half = checks.metres("side", side, positive=True) / 2
     where = checks.point("position", position)
     angle = checks.number("tilt", tilt, unit="degrees")
-    if not -90 < angle < 90:
-        raise ValueError(f"tilt = {checks.quote(tilt)}: must be between -90 and 90 degrees")
+    checks.require("tilt", tilt, -90 < angle < 90, "between -90 and 90 degrees")
     to_world = pose(where, Y, 180 + angle, [half, half, 1])
     corners = _corners(to_world)
     if not corners[:, 2].min() > 0:
@@ -222,12 +221,9 @@ def _scene(
 ) -> Dict:
     """Wall and device before the `hidden` shape, which has these `points` (n, 3) [m]."""
     origin, spot = checks.point("device", device), checks.point("target", target, 2)
-    if not origin[2] > 0:
-        raise ValueError(f"device = {checks.quote(device)}: must be before the wall, z above 0")
-    if max(map(abs, spot)) > 1:
-        raise ValueError(
-            f"target = {checks.quote(target)}: must be on the wall, from -1 to 1 in x and y"
-        )
+    checks.require("device", device, origin[2] > 0, "before the wall, z above 0")
+    valid = max(map(abs, spot)) <= 1
+    checks.require("target", target, valid, "on the wall, from -1 to 1 in x and y")
     nearest = float(points[:, 2].min())
     start = round(max(0.0, 2 * nearest - LEAD), 2) if start_opl is None else start_opl
     film = transient_film(width, height, temporal_bins, start, bin_width_opl)

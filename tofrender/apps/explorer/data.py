@@ -59,8 +59,7 @@ def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> Expl
     """Check a Dataset of `render`, `capture`, `strategy_pyramid` or `reconstruct`."""
     import xarray as xr
 
-    if not isinstance(data, xr.Dataset):
-        raise ValueError(f"data = {checks.quote(data)}: must be an xarray.Dataset")
+    checks.require("data", data, isinstance(data, xr.Dataset), "an xarray.Dataset")
     kind = "volume" if "intensity" in data else "capture" if "sensor_grid" in data else "transient"
     for name, value in (("orders", orders), ("distance_m", distance_m)):
         if value is not None and kind != "transient":
@@ -185,10 +184,8 @@ def _strategies(data: xr.Dataset) -> tuple[xr.Dataset, dict[str, xr.Dataset]]:
 def _orders(orders: Any, data: xr.Dataset) -> dict[str, Cube]:
     found = {}
     for name, each in checks.mapping("orders", orders).items():
-        if "transient" not in getattr(each, "data_vars", ()):
-            raise ValueError(
-                f"orders[{name!r}] = {checks.quote(each)}: must be a Dataset of render"
-            )
+        valid = "transient" in getattr(each, "data_vars", ())
+        checks.require(f"orders[{name!r}]", each, valid, "a Dataset of render")
         cube = Cube.of(f"orders[{name!r}]", each["transient"])
         if cube.shape != data["transient"].shape or not np.array_equal(each["opl"], data["opl"]):
             raise ValueError(f"orders[{name!r}]: must have the pixels and the bins of data")
