@@ -80,6 +80,8 @@ def test_the_wheel_has_scenes_and_nothing_of_tests(wheel):
     files = {path.relative_to(ROOT / "scenes") for path in (ROOT / "scenes").rglob("*.xml")}
     packed = {f"tofrender/scenes/xml/{path.as_posix()}" for path in files}
     assert packed <= set(names)
+    beside = {p for p in (ROOT / "tofrender").rglob("*") if p.is_file() and p.suffix != ".pyc"}
+    assert {path.relative_to(ROOT).as_posix() for path in beside} <= set(names)
     tops = {name.partition("/")[0] for name in names} - {"tofrender"}
     assert len(tops) == 1  # about the package
 

@@ -26,12 +26,7 @@ from .dataset import check_dataset, components_of, coordinates, require_finite, 
 from .errors import parts_of
 from .settings import RenderSettings, is_auto
 from .window import WINDOW_OPTION, check_window, warn_of_losses, windowed_film
-from .work_items import (
-    WorkItem,
-    WorkResult,
-    render_item,
-    whole,
-)
+from .work_items import WorkItem, WorkResult, render_item, whole
 
 if TYPE_CHECKING:
     import xarray as xr
