@@ -13,7 +13,7 @@ from helpers.served import is_free, served
 from tornado.iostream import StreamClosedError
 from tornado.websocket import WebSocketClosedError
 
-from tofrender.apps import serving
+from tofrender.apps.ui import serving
 from tofrender.apps.view.sources import LiveRender
 from tofrender.cli.app import main
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import drjit as dr
 import mitsuba as mi
@@ -43,31 +43,18 @@ KINDS = CONES | SHAPES | BEAMS | DISTANT
 
 @dataclass
 class Emitted:
-    """A ray of light, one for each lane.
-
-    Attributes:
-        ray: The emitted ray.
-        origin: The point that it comes from, and that lengths are measured from [m].
-        normal: Normal of the emitter there, if there is one.
-        uv: Surface coordinates there.
-        emitter: The emitter, as pointers.
-        weight: Emitted radiance times cosine over density.
-        cos: Cosine between ray and normal, 1 if there is none.
-        density: Density of point and direction, that of the emitter's choice included.
-        delta: Whether the path from the camera cannot run into this light.
-        active: Lanes in which there is light.
-    """
+    """A ray of light, one for each lane."""
 
     ray: mi.Ray3f
-    origin: mi.Point3f
-    normal: mi.Normal3f
-    uv: mi.Point2f
+    origin: mi.Point3f  # where it starts, and where lengths are measured from [m]
     emitter: mi.EmitterPtr
-    weight: mi.UnpolarizedSpectrum
-    cos: mi.Float
-    density: mi.Float
-    delta: mi.Bool
-    active: mi.Bool
+    weight: mi.UnpolarizedSpectrum  # emitted radiance times cosine over density
+    density: mi.Float  # of point and direction, that of the emitter's choice included
+    delta: mi.Bool  # whether the path from the camera cannot run into this light
+    active: mi.Bool  # lanes in which there is light
+    normal: mi.Normal3f = field(default_factory=lambda: mi.Normal3f(0))  # of the emitter there
+    uv: mi.Point2f = field(default_factory=lambda: mi.Point2f(0))
+    cos: mi.Float = field(default_factory=lambda: mi.Float(1))  # between ray and normal, if any
 
 
 class Emission:
@@ -174,11 +161,8 @@ class Emission:
         return Emitted(
             ray=mi.Ray3f(p, d, like.time, like.wavelengths),
             origin=p,
-            normal=mi.Normal3f(0),
-            uv=mi.Point2f(0),
             emitter=emitter,
             weight=mi.unpolarized_spectrum(intensity) * (2 * dr.pi * size),
-            cos=mi.Float(1),
             density=dr.rcp(2 * dr.pi * size),
             delta=mi.Bool(True),
             active=mi.Bool(active),
@@ -232,10 +216,8 @@ class Emission:
             ray=ray,
             origin=mi.Point3f(ray.o),
             normal=mi.Normal3f(ray.d),
-            uv=mi.Point2f(0),
             emitter=emitter,
             weight=mi.unpolarized_spectrum(weight),
-            cos=mi.Float(1),
             density=dr.rcp(emitter.get_shape().surface_area()),
             delta=mi.Bool(True),
             active=mi.Bool(active),
@@ -252,11 +234,8 @@ class Emission:
         return Emitted(
             ray=mi.Ray3f(p, -ds.d, like.time, like.wavelengths),
             origin=p,
-            normal=mi.Normal3f(0),
-            uv=mi.Point2f(0),
             emitter=emitter,
             weight=mi.unpolarized_spectrum(radiance) * self.cross_section,
-            cos=mi.Float(1),
             density=ds.pdf / self.cross_section,
             delta=mi.has_flag(emitter.flags(), mi.EmitterFlags.DeltaDirection),
             active=mi.Bool(active),
@@ -269,15 +248,9 @@ class Emission:
     ) -> mi.Float:
         """Return the density of a connection to an emitter point over that of emission there.
 
-        This is p_c / p_e times distance^2 where p_c is the density of the connection by area, and
-        p_e that of light that starts in its direction; for distant light, by direction and without
-        the distance.
-
-        Args:
-            emitter: The emitter, as pointers.
-            ds: The point on it, with `p`, `n` and `uv`.
-            pdf: Solid-angle density of the connection, the emitter's choice included [1/sr].
-            distance: Length of the connection [m].
+        This is p_c / p_e times distance^2 where p_c is the density of the connection by area, from
+        `pdf`, its solid-angle density [1/sr], and p_e that of light that starts in its direction;
+        for distant light, by direction and without the distance. Both include the emitter's choice.
         """
         flags = emitter.flags()
         ratio = mi.Float(0)

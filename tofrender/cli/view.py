@@ -38,7 +38,7 @@ def view(
     looked at in full. With --live, SCENE is rendered to ever more samples; it can be stopped,
     can go on, and be saved.
     """
-    from tofrender.apps.serving import require_panel, serve
+    from tofrender.apps.ui.serving import require_panel, serve
 
     if not live and (spp or size or max_depth is not None or out is not None):
         raise ValueError("--live: must be given with --spp, --size, --max-depth or --out")
@@ -92,7 +92,7 @@ def compare(
     Of a scene of the course they are rendered by the techniques that are chosen in the page, and
     their differences from a reference are shown. Files are exr, png, jpg, or what `render` writes.
     """
-    from tofrender.apps.serving import require_panel, serve
+    from tofrender.apps.ui.serving import require_panel, serve
 
     require_panel()
     opt.activate(variant)

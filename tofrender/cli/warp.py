@@ -75,7 +75,7 @@ def warptest(
     if out is not None:
         raise ValueError(f"--out = {out}: must be left out without --headless")
 
-    from tofrender.apps.serving import require_panel, serve
+    from tofrender.apps.ui.serving import require_panel, serve
 
     require_panel()
     opt.activate(variant, polarised=True)

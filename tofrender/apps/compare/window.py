@@ -10,9 +10,9 @@ import param
 
 from ...runtime import backend
 from ...runtime.withheld import Withheld
-from .. import components
-from ..components import CONTROLS_WIDTH, Canvas, Page, control
-from ..explorer.module import text_of
+from ..ui import components
+from ..ui.bundle import text_of
+from ..ui.components import CONTROLS_WIDTH, Canvas, Page, control
 from .pictures import SCENES, Picture, difference, render_technique, same_size, techniques
 
 SAMPLES = [1, 2, 4, 8, 16, 32, 64, 128, 256]

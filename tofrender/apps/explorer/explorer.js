@@ -18,7 +18,7 @@ import {
   make,
   slider,
   tick,
-} from "./parts.js";
+} from "../ui/parts.js";
 import { paintLight, paintMap, range, toneCurve, white, whiteOfAll } from "./picture.js";
 import { Axes, drawCurves, drawPhasors, short, signed, STYLES } from "./plot.js";
 import { largest, largestAcross, phasorParts, Recording, SPEED_OF_LIGHT } from "./recording.js";
@@ -42,7 +42,7 @@ export function mount(element, data) {
 class Explorer {
   constructor(element, data) {
     this.element = element;
-    this.root = make("section", { className: "tof-explorer", "data-lm-suppress-shortcuts": "true" });
+    this.root = make("section", { className: "tof-app tof-explorer", "data-lm-suppress-shortcuts": "true" });
     element.append(this.root);
     this.stopped = new AbortController();
     const { signal } = this.stopped;

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 from ...runtime import checks
 from ...runtime.atomic import check_file, check_writable, replacing
+from ..ui.bundle import text_of
 from .contents import Contents, contents_of
-from .module import javascript, style, text_of
+from .module import javascript, style
 
 if TYPE_CHECKING:
     import xarray as xr

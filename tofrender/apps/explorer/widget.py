@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from ...runtime import checks
+from ..ui.bundle import text_of
 from .contents import contents_of
-from .module import javascript, style, text_of
+from .module import javascript, style
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -10,10 +10,11 @@ from typing import Any
 import panel as pn
 import param
 
-from .. import components
-from ..components import Canvas, Page, control
 from ..explorer.contents import Contents, contents_of
-from ..explorer.module import javascript, style, text_of
+from ..explorer.module import javascript, style
+from ..ui import components
+from ..ui.bundle import text_of
+from ..ui.components import Canvas, Page, control
 from .sources import LiveRender, SavedDataset
 
 MAX_BYTES = {SavedDataset: 24_000_000, LiveRender: 8_000_000}

@@ -54,14 +54,14 @@ def application(subject: str = "tent", *, module: Any = None, **parameters: Any)
     """A function that makes a reader's page, for `serving.serve`, and the engine of all readers."""
     import atexit
 
-    from ..serving import require_panel
+    from ..ui.serving import require_panel
     from .subjects import SUBJECTS
 
     values = SUBJECTS[checks.one_of("subject", subject, SUBJECTS)].values(parameters)
     given = {name: values[name] for name in parameters}
     require_panel()
 
-    from .. import components
+    from ..ui import components
     from .engine import Engine
     from .window import Window
 

@@ -16,9 +16,9 @@ import param
 from ...runtime import checks
 from ...sampling.domains import find
 from ...sampling.verdicts import Verdict
-from .. import components
-from ..components import CONTROLS_WIDTH, Canvas, Page, control
-from ..explorer.module import text_of
+from ..ui import components
+from ..ui.bundle import text_of
+from ..ui.components import CONTROLS_WIDTH, Canvas, Page, control
 from . import engine
 from .engine import LIBRARY, MODULE, NO_PROOF, POINT_SETS, SUBJECT_ERRORS, Drawn, Engine
 from .subjects import SUBJECTS, Parameter, Subject, density_of

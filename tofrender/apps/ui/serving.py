@@ -19,9 +19,9 @@ from string import Template
 from typing import Any
 from urllib.parse import urlsplit
 
-from ..runtime import checks
-from ..runtime.progress import SIGNALS
-from .explorer.module import text_of
+from ...runtime import checks
+from ...runtime.progress import SIGNALS
+from .bundle import text_of
 
 LOOPBACK = "127.0.0.1"
 FIRST_PORT, PORTS = 5006, 100
@@ -166,7 +166,7 @@ def _token_provider(title: str, token: str) -> Any:
     from tornado.web import RequestHandler
 
     cookie = f"tofrender-{secrets.token_hex(4)}"
-    page = Template(text_of("login.html")).substitute(title=html.escape(title))
+    page = Template(text_of("ui/login.html")).substitute(title=html.escape(title))
 
     class Refusal(RequestHandler):
         def get(self) -> None:

@@ -12,20 +12,20 @@ from typing import Any
 import panel as pn
 import param
 
-from .explorer.module import text_of
+from .bundle import text_of
 
 CONTROLS_WIDTH = 264  # Width of a column of controls [px]
 
 
 def control(kind: str, label: str, **options: Any) -> Any:
     """A widget of Panel, by default in a column of controls."""
-    style = {"stylesheets": [text_of("controls.css")], "margin": (4, 6), "width": CONTROLS_WIDTH}
+    style = {"stylesheets": [text_of("ui/controls.css")], "margin": (4, 6), "width": CONTROLS_WIDTH}
     return getattr(pn.widgets, kind)(label=label, **(style | options))
 
 
 def text(markup: str = "", **options: Any) -> Any:
     """A pane of HTML; data inside of it have to be escaped."""
-    return pn.pane.HTML(markup, stylesheets=[text_of("controls.css")], **options)
+    return pn.pane.HTML(markup, stylesheets=[text_of("ui/controls.css")], **options)
 
 
 def box(kind: str, title: str, body: str = "") -> str:
@@ -108,7 +108,7 @@ def application(page: Callable[[], Page]) -> Callable[[], Any]:
     """A function that makes the layout of a new reader's page, for `serving.serve`."""
 
     def make() -> Any:
-        style = text_of("page.css")
+        style = text_of("ui/page.css")
         if style not in pn.config.raw_css:
             pn.config.raw_css = [*pn.config.raw_css, style]
         return page().layout()

@@ -1,0 +1,1 @@
+"""Components, style and page of all applications in browsers."""

@@ -1,0 +1,29 @@
+"""JavaScript and CSS of applications as text, modules joined to one without imports."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from pathlib import Path
+
+_IMPORT = re.compile(r'^import \{[^}]*\} from "\.{1,2}/[\w/]+\.js";\n', re.MULTILINE)
+_EXPORT = re.compile(r"^export (?=(async )?(class|const|function))", re.MULTILINE)
+
+
+@cache
+def text_of(name: str) -> str:
+    """Text of a file below the folder of `tofrender.apps`."""
+    return (Path(__file__).parents[1] / name).read_text(encoding="utf-8")
+
+
+@cache
+def javascript(*modules: str) -> str:
+    """Join modules, named in the order of their imports, to one with the last one's exports."""
+    *others, last = (_IMPORT.sub("", text_of(f"{name}.js")) for name in modules)
+    return "\n".join([*(_EXPORT.sub("", text) for text in others), last])
+
+
+@cache
+def style(*sheets: str) -> str:
+    """Join the shared style sheet and others; rules apply inside of applications only."""
+    return "\n".join(text_of(f"{name}.css") for name in ("ui/style", *sheets))
