@@ -58,6 +58,7 @@ def strategy_pyramid(
     segments. Unweighted, it shows what it makes of all light of its length: the strategies of one
     length agree where they see the light at all, and differ in noise. Weighted, each shows its
     share, and the pictures of all strategies add up to that of `transient_bdpt`.
+    See also `pyramid_figure`.
 
     Args:
         scene: As for `render`.

@@ -31,7 +31,7 @@ def visualize_transient(
 
     A notebook shows it as a video of at most 100 frames, every second, third, ... of more bins,
     and the brightest one until it plays. `animation.save("light.gif")` writes a file with all of
-    them (`save_video` does so faster).
+    them (`save_video` does so faster). See also `explore`, `save_video`.
 
     Args:
         data: Array (height, width, bins) or (height, width, bins, channels), or a Dataset.
