@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import io
 import os
 import re
 import shutil
@@ -71,18 +70,6 @@ def relinked(text: str, path: str, known: dict[str, Path]) -> str:
     return LINK.sub(replace, text)
 
 
-def smaller(picture: bytes) -> bytes:
-    """A PNG of 256 colours, a third of the size; noise hides the difference."""
-    from PIL import Image
-
-    with Image.open(io.BytesIO(picture)) as image:
-        if image.mode != "RGB":
-            return picture
-        stream = io.BytesIO()
-        image.quantize(256).save(stream, "png", optimize=True)
-        return stream.getvalue()
-
-
 def assemble() -> None:
     """Bring `source` and `examples` up to date; files that are as they were keep their times."""
     known = places()
@@ -92,8 +79,6 @@ def assemble() -> None:
         content = (ROOT / name).read_bytes()
         if target.suffix in TEXT:
             content = relinked(content.decode(), name, known).encode()
-        elif name.startswith("scenes/"):
-            content = smaller(content)
         if not target.exists() or target.read_bytes() != content:
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes(content)
@@ -163,6 +148,20 @@ def quiet_kernels(folder: Path) -> None:
     os.environ |= {"IPYTHONDIR": str(folder), "JUPYTER_RUNTIME_DIR": str(folder)}
     os.environ["TQDM_DISABLE"] = "1"  # A page needs no bars
     os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+
+
+def shrink_pictures() -> None:
+    """Turn pictures of the site into ones of 256 colours, a third of the size."""
+    from PIL import Image
+
+    for path in (HTML / "_images").glob("*.png"):
+        with Image.open(path) as image:
+            image.load()
+        if image.mode == "RGBA" and image.getextrema()[3][0] == 255:
+            image = image.convert("RGB")
+        if image.mode in ("RGB", "RGBA"):
+            method = Image.Quantize.FASTOCTREE if image.mode == "RGBA" else None
+            image.quantize(256, method).save(path, optimize=True)
 
 
 def pages() -> Iterator[tuple[Path, list[tuple[str, str, str]], set[str]]]:
@@ -259,6 +258,7 @@ def build(quick: bool = False, since: str | None = None) -> int:
     status = build_main([*options, "-b", "html", str(SOURCE), str(HTML)])
     if status:
         return status
+    shrink_pictures()
     wrong = faults()
     for line in wrong:
         print(f"docs: {line}", file=sys.stderr)

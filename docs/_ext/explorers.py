@@ -7,7 +7,7 @@ import html
 from pathlib import Path
 from typing import Any
 
-MEGABYTES = 0.8  # Of an explorer: a page may show several
+MEGABYTES = 0.6  # Of an explorer: a page may show several
 SHOWN: list[Any] = []  # Datasets that an example of the gallery has explored
 
 
