@@ -1,4 +1,4 @@
-"""Plans: the parts of the path loop that an integrator chooses for a render."""
+"""Plans: space, endpoint, scattering and limits that an integrator chooses for a render."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ M = TypeVar("M", bound=Measurement)
 
 
 class Plan(Parts):
-    """The parts of the path loop for camera rays.
+    """Space, endpoint, scattering and limits for camera rays, and the trace of those.
 
     An integrator makes it from its parameters, a scene and a sensor, and keeps nothing of it.
     """
@@ -62,7 +62,10 @@ class Plan(Parts):
     def illuminate(
         self, ray: mi.Ray3f, origin: mi.Point3f, sampler: mi.Sampler, active: mi.Bool
     ) -> tuple[Endpoint, list[Contribution]]:
-        """Return the endpoint of camera rays, and contributions that need no path."""
+        """Return the endpoint for these rays, and light of what they hit that no path finds.
+
+        Only `nlos.light.scan` overrides it: its laser spot may follow the camera ray.
+        """
         return self.endpoint, []
 
     def start(
@@ -106,5 +109,8 @@ class Plan(Parts):
         return measurement, path
 
     def connect_camera(self, endpoint, ray, origin, sampler, measurement, active):
-        """Add contributions that need no path; returns the measurement, and how many not finite."""
+        """Add connections that replace paths around the corner, see `nlos.light.scan`.
+
+        Returns the measurement, and how many contributions were not finite.
+        """
         return measurement, mi.UInt32(0)

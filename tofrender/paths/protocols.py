@@ -1,6 +1,8 @@
-"""Interfaces of the four parts of the path loop, which never looks at their types.
+"""Interfaces of the path loop: space, endpoint, scattering and measurement.
 
-| part | implementation | is |
+The loop never looks at their types.
+
+| interface | implementation | is |
 |---|---|---|
 | space | `space.Vacuum` | straight rays between surfaces |
 | | `media.space.Media` | straight rays through participating media |
@@ -23,7 +25,7 @@
 | | `films.phasor_sum.PhasorSum` | phasors of some frequencies |
 | | `rendering.arrivals.ArrivalHistogram` | energy over path length, for all pixels together |
 
-Parts have no state of their own: what they need to know of a path is stored in the path (`history`,
+They have no state of their own: what they need to know of a path is stored in it (`history`,
 `guide`, `medium`).
 """
 
@@ -51,11 +53,14 @@ class Space(ABC):
     index: float  # index of refraction around the sensor
 
     def with_phase_functions(self, surfaces: Scattering, **options: bool) -> Scattering:
-        """Extend the scattering of surfaces to the points of media; options as for `Phases`."""
+        """Extend the scattering of surfaces to the points of media, by phase functions.
+
+        Options are `importance` and `both_ways`, as of `Materials`.
+        """
         return surfaces
 
     def attached(self) -> Space:
-        """Return the space with derivatives of what it depends on."""
+        """Return the space for attached sampling: free-flight distances have derivatives."""
         return self
 
     def medium_at_sensor(self, ray: mi.Ray3f) -> mi.MediumPtr | None:
@@ -74,7 +79,10 @@ class Space(ABC):
 
     @abstractmethod
     def next_vertex(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
-        """Intersect the path's ray; returns the path with its throughput, and the vertex."""
+        """Intersect the path's ray; returns the path and the vertex.
+
+        Only throughput and current medium of the path may change: the loop adds the length.
+        """
 
     @abstractmethod
     def transmittance(
@@ -85,7 +93,7 @@ class Space(ABC):
     def transmittance_and_medium(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
     ) -> tuple[mi.Spectrum, mi.MediumPtr | None]:
-        """As `transmittance`, and the medium at the connection's end."""
+        """As `transmittance`, and the medium at the end, for MIS weights of light paths."""
         return self.transmittance(path, vertex, connection, sampler), None
 
 
@@ -97,7 +105,7 @@ class HistoryUpdates(ABC, Generic[H]):
         """Create the history of a path without vertices."""
 
     def at_vertex(self, path: Path[H], vertex: Vertex, active: mi.Bool) -> H:
-        """Return the history after one more vertex."""
+        """Return the history after one more vertex, whose number is `path.depth`."""
         return path.history
 
     def after_sample(self, path: Path[H], vertex: Vertex, bsdf_sample: BSDFSample) -> H:
@@ -106,10 +114,10 @@ class HistoryUpdates(ABC, Generic[H]):
 
 
 class FurtherConnections(Protocol):
-    """Connections of a vertex beside its first one."""
+    """Connections of a vertex beside its first one, such as more emitter samples."""
 
     def count(self, path: Path) -> mi.UInt32:
-        """Return how many follow the first one."""
+        """Return how many follow the first one at vertex number `path.depth`."""
 
     def sample(
         self,
@@ -124,13 +132,17 @@ class FurtherConnections(Protocol):
 
 
 class Target(Protocol):
-    """Emitter sample and path length of a connection by way of a point of a medium."""
+    """Emitter sample and total length of a connection that scatters once in between."""
 
     active: mi.Bool  # lanes in which there is such a point
 
 
 class MediumConnections(Protocol[T]):
-    """Connections of points of media along rays, instead of those where paths scatter."""
+    """Light that scatters once in a medium, at a point that is sampled for a given path length.
+
+    Along the ray to the next vertex: `prepare` samples emitter and length, and `connect` finds the
+    point of the ray with that length. From a vertex, `sample_direction` first samples the ray.
+    """
 
     def prepare(self, path: Path, sampler: mi.Sampler, active: mi.Bool) -> T:
         """Sample the emitter and the length of a connection to the path's last vertex."""
@@ -162,7 +174,11 @@ class Endpoint(ABC):
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
-        """Sample a connection from the vertex; `path` includes it, `path.prev` is before it."""
+        """Sample a connection from the vertex.
+
+        `path.opl` reaches up to the vertex, whose number is `path.depth`; `path.ray` is the ray
+        that has led to it, and `path.prev` the vertex before.
+        """
 
     def mis_weight(
         self, path: Path, vertex: Vertex, connection: Connection, bsdf_eval: BSDFEval
@@ -180,15 +196,15 @@ class Endpoint(ABC):
         return mi.Float(0)
 
     def visible_emitters(self) -> Sequence[mi.Emitter]:
-        """Return emitters on surfaces that the sensor's rays may run into."""
+        """Return emitters on surfaces that camera rays may run into, for `VisibleEmitters`."""
         return ()
 
     def for_bin_width(self, width_opl: float) -> Endpoint:
-        """Return the endpoint for films that resolve path lengths by `width_opl` [m]."""
+        """Return the endpoint for films of this resolution [m], e.g. with more emitter samples."""
         return self
 
     def attached(self) -> Endpoint:
-        """Return the endpoint with derivatives: one connection a vertex, to points that move."""
+        """Return the endpoint for attached sampling, with one connection, to points that move."""
         return self
 
 
@@ -198,11 +214,11 @@ class Scattering(ABC):
     refracts: bool = False  # whether the index of refraction may change along paths
 
     def guide(self) -> mi.Float | None:
-        """Return the path's guide before the first vertex, None without guiding."""
+        """Return `Path.guide` before the first vertex, None if no density needs the next vertex."""
         return None
 
     def complete_sample(self, path: Path, vertex: Vertex) -> Path:
-        """Complete throughput and density of the last sample, now that its next vertex is known."""
+        """Complete throughput and density of a sample whose density depends on the next vertex."""
         return path
 
     @abstractmethod
@@ -252,9 +268,8 @@ class ScatteringWrapper(Scattering):
 class Measurement(Protocol):
     """Accumulates contributions.
 
-    One that sums in variables is a dataclass of Dr.Jit arrays, which the loop carries as its state;
-    one that scatters into a film hides the film in a function. Films read its `total`, the sum of
-    all light.
+    The loop carries the fields of dataclasses as its state. Sums are such fields; one that scatters
+    into a film has a function instead, since the film's arrays must stay out of the state.
     """
 
     def add(self, contribution: Contribution) -> None:

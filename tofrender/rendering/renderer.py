@@ -148,7 +148,7 @@ def render(
             `spp` is not given.
         sensor: Number of the sensor.
         define: Values of an XML file's parameters, by name.
-        errors: Estimate standard errors: the samples are taken in 16 parts (8 or 4 where `spp`
+        errors: Estimate standard errors: the samples are taken in 16 batches (8 or 4 where `spp`
             is no multiple of 16), each with points of its own, whose scatter tells.
         resume: A Dataset of the same render with fewer samples, stopped or complete, to go on
             from: only the samples that are missing are taken. `padded_sobol` goes on in the same
