@@ -94,6 +94,8 @@ class Explorer {
       now.bin += later;
       now.gate = { ...now.gate, first: now.gate.first + later };
     }
+    const { frequencies } = recording.about;
+    if (frequencies && !frequencies.includes(now.frequency)) [now.frequency] = frequencies;
     const last = recording.count - 1;
     now.bin = clamp(Math.round(now.bin), 0, last);
     now.gate.count = clamp(Math.round(now.gate.count), 1, recording.count);
@@ -120,7 +122,7 @@ class Explorer {
       gain: this.gain,
       milliseconds: this.milliseconds,
       curves: responses.curves().map(plainCurve),
-      phasors: recording.isVolume ? [] : responses.phasors(),
+      phasors: recording.hasPhasors ? responses.phasors() : [],
     };
   }
 
@@ -160,8 +162,9 @@ class Explorer {
     if (picture.gain) this.gain = picture.gain;
     showPicture(parts, picture, now.smooth);
     for (const part of [parts.exposure, parts.gamma, parts.colours]) {
-      part.classList.toggle("idle", picture.map !== undefined);
+      part.classList.toggle("idle", !picture.gain);
     }
+    parts.stokes.classList.toggle("idle", !["light", "gate", "total"].includes(now.view));
     const [, name] = viewsOf(recording).find(([view]) => view === now.view);
     parts.canvas.setAttribute("aria-label", `${name} of ${recording.about.title}, ${picture.says}`);
     showMarkers(parts, recording, now, dark);
@@ -189,23 +192,24 @@ class Explorer {
 function opening(recording, brightest) {
   const { about, count, isVolume } = recording;
   const limit = SPEED_OF_LIGHT / (2 * about.axis.width);
-  const bin = brightestBin(recording, brightest);
+  const bin = isVolume ? largestSlice(recording) : brightestBin(recording, brightest);
   const gate = Math.max(1, Math.round(count / 12));
   return {
-    view: "light",
+    view: about.frequencies ? "phasor" : "light",
     bin,
     playing: false,
     speed: "1",
     exposure: 0,
     gamma: 2.2,
-    colours: isVolume ? "false" : "colour",
+    colours: isVolume ? "false" : recording.weights.length === 3 ? "colour" : "grey",
     smooth: about.grid.step > 1,
     pixels: tellingPixels(recording),
     active: 0,
     channel: "luminance",
+    stokes: "S0",
     log: false,
     gate: { first: bin - Math.floor(gate / 2), count: gate },
-    frequency: Math.min(50e6, limit / 2),
+    frequency: about.frequencies?.[0] ?? Math.min(50e6, limit / 2),
     phasor: "depth",
     laser: 0,
     unwarped: false,
@@ -225,11 +229,17 @@ function brightestBin({ light, about }, brightest) {
   return best;
 }
 
+/** The slice with the largest voxel. */
+function largestSlice({ light }) {
+  const largestOf = (bin) => light.codes.subarray(light.at(bin, 0), light.at(bin + 1, 0)).reduce((a, b) => Math.max(a, b));
+  const most = Array.from({ length: light.bins }, (_, bin) => largestOf(bin));
+  return most.indexOf(Math.max(...most));
+}
+
 /** A bright pixel, and one as bright as half of them. */
 function tellingPixels(recording) {
-  const { light, weights, isVolume } = recording;
-  const planes = isVolume ? [largest(light)] : recording.gate(0, recording.count);
-  const total = planes[0].map((_, i) => planes.reduce((sum, plane, c) => sum + weights[c] * plane[i], 0));
+  const { light, isVolume } = recording;
+  const total = isVolume ? largest(light) : recording.luminance(recording.gate(0, recording.count));
   const order = Array.from(total.keys()).filter((i) => total[i] > 0);
   order.sort((a, b) => total[a] - total[b]);
   const found = (isVolume ? [1] : [0.93, 0.5]).map((part) => order[Math.floor(part * (order.length - 1))] ?? 0);
@@ -237,7 +247,7 @@ function tellingPixels(recording) {
 }
 
 /** A curve with arrays that JSON can hold. */
-function plainCurve({ values, errors, orders, ...more }) {
+function plainCurve({ values, errors, orders, components, ...more }) {
   return {
     ...more,
     values: Array.from(values),

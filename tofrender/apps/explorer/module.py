@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..ui import bundle
 
 MODULES = (
-    *("recording", "words", "paint", "plot", "pictures", "frame", "input", "controls"),
+    *("recording", "words", "stokes", "paint", "plot", "pictures", "frame", "input", "controls"),
     *("responses", "explorer"),
 )
 
