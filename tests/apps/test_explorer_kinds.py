@@ -24,6 +24,7 @@ from tofrender.apps.explorer.page import page_of
 from tofrender.cli.app import main
 from tofrender.io import save_exr_layers
 from tofrender.rendering.dataset import in_components
+from tofrender.signals.colour import LUMINANCE
 
 INK = """name => {
   const canvas = document.querySelector(name);
@@ -133,7 +134,9 @@ def test_a_reconstruction_opens_at_its_largest_voxel(tmp_path):
     rng = np.random.default_rng(3)
     noise = rng.uniform(0.3, 0.6, (40, 16, 16)) * np.linspace(0.2, 1.5, 40)[:, None, None]
     noise[12, 4:9, 8] = 3.0
-    axes = {axis: np.arange(size) * 0.05 + 0.5 for axis, size in zip("zyx", noise.shape)}
+    axes = {
+        axis: np.arange(size) * 0.05 + 0.5 for axis, size in zip("zyx", noise.shape, strict=True)
+    }
     volume = xr.Dataset({"intensity": (tuple("zyx"), noise.astype(np.float32))}, axes)
     with opened(tmp_path, contents_of(volume)) as page:
         assert state(page)["bin"] == 12
@@ -171,7 +174,7 @@ def test_reports_of_phasors(tmp_path, capsys):
         now = set_(page, pixels=[[20, 5]])
         for k, frequency in enumerate(frequencies):
             now = state(page)
-            light = tofrender.vis.luminance(parts[0][k, 5, 20] + 1j * parts[1][k, 5, 20])
+            light = parts[0][k, 5, 20] @ LUMINANCE + 1j * (parts[1][k, 5, 20] @ LUMINANCE)
             assert now["frequency"] == frequency
             assert now["phasors"][0]["amplitude"] == pytest.approx(abs(light), rel=1e-3)
             assert now["phasors"][0]["phase"] == pytest.approx(np.angle(light), abs=1e-3)
@@ -182,7 +185,7 @@ def test_reports_of_phasors(tmp_path, capsys):
         assert page.errors == []
     capsys.readouterr()
     (tmp_path / "phasor_20000000Hz.exr").write_bytes(b"text")
-    assert main(["report", str(tmp_path), "-o", str(path)]) == 1
+    assert main(["report", str(tmp_path), "-o", str(path)]) == 2
     (said,) = capsys.readouterr().err.splitlines()
     assert "must be" in said
 

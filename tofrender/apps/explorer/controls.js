@@ -114,8 +114,8 @@ function frequencySlider({ about: { axis, frequencies } }, now, set) {
   return { element, set: (frequency) => element.set(from(frequency)) };
 }
 
-/** Lay parts out; returns the children of the explorer's element. */
-export function layout(parts, { about, isVolume, hasTimes, hasPhasors }) {
+/** Lay parts out; returns the children of the explorer's element, whose title is of `level`. */
+export function layout(parts, { about, isVolume, hasTimes, hasPhasors }, level) {
   const panel = (title, ...children) =>
     make("section", { className: "panel", "aria-label": title }, ...children);
   parts.transport = make("div", { className: "transport" }, parts.play, parts.time, parts.speed);
@@ -126,7 +126,7 @@ export function layout(parts, { about, isVolume, hasTimes, hasPhasors }) {
   const left = make("div", { className: "left" });
   left.append(parts.views, parts.stokes, parts.frame, parts.bar, parts.assumes, parts.hatched, parts.readout);
   left.append(parts.transport, parts.gates, look);
-  const heading = (title, ...more) => make("div", { className: "heading" }, make("h3", {}, title), ...more);
+  const heading = (title, ...more) => make("div", { className: "heading" }, make(`h${level + 1}`, {}, title), ...more);
   const response = panel(
     isVolume ? "Along the depth" : "Response",
     heading(isVolume ? "Along the depth" : "Responses", parts.channel, parts.log),
@@ -145,7 +145,7 @@ export function layout(parts, { about, isVolume, hasTimes, hasPhasors }) {
   const more = make("details", {}, make("summary", {}, "Contents and precision"), notes);
   more.append(told, make("p", {}, KEYS));
   const [, size] = about.facts[0];
-  const header = make("header", {}, make("h2", {}, about.title), make("p", {}, size));
+  const header = make("header", {}, make(`h${level}`, {}, about.title), make("p", {}, size));
   header.append(...about.warnings.map((warning) => make("p", { className: "warning" }, warning)));
   return [header, make("div", { className: "stage" }, left, right), more, parts.spoken];
 }

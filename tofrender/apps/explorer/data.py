@@ -91,7 +91,7 @@ def _find_flaws(found: ExplorerData) -> None:
     for (*_, rows, columns, _, _), values in found.light.pieces():
         if not np.isfinite(values.sum()):
             bad = ~np.isfinite(values).all(axis=(-2, -1))
-            unknown[rows, columns] |= bad.any(axis=tuple(range(bad.ndim - 2)))
+            unknown[rows, columns] |= bad.reshape(-1, *bad.shape[-2:]).any(axis=0)
         below = values < 0
         if below.any():
             negative, least = negative + int(below.sum()), min(least, float(values[below].min()))

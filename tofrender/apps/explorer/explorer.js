@@ -6,6 +6,8 @@
  * - `set({bin, view, pixels, gate, frequency, exposure, ...})` changes the view,
  * - `state()` returns the view and the numbers that it shows,
  * - `destroy()` removes the explorer.
+ *
+ * Options: `level` of the title's heading (2).
  */
 
 import { isDark, make } from "../ui/parts.js";
@@ -18,8 +20,8 @@ import { largest, Recording, SPEED_OF_LIGHT } from "./recording.js";
 import { Responses } from "./responses.js";
 import { clamp, nanoseconds } from "./words.js";
 
-export function mount(element, data) {
-  const explorer = new Explorer(element, data);
+export function mount(element, data, options = {}) {
+  const explorer = new Explorer(element, data, options);
   const handle = {
     setData: (next) => explorer.open(next),
     set: explorer.set,
@@ -35,7 +37,8 @@ export function mount(element, data) {
  * through `set`, and `draw` shows them.
  */
 class Explorer {
-  constructor(element, data) {
+  constructor(element, data, { level = 2 }) {
+    this.level = level;
     this.element = element;
     this.root = make("section", { className: "tof-app tof-explorer", "data-lm-suppress-shortcuts": "true" });
     element.append(this.root);
@@ -74,7 +77,7 @@ class Explorer {
     this.now = opening(this.recording, this.pictures.white);
     this.parts = makeParts(this.recording, this.now, this.set);
     this.root.setAttribute("aria-label", `Explorer of ${header.title}`);
-    this.root.replaceChildren(...layout(this.parts, this.recording));
+    this.root.replaceChildren(...layout(this.parts, this.recording, this.level));
     listen(this);
     this.sizes.disconnect();
     this.sizes.observe(this.root);
@@ -161,10 +164,16 @@ class Explorer {
     const picture = this.pictures.of(now);
     if (picture.gain) this.gain = picture.gain;
     showPicture(parts, picture, now.smooth);
-    for (const part of [parts.exposure, parts.gamma, parts.colours]) {
-      part.classList.toggle("idle", !picture.gain);
+    const isPlain = now.stokes === "S0";
+    for (const [part, works] of [
+      [parts.exposure, picture.gain],
+      [parts.gamma, picture.gain],
+      [parts.colours, picture.gain && isPlain],
+      [parts.stokes, ["light", "gate", "total"].includes(now.view)],
+    ]) {
+      part.classList.toggle("idle", !works);
+      part.inert = !works;
     }
-    parts.stokes.classList.toggle("idle", !["light", "gate", "total"].includes(now.view));
     const [, name] = viewsOf(recording).find(([view]) => view === now.view);
     parts.canvas.setAttribute("aria-label", `${name} of ${recording.about.title}, ${picture.says}`);
     showMarkers(parts, recording, now, dark);
