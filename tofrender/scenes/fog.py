@@ -123,7 +123,7 @@ MAX_SMOKE = 10.0
 SMOKE_LOW, SMOKE_HIGH = (-1.01, -0.01, -0.01), (1.01, 2.41, 8.4)
 """Corners of the box that the smoke is in [m]; a centimetre behind walls, floor and ceiling."""
 
-# center x, y, z; radius across, radius up [m]; share of the largest density
+# center x, y, z; radius across, radius up [m]; fraction of the largest density
 PUFFS = np.array(
     [
         (-0.45, 0.9, 6.6, 0.30, 0.45, 1.0),
@@ -150,9 +150,9 @@ def smoke_density() -> NDArray[np.float32]:
     ]
     z, y, x = np.meshgrid(*reversed(axes), indexing="ij")
     total = np.zeros_like(x)
-    for px, py, pz, across, up, share in PUFFS:
+    for px, py, pz, across, up, fraction in PUFFS:
         r2 = ((x - px) ** 2 + (z - pz) ** 2) / across**2 + ((y - py) / up) ** 2
-        total += share * np.exp(-r2)
+        total += fraction * np.exp(-r2)
     density = np.minimum(total, 1.0)[..., None].astype(np.float32)
     density.flags.writeable = False
     return density
