@@ -10,19 +10,17 @@ import numpy as np
 
 from ...films.contribution import Contribution
 from ...paths.endpoints import SceneLights
-from ...paths.protocols import Endpoint
-from ...paths.records import BSDFEval, Connection, Hit, Path, Vertex
+from ...paths.records import Connection, Path, Vertex
 from ...paths.surfaces import first_surface
 from ...runtime import checks
 from ...runtime.backend import tracing_lock
 from ...signals.illuminants import white
+from ..captures import MODES
 from ..device.laser import apply_meters, axis, find_laser, position_of, require_aim, solid_angle
 from ..device.relay_wall import first_hits, trace_laser_spot
 from .laser_spot import OffWallHistory, Spot, counted_lanes, require_clear_way, trace_beam
 from .relay_wall_path import HIDDEN_SAMPLING, RelayWallPath, flag, warn_no_effect
 from .scan import Scan, ScanPlan
-
-CAPTURE_TYPES = ("single", "confocal", "exhaustive")
 
 AREA = 1.0
 """Area that a laser spot stands for [m^2], as in the plugin of the same name in mitransient."""
@@ -73,10 +71,10 @@ class TransientNLOSPath(RelayWallPath):
     def __init__(self, props: mi.Properties) -> None:
         kind: Any = props.get("capture_type", None)
         if isinstance(kind, int) and not isinstance(kind, bool) and 1 <= kind <= 3:
-            kind = CAPTURE_TYPES[kind - 1]
+            kind = MODES[kind - 1]
         kind = kind.lower() if isinstance(kind, str) else kind
         if kind is not None:
-            checks.one_of("capture_type", kind, CAPTURE_TYPES)
+            checks.one_of("capture_type", kind, MODES)
         self.capture_type: str | None = kind
         self._type_is_given = kind is not None
         _read_mitransient(props)
@@ -237,15 +235,12 @@ def _read_mitransient(props: mi.Properties) -> None:
         warn_no_effect(fov, props[fov], "the laser lights the sensor's points")
 
 
-class LaserEmitter(Endpoint):
+class LaserEmitter(SceneLights):
     """Next-event estimation of the scene's laser, with the paths of a scan that count."""
 
-    finds_all = False
-
     def __init__(self, scan: Scan, counts_single_bounce: bool) -> None:
-        self.lights = SceneLights(scan.scene, None, scan.hide_emitters)
+        super().__init__(scan.scene, None, scan.hide_emitters)
         self.scan, self.counts_single_bounce = scan, counts_single_bounce
-        self.hide_emitters = scan.hide_emitters
         self.history = OffWallHistory(scan.wall) if scan.hidden_only else None
 
     def connect(
@@ -255,7 +250,7 @@ class LaserEmitter(Endpoint):
         if not self.counts_single_bounce:
             active = active & (path.depth > 0)
         active = counted_lanes(self.scan, path, path.depth + 1, active)
-        connection = self.lights.connect(vertex, path, sampler, active)
+        connection = super().connect(vertex, path, sampler, active)
         connection.length = connection.length if self.scan.counts_legs else mi.Float(0)
         first_opl = self.scan.first_opl
         if first_opl > 0:
@@ -263,12 +258,6 @@ class LaserEmitter(Endpoint):
             connection.active &= (path.depth > 0) | long_enough
         return connection
 
-    def hit(self, vertex: Vertex, path: Path) -> Hit:
-        """Return emission of the scene, as `SceneLights` does."""
-        return self.lights.hit(vertex, path)
-
-    def mis_weight(
-        self, path: Path, vertex: Vertex, connection: Connection, bsdf_eval: BSDFEval
-    ) -> mi.Float:
-        """Return the MIS weight of `SceneLights`."""
-        return self.lights.mis_weight(path, vertex, connection, bsdf_eval)
+    def min_distance(self, p: mi.Point3f) -> mi.Float:
+        """Return 0, as lengths need not count the leg from the laser."""
+        return mi.Float(0)
