@@ -222,9 +222,7 @@ def _pixel_centre_hits(scene: Any, sensor: int) -> tuple[Any, Any, Any, tuple[in
 
     backend.require_vectorised()
     scene = scene if isinstance(scene, mi.Scene) else load_scene(scene)
-    require_sensor(scene)
-    sensors = scene.sensors()
-    camera = sensors[checks.integer("sensor", sensor, 0, len(sensors) - 1)]
+    camera: Any = require_sensor(scene, sensor)
     width, height = (int(v) for v in camera.film().crop_size())
     pixel = dr.arange(mi.UInt32, width * height)
     y = pixel // width

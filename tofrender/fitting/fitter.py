@@ -150,8 +150,7 @@ def fit(
     """
     backend.require_vectorised()
     checks.instance("scene", scene, mi.Scene, "a loaded scene, as mi.load_dict and load_scene give")
-    require_sensor(scene)
-    checks.integer("sensor", sensor, 0, len(scene.sensors()) - 1)
+    film = require_sensor(scene, sensor).film()
     if integrator is not None:
         checks.instance("integrator", integrator, mi.Integrator, "an integrator or None")
     for name, value in (("apply", apply), ("callback", callback)):
@@ -163,7 +162,6 @@ def fit(
     tolerance = checks.number("tolerance", tolerance, low=0, high=1)
     patience = checks.integer("patience", patience, 1, MAX_STEPS)
     checks.boolean("progress", progress)
-    film = scene.sensors()[sensor].film()
     measure = loss_of(loss, frequency_hz, film)
     variables = Variables(scene, params, apply, bounds)
     rates = variables.rates(learning_rate)
@@ -316,10 +314,8 @@ class _Plateau:
     def add(self, loss: float) -> bool:
         """Add a step's loss, and return whether the fit ends."""
         self.losses.append(loss)
-        before, now = (
-            self.losses[-2 * self.patience : -self.patience],
-            self.losses[-self.patience :],
-        )
+        before = self.losses[-2 * self.patience : -self.patience]
+        now = self.losses[-self.patience :]
         if len(before) < self.patience or math.fsum(now) < math.fsum(before):
             return False
         self.losses.clear()

@@ -66,17 +66,12 @@ def change(state: Any, settings: Mapping[str, Any]) -> None:
     if now_transient or settings.keys() & {*INTEGRATOR_SETTINGS}:
         wanted = settings.get("integrator", "path")
         if "integrator" in settings:
-            _drop_objects(nodes[0].props, mi.Integrator)
+            scene = nodes[0].props
+            for name in [name for name, each in parts(scene) if isinstance(each, mi.Integrator)]:
+                del scene[name]
         default = wanted if isinstance(wanted, str) else wanted["type"]
         integrator = _child(nodes, 0, mi.ObjectType.Integrator, default)
         change_integrator(nodes, integrator, settings, now_transient)
-
-
-def _drop_objects(props: mi.Properties, kind: type) -> None:
-    """Remove children that are objects already, before something else replaces them."""
-    for name, value in parts(props):
-        if isinstance(value, kind):
-            del props[name]
 
 
 def _child(nodes: Any, parent: int, kind: mi.ObjectType, default: str) -> int:

@@ -47,14 +47,15 @@ def parts(props: mi.Properties) -> list[tuple[str, Any]]:
     return [(name, props[name]) for name in props if props.type(name) in kinds]
 
 
+def references(props: mi.Properties) -> list[tuple[str, int]]:
+    """Names of the parts that are nodes, and the indices of these."""
+    kind = mi.Properties.ResolvedReference
+    return [(name, value.index()) for name, value in parts(props) if isinstance(value, kind)]
+
+
 def children(nodes: Any, parent: int, kind: mi.ObjectType) -> list[int]:
     """Indices of the nodes of a kind that a node refers to."""
-    found = [
-        value.index()
-        for _, value in parts(nodes[parent].props)
-        if isinstance(value, mi.Properties.ResolvedReference)
-    ]
-    return [index for index in found if is_kind(nodes[index], kind)]
+    return [index for _, index in references(nodes[parent].props) if is_kind(nodes[index], kind)]
 
 
 def replace_plugin(node: Any, plugin: str, kept: Iterable[str]) -> None:
