@@ -96,30 +96,28 @@ class TransientNLOSPath(RelayWallPath):
         """Surfaces that paths are sent to, with the wall if it is included."""
         return hidden + wall * self.targets_wall
 
-    def plan(
-        self,
-        scene: mi.Scene,
-        sensor: mi.Sensor | None = None,
-        weight: Any = None,
-        wall: list[mi.Shape] | None = None,
-        capture_type: str | None = None,
+    def capture_plan(
+        self, scene: mi.Scene, sensor: mi.Sensor | None, wall: Any = None, mode: str | None = None
     ) -> ScanPlan:
         """Plan the scan of the scene's one laser.
 
-        The wall and the capture type, "single" or "confocal", are by default as the parameters say.
+        An exhaustive capture is a single one for each laser spot.
         """
-        kind = self._kind(sensor) if capture_type is None else capture_type
-        allowed = (
-            "'single' or 'confocal' to render; "
-            "tofrender.capture(scene, mode='exhaustive') makes exhaustive captures"
-        )
-        checks.require("capture_type", kind, kind != "exhaustive", allowed)
+        kind = self._kind(sensor) if mode is None else mode
+        if kind == "exhaustive":
+            allowed = (
+                "'single' or 'confocal' to render; "
+                "tofrender.capture(scene, mode='exhaustive') makes exhaustive captures"
+            )
+            checks.require("capture_type", kind, mode, allowed)
+            require_clear_way(scene, sensor, self.laser_origin(scene, sensor))
+            kind = "single"
         allowed = "true for confocal captures, whose laser lights one point after the other"
         samples = self.lights_a_point
         checks.require("nlos_laser_sampling", samples, samples or kind != "confocal", allowed)
         find_laser(scene)
         apply_meters(scene, sensor)
-        plan = super().plan(scene, sensor, weight, wall)
+        plan = super().capture_plan(scene, sensor, wall)
         if self.lights_a_point:
             self._check_aim(plan.scan, kind, sensor)
             if self.shows_spot:
@@ -129,15 +127,6 @@ class TransientNLOSPath(RelayWallPath):
         if kind == "confocal" and sensor is not None:
             require_clear_way(scene, sensor, self.laser_origin(scene, sensor))
         return plan
-
-    def capture_plan(
-        self, scene: mi.Scene, sensor: mi.Sensor, wall: list[mi.Shape], mode: str
-    ) -> ScanPlan:
-        """Plan a capture; an exhaustive one is a single one for each laser spot."""
-        if mode == "exhaustive":
-            require_clear_way(scene, sensor, self.laser_origin(scene, sensor))
-        kind = "confocal" if mode == "confocal" else "single"
-        return self.plan(scene, sensor, wall=wall, capture_type=kind)
 
     def laser_origin(self, scene: mi.Scene, sensor: mi.Sensor) -> np.ndarray:
         """Position of the scene's laser [m]."""
