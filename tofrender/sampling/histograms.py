@@ -220,9 +220,8 @@ def compare_moments(
     total = integrals.total if integrals.total > 0 else math.nan
     expected = mean + integrals.moments / total
     variances = variance + integrals.moments_variance / total**2
-    moments = [
-        _moment(*each) for each in zip(names, mean, expected, variances, square, strict=True)
-    ]
+    compared = zip(names, mean, expected, variances, square, strict=True)
+    moments = [_moment(*each) for each in compared]
     for name, value in known.items():
         k = names.index(name)
         moments.append(_moment(f"{name} (known)", mean[k], float(value), variance[k], square[k]))

@@ -8,7 +8,7 @@ from typing import Any
 import mitsuba as mi
 
 from ..runtime import plugins
-from .nodes import ENDINGS, children, is_kind, is_of_no_known_kind, parts, replace_plugin
+from .nodes import ENDINGS, UNKNOWN, children, is_kind, parts, replace_plugin
 from .transient_integrators import change_integrator
 
 parser: Any = mi.parser
@@ -88,7 +88,7 @@ def _child(nodes: Any, parent: int, kind: mi.ObjectType, default: str) -> int:
             )
         if isinstance(value, mi.Properties.ResolvedReference):
             node = nodes[value.index()]
-            if not is_of_no_known_kind(node):
+            if any(is_kind(node, each) for each in mi.ObjectType if each != UNKNOWN):
                 continue
             if name == role:
                 return value.index()

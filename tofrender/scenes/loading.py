@@ -216,12 +216,9 @@ def _resolved(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:
 def _parse(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:
     if isinstance(source, os.PathLike):
         return _parse_file(config, Path(source), parameters)
-    if parameters:
-        name, value = next(iter(parameters.items()))
-        raise ValueError(
-            f"parameter {name} = {checks.quote(value)}: must be left out, only XML files "
-            "have parameters"
-        )
+    for name, value in parameters.items():
+        allowed = "left out, only XML files have parameters"
+        checks.require(f"parameter {name}", value, not parameters, allowed)
     if isinstance(source, str):
         source = BUILT_IN[source]()
     if not isinstance(source, Mapping):

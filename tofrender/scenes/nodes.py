@@ -36,11 +36,6 @@ def is_kind(node: Any, kind: mi.ObjectType) -> bool:
     return node.props.plugin_name().endswith(ENDINGS.get(kind, ()))
 
 
-def is_of_no_known_kind(node: Any) -> bool:
-    """Whether neither a node's type nor its name says what it is."""
-    return not any(is_kind(node, each) for each in mi.ObjectType if each != UNKNOWN)
-
-
 def parts(props: mi.Properties) -> list[tuple[str, Any]]:
     """References and ready-made objects; reading other properties would mark them as queried."""
     kinds = (mi.Properties.Type.ResolvedReference, mi.Properties.Type.Object)
