@@ -180,11 +180,9 @@ def save_exr_layers(
     import OpenEXR
 
     attrs = checks.mapping("attrs", attrs)
-    arrays = {
-        name: checks.real_array(f"layers[{name!r}]", values, np.float32)
-        for name, values in checks.mapping("layers", layers).items()
-    }
-    for name, array in arrays.items():
+    arrays: dict[str, np.ndarray] = {}
+    for name, values in checks.mapping("layers", layers).items():
+        array = arrays[name] = checks.real_array(f"layers[{name!r}]", values, np.float32)
         valid = array.ndim == 3 and array.shape[2] in (1, 3) and 0 not in array.shape
         allowed = "(height, width, channels) with 1 or 3 channels"
         checks.shape(f"layers[{name!r}]", array, valid, allowed)
