@@ -45,6 +45,9 @@ def test_direct_light_of_a_point():
     np.testing.assert_allclose(paths["position"][:, 2], 8 * [LAMP], rtol=1e-6)
     for k in range(8):
         assert names(paths, k) == ["sensor", "floor", "bulb"]
+    on_film = paths["on_film"].values
+    assert ((on_film[:, 1] >= 1) & (on_film[:, 1] <= 2)).all()  # Within the pixel (1, 1)
+    assert np.isnan(on_film[:, 0]).all()
 
 
 @pytest.mark.parametrize("pixel", [(6, 3), (12, 13)])

@@ -20,6 +20,7 @@ from ..integrators.plan import Plan
 from ..integrators.user_defined import follows
 from ..paths.camera import CameraSample, sample_camera, sampled_size
 from ..paths.walk import step
+from ..paths.window import KINDS, Window
 from ..runtime import backend, checks
 from ..scenes.checking import check_view
 from ..scenes.loading import load_plugin, load_scene
@@ -61,9 +62,11 @@ def paths_of(
         emitter: `position (path, vertex, xyz)` [m], `shape (path, vertex)`, the identifier of the
         shape, or "sensor", "medium" or that of an emitter without a shape; `vertex_opl (path,
         vertex)` and `opl (path)`, optical path lengths [m]; `radiance (path, channel)`, what the
-        path adds to the pixel's radiance [W m^-2 sr^-1]. Paths that are shorter than others end
-        with NaN and "". `total (channel)` is the radiance of all paths in range, of which `found`
-        (an attribute) were found. In polarised variants, radiance is S0.
+        path adds to the pixel's radiance [W m^-2 sr^-1]; `on_film (path, vertex, xy)`, where a
+        camera with a lens projects vertices [pixels], NaN behind it and for other sensors. Paths
+        that are shorter than others end with NaN and "". `total (channel)` is the radiance of all
+        paths in range, of which `found` (an attribute) were found. In polarised variants, radiance
+        is S0.
 
     Raises:
         ValueError: An argument or the scene is wrong; one line.
@@ -94,8 +97,12 @@ def paths_of(
         pixels = dr.full(mi.UInt32, index, spp)
         found = _Found(sample_camera(camera, camera.film(), sampler, pixels), low, high)
         found.trace(plan, sampler)
-        return found.chosen(loaded, count, seed).assign_attrs(
-            pixel=list(map(int, pixel)), spp=spp, seed=seed, found=len(found.opl)
+        chosen = found.chosen(loaded, count, seed)
+        on_film = _on_film(camera, chosen["position"].values)
+        return chosen.assign(on_film=(("path", "vertex", "xy"), on_film)).assign_attrs(
+            pixel=list(map(int, pixel)),
+            range=None if opl is None else [low, high],
+            **{"spp": spp, "seed": seed, "found": len(found.opl)},
         )
 
 
@@ -212,6 +219,14 @@ class _Found:
             },
             coords={"xyz": ["x", "y", "z"], "channel": names},
         )
+
+
+def _on_film(camera: mi.Sensor, position: np.ndarray) -> np.ndarray:
+    """Project points (path, vertex, xyz) onto the film of a camera with a lens [pixels]."""
+    pixels = np.full((*position.shape[:2], 2), np.nan)
+    if camera.class_name() in KINDS:
+        pixels[...] = Window(camera).project(position.reshape(-1, 3)).reshape(pixels.shape)
+    return pixels
 
 
 def _shapes(scene: mi.Scene, position: np.ndarray, last: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from ...signals.colour import LUMINANCE
 from ...vis.colours import phase_map
 from .compression import Mode, Reduction, Scale, bands, reductions
 from .data import ExplorerData, explorer_data, facts
+from .paths import path_lists
 
 MAPS = {"false": "inferno", "distance": "viridis", "signed": "coolwarm"}
 """Colour maps of Matplotlib by their use; phases have `phase_map`."""
@@ -69,6 +70,7 @@ def contents_of(
     orders: Any = None,
     distance_m: Any = None,
     title: Any = None,
+    paths: Any = None,
     most_bytes: int | None = None,
     packed: bool = False,
 ) -> Contents:
@@ -92,7 +94,7 @@ def contents_of(
     header: dict[str, Any] = {
         "version": 1,
         **{"perMetre": False, "depth": "", "geometry": {}, "orders": [], "stokes": []},
-        **{"hatched": found.hatched, "warnings": found.warnings},
+        **{"hatched": found.hatched, "warnings": found.warnings, "paths": path_lists(paths)},
         **found.header,
         "title": str(title or data.attrs.get("scene", "") or found.header["kind"]),
         "facts": facts(data, found),

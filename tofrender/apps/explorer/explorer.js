@@ -5,9 +5,11 @@
  * - `setData(data)` shows other data, in the same view if they have the same pixels and bins,
  * - `set({bin, view, pixels, gate, frequency, exposure, ...})` changes the view,
  * - `state()` returns the view and the numbers that it shows,
+ * - `addPaths(list)` takes in paths that `askPaths` was asked for, as `plain_paths` of Python,
  * - `destroy()` removes the explorer.
  *
- * Options: `level` of the title's heading (2).
+ * Options: `level` of the title's heading (2); `askPaths(pixel, range)`, which asks for the paths of a
+ * pixel of the film with lengths in a range [m].
  */
 
 import { isDark, make } from "../ui/parts.js";
@@ -17,6 +19,7 @@ import { listen, pressed } from "./input.js";
 import { Pictures, viewsOf } from "./pictures.js";
 import { STYLES } from "./plot.js";
 import { largest, Recording, SPEED_OF_LIGHT } from "./recording.js";
+import { Paths } from "./paths.js";
 import { Responses } from "./responses.js";
 import { clamp, nanoseconds } from "./words.js";
 
@@ -26,6 +29,7 @@ export function mount(element, data, options = {}) {
     setData: (next) => explorer.open(next),
     set: explorer.set,
     state: () => explorer.state(),
+    addPaths: (list) => explorer.addPaths(list),
     destroy: () => explorer.destroy(),
   };
   element.explorer = handle;
@@ -37,8 +41,8 @@ export function mount(element, data, options = {}) {
  * through `set`, and `draw` shows them.
  */
 class Explorer {
-  constructor(element, data, { level = 2 }) {
-    this.level = level;
+  constructor(element, data, { level = 2, askPaths = null }) {
+    Object.assign(this, { level, askPaths });
     this.element = element;
     this.root = make("section", { className: "tof-app tof-explorer", "data-lm-suppress-shortcuts": "true" });
     element.append(this.root);
@@ -74,10 +78,13 @@ class Explorer {
     this.recording = new Recording(data);
     this.pictures = new Pictures(this.recording);
     this.responses = new Responses(this);
+    this.paths = new Paths(this.recording, this.askPaths);
     this.now = opening(this.recording, this.pictures.white);
     this.parts = makeParts(this.recording, this.now, this.set);
     this.root.setAttribute("aria-label", `Explorer of ${header.title}`);
     this.root.replaceChildren(...layout(this.parts, this.recording, this.level));
+    this.parts.frame.insertBefore(this.paths.lines, this.parts.markers);
+    this.root.querySelector(".right").append(this.paths.element);
     listen(this);
     this.sizes.disconnect();
     this.sizes.observe(this.root);
@@ -125,6 +132,7 @@ class Explorer {
       gain: this.gain,
       milliseconds: this.milliseconds,
       curves: responses.curves().map(plainCurve),
+      paths: this.paths.lists,
       phasors: recording.hasPhasors ? responses.phasors() : [],
     };
   }
@@ -178,7 +186,23 @@ class Explorer {
     parts.canvas.setAttribute("aria-label", `${name} of ${recording.about.title}, ${picture.says}`);
     showMarkers(parts, recording, now, dark);
     this.responses.draw(dark, this.ink());
+    if (!now.playing) this.showPaths();
     this.tell(null);
+  }
+
+  addPaths(list) {
+    this.paths.add(list);
+    this.draw();
+  }
+
+  /** Show the paths of the chosen pixel, with lengths of the shown bin or gate. */
+  showPaths() {
+    const { now, recording } = this;
+    const { first, step, width, height } = recording.about.grid;
+    const pixel = now.pixels[now.active] && recording.place(now.pixels[now.active]);
+    const { first: from, count } = now.view === "gate" ? now.gate : { first: now.bin, count: 1 };
+    const range = [recording.edge(from), recording.edge(from + count)];
+    this.paths.show(pixel?.map((each) => each + Math.floor(step / 2)), range, { first, width, height });
   }
 
   /** Colours of the page's style, for canvases. */
