@@ -8,19 +8,21 @@
  * - `addPaths(list)` takes in paths that `askPaths` was asked for, as `plain_paths` of Python,
  * - `destroy()` removes the explorer.
  *
- * Options: `level` of the title's heading (2); `askPaths(pixel, range)`, which asks for the paths of a
- * pixel of the film with lengths in a range [m].
+ * Options: `level` of the title's heading (2); `linked`, whether the page's address has the view;
+ * `askPaths(pixel, range)`, which asks for the paths of a pixel of the film with lengths in a range [m].
  */
 
 import { isDark, make } from "../ui/parts.js";
 import { layout, makeParts, showControls, SPEEDS } from "./controls.js";
 import { showMarkers, showPicture } from "./frame.js";
 import { listen, pressed } from "./input.js";
+import { keepLinked } from "./link.js";
+import { Paths } from "./paths.js";
 import { Pictures, viewsOf } from "./pictures.js";
 import { STYLES } from "./plot.js";
 import { largest, Recording, SPEED_OF_LIGHT } from "./recording.js";
-import { Paths } from "./paths.js";
 import { Responses } from "./responses.js";
+import { saveButtons } from "./save.js";
 import { clamp, nanoseconds } from "./words.js";
 
 export function mount(element, data, options = {}) {
@@ -41,8 +43,8 @@ export function mount(element, data, options = {}) {
  * through `set`, and `draw` shows them.
  */
 class Explorer {
-  constructor(element, data, { level = 2, askPaths = null }) {
-    Object.assign(this, { level, askPaths });
+  constructor(element, data, { level = 2, linked = false, askPaths = null }) {
+    Object.assign(this, { level, isLinked: linked, askPaths });
     this.element = element;
     this.root = make("section", { className: "tof-app tof-explorer", "data-lm-suppress-shortcuts": "true" });
     element.append(this.root);
@@ -58,6 +60,7 @@ class Explorer {
       this.themes.observe(watched, { attributes: true });
     }
     this.open(data);
+    if (linked) keepLinked(this, signal);
   }
 
   destroy() {
@@ -80,7 +83,9 @@ class Explorer {
     this.responses = new Responses(this);
     this.paths = new Paths(this.recording, this.askPaths);
     this.now = opening(this.recording, this.pictures.white);
+    this.first = structuredClone(this.now); // As links leave out
     this.parts = makeParts(this.recording, this.now, this.set);
+    this.parts.saves = saveButtons(this);
     this.root.setAttribute("aria-label", `Explorer of ${header.title}`);
     this.root.replaceChildren(...layout(this.parts, this.recording, this.level));
     this.parts.frame.insertBefore(this.paths.lines, this.parts.markers);
@@ -188,6 +193,7 @@ class Explorer {
     this.responses.draw(dark, this.ink());
     if (!now.playing) this.showPaths();
     this.tell(null);
+    this.shown?.();
   }
 
   addPaths(list) {
@@ -198,17 +204,16 @@ class Explorer {
   /** Show the paths of the chosen pixel, with lengths of the shown bin or gate. */
   showPaths() {
     const { now, recording } = this;
-    const { first, step, width, height } = recording.about.grid;
     const pixel = now.pixels[now.active] && recording.place(now.pixels[now.active]);
     const { first: from, count } = now.view === "gate" ? now.gate : { first: now.bin, count: 1 };
     const range = [recording.edge(from), recording.edge(from + count)];
-    this.paths.show(pixel?.map((each) => each + Math.floor(step / 2)), range, { first, width, height });
+    this.paths.show(pixel, range, recording.about.grid);
   }
 
   /** Colours of the page's style, for canvases. */
   ink() {
     const style = getComputedStyle(this.root);
-    const names = ["line", "grid", "soft", "accent", "band"];
+    const names = ["paper", "line", "grid", "soft", "accent", "band"];
     return Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
   }
 
@@ -236,7 +241,7 @@ function opening(recording, brightest) {
     gamma: 2.2,
     colours: isVolume ? "false" : recording.weights.length === 3 ? "colour" : "grey",
     smooth: about.grid.step > 1,
-    pixels: tellingPixels(recording),
+    pixels: about.paths.length ? about.paths.map(({ pixel }) => recording.pixelAt(pixel)) : tellingPixels(recording),
     active: 0,
     channel: "luminance",
     stokes: "S0",

@@ -6,7 +6,7 @@ from ..ui import bundle
 
 MODULES = (
     *("recording", "words", "stokes", "paint", "plot", "pictures", "frame", "input", "controls"),
-    *("responses", "paths", "explorer"),
+    *("responses", "link", "gif", "save", "paths", "explorer"),
 )
 
 

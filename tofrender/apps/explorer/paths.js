@@ -36,11 +36,12 @@ export class Paths {
     this.lists = [...this.lists.filter((each) => !each.error), list];
   }
 
-  /** Show the paths of a pixel (x, y) of the film whose length is in a range [m]. */
-  show(pixel, range, size) {
+  /** Show the paths of a pixel of the light, [x, y] on the film, with lengths in a range [m]. */
+  show(pixel, range, grid) {
     if (this.element.hidden) return;
-    const list = pixel && this.lists.findLast((each) => isFor(each, pixel, range));
-    if (pixel && !list) this.request(pixel, range);
+    const list = pixel && this.lists.findLast((each) => isFor(each, pixel, range, grid));
+    const middle = Math.floor(grid.step / 2);
+    if (pixel && !list) this.request(pixel.map((each) => each + middle), range);
     const kinds = list && !list.error ? kindsOf(list.paths, range) : [];
     this.state.textContent = stateOf(pixel, list, kinds, this.ask);
     this.chosen = Math.min(this.chosen, Math.max(0, kinds.length - 1));
@@ -49,13 +50,13 @@ export class Paths {
       const name = make("button", { type: "button", className: "kind", "aria-pressed": k === this.chosen }, shapes);
       name.addEventListener("click", () => {
         this.chosen = k;
-        this.show(pixel, range, size);
+        this.show(pixel, range, grid);
       });
       return [name, opl, `${short((100 * light) / all, 2)} %`];
     });
     this.table.hidden = !rows.length;
     if (rows.length) fill(this.table, [["from the light to the sensor", "length [m]", "of the light"], ...rows]);
-    this.draw(kinds[this.chosen]?.paths ?? [], size);
+    this.draw(kinds[this.chosen]?.paths ?? [], grid);
   }
 
   /** Ask for paths once for each pixel and range. */
@@ -79,9 +80,9 @@ export class Paths {
   }
 }
 
-function isFor(list, pixel, range) {
+function isFor(list, pixel, range, { step }) {
   const inside = !list.opl || (list.opl[0] <= range[0] + 1e-9 && list.opl[1] >= range[1] - 1e-9);
-  return list.pixel[0] === pixel[0] && list.pixel[1] === pixel[1] && inside;
+  return inside && pixel.every((least, k) => list.pixel[k] >= least && list.pixel[k] < least + step);
 }
 
 /** Paths in range by the shapes that they meet, the brightest first. */

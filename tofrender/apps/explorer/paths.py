@@ -53,9 +53,7 @@ def path_tracer(scene: Any, data: Any) -> Callable[[Any, Any], dict[str, Any]]:
     if not isinstance(scene, mi.Scene):
         scene = load_scene(scene, width=size[0], height=size[1], optimize=False)
     own = tuple(int(side) for side in scene.sensors()[0].film().crop_size())
-    checks.require(
-        "scene", f"film of {own[0]} x {own[1]}", own == size, f"of {size[0]} x {size[1]}"
-    )
+    checks.require("film of the scene", own, own == size, f"of {size}, as the data have it")
 
     def trace(pixel: Any, opl: Any) -> dict[str, Any]:
         try:

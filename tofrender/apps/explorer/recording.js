@@ -128,6 +128,12 @@ export class Recording {
     return planes;
   }
 
+  /** The pixel at such coordinates. */
+  at([x, y]) {
+    const { first, step } = this.about.grid;
+    return [Math.floor((x - first[0]) / step), Math.floor((y - first[1]) / step)];
+  }
+
   /** Channels of planes as one. */
   luminance(planes) {
     const { weights } = this;
@@ -183,6 +189,12 @@ export class Recording {
   place([column, row]) {
     const { first, step } = this.about.grid;
     return [first[0] + column * step, first[1] + row * step];
+  }
+
+  /** The pixel, or block of pixels, that a pixel of the film is in. */
+  pixelAt([x, y]) {
+    const { first, step } = this.about.grid;
+    return [Math.floor((x - first[0]) / step), Math.floor((y - first[1]) / step)];
   }
 
   /**
