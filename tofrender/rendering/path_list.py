@@ -224,7 +224,7 @@ class _Found:
 def _on_film(camera: mi.Sensor, position: np.ndarray) -> np.ndarray:
     """Project points (path, vertex, xyz) onto the film of a camera with a lens [pixels]."""
     pixels = np.full((*position.shape[:2], 2), np.nan)
-    if camera.class_name() in KINDS:
+    if pixels.size and camera.class_name() in KINDS:
         pixels[...] = Window(camera).project(position.reshape(-1, 3)).reshape(pixels.shape)
     return pixels
 

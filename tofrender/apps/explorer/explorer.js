@@ -89,7 +89,7 @@ class Explorer {
     this.root.setAttribute("aria-label", `Explorer of ${header.title}`);
     this.root.replaceChildren(...layout(this.parts, this.recording, this.level));
     this.parts.frame.insertBefore(this.paths.lines, this.parts.markers);
-    this.root.querySelector(".right").append(this.paths.element);
+    this.root.querySelector(".right > .panel").after(this.paths.element);
     listen(this);
     this.sizes.disconnect();
     this.sizes.observe(this.root);
@@ -241,7 +241,7 @@ function opening(recording, brightest) {
     gamma: 2.2,
     colours: isVolume ? "false" : recording.weights.length === 3 ? "colour" : "grey",
     smooth: about.grid.step > 1,
-    pixels: about.paths.length ? about.paths.map(({ pixel }) => recording.pixelAt(pixel)) : tellingPixels(recording),
+    pixels: about.paths.length ? about.paths.map(({ pixel }) => recording.at(pixel)) : tellingPixels(recording),
     active: 0,
     channel: "luminance",
     stokes: "S0",

@@ -191,12 +191,6 @@ export class Recording {
     return [first[0] + column * step, first[1] + row * step];
   }
 
-  /** The pixel, or block of pixels, that a pixel of the film is in. */
-  pixelAt([x, y]) {
-    const { first, step } = this.about.grid;
-    return [Math.floor((x - first[0]) / step), Math.floor((y - first[1]) / step)];
-  }
-
   /**
    * What a pixel sees in each bin.
    *
