@@ -136,7 +136,7 @@ def make_dataset(
     with atomic.locked(target, "out"):
         _require_room(folder, plan)
         with held_signals():
-            store = Store.begin(folder, _recipe(plan), plan.records, plan.layout)
+            store = Store.begin(folder, _recipe(plan), plan)
         receipts = {record: store.receipt(record) for record in plan.records}
         left = [record for record in plan.records if receipts[record] is None]
         count = len(plan.records)
@@ -163,7 +163,7 @@ def make_dataset(
         with held_signals():  # All records are there: what is left is done in a moment
             # Of a slow record that two workers made, the last one's receipt is the one that counts
             found = {record: store.last_receipt(record) for record in plan.records}
-            store.finish(found, plan.config.varied, plan.layout, _attributes(plan, found), target)
+            store.finish(plan, found, _attributes(plan, found), target)
     _warn_of_records(found)
     return load_dataset(target)
 

@@ -27,21 +27,13 @@ from .scene import load, scene_of
 
 @dataclass
 class Receipt:
-    """Provenance of a record.
+    """Provenance of a record."""
 
-    Attributes:
-        drawn: Values by name.
-        about: All that the record depends on, as JSON can hold it.
-        warnings: Texts of warnings.
-        seconds: Time that it took [s].
-        files: CRC-32 of each file on disk, by its name.
-    """
-
-    drawn: dict[str, Any]
-    about: dict[str, Any]
+    drawn: dict[str, Any]  # values by name
+    about: dict[str, Any]  # all that the record depends on, as JSON can hold it
     warnings: list[str]
-    seconds: float
-    files: dict[str, int] = field(default_factory=dict)
+    seconds: float  # time that it took [s]
+    files: dict[str, int] = field(default_factory=dict)  # CRC-32 of each on disk, by its name
 
 
 def make_record(

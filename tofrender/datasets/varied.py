@@ -38,26 +38,16 @@ RESERVED = (
 
 @dataclass(frozen=True)
 class Varied:
-    """A quantity that is varied.
-
-    Attributes:
-        name: Its name.
-        target: One of `TARGETS`.
-        part: Argument, path, object or material that is varied; a list of names for `present`.
-        distribution: The distribution of its values.
-        times: Whether the draw multiplies the scene's value.
-        up: Up vector of the camera, None for the default.
-        axis: Axis of rotation of an object.
-        around: Fixed point of a rotation or scale [m]; None for the object's own middle.
-    """
+    """A quantity that is varied."""
 
     name: str
-    target: str
-    part: Any
-    distribution: Distribution
-    times: bool = False
-    up: tuple[float, ...] | None = None
-    axis: tuple[float, ...] = (0.0, 1.0, 0.0)
+    target: str  # one of `TARGETS`
+    part: Any  # argument, path, object or material that is varied; a list of names for `present`
+    distribution: Distribution  # of its values
+    times: bool = False  # whether the draw multiplies the scene's value
+    up: tuple[float, ...] | None = None  # of the camera, None for the default
+    axis: tuple[float, ...] = (0.0, 1.0, 0.0)  # of an object's rotation
+    # fixed point of a rotation or scale [m]; None for the object's own middle
     around: tuple[float, ...] | None = None
 
     @property
