@@ -62,9 +62,8 @@ def capture(
     require_sensor(loaded)
     shape = getattr(loaded.sensors()[0].film(), "shape", None)
     if shape is not None:
-        opt.check_disk_space(
-            out, math.prod(shape) * (shape[0] * shape[1] if mode == "exhaustive" else 1)
-        )
+        lasers = shape[0] * shape[1] if mode == "exhaustive" else 1
+        opt.check_disk_space(out, math.prod(shape) * lasers)
     if resume and out.exists() and checkpoints.unfinished_work(out) is None:
         found = io.load_capture(out)
         if found.attrs.get("complete", 1):
@@ -130,9 +129,7 @@ def reconstruct(
         volume = nlos.reconstruct(captured, method, client=client)
     brightness, depth = nlos.max_projection(volume), nlos.depth_map(volume)
     with checkpoints.exclusively(out), io.output_folder(out, overwrite=True) as folder:
-        arrays: dict[str, Any] = {
-            str(name): volume[name].values for name in (*volume.data_vars, *volume.coords)
-        }
+        arrays: dict[str, Any] = {str(name): v.values for name, v in volume.variables.items()}
         np.savez_compressed(folder / "volume.npz", **arrays)
         attrs = {"method": method, "units": "m"}
         for name, image in (("brightness", brightness), ("depth", depth)):
