@@ -21,7 +21,7 @@ from ..runtime import checks
 from ..runtime.settings import CHECKS
 from .randomness import Source
 from .tables import boolean, checked, known_keys, table, text
-from .varied import Varied, parse_varied
+from .varied import REPEATABLE, Varied, parse_varied
 
 MAX_RECORDS = 10_000_000
 MAX_RETRY = 1000
@@ -316,7 +316,7 @@ def _require_once(varied: Mapping[str, Varied], fixed: Mapping[str, Mapping[str,
         part, where = (each.target, str(each.part)), f"vary.{name}.{each.target} = {each.part!r}"
         if each.part in fixed.get(each.target, ()):
             raise ValueError(f"{where}: is in [{each.target}s] too; must be in one of both")
-        if each.only_once and part in owners:
+        if each.target not in REPEATABLE and part in owners:
             raise ValueError(f"{where}: vary.{owners[part]} has it too; must be in one of both")
         owners[part] = name
 

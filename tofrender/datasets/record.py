@@ -104,8 +104,7 @@ def _rendered(
         about |= {name: film.attrs[name] for name in keep}
     if outputs.noisy:
         about["noise_seed"] = config.render_seed(record, attempt, "noise")
-        options = common | {"seed": about["noise_seed"], "sampler": sampler}
-        film = render(scene, spp=outputs.noisy, **options)
+        film = render(scene, spp=outputs.noisy, seed=about["noise_seed"], sampler=sampler, **common)
         _require_whole(film.attrs)
         arrays["noisy"] = film["transient"].values
     if outputs.phasor:
@@ -139,8 +138,7 @@ def _captured(
     about["capture"] = {n: film.attrs[n] for n in (*names, "energy_outside_window")}
     arrays = {"capture": film["transient"].values}
     arrays |= {f"capture_{name}": film[name].values for name in (*GEOMETRY, *ORIGINS)}
-    rows, columns = arrays["capture_sensor_grid"].shape[:2]
-    everywhere = np.ones((rows, columns), bool)
+    everywhere = np.ones(arrays["capture_sensor_grid"].shape[:2], bool)
     arrays["capture_on_wall"] = film["on_wall"].values if "on_wall" in film else everywhere
     if wanted.hidden_depth:
         arrays["hidden_depth"] = hidden_depth(scene, film).values
