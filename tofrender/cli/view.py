@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -69,12 +70,9 @@ def view(
         shown = SavedDataset(Path(source), load_intensity)
         if shown.error is not None:
             opt.note(f"warning: {shown.error}")
-    try:
+    with closing(shown) if isinstance(shown, LiveRender) else nullcontext():
         make = application(shown, target)
         serve(make, "Light in time", host=host, port=port, browser=browser, tell=opt.say)
-    finally:
-        if isinstance(shown, LiveRender):
-            shown.close()
 
 
 def compare(

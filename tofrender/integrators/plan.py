@@ -56,7 +56,8 @@ class Plan(Parts):
     def without_first_hit(self) -> Self:
         """Return the plan without emission at the first surface."""
         other = copy(self)
-        other.limits = self.limits.without_first_hit()
+        other.limits = copy(self.limits)
+        other.limits.skip_first_hit = True
         return other
 
     def illuminate(

@@ -7,26 +7,18 @@ The loop never looks at their types.
 | space | `space.Vacuum` | straight rays between surfaces |
 | | `media.space.Media` | straight rays through participating media |
 | endpoint | `endpoints.SceneLights` | the scene's emitters, by next-event estimation and hits |
-| | `integrators.lights_straight_ahead` | those, also behind panes and masks |
 | | `endpoints.EmitterHits`, `ConnectionsOnly` | one of both techniques |
-| | `integrators.one_sample.OneSampleLights` | one-sample MIS of emitter and BSDF sampling |
-| | `endpoints.GatedLights`, `media.gated.GatedFog` | emitter samples seen through a gate |
-| | `integrators.outside_lights.PointSource`, `OpenSky` | a light outside the scene |
-| | `bidirectional.camera.Camera` | the lens, for paths from lights |
-| | `bidirectional.light_paths.LightPaths` | emitters, and the vertices of a light path |
-| | `nlos.light.laser_spot.LaserSpot` | the laser spot on a relay wall |
-| | `nlos.light.transient_nlos.LaserEmitter` | the scene's laser, for the paths that count |
 | scattering | `scattering.Materials` | the BSDF of each surface, or one for all |
 | | `media.phases.Phases` | phase functions in media, another scattering on surfaces |
-| | `nlos.light.guided.Guided` | another scattering, mixed with directions to target surfaces |
 | measurement | `films.sums.Radiance` | the sum of all light |
 | | `films.sums.Weighted` | a sum weighted by path length: a gate, a correlation |
 | | `films.time_bins.TimeBins` | a film's time bins |
 | | `films.phasor_sum.PhasorSum` | phasors of some frequencies |
 | | `rendering.arrivals.ArrivalHistogram` | energy over path length, for all pixels together |
 
-They have no state of their own: what they need to know of a path is stored in it (`history`,
-`guide`, `medium`).
+Other endpoints stand beside what needs them: in `integrators`, `media.gated`, `bidirectional` and
+`nlos.light`. Implementations have no state of their own: what they need to know of a path is stored
+in it (`history`, `guide`, `medium`).
 """
 
 from __future__ import annotations
@@ -53,10 +45,7 @@ class Space(ABC):
     index: float  # index of refraction around the sensor
 
     def with_phase_functions(self, surfaces: Scattering, **options: bool) -> Scattering:
-        """Extend the scattering of surfaces to the points of media, by phase functions.
-
-        Options are `importance` and `both_ways`, as of `Materials`.
-        """
+        """Extend scattering at surfaces to points of media; options are those of `Materials`."""
         return surfaces
 
     def attached(self) -> Space:
@@ -79,10 +68,7 @@ class Space(ABC):
 
     @abstractmethod
     def next_vertex(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
-        """Intersect the path's ray; returns the path and the vertex.
-
-        Only throughput and current medium of the path may change: the loop adds the length.
-        """
+        """Intersect the path's ray; of the path, only throughput and current medium may change."""
 
     @abstractmethod
     def transmittance(

@@ -6,7 +6,6 @@ not differentiate the loop in reverse otherwise.
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
@@ -246,12 +245,6 @@ class Limits:
         self.max_depth, self.rr_depth, self.max_opl = max_depth, rr_depth, max_opl
         self.camera_unwarp, self.skip_first_hit = camera_unwarp, skip_first_hit
         self.ignore_null = ignore_null
-
-    def without_first_hit(self) -> Limits:
-        """Copy the limits, with emission at the first surface dropped."""
-        other = copy(self)
-        other.skip_first_hit = True
-        return other
 
     @property
     def bounded(self) -> bool:

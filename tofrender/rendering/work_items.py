@@ -7,9 +7,8 @@ add up to the whole but for rounding, however it is cut. Other samplers give eac
 from __future__ import annotations
 
 import time
-from collections.abc import Hashable
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
 import numpy as np
@@ -25,11 +24,6 @@ from .errors import Scatter, batches_of, seed_of
 if TYPE_CHECKING:
     from ..films.transient import TransientHDRFilm
     from .job import Job
-
-Item = TypeVar("Item", bound=Hashable)
-Result = TypeVar("Result")
-ItemT = TypeVar("ItemT", bound=Hashable, contravariant=True)
-ResultT = TypeVar("ResultT", contravariant=True)
 
 
 @dataclass(frozen=True, order=True)
