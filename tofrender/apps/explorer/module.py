@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from ..ui import bundle
 
-MODULES = ("recording", "picture", "plot", "explorer")
+MODULES = (
+    *("recording", "words", "paint", "plot", "pictures", "frame", "input", "controls"),
+    *("responses", "explorer"),
+)
 
 
 def javascript() -> str:

@@ -1,6 +1,7 @@
 /** Curves over path length with axes in metres and nanoseconds, and phasors in their plane. */
 
 import { SPEED_OF_LIGHT } from "./recording.js";
+import { short, signed } from "./words.js";
 
 /** Okabe and Ito's colours that show on white and on black, and dashes for those who see none. */
 export const STYLES = [
@@ -11,6 +12,10 @@ export const STYLES = [
   { colour: "#8a6d00", dark: "#f0e442", dash: [5, 2] },
   { colour: "#555555", dark: "#c8c8c8", dash: [1, 2] },
 ];
+
+export function colourOf(k, dark) {
+  return dark ? STYLES[k].dark : STYLES[k].colour;
+}
 
 const MARGIN = { left: 64, right: 14, top: 40, bottom: 38 };
 const DECADES = 4; // of a logarithmic axis
@@ -26,24 +31,6 @@ export function ticks(low, high, count) {
   for (let k = Math.ceil(low / step); k * step <= high * (1 + 1e-12); k++) found.push(k * step);
   return found;
 }
-
-/** A number in a few digits. */
-export function short(value, digits = 3) {
-  if (!Number.isFinite(value)) return "–";
-  if (value === 0) return "0";
-  const size = Math.abs(value);
-  if (size >= 1e-4 && size < 1e5) return signed(Number(value.toPrecision(digits)));
-  const [front, power] = value.toExponential(digits - 1).split("e");
-  const raised = String(Number(power)).replace(/./g, (sign) => RAISED[sign]);
-  return `${signed(Number(front))}·10${raised}`;
-}
-
-/** A number's text with a minus sign. */
-export function signed(text) {
-  return String(text).replace("-", "−");
-}
-
-const RAISED = Object.fromEntries([..."-0123456789"].map((sign, k) => [sign, "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"[k]]));
 
 /** Where bins lie on a plot's canvas. */
 export class Axes {
@@ -164,14 +151,13 @@ function drawGrid(pen, axes, y, { low, high, log }, words, ink) {
 }
 
 function drawCurve(pen, axes, y, { values, errors, style, faint }, dark) {
-  const { colour, dark: bright, dash } = STYLES[style];
-  pen.strokeStyle = pen.fillStyle = dark ? bright : colour;
+  pen.strokeStyle = pen.fillStyle = colourOf(style, dark);
   const middle = (bin) => axes.x(axes.start + (bin + 0.5) * axes.width);
   if (errors) drawErrors(pen, middle, y, values, errors);
   pen.globalAlpha = faint ? 0.75 : 1;
   pen.lineWidth = faint ? 1 : 1.75;
   pen.lineJoin = "round";
-  pen.setLineDash(faint ? faint : dash);
+  pen.setLineDash(faint ? faint : STYLES[style].dash);
   pen.beginPath();
   values.forEach((value, bin) => pen.lineTo(middle(bin), y(value)));
   pen.stroke();
@@ -225,12 +211,11 @@ export function drawPhasors(canvas, phasors, { dark, ink }) {
   pen.fillText("Q", x, y - radius - 10);
   const longest = Math.max(...phasors.map(({ amplitude }) => amplitude), 0) || 1;
   for (const { amplitude, phase, style } of phasors) {
-    const { colour, dark: bright, dash } = STYLES[style];
     const length = (amplitude / longest) * radius;
     const tip = [x + length * Math.cos(phase), y - length * Math.sin(phase)];
-    pen.strokeStyle = pen.fillStyle = dark ? bright : colour;
+    pen.strokeStyle = pen.fillStyle = colourOf(style, dark);
     pen.lineWidth = 2;
-    pen.setLineDash(dash);
+    pen.setLineDash(STYLES[style].dash);
     line(pen, x, y, ...tip);
     pen.setLineDash([]);
     pen.beginPath();

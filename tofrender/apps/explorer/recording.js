@@ -60,6 +60,7 @@ export class Recording {
     this.orders = header.orders.map((about) => this.layer(about));
     this.distances = header.parts.distance && this.part("distance");
     this.weights = header.weights;
+    this.isVolume = header.kind === "volume";
     this.laser = 0;
     this.unwarped = false;
     this.chosen();
@@ -99,7 +100,12 @@ export class Recording {
 
   /** Path length at a bin's centre. */
   centre(bin) {
-    return this.start + (bin + 0.5) * this.width;
+    return this.edge(bin + 0.5);
+  }
+
+  /** Path length where a bin begins. */
+  edge(bin) {
+    return this.start + bin * this.width;
   }
 
   /** About how much of path lengths is the way to the camera, which is in them unless unwarped. */
@@ -166,6 +172,12 @@ export class Recording {
   }
 
   // ----------------------------------------------------------------------------------- pixels
+
+  /** Coordinates of a pixel in the whole film; of a block of pixels, those of its first one. */
+  place([column, row]) {
+    const { first, step } = this.about.grid;
+    return [first[0] + column * step, first[1] + row * step];
+  }
 
   /**
    * What a pixel sees in each bin.

@@ -1,0 +1,81 @@
+/** The frame around the picture: the picture, its colour bar, its markers, and places in it. */
+
+import { make } from "../ui/parts.js";
+import { colourOf } from "./plot.js";
+import { clamp, short } from "./words.js";
+
+const NEAR_MARKER = 14; // px
+
+/** Show a picture with its colour bar. */
+export function showPicture({ canvas, frame, bar, assumes }, picture, smooth) {
+  const { width, height, bytes } = picture;
+  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+  canvas.getContext("2d").putImageData(new ImageData(bytes, width, height), 0, 0);
+  frame.style.aspectRatio = `${picture.aspect ?? width / height}`;
+  frame.classList.toggle("smooth", smooth);
+  assumes.textContent = picture.assumes ?? "";
+  assumes.hidden = !picture.assumes;
+  showBar(bar, picture);
+}
+
+function showBar(bar, { map, low, high, unit, scale }) {
+  const colours = map ?? scale?.map;
+  bar.hidden = !colours;
+  if (!colours) return;
+  const strip = make("canvas", { width: 256, height: 1 });
+  const bytes = new Uint8ClampedArray(1024).fill(255);
+  for (let i = 0; i < 256; i++) bytes.set(colours.subarray(3 * i, 3 * i + 3), 4 * i);
+  strip.getContext("2d").putImageData(new ImageData(bytes, 256, 1), 0, 0);
+  const says = [0, 0.25, 0.5, 0.75, 1].map((part) =>
+    map ? short(low + part * (high - low)) : short(part ** scale.gamma * scale.high, 2),
+  );
+  says[4] += unit ? ` ${unit}` : "";
+  bar.replaceChildren(strip, make("div", {}, ...says.map((each) => make("span", {}, each))));
+}
+
+/** Show where the chosen pixels are, and the points that the laser lights. */
+export function showMarkers({ markers }, recording, now, dark) {
+  const { width, height } = recording.light;
+  const put = (element, column, row) => {
+    element.style.left = `${(100 * (column + 0.5)) / width}%`;
+    element.style.top = `${(100 * (row + 0.5)) / height}%`;
+    return element;
+  };
+  const pixels = now.pixels.map(([column, row], k) => {
+    const marker = make("div", { className: k === now.active ? "marker active" : "marker" }, String(k + 1));
+    marker.style.setProperty("--own", colourOf(k, dark));
+    return put(marker, column, row);
+  });
+  const { grid, geometry } = recording.about;
+  const lasers = (geometry.lasers ?? []).map(([column, row], k) => {
+    const laser = make("div", { className: k === now.laser ? "laser active" : "laser" });
+    return put(laser, (column + 0.5) / grid.step - 0.5, (row + 0.5) / grid.step - 0.5);
+  });
+  markers.replaceChildren(...(hasPixels(now) ? [...lasers, ...pixels] : []));
+}
+
+/** Whether the picture shows pixels of the light, not a projection of a volume. */
+export function hasPixels({ view }) {
+  return view !== "side" && view !== "top";
+}
+
+/** Column and row of the light's pixel under a pointer. */
+export function pixelUnder(event, { frame }, { light }) {
+  const { left, top, width, height } = frame.getBoundingClientRect();
+  const column = Math.floor(((event.clientX - left) / width) * light.width);
+  const row = Math.floor(((event.clientY - top) / height) * light.height);
+  return [clamp(column, 0, light.width - 1), clamp(row, 0, light.height - 1)];
+}
+
+/** The number of the marker near a pointer, -1 if there is none. */
+export function markerUnder(event, { frame }, { light }, pixels) {
+  const { left, top, width, height } = frame.getBoundingClientRect();
+  const away = pixels.map(([column, row]) =>
+    Math.hypot(
+      left + ((column + 0.5) / light.width) * width - event.clientX,
+      top + ((row + 0.5) / light.height) * height - event.clientY,
+    ),
+  );
+  const nearest = away.indexOf(Math.min(...away));
+  return away[nearest] <= NEAR_MARKER ? nearest : -1;
+}
