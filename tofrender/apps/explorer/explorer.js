@@ -6,6 +6,8 @@
  * - `set({bin, view, pixels, gate, frequency, exposure, ...})` changes the view,
  * - `state()` returns the view and the numbers that it shows,
  * - `destroy()` removes the explorer.
+ *
+ * Below a capture with its volume is an explorer of the volume alone.
  */
 
 import { isDark, make } from "../ui/parts.js";
@@ -16,15 +18,18 @@ import { Pictures, viewsOf } from "./pictures.js";
 import { STYLES } from "./plot.js";
 import { largest, Recording, SPEED_OF_LIGHT } from "./recording.js";
 import { Responses } from "./responses.js";
+import { FRONT } from "./volume.js";
 import { clamp, nanoseconds } from "./words.js";
 
 export function mount(element, data) {
   const explorer = new Explorer(element, data);
+  const { volume } = data.header;
+  const below = volume && new Explorer(element, { header: volume, bytes: data.bytes });
   const handle = {
     setData: (next) => explorer.open(next),
     set: explorer.set,
     state: () => explorer.state(),
-    destroy: () => explorer.destroy(),
+    destroy: () => [explorer, below].forEach((each) => each?.destroy()),
   };
   element.explorer = handle;
   return handle;
@@ -137,7 +142,7 @@ class Explorer {
       }
       requestAnimationFrame(next);
     };
-    if (this.now.view !== "light") this.now.view = "light";
+    if (this.now.view !== "space") this.now.view = "light";
     requestAnimationFrame(next);
   }
 
@@ -163,7 +168,8 @@ class Explorer {
       part.classList.toggle("idle", picture.map !== undefined);
     }
     const [, name] = viewsOf(recording).find(([view]) => view === now.view);
-    parts.canvas.setAttribute("aria-label", `${name} of ${recording.about.title}, ${picture.says}`);
+    const { canvas } = picture.scene ? parts.space : parts;
+    canvas.setAttribute("aria-label", `${name} of ${recording.about.title}, ${picture.says}`);
     showMarkers(parts, recording, now, dark);
     this.responses.draw(dark, this.ink());
     this.tell(null);
@@ -192,7 +198,9 @@ function opening(recording, brightest) {
   const bin = brightestBin(recording, brightest);
   const gate = Math.max(1, Math.round(count / 12));
   return {
-    view: "light",
+    view: about.volume ? "space" : "light",
+    ...FRONT,
+    threshold: 0.3,
     bin,
     playing: false,
     speed: "1",

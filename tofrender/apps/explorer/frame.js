@@ -7,15 +7,21 @@ import { clamp, short } from "./words.js";
 const NEAR_MARKER = 14; // px
 
 /** Show a picture with its colour bar. */
-export function showPicture({ canvas, frame, bar, assumes }, picture, smooth) {
-  const { width, height, bytes } = picture;
-  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-  canvas.getContext("2d").putImageData(new ImageData(bytes, width, height), 0, 0);
-  frame.style.aspectRatio = `${picture.aspect ?? width / height}`;
+export function showPicture({ canvas, frame, space, bar, assumes }, picture, smooth) {
+  frame.hidden = Boolean(picture.scene);
+  space.element.hidden = !picture.scene;
+  if (picture.scene) space.draw(picture.scene);
+  else showBytes(canvas, picture);
+  frame.style.aspectRatio = `${picture.aspect ?? picture.width / picture.height}`;
   frame.classList.toggle("smooth", smooth);
   assumes.textContent = picture.assumes ?? "";
   assumes.hidden = !picture.assumes;
   showBar(bar, picture);
+}
+
+function showBytes(canvas, { width, height, bytes }) {
+  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+  canvas.getContext("2d").putImageData(new ImageData(bytes, width, height), 0, 0);
 }
 
 function showBar(bar, { map, low, high, unit, scale }) {

@@ -1,8 +1,11 @@
 /** The picture of each view: bytes, size and what they say. */
 
 import { paintLight, paintMap, range, toneCurve, white, whiteOfAll } from "./paint.js";
-import { largest, largestAcross, phasorParts, SPEED_OF_LIGHT } from "./recording.js";
+import { largest, largestAcross, phasorParts, Recording, SPEED_OF_LIGHT } from "./recording.js";
+import { distance, Space } from "./space.js";
 import { hertz, lengthText, short, when } from "./words.js";
+
+const TURNING = ["space", "3D", "The volume before its wall, to be turned"];
 
 /** Views of a recording: what `view` is called, its label, and what it shows. */
 export function viewsOf({ about, isVolume }) {
@@ -13,6 +16,7 @@ export function viewsOf({ about, isVolume }) {
       ["side", "Side", "Largest value along x"],
       ["top", "Top", "Largest value along y"],
       ["peak", "Depth", "Depth of the largest value"],
+      TURNING,
     ];
   }
   const views = [
@@ -23,17 +27,22 @@ export function viewsOf({ about, isVolume }) {
     ["depth", "Depth", "Half the path length of the brightest bin"],
     ["phasor", "Phasor", "Measurement of a camera with modulated light"],
   ];
+  if (about.volume) views.unshift(TURNING);
   return views.filter(([view]) => view !== "depth" || about.depth);
 }
 
 /**
  * Makes pictures of a recording. `of(now)` returns {bytes, width, height, says} and, where they
- * apply, aspect, assumes, gain (1 / gain is white), and map, low, high, unit or scale of a bar.
+ * apply, aspect, assumes, gain (1 / gain is white), and map, low, high, unit or scale of a bar; of
+ * the view "space" a scene instead of bytes.
  */
 export class Pictures {
   constructor(recording) {
     this.recording = recording;
     this.white = whiteOfAll(recording.light);
+    const { about: { volume: header }, bytes } = recording;
+    const volume = recording.isVolume ? recording : header && new Recording({ header, bytes });
+    this.space = volume && new Space(recording, volume);
     this.forget();
   }
 
@@ -64,6 +73,8 @@ export class Pictures {
       case "front":
         known.front ??= largest(light);
         return this.lit(now, [known.front], this.white, light, "largest along the depth");
+      case "space":
+        return this.turning(now);
       case "side":
       case "top":
         return this.across(now);
@@ -154,6 +165,25 @@ export class Pictures {
     const [from, to] = [0, deep].map((more) => lengthText(recording, recording.start + more));
     const assumes = `${isSide ? "Left to right" : "Top to bottom"}: ${from} to ${to} from the wall.`;
     return { ...picture, aspect: isSide ? deep / long : long / deep, assumes };
+  }
+
+  turning(now) {
+    const { recording, space, known } = this;
+    if (known.voxels?.threshold !== now.threshold) known.voxels = space.voxels(now.threshold);
+    const { above, codes, most } = known.voxels;
+    const map = recording.part("map false");
+    const look = { gain: 2 ** now.exposure, gamma: now.gamma, map };
+    const scene = { space, look, voxels: known.voxels, view: now, ...space.chosen(now) };
+    const says = `${above.toLocaleString("en")} voxels of ${short(100 * now.threshold)} % of the largest or more`;
+    const words = [codes.length < above ? `${says}; the brightest ${codes.length} are shown.` : `${says}.`];
+    if (scene.ellipsoid) {
+      const { foci: [spot, point], length } = scene.ellipsoid;
+      const from = spot === point ? "From the wall point and back" : "From the lit to the wall point";
+      const where = length > distance(spot, point) ? "over the blue surface" : "which is too short";
+      words.push(`${from}: ${short(length, 4)} m, ${where}.`);
+    }
+    const scale = { map, high: most / look.gain, gamma: now.gamma };
+    return { scene, says, assumes: words.join(" "), scale };
   }
 
   /** Where nothing is known, for a picture of this size. */
