@@ -172,12 +172,12 @@ def _volume(data: xr.Dataset) -> ExplorerData:
 
 def wall_of(volume: xr.Dataset, capture: Any) -> dict[str, np.ndarray]:
     """Points of a capture's wall, its laser spots and the origins of legs in the volume's frame."""
-    if "intensity" not in volume:
-        raise ValueError("capture: must be None, as data is no volume")
     check_capture(capture)
     if not {"frame_origin", "frame_axes"} <= set(volume.data_vars):
         raise ValueError("data: frame_origin, frame_axes: must be there, as reconstruct has them")
-    frame = WallFrame(*(volume[f"frame_{name}"].values.astype(float) for name in ("origin", "axes")))
+    frame = WallFrame(
+        *(volume[f"frame_{name}"].values.astype(float) for name in ("origin", "axes"))
+    )
     grid = capture["sensor_grid"].values.astype(float)
     own = WallFrame.of(grid, capture["sensor_normals"].values.astype(float))
     size = 1e-3 * max(1.0, np.ptp(grid.reshape(-1, 3), axis=0).max())

@@ -174,8 +174,8 @@ export class Pictures {
     const map = recording.part("map false");
     const look = { gain: 2 ** now.exposure, gamma: now.gamma, map };
     const scene = { space, look, voxels: known.voxels, view: now, ...space.chosen(now) };
-    const says = `${above.toLocaleString("en")} voxels of ${short(100 * now.threshold)} % of the largest or more`;
-    const words = [codes.length < above ? `${says}; the brightest ${codes.length} are shown.` : `${says}.`];
+    const says = `voxels from ${short(100 * now.threshold)} % of the largest on: ${above}`;
+    const words = [`V${says.slice(1)}${codes.length < above ? `, shown are the ${codes.length} largest` : ""}.`];
     if (scene.ellipsoid) {
       const { foci: [spot, point], length } = scene.ellipsoid;
       const from = spot === point ? "From the wall point and back" : "From the lit to the wall point";

@@ -5,7 +5,7 @@ import { colourOf, sharp } from "./plot.js";
 import { ellipsoidLines, Eye } from "./space.js";
 import { clamp, short } from "./words.js";
 
-const VOXEL = 4; // pixels that a voxel is drawn with at most; they are made smooth
+const VOXEL = 8; // largest half width and height of a voxel [px]; larger ones are made smooth
 const DEPTHS = 4096; // steps of depth by which voxels are sorted
 const TURN = 0.01; // radians, by a drag of one pixel
 const REACH = 24; // px, from a tap to a point of the wall
@@ -83,7 +83,7 @@ export class VolumeView {
     const { clientWidth: width, clientHeight: height } = this.canvas;
     const { space } = scene;
     const eye = (this.eye = new Eye(space, scene.view, width, height));
-    pen.lineWidth = 1;
+    Object.assign(pen, { lineWidth: 1, textAlign: "left", textBaseline: "alphabetic" });
     if (eye.beforeWall) drawWall(pen, eye, space);
     drawBox(pen, eye, space.ends, true);
     this.splat();
@@ -163,7 +163,7 @@ function inksOf({ space, voxels: { cut, most }, look: { gain, gamma, map } }) {
   space.layer.values.forEach((value, code) => {
     const level = Math.round(255 * Math.min(1, (gain * value) / most) ** (1 / gamma));
     for (let k = 0; k < 3; k++) inks[4 * code + k] = map[3 * level + k];
-    inks[4 * code + 3] = 0.15 + 0.6 * clamp((value - cut) / (most - cut || 1), 0, 1);
+    inks[4 * code + 3] = most > cut ? 0.15 + 0.6 * clamp((value - cut) / (most - cut), 0, 1) : 0.75;
   });
   inks.set([...BLUE, 0.8], 4 * 256);
   return inks;
