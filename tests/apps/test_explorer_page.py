@@ -120,7 +120,7 @@ def test_time_moves_and_the_picture_is_that_of_the_data(tmp_path, shown):
         page.get_by_label("Exposure").focus()
         page.keyboard.press("ArrowRight")
         assert state(page)["gain"] == pytest.approx(2**0.1 * now["gain"])
-        page.locator(".tof-explorer h3").first.click()
+        page.locator(".tof-explorer .heading :is(h2, h3)").first.click()
         page.locator(".play").click()
         page.wait_for_function(f"() => {STATE}.bin >= 43")
         page.keyboard.press("Space")  # On the button
@@ -310,7 +310,7 @@ def test_hostile_names_stay_text(tmp_path):
         policy = page.locator("meta[http-equiv=Content-Security-Policy]").get_attribute("content")
         assert policy.startswith("default-src 'none'")
         assert "unsafe" not in policy
-        assert page.locator("h2").inner_text() == hostile
+        assert page.locator("h1").inner_text() == hostile
         assert page.title() == hostile
         assert page.locator("img").count() == 0
         page.locator("summary").click()

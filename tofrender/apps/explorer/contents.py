@@ -17,7 +17,7 @@ from ...vis.colours import phase_map
 from .compression import Mode, Reduction, Scale, bands, reductions
 from .data import ExplorerData, explorer_data, facts, wall_of
 
-MAPS = {"false": "inferno", "distance": "viridis"}
+MAPS = {"false": "inferno", "distance": "viridis", "signed": "coolwarm"}
 """Colour maps of Matplotlib by their use; phases have `phase_map`."""
 
 SAMPLED_BANDS = 8  # The size of a cube is estimated from one of so many bands of it
@@ -46,7 +46,7 @@ class Contents:
             codes = np.cumsum(steps, axis=1, dtype=np.uint8)
             if codes.shape[2] == 3:
                 codes[:, :, ::2] += codes[:, :, 1:2]
-        return Scale(about["least"], about["ratio"]).values(codes.reshape(shape))
+        return Scale(about["least"], about["ratio"], about["signed"]).values(codes.reshape(shape))
 
 
 def differences(codes: np.ndarray) -> np.ndarray:
@@ -86,7 +86,7 @@ def contents_of(
     found = explorer_data(data, orders, distance_m)
     layers = {"light": (found.light, found.mode), **found.layers}
     *spots, height, width, bins, channels = found.light.shape
-    for by in reductions(bins):
+    for by in reductions(0 if "frequencies" in found.header else bins):
         if most_bytes is None or _fits(layers, by, most_bytes, packed):
             break
     else:
@@ -95,7 +95,8 @@ def contents_of(
     axis = {"width": found.axis["width"] * by.time, "count": math.ceil(bins / by.time)}
     header: dict[str, Any] = {
         "version": 1,
-        **{"perMetre": False, "depth": "", "geometry": {}, "orders": []},
+        **{"perMetre": False, "depth": "", "geometry": {}, "orders": [], "stokes": []},
+        **{"hatched": found.hatched, "warnings": found.warnings},
         **found.header,
         "title": str(title or data.attrs.get("scene", "") or found.header["kind"]),
         "facts": facts(data, found),
@@ -107,8 +108,9 @@ def contents_of(
     }
     for name, (cube, mode) in layers.items():
         layer = _layer(arrays, name, cube, Reduction() if name == "steady" else by, mode, packed)
-        if name.startswith("order "):
-            header["orders"].append(layer)
+        group, _, part = name.partition(" ")
+        if part:
+            header[group].append(layer)
         else:
             header[name] = layer
     for name, values in found.arrays.items():
@@ -116,6 +118,10 @@ def contents_of(
             rows, columns = (-(-side // by.space) for side in values.shape)
             middle = np.s_[by.space // 2 :: by.space, by.space // 2 :: by.space]
             values = np.pad(values, (0, by.space), mode="edge")[middle][:rows, :columns]
+        elif name in "IQ":
+            cube = Cube(np.moveaxis(values, 0, -1)[..., None])
+            blocks = np.concatenate([block for _, block in bands(cube, by, "mean")])
+            values = np.moveaxis(blocks[..., 0], -1, 0)
         arrays.add(name, values, "u1" if name == "hatch" else "f4")
     maps = {name: colormaps[of] for name, of in MAPS.items()} | {"phase": phase_map()}
     for name, colours in maps.items():
@@ -167,7 +173,9 @@ def _layer(
     arrays: _Arrays, name: str, cube: Cube, by: Reduction, mode: Mode, packed: bool
 ) -> dict[str, Any]:
     """Add the codes of a cube; returns its part of the header."""
-    scale = Scale.of(values for _, values in bands(cube, by, mode))
+    group, _, part = name.partition(" ")
+    signed = group == "stokes"
+    scale = Scale.of((values for _, values in bands(cube, by, mode)), signed)
     rows, columns, bins, channels = by.shape(cube)
     pictures = math.prod(cube.shape[:-4])
     memory.require_free("data", 3 * pictures * bins * channels * rows * columns)
@@ -175,7 +183,7 @@ def _layer(
     for (number, band), values in bands(cube, by, mode):
         codes[number, :, :, band] = scale.codes(values).transpose(2, 3, 0, 1)
     arrays.add(name, differences(codes) if packed else codes, "u1")
-    about = {"name": name.removeprefix("order "), "part": name, "bins": bins}
+    about: dict[str, Any] = {"name": part or name, "part": name, "bins": bins, "signed": signed}
     about |= {"channels": channels, "height": rows, "width": columns}
     about |= {"pictures": pictures, "packed": packed}
     return about | {"least": scale.least, "ratio": scale.ratio}
@@ -195,7 +203,7 @@ def _fits(
             total += size
             continue
         some = [values for _, values in bands(cube, by, mode, SAMPLED_BANDS)]
-        scale = Scale.of(some)
+        scale = Scale.of(some, name.startswith("stokes "))
         codes = [differences(scale.codes(each).transpose(2, 3, 0, 1)[None]) for each in some]
         ratio = sum(len(zlib.compress(each.tobytes(), 6)) for each in codes)
         total += size / sum(each.size for each in codes) * ratio
@@ -211,12 +219,15 @@ def _notes(header: dict[str, Any], found: ExplorerData, by: Reduction) -> list[s
         f"{100 * scale.tolerance:.2g} % from {scale.least:.3g} on; smaller ones are off by less "
         "than that, and may be 0."
     )
+    if header["stokes"]:
+        scales = [Scale(each["least"], each["ratio"]) for each in header["stokes"]]
+        precision += f" S1 to S3 are right to {100 * max(s.tolerance for s in scales):.2g} %."
     reduced = []
     if by.space > 1:
         reduced.append(f"{by.space} x {by.space} pixels are averaged")
     if by.time > 1:
         reduced.append(f"{by.time} bins are {'summed' if found.mode == 'sum' else 'averaged'}")
-    note = "All pixels and bins are there."
+    note = "" if found.warnings else "All pixels and bins are there."
     if reduced:
         height, width, bins, _ = found.light.shape[-4:]
         full = f"{width} x {height} x {bins}"
@@ -226,4 +237,4 @@ def _notes(header: dict[str, Any], found: ExplorerData, by: Reduction) -> list[s
             "full resolution."
         )
     size = math.prod(light[name] for name in ("pictures", "bins", "channels", "height", "width"))
-    return [precision, f"{note} {readable(size)} of codes."]
+    return [precision, f"{note} {readable(size)} of codes.".strip()]

@@ -3,6 +3,7 @@
 import { choices, list, make, slider, tick } from "../ui/parts.js";
 import { viewsOf } from "./pictures.js";
 import { SPEED_OF_LIGHT } from "./recording.js";
+import { STOKES } from "./stokes.js";
 import { VolumeView } from "./volume.js";
 import { hertz, lengthText, signed, when } from "./words.js";
 
@@ -14,13 +15,18 @@ const KEYS =
   "picture: arrows move the chosen pixel (Shift: ten), 1 to 6 choose, Enter adds, Delete removes. " +
   "Click to add a pixel, drag to move it; drag in the curves to move time or the gate. In 3D: drag or " +
   "arrows turn, + and − zoom, 0 turns back, Shift and arrows move the chosen point.";
-const SET_AS_CALLED = ["exposure", "gamma", "colours", "smooth", "unwarped", "laser", "channel", "log", "threshold", "zoom"];
+const SET_AS_CALLED = [
+  ...["exposure", "gamma", "colours", "smooth", "stokes", "unwarped", "laser", "channel", "log"],
+  ...["threshold", "zoom"],
+];
 
 /** Make all parts; `now` has the values to begin with, and `set(changes)` is called for others. */
 export function makeParts(recording, now, set) {
   const { about, isVolume } = recording;
   const parts = {};
-  parts.views = choices("Picture", viewsOf(recording), (view) => set({ view }));
+  const views = viewsOf(recording);
+  parts.views = choices("Picture", views, (view) => set({ view }));
+  parts.views.hidden = views.length === 1;
   parts.canvas = make("canvas", { className: "tof-picture", role: "img" });
   parts.markers = make("div", { className: "markers", "aria-hidden": "true" });
   parts.frame = make("div", {
@@ -33,6 +39,7 @@ export function makeParts(recording, now, set) {
   parts.space = new VolumeView(set);
   parts.bar = make("div", { className: "bar" });
   parts.assumes = make("p", { className: "assumes" });
+  parts.hatched = make("p", { className: "assumes" }, make("span", { className: "hatch" }), "");
   parts.readout = make("p", { className: "readout" });
   parts.play = make("button", { type: "button", className: "play" });
   parts.play.addEventListener("click", () => set({ playing: !now.playing }));
@@ -91,44 +98,62 @@ export function makeParts(recording, now, set) {
   const channels = [["luminance", "luminance"], ["0", "red"], ["1", "green"], ["2", "blue"]];
   parts.channel = list("Of", channels, (channel) => set({ channel }));
   parts.channel.hidden = recording.weights.length < 3;
+  const stokes = Object.entries(STOKES).map(([key, { name }]) => [key, name]);
+  parts.stokes = list("Shown", stokes, (each) => set({ stokes: each }));
+  parts.stokes.hidden = recording.stokes.length === 1;
   parts.log = tick("Logarithmic", (log) => set({ log }));
   parts.plot = make("canvas", { className: "plot", role: "img" });
   parts.legend = make("p", { className: "legend" });
   parts.pixels = make("table");
   parts.phasorView = choices("Phasor", PHASORS, (phasor) => set({ phasor, view: "phasor" }));
-  const limit = Math.log10(SPEED_OF_LIGHT / (2 * about.axis.width));
-  parts.frequency = slider("Frequency", {
-    ...{ min: Math.min(6, limit - 1), max: limit, step: 0.001, value: Math.log10(now.frequency) },
-    say: (power) => hertz(10 ** power),
-    title: "Modulation frequency of the light",
-    moved: (power) => set({ frequency: 10 ** power }),
-  });
+  parts.frequency = frequencySlider(recording, now, set);
   parts.plane = make("canvas", { className: "plane", role: "img" });
   parts.phasors = make("table");
   parts.spoken = make("div", { className: "spoken", role: "status" });
   return parts;
 }
 
-/** Lay parts out; returns the children of the explorer's element. */
-export function layout(parts, { about, isVolume }) {
+/** A slider of any frequency, or of those at which light was measured. */
+function frequencySlider({ about: { axis, frequencies } }, now, set) {
+  const limit = Math.log10(SPEED_OF_LIGHT / (2 * axis.width));
+  const [from, to] = frequencies
+    ? [(frequency) => frequencies.indexOf(frequency), (number) => frequencies[number]]
+    : [Math.log10, (power) => 10 ** power];
+  const range = frequencies
+    ? { min: 0, max: frequencies.length - 1, step: 1 }
+    : { min: Math.min(6, limit - 1), max: limit, step: 0.001 };
+  const element = slider("Frequency", {
+    ...{ ...range, value: from(now.frequency), title: "Modulation frequency of the light" },
+    say: (at) => hertz(to(at)),
+    moved: (at) => set({ frequency: to(at) }),
+  });
+  return { element, set: (frequency) => element.set(from(frequency)) };
+}
+
+/** Lay parts out; returns the children of the explorer's element, whose title is of `level`. */
+export function layout(parts, { about, isVolume, hasTimes, hasPhasors }, level) {
   const panel = (title, ...children) =>
     make("section", { className: "panel", "aria-label": title }, ...children);
   parts.transport = make("div", { className: "transport" }, parts.play, parts.time, parts.speed);
   parts.gates = make("div", { className: "transport" }, parts.gateStart, parts.gateWidth);
   const look = make("div", { className: "look" });
-  look.append(parts.threshold, parts.zoom, parts.exposure, parts.gamma, parts.colours, parts.smooth, parts.unwarped, parts.laser);
+  look.append(parts.threshold, parts.zoom);
+  if (hasTimes) look.append(parts.exposure, parts.gamma, parts.colours);
+  look.append(parts.smooth, parts.unwarped, parts.laser);
   const left = make("div", { className: "left" });
-  left.append(parts.views, parts.frame, parts.space.element, parts.bar, parts.assumes, parts.readout);
+  left.append(parts.views, parts.stokes, parts.frame, parts.space.element);
+  left.append(parts.bar, parts.assumes, parts.hatched, parts.readout);
   left.append(parts.transport, parts.gates, look);
-  const heading = (title, ...more) => make("div", { className: "heading" }, make("h3", {}, title), ...more);
+  const heading = (title, ...more) => make("div", { className: "heading" }, make(`h${level + 1}`, {}, title), ...more);
   const response = panel(
     isVolume ? "Along the depth" : "Response",
-    heading(isVolume ? "Along the depth" : "Response of pixels", parts.channel, parts.log),
+    heading(isVolume ? "Along the depth" : "Responses", parts.channel, parts.log),
     ...[parts.plot, parts.legend, parts.pixels],
   );
+  response.hidden = !hasTimes;
   const plane = make("div", { className: "beside" }, parts.plane, parts.phasors);
-  const phasor = panel("Phasors", heading("Phasors", parts.phasorView), parts.frequency, plane);
-  phasor.hidden = isVolume;
+  const phasor = panel("Phasors", heading("Phasors", parts.phasorView), parts.frequency.element, plane);
+  phasor.hidden = !hasPhasors;
   const right = make("div", { className: "right" }, response, phasor);
   const told = make("dl");
   for (const [name, value] of about.facts) {
@@ -138,7 +163,8 @@ export function layout(parts, { about, isVolume }) {
   const more = make("details", {}, make("summary", {}, "Contents and precision"), notes);
   more.append(told, make("p", {}, KEYS));
   const [, size] = about.facts[0];
-  const header = make("header", {}, make("h2", {}, about.title), make("p", {}, size));
+  const header = make("header", {}, make(`h${level}`, {}, about.title), make("p", {}, size));
+  header.append(...about.warnings.map((warning) => make("p", { className: "warning" }, warning)));
   return [header, make("div", { className: "stage" }, left, right), more, parts.spoken];
 }
 
@@ -148,7 +174,7 @@ export function showControls(parts, recording, now) {
   parts.views.set(now.view);
   parts.speed.set(now.speed);
   parts.phasorView.set(now.view === "phasor" ? now.phasor : "");
-  parts.frequency.set(Math.log10(now.frequency));
+  parts.frequency.set(now.frequency);
   parts.time.limit(recording.count - 1);
   parts.time.set(now.bin);
   parts.gateStart.limit(recording.count - now.gate.count);
@@ -157,7 +183,8 @@ export function showControls(parts, recording, now) {
   parts.gateWidth.set(now.gate.count);
   parts.play.setAttribute("aria-label", now.playing ? "Pause" : "Play");
   parts.play.classList.toggle("playing", now.playing);
-  parts.transport.hidden = now.view === "gate";
+  parts.log.hidden = now.stokes !== "S0";
+  parts.transport.hidden = now.view === "gate" || recording.count === 1 || !recording.hasTimes;
   parts.gates.hidden = now.view !== "gate";
   parts.threshold.hidden = parts.zoom.hidden = now.view !== "space";
   parts.colours.hidden = parts.smooth.hidden = now.view === "space";

@@ -8,6 +8,7 @@
  * - `destroy()` removes the explorer.
  *
  * Below a capture with its volume is an explorer of the volume alone.
+ * Options: `level` of the title's heading (2).
  */
 
 import { isDark, make } from "../ui/parts.js";
@@ -21,10 +22,10 @@ import { Responses } from "./responses.js";
 import { FRONT } from "./volume.js";
 import { clamp, nanoseconds } from "./words.js";
 
-export function mount(element, data) {
-  const explorer = new Explorer(element, data);
+export function mount(element, data, options = {}) {
+  const explorer = new Explorer(element, data, options);
   const { volume } = data.header;
-  const below = volume && new Explorer(element, { header: volume, bytes: data.bytes });
+  const below = volume && new Explorer(element, { header: volume, bytes: data.bytes }, {});
   const handle = {
     setData: (next) => explorer.open(next),
     set: explorer.set,
@@ -40,7 +41,8 @@ export function mount(element, data) {
  * through `set`, and `draw` shows them.
  */
 class Explorer {
-  constructor(element, data) {
+  constructor(element, data, { level = 2 }) {
+    this.level = level;
     this.element = element;
     this.root = make("section", { className: "tof-app tof-explorer", "data-lm-suppress-shortcuts": "true" });
     element.append(this.root);
@@ -79,7 +81,7 @@ class Explorer {
     this.now = opening(this.recording, this.pictures.white);
     this.parts = makeParts(this.recording, this.now, this.set);
     this.root.setAttribute("aria-label", `Explorer of ${header.title}`);
-    this.root.replaceChildren(...layout(this.parts, this.recording));
+    this.root.replaceChildren(...layout(this.parts, this.recording, this.level));
     listen(this);
     this.sizes.disconnect();
     this.sizes.observe(this.root);
@@ -99,6 +101,8 @@ class Explorer {
       now.bin += later;
       now.gate = { ...now.gate, first: now.gate.first + later };
     }
+    const { frequencies } = recording.about;
+    if (frequencies && !frequencies.includes(now.frequency)) [now.frequency] = frequencies;
     const last = recording.count - 1;
     now.bin = clamp(Math.round(now.bin), 0, last);
     now.gate.count = clamp(Math.round(now.gate.count), 1, recording.count);
@@ -125,7 +129,7 @@ class Explorer {
       gain: this.gain,
       milliseconds: this.milliseconds,
       curves: responses.curves().map(plainCurve),
-      phasors: recording.isVolume ? [] : responses.phasors(),
+      phasors: recording.hasPhasors ? responses.phasors() : [],
     };
   }
 
@@ -164,8 +168,15 @@ class Explorer {
     const picture = this.pictures.of(now);
     if (picture.gain) this.gain = picture.gain;
     showPicture(parts, picture, now.smooth);
-    for (const part of [parts.exposure, parts.gamma, parts.colours]) {
-      part.classList.toggle("idle", picture.map !== undefined);
+    const isPlain = now.stokes === "S0";
+    for (const [part, works] of [
+      [parts.exposure, picture.gain],
+      [parts.gamma, picture.gain],
+      [parts.colours, picture.gain && isPlain],
+      [parts.stokes, ["light", "gate", "total"].includes(now.view)],
+    ]) {
+      part.classList.toggle("idle", !works);
+      part.inert = !works;
     }
     const [, name] = viewsOf(recording).find(([view]) => view === now.view);
     const { canvas } = picture.scene ? parts.space : parts;
@@ -195,10 +206,10 @@ class Explorer {
 function opening(recording, brightest) {
   const { about, count, isVolume } = recording;
   const limit = SPEED_OF_LIGHT / (2 * about.axis.width);
-  const bin = brightestBin(recording, brightest);
+  const bin = isVolume ? largestSlice(recording) : brightestBin(recording, brightest);
   const gate = Math.max(1, Math.round(count / 12));
   return {
-    view: about.volume ? "space" : "light",
+    view: about.frequencies ? "phasor" : about.volume ? "space" : "light",
     ...FRONT,
     threshold: 0.3,
     bin,
@@ -206,14 +217,15 @@ function opening(recording, brightest) {
     speed: "1",
     exposure: 0,
     gamma: 2.2,
-    colours: isVolume ? "false" : "colour",
+    colours: isVolume ? "false" : recording.weights.length === 3 ? "colour" : "grey",
     smooth: about.grid.step > 1,
     pixels: tellingPixels(recording),
     active: 0,
     channel: "luminance",
+    stokes: "S0",
     log: false,
     gate: { first: bin - Math.floor(gate / 2), count: gate },
-    frequency: Math.min(50e6, limit / 2),
+    frequency: about.frequencies?.[0] ?? Math.min(50e6, limit / 2),
     phasor: "depth",
     laser: 0,
     unwarped: false,
@@ -233,11 +245,17 @@ function brightestBin({ light, about }, brightest) {
   return best;
 }
 
+/** The slice with the largest voxel. */
+function largestSlice({ light }) {
+  const largestOf = (bin) => light.codes.subarray(light.at(bin, 0), light.at(bin + 1, 0)).reduce((a, b) => Math.max(a, b));
+  const most = Array.from({ length: light.bins }, (_, bin) => largestOf(bin));
+  return most.indexOf(Math.max(...most));
+}
+
 /** A bright pixel, and one as bright as half of them. */
 function tellingPixels(recording) {
-  const { light, weights, isVolume } = recording;
-  const planes = isVolume ? [largest(light)] : recording.gate(0, recording.count);
-  const total = planes[0].map((_, i) => planes.reduce((sum, plane, c) => sum + weights[c] * plane[i], 0));
+  const { light, isVolume } = recording;
+  const total = isVolume ? largest(light) : recording.luminance(recording.gate(0, recording.count));
   const order = Array.from(total.keys()).filter((i) => total[i] > 0);
   order.sort((a, b) => total[a] - total[b]);
   const found = (isVolume ? [1] : [0.93, 0.5]).map((part) => order[Math.floor(part * (order.length - 1))] ?? 0);
@@ -245,7 +263,7 @@ function tellingPixels(recording) {
 }
 
 /** A curve with arrays that JSON can hold. */
-function plainCurve({ values, errors, orders, ...more }) {
+function plainCurve({ values, errors, orders, components, ...more }) {
   return {
     ...more,
     values: Array.from(values),

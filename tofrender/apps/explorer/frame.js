@@ -2,21 +2,24 @@
 
 import { make } from "../ui/parts.js";
 import { colourOf } from "./plot.js";
-import { clamp, short } from "./words.js";
+import { clamp } from "./words.js";
 
 const NEAR_MARKER = 14; // px
 
 /** Show a picture with its colour bar. */
-export function showPicture({ canvas, frame, space, bar, assumes }, picture, smooth) {
+export function showPicture({ canvas, frame, space, bar, assumes, hatched }, picture, smooth) {
   frame.hidden = Boolean(picture.scene);
   space.element.hidden = !picture.scene;
   if (picture.scene) space.draw(picture.scene);
   else showBytes(canvas, picture);
-  frame.style.aspectRatio = `${picture.aspect ?? picture.width / picture.height}`;
+  frame.style.setProperty("--aspect", picture.aspect ?? picture.width / picture.height);
   frame.classList.toggle("smooth", smooth);
   assumes.textContent = picture.assumes ?? "";
   assumes.hidden = !picture.assumes;
-  showBar(bar, picture);
+  hatched.hidden = !picture.hatched;
+  hatched.lastChild.textContent = picture.hatched;
+  bar.hidden = !picture.bar;
+  if (picture.bar) showBar(bar, picture.bar);
 }
 
 function showBytes(canvas, { width, height, bytes }) {
@@ -24,18 +27,11 @@ function showBytes(canvas, { width, height, bytes }) {
   canvas.getContext("2d").putImageData(new ImageData(bytes, width, height), 0, 0);
 }
 
-function showBar(bar, { map, low, high, unit, scale }) {
-  const colours = map ?? scale?.map;
-  bar.hidden = !colours;
-  if (!colours) return;
+function showBar(bar, { map, says }) {
   const strip = make("canvas", { width: 256, height: 1 });
   const bytes = new Uint8ClampedArray(1024).fill(255);
-  for (let i = 0; i < 256; i++) bytes.set(colours.subarray(3 * i, 3 * i + 3), 4 * i);
+  for (let i = 0; i < 256; i++) bytes.set(map.subarray(3 * i, 3 * i + 3), 4 * i);
   strip.getContext("2d").putImageData(new ImageData(bytes, 256, 1), 0, 0);
-  const says = [0, 0.25, 0.5, 0.75, 1].map((part) =>
-    map ? short(low + part * (high - low)) : short(part ** scale.gamma * scale.high, 2),
-  );
-  says[4] += unit ? ` ${unit}` : "";
   bar.replaceChildren(strip, make("div", {}, ...says.map((each) => make("span", {}, each))));
 }
 

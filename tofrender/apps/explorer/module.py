@@ -5,8 +5,8 @@ from __future__ import annotations
 from ..ui import bundle
 
 MODULES = (
-    *("recording", "words", "paint", "plot", "space", "pictures", "volume", "frame", "input"),
-    *("controls", "responses", "explorer"),
+    *("recording", "words", "stokes", "paint", "plot", "space", "pictures", "volume", "frame"),
+    *("input", "controls", "responses", "explorer"),
 )
 
 

@@ -3,12 +3,14 @@
 import { paintLight, paintMap, range, toneCurve, white, whiteOfAll } from "./paint.js";
 import { largest, largestAcross, phasorParts, Recording, SPEED_OF_LIGHT } from "./recording.js";
 import { distance, Space } from "./space.js";
+import { STOKES } from "./stokes.js";
 import { hertz, lengthText, short, when } from "./words.js";
 
+const BAR = [0, 0.25, 0.5, 0.75, 1]; // where a colour bar has numbers
 const TURNING = ["space", "3D", "The volume before its wall, to be turned"];
 
 /** Views of a recording: what `view` is called, its label, and what it shows. */
-export function viewsOf({ about, isVolume }) {
+export function viewsOf({ about, count, isVolume }) {
   if (isVolume) {
     return [
       ["light", "Slice", "At one depth"],
@@ -19,13 +21,18 @@ export function viewsOf({ about, isVolume }) {
       TURNING,
     ];
   }
+  const phasor = ["phasor", "Phasor", "Measurement of a camera with modulated light"];
+  if (about.frequencies) return [phasor];
+  const light = ["light", "Light", "At one time"];
+  const total = ["total", "All time", "The steady picture"];
+  if (about.axis.count === 1) return about.steady ? [light, total] : [light];
   const views = [
-    ["light", "Light", "At one time"],
+    light,
     ["gate", "Gate", "Light that arrives between two times"],
-    ["total", "All time", "The steady picture"],
+    total,
     ["peak", "Peak time", "Time of the brightest bin of each pixel"],
     ["depth", "Depth", "Half the path length of the brightest bin"],
-    ["phasor", "Phasor", "Measurement of a camera with modulated light"],
+    phasor,
   ];
   if (about.volume) views.unshift(TURNING);
   return views.filter(([view]) => view !== "depth" || about.depth);
@@ -33,8 +40,8 @@ export function viewsOf({ about, isVolume }) {
 
 /**
  * Makes pictures of a recording. `of(now)` returns {bytes, width, height, says} and, where they
- * apply, aspect, assumes, gain (1 / gain is white), and map, low, high, unit or scale of a bar; of
- * the view "space" a scene instead of bytes.
+ * apply, aspect, assumes, hatched (what is), bar {map, says}, and gain (1 / gain is white); of the
+ * view "space" a scene instead of bytes.
  */
 export class Pictures {
   constructor(recording) {
@@ -53,17 +60,21 @@ export class Pictures {
 
   of(now) {
     const { recording, known } = this;
-    const { light } = recording;
+    const { light, steady, count } = recording;
     switch (now.view) {
-      case "total":
+      case "total": {
         known.total ??= recording.total();
         known.totalWhite ??= white(known.total);
-        return this.lit(now, known.total, known.totalWhite, recording.steady ?? light, "at all times");
+        const isSteady = steady && now.stokes === "S0";
+        const sums = (layer) => (isSteady ? known.total : recording.gate(0, count, layer));
+        return this.lit(now, sums, known.totalWhite, isSteady ? steady : light, "at all times");
+      }
       case "gate": {
-        const { first, count } = now.gate;
-        const planes = recording.gate(first, count);
-        const [from, to] = [first, first + count].map((bin) => lengthText(recording, recording.edge(bin)));
-        return this.lit(now, planes, white(planes), light, `what arrives from ${from} to ${to}`);
+        const { first, count: bins } = now.gate;
+        const planes = recording.gate(first, bins);
+        const sums = (layer) => (layer === light ? planes : recording.gate(first, bins, layer));
+        const [from, to] = [first, first + bins].map((bin) => lengthText(recording, recording.edge(bin)));
+        return this.lit(now, sums, white(planes), light, `what arrives from ${from} to ${to}`);
       }
       case "peak":
       case "depth":
@@ -72,34 +83,58 @@ export class Pictures {
         return this.phasor(now);
       case "front":
         known.front ??= largest(light);
-        return this.lit(now, [known.front], this.white, light, "largest along the depth");
+        return this.lit(now, () => [known.front], this.white, light, "largest along the depth");
       case "space":
         return this.turning(now);
       case "side":
       case "top":
         return this.across(now);
       default: {
-        const where = recording.isVolume ? "at a depth of" : "at";
-        const says = `${where} ${when(recording, now.bin)}`;
-        return this.lit(now, recording.frame(now.bin), this.white, light, says);
+        const says = `${recording.isVolume ? "at a depth of" : "at"} ${when(recording, now.bin)}`;
+        return this.lit(now, (layer) => recording.gate(now.bin, 1, layer), this.white, light, says);
       }
     }
   }
 
-  lit(now, planes, brightest, { width, height }, says) {
+  /** Light, or what polarised light is shown by; `sums(layer)` has planes of these values. */
+  lit(now, sums, brightest, { width, height }, says) {
     const { recording } = this;
+    const gain = 2 ** now.exposure / brightest;
+    const hatch = this.hatch(width, height);
+    const size = { width, height, says, hatched: hatch && recording.about.hatched };
+    if (now.stokes !== "S0") return { ...size, ...this.polarised(now, sums, gain, hatch, width) };
     if (this.curveOf !== now.gamma) {
       this.curveOf = now.gamma;
       this.toneCurve = toneCurve(now.gamma);
     }
-    const gain = 2 ** now.exposure / brightest;
     const map = now.colours === "false" ? recording.part("map false") : null;
-    const bytes = paintLight(planes, {
-      ...{ gain, curve: this.toneCurve, map, width },
+    const bytes = paintLight(sums(recording.light), {
+      ...{ gain, curve: this.toneCurve, map, hatch, width },
       weights: now.colours === "colour" ? null : recording.weights,
-      hatch: this.hatch(width, height),
     });
-    return { bytes, width, height, says, gain, scale: map && { map, high: 1 / gain, gamma: now.gamma } };
+    const bar = map && { map, says: BAR.map((part) => short(part ** now.gamma / gain, 2)) };
+    return { ...size, bytes, gain, bar };
+  }
+
+  polarised(now, sums, gain, hatch, width) {
+    const { recording } = this;
+    const { name, parts, of, ...look } = STOKES[now.stokes];
+    const planes = parts.map((k) => recording.luminance(sums(recording.stokes[k])));
+    const values = planes[0].map((_, i) => (hatch?.[i] ? NaN : of(...planes.map((plane) => plane[i]))));
+    const assumes = `${name[0].toUpperCase()}${name.slice(1)}.`;
+    if (look.range) {
+      const [low, high] = look.range;
+      const map = recording.part(look.map);
+      const hatched = [recording.about.hatched, "no light or no polarisation"].filter(Boolean).join(", or ");
+      const bytes = paintMap(values, { low, high, map, width });
+      return { bytes, assumes, hatched, bar: mapBar(map, low, high, look.unit) };
+    }
+    const map = recording.part("map signed");
+    const toned = values.map((value) => Math.sign(value) * Math.min(1, gain * Math.abs(value)) ** (1 / now.gamma));
+    const says = BAR.map((part) => 2 * part - 1).map((part) =>
+      short((Math.sign(part) * Math.abs(part) ** now.gamma) / gain, 2),
+    );
+    return { bytes: paintMap(toned, { low: -1, high: 1, map, width }), assumes, gain, bar: { map, says } };
   }
 
   peaks(isDepth) {
@@ -109,16 +144,22 @@ export class Pictures {
     const factor = isVolume ? 1 : isDepth ? 0.5 : 1e9 / SPEED_OF_LIGHT;
     const values = recording.peaks(isDepth).map((opl) => factor * opl);
     const [low, high] = range(values);
-    const map = recording.part("map distance");
     const unit = isVolume || isDepth ? "m" : "ns";
-    const says = `${short(low)} to ${short(high)} ${unit}`;
     const assumes = isDepth
       ? `Depth = path length of the brightest bin / 2. It assumes ${about.depth}.`
       : isVolume
-        ? "Distance of the brightest voxel from the wall; hatched where it is weak."
+        ? "Distance of the brightest voxel from the wall."
         : "Centre of the bin in which each pixel is brightest.";
-    const bytes = paintMap(values, { low, high, map, width });
-    return { bytes, width, height, says, assumes, map, low, high, unit };
+    const dark = values.some(Number.isNaN) ? (isVolume ? "too weak" : "no light") : "";
+    const hatched = [about.hatched, dark].filter(Boolean).join(", or ");
+    return { ...this.mapped(values, width, { low, high, unit, map: "map distance" }), height, assumes, hatched };
+  }
+
+  /** Numbers as a picture in the colours of a map. */
+  mapped(values, width, { low, high, unit, map: name }) {
+    const map = this.recording.part(name);
+    const says = `${short(low)} to ${short(high)} ${unit}`;
+    return { bytes: paintMap(values, { low, high, map, width }), width, says, bar: mapBar(map, low, high, unit) };
   }
 
   phasor({ frequency, phasor }) {
@@ -134,22 +175,19 @@ export class Pictures {
       return parts.amplitude > 0 ? parts[phasor] : NaN;
     });
     const wrapped = SPEED_OF_LIGHT / (2 * frequency);
-    const limits = {
-      amplitude: [0, range(values, 0.005)[1], ""],
-      phase: [-Math.PI, Math.PI, "rad"],
-      depth: [0, wrapped, "m"],
-    };
-    const [low, high, unit] = limits[phasor];
-    const maps = { amplitude: "map false", phase: "map phase", depth: "map distance" };
-    const map = recording.part(maps[phasor]);
+    const look = {
+      amplitude: { low: 0, high: range(values, 0.005)[1], unit: "", map: "map false" },
+      phase: { low: -Math.PI, high: Math.PI, unit: "rad", map: "map phase" },
+      depth: { low: 0, high: wrapped, unit: "m", map: "map distance" },
+    }[phasor];
     const assumes = {
       amplitude: `|P| of P = Σ L exp(+i 2π f OPL / c), at ${hertz(frequency)}.`,
       phase: `Phase of P = Σ L exp(+i 2π f OPL / c), at ${hertz(frequency)}.`,
-      depth: `Depth = c (phase mod 2π) / 4π f, which wraps at c / 2f = ${short(wrapped)} m. ` +
-        "It assumes that light source and camera coincide, and a single bounce.",
+      depth: `Depth = c (phase mod 2π) / 4π f, at ${hertz(frequency)}, which wraps at c / 2f = ` +
+        `${short(wrapped)} m. It assumes that light source and camera coincide, and a single bounce.`,
     }[phasor];
-    const bytes = paintMap(values, { low, high, map, width });
-    return { bytes, width, height, says: hertz(frequency), assumes, map, low, high, unit };
+    const hatched = values.some(Number.isNaN) && "no light";
+    return { ...this.mapped(values, width, look), height, says: hertz(frequency), assumes, hatched };
   }
 
   across(now) {
@@ -161,7 +199,7 @@ export class Pictures {
     const along = about.geometry[isSide ? "y" : "x"];
     const deep = recording.count * recording.width;
     const long = Math.abs(along[1]) * about.grid[isSide ? "height" : "width"];
-    const picture = this.lit(now, [known[now.view]], this.white, { width, height }, "largest value");
+    const picture = this.lit(now, () => [known[now.view]], this.white, { width, height }, "largest value");
     const [from, to] = [0, deep].map((more) => lengthText(recording, recording.start + more));
     const assumes = `${isSide ? "Left to right" : "Top to bottom"}: ${from} to ${to} from the wall.`;
     return { ...picture, aspect: isSide ? deep / long : long / deep, assumes };
@@ -169,34 +207,39 @@ export class Pictures {
 
   turning(now) {
     const { recording, space, known } = this;
-    if (known.voxels?.threshold !== now.threshold) known.voxels = space.voxels(now.threshold);
+    const { threshold, exposure, gamma } = now;
+    if (known.voxels?.threshold !== threshold) known.voxels = space.voxels(threshold);
     const { above, codes, most } = known.voxels;
-    const map = recording.part("map false");
-    const look = { gain: 2 ** now.exposure, gamma: now.gamma, map };
+    const look = { gain: 2 ** exposure / most, gamma, map: recording.part("map false") };
     const scene = { space, look, voxels: known.voxels, view: now, ...space.chosen(now) };
-    const says = `voxels from ${short(100 * now.threshold)} % of the largest on: ${above}`;
-    const words = [`V${says.slice(1)}${codes.length < above ? `, shown are the ${codes.length} largest` : ""}.`];
+    const says = `voxels ≥ ${short(100 * threshold)} % of the largest: ${above}`;
+    const words = [`V${says.slice(1)}${codes.length < above ? `, the ${codes.length} largest are shown` : ""}.`];
     if (scene.ellipsoid) {
       const { foci: [spot, point], length } = scene.ellipsoid;
-      const from = spot === point ? "From the wall point and back" : "From the lit to the wall point";
-      const where = length > distance(spot, point) ? "over the blue surface" : "which is too short";
-      words.push(`${from}: ${short(length, 4)} m, ${where}.`);
+      const way = spot === point ? "from the wall point and back" : "from the lit to the wall point";
+      const where = length > distance(spot, point) ? "Blue: paths" : "Nothing has paths";
+      words.push(`${where} of ${short(length, 4)} m ${way}.`);
     }
-    const scale = { map, high: most / look.gain, gamma: now.gamma };
-    return { scene, says, assumes: words.join(" "), scale };
+    const bar = { map: look.map, says: BAR.map((part) => short(part ** gamma / look.gain, 2)) };
+    return { scene, says, assumes: words.join(" "), gain: look.gain, bar };
   }
 
-  /** Where nothing is known, for a picture of this size. */
+  /** Where some pixel of a block is not known, for a picture of this size; null if all are. */
   hatch(width, height) {
     const { about } = this.recording;
-    if (!about.parts.hatch) return null;
     const { grid } = about;
-    if (height * width > grid.height * grid.width) return null;
-    const full = this.recording.part("hatch");
+    if (!about.parts.hatch || height * width > grid.height * grid.width) return null;
     const step = Math.ceil(grid.width / width);
-    return Uint8Array.from(
-      { length: width * height },
-      (_, i) => full[Math.floor(i / width) * step * grid.width + (i % width) * step],
-    );
+    const found = new Uint8Array(width * height);
+    this.recording.part("hatch").forEach((unknown, i) => {
+      const row = Math.floor(i / grid.width / step);
+      if (unknown) found[row * width + Math.floor((i % grid.width) / step)] = 1;
+    });
+    return found;
   }
+}
+
+function mapBar(map, low, high, unit) {
+  const says = BAR.map((part) => short(low + part * (high - low)));
+  return { map, says: [...says.slice(0, -1), `${says.at(-1)} ${unit}`] };
 }

@@ -1,7 +1,7 @@
 /** Curves over path length with axes in metres and nanoseconds, and phasors in their plane. */
 
 import { SPEED_OF_LIGHT } from "./recording.js";
-import { short, signed } from "./words.js";
+import { raised, signed } from "./words.js";
 
 /** Okabe and Ito's colours that show on white and on black, and dashes for those who see none. */
 export const STYLES = [
@@ -66,15 +66,16 @@ export class Axes {
  * @param curves {values, errors, style, faint} each; `style` is an index of STYLES.
  * @param marks {bin} or {gate: {first, count}}: what is shown now.
  * @param words {quantity, below, above}: titles of axes; `below` counts in ns unless `inMetres`.
+ * @param range of values, if it is known beforehand.
  */
-export function drawCurves(canvas, axis, curves, marks, words, { log, dark, ink }) {
+export function drawCurves(canvas, axis, curves, marks, words, { log, range, dark, ink }) {
   const pen = sharp(canvas);
   const axes = new Axes(canvas, axis);
-  const top = Math.max(...curves.map(({ values }) => values.reduce((a, b) => Math.max(a, b), 0)), 0);
-  const high = (top || 1) * (log ? 2 : 1.06);
-  const low = log ? high / 10 ** DECADES : 0;
+  const extreme = (of) => curves.reduce((most, { values }) => values.reduce((a, b) => of(a, b || 0), most), 0);
+  const top = (extreme(Math.max) || (extreme(Math.min) ? 0 : 1)) * (log ? 2 : 1.06);
+  const [low, high] = range ?? [log ? top / 10 ** DECADES : 1.06 * extreme(Math.min), top];
   const y = (value) => {
-    const part = log ? Math.log(Math.max(value, low) / low) / Math.log(high / low) : value / high;
+    const part = log ? Math.log(Math.max(value, low) / low) / Math.log(high / low) : (value - low) / (high - low);
     return axes.bottom - part * (axes.bottom - axes.top);
   };
   drawMarks(pen, axes, marks, ink);
@@ -111,7 +112,9 @@ function drawMarks(pen, axes, { bin, gate }, ink) {
 }
 
 function drawGrid(pen, axes, y, { low, high, log }, words, ink) {
-  const rows = log ? decades(low, high) : ticks(0, high, 4);
+  const rows = log ? decades(low, high) : ticks(low, high, 4);
+  const most = Math.max(high, -low);
+  const power = log || (most >= 0.1 && most < 1e4) ? 0 : 3 * Math.floor(Math.log10(most) / 3);
   pen.lineWidth = 1;
   pen.strokeStyle = ink.grid;
   pen.fillStyle = ink.soft;
@@ -119,10 +122,12 @@ function drawGrid(pen, axes, y, { low, high, log }, words, ink) {
   pen.textBaseline = "middle";
   for (const value of rows) {
     line(pen, axes.left, y(value), axes.right, y(value));
-    pen.fillText(short(value, 2), axes.left - 7, y(value));
+    const text = log ? `10${raised(Math.log10(value))}` : plain(value / 10 ** power);
+    pen.fillText(text, axes.left - 7, y(value));
   }
   pen.strokeStyle = ink.line;
   line(pen, axes.left, axes.bottom, axes.right, axes.bottom);
+  if (low < 0) line(pen, axes.left, y(0), axes.right, y(0));
   line(pen, axes.left, axes.top, axes.right, axes.top);
   pen.textAlign = "center";
   const count = (axes.right - axes.left) / 90;
@@ -146,7 +151,7 @@ function drawGrid(pen, axes, y, { low, high, log }, words, ink) {
   pen.translate(13, (axes.top + axes.bottom) / 2);
   pen.rotate(-Math.PI / 2);
   pen.textBaseline = "middle";
-  pen.fillText(words.quantity, 0, 0);
+  pen.fillText(power ? words.quantity.replace("[", `[10${raised(power)} `) : words.quantity, 0, 0);
   pen.restore();
 }
 
@@ -159,7 +164,13 @@ function drawCurve(pen, axes, y, { values, errors, style, faint }, dark) {
   pen.lineJoin = "round";
   pen.setLineDash(faint ? faint : STYLES[style].dash);
   pen.beginPath();
-  values.forEach((value, bin) => pen.lineTo(middle(bin), y(value)));
+  values.forEach((value, bin) => {
+    if (!Number.isFinite(value)) return;
+    const [before, after] = [values[bin - 1], values[bin + 1]].map(Number.isFinite);
+    if (before) pen.lineTo(middle(bin), y(value));
+    else pen.moveTo(middle(bin), y(value));
+    if (!before && !after) pen.fillRect(middle(bin) - 2.5, y(value) - 2.5, 5, 5);
+  });
   pen.stroke();
   pen.setLineDash([]);
   pen.globalAlpha = 1;

@@ -2,7 +2,8 @@
  * What an explorer shows: codes of light, their axes, and sums over them. Nothing of a page in here.
  *
  * The bins of a layer are codes (laser, bin, channel, row, column) of one byte: 0 is nothing, any
- * other q stands for least * ratio^(q - 1). Lengths are metres of optical path.
+ * other q stands for least * ratio^(q - 1); in layers with a sign, 128 + q is negative. Lengths are
+ * metres of optical path.
  */
 
 export const SPEED_OF_LIGHT = 299_792_458; // m/s
@@ -10,11 +11,14 @@ export const SPEED_OF_LIGHT = 299_792_458; // m/s
 /** Codes and the values that they stand for. */
 class Layer {
   constructor(about, codes) {
-    const { name, bins, channels, height, width, least, ratio } = about;
+    const { name, bins, channels, height, width, least, ratio, signed } = about;
     Object.assign(this, { name, bins, channels, height, width });
     this.pixels = height * width;
     this.codes = about.packed ? unpacked(about, codes) : codes;
-    this.values = Float32Array.from({ length: 256 }, (_, q) => q && least * ratio ** (q - 1));
+    const value = (q) => q && least * ratio ** (q - 1);
+    this.values = Float32Array.from({ length: 256 }, (_, q) =>
+      signed && q >= 128 ? -value(q - 128) : value(q),
+    );
   }
 
   /** Where the codes of a bin's channel begin. */
@@ -58,9 +62,12 @@ export class Recording {
     this.steady = header.steady && this.layer(header.steady);
     this.errors = header.errors && this.layer(header.errors);
     this.orders = header.orders.map((about) => this.layer(about));
+    this.stokes = [this.light, ...header.stokes.map((about) => this.layer(about))];
     this.distances = header.parts.distance && this.part("distance");
     this.weights = header.weights;
     this.isVolume = header.kind === "volume";
+    this.hasTimes = !header.frequencies;
+    this.hasPhasors = !this.isVolume && (header.axis.count > 1 || !this.hasTimes);
     this.laser = 0;
     this.unwarped = false;
     this.chosen();
@@ -114,18 +121,17 @@ export class Recording {
     return -this.distances.reduce((sum, each) => sum + each, 0) / this.distances.length;
   }
 
-  /** Light of a bin, a plane for each channel. */
-  frame(bin) {
-    const planes = newPlanes(this.light);
-    this.add(planes, bin, 1);
+  /** The sum of `count` bins, a plane for each channel. */
+  gate(first, count, layer = this.light) {
+    const planes = newPlanes(layer);
+    for (let bin = first; bin < Math.min(first + count, this.count); bin++) this.add(planes, bin, layer);
     return planes;
   }
 
-  /** The sum of `count` bins. */
-  gate(first, count) {
-    const planes = newPlanes(this.light);
-    for (let bin = first; bin < Math.min(first + count, this.count); bin++) this.add(planes, bin, 1);
-    return planes;
+  /** Channels of planes as one. */
+  luminance(planes) {
+    const { weights } = this;
+    return planes[0].map((_, i) => planes.reduce((sum, plane, c) => sum + weights[c] * plane[i], 0));
   }
 
   /** All light: what was measured without bins where that is known, else their sum. */
@@ -142,31 +148,31 @@ export class Recording {
   }
 
   /** Add a bin's light. */
-  add(planes, bin, weight) {
-    if (this.unwarped) return this.addUnwarped(planes, bin, weight);
-    const { codes, values } = this.light;
+  add(planes, bin, layer) {
+    if (this.unwarped) return this.addUnwarped(planes, bin, layer);
+    const { codes, values } = layer;
     const own = this.laser * this.about.axis.count + bin;
     planes.forEach((plane, channel) => {
-      const from = this.light.at(own, channel);
-      for (let i = 0; i < plane.length; i++) plane[i] += weight * values[codes[from + i]];
+      const from = layer.at(own, channel);
+      for (let i = 0; i < plane.length; i++) plane[i] += values[codes[from + i]];
     });
   }
 
   /** The same where each pixel's bins begin at its own time: linear between two of them. */
-  addUnwarped(planes, bin, weight) {
-    const { codes, values, pixels, channels } = this.light;
+  addUnwarped(planes, bin, layer) {
+    const { codes, values, pixels, channels } = layer;
     const { ahead } = this;
     const last = this.about.axis.count - 1;
     const stride = channels * pixels;
-    const base = this.light.at(this.laser * this.about.axis.count, 0);
+    const base = layer.at(this.laser * this.about.axis.count, 0);
     planes.forEach((plane, channel) => {
       for (let i = 0; i < pixels; i++) {
         const place = bin + ahead[i];
         const early = Math.floor(place);
         const share = place - early;
         const from = base + early * stride + channel * pixels + i;
-        if (early >= 0 && early <= last) plane[i] += weight * (1 - share) * values[codes[from]];
-        if (early >= -1 && early < last) plane[i] += weight * share * values[codes[from + stride]];
+        if (early >= 0 && early <= last) plane[i] += (1 - share) * values[codes[from]];
+        if (early >= -1 && early < last) plane[i] += share * values[codes[from + stride]];
       }
     });
   }
@@ -219,6 +225,11 @@ export class Recording {
 
   /** P = sum of L exp(+i 2 pi f opl / c) over bin centres: planes of its real and imaginary parts. */
   phasors(frequency) {
+    if (this.about.frequencies) {
+      const from = this.about.frequencies.indexOf(frequency) * this.light.pixels;
+      const [re, im] = ["I", "Q"].map((name) => this.part(name).subarray(from, from + this.light.pixels));
+      return { re, im };
+    }
     const { codes, pixels, channels } = this.light;
     const re = new Float32Array(pixels);
     const im = new Float32Array(pixels);
@@ -251,6 +262,10 @@ export class Recording {
 
   /** The phasor of one pixel. */
   phasor(pixel, frequency) {
+    if (this.about.frequencies) {
+      const { re, im } = this.phasors(frequency);
+      return phasorParts(re[pixel], im[pixel], frequency);
+    }
     const turn = (2 * Math.PI * frequency) / SPEED_OF_LIGHT;
     const scale = this.about.perMetre ? this.width : 1;
     let re = 0;

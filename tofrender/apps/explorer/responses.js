@@ -5,7 +5,8 @@ import { hasPixels } from "./frame.js";
 import { removePixel } from "./input.js";
 import { colourOf, drawCurves, drawPhasors } from "./plot.js";
 import { SPEED_OF_LIGHT } from "./recording.js";
-import { named, nanoseconds, short, signed, when } from "./words.js";
+import { STOKES } from "./stokes.js";
+import { hertz, named, nanoseconds, short, signed, when } from "./words.js";
 
 const DASHES = [[4, 2], [1, 2], [8, 2, 2, 2], [2, 4], [10, 4], [1, 5]]; // of bounce orders
 const MOST_CURVES = 200; // that are remembered
@@ -22,18 +23,21 @@ export class Responses {
     this.known = new Map();
   }
 
-  /** The response of a pixel: luminance or one channel, and its standard error. */
+  /** The response of a pixel: luminance or one channel, with its standard error, or polarisation. */
   curve([column, row], k = -1) {
     const { now, recording } = this.explorer;
-    const name = `${column} ${row} ${now.channel}`;
+    const name = `${column} ${row} ${now.channel} ${now.stokes}`;
     if (!this.known.has(name)) {
       if (this.known.size > MOST_CURVES) this.known.clear();
       const pixel = row * recording.light.width + column;
       const weights = recording.weights.map((weight, c) =>
         now.channel === "luminance" ? weight : Number(String(c) === now.channel),
       );
-      const found = { values: recording.response(pixel, weights), pixel };
-      if (recording.errors) found.errors = recording.response(pixel, weights, recording.errors);
+      const { parts, of } = STOKES[now.stokes];
+      const components = parts.map((part) => recording.response(pixel, weights, recording.stokes[part]));
+      const values = components[0].map((_, bin) => of(...components.map((each) => each[bin])));
+      const found = { values, components };
+      if (recording.errors && now.stokes === "S0") found.errors = recording.response(pixel, weights, recording.errors);
       found.orders = recording.orders.map((layer) => ({
         name: layer.name,
         values: recording.response(pixel, weights, layer),
@@ -61,34 +65,39 @@ export class Responses {
   // --------------------------------------------------------------------------------- drawing
 
   draw(dark, ink) {
-    this.drawCurves(dark, ink);
-    if (!this.explorer.recording.isVolume) this.drawPhasors(dark, ink);
+    const { hasTimes, hasPhasors } = this.explorer.recording;
+    if (hasTimes) this.drawCurves(dark, ink);
+    if (hasPhasors) this.drawPhasors(dark, ink);
   }
 
   drawCurves(dark, ink) {
     const { now, parts, recording } = this.explorer;
     const { about, isVolume } = recording;
     const curves = this.curves();
+    const { name, unit, range, of } = STOKES[now.stokes];
     const active = curves[now.active];
     const orders = (active?.orders ?? []).map(({ values }, k) => ({
       ...{ values, style: active.style, faint: DASHES[k % DASHES.length] },
     }));
     const marks = now.view === "gate" ? { gate: now.gate } : { bin: now.bin };
     const what = recording.unwarped ? about.axis.what.replace("included", "left out") : about.axis.what;
+    const component = now.stokes === "S0" ? about.quantity : `${now.stokes}: ${about.quantity}`;
+    const quantity = range ? `${name}${unit && ` [${unit}]`}` : component;
     const words = isVolume
-      ? { quantity: about.quantity, below: `${what} [m]`, inMetres: true }
-      : { quantity: about.quantity, below: "time [ns]", above: `${what} [m]` };
+      ? { quantity, below: `${what} [m]`, inMetres: true }
+      : { quantity, below: "time [ns]", above: `${what} [m]` };
     const narrow = parts.plot.clientWidth < 480;
     if (narrow && words.above) words.above = "optical path length [m]";
-    drawCurves(parts.plot, recording, [...orders, ...curves], marks, words, { log: now.log, dark, ink });
+    const log = now.log && now.stokes === "S0";
+    drawCurves(parts.plot, recording, [...orders, ...curves], marks, words, { log, range, dark, ink });
     parts.plot.setAttribute("aria-label", `${words.quantity} over ${words.below} of ${this.spoken()}`);
     this.showLegend(active, dark);
     const shown = isVolume ? "here" : now.view === "gate" ? "in the gate" : "now";
-    const rows = curves.map(({ values }, k) => {
-      const peak = values.indexOf(values.reduce((a, b) => Math.max(a, b), 0));
-      const light = now.view === "gate"
-        ? values.slice(now.gate.first, now.gate.first + now.gate.count).reduce((a, b) => a + b, 0)
-        : values[now.bin];
+    const [from, to] = now.view === "gate" ? [now.gate.first, now.gate.first + now.gate.count] : [now.bin, now.bin + 1];
+    const rows = curves.map(({ components }, k) => {
+      const sizes = components[0].map(Math.abs);
+      const peak = sizes.indexOf(sizes.reduce((a, b) => Math.max(a, b)));
+      const light = of(...components.map((each) => each.subarray(from, to).reduce((a, b) => a + b)));
       const at = recording.centre(peak);
       const times = isVolume ? [`${short(at, 4)} m`] : [`${short(nanoseconds(at), 4)} ns`, `${short(at, 4)} m`];
       return [this.chip(k, dark), named(recording, now.pixels[k]), short(light), ...times, this.cross(k)];
@@ -151,7 +160,6 @@ export class Responses {
       return;
     }
     const [column, row] = at;
-    const i = row * recording.light.width + column;
     const words = [named(recording, at)];
     if (about.parts.points) {
       const points = recording.part("points");
@@ -159,18 +167,23 @@ export class Responses {
       const from = 3 * (y * about.grid.width + x);
       words.push(`wall (${Array.from(points.slice(from, from + 3), (each) => short(each)).join(", ")}) m`);
     }
-    words.push(`${short(this.curve(at).values[now.bin])} at ${when(recording, now.bin)}`);
+    words.push(this.measured(at));
     if (about.geometry.mode === "confocal") words.push("each point is lit by itself");
     parts.readout.textContent = words.join("  ·  ");
-    parts.readout.dataset.pixel = String(i);
   }
 
   /** Time and the light of the chosen pixels. */
   spoken() {
     const { now, recording } = this.explorer;
-    const pixels = this.curves().map(({ values }, k) =>
-      `pixel ${k + 1} ${named(recording, now.pixels[k])}, ${short(values[now.bin])}`,
-    );
-    return [when(recording, now.bin), ...pixels].join("; ");
+    const pixels = now.pixels.map((pixel, k) => `pixel ${k + 1} ${named(recording, pixel)}, ${this.measured(pixel)}`);
+    return pixels.join("; ");
+  }
+
+  /** What a pixel measures now. */
+  measured([column, row]) {
+    const { now, recording } = this.explorer;
+    if (recording.hasTimes) return `${short(this.curve([column, row]).values[now.bin])} at ${when(recording, now.bin)}`;
+    const { amplitude, phase } = recording.phasor(row * recording.light.width + column, now.frequency);
+    return `amplitude ${short(amplitude)}, phase ${signed(phase.toFixed(3))} rad at ${hertz(now.frequency)}`;
   }
 }

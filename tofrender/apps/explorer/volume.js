@@ -161,7 +161,7 @@ export class VolumeView {
 function inksOf({ space, voxels: { cut, most }, look: { gain, gamma, map } }) {
   const inks = new Float32Array(4 * 257);
   space.layer.values.forEach((value, code) => {
-    const level = Math.round(255 * Math.min(1, (gain * value) / most) ** (1 / gamma));
+    const level = Math.round(255 * Math.min(1, gain * value) ** (1 / gamma));
     for (let k = 0; k < 3; k++) inks[4 * code + k] = map[3 * level + k];
     inks[4 * code + 3] = most > cut ? 0.15 + 0.6 * clamp((value - cut) / (most - cut), 0, 1) : 0.75;
   });

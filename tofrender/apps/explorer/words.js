@@ -25,8 +25,8 @@ export function signed(text) {
   return String(text).replace("-", "−");
 }
 
-function raised(power) {
-  return String(Number(power)).replace(/./g, (sign) => RAISED[sign]);
+export function raised(power) {
+  return String(Math.round(power)).replace(/./g, (sign) => RAISED[sign]);
 }
 
 const RAISED = Object.fromEntries([..."-0123456789"].map((sign, k) => [sign, "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"[k]]));
