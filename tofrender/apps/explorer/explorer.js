@@ -211,7 +211,7 @@ function opening(recording, brightest) {
   return {
     view: about.frequencies ? "phasor" : about.volume ? "space" : "light",
     ...FRONT,
-    threshold: 0.3,
+    threshold: 0.2,
     bin,
     playing: false,
     speed: "1",

@@ -106,9 +106,9 @@ export class Eye {
     return [this.x + scale * dot(this.right, from), this.y - scale * dot(this.above, from)];
   }
 
-  /** By how much things are larger that are so much nearer than the middle [m]. */
+  /** By how much things are larger that are so much nearer [m] than the middle. */
   grown(near) {
-    return EYE / (EYE - near / this.radius);
+    return EYE / Math.max(0.1, EYE - near / this.radius); // Lines may pass the eye
   }
 }
 
