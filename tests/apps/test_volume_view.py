@@ -5,6 +5,7 @@ import io
 
 import numpy as np
 import pytest
+from helpers.accessible import hindrances
 from helpers.hidden_scenes import Wall, capture_of, rectangle, turned
 from PIL import Image
 from test_explorer_page import opened, set_, state
@@ -237,3 +238,15 @@ def test_what_does_not_fit():
         with pytest.raises(ValueError, match=said) as error:
             contents_of(data, **given)
         assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_nothing_hinders_readers(tmp_path, width, height):
+    capture, volume = made()
+    volume["intensity"].values[4, 3, 12] = 1
+    viewport = {"width": width, "height": height}
+    contents = contents_of(volume, capture=capture)
+    with opened(tmp_path, contents, dark=width == 800, viewport=viewport) as page:
+        assert hindrances(page) == []
+        box = page.locator(".play").first.bounding_box()
+        assert box["y"] + box["height"] <= height
