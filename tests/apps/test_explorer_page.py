@@ -38,12 +38,12 @@ def moving():
 
 
 @contextmanager
-def opened(folder, contents, **options):
+def opened(folder, contents, fragment="", **options):
     """A page that shows these contents; at its end, nothing must have gone wrong."""
     path = folder / "report.html"
     path.write_text(page_of(contents), encoding="utf-8")
     with browser.page(offline=True, **options) as page:
-        page.goto(path.as_uri())
+        page.goto(path.as_uri() + fragment)
         page.wait_for_selector(".tof-explorer canvas.plot")
         settle(page)
         yield page

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from helpers.accessible import hindrances
 from helpers.hidden_scenes import Wall, capture_of, rectangle, turned
-from PIL import Image
+from PIL import Image, ImageSequence
+from test_explorer_links import fragment, saved
 from test_explorer_page import opened, set_, state
 
 import tofrender
@@ -250,3 +251,31 @@ def test_nothing_hinders_readers(tmp_path, width, height):
         assert hindrances(page) == []
         box = page.locator(".play").first.bounding_box()
         assert box["y"] + box["height"] <= height
+
+
+def test_links_pictures_and_films_are_of_the_view(tmp_path):
+    capture, volume = made()
+    volume["intensity"].values[4, 3, 12] = 1
+    with opened(tmp_path, contents_of(volume, capture=capture)) as page:
+        set_(page, pixels=[[1, 1]], bin=60, across=1.25, zoom=1.5, threshold=0.4)
+        seen, link = picture(page), fragment(page)
+        assert "across=1.25" in link
+        page.evaluate("location.hash = ''")
+        assert state(page)["across"] == -0.5
+        page.evaluate("hash => { location.hash = hash }", link)
+        assert state(page)["threshold"] == 0.4
+        assert (picture(page) == seen).all()
+        # The buttons of the volume's own explorer are below
+        page.locator(".saves").nth(1).evaluate("saves => saves.remove()")
+        image = np.asarray(Image.open(saved(page, "PNG", tmp_path)).convert("RGB"), float)
+        small = np.asarray(Image.fromarray(seen.astype(np.uint8)).resize((64, 32)), float)
+        high = round(image.shape[1] * seen.shape[0] / seen.shape[1])
+        found = np.asarray(Image.fromarray(image[:high].astype(np.uint8)).resize((64, 32)), float)
+        assert abs(found - small).mean() < 2
+        with Image.open(saved(page, "GIF", tmp_path)) as film:
+            frames = [
+                np.asarray(each.convert("RGB"), float) for each in ImageSequence.Iterator(film)
+            ]
+        assert len(frames) == capture.sizes["opl"]
+        assert abs(frames[60] - frames[40]).max() > 50  # The ellipsoid moves
+        assert (picture(page) == seen).all()

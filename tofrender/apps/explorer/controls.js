@@ -163,7 +163,7 @@ export function layout(parts, { about, isVolume, hasTimes, hasPhasors }, level) 
   const more = make("details", {}, make("summary", {}, "Contents and precision"), notes);
   more.append(told, make("p", {}, KEYS));
   const [, size] = about.facts[0];
-  const header = make("header", {}, make(`h${level}`, {}, about.title), make("p", {}, size));
+  const header = make("header", {}, make(`h${level}`, {}, about.title), make("p", {}, size), parts.saves);
   header.append(...about.warnings.map((warning) => make("p", { className: "warning" }, warning)));
   return [header, make("div", { className: "stage" }, left, right), more, parts.spoken];
 }

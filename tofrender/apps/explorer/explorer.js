@@ -7,18 +7,20 @@
  * - `state()` returns the view and the numbers that it shows,
  * - `destroy()` removes the explorer.
  *
- * Below a capture with its volume is an explorer of the volume alone.
- * Options: `level` of the title's heading (2).
+ * Below a capture with its volume is an explorer of the volume alone. Options: `level` of the
+ * title's heading (2), and `linked`, whether the page's address has the view.
  */
 
 import { isDark, make } from "../ui/parts.js";
 import { layout, makeParts, showControls, SPEEDS } from "./controls.js";
 import { showMarkers, showPicture } from "./frame.js";
 import { listen, pressed } from "./input.js";
+import { keepLinked } from "./link.js";
 import { Pictures, viewsOf } from "./pictures.js";
 import { STYLES } from "./plot.js";
 import { largest, Recording, SPEED_OF_LIGHT } from "./recording.js";
 import { Responses } from "./responses.js";
+import { saveButtons } from "./save.js";
 import { FRONT } from "./volume.js";
 import { clamp, nanoseconds } from "./words.js";
 
@@ -41,8 +43,9 @@ export function mount(element, data, options = {}) {
  * through `set`, and `draw` shows them.
  */
 class Explorer {
-  constructor(element, data, { level = 2 }) {
+  constructor(element, data, { level = 2, linked = false }) {
     this.level = level;
+    this.isLinked = linked;
     this.element = element;
     this.root = make("section", { className: "tof-app tof-explorer", "data-lm-suppress-shortcuts": "true" });
     element.append(this.root);
@@ -58,6 +61,7 @@ class Explorer {
       this.themes.observe(watched, { attributes: true });
     }
     this.open(data);
+    if (linked) keepLinked(this, signal);
   }
 
   destroy() {
@@ -79,7 +83,9 @@ class Explorer {
     this.pictures = new Pictures(this.recording);
     this.responses = new Responses(this);
     this.now = opening(this.recording, this.pictures.white);
+    this.first = structuredClone(this.now); // As links leave out
     this.parts = makeParts(this.recording, this.now, this.set);
+    this.parts.saves = saveButtons(this);
     this.root.setAttribute("aria-label", `Explorer of ${header.title}`);
     this.root.replaceChildren(...layout(this.parts, this.recording, this.level));
     listen(this);
@@ -184,12 +190,13 @@ class Explorer {
     showMarkers(parts, recording, now, dark);
     this.responses.draw(dark, this.ink());
     this.tell(null);
+    this.shown?.();
   }
 
   /** Colours of the page's style, for canvases. */
   ink() {
     const style = getComputedStyle(this.root);
-    const names = ["line", "grid", "soft", "accent", "band"];
+    const names = ["paper", "line", "grid", "soft", "accent", "band"];
     return Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
   }
 

@@ -19,7 +19,9 @@ export function showPicture({ canvas, frame, space, bar, assumes, hatched }, pic
   hatched.hidden = !picture.hatched;
   hatched.lastChild.textContent = picture.hatched;
   bar.hidden = !picture.bar;
-  if (picture.bar) showBar(bar, picture.bar);
+  if (!picture.bar) return;
+  const { map, says } = picture.bar;
+  bar.replaceChildren(stripOf(map), make("div", {}, ...says.map((each) => make("span", {}, each))));
 }
 
 function showBytes(canvas, { width, height, bytes }) {
@@ -27,12 +29,17 @@ function showBytes(canvas, { width, height, bytes }) {
   canvas.getContext("2d").putImageData(new ImageData(bytes, width, height), 0, 0);
 }
 
-function showBar(bar, { map, says }) {
-  const strip = make("canvas", { width: 256, height: 1 });
+/** The colours of a map, from left to right. */
+export function stripOf(map) {
   const bytes = new Uint8ClampedArray(1024).fill(255);
   for (let i = 0; i < 256; i++) bytes.set(map.subarray(3 * i, 3 * i + 3), 4 * i);
-  strip.getContext("2d").putImageData(new ImageData(bytes, 256, 1), 0, 0);
-  bar.replaceChildren(strip, make("div", {}, ...says.map((each) => make("span", {}, each))));
+  return canvasOf(bytes, 256, 1);
+}
+
+export function canvasOf(bytes, width, height) {
+  const canvas = make("canvas", { width, height });
+  canvas.getContext("2d").putImageData(new ImageData(bytes, width, height), 0, 0);
+  return canvas;
 }
 
 /** Show where the chosen pixels are, and the points that the laser lights. */

@@ -6,7 +6,7 @@ from ..ui import bundle
 
 MODULES = (
     *("recording", "words", "stokes", "paint", "plot", "space", "pictures", "volume", "frame"),
-    *("input", "controls", "responses", "explorer"),
+    *("input", "controls", "responses", "link", "gif", "save", "explorer"),
 )
 
 

@@ -16,6 +16,6 @@ try {
   waiting.textContent = "A part of this file is missing or damaged. Load it again, or make it again.";
 }
 if (data) {
-  mount(page, data, { level: 1 });
+  mount(page, data, { level: 1, linked: true });
   waiting.remove();
 }

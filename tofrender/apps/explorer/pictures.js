@@ -221,7 +221,8 @@ export class Pictures {
       words.push(`${where} of ${short(length, 4)} m ${way}.`);
     }
     const bar = { map: look.map, says: BAR.map((part) => short(part ** gamma / look.gain, 2)) };
-    return { scene, says, assumes: words.join(" "), gain: look.gain, bar };
+    const at = `${when(recording, now.bin)}, ${says}`;
+    return { scene, says: at, assumes: words.join(" "), gain: look.gain, bar };
   }
 
   /** Where some pixel of a block is not known, for a picture of this size; null if all are. */

@@ -128,6 +128,12 @@ export class Recording {
     return planes;
   }
 
+  /** The pixel at such coordinates. */
+  at([x, y]) {
+    const { first, step } = this.about.grid;
+    return [Math.floor((x - first[0]) / step), Math.floor((y - first[1]) / step)];
+  }
+
   /** Channels of planes as one. */
   luminance(planes) {
     const { weights } = this;

@@ -35,10 +35,14 @@ export function hertz(frequency) {
   return frequency >= 1e9 ? `${short(frequency / 1e9, 4)} GHz` : `${short(frequency / 1e6, 4)} MHz`;
 }
 
+/** Digits after the point that tell steps of this size apart. */
+export function digits(step) {
+  return clamp(1 - Math.floor(Math.log10(step)), 0, 9);
+}
+
 /** Time and path length of a bin, with digits that tell bins apart. */
 export function when(recording, bin) {
   const opl = recording.centre(bin);
-  const digits = (step) => clamp(1 - Math.floor(Math.log10(step)), 0, 9);
   const metres = `${opl.toFixed(digits(recording.width))} m`;
   if (recording.isVolume) return metres;
   return `${nanoseconds(opl).toFixed(digits(nanoseconds(recording.width)))} ns  ·  ${metres}`;
