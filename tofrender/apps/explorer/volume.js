@@ -83,7 +83,8 @@ export class VolumeView {
     const { clientWidth: width, clientHeight: height } = this.canvas;
     const { space } = scene;
     const eye = (this.eye = new Eye(space, scene.view, width, height));
-    Object.assign(pen, { lineWidth: 1, textAlign: "left", textBaseline: "alphabetic" });
+    Object.assign(pen, { fillStyle: "#000", lineWidth: 1, textAlign: "left", textBaseline: "alphabetic" });
+    pen.fillRect(0, 0, width, height); // Black, in files too
     if (eye.beforeWall) drawWall(pen, eye, space);
     drawBox(pen, eye, space.ends, true);
     this.splat();
