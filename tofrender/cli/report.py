@@ -30,6 +30,9 @@ def report(
         ),
     ],
     out: Annotated[Path, opt.named("FILE", "HTML file to write.", "--out", "-o")],
+    capture: Annotated[
+        Path | None, opt.named("FILE", "What a reconstruction was made from: 3D with its wall.")
+    ] = None,
     title: Annotated[str | None, opt.named("TEXT", "Title of the page.")] = None,
     megabytes: Annotated[
         float,
@@ -45,10 +48,12 @@ def report(
     backend.activate()
     data = _load(checks.path("DIR|FILE", source))
 
+    from tofrender import io
     from tofrender.apps.explorer.page import report as write
 
     title = str(title or data.attrs.get("scene") or source.resolve().name)
-    write(data, out, title=title, megabytes=megabytes, overwrite=True)
+    captured = None if capture is None else io.load_capture(capture)
+    write(data, out, capture=captured, title=title, megabytes=megabytes, overwrite=True)
     opt.say(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
 
 
@@ -132,8 +137,9 @@ def _load_volume(path: Path) -> xr.Dataset:
             shape = tuple(axis.size for axis in axes.values())
             intensity = read_array(archive, "intensity", shape)
             volume = xr.Dataset({"intensity": (("z", "y", "x"), intensity)}, axes)
-            if "frame_axes.npy" in archive.namelist():
-                volume["frame_axes"] = (("axis", "xyz"), read_array(archive, "frame_axes"))
+            for name, axes in (("frame_origin", ("xyz",)), ("frame_axes", ("axis", "xyz"))):
+                if f"{name}.npy" in archive.namelist():
+                    volume[name] = axes, read_array(archive, name)
     except MemoryError as error:
         raise MemoryError(f"DIR|FILE = {path}: {error}") from None
     except Exception as error:  # Whatever a damaged file makes zipfile, zlib and NumPy raise

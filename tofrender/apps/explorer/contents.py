@@ -15,7 +15,7 @@ from ...runtime.atomic import readable
 from ...signals.colour import LUMINANCE
 from ...vis.colours import phase_map
 from .compression import Mode, Reduction, Scale, bands, reductions
-from .data import ExplorerData, explorer_data, facts
+from .data import ExplorerData, explorer_data, facts, wall_of
 from .paths import path_lists
 
 MAPS = {"false": "inferno", "distance": "viridis", "signed": "coolwarm"}
@@ -68,6 +68,7 @@ def differences(codes: np.ndarray) -> np.ndarray:
 def contents_of(
     data: Any,
     *,
+    capture: Any = None,
     orders: Any = None,
     distance_m: Any = None,
     title: Any = None,
@@ -82,6 +83,10 @@ def contents_of(
     from matplotlib import colormaps
 
     checks.text("title", title)
+    if capture is not None:
+        options = {"orders": orders, "distance_m": distance_m, "title": title, "packed": packed}
+        options |= {"paths": paths}
+        return _with_capture(data, capture, most_bytes, **options)
     found = explorer_data(data, orders, distance_m)
     layers = {"light": (found.light, found.mode), **found.layers}
     *spots, height, width, bins, channels = found.light.shape
@@ -97,7 +102,8 @@ def contents_of(
     header: dict[str, Any] = {
         "version": 1,
         **{"perMetre": False, "depth": "", "geometry": {}, "orders": [], "stokes": []},
-        **{"hatched": found.hatched, "warnings": found.warnings, "paths": path_lists(paths)},
+        **{"hatched": found.hatched, "warnings": found.warnings},
+        "paths": path_lists(paths, found.header["kind"]),
         **found.header,
         "title": str(title or data.attrs.get("scene", "") or found.header["kind"]),
         "facts": facts(data, found),
@@ -140,6 +146,28 @@ def _middles(values: np.ndarray, size: int) -> np.ndarray:
     rows, columns = (-(-side // size) for side in values.shape)
     padded = np.pad(values, (0, size), mode="edge") if values.size else values
     return padded[size // 2 :: size, size // 2 :: size][:rows, :columns]
+
+
+def _with_capture(volume: Any, capture: Any, most_bytes: int | None, **options: Any) -> Contents:
+    """Contents of a capture, with those of its volume as a part of them."""
+    title, packed = options["title"], options["packed"]
+    half = most_bytes and most_bytes // 2
+    below = contents_of(volume, **options, most_bytes=half)
+    kind = below.header["kind"]
+    if kind != "volume":
+        raise ValueError(f"capture: must be None, as data is a {kind}")
+    arrays = _Arrays()
+    for name, values in wall_of(volume, capture).items():
+        arrays.add(name, values, "f4")
+    whole = contents_of(capture, title=title, packed=packed, most_bytes=half)
+    pieces = [*arrays.pieces, whole.data, below.data]
+    ahead = arrays.size
+    for each in (whole, below):
+        for part in each.header["parts"].values():
+            part["offset"] += ahead
+        ahead += len(each.data)
+    parts = arrays.parts | whole.header["parts"]
+    return Contents(whole.header | {"parts": parts, "volume": below.header}, b"".join(pieces))
 
 
 class _Arrays:

@@ -4,6 +4,7 @@ import { choices, list, make, slider, tick } from "../ui/parts.js";
 import { viewsOf } from "./pictures.js";
 import { SPEED_OF_LIGHT } from "./recording.js";
 import { STOKES } from "./stokes.js";
+import { VolumeView } from "./volume.js";
 import { hertz, lengthText, signed, when } from "./words.js";
 
 export const SPEEDS = { "½": 10, 1: 20, 2: 40, 4: 80 }; // bins a second
@@ -12,9 +13,12 @@ const PHASORS = [["depth", "Depth"], ["phase", "Phase"], ["amplitude", "Amplitud
 const KEYS =
   "Keys: ← → a step in time (Shift: ten), Home and End the first and the last, Space plays. In the " +
   "picture: arrows move the chosen pixel (Shift: ten), 1 to 6 choose, Enter adds, Delete removes. " +
-  "Click to add a pixel, drag to move it; drag in the curves to move time or the gate.";
-const SET_AS_CALLED =
-  ["exposure", "gamma", "colours", "smooth", "stokes", "unwarped", "laser", "channel", "log"];
+  "Click to add a pixel, drag to move it; drag in the curves to move time or the gate. In 3D: drag or " +
+  "arrows turn, + and − zoom, 0 turns back, Shift and arrows move the chosen point.";
+const SET_AS_CALLED = [
+  ...["exposure", "gamma", "colours", "smooth", "stokes", "unwarped", "laser", "channel", "log"],
+  ...["threshold", "zoom"],
+];
 
 /** Make all parts; `now` has the values to begin with, and `set(changes)` is called for others. */
 export function makeParts(recording, now, set) {
@@ -32,6 +36,7 @@ export function makeParts(recording, now, set) {
     "aria-label": "Picture; arrow keys move the chosen pixel, Enter adds one, Delete removes it",
   });
   parts.frame.append(parts.canvas, parts.markers);
+  parts.space = new VolumeView(set);
   parts.bar = make("div", { className: "bar" });
   parts.assumes = make("p", { className: "assumes" });
   parts.hatched = make("p", { className: "assumes" }, make("span", { className: "hatch" }), "");
@@ -65,6 +70,17 @@ export function makeParts(recording, now, set) {
     ...{ min: 1, max: 5, step: 0.1, value: 2.2 },
     say: (gamma) => gamma.toFixed(1),
     moved: (gamma) => set({ gamma }),
+  });
+  parts.threshold = slider("Threshold", {
+    ...{ min: 0, max: 1, step: 0.01, value: 0 },
+    say: (part) => `${Math.round(100 * part)} %`,
+    title: "Smallest voxels that are shown, as a part of the largest",
+    moved: (threshold) => set({ threshold }),
+  });
+  parts.zoom = slider("Zoom", {
+    ...{ min: 0.5, max: 5, step: 0.05, value: 1 },
+    say: (zoom) => `${zoom.toFixed(2)}×`,
+    moved: (zoom) => set({ zoom }),
   });
   const colours = [["colour", "as rendered"], ["grey", "grey"], ["false", "false colour"]];
   parts.colours = list("Colours", recording.weights.length === 3 ? colours : colours.slice(1), (each) =>
@@ -121,10 +137,12 @@ export function layout(parts, { about, isVolume, hasTimes, hasPhasors }, level) 
   parts.transport = make("div", { className: "transport" }, parts.play, parts.time, parts.speed);
   parts.gates = make("div", { className: "transport" }, parts.gateStart, parts.gateWidth);
   const look = make("div", { className: "look" });
+  look.append(parts.threshold, parts.zoom);
   if (hasTimes) look.append(parts.exposure, parts.gamma, parts.colours);
   look.append(parts.smooth, parts.unwarped, parts.laser);
   const left = make("div", { className: "left" });
-  left.append(parts.views, parts.stokes, parts.frame, parts.bar, parts.assumes, parts.hatched, parts.readout);
+  left.append(parts.views, parts.stokes, parts.frame, parts.space.element);
+  left.append(parts.bar, parts.assumes, parts.hatched, parts.readout);
   left.append(parts.transport, parts.gates, look);
   const heading = (title, ...more) => make("div", { className: "heading" }, make(`h${level + 1}`, {}, title), ...more);
   const response = panel(
@@ -168,4 +186,6 @@ export function showControls(parts, recording, now) {
   parts.log.hidden = now.stokes !== "S0";
   parts.transport.hidden = now.view === "gate" || recording.count === 1 || !recording.hasTimes;
   parts.gates.hidden = now.view !== "gate";
+  parts.threshold.hidden = parts.zoom.hidden = now.view !== "space";
+  parts.colours.hidden = parts.smooth.hidden = now.view === "space";
 }

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...nlos.captures import ON_WALL, check_capture
 from ...nlos.reconstruction.depths import check_volume, depth_map
+from ...nlos.reconstruction.measured import WallFrame
 from ...rendering.cubes import Cube
 from ...rendering.dataset import QUANTITIES, components_of, time_axis
 from ...runtime import checks
@@ -201,11 +202,39 @@ def _volume(data: xr.Dataset) -> ExplorerData:
         rows, (low, size) = slice(None, None, -1), sides["y"]
         sides["y"] = low + size * values.shape[1], -size
     quantity = f"intensity [{data.attrs.get('units', 'arbitrary')}]"
-    header = {"kind": "volume", "quantity": quantity, "geometry": sides}
+    handed = -math.copysign(1, sides["y"][1])  # Of x, upwards and away from the wall
+    if "frame_axes" in data:
+        handed *= math.copysign(1, np.linalg.det(data["frame_axes"].values))
+    header = {"kind": "volume", "quantity": quantity, "geometry": {**sides, "handed": handed}}
     axis = {"start": start, "width": step, "what": "distance from the wall"}
     peaks = depth_map(data).values[None, rows]
     light = Cube(np.moveaxis(values, 0, -1)[rows, ..., None])
     return ExplorerData(header, light, "mean", axis, {"peaks": peaks})
+
+
+def wall_of(volume: xr.Dataset, capture: Any) -> dict[str, np.ndarray]:
+    """Points of a capture's wall, its laser spots and the origins of legs in the volume's frame."""
+    check_capture(capture)
+    if not {"frame_origin", "frame_axes"} <= set(volume.data_vars):
+        raise ValueError("data: frame_origin, frame_axes: must be there, as reconstruct has them")
+    frame = WallFrame(
+        *(volume[f"frame_{name}"].values.astype(float) for name in ("origin", "axes"))
+    )
+    grid = capture["sensor_grid"].values.astype(float)
+    own = WallFrame.of(grid, capture["sensor_normals"].values.astype(float))
+    size = 1e-3 * max(1.0, np.ptp(grid.reshape(-1, 3), axis=0).max())
+    same = np.allclose(own.origin, frame.origin, atol=size)
+    if not (same and np.allclose(own.axes, frame.axes, atol=1e-3)):
+        there, here = (np.round(each.origin, 3).tolist() for each in (own, frame))
+        rule = f"must be the wall of data, at {here} with its axes"
+        raise ValueError(f"capture with a wall at {there} m: {rule}")
+    found = {"wall": frame(grid)}
+    if capture.attrs["mode"] != "confocal":
+        found["spots"] = frame(capture["laser_grid"].values.astype(float))
+    if capture.attrs["counts_first_and_last_legs"]:
+        ends = [capture[f"{name}_origin"].values for name in ("laser", "sensor")]
+        found["origins"] = frame(np.array(ends, float))
+    return found
 
 
 def _strategies(data: xr.Dataset) -> tuple[xr.Dataset, dict[str, xr.Dataset]]:

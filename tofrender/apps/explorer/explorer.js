@@ -8,8 +8,9 @@
  * - `addPaths(list)` takes in paths that `askPaths` was asked for, as `plain_paths` of Python,
  * - `destroy()` removes the explorer.
  *
- * Options: `level` of the title's heading (2); `linked`, whether the page's address has the view;
- * `askPaths(pixel, range)`, which asks for the paths of a pixel of the film with lengths in a range [m].
+ * Below a capture with its volume is an explorer of the volume alone. Options: `level` of the
+ * title's heading (2); `linked`, whether the page's address has the view; `askPaths(pixel, range)`,
+ * which asks for the paths of a pixel of the film with lengths in a range [m].
  */
 
 import { isDark, make } from "../ui/parts.js";
@@ -23,16 +24,19 @@ import { STYLES } from "./plot.js";
 import { largest, Recording, SPEED_OF_LIGHT } from "./recording.js";
 import { Responses } from "./responses.js";
 import { saveButtons } from "./save.js";
+import { FRONT } from "./volume.js";
 import { clamp, nanoseconds } from "./words.js";
 
 export function mount(element, data, options = {}) {
   const explorer = new Explorer(element, data, options);
+  const { volume } = data.header;
+  const below = volume && new Explorer(element, { header: volume, bytes: data.bytes }, {});
   const handle = {
     setData: (next) => explorer.open(next),
     set: explorer.set,
     state: () => explorer.state(),
     addPaths: (list) => explorer.addPaths(list),
-    destroy: () => explorer.destroy(),
+    destroy: () => [explorer, below].forEach((each) => each?.destroy()),
   };
   element.explorer = handle;
   return handle;
@@ -155,7 +159,7 @@ class Explorer {
       }
       requestAnimationFrame(next);
     };
-    if (this.now.view !== "light") this.now.view = "light";
+    if (this.now.view !== "space") this.now.view = "light";
     requestAnimationFrame(next);
   }
 
@@ -188,7 +192,8 @@ class Explorer {
       part.inert = !works;
     }
     const [, name] = viewsOf(recording).find(([view]) => view === now.view);
-    parts.canvas.setAttribute("aria-label", `${name} of ${recording.about.title}, ${picture.says}`);
+    const { canvas } = picture.scene ? parts.space : parts;
+    canvas.setAttribute("aria-label", `${name} of ${recording.about.title}, ${picture.says}`);
     showMarkers(parts, recording, now, dark);
     this.responses.draw(dark, this.ink());
     if (!now.playing) this.showPaths();
@@ -233,7 +238,9 @@ function opening(recording, brightest) {
   const bin = isVolume ? largestSlice(recording) : brightestBin(recording, brightest);
   const gate = Math.max(1, Math.round(count / 12));
   return {
-    view: about.frequencies ? "phasor" : "light",
+    view: about.frequencies ? "phasor" : about.volume ? "space" : "light",
+    ...FRONT,
+    threshold: 0.2,
     bin,
     playing: false,
     speed: "1",

@@ -7,11 +7,12 @@ import { clamp } from "./words.js";
 const NEAR_MARKER = 14; // px
 
 /** Show a picture with its colour bar. */
-export function showPicture({ canvas, frame, bar, assumes, hatched }, picture, smooth) {
-  const { width, height, bytes } = picture;
-  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-  canvas.getContext("2d").putImageData(new ImageData(bytes, width, height), 0, 0);
-  frame.style.setProperty("--aspect", picture.aspect ?? width / height);
+export function showPicture({ canvas, frame, space, bar, assumes, hatched }, picture, smooth) {
+  frame.hidden = Boolean(picture.scene);
+  space.element.hidden = !picture.scene;
+  if (picture.scene) space.draw(picture.scene);
+  else showBytes(canvas, picture);
+  frame.style.setProperty("--aspect", picture.aspect ?? picture.width / picture.height);
   frame.classList.toggle("smooth", smooth);
   assumes.textContent = picture.assumes ?? "";
   assumes.hidden = !picture.assumes;
@@ -21,6 +22,11 @@ export function showPicture({ canvas, frame, bar, assumes, hatched }, picture, s
   if (!picture.bar) return;
   const { map, says } = picture.bar;
   bar.replaceChildren(stripOf(map), make("div", {}, ...says.map((each) => make("span", {}, each))));
+}
+
+function showBytes(canvas, { width, height, bytes }) {
+  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+  canvas.getContext("2d").putImageData(new ImageData(bytes, width, height), 0, 0);
 }
 
 /** The colours of a map, from left to right. */

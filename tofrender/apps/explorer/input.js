@@ -21,7 +21,15 @@ export function listen(explorer) {
   });
   parts.frame.addEventListener("pointermove", (event) => explorer.tell(under(event)));
   parts.frame.addEventListener("pointerleave", () => explorer.tell(null));
-  parts.frame.addEventListener("keydown", (event) => pressedInPicture(explorer, event));
+  for (const element of [parts.frame, parts.space.element]) {
+    element.addEventListener("keydown", (event) => pressedInPicture(explorer, event));
+  }
+  parts.space.element.addEventListener("click", (event) => {
+    const { grid } = recording.about;
+    const tapped = recording.isVolume ? -1 : parts.space.tapped(event);
+    const pixel = [tapped % grid.width, Math.floor(tapped / grid.width)].map((k) => Math.floor(k / grid.step));
+    if (tapped >= 0) addPixel(explorer, pixel);
+  });
   follow(parts.plot, {
     down: (event) => grabInPlot(explorer, event),
     move: (event, held) => dragInPlot(explorer, event, held),
@@ -58,7 +66,7 @@ function grabInPlot({ now, parts, recording, set }, event) {
   const x = event.clientX - parts.plot.getBoundingClientRect().left;
   const bin = axes.bin(x);
   if (view !== "gate") {
-    set({ bin, view: recording.isVolume ? view : "light", playing: false });
+    set({ bin, view: recording.isVolume || view === "space" ? view : "light", playing: false });
     return { what: "time" };
   }
   const edges = [gate.first, gate.first + gate.count].map((k) => axes.x(recording.edge(k)));
@@ -108,7 +116,8 @@ function pressedInPicture(explorer, event) {
   const { now, recording, set } = explorer;
   const { pixels, active } = now;
   const steps = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
-  const far = event.shiftKey ? 10 : 1;
+  const far = event.shiftKey && now.view !== "space" ? 10 : 1;
+  if (event.defaultPrevented) return; // The view has turned
   if (event.key in steps && pixels.length) {
     const [across, down] = steps[event.key];
     const [column, row] = pixels[active];

@@ -41,6 +41,10 @@ function fieldsOf(recording) {
     gamma: ["gamma", between(1, 5)],
     log: ["log", flag],
     smooth: ["smooth", flag],
+    across: ["across", between(-1e3, 1e3)],
+    tilt: ["tilt", between(-Math.PI / 2, Math.PI / 2)],
+    zoom: ["zoom", between(0.5, 5)],
+    threshold: ["threshold", between(0, 1)],
   };
 }
 

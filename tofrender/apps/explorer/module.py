@@ -5,8 +5,8 @@ from __future__ import annotations
 from ..ui import bundle
 
 MODULES = (
-    *("recording", "words", "stokes", "paint", "plot", "pictures", "frame", "input", "controls"),
-    *("responses", "link", "gif", "save", "paths", "explorer"),
+    *("recording", "words", "stokes", "paint", "plot", "space", "pictures", "volume", "frame"),
+    *("input", "controls", "responses", "link", "gif", "save", "paths", "explorer"),
 )
 
 

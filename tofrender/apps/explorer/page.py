@@ -27,6 +27,7 @@ def report(
     data: xr.Dataset,
     path: str | os.PathLike,
     *,
+    capture: xr.Dataset | None = None,
     orders: Mapping[str, xr.Dataset] | None = None,
     distance_m: Any = None,
     title: str | None = None,
@@ -44,6 +45,7 @@ def report(
     Args:
         data: Result of `render`, `capture`, `strategy_pyramid` or `reconstruct`.
         path: A file name that ends in .html.
+        capture: As for `explore`.
         orders: As for `explore`.
         distance_m: As for `explore`.
         title: Title; by default the scene.
@@ -68,8 +70,8 @@ def report(
     """
     target = check_file(path, ".html", ".htm", overwrite=overwrite)
     limit = 1e6 * checks.number("megabytes", megabytes, low=0.1, high=1000)
-    options: dict[str, Any] = {"orders": orders, "distance_m": distance_m, "title": title}
-    options["paths"] = paths
+    options: dict[str, Any] = {"orders": orders, "distance_m": distance_m}
+    options |= {"capture": capture, "title": title, "paths": paths}
     margin = 0.96  # The estimated size may be a little too small
     while True:
         most = int(margin * 3 / 4 * limit)

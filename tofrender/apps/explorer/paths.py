@@ -17,9 +17,10 @@ COUNT = 200  # Paths of a pixel and bin that a live explorer shows
 SAMPLES = 1 << 13  # Camera rays that they are chosen from
 
 
-def path_lists(paths: Any) -> list[dict[str, Any]]:
+def path_lists(paths: Any, kind: str) -> list[dict[str, Any]]:
     """Convert results of `paths_of` for some pixels by `plain_paths`; refuse anything else."""
     given = () if paths is None else paths
+    _require_render("paths", paths, kind)
     for each in given:
         valid = set(getattr(each, "data_vars", ())) >= FIELDS
         checks.require("paths", each, valid, "a list of results of paths_of")
@@ -44,12 +45,13 @@ def plain_paths(found: Any) -> dict[str, Any]:
     return {"pixel": found.attrs["pixel"], "opl": found.attrs["range"], "paths": paths}
 
 
-def path_tracer(scene: Any, data: Any) -> Callable[[Any, Any], dict[str, Any]]:
+def path_tracer(scene: Any, data: Any, kind: str) -> Callable[[Any, Any], dict[str, Any]]:
     """Return a function that traces paths of a pixel with lengths in a range, as `plain_paths`.
 
     The scene, a loaded one or what `load_scene` loads, must have the film of the data.
     """
-    size = data.sizes.get("x"), data.sizes.get("y")
+    _require_render("scene", scene, kind)
+    size = data.sizes["x"], data.sizes["y"]
     if not isinstance(scene, mi.Scene):
         scene = load_scene(scene, width=size[0], height=size[1], optimize=False)
     own = tuple(int(side) for side in scene.sensors()[0].film().crop_size())
@@ -62,3 +64,8 @@ def path_tracer(scene: Any, data: Any) -> Callable[[Any, Any], dict[str, Any]]:
             return {"pixel": pixel, "opl": opl, "error": str(error)}
 
     return trace
+
+
+def _require_render(name: str, value: Any, kind: str) -> None:
+    if value is not None and kind != "transient":
+        raise ValueError(f"{name}: must be None, as data is a {kind}")

@@ -1,11 +1,13 @@
 /** The picture of each view: bytes, size and what they say. */
 
 import { paintLight, paintMap, range, toneCurve, white, whiteOfAll } from "./paint.js";
-import { largest, largestAcross, phasorParts, SPEED_OF_LIGHT } from "./recording.js";
+import { largest, largestAcross, phasorParts, Recording, SPEED_OF_LIGHT } from "./recording.js";
+import { distance, Space } from "./space.js";
 import { STOKES } from "./stokes.js";
 import { hertz, lengthText, short, when } from "./words.js";
 
 const BAR = [0, 0.25, 0.5, 0.75, 1]; // where a colour bar has numbers
+const TURNING = ["space", "3D", "The volume before its wall, to be turned"];
 
 /** Views of a recording: what `view` is called, its label, and what it shows. */
 export function viewsOf({ about, count, isVolume }) {
@@ -16,6 +18,7 @@ export function viewsOf({ about, count, isVolume }) {
       ["side", "Side", "Largest value along x"],
       ["top", "Top", "Largest value along y"],
       ["peak", "Depth", "Depth of the largest value"],
+      TURNING,
     ];
   }
   const phasor = ["phasor", "Phasor", "Measurement of a camera with modulated light"];
@@ -31,17 +34,22 @@ export function viewsOf({ about, count, isVolume }) {
     ["depth", "Depth", "Half the path length of the brightest bin"],
     phasor,
   ];
+  if (about.volume) views.unshift(TURNING);
   return views.filter(([view]) => view !== "depth" || about.depth);
 }
 
 /**
  * Makes pictures of a recording. `of(now)` returns {bytes, width, height, says} and, where they
- * apply, aspect, assumes, hatched (what is), bar {map, says}, and gain (1 / gain is white).
+ * apply, aspect, assumes, hatched (what is), bar {map, says}, and gain (1 / gain is white); of the
+ * view "space" a scene instead of bytes.
  */
 export class Pictures {
   constructor(recording) {
     this.recording = recording;
     this.white = whiteOfAll(recording.light);
+    const { about: { volume: header }, bytes } = recording;
+    const volume = recording.isVolume ? recording : header && new Recording({ header, bytes });
+    this.space = volume && new Space(recording, volume);
     this.forget();
   }
 
@@ -76,6 +84,8 @@ export class Pictures {
       case "front":
         known.front ??= largest(light);
         return this.lit(now, () => [known.front], this.white, light, "largest along the depth");
+      case "space":
+        return this.turning(now);
       case "side":
       case "top":
         return this.across(now);
@@ -193,6 +203,26 @@ export class Pictures {
     const [from, to] = [0, deep].map((more) => lengthText(recording, recording.start + more));
     const assumes = `${isSide ? "Left to right" : "Top to bottom"}: ${from} to ${to} from the wall.`;
     return { ...picture, aspect: isSide ? deep / long : long / deep, assumes };
+  }
+
+  turning(now) {
+    const { recording, space, known } = this;
+    const { threshold, exposure, gamma } = now;
+    if (known.voxels?.threshold !== threshold) known.voxels = space.voxels(threshold);
+    const { above, codes, most } = known.voxels;
+    const look = { gain: 2 ** exposure / most, gamma, map: recording.part("map false") };
+    const scene = { space, look, voxels: known.voxels, view: now, ...space.chosen(now) };
+    const says = `voxels ≥ ${short(100 * threshold)} % of the largest: ${above}`;
+    const words = [`V${says.slice(1)}${codes.length < above ? `, the ${codes.length} largest are shown` : ""}.`];
+    if (scene.ellipsoid) {
+      const { foci: [spot, point], length } = scene.ellipsoid;
+      const way = spot === point ? "from the wall point and back" : "from the lit to the wall point";
+      const where = length > distance(spot, point) ? "Blue: paths" : "Nothing has paths";
+      words.push(`${where} of ${short(length, 4)} m ${way}.`);
+    }
+    const bar = { map: look.map, says: BAR.map((part) => short(part ** gamma / look.gain, 2)) };
+    const at = `${when(recording, now.bin)}, ${says}`;
+    return { scene, says: at, assumes: words.join(" "), gain: look.gain, bar };
   }
 
   /** Where some pixel of a block is not known, for a picture of this size; null if all are. */

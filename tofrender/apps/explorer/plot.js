@@ -236,7 +236,7 @@ export function drawPhasors(canvas, phasors, { dark, ink }) {
 }
 
 /** A canvas as fine as the screen, wiped. */
-function sharp(canvas) {
+export function sharp(canvas) {
   const ratio = globalThis.devicePixelRatio || 1;
   const [width, height] = [canvas.clientWidth * ratio, canvas.clientHeight * ratio].map(Math.round);
   if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });

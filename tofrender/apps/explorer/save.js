@@ -62,7 +62,8 @@ async function savePicture(explorer) {
 
 async function saveFilm(explorer, tell) {
   const { pictures, recording } = explorer;
-  const now = { ...explorer.now, view: "light", playing: false };
+  const view = explorer.now.view === "space" ? "space" : "light";
+  const now = { ...explorer.now, view, playing: false };
   const rate = SPEEDS[now.speed];
   const step = Math.ceil(Math.max(recording.count / MOST_FRAMES, rate / FASTEST));
   const frame = (bin) => {
@@ -78,6 +79,7 @@ async function saveFilm(explorer, tell) {
     tell(bin / recording.count);
     await new Promise((done) => setTimeout(done)); // The page goes on
   }
+  explorer.draw();
   return save(explorer, gif.blob(), "gif");
 }
 
@@ -108,8 +110,12 @@ function save({ recording }, blob, suffix) {
 }
 
 /** A picture with its colour bar and what it says; its longer side has `least` pixels or more. */
-function poster(explorer, { bytes, width, height, aspect, says, bar }, least) {
+function poster(explorer, { scene, bytes, says, bar, ...picture }, least) {
   const { paper, soft } = explorer.ink();
+  if (scene) explorer.parts.space.draw(scene);
+  const drawn = scene ? explorer.parts.space.canvas : canvasOf(bytes, picture.width, picture.height);
+  const { width, height } = drawn;
+  const aspect = scene ? width / height : picture.aspect;
   const factor = Math.max(1, Math.ceil(least / Math.max(width, height)));
   const wide = aspect ? Math.round(least * Math.min(1, aspect)) : factor * width;
   const high = aspect ? Math.round(wide / aspect) : factor * height;
@@ -117,8 +123,8 @@ function poster(explorer, { bytes, width, height, aspect, says, bar }, least) {
   const pen = canvas.getContext("2d", { willReadFrequently: true });
   pen.fillStyle = paper;
   pen.fillRect(0, 0, wide, canvas.height);
-  pen.imageSmoothingEnabled = explorer.now.smooth;
-  pen.drawImage(canvasOf(bytes, width, height), 0, 0, wide, high);
+  pen.imageSmoothingEnabled = Boolean(scene) || explorer.now.smooth;
+  pen.drawImage(drawn, 0, 0, wide, high);
   pen.fillStyle = soft;
   pen.font = "13px system-ui, sans-serif";
   pen.textBaseline = "middle";

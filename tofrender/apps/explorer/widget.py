@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 def explore(
     data: xr.Dataset,
     *,
+    capture: xr.Dataset | None = None,
     orders: Mapping[str, xr.Dataset] | None = None,
     distance_m: Any = None,
     title: str | None = None,
@@ -35,6 +36,8 @@ def explore(
     Args:
         data: Result of `render`, `capture`, `strategy_pyramid` or `reconstruct`. Error bars are
             shown where a render has them; a pyramid shows the light by bounces.
+        capture: What the volume `data` was reconstructed from: the wall, laser spots, chosen points
+            of the wall and, in 3D, the ellipsoid that the light of the chosen bin comes from.
         orders: Parts of a render's light by name, Datasets of the same pixels and bins, to be
             drawn beside the response: `{"1 bounce": render(..., max_depth=2)}`, for example.
         distance_m: (height, width) [m] from the camera's position to the surface in each pixel of
@@ -63,9 +66,9 @@ def explore(
         ('Sixteen pixels', 20)
     """
     most = int(1e6 * checks.number("megabytes", megabytes, positive=True, high=1e6))
-    options = {"orders": orders, "distance_m": distance_m, "title": title, "paths": paths}
-    contents = contents_of(data, **options, most_bytes=most)
-    trace = None if scene is None else path_tracer(scene, data)
+    parts: dict[str, Any] = {"capture": capture, "orders": orders, "distance_m": distance_m}
+    contents = contents_of(data, **parts, title=title, paths=paths, most_bytes=most)
+    trace = None if scene is None else path_tracer(scene, data, contents.header["kind"])
     widget = _widget()(header=contents.header, data=contents.data, traces=trace is not None)
     if trace is not None:
         widget.on_msg(lambda _, asked, __: widget.send(trace(asked["pixel"], asked["range"])))
