@@ -23,6 +23,8 @@ MAX_SIZE = 64  # Largest edge of a block in pixels, and largest number of joined
 CODES = 255  # Number of codes, without that of darkness
 SIGN = 128  # Is added to the code of a negative value
 DARK = 1e-4  # Fraction of all light that may lie in values too small to have a code
+DARK_SMALL = 1e-2  # Likewise if codes have to take less than SMALL bytes
+SMALL = 1_000_000
 DECADES = 7  # Largest range of values that have a code
 _OCTAVES, _PER_OCTAVE = 1100, 16  # Of the histogram of values, on either side of 1
 
@@ -46,7 +48,7 @@ def reductions(bins: int) -> list[Reduction]:
     sizes = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, MAX_SIZE)
     times = [t for t in sizes if t == 1 or bins / t >= 128]
     found = [Reduction(space, time) for space in sizes for time in times]
-    return sorted(found, key=lambda each: (each.space**2 * each.time, each.time))
+    return sorted(found, key=lambda each: each.space**2.5 * each.time)  # Pixels are missed more
 
 
 def bands(
@@ -95,8 +97,11 @@ class Scale:
     signed: bool = False
 
     @classmethod
-    def of(cls, pieces: Iterable[np.ndarray], signed: bool = False) -> Scale:
+    def of(
+        cls, pieces: Iterable[np.ndarray], signed: bool = False, most_bytes: float | None = None
+    ) -> Scale:
         """Scale for the finite values of all pieces, those above 0 unless `signed`."""
+        dark = DARK if most_bytes is None or most_bytes >= SMALL else DARK_SMALL
         sums = np.zeros(2 * _OCTAVES * _PER_OCTAVE)  # Histogram of light over log2 of values
         low, high = math.inf, 0.0
         for piece in pieces:
@@ -109,7 +114,7 @@ class Scale:
         if not high:
             return cls(1.0, 2.0, signed)
         light = np.cumsum(sums)
-        first = int(np.searchsorted(light, DARK * light[-1], side="right"))
+        first = int(np.searchsorted(light, dark * light[-1], side="right"))
         low = max(low, 2 ** (first / _PER_OCTAVE - _OCTAVES))
         least = min(max(low, high / 10**DECADES), high)
         codes = SIGN - 1 if signed else CODES

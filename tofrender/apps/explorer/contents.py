@@ -20,7 +20,8 @@ from .data import ExplorerData, explorer_data, facts, wall_of
 MAPS = {"false": "inferno", "distance": "viridis", "signed": "coolwarm"}
 """Colour maps of Matplotlib by their use; phases have `phase_map`."""
 
-SAMPLED_BANDS = 8  # The size of a cube is estimated from one of so many bands of it
+SAMPLED_BANDS = 8  # The size of a large cube is estimated from one of so many bands of it
+SAMPLED_BYTES = 100e6
 ALIGNMENT = 8  # Of arrays in the bytes
 
 
@@ -86,8 +87,10 @@ def contents_of(
     found = explorer_data(data, orders, distance_m)
     layers = {"light": (found.light, found.mode), **found.layers}
     *spots, height, width, bins, channels = found.light.shape
+    is_fine = most_bytes is None or 16 * height * width * channels < most_bytes
     for by in reductions(0 if "frequencies" in found.header else bins):
-        if most_bytes is None or _fits(layers, by, most_bytes, packed):
+        fine = Reduction() if is_fine else by  # Of the pictures of all bins
+        if most_bytes is None or _fits(layers, by, fine, most_bytes, packed):
             break
     else:
         raise ValueError("megabytes: must be more, the coarsest page of these data takes more")
@@ -104,20 +107,23 @@ def contents_of(
         "axis": found.axis | axis,
         "grid": {"first": found.first, "step": by.space, "height": height, "width": width},
         "lasers": math.prod(spots),
-        "peaks": found.arrays["peaks"].shape[1:],
     }
     for name, (cube, mode) in layers.items():
-        layer = _layer(arrays, name, cube, Reduction() if name == "steady" else by, mode, packed)
+        if name == "steady":
+            layer = _layer(arrays, name, cube, fine, mode, packed, None)
+        else:
+            layer = _layer(arrays, name, cube, by, mode, packed, most_bytes)
         group, _, part = name.partition(" ")
         if part:
             header[group].append(layer)
         else:
             header[name] = layer
     for name, values in found.arrays.items():
-        if name == "distance":  # At the middle of each block
-            rows, columns = (-(-side // by.space) for side in values.shape)
-            middle = np.s_[by.space // 2 :: by.space, by.space // 2 :: by.space]
-            values = np.pad(values, (0, by.space), mode="edge")[middle][:rows, :columns]
+        if name == "distance":
+            values = _middles(values, by.space)
+        elif name == "peaks":
+            values = np.stack([_middles(each, fine.space) for each in values])
+            header["peaks"] = values.shape[1:]
         elif name in "IQ":
             cube = Cube(np.moveaxis(values, 0, -1)[..., None])
             blocks = np.concatenate([block for _, block in bands(cube, by, "mean")])
@@ -126,7 +132,7 @@ def contents_of(
     maps = {name: colormaps[of] for name, of in MAPS.items()} | {"phase": phase_map()}
     for name, colours in maps.items():
         arrays.add(f"map {name}", np.rint(255 * colours(np.arange(256) / 255)[:, :3]), "u1")
-    header["notes"] = [*_notes(header, found, by), *found.notes]
+    header["notes"] = [*_notes(header, found, by, is_fine), *found.notes]
     header["parts"] = arrays.parts
     return Contents(header, b"".join(arrays.pieces))
 
@@ -153,6 +159,13 @@ def _with_capture(volume: Any, capture: Any, most_bytes: int | None, **options: 
     return Contents(whole.header | {"parts": parts, "volume": below.header}, b"".join(pieces))
 
 
+def _middles(values: np.ndarray, size: int) -> np.ndarray:
+    """Values (rows, columns) at the middles of blocks."""
+    rows, columns = (-(-side // size) for side in values.shape)
+    padded = np.pad(values, (0, size), mode="edge") if values.size else values
+    return padded[size // 2 :: size, size // 2 :: size][:rows, :columns]
+
+
 class _Arrays:
     """Arrays that are joined to bytes, with their positions."""
 
@@ -170,12 +183,18 @@ class _Arrays:
 
 
 def _layer(
-    arrays: _Arrays, name: str, cube: Cube, by: Reduction, mode: Mode, packed: bool
+    arrays: _Arrays,
+    name: str,
+    cube: Cube,
+    by: Reduction,
+    mode: Mode,
+    packed: bool,
+    most_bytes: int | None,
 ) -> dict[str, Any]:
     """Add the codes of a cube; returns its part of the header."""
     group, _, part = name.partition(" ")
     signed = group == "stokes"
-    scale = Scale.of((values for _, values in bands(cube, by, mode)), signed)
+    scale = Scale.of((values for _, values in bands(cube, by, mode)), signed, most_bytes)
     rows, columns, bins, channels = by.shape(cube)
     pictures = math.prod(cube.shape[:-4])
     memory.require_free("data", 3 * pictures * bins * channels * rows * columns)
@@ -190,27 +209,31 @@ def _layer(
 
 
 def _fits(
-    layers: dict[str, tuple[Cube, Mode]], by: Reduction, most_bytes: int, packed: bool
+    layers: dict[str, tuple[Cube, Mode]],
+    by: Reduction,
+    fine: Reduction,
+    most_bytes: int,
+    packed: bool,
 ) -> bool:
     """Whether codes take at most `most_bytes`, estimated from a few bands where compressed."""
     total = 0.0
     for name, (cube, mode) in layers.items():
         if name == "steady":
-            total += math.prod(cube.shape)
+            total += math.prod(fine.shape(cube))
             continue
         size = math.prod(cube.shape[:-4]) * math.prod(by.shape(cube))
         if not packed or size <= most_bytes / 50:
             total += size
             continue
-        some = [values for _, values in bands(cube, by, mode, SAMPLED_BANDS)]
-        scale = Scale.of(some, name.startswith("stokes "))
-        codes = [differences(scale.codes(each).transpose(2, 3, 0, 1)[None]) for each in some]
-        ratio = sum(len(zlib.compress(each.tobytes(), 6)) for each in codes)
-        total += size / sum(each.size for each in codes) * ratio
+        every = SAMPLED_BANDS if cube.nbytes > SAMPLED_BYTES else 1
+        some = np.concatenate([values for _, values in bands(cube, by, mode, every)])
+        scale = Scale.of([some], name.startswith("stokes "), most_bytes)
+        codes = differences(scale.codes(some).transpose(2, 3, 0, 1)[None])
+        total += size / codes.size * len(zlib.compress(codes.tobytes(), 6))
     return total <= most_bytes
 
 
-def _notes(header: dict[str, Any], found: ExplorerData, by: Reduction) -> list[str]:
+def _notes(header: dict[str, Any], found: ExplorerData, by: Reduction, is_fine: bool) -> list[str]:
     """Sentences on the precision of values and on what was reduced."""
     light = header["light"]
     scale = Scale(light["least"], light["ratio"])
@@ -232,9 +255,7 @@ def _notes(header: dict[str, Any], found: ExplorerData, by: Reduction) -> list[s
         height, width, bins, _ = found.light.shape[-4:]
         full = f"{width} x {height} x {bins}"
         fine = "all time and peak are" if "steady" in found.layers else "the peak is"
-        note = (
-            f"To limit its size, {' and '.join(reduced)} (of {full}); the pictures of {fine} at "
-            "full resolution."
-        )
+        fine = f"; the pictures of {fine} at full resolution" if is_fine else ""
+        note = f"To limit its size, {' and '.join(reduced)} (of {full}){fine}."
     size = math.prod(light[name] for name in ("pictures", "bins", "channels", "height", "width"))
     return [precision, f"{note} {readable(size)} of codes.".strip()]

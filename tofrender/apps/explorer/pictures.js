@@ -64,7 +64,7 @@ export class Pictures {
     switch (now.view) {
       case "total": {
         known.total ??= recording.total();
-        known.totalWhite ??= white(known.total);
+        known.totalWhite ??= white(known.total, 0.95); // Lamps are brighter by far
         const isSteady = steady && now.stokes === "S0";
         const sums = (layer) => (isSteady ? known.total : recording.gate(0, count, layer));
         return this.lit(now, sums, known.totalWhite, isSteady ? steady : light, "at all times");

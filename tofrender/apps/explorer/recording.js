@@ -219,7 +219,7 @@ export class Recording {
     const [height, width] = this.about.peaks;
     const peaks = this.part("peaks").slice(this.laser * height * width, (this.laser + 1) * height * width);
     if (!this.unwarped || withWay) return peaks;
-    const { step } = this.about.grid;
+    const step = width === this.light.width ? 1 : this.about.grid.step;
     return peaks.map((opl, i) => {
       const row = Math.floor(Math.floor(i / width) / step);
       const column = Math.floor((i % width) / step);

@@ -18,7 +18,7 @@ export function saveButtons(explorer) {
   const { recording } = explorer;
   const { count, hasTimes } = recording;
   const kinds = [
-    [explorer.isLinked, "Copy link", "Copy a link to this view", copyLink],
+    [explorer.isLinked, "Copy link", "Copy link to this view", copyLink],
     [true, "PNG", "Save the picture as PNG", savePicture],
     [hasTimes && count > 1, "GIF", "Save the film as GIF", saveFilm],
     [hasTimes, "CSV", "Save the curves as CSV", saveCurves],
