@@ -63,6 +63,10 @@ def test_the_address_has_what_was_changed(tmp_path):
         set_(page, bin=7)
         ns = 1e9 * (START + 7.5 * WIDTH) / SPEED_OF_LIGHT
         assert float(fragment(page).removeprefix("#t=")) == pytest.approx(ns, abs=0.002)
+        written = fragment(page)
+        page.evaluate("location.hash = ''")
+        page.evaluate("hash => { location.hash = hash }", written)
+        assert state(page)["bin"] == 7
         set_(page, pixels=[[4, 9]], frequency=5.5e7, unwarped=False)
         assert fragment(page).split("&")[1:] == ["px=4,9", "f=5.5e7"]
 

@@ -141,13 +141,6 @@ def contents_of(
     return Contents(header, b"".join(arrays.pieces))
 
 
-def _middles(values: np.ndarray, size: int) -> np.ndarray:
-    """Values (rows, columns) at the middles of blocks."""
-    rows, columns = (-(-side // size) for side in values.shape)
-    padded = np.pad(values, (0, size), mode="edge") if values.size else values
-    return padded[size // 2 :: size, size // 2 :: size][:rows, :columns]
-
-
 def _with_capture(volume: Any, capture: Any, most_bytes: int | None, **options: Any) -> Contents:
     """Contents of a capture, with those of its volume as a part of them."""
     title, packed = options["title"], options["packed"]
@@ -168,6 +161,13 @@ def _with_capture(volume: Any, capture: Any, most_bytes: int | None, **options: 
         ahead += len(each.data)
     parts = arrays.parts | whole.header["parts"]
     return Contents(whole.header | {"parts": parts, "volume": below.header}, b"".join(pieces))
+
+
+def _middles(values: np.ndarray, size: int) -> np.ndarray:
+    """Values (rows, columns) at the middles of blocks."""
+    rows, columns = (-(-side // size) for side in values.shape)
+    padded = np.pad(values, (0, size), mode="edge") if values.size else values
+    return padded[size // 2 :: size, size // 2 :: size][:rows, :columns]
 
 
 class _Arrays:
