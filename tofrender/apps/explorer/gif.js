@@ -1,6 +1,5 @@
-/** Films as GIF 89a: one palette for all frames, by median cut, and LZW. */
+/** Films as GIF 89a: one palette for all frames, and LZW. */
 
-const MOST_SAMPLES = 20_000; // pixels that the palette is made of
 const CODES = 4096; // of LZW
 
 /** Encode a film, frame after frame. */
@@ -9,7 +8,7 @@ export class Gif {
   constructor(width, height, samples) {
     Object.assign(this, { width, height });
     this.palette = paletteOf(samples);
-    this.nearest = new Int16Array(262_144).fill(-1); // by six bits of each channel
+    this.nearest = new Int16Array(32_768).fill(-1);
     this.table = new Uint16Array(CODES * 256);
     const bytes = this.palette.flat();
     const table = [...bytes, ...new Array(768 - bytes.length).fill(0)];
@@ -33,7 +32,7 @@ export class Gif {
   }
 
   index(red, green, blue) {
-    const key = ((red >> 2) << 12) | ((green >> 2) << 6) | (blue >> 2);
+    const key = keyOf(red, green, blue);
     if (this.nearest[key] < 0) {
       const away = this.palette.map(([r, g, b]) => (r - red) ** 2 + (g - green) ** 2 + (b - blue) ** 2);
       this.nearest[key] = away.indexOf(Math.min(...away));
@@ -99,36 +98,22 @@ class Bits {
   }
 }
 
-/** At most 256 colours, by median cut. */
+/** The 256 colours of pictures that are there most often. */
 function paletteOf(samples) {
-  const stride = Math.ceil(samples.reduce((sum, { length }) => sum + length / 4, 0) / MOST_SAMPLES);
-  const pixels = [];
+  const counts = new Map();
   for (const bytes of samples) {
-    for (let i = 0; i < bytes.length; i += 4 * stride) pixels.push(bytes.slice(i, i + 3));
+    for (let i = 0; i < bytes.length; i += 4) {
+      const key = keyOf(bytes[i], bytes[i + 1], bytes[i + 2]);
+      counts.set(key, (counts.get(key) ?? 0) + 1);
+    }
   }
-  let boxes = [widest(pixels)];
-  while (boxes.length < 256) {
-    const box = boxes.reduce((a, b) => (b.range * Math.sqrt(b.pixels.length) > a.range * Math.sqrt(a.pixels.length) ? b : a));
-    if (!box.range) break;
-    const sorted = box.pixels.sort((a, b) => a[box.channel] - b[box.channel]);
-    let middle = sorted.length >> 1;
-    while (middle < sorted.length && sorted[middle][box.channel] === sorted[0][box.channel]) middle++;
-    while (sorted[middle - 1][box.channel] === sorted[middle][box.channel]) middle--;
-    const halves = [sorted.slice(0, middle), sorted.slice(middle)].map(widest);
-    boxes = [...boxes.filter((each) => each !== box), ...halves];
-  }
-  const mean = (pixels, c) => Math.round(pixels.reduce((sum, pixel) => sum + pixel[c], 0) / pixels.length);
-  return boxes.map((box) => [0, 1, 2].map((c) => mean(box.pixels, c)));
+  const keys = [...counts.keys()].sort((a, b) => counts.get(b) - counts.get(a)).slice(0, 256);
+  return keys.map((key) => [key >> 10, (key >> 5) & 31, key & 31].map((each) => Math.round((each * 255) / 31)));
 }
 
-/** Colours with the channel in which they differ most. */
-function widest(pixels) {
-  const ranges = [0, 1, 2].map((c) => {
-    const [low, high] = pixels.reduce(([a, b], pixel) => [Math.min(a, pixel[c]), Math.max(b, pixel[c])], [255, 0]);
-    return high - low;
-  });
-  const range = Math.max(...ranges);
-  return { pixels, range, channel: ranges.indexOf(range) };
+/** Five bits of each channel. */
+function keyOf(red, green, blue) {
+  return ((red >> 3) << 10) | ((green >> 3) << 5) | (blue >> 3);
 }
 
 function ascii(text) {

@@ -236,7 +236,7 @@ export class Recording {
       const [re, im] = ["I", "Q"].map((name) => this.part(name).subarray(from, from + this.light.pixels));
       return { re, im };
     }
-    const { codes, pixels, channels } = this.light;
+    const { codes, pixels } = this.light;
     const re = new Float32Array(pixels);
     const im = new Float32Array(pixels);
     const tables = this.weights.map((weight) => this.light.values.map((value) => weight * value));
@@ -246,21 +246,14 @@ export class Recording {
       const opl = this.about.axis.start + (bin + 0.5) * this.about.axis.width;
       const cos = scale * Math.cos(turn * opl);
       const sin = scale * Math.sin(turn * opl);
-      const from = this.light.at(this.laser * this.about.axis.count + bin, 0);
-      if (channels === 3) {
-        const [red, green, blue] = tables;
-        for (let i = 0, at = from; i < pixels; i++, at++) {
-          const light = red[codes[at]] + green[codes[at + pixels]] + blue[codes[at + 2 * pixels]];
-          re[i] += cos * light;
-          im[i] += sin * light;
-        }
-      } else {
+      tables.forEach((table, channel) => {
+        const from = this.light.at(this.laser * this.about.axis.count + bin, channel);
         for (let i = 0; i < pixels; i++) {
-          const light = tables[0][codes[from + i]];
+          const light = table[codes[from + i]];
           re[i] += cos * light;
           im[i] += sin * light;
         }
-      }
+      });
     }
     if (this.unwarped) this.distances.forEach((distance, i) => rotate(re, im, i, -turn * distance));
     return { re, im };
