@@ -236,8 +236,8 @@ class BinRecording(Recording):
 
     def measurement(self, camera: CameraRays, spp: int) -> TimeBins:
         """Create the measurement of the bins."""
-        profile, gated, splat = self.profile, self.exposure.at_centres, self.splat(camera, spp)
-        return TimeBins.of_film(self.film, camera, spp, profile, gated, splat)
+        at_centres, splat = self.exposure.at_centres, self.splat(camera, spp)
+        return TimeBins.of_film(self.film, camera, spp, self.profile, at_centres, splat)
 
     def begin(self, spp: int, splats: bool = False) -> None:
         """Prepare the film for samples."""

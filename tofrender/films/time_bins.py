@@ -42,12 +42,12 @@ class TimeBins(Radiance):
         camera: CameraRays,
         spp: int,
         pulse: Pulse | None,
-        gated: bool = False,
+        at_centres: bool = False,
         splat_steady: Splat | None = None,
     ) -> TimeBins:
         """Create the measurement of the bins of a film, ours or mitransient's.
 
-        A bin takes the pulse's exact energy within it, which adds no noise, or if `gated` its
+        A bin takes the pulse's exact energy within it, which adds no noise, or if `at_centres` its
         density at the bin's centre. `splat_steady` adds splats to the steady image.
         """
         position, wavelengths, weight = camera.position, camera.ray.wavelengths, camera.weight / spp
@@ -63,7 +63,7 @@ class TimeBins(Radiance):
             if pulse is None:
                 put(spectrum, opl, active)
             else:
-                add_pulse(film, pulse, put, spectrum, opl, active, gated)
+                add_pulse(film, pulse, put, spectrum, opl, active, at_centres)
 
         def splat(spectrum: mi.Spectrum, opl: mi.Float, at: mi.Point2f, active: mi.Bool) -> None:
             def put_splat(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:

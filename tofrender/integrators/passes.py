@@ -199,10 +199,7 @@ def _seed(
 
 
 class _EmitterPixels:
-    """Samples the pixels of visible emitters, in a point set of their own, without weight.
-
-    There are `rate` times more of these samples, see `VisibleEmitters` for the reason.
-    """
+    """Samples the pixels of `VisibleEmitters` more often, in a point set of their own."""
 
     def __init__(
         self,

@@ -24,7 +24,7 @@ class Plan(Parts):
     An integrator makes it from its parameters, a scene and a sensor, and keeps nothing of it.
     """
 
-    splats = False
+    splats = False  # whether contributions have positions on the film
 
     def __init__(
         self,
@@ -97,7 +97,7 @@ class Plan(Parts):
         """Trace the paths of camera rays, whose lengths start at `origin` [m].
 
         `frame` is the Mueller matrix into the sensor's frame, None for none. Returns the
-        measurement, which accumulates contributions, and the paths at their ends.
+        measurement, and the paths at their ends, of which `valid_ray` and `not_finite` are read.
         """
         active, not_finite = mi.Bool(active), mi.UInt32(0)
         endpoint, contributions = self.illuminate(ray, origin, sampler, active)

@@ -114,24 +114,25 @@ class FurtherConnections(Protocol):
         sampler: mi.Sampler,
         active: mi.Bool,
     ) -> Connection:
-        """Sample number `k` of those that follow the first one."""
+        """Sample number `k` = 0, 1, ... after the first."""
 
 
 class Target(Protocol):
-    """Emitter sample and total length of a connection that scatters once in between."""
+    """Emitter sample, and length from `path.prev` to it by way of a point of a medium."""
 
     active: mi.Bool  # lanes in which there is such a point
 
 
 class MediumConnections(Protocol[T]):
-    """Light that scatters once in a medium, at a point that is sampled for a given path length.
+    """Connections of points of media that are sampled for a path length, along rays.
 
-    Along the ray to the next vertex: `prepare` samples emitter and length, and `connect` finds the
-    point of the ray with that length. From a vertex, `sample_direction` first samples the ray.
+    They replace those of vertices in media, and have no MIS weight. Along the ray to the next
+    vertex, `prepare` samples emitter and length, and `connect` finds the point with that length.
+    From a vertex, `sample_direction` samples such a ray first.
     """
 
     def prepare(self, path: Path, sampler: mi.Sampler, active: mi.Bool) -> T:
-        """Sample the emitter and the length of a connection to the path's last vertex."""
+        """Sample the emitter, and the length from there to the path's last vertex."""
 
     def sample_direction(self, target: T, sampler: mi.Sampler) -> tuple[T, mi.Vector3f, mi.Float]:
         """Sample a direction to the point; returns the target along it, and the density [1/sr]."""
@@ -139,7 +140,10 @@ class MediumConnections(Protocol[T]):
     def connect(
         self, path: Path, target: T, sampler: mi.Sampler
     ) -> tuple[Path, Vertex, Connection]:
-        """Connect the point on the path's ray; returns the path up to it, too."""
+        """Connect the point of the ray; returns the path up to it, its `β` and `opl` included.
+
+        The connection's weight is divided by the densities of emitter and length.
+        """
 
 
 class Endpoint(ABC):
@@ -169,11 +173,11 @@ class Endpoint(ABC):
     def mis_weight(
         self, path: Path, vertex: Vertex, connection: Connection, bsdf_eval: BSDFEval
     ) -> mi.Float:
-        """Return the MIS weight of a connection; 1 where nothing else finds the light."""
+        """Return a connection's MIS weight, divided by how many the vertex makes."""
         return mi.Float(1)
 
     def hit(self, vertex: Vertex, path: Path) -> Hit:
-        """Return the emission that the path's ray runs into, with its MIS weight."""
+        """Return emission at the ray's end, and the length by which `opl` grows in all lanes."""
         black, never = mi.UnpolarizedSpectrum(0), mi.Bool(False)
         return Hit(black, mi.Float(0), vertex.length, never, mis_weight=mi.Float(0))
 
@@ -200,11 +204,11 @@ class Scattering(ABC):
     refracts: bool = False  # whether the index of refraction may change along paths
 
     def guide(self) -> mi.Float | None:
-        """Return `Path.guide` before the first vertex, None if no density needs the next vertex."""
+        """Return the initial `Path.guide`, None if `complete_sample` does nothing."""
         return None
 
     def complete_sample(self, path: Path, vertex: Vertex) -> Path:
-        """Complete throughput and density of a sample whose density depends on the next vertex."""
+        """Complete `β` and `pdf` of the last sample, where they depend on the next vertex."""
         return path
 
     @abstractmethod

@@ -156,9 +156,9 @@ class Choices:
 
     A BSDF that chooses a delta lobe, such as reflection or refraction, with the probability p
     weights its sample by f/p. A derivative needs that of f alone, as the choice itself stays.
-    Mitsuba's BSDFs differ: some return a p with the derivative that they left in the weight, some
-    have left it out of both. The weight times p over its value is right for all but masks, whose
-    weight has the derivative of f and whose p has it again.
+    Mitsuba's BSDFs differ: p has a derivative in both weight and returned density, or in neither.
+    The weight times p over its value is right for all but masks, whose p has a derivative in the
+    returned density only.
     """
 
     def __init__(self, scene: mi.Scene) -> None:

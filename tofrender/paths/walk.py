@@ -57,7 +57,7 @@ def step(sampler: mi.Sampler, path: Path, parts: Parts, measurement: Measurement
 
     # ------------------------- Find the next vertex -------------------------
 
-    if endpoint.in_media is not None:  # Other rays were sampled for it, `_connect_medium_around`
+    if endpoint.in_media is not None:  # After smooth vertices, `_connect_medium_around` has done it
         along_ray = path.active & path.specular
         path.not_finite = path.not_finite + _connect_medium(
             path, along_ray, parts, endpoint.in_media, measurement, sampler
