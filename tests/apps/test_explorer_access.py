@@ -41,8 +41,9 @@ def test_play_and_curves_are_in_sight(tmp_path):
     """At 800 x 600, without scrolling; a wide picture and a tall one are not stretched."""
     viewport = {"width": 800, "height": 600}
     whole = moving()
-    for data in (whole, whole.isel(x=slice(0, 8)), whole.isel(y=slice(0, 6))):
+    for data in (whole, whole.isel(x=slice(0, 8)), whole.isel(y=slice(0, 6)), polarised()):
         with opened(tmp_path, contents_of(data), viewport=viewport) as page:
+            set_(page, stokes="angle" if "stokes" in data.dims else "S0")
             for name in (".play", "canvas.plot", ".frame"):
                 box = page.locator(name).bounding_box()
                 assert box["y"] + box["height"] <= 600

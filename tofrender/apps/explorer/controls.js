@@ -142,8 +142,8 @@ export function layout(parts, { about, isVolume, hasTimes, hasPhasors }, level) 
   look.append(parts.smooth, parts.unwarped, parts.laser);
   const left = make("div", { className: "left" });
   left.append(parts.views, parts.stokes, parts.frame, parts.space.element);
-  left.append(parts.bar, parts.assumes, parts.hatched, parts.readout);
-  left.append(parts.transport, parts.gates, look);
+  left.append(parts.bar, parts.transport, parts.gates);
+  left.append(parts.readout, parts.assumes, parts.hatched, look);
   const heading = (title, ...more) => make("div", { className: "heading" }, make(`h${level + 1}`, {}, title), ...more);
   const response = panel(
     isVolume ? "Along the depth" : "Response",
