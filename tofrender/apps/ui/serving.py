@@ -13,8 +13,8 @@ import signal
 import socket
 import sys
 import webbrowser
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from string import Template
 from typing import Any
 from urllib.parse import urlsplit
@@ -46,6 +46,15 @@ def is_loopback(host: str) -> bool:
     return host == "localhost"
 
 
+def prepare(host: str, port: int | None) -> None:
+    """Raise the errors of `serve` before long work: panel is missing, or the port is taken."""
+    require_panel()
+    checks.instance("host", host, str, "an address like 127.0.0.1")
+    if port is not None:
+        with _explained(host, checks.integer("port", port, 1, 65535)):
+            _probe(host, port)
+
+
 def serve(
     make: Callable[[], Any],
     title: str,
@@ -57,13 +66,10 @@ def serve(
 ) -> None:
     """Serve an application until Ctrl-C, SIGTERM or SIGHUP.
 
-    `make` makes the layout of a new reader's page, whose address has a random token and is passed
-    to `tell`. By default the port is the first free one from 5006 on.
+    `make` makes a new reader's page, whose address has a random token and is passed to `tell`. By
+    default the port is the first free one from 5006 on.
     """
-    require_panel()
-    checks.instance("host", host, str, "an address like 127.0.0.1")
-    if port is not None:
-        checks.integer("port", port, 1, 65535)
+    prepare(host, port)
     token = secrets.token_urlsafe(16)
     for noisy in ("bokeh.server.views.ws", "tornado.access"):
         logging.getLogger(noisy).setLevel(logging.ERROR)
@@ -99,37 +105,65 @@ def _ignore_closed_pages(loop: Any, context: dict[str, Any]) -> None:
         loop.default_exception_handler(context)
 
 
+class _Taken(ValueError):
+    """Error of a port that is not free."""
+
+
+@contextmanager
+def _explained(host: str, port: int) -> Iterator[None]:
+    """Say whether an error of a socket is the host's or the port's."""
+    try:
+        yield
+    except (OSError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        if getattr(error, "errno", None) in (errno.EADDRINUSE, errno.EACCES):
+            raise _Taken(f"port = {port}: must be free to listen on ({reason})") from None
+        name = checks.quote(host)
+        raise ValueError(f"host = {name}: must be an address to listen on ({reason})") from None
+
+
+def _probe(host: str, port: int) -> None:
+    """Listen for a moment: a failing server would leave its socket open."""
+    if not host:
+        raise UnicodeError("it is empty")
+    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, int(os.name != "nt"))
+        probe.bind((host, port))
+
+
+def _page(make: Callable[[], Any]) -> Any:
+    """A reader's page in the document of all applications."""
+    import panel as pn
+
+    style = text_of("explorer/page.css")
+    document: Any = pn.state.curdoc
+    document.template = Template(text_of("ui/page.html")).substitute(style=style)
+    return make()
+
+
 def _bind(make: Callable[[], Any], title: str, host: str, port: int | None, token: str) -> Any:
     """Make a server on `port`, or on the first port that is free."""
     from panel.io.server import get_server
 
-    reason, busy = "it is empty", (errno.EADDRINUSE, errno.EACCES)
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    ports = [*range(FIRST_PORT, FIRST_PORT + PORTS), 0] if port is None else [port]
-    for each in ports if host else ():
-        try:
-            with socket.socket(family) as probe:  # A failing server would leave its socket open
-                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, int(os.name != "nt"))
-                probe.bind((host, each))
+    def bind(port: int) -> Any:
+        with _explained(host, port):
+            _probe(host, port)
             server = get_server(
-                make,
-                port=each,
+                lambda: _page(make),
+                port=port,
                 address=host,
                 title=title,
                 websocket_origin="*",  # `_restrict` compares origins
                 websocket_max_message_size=MAX_MESSAGE,
                 auth_provider=_token_provider(title, token),
             )
-        except (OSError, UnicodeError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
-            if getattr(error, "errno", None) not in busy:
-                break
-            if port is not None:
-                raise ValueError(f"port = {port}: must be free to listen on ({reason})") from None
-            continue
         _restrict(server, host)
         return server
-    raise ValueError(f"host = {checks.quote(host)}: must be an address to listen on ({reason})")
+
+    for each in range(FIRST_PORT, FIRST_PORT + PORTS) if port is None else ():
+        with suppress(_Taken):
+            return bind(each)
+    return bind(port or 0)
 
 
 def _restrict(server: Any, host: str) -> None:

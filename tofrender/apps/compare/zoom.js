@@ -1,0 +1,87 @@
+/** A window into a picture, moved by pointers, wheel and keys. Lengths are parts of the picture. */
+
+const MOST = 64; // times larger
+const CLICK = 5; // px that a pointer may move in a click
+
+export class Zoom {
+  constructor() {
+    this.reset();
+  }
+
+  reset() {
+    Object.assign(this, { scale: 1, x: 0, y: 0 });
+  }
+
+  /** Enlarge; what is at (x, y) of the frame stays there. */
+  by(factor, x = 0.5, y = 0.5) {
+    const scale = Math.max(1, Math.min(MOST, this.scale * factor));
+    const [dx, dy] = [x, y].map((at) => at / this.scale - at / scale);
+    this.scale = scale;
+    this.move(dx * scale, dy * scale);
+  }
+
+  /** Move by parts of the frame. */
+  move(dx, dy) {
+    const limit = (value) => Math.max(0, Math.min(1 - 1 / this.scale, value));
+    this.x = limit(this.x + dx / this.scale);
+    this.y = limit(this.y + dy / this.scale);
+  }
+
+  /** Where in the picture a place of the frame is. */
+  at([x, y]) {
+    return [this.x + x / this.scale, this.y + y / this.scale];
+  }
+
+  /**
+   * Follow pointers in a frame: two of them, or the wheel, zoom; `drag(from, to)` says whether it
+   * has used a move, which else moves the window; `point` hears of places, `click` of clicks.
+   */
+  listen(frame, { changed, drag, point, click }) {
+    const held = new Map();
+    let moved = false;
+    const place = ({ clientX, clientY }) => {
+      const { left, top, width, height } = frame.getBoundingClientRect();
+      return [(clientX - left) / width, (clientY - top) / height];
+    };
+    const apart = () => {
+      const [[x0, y0], [x1, y1]] = held.values();
+      const { width, height } = frame.getBoundingClientRect();
+      return Math.hypot(width * (x1 - x0), height * (y1 - y0));
+    };
+    const began = new Map();
+    frame.addEventListener("pointerdown", (event) => {
+      if (event.button) return;
+      moved = held.size > 0;
+      held.set(event.pointerId, place(event));
+      began.set(event.pointerId, [event.clientX, event.clientY]);
+      frame.setPointerCapture(event.pointerId);
+    });
+    frame.addEventListener("pointermove", (event) => {
+      const to = place(event);
+      point(to);
+      const from = held.get(event.pointerId);
+      if (!from) return;
+      const [x, y] = began.get(event.pointerId);
+      moved ||= Math.hypot(event.clientX - x, event.clientY - y) > CLICK;
+      if (!moved) return;
+      const before = held.size === 2 ? apart() : 0;
+      held.set(event.pointerId, to);
+      if (before) this.by(apart() / before, ...to);
+      if (!before && drag(from, to)) return;
+      this.move((from[0] - to[0]) / held.size, (from[1] - to[1]) / held.size);
+      changed();
+    });
+    for (const name of ["pointerup", "pointercancel"]) {
+      frame.addEventListener(name, (event) => {
+        if (held.delete(event.pointerId) && !moved && name === "pointerup") click(place(event));
+      });
+    }
+    frame.addEventListener("pointerleave", () => point(null));
+    frame.addEventListener("wheel", (event) => {
+      if (this.scale === 1 && event.deltaY > 0) return; // The page may scroll
+      event.preventDefault();
+      this.by(2 ** (-event.deltaY / 300), ...place(event));
+      changed();
+    });
+  }
+}
