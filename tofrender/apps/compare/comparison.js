@@ -10,7 +10,7 @@ import { paintLight, paintMap, range, toneCurve } from "../explorer/picture.js";
 import { Axes, drawCurves, short, signed, STYLES } from "../explorer/plot.js";
 import { SPEED_OF_LIGHT } from "../explorer/recording.js";
 import { live } from "../ui/app.js";
-import { button, choices, fill, follow, group, isDark, lineSwatch, list, make, slider, tell, tick } from "../ui/parts.js";
+import { button, choices, fill, follow, group, inkOf, isDark, lineSwatch, list, make, slider, tell, terms, tick } from "../ui/parts.js";
 import { Zoom } from "./zoom.js";
 
 const VIEWS = [
@@ -30,6 +30,7 @@ class Comparison {
     this.now = { view: "divider", divider: 0.5, exposure: 0, log: false, playing: false };
     this.zoom = new Zoom();
     this.curve = toneCurve(2.2);
+    this.map = new Uint8Array(model.state.colours);
     this.show = (changes) => {
       Object.assign(this.now, changes);
       draw();
@@ -46,16 +47,16 @@ class Comparison {
     this.tags = ["A", "B"].map((side) => make("span", { className: `tag ${side}` }));
     this.frame = make("div", { className: "frame", tabIndex: 0, role: "group", "aria-label": `Pictures. ${KEYS}` });
     this.frame.append(this.canvas, ...this.tags);
-    this.bar = group("bar", make("canvas", { width: 256, height: 1 }), group(""));
-    this.divider = slider("Divider", {
-      ...{ min: 0, max: 1, step: 0.005, value: 0.5, say: (at) => `${Math.round(100 * at)} %` },
-      moved: (divider) => show({ divider, view: "divider" }),
-    });
-    this.exposure = slider("Exposure", {
-      ...{ min: -10, max: 10, step: 0.25, value: 0 },
-      say: (stops) => `${stops > 0 ? "+" : ""}${signed(stops)} EV`,
-      moved: (exposure) => show({ exposure }),
-    });
+    const strip = group("strip");
+    const colours = Array.from({ length: 17 }, (_, k) => [...this.map.subarray(3 * k * 15, 3 * k * 15 + 3)].join(" "));
+    strip.style.background = `linear-gradient(to right, ${colours.map((each) => `rgb(${each})`).join()})`;
+    this.bar = group("bar", strip, (this.scale = group("")));
+    const percent = (at) => `${Math.round(100 * at)} %`;
+    const moved = (divider) => show({ divider, view: "divider" });
+    this.divider = slider("Divider", { step: 0.005, say: percent, moved });
+    const stops = (exposure) => `${exposure > 0 ? "+" : ""}${signed(exposure)} EV`;
+    const exposures = { min: -10, max: 10, step: 0.25, say: stops };
+    this.exposure = slider("Exposure", { ...exposures, moved: (exposure) => show({ exposure }) });
     const zooms = [["−", 0.5, "Smaller"], ["+", 2, "Larger"], ["Fit", 0, "Whole picture"]].map(([text, factor, title]) =>
       Object.assign(button(text, () => this.zoomBy(factor)), { title, ariaLabel: title }),
     );
@@ -92,10 +93,8 @@ class Comparison {
     const scene = list("Scene", Object.keys(scenes).map((name) => [name, name]), (name) =>
       choose({ scene: name, a: scenes[name][0][0], b: scenes[name].length > 2 ? "mis" : "reference" }),
     );
-    const spp = slider("Samples per pixel", {
-      ...{ min: 0, max: 8, step: 1, value: 4, say: (power) => String(2 ** power) },
-      moved: (power) => choose({ spp: 2 ** power }),
-    });
+    const power = { max: 8, say: (each) => String(2 ** each), moved: (each) => choose({ spp: 2 ** each }) };
+    const spp = slider("Samples per pixel", power);
     this.drawCourse = (chosen) => {
       scene.set(chosen.scene);
       sides.forEach((side, k) => {
@@ -114,10 +113,7 @@ class Comparison {
       show({ playing: !this.now.playing });
       if (this.now.playing) this.next();
     });
-    this.time = slider("Time", {
-      ...{ min: 0, max: count - 1, step: 1, value: 0, say: (step) => this.when(step) },
-      moved: (step) => choose({ step }),
-    });
+    this.time = slider("Time", { max: count - 1, say: (step) => this.when(step), moved: (step) => choose({ step }) });
     this.all = tick("All time", (all) => choose({ step: all ? null : (this.last ?? 0) }));
     this.next = () => choose({ step: ((model.chosen.step ?? -1) + 1) % count });
     return group("row", this.play, this.time, this.all);
@@ -181,8 +177,7 @@ class Comparison {
     this.views.set(now.view);
     this.divider.set(now.divider);
     this.exposure.set(now.exposure);
-    const rows = state.rows ?? [];
-    this.numbers.replaceChildren(...rows.flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]));
+    this.numbers.replaceChildren(...terms(state.rows));
     if (state.clock) this.drawTime(chosen);
     if (!data.pictures) return;
     title.textContent = `A: ${data.names[0]}  ·  B: ${data.names[1]}  ·  ${data.width} × ${data.height} pixels`;
@@ -205,26 +200,22 @@ class Comparison {
 
   /** Both pictures and their difference in colours, once for each data and exposure. */
   paint(data) {
-    const { state } = this.model;
-    const key = `${this.now.exposure}`;
-    if (this.painted === data && this.paintedAt === key) return;
-    [this.painted, this.paintedAt] = [data, key];
+    const { exposure } = this.now;
+    if (this.painted === data && this.paintedAt === exposure) return;
+    [this.painted, this.paintedAt] = [data, exposure];
     const { width, height, weights } = data;
     const size = width * height;
-    this.planes = data.pictures.map((bytes) =>
-      weights.map((_, c) => new Float32Array(bytes, 4 * c * size, size)),
-    );
+    this.planes = data.pictures.map((bytes) => weights.map((_, c) => new Float32Array(bytes, 4 * c * size, size)));
     const light = this.planes.map((planes) =>
       planes[0].map((_, i) => weights.reduce((sum, weight, c) => sum + weight * planes[c][i], 0)),
     );
-    const gain = 2 ** this.now.exposure / state.white;
-    const look = { gain, curve: this.curve, weights: weights.length === 3 ? null : weights, width };
-    const layers = this.planes.map((planes, k) =>
-      paintLight(planes, { ...look, hatch: Uint8Array.from(light[k], (value) => Number.isNaN(value)) }),
-    );
+    const look = { gain: 2 ** exposure / this.model.state.white, curve: this.curve, width };
+    const layers = this.planes.map((planes, k) => paintLight(planes, { ...look, hatch: light[k].map(Number.isNaN) }));
     const difference = light[1].map((value, i) => value - light[0][i]);
-    this.limit = Math.max(...range(difference, 0.005).map(Math.abs), Number.MIN_VALUE) / 2 ** this.now.exposure;
-    layers.push(paintMap(difference, { low: -this.limit, high: this.limit, map: new Uint8Array(state.colours), width }));
+    const high = Math.max(...range(difference, 0.005).map(Math.abs), Number.MIN_VALUE) / 2 ** exposure;
+    layers.push(paintMap(difference, { low: -high, high, map: this.map, width }));
+    const said = [-1, -0.5, 0, 0.5, 1].map((part) => short(part * high));
+    this.scale.replaceChildren(...said.map((each) => make("span", {}, each)));
     this.layers = layers.map((bytes) => {
       const layer = make("canvas", { width, height });
       layer.getContext("2d").putImageData(new ImageData(bytes, width, height), 0, 0);
@@ -254,14 +245,14 @@ class Comparison {
       pen.clip();
       place(a);
       pen.restore();
-      pen.fillStyle = "#000";
-      pen.fillRect(at - 2 * ratio, 0, 4 * ratio, tall);
-      pen.fillStyle = "#fff";
-      pen.fillRect(at - ratio, 0, 2 * ratio, tall);
+      for (const [colour, half] of [["#000", 2 * ratio], ["#fff", ratio]]) {
+        pen.fillStyle = colour;
+        pen.fillRect(at - half, 0, 2 * half, tall);
+      }
     }
     const [x, y] = this.pixel.map((at, k) => (at / [width, height][k] - [zoom.x, zoom.y][k]) * zoom.scale);
     const side = Math.max(6 * ratio, (zoom.scale * wide) / width);
-    pen.strokeStyle = getComputedStyle(this.root).getPropertyValue("--accent");
+    pen.strokeStyle = inkOf(this.root).accent;
     pen.lineWidth = 2 * ratio;
     pen.strokeRect(x * wide - ratio, y * tall - ratio, side + 2 * ratio, side + 2 * ratio);
     this.tags.forEach((tag, k) => {
@@ -271,13 +262,6 @@ class Comparison {
     canvas.setAttribute("aria-label", `${VIEWS.find(([view]) => view === now.view)[1]} of ${names.join(" and ")}`);
     Object.assign(canvas.dataset, { view: now.view, divider: now.divider, scale: zoom.scale });
     this.bar.hidden = now.view !== "difference";
-    const [strip, labels] = this.bar.children;
-    const bytes = paintMap(Float32Array.from({ length: 256 }, (_, i) => i), {
-      ...{ low: 0, high: 255, map: new Uint8Array(this.model.state.colours), width: 256 },
-    });
-    strip.getContext("2d").putImageData(new ImageData(bytes, 256, 1), 0, 0);
-    const said = [-1, -0.5, 0, 0.5, 1].map((part) => short(part * this.limit));
-    labels.replaceChildren(...said.map((each) => make("span", {}, each)));
   }
 
   /** Column and row of the chosen pixel, at first the one in the middle. */
@@ -300,9 +284,7 @@ class Comparison {
   drawResponses({ curves, step }) {
     const { state } = this.model;
     const dark = isDark(this.root);
-    const style = getComputedStyle(this.root);
-    const names = ["line", "grid", "soft", "accent", "band"];
-    const ink = Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+    const ink = inkOf(this.root);
     const lines = curves.map((bytes, k) => ({ values: new Float32Array(bytes), style: k }));
     const words = { quantity: state.quantity, below: "time [ns]", above: "optical path length [m]" };
     drawCurves(this.plot, state.clock, lines, { bin: step ?? undefined }, words, { log: this.now.log, dark, ink });

@@ -54,8 +54,8 @@ class Comparison(App):
         def work() -> tuple[list[str], list[np.ndarray], list[np.ndarray], list[Any]]:
             if self.pair is not None:
                 frames = self.pair.frames(step)
-                middle = frames[0].shape[1] // 2, frames[0].shape[0] // 2
-                curves = self.pair.responses(*(pixel or middle))
+                x, y = pixel or (frames[0].shape[1] // 2, frames[0].shape[0] // 2)
+                curves = self.pair.responses(x, y)
                 return [p.name for p in self.pair.pictures], frames, curves, _rows(*frames)
             scene, spp = chosen["scene"], chosen["spp"]
             pictures = [render_technique(scene, chosen[side], spp) for side in "ab"]

@@ -37,37 +37,34 @@ export class Zoom {
    * has used a move, which else moves the window; `point` hears of places, `click` of clicks.
    */
   listen(frame, { changed, drag, point, click }) {
-    const held = new Map();
+    const held = new Map(); // by pointer: where it went down [px], and where it is
     let moved = false;
     const place = ({ clientX, clientY }) => {
       const { left, top, width, height } = frame.getBoundingClientRect();
       return [(clientX - left) / width, (clientY - top) / height];
     };
     const apart = () => {
-      const [[x0, y0], [x1, y1]] = held.values();
-      const { width, height } = frame.getBoundingClientRect();
-      return Math.hypot(width * (x1 - x0), height * (y1 - y0));
+      const [one, other] = [...held.values()].map(({ at }) => at);
+      return Math.hypot(frame.clientWidth * (one[0] - other[0]), frame.clientHeight * (one[1] - other[1]));
     };
-    const began = new Map();
     frame.addEventListener("pointerdown", (event) => {
       if (event.button) return;
       moved = held.size > 0;
-      held.set(event.pointerId, place(event));
-      began.set(event.pointerId, [event.clientX, event.clientY]);
+      held.set(event.pointerId, { x: event.clientX, y: event.clientY, at: place(event) });
       frame.setPointerCapture(event.pointerId);
     });
     frame.addEventListener("pointermove", (event) => {
       const to = place(event);
       point(to);
-      const from = held.get(event.pointerId);
-      if (!from) return;
-      const [x, y] = began.get(event.pointerId);
-      moved ||= Math.hypot(event.clientX - x, event.clientY - y) > CLICK;
+      const pointer = held.get(event.pointerId);
+      if (!pointer) return;
+      moved ||= Math.hypot(event.clientX - pointer.x, event.clientY - pointer.y) > CLICK;
       if (!moved) return;
-      const before = held.size === 2 ? apart() : 0;
-      held.set(event.pointerId, to);
+      const from = pointer.at;
+      const before = held.size === 2 && apart();
+      pointer.at = to;
       if (before) this.by(apart() / before, ...to);
-      if (!before && drag(from, to)) return;
+      else if (drag(from, to)) return;
       this.move((from[0] - to[0]) / held.size, (from[1] - to[1]) / held.size);
       changed();
     });

@@ -48,7 +48,7 @@ export function live(model, className, Page) {
     themes.disconnect();
     page.remove?.();
   });
-  ask("redraw"); // From now on, what is sent arrives
+  ask("open");
   draw();
   return root;
 }

@@ -35,16 +35,29 @@ class App(pn.custom.JSComponent):
     data = param.Dict(default={}, doc="Arrays as bytes, and what they are.")
     chosen = param.Dict(default={}, doc="What the reader has chosen.")
     __abstract = True
+    PERIOD_MS = 0
 
     def __init__(self, executor: Executor | None, chosen: Any = None, **state: Any) -> None:
         super().__init__(sizing_mode="stretch_width", chosen=chosen or {}, state=state)
         self._executor = executor
-        self._drawing = self._outdated = False
+        self._drawing = self._outdated = self._is_open = False
         self.param.watch(self.do_redraw, "chosen")
 
     async def draw(self) -> None:
         """Compute and show what is chosen."""
         raise NotImplementedError
+
+    async def refresh(self) -> None:
+        """Look for what is new, each `PERIOD_MS` while the page is open."""
+        await self.do_redraw()
+
+    async def do_open(self) -> None:
+        """Begin once the page is there; what is changed before may never get there."""
+        if self.PERIOD_MS and not self._is_open:
+            refresh: Any = self.refresh
+            pn.state.add_periodic_callback(refresh, period=self.PERIOD_MS)
+        self._is_open = True
+        await self.do_redraw()
 
     async def do_redraw(self, *_: Any) -> None:
         """Draw now, or once more after the drawing under way."""

@@ -17,7 +17,7 @@ export function group(className, ...children) {
 }
 
 /** A slider with its name and what its value says. */
-export function slider(name, { min, max, step, value, say, title = "", moved }) {
+export function slider(name, { min = 0, max = 1, step = 1, value = min, say = String, title = "", moved }) {
   const input = make("input", { type: "range", min, max, step, title, "aria-label": name });
   const output = make("output");
   const tell = () => {
@@ -90,7 +90,7 @@ export function list(name, options, chosen) {
 }
 
 /** A number to type; what is none, or out of range, is not told. */
-export function number(name, { min, max, step = "any", value, changed }) {
+export function number(name, { min = "", max = "", step = "any", value = 0, changed }) {
   const input = make("input", { type: "number", min, max, step, "aria-label": name });
   input.addEventListener("change", () => input.checkValidity() && input.value && changed(input.valueAsNumber));
   const element = make("label", { className: "list" }, make("span", {}, name), input);
@@ -112,11 +112,15 @@ export function button(text, pressed, className = "") {
 /** Show a message {kind, title, text, code, rows} of Python, or none. */
 export function tell(element, message) {
   const { kind = "", title = "", text = "", code = "", rows = [] } = message ?? {};
-  const names = rows.flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]);
   const parts = [title && make("strong", {}, title), text && make("p", {}, text), code && make("pre", {}, code)];
   element.className = `message ${kind}`;
   element.hidden = !title;
-  element.replaceChildren(...parts.filter(Boolean), ...(rows.length ? [make("dl", {}, ...names)] : []));
+  element.replaceChildren(...parts.filter(Boolean), ...(rows.length ? [make("dl", {}, ...terms(rows))] : []));
+}
+
+/** What a list of names and values has in it. */
+export function terms(rows = []) {
+  return rows.flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]);
 }
 
 /** A box to tick. */
@@ -188,6 +192,13 @@ export function follow(element, { down, move, tap }) {
     element.addEventListener("pointerup", end);
     element.addEventListener("pointercancel", end);
   });
+}
+
+/** Colours of a part as its style sheet has them, by names like "line". */
+export function inkOf(element) {
+  const style = getComputedStyle(element);
+  const names = ["text", "line", "grid", "soft", "accent", "band"];
+  return Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
 }
 
 /** Whether the page around is dark: as Jupyter, VS Code and Colab say, else as the reader likes. */

@@ -13,8 +13,8 @@ import signal
 import socket
 import sys
 import webbrowser
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from string import Template
 from typing import Any
 from urllib.parse import urlsplit
@@ -51,8 +51,7 @@ def prepare(host: str, port: int | None) -> None:
     require_panel()
     checks.instance("host", host, str, "an address like 127.0.0.1")
     if port is not None:
-        with _explained(host, checks.integer("port", port, 1, 65535)):
-            _probe(host, port)
+        _probe(host, checks.integer("port", port, 1, 65535))
 
 
 def serve(
@@ -71,9 +70,9 @@ def serve(
     """
     prepare(host, port)
     token = secrets.token_urlsafe(16)
-    for noisy in ("bokeh.server.views.ws", "tornado.access"):
+    for noisy in ("bokeh.server.util", "bokeh.server.views.ws", "tornado.access"):
         logging.getLogger(noisy).setLevel(logging.ERROR)
-    server = _bind(make, title, host, port, token)
+    server = _server(make, title, host, port or _free_port(host), token)
 
     def end(*_: Any) -> None:
         server.io_loop.add_callback_from_signal(server.io_loop.stop)
@@ -109,11 +108,14 @@ class _Taken(ValueError):
     """Error of a port that is not free."""
 
 
-@contextmanager
-def _explained(host: str, port: int) -> Iterator[None]:
-    """Say whether an error of a socket is the host's or the port's."""
+def _probe(host: str, port: int) -> None:
+    """Refuse an address or a port that cannot be listened on; a server would leave it open."""
     try:
-        yield
+        if not host:
+            raise UnicodeError("it is empty")
+        with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, int(os.name != "nt"))
+            probe.bind((host, port))
     except (OSError, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         if getattr(error, "errno", None) in (errno.EADDRINUSE, errno.EACCES):
@@ -122,48 +124,37 @@ def _explained(host: str, port: int) -> Iterator[None]:
         raise ValueError(f"host = {name}: must be an address to listen on ({reason})") from None
 
 
-def _probe(host: str, port: int) -> None:
-    """Listen for a moment: a failing server would leave its socket open."""
-    if not host:
-        raise UnicodeError("it is empty")
-    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, int(os.name != "nt"))
-        probe.bind((host, port))
+def _free_port(host: str) -> int:
+    """The first of `PORTS` ports that is free, else 0, for which the system finds one."""
+    for port in range(FIRST_PORT, FIRST_PORT + PORTS):
+        with suppress(_Taken):
+            _probe(host, port)
+            return port
+    return 0
 
 
-def _page(make: Callable[[], Any]) -> Any:
-    """A reader's page in the document of all applications."""
+def _server(make: Callable[[], Any], title: str, host: str, port: int, token: str) -> Any:
+    """A server whose pages are in the document of all applications."""
     import panel as pn
-
-    style = text_of("explorer/page.css")
-    document: Any = pn.state.curdoc
-    document.template = Template(text_of("ui/page.html")).substitute(style=style)
-    return make()
-
-
-def _bind(make: Callable[[], Any], title: str, host: str, port: int | None, token: str) -> Any:
-    """Make a server on `port`, or on the first port that is free."""
     from panel.io.server import get_server
 
-    def bind(port: int) -> Any:
-        with _explained(host, port):
-            _probe(host, port)
-            server = get_server(
-                lambda: _page(make),
-                port=port,
-                address=host,
-                title=title,
-                websocket_origin="*",  # `_restrict` compares origins
-                websocket_max_message_size=MAX_MESSAGE,
-                auth_provider=_token_provider(title, token),
-            )
-        _restrict(server, host)
-        return server
+    def page() -> Any:
+        document: Any = pn.state.curdoc
+        style = text_of("explorer/page.css")
+        document.template = Template(text_of("ui/page.html")).substitute(style=style)
+        return make()
 
-    for each in range(FIRST_PORT, FIRST_PORT + PORTS) if port is None else ():
-        with suppress(_Taken):
-            return bind(each)
-    return bind(port or 0)
+    server = get_server(
+        page,
+        port=port,
+        address=host,
+        title=title,
+        websocket_origin="*",  # `_restrict` compares origins
+        websocket_max_message_size=MAX_MESSAGE,
+        auth_provider=_token_provider(title, token),
+    )
+    _restrict(server, host)
+    return server
 
 
 def _restrict(server: Any, host: str) -> None:

@@ -31,26 +31,22 @@ class SavedDataset:
     def __init__(self, path: Path, load: Callable[[Path], xr.Dataset]) -> None:
         self.path, self._load = path, load
         self.name = path.name or str(path.resolve())
-        self._modified = path.stat().st_mtime
+        self._modified: float | None = path.stat().st_mtime
         self.data: xr.Dataset | None = load(path)
         self.error: BaseException | None = None
         self.version = 1
 
     def refresh(self) -> None:
         """Read the file again if it has changed."""
-        try:
-            modified, missing = self.path.stat().st_mtime, None
-        except OSError as error:
-            modified, missing = -1.0, error
+        modified = self.path.stat().st_mtime if self.path.exists() else None
         if modified == self._modified:
             return
-        self._modified, self.data, self.error = modified, None, missing
+        self._modified, self.data, self.error = modified, None, None
         self.version += 1
-        if missing is None:
-            try:
-                self.data = self._load(self.path)
-            except (ValueError, OSError, MemoryError) as error:
-                self.error = error
+        try:
+            self.data = self._load(self.path)
+        except (ValueError, OSError, MemoryError) as error:
+            self.error = error
 
 
 class LiveRender:

@@ -6,8 +6,6 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import panel as pn
-
 from ..explorer.contents import Contents, contents_of
 from ..explorer.module import javascript, style
 from ..ui import bundle
@@ -17,7 +15,6 @@ from .sources import LiveRender, SavedDataset
 MAX_BYTES = {SavedDataset: 24_000_000, LiveRender: 8_000_000}
 """Codes that go to the browser at once [bytes]; larger cubes are reduced, parts of them are not."""
 
-REFRESH_MS = 400
 AXES = ("y", "x", "opl")
 
 
@@ -26,13 +23,12 @@ class Viewer(App):
 
     _esm = javascript() + bundle.javascript("ui/app", "view/viewer")
     _stylesheets: Any = (style(),)
+    PERIOD_MS = 400
 
     def __init__(self, source: SavedDataset | LiveRender, executor: Executor, out: Path) -> None:
         super().__init__(executor)
         self.source, self.out = source, out
         self._shown_version, self._was_saved = -1, False
-        redraw: Any = self.do_redraw
-        pn.state.add_periodic_callback(redraw, period=REFRESH_MS)
 
     async def draw(self) -> None:
         """Show the source's state, and its data if they are new."""
@@ -69,22 +65,26 @@ class Viewer(App):
             part = data.isel(region) if region else data
             return contents_of(part, title=title, most_bytes=max_bytes)
 
+        is_first = not self.data
+        if is_first:
+            self.tell(message={"title": "Preparing the page …"})
         try:
             contents = await self.run(work)
         except (ValueError, OSError, MemoryError) as error:
             self.tell(message=failure(f"{name} cannot be shown", error))
             return
-        if isinstance(self.source, SavedDataset):
+        if is_first or isinstance(self.source, SavedDataset):
             self.tell(message=None)
-            if not region:
-                self._offer_region(data, contents.header)
+        if isinstance(self.source, SavedDataset) and not region:
+            self._offer_region(data, contents.header)
         self.data = {"header": contents.header, "bytes": contents.data}
 
     def _offer_region(self, data: Any, header: dict[str, Any]) -> None:
         """Offer to show a part at full resolution if the whole was reduced."""
-        if header["kind"] == "transient" and set(AXES) <= set(data.sizes):
-            if header["grid"]["step"] > 1 or header["axis"]["count"] < data.sizes["opl"]:
-                self.tell(region={axis: data.sizes[axis] for axis in AXES})
+        if header["kind"] != "transient" or not set(AXES) <= set(data.sizes):
+            return
+        if header["grid"]["step"] > 1 or header["axis"]["count"] < data.sizes["opl"]:
+            self.tell(region={axis: data.sizes[axis] for axis in AXES})
 
     async def do_look_closer(self, ends: dict[str, list[int]]) -> None:
         """Show a part of the data in full."""

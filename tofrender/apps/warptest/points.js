@@ -7,7 +7,7 @@
  */
 
 import { signed, STYLES, ticks } from "../explorer/plot.js";
-import { follow, isDark } from "../ui/parts.js";
+import { follow, inkOf, isDark } from "../ui/parts.js";
 
 const TURN = [-0.6, 0.42]; // azimuth and elevation of the view [rad]
 const KEYS = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1] };
@@ -51,9 +51,8 @@ export class Points {
     this.pen = canvas.getContext("2d");
     this.pen.scale(ratio, ratio);
     this.pen.font = "12px system-ui, sans-serif";
-    const style = getComputedStyle(canvas);
-    this.ink = style.getPropertyValue("--text");
-    this.soft = style.getPropertyValue("--line");
+    this.ink = inkOf(canvas);
+    this.pen.fillStyle = this.ink.text;
     const colours = STYLES.map(({ colour, dark }) => (isDark(canvas) ? dark : colour));
     const points = columns(data.points, data.dimensions);
     const lines = columns(data.lines, data.dimensions);
@@ -65,11 +64,12 @@ export class Points {
       grid: shown.grid ? lines[0].length : 0,
       first: points.map((axis) => axis[0]?.toPrecision(5) ?? "").join(" "),
     });
-    const layers = shown.solid ? this.sphere(data, width, height) : this.plane(data, width, height);
-    for (const { project, joins, alpha, side } of layers) {
-      const places = (axes) => Array.from(axes[0], (_, i) => project(axes.map((axis) => axis[i])));
-      if (shown.points) this.dots(places(points), side, colours[0], alpha);
-      if (shown.grid) this.lines(places(lines), side, joins, colours[1], alpha);
+    const seen = shown.solid ? this.sphere(data, width, height) : this.plane(data, width, height);
+    const places = ([x, y, z]) => Array.from(x, (each, i) => seen.project(each, y[i], z?.[i]));
+    const [dots, grid] = [shown.points ? places(points) : [], shown.grid ? places(lines) : []];
+    for (const { side, alpha } of seen.layers) {
+      this.dots(dots, side, colours[0], alpha);
+      this.lines(grid, side, seen.joins, colours[1], alpha);
     }
   }
 
@@ -93,26 +93,22 @@ export class Points {
       top + tall * (data.down ? up(y) : 1 - up(y)),
     ];
     const numbers = (axis) => ticks(low[axis], high[axis], 4).map((v) => [v, signed(Number(v.toPrecision(3)))]);
-    pen.strokeStyle = this.soft;
+    pen.strokeStyle = this.ink.line;
     pen.strokeRect(left, top, wide, tall);
-    pen.fillStyle = this.ink;
-    pen.textAlign = "center";
-    pen.textBaseline = "top";
-    for (const [value, text] of unrolled ? ANGLES : numbers(0)) pen.fillText(text, place(value, 0)[0], top + tall + 8);
-    pen.fillText(labels[0], left + wide / 2, top + tall + 28);
+    const write = (text, x, y) => pen.fillText(text, x, y);
+    Object.assign(pen, { textAlign: "center", textBaseline: "middle" });
+    for (const [value, text] of unrolled ? ANGLES : numbers(0)) write(text, place(value, 0)[0], top + tall + 14);
+    write(labels[0], left + wide / 2, top + tall + 34);
     pen.textAlign = "right";
-    pen.textBaseline = "middle";
-    for (const [value, text] of numbers(1)) pen.fillText(text, left - 8, place(0, value)[1]);
-    pen.save();
-    pen.translate(left - 44, top + tall / 2);
-    pen.rotate(-Math.PI / 2);
+    for (const [value, text] of numbers(1)) write(text, left - 8, place(0, value)[1]);
     pen.textAlign = "center";
-    pen.fillText(labels[1], 0, 0);
-    pen.restore();
+    pen.rotate(-Math.PI / 2);
+    write(labels[1], -top - tall / 2, left - 44);
+    pen.rotate(Math.PI / 2);
     const jump = unrolled ? wide / 2 : wide / 4; // Lines do not join both ends of the azimuth
     const joins = (p, q) => Math.abs(p[0] - q[0]) < jump && Math.abs(p[1] - q[1]) < jump;
-    const project = ([x, y, z]) => (unrolled ? place(Math.atan2(y, x), z) : place(x, y));
-    return [{ project, joins, alpha: 0.8, side: () => true }];
+    const project = (x, y, z) => (unrolled ? place(Math.atan2(y, x), z) : place(x, y));
+    return { project, joins, layers: [{ side: () => true, alpha: 0.8 }] };
   }
 
   // --------------------------------------------------------------------------------- the sphere
@@ -124,39 +120,37 @@ export class Points {
     const [cx, cy] = [width / 2, height / 2 + (half ? 0.3 * radius * Math.cos(elevation) : 0)];
     const [ca, sa, ce, se] = [azimuth, elevation].flatMap((angle) => [Math.cos(angle), Math.sin(angle)]);
     // x to the right, y away, z up, seen from the front and above; the third number is the nearness
-    const project = ([x, y, z]) => {
+    const project = (x, y, z) => {
       const away = sa * x + ca * y;
       return [cx + radius * (ca * x - sa * y), cy - radius * (ce * z + se * away), se * z - ce * away];
     };
     const far = 0.3 * radius;
     const joins = (p, q) => Math.hypot(p[0] - q[0], p[1] - q[1]) < far;
     const layers = [
-      { project, joins, alpha: 0.25, side: (p) => p[2] < 0 },
-      { project, joins, alpha: 0.85, side: (p) => p[2] >= 0 },
+      { side: (p) => p[2] < 0, alpha: 0.25 },
+      { side: (p) => p[2] >= 0, alpha: 0.85 },
     ];
     const ring = (at, turns = 1) => {
-      const places = Array.from({ length: 97 }, (_, k) => project(at((2 * Math.PI * turns * k) / 96)));
-      for (const { side, alpha } of layers) this.lines(places, side, joins, this.soft, alpha);
+      const places = Array.from({ length: 97 }, (_, k) => project(...at((2 * Math.PI * turns * k) / 96)));
+      for (const { side, alpha } of layers) this.lines(places, side, joins, this.ink.line, alpha);
     };
     ring((t) => [Math.cos(t), Math.sin(t), 0]);
     if (half) {
       ring((t) => [Math.cos(t), 0, Math.sin(t)], 0.5);
       ring((t) => [0, Math.cos(t), Math.sin(t)], 0.5);
     } else {
-      pen.strokeStyle = this.soft;
+      pen.strokeStyle = this.ink.line;
       pen.beginPath();
       pen.arc(cx, cy, radius, 0, 2 * Math.PI);
       pen.stroke();
     }
-    pen.fillStyle = this.ink;
-    pen.textAlign = "center";
-    pen.textBaseline = "middle";
+    Object.assign(pen, { textAlign: "center", textBaseline: "middle" });
     for (const [name, end] of Object.entries({ x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1] })) {
-      const [from, to, text] = [1, 1.16, 1.25].map((far) => project(end.map((v) => far * v)));
-      this.lines([from, to], () => true, () => true, this.ink, from[2] < -0.05 ? 0.45 : 1);
+      const [from, to, text] = [1, 1.16, 1.25].map((far) => project(...end.map((v) => far * v)));
+      this.lines([from, to], () => true, () => true, this.ink.text, from[2] < -0.05 ? 0.45 : 1);
       pen.fillText(name, text[0], text[1]);
     }
-    return layers;
+    return { project, joins, layers };
   }
 
   // ------------------------------------------------------------------------------------ strokes
@@ -166,14 +160,12 @@ export class Points {
     const radius = Math.max(0.7, Math.min(3.2, 70 / Math.sqrt(places.length)));
     pen.fillStyle = colour;
     pen.globalAlpha = alpha;
-    pen.beginPath();
-    for (const place of places) {
-      if (!side(place)) continue;
-      pen.moveTo(place[0] + radius, place[1]);
-      if (radius < 1.2) pen.rect(place[0] - radius, place[1] - radius, 2 * radius, 2 * radius);
-      else pen.arc(place[0], place[1], radius, 0, 2 * Math.PI);
+    for (const [x, y] of places.filter(side)) {
+      pen.beginPath();
+      if (radius > 1.2) pen.arc(x, y, radius, 0, 2 * Math.PI);
+      else pen.rect(x - radius, y - radius, 2 * radius, 2 * radius);
+      pen.fill();
     }
-    pen.fill();
     pen.globalAlpha = 1;
   }
 

@@ -7,7 +7,7 @@ import { Points } from "./points.js";
 class Tester {
   constructor({ model, root, draw, choose, ask }) {
     this.model = model;
-    const { state, chosen } = model;
+    const { state } = model;
     this.now = { view: "3D", points: true, grid: true };
     const show = (changes) => {
       Object.assign(this.now, changes);
@@ -19,9 +19,9 @@ class Tester {
       choose({ source, subject: names.includes(model.chosen.subject) ? model.chosen.subject : names[0] });
     });
     this.subject = list("Distribution", [], (subject) => choose({ subject }));
-    const setValue = (value) => choose({ values: { ...model.chosen.values, [this.parameter.name]: value } });
-    this.slider = slider("", { min: 0, max: 1, step: 0.01, value: 0, say: () => "", moved: setValue });
-    this.number = number("", { value: 0, changed: setValue });
+    this.setValue = (name, value) => choose({ values: { ...model.chosen.values, [name]: value } });
+    this.parameter = group("row given");
+    this.parameterOf = null;
     this.file = make("input", { type: "file", accept: ".exr,.png,.jpg", "aria-label": "Image" });
     this.file.addEventListener("change", async () => {
       const [file] = this.file.files;
@@ -29,13 +29,9 @@ class Tester {
     });
     this.image = group("row", this.file, button("2 × 2 example", () => ask("example")));
     this.kind = list("Point set", options(state.kinds), (kind) => choose({ kind }));
-    this.count = slider("Points", {
-      ...{ min: 0, max: 16, step: 1, value: 10 },
-      say: (power) => String(2 ** power),
-      moved: (power) => choose({ count: 2 ** power }),
-    });
-    const seeds = { min: 0, max: state.maxSeed, step: 1, value: chosen.seed };
-    this.seed = number("Seed", { ...seeds, changed: (seed) => choose({ seed }) });
+    const power = { max: 16, say: (each) => String(2 ** each), moved: (each) => choose({ count: 2 ** each }) };
+    this.count = slider("Points", power);
+    this.seed = number("Seed", { min: 0, max: state.maxSeed, step: 1, changed: (seed) => choose({ seed }) });
     this.view = choices("View", [["3D", "3D"], ["2D", "2D"]], (view) => show({ view }));
     this.showPoints = tick("points", (points) => show({ points }));
     this.showGrid = tick("grid", (grid) => show({ grid }));
@@ -43,7 +39,8 @@ class Tester {
     this.test = button("Run the χ² test", () => ask("test"), "primary");
     this.format = list("Figure", options(["png", "pdf", "svg"]), () => {});
     this.save = button("Save the figure", () => ask("save", { format: this.format.querySelector("select").value }));
-    for (const name of ["title", "density"]) this[name] = make(name === "title" ? "h2" : "p", {});
+    this.title = make("h2");
+    this.density = make("p");
     this.canvas = make("canvas", { tabIndex: 0, role: "img" });
     this.points = new Points(this.canvas, draw);
     this.error = make("div", { role: "status" });
@@ -55,10 +52,9 @@ class Tester {
   layout(note) {
     const set = (...parts) => make("fieldset", {}, group("row", ...parts));
     const about = "Points of the unit square, warped; and a χ² test of the warp against its density.";
-    this.given = group("row given", this.slider, this.number);
     const left = group(
       "left",
-      ...[set(this.source, this.subject, this.given, this.image), this.error],
+      ...[set(this.source, this.subject, this.parameter, this.image), this.error],
       ...[group("heading", this.title, this.density), this.canvas],
       ...[group("row", this.view, this.showPoints, this.showGrid), set(this.kind, this.seed, this.count)],
     );
@@ -75,21 +71,17 @@ class Tester {
     return this.model.state.sources.find(([each]) => each === source)[2];
   }
 
-  get parameter() {
-    return this.model.state.subjects[this.model.chosen.subject].parameter[0];
-  }
-
   draw() {
     const { state, chosen, data } = this.model;
-    const { now, parameter } = this;
+    const { now } = this;
     const subject = state.subjects[chosen.subject];
-    this.source.offer(state.sources);
+    this.source.offer(state.sources.map(([source, label]) => [source, label]));
     this.source.hidden = state.sources.length < 2;
-    this.subject.offer(this.names(chosen.source).map((name) => [name, ...titleAndGroup(state.subjects[name])]));
+    const named = (name) => [name, state.subjects[name].title, state.subjects[name].group];
+    this.subject.offer(this.names(chosen.source).map(named));
     for (const name of ["source", "subject", "kind", "seed", "samples"]) this[name].set(chosen[name]);
     this.count.set(Math.log2(chosen.count));
-    this.given.hidden = !parameter;
-    if (parameter) this.drawParameter(parameter, chosen.values[parameter.name] ?? parameter.default);
+    this.drawParameter(subject.parameter[0], chosen.values);
     this.image.hidden = !subject.takesImage;
     this.view.hidden = subject.dimensions === 2;
     this.view.set(now.view);
@@ -111,18 +103,17 @@ class Tester {
     this.points.draw(data, { ...now, solid });
   }
 
-  drawParameter({ label, low, high, step }, value) {
-    for (const part of [this.slider, this.number]) {
-      part.querySelector("span").textContent = label;
-      part.querySelector("input").setAttribute("aria-label", part === this.slider ? `${label}, slider` : label);
-      Object.assign(part.querySelector("input"), part === this.slider ? { min: low, max: high, step } : { step: "any" });
-      part.set(value);
+  /** A slider and a number, which may be out of the slider's range. */
+  drawParameter({ name, label, low, high, step, default: first } = {}, values) {
+    if (this.parameterOf !== name) {
+      const moved = (value) => this.setValue(name, value);
+      const parts = [slider(label, { min: low, max: high, step, moved }), number(`${label} as a number`, { changed: moved })];
+      this.parameter.replaceChildren(...(name ? parts : []));
+      this.parameter.hidden = !name;
+      this.parameterOf = name;
     }
+    for (const part of this.parameter.children) part.set(values[name] ?? first);
   }
-}
-
-function titleAndGroup({ title, group }) {
-  return [title, group];
 }
 
 export function render({ model }) {

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import panel as pn
 
 from ...runtime import checks
+from ...sampling.chi_square import Case
 from ...sampling.domains import find
 from ...sampling.verdicts import Verdict
 from ..ui import bundle
@@ -20,17 +20,10 @@ from .engine import LIBRARY, MODULE, NO_PROOF, POINT_SETS, SUBJECT_ERRORS, Drawn
 from .subjects import SUBJECTS, density_of
 
 SAMPLES = (10_000, 100_000, 1_000_000, 4_000_000)
-CHECK_MS = 1000  # Between two looks at a student's files
 
-UNTESTED = {
-    "title": "Not tested yet",
-    "text": "The test draws its own samples, whichever points are shown.",
-}
-CHANGED = {
-    "title": "The file has changed",
-    "text": "Its points are redrawn; run the test again.",
-}
-TESTING = {"title": "Testing …"}
+UNTESTED = "Not tested yet", "The test draws its own samples, whichever points are shown."
+CHANGED = "The file has changed", "Its points are redrawn; run the test again."
+TESTING = "Testing …", ""
 
 
 class Tester(App):
@@ -41,53 +34,52 @@ class Tester(App):
         *("warptest/points", "warptest/tester"),
     )
     _stylesheets: Any = (bundle.style("warptest/tester"),)
+    PERIOD_MS = 1000
 
     def __init__(self, shared: Engine, subject: str, given: Mapping[str, Any]) -> None:
         self.engine, self.image = shared, given.get("image")
         self.verdict: Verdict | None = None
         self.drawn: Drawn | None = None
+        (source, _, names), *_ = sources = self._sources()
         chosen = {
-            "source": LIBRARY if shared.module is None else MODULE,
-            "subject": subject,
-            "values": {name: value for name, value in given.items() if name != "image"},
+            **{"source": source, "subject": subject if subject in names else names[0]},
             **{"kind": "independent", "count": 1024, "seed": 0, "samples": 1_000_000},
+            "values": {name: value for name, value in given.items() if name != "image"},
         }
         lists = {"kinds": [*POINT_SETS], "samples": SAMPLES, "maxSeed": checks.MAX_SEED}
-        about = {"subjects": _described(), "sources": self._sources(), "note": NO_PROOF}
-        super().__init__(shared.executor, chosen, **lists, **about, verdict=UNTESTED)
-        if shared.module is not None:
-            check: Any = self.check_files
-            pn.state.add_periodic_callback(check, period=CHECK_MS)
+        about = {"subjects": _described(), "sources": sources, "note": NO_PROOF}
+        super().__init__(shared.executor, chosen, **lists, **about)
 
     def _sources(self) -> list[tuple[str, str, list[str]]]:
         """Name, label and subjects of each source; of the library also those that it withholds."""
-        sources = [(LIBRARY, "This package", [*SUBJECTS])]
-        module = self.engine.module
-        if module is not None:
-            sources.insert(0, (MODULE, f"Yours: {module.path.name}", module.names()))
-        return sources
+        module, library = self.engine.module, (LIBRARY, "This package", [*SUBJECTS])
+        if module is None:
+            return [library]
+        return [(MODULE, f"Yours: {module.path.name}", module.names()), library]
 
-    def _case(self) -> Any:
-        chosen = self.chosen
-        subject = SUBJECTS[chosen["subject"]]
-        given = {each.name: chosen["values"].get(each.name) for each in subject.parameters}
-        given = {name: value for name, value in given.items() if value is not None}
+    def _case(self, chosen: dict[str, Any]) -> Case:
+        subject, values = SUBJECTS[chosen["subject"]], chosen["values"]
+        given = {p.name: values[p.name] for p in subject.parameters if p.name in values}
         if subject.takes_image and self.image is not None:
             given["image"] = self.image
         return self.engine.sources[chosen["source"]].case(chosen["subject"], given)
 
-    async def check_files(self) -> None:
+    def _say(self, title: str, text: str) -> None:
+        """Say something in place of a verdict."""
+        self.verdict = None
+        self.tell(verdict={"title": title, "text": text}, panels="")
+
+    async def refresh(self) -> None:
         """Redraw if the student has saved a file."""
         module = self.engine.module
         if module is not None and await self.run(module.refresh):
             self.tell(sources=self._sources())
             await self.do_redraw()
-            self.tell(verdict=CHANGED)
+            self._say(*CHANGED)
 
     async def do_redraw(self, *_: Any) -> None:
         """Draw points of the current choice, which is not tested yet."""
-        self.verdict = None
-        self.tell(verdict=UNTESTED, panels="")
+        self._say(*UNTESTED)
         await super().do_redraw()
 
     async def draw(self) -> None:
@@ -95,7 +87,7 @@ class Tester(App):
         chosen, subject = self.chosen, SUBJECTS[self.chosen["subject"]]
 
         def work() -> Drawn:
-            return engine.draw(self._case(), chosen["kind"], chosen["count"], chosen["seed"])
+            return engine.draw(self._case(chosen), chosen["kind"], chosen["count"], chosen["seed"])
 
         try:
             self.drawn = shown = await self.run(work)
@@ -134,10 +126,11 @@ class Tester(App):
         chosen, image = self.chosen, self.image
 
         def work() -> tuple[Verdict, str]:
-            verdict = self._case().test(samples=chosen["samples"], seed=chosen["seed"])
+            verdict = self._case(chosen).test(samples=chosen["samples"], seed=chosen["seed"])
             return verdict, engine.panels(verdict)
 
-        self.tell(verdict=TESTING, panels="", testing=True)
+        self._say(*TESTING)
+        self.tell(testing=True)
         try:
             verdict, panels = await self.run(work)
         except SUBJECT_ERRORS as error:
