@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -67,12 +68,9 @@ def view(
         shown = LiveRender(name, options | {"pulse_width": "auto"})
     else:
         shown = SavedDataset(Path(source), load_intensity)
-    try:
+    with closing(shown) if isinstance(shown, LiveRender) else nullcontext():
         make = application(shown, target)
         serve(make, "Light in time", host=host, port=port, browser=browser, tell=opt.say)
-    finally:
-        if isinstance(shown, LiveRender):
-            shown.close()
 
 
 def compare(

@@ -6,9 +6,10 @@
  * `scenes` of the course with their techniques, `rows` of numbers, `white`, `message`.
  */
 
-import { paintLight, paintMap, range, toneCurve } from "../explorer/picture.js";
-import { Axes, drawCurves, short, signed, STYLES } from "../explorer/plot.js";
-import { SPEED_OF_LIGHT } from "../explorer/recording.js";
+import { canvasOf, stripOf } from "../explorer/frame.js";
+import { paintLight, paintMap, range, toneCurve } from "../explorer/paint.js";
+import { Axes, colourOf, drawCurves, STYLES } from "../explorer/plot.js";
+import { clamp, short, signed, when } from "../explorer/words.js";
 import { live } from "../ui/app.js";
 import { button, choices, fill, follow, group, inkOf, isDark, lineSwatch, list, make, slider, tell, terms, tick } from "../ui/parts.js";
 import { Zoom } from "./zoom.js";
@@ -47,10 +48,7 @@ class Comparison {
     this.tags = ["A", "B"].map((side) => make("span", { className: `tag ${side}` }));
     this.frame = make("div", { className: "frame", tabIndex: 0, role: "group", "aria-label": `Pictures. ${KEYS}` });
     this.frame.append(this.canvas, ...this.tags);
-    const strip = group("strip");
-    const colours = Array.from({ length: 17 }, (_, k) => [...this.map.subarray(3 * k * 15, 3 * k * 15 + 3)].join(" "));
-    strip.style.background = `linear-gradient(to right, ${colours.map((each) => `rgb(${each})`).join()})`;
-    this.bar = group("bar", strip, (this.scale = group("")));
+    this.bar = group("bar", stripOf(this.map), (this.scale = group("")));
     const percent = (at) => `${Math.round(100 * at)} %`;
     const moved = (divider) => show({ divider, view: "divider" });
     this.divider = slider("Divider", { step: 0.005, say: percent, moved });
@@ -107,13 +105,14 @@ class Comparison {
   }
 
   /** Play, time, and the picture of all time. */
-  transport({ count }) {
+  transport({ start, width, count }) {
     const { model, choose, show } = this;
+    const clock = { width, centre: (step) => start + (step + 0.5) * width };
     this.play = button("Play", () => {
       show({ playing: !this.now.playing });
       if (this.now.playing) this.next();
     });
-    this.time = slider("Time", { max: count - 1, say: (step) => this.when(step), moved: (step) => choose({ step }) });
+    this.time = slider("Time", { max: count - 1, say: (step) => when(clock, step), moved: (step) => choose({ step }) });
     this.all = tick("All time", (all) => choose({ step: all ? null : (this.last ?? 0) }));
     this.next = () => choose({ step: ((model.chosen.step ?? -1) + 1) % count });
     return group("row", this.play, this.time, this.all);
@@ -127,7 +126,7 @@ class Comparison {
         const { view, divider } = this.now;
         const near = Math.abs(from - divider) * frame.clientWidth < 24;
         if (view !== "divider" || (zoom.scale > 1 && !near)) return false;
-        show({ divider: Math.max(0, Math.min(1, to)) });
+        show({ divider: clamp(to, 0, 1) });
         return true;
       },
       point: (place) => this.planes && this.drawValues(place ? this.pixelAt(place) : undefined),
@@ -142,7 +141,7 @@ class Comparison {
       if (key === "f" || (key === " " && !target.matches("button, input, select"))) show({ view: view === "a" ? "b" : "a" });
       else if (key === "d" && !typed) show({ view: "difference" });
       else if (key in ZOOMS && !typed) this.zoomBy(ZOOMS[key]);
-      else if (step && target === frame) show({ view: "divider", divider: Math.max(0, Math.min(1, divider + step)) });
+      else if (step && target === frame) show({ view: "divider", divider: clamp(divider + step, 0, 1) });
       else return;
       event.preventDefault();
     });
@@ -157,14 +156,7 @@ class Comparison {
   pixelAt(place) {
     const { width, height } = this.model.data;
     const [x, y] = this.zoom.at(place);
-    const limit = (value, size) => Math.max(0, Math.min(size - 1, Math.floor(value * size)));
-    return [limit(x, width), limit(y, height)];
-  }
-
-  when(step) {
-    const { start, width } = this.model.state.clock;
-    const opl = start + (step + 0.5) * width;
-    return `${((1e9 * opl) / SPEED_OF_LIGHT).toFixed(2)} ns  ·  ${opl.toFixed(3)} m`;
+    return [clamp(Math.floor(x * width), 0, width - 1), clamp(Math.floor(y * height), 0, height - 1)];
   }
 
   // ----------------------------------------------------------------------------------- drawing
@@ -216,17 +208,12 @@ class Comparison {
     layers.push(paintMap(difference, { low: -high, high, map: this.map, width }));
     const said = [-1, -0.5, 0, 0.5, 1].map((part) => short(part * high));
     this.scale.replaceChildren(...said.map((each) => make("span", {}, each)));
-    this.layers = layers.map((bytes) => {
-      const layer = make("canvas", { width, height });
-      layer.getContext("2d").putImageData(new ImageData(bytes, width, height), 0, 0);
-      return layer;
-    });
+    this.layers = layers.map((bytes) => canvasOf(bytes, width, height));
   }
 
   drawPicture({ width, height, names }) {
     const { canvas, frame, now, zoom } = this;
-    frame.style.aspectRatio = `${width / height}`;
-    frame.style.maxWidth = `calc(${width / height} * min(640px, 62vh))`;
+    frame.style.setProperty("--aspect", width / height);
     frame.style.touchAction = zoom.scale > 1 ? "none" : "pan-y";
     const ratio = globalThis.devicePixelRatio || 1;
     const [wide, tall] = [frame.clientWidth, frame.clientHeight].map((length) => Math.round(ratio * length));
@@ -290,7 +277,7 @@ class Comparison {
     drawCurves(this.plot, state.clock, lines, { bin: step ?? undefined }, words, { log: this.now.log, dark, ink });
     this.plot.setAttribute("aria-label", `${words.quantity} over ${words.below} of A and B`);
     this.log.set(this.now.log);
-    this.keys.forEach((key, k) => (key.style.color = dark ? STYLES[k].dark : STYLES[k].colour));
+    this.keys.forEach((key, k) => (key.style.color = colourOf(k, dark)));
   }
 }
 

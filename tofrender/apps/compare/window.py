@@ -23,8 +23,8 @@ class Comparison(App):
     """The page of one reader, beginning with a scene of the course, or with a pair of files."""
 
     _esm = bundle.javascript(
-        *("ui/parts", "ui/app", "explorer/recording", "explorer/picture", "explorer/plot"),
-        *("compare/zoom", "compare/comparison"),
+        *("ui/parts", "ui/app", "explorer/recording", "explorer/words", "explorer/paint"),
+        *("explorer/plot", "explorer/frame", "compare/zoom", "compare/comparison"),
     )
     _stylesheets: Any = (bundle.style("compare/comparison"),)
 

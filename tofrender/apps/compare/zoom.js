@@ -1,5 +1,7 @@
 /** A window into a picture, moved by pointers, wheel and keys. Lengths are parts of the picture. */
 
+import { clamp } from "../explorer/words.js";
+
 const MOST = 64; // times larger
 const CLICK = 5; // px that a pointer may move in a click
 
@@ -14,7 +16,7 @@ export class Zoom {
 
   /** Enlarge; what is at (x, y) of the frame stays there. */
   by(factor, x = 0.5, y = 0.5) {
-    const scale = Math.max(1, Math.min(MOST, this.scale * factor));
+    const scale = clamp(this.scale * factor, 1, MOST);
     const [dx, dy] = [x, y].map((at) => at / this.scale - at / scale);
     this.scale = scale;
     this.move(dx * scale, dy * scale);
@@ -22,9 +24,8 @@ export class Zoom {
 
   /** Move by parts of the frame. */
   move(dx, dy) {
-    const limit = (value) => Math.max(0, Math.min(1 - 1 / this.scale, value));
-    this.x = limit(this.x + dx / this.scale);
-    this.y = limit(this.y + dy / this.scale);
+    this.x = clamp(this.x + dx / this.scale, 0, 1 - 1 / this.scale);
+    this.y = clamp(this.y + dy / this.scale, 0, 1 - 1 / this.scale);
   }
 
   /** Where in the picture a place of the frame is. */

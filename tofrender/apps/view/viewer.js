@@ -30,7 +30,7 @@ class Viewer {
     this.region = group("row", ...this.fields, closer);
     this.explorer = make("div");
     const server = make("fieldset", {}, this.controls, this.region);
-    root.append(make("h1", { className: "spoken" }, "Light in time"), server, this.message, this.explorer);
+    root.append(server, this.message, this.explorer);
   }
 
   draw() {
@@ -57,7 +57,7 @@ class Viewer {
     this.shown = data;
     const contents = { header: data.header, bytes: new Uint8Array(data.bytes) };
     if (this.handle) this.handle.setData(contents);
-    else this.handle = mount(this.explorer, contents);
+    else this.handle = mount(this.explorer, contents, { level: 1, linked: true });
   }
 
   remove() {

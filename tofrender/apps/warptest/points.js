@@ -6,7 +6,8 @@
  * have the azimuth to the right and the cosine of the polar angle upwards.
  */
 
-import { signed, STYLES, ticks } from "../explorer/plot.js";
+import { colourOf, sharp, ticks } from "../explorer/plot.js";
+import { clamp, signed } from "../explorer/words.js";
 import { follow, inkOf, isDark } from "../ui/parts.js";
 
 const TURN = [-0.6, 0.42]; // azimuth and elevation of the view [rad]
@@ -19,7 +20,7 @@ export class Points {
     this.turn = [...TURN];
     const move = (dx, dy) => {
       const [azimuth, elevation] = this.turn;
-      this.turn = [azimuth + dx, Math.max(-Math.PI / 2, Math.min(Math.PI / 2, elevation + dy))];
+      this.turn = [azimuth + dx, clamp(elevation + dy, -Math.PI / 2, Math.PI / 2)];
       redraw();
     };
     follow(canvas, {
@@ -46,14 +47,10 @@ export class Points {
     const [width, height] = [canvas.clientWidth, canvas.clientHeight];
     if (width < 10 || height < 10) return;
     this.shown = shown;
-    const ratio = globalThis.devicePixelRatio || 1;
-    Object.assign(canvas, { width: Math.round(width * ratio), height: Math.round(height * ratio) });
-    this.pen = canvas.getContext("2d");
-    this.pen.scale(ratio, ratio);
-    this.pen.font = "12px system-ui, sans-serif";
+    this.pen = sharp(canvas);
     this.ink = inkOf(canvas);
     this.pen.fillStyle = this.ink.text;
-    const colours = STYLES.map(({ colour, dark }) => (isDark(canvas) ? dark : colour));
+    const colours = [0, 1].map((k) => colourOf(k, isDark(canvas)));
     const points = columns(data.points, data.dimensions);
     const lines = columns(data.lines, data.dimensions);
     canvas.style.cursor = shown.solid ? "grab" : "default";

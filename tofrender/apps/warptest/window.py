@@ -30,7 +30,7 @@ class Tester(App):
     """The page of one reader, beginning with a subject and its given parameters."""
 
     _esm = bundle.javascript(
-        *("ui/parts", "ui/app", "explorer/recording", "explorer/plot"),
+        *("ui/parts", "ui/app", "explorer/recording", "explorer/words", "explorer/plot"),
         *("warptest/points", "warptest/tester"),
     )
     _stylesheets: Any = (bundle.style("warptest/tester"),)
