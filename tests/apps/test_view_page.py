@@ -13,6 +13,7 @@ from tofrender import io
 
 FIND = browser.found("each.explorer", "each.explorer")
 
+
 def state(there) -> dict:
     there.wait_for_function(f"() => {FIND}")
     return json.loads(there.evaluate(f"JSON.stringify({FIND}.state())"))

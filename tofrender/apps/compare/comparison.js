@@ -8,7 +8,7 @@
 
 import { canvasOf, stripOf } from "../explorer/frame.js";
 import { paintLight, paintMap, range, toneCurve } from "../explorer/paint.js";
-import { Axes, colourOf, drawCurves, STYLES } from "../explorer/plot.js";
+import { Axes, colourOf, drawCurves, sharp, STYLES } from "../explorer/plot.js";
 import { clamp, short, signed, when } from "../explorer/words.js";
 import { live } from "../ui/app.js";
 import { button, choices, fill, follow, group, inkOf, isDark, lineSwatch, list, make, slider, tell, terms, tick } from "../ui/parts.js";
@@ -60,7 +60,7 @@ class Comparison {
     );
     const left = group("left", this.views, this.frame, this.bar);
     if (clock) left.append(make("fieldset", {}, this.transport(clock)));
-    left.append(this.divider, group("row", this.exposure, ...zooms));
+    left.append(this.divider, group("row", this.exposure, group("row", ...zooms)));
     this.message = make("div", { role: "status" });
     this.numbers = make("dl");
     this.at = make("h2");
@@ -134,13 +134,12 @@ class Comparison {
     });
     this.root.addEventListener("keydown", (event) => {
       const { key, target } = event;
-      if (event.ctrlKey || event.metaKey || event.altKey) return;
+      if (event.ctrlKey || event.metaKey || event.altKey || target.matches("select")) return;
       const { view, divider } = this.now;
-      const typed = target.matches("input, select");
       const step = { ArrowLeft: -0.01, ArrowRight: 0.01 }[key];
-      if (key === "f" || (key === " " && !target.matches("button, input, select"))) show({ view: view === "a" ? "b" : "a" });
-      else if (key === "d" && !typed) show({ view: "difference" });
-      else if (key in ZOOMS && !typed) this.zoomBy(ZOOMS[key]);
+      if (key === "f" || (key === " " && !target.matches("button, input"))) show({ view: view === "a" ? "b" : "a" });
+      else if (key === "d") show({ view: "difference" });
+      else if (key in ZOOMS) this.zoomBy(ZOOMS[key]);
       else if (step && target === frame) show({ view: "divider", divider: clamp(divider + step, 0, 1) });
       else return;
       event.preventDefault();
@@ -215,10 +214,8 @@ class Comparison {
     const { canvas, frame, now, zoom } = this;
     frame.style.setProperty("--aspect", width / height);
     frame.style.touchAction = zoom.scale > 1 ? "none" : "pan-y";
-    const ratio = globalThis.devicePixelRatio || 1;
-    const [wide, tall] = [frame.clientWidth, frame.clientHeight].map((length) => Math.round(ratio * length));
-    Object.assign(canvas, { width: wide, height: tall });
-    const pen = canvas.getContext("2d");
+    const [wide, tall] = [frame.clientWidth, frame.clientHeight];
+    const pen = sharp(canvas);
     pen.imageSmoothingEnabled = false;
     const [a, b, difference] = this.layers;
     const place = (layer) =>
@@ -232,16 +229,16 @@ class Comparison {
       pen.clip();
       place(a);
       pen.restore();
-      for (const [colour, half] of [["#000", 2 * ratio], ["#fff", ratio]]) {
+      for (const [colour, half] of [["#000", 2], ["#fff", 1]]) {
         pen.fillStyle = colour;
         pen.fillRect(at - half, 0, 2 * half, tall);
       }
     }
     const [x, y] = this.pixel.map((at, k) => (at / [width, height][k] - [zoom.x, zoom.y][k]) * zoom.scale);
-    const side = Math.max(6 * ratio, (zoom.scale * wide) / width);
+    const side = 2 + Math.max(6, (zoom.scale * wide) / width);
     pen.strokeStyle = inkOf(this.root).accent;
-    pen.lineWidth = 2 * ratio;
-    pen.strokeRect(x * wide - ratio, y * tall - ratio, side + 2 * ratio, side + 2 * ratio);
+    pen.lineWidth = 2;
+    pen.strokeRect(x * wide - 1, y * tall - 1, side, side);
     this.tags.forEach((tag, k) => {
       tag.textContent = `${"AB"[k]}: ${names[k]}`;
       tag.hidden = now.view !== "divider" && now.view !== "ab"[k];

@@ -17,6 +17,7 @@ from ...vis.transient import Transient
 if TYPE_CHECKING:
     import xarray as xr
 
+DENSITY = "radiance per metre"
 WHITE = 0.995  # Part of all lit values that are not brighter than white
 LOOKED_AT = 16  # Bins of a film whose values and brightness stand for all
 
@@ -78,33 +79,29 @@ class Pair:
     """
 
     def __init__(self, one: Picture, other: Picture) -> None:
-        same_size(one, other)
+        sizes = [f"{each.pixels.shape[1]} x {each.pixels.shape[0]}" for each in (one, other)]
+        if sizes[0] != sizes[1]:
+            raise ValueError(f"{other.name}: {sizes[1]} pixels; must be {sizes[0]}, as {one.name}")
         self.pictures = (one, other)
         self.clock: Clock | None = None
-        self.quantity = ""
-        self._factors = (1.0, 1.0)
+        self.quantity, self._factors = "", [1.0, 1.0]
         self._films = [each.film for each in self.pictures if each.film is not None]
         if len(self._films) == 2:
-            self.clock = self._common_clock()
+            self.clock = self._common_clock(*self._films)
 
-    def _common_clock(self) -> Clock:
-        films = self._films
-        starts = [film.start_opl for film in films]
-        stops = [film.start_opl + film.bins * film.bin_width_opl for film in films]
-        widths = [film.bin_width_opl for film in films]
-        start, width = max(starts), min(widths)
+    def _common_clock(self, a: Transient, b: Transient) -> Clock:
+        stops = [film.start_opl + film.bins * film.bin_width_opl for film in (a, b)]
+        start, width = max(a.start_opl, b.start_opl), min(a.bin_width_opl, b.bin_width_opl)
         count = math.floor((min(stops) - start) / width + 1e-6)
         if count < 1:
-            one, other = (f"{a:.4g} to {b:.4g} m" for a, b in zip(starts, stops, strict=True))
-            name = self.pictures[1].name
-            raise ValueError(f"{name}: bins from {other}; must overlap with {one} in time")
-        self.quantity = films[0].quantity
-        same = math.isclose(*widths, rel_tol=1e-6) and films[0].quantity == films[1].quantity
-        if not same:
-            self.quantity = "radiance per metre"
-            per_metre = [film.quantity.startswith(self.quantity) for film in films]
-            per_bin = zip(per_metre, widths, strict=True)
-            self._factors = tuple(1.0 if done else 1 / width for done, width in per_bin)
+            bins = f"bins from {b.start_opl:.4g} to {stops[1]:.4g} m"
+            others = f"{a.start_opl:.4g} to {stops[0]:.4g} m"
+            raise ValueError(f"{self.pictures[1].name}: {bins}; must overlap with {others} in time")
+        self.quantity = a.quantity
+        if a.quantity != b.quantity or not math.isclose(a.bin_width_opl, b.bin_width_opl):
+            self.quantity = DENSITY
+            dense = [film.quantity.startswith(DENSITY) for film in (a, b)]
+            self._factors = [d or 1 / f.bin_width_opl for d, f in zip(dense, (a, b), strict=True)]
         return Clock(start, width, count)
 
     def frames(self, step: int | None) -> list[np.ndarray]:
@@ -133,7 +130,9 @@ class Pair:
         """Value to be shown as white, and the step that is then the brightest, of a few steps."""
         assert self.clock is not None
         steps = np.linspace(0, self.clock.count - 1, LOOKED_AT).astype(int).tolist()
-        frames = [np.nan_to_num(np.stack(self.frames(step))) for step in steps]
+        every = max(1, max(self.pictures[0].pixels.shape) // 256)
+        some = [[each[::every, ::every] for each in self.frames(step)] for step in steps]
+        frames = [np.nan_to_num(np.stack(each)) for each in some]
         lit = np.concatenate([each[each > 0] for each in frames])
         white = float(np.quantile(lit, WHITE)) if lit.size else 1.0
         return white, steps[np.argmax([np.minimum(each, white).sum() for each in frames])]
@@ -164,10 +163,3 @@ def numbers(one: np.ndarray, other: np.ndarray) -> dict[str, float]:
         "mean_a": float(a.mean()),
         "mean_b": float(b.mean()),
     }
-
-
-def same_size(one: Picture, other: Picture) -> None:
-    """Refuse pictures of different sizes with a ValueError."""
-    sizes = [f"{each.pixels.shape[1]} x {each.pixels.shape[0]}" for each in (one, other)]
-    if sizes[0] != sizes[1]:
-        raise ValueError(f"{other.name}: {sizes[1]} pixels; must be {sizes[0]}, as {one.name}")

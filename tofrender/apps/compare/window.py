@@ -56,12 +56,12 @@ class Comparison(App):
                 frames = self.pair.frames(step)
                 x, y = pixel or (frames[0].shape[1] // 2, frames[0].shape[0] // 2)
                 curves = self.pair.responses(x, y)
-                return [p.name for p in self.pair.pictures], frames, curves, _rows(*frames)
+                return [p.name for p in self.pair.pictures], frames, curves, _rows(frames)
             scene, spp = chosen["scene"], chosen["spp"]
             pictures = [render_technique(scene, chosen[side], spp) for side in "ab"]
             reference = render_technique(scene, "reference", 1)
             frames = alike([each.pixels for each in pictures])
-            return [p.name for p in pictures], frames, [], _rows(*frames, reference.pixels)
+            return [p.name for p in pictures], frames, [], _rows(frames, reference.pixels)
 
         if self.pair is None:
             self.tell(message={"title": "Rendering …"})
@@ -79,9 +79,9 @@ class Comparison(App):
         self.tell(message=None, rows=rows)
 
 
-def _rows(a: np.ndarray, b: np.ndarray, reference: np.ndarray | None = None) -> list[list[str]]:
+def _rows(frames: list[np.ndarray], reference: np.ndarray | None = None) -> list[list[str]]:
     """Differences in words and numbers; of pictures of the course also from the reference."""
-    found = numbers(a, b)
+    found = numbers(*frames)
     if not found:
         return [["no finite values", ""]]
     rows = [
@@ -89,8 +89,8 @@ def _rows(a: np.ndarray, b: np.ndarray, reference: np.ndarray | None = None) -> 
         ["largest |B − A|", f"{found['largest']:.4g}"],
         ["mean of A, of B", f"{found['mean_a']:.4g}, {found['mean_b']:.4g}"],
     ]
-    for name, picture in zip("AB", (a, b), strict=True) if reference is not None else ():
-        relative = numbers(*alike([np.asarray(reference), picture]))["relative"]
+    for name, frame in zip("AB", frames, strict=True) if reference is not None else ():
+        relative = numbers(*alike([np.asarray(reference), frame]))["relative"]
         rows.append([f"{name}, RMS from the reference", f"{100 * relative:.3g} %"])
     return rows
 
