@@ -76,9 +76,9 @@ def warptest(
     if out is not None:
         raise ValueError(f"--out = {out}: must be left out without --headless")
 
-    from tofrender.apps.ui.serving import require_panel, serve
+    from tofrender.apps.ui.serving import prepare, serve
 
-    require_panel()
+    prepare(host, port)
     opt.activate(variant, polarised=True)
 
     from tofrender.apps.warptest import application

@@ -23,32 +23,30 @@ STEP_S = 4.0  # Time between two updates of a render [s], once it is under way
 
 
 class SavedDataset:
-    """Result of a command, read again when its file changes; large cubes may stay on disk."""
+    """Result of a command, read again when its file changes; large cubes may stay on disk.
+
+    Errors of the first reading are raised, those of later ones kept.
+    """
 
     def __init__(self, path: Path, load: Callable[[Path], xr.Dataset]) -> None:
         self.path, self._load = path, load
         self.name = path.name or str(path.resolve())
-        self.data: xr.Dataset | None = None
+        self._modified: float | None = path.stat().st_mtime
+        self.data: xr.Dataset | None = load(path)
         self.error: BaseException | None = None
-        self.version = 0
-        self._modified: float | None = None
-        self.refresh()
+        self.version = 1
 
     def refresh(self) -> None:
         """Read the file again if it has changed."""
-        try:
-            modified, missing = self.path.stat().st_mtime, None
-        except OSError as error:
-            modified, missing = -1.0, error
+        modified = self.path.stat().st_mtime if self.path.exists() else None
         if modified == self._modified:
             return
-        self._modified, self.data, self.error = modified, None, missing
+        self._modified, self.data, self.error = modified, None, None
         self.version += 1
-        if missing is None:
-            try:
-                self.data = self._load(self.path)
-            except (ValueError, OSError, MemoryError) as error:
-                self.error = error
+        try:
+            self.data = self._load(self.path)
+        except (ValueError, OSError, MemoryError) as error:
+            self.error = error
 
 
 class LiveRender:
