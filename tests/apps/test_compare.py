@@ -104,7 +104,8 @@ def test_what_cannot_be_compared(capsys, tmp_path, monkeypatch):
 def values(there) -> list[float]:
     """Of A, B and B - A in the first channel of the chosen pixel."""
     cells = there.locator("tbody tr").first.locator("td").all_inner_texts()
-    return [float(each.replace("−", "-")) for each in cells[1:]]
+    plain = str.maketrans("−⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "--0123456789")
+    return [float(each.translate(plain).replace("·10", "e")) for each in cells[1:]]
 
 
 def test_techniques_of_the_course():

@@ -282,7 +282,7 @@ const ZOOMS = { "+": 2, "=": 2, "-": 0.5, 0: 0 };
 
 /** A value of single precision, with as many digits as it has. */
 function exact(value) {
-  return Number.isFinite(value) ? signed(Number(value.toPrecision(7))) : String(value);
+  return Number.isFinite(value) ? short(value, 7) : String(value);
 }
 
 export function render({ model }) {
