@@ -5,12 +5,21 @@ import math
 import mitsuba as mi
 import pytest
 from helpers import browser
+from hypothesis import HealthCheck, settings
 
 import tofrender  # Picks the variant and registers the plugins
 
 VARIANT = "llvm_ad_rgb"
 
 tofrender.integrators.passes.STEP_S = math.inf  # Steps are as many on a slow machine
+
+settings.register_profile(
+    "same on all machines",
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+settings.load_profile("same on all machines")
 
 
 def pytest_collection_modifyitems(items):

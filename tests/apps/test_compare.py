@@ -1,18 +1,27 @@
-"""`tofrender compare`: pictures of the course's scenes, references, files, and the divider."""
+"""`tofrender compare`: pictures of the course's scenes, references, files, films, and the page."""
 
 import mitsuba as mi
 import numpy as np
 import pytest
 from helpers import browser
+from helpers.made_dataset import make_dataset
+from helpers.processes import wait_for
 from helpers.support import refused
 
+from tofrender import io
 from tofrender.apps.compare import pictures
-from tofrender.apps.compare.pictures import Picture, difference, load_picture, render_technique
+from tofrender.apps.compare.pairs import Pair, Picture, load, numbers
+from tofrender.apps.compare.pictures import render_technique
 from tofrender.cli.app import main
+from tofrender.vis.transient import Transient
+
+SIZES = ((1400, 900), (800, 600), (390, 844))
 
 
 def off(scene: str, way: str, spp: int) -> float:
-    return difference(render_technique(scene, way, spp), render_technique(scene, "reference", 1))
+    """Root mean square difference from the reference, as a part of its mean."""
+    reference, seen = (render_technique(scene, *w).pixels for w in (("reference", 1), (way, spp)))
+    return numbers(reference, seen)["relative"]
 
 
 def test_all_scenes_of_the_course_have_a_reference():
@@ -35,15 +44,53 @@ def test_both_techniques_are_nearer_to_the_reference_than_one():
 
 
 def test_files(tmp_path):
-    values = np.linspace(0, 1, 48, dtype=np.float32).reshape(4, 4, 3)
+    values = np.linspace(-1, 1, 48, dtype=np.float32).reshape(4, 4, 3)
     mi.Bitmap(values).write(str(tmp_path / "a.exr"))
-    assert load_picture(tmp_path / "a.exr").pixels == pytest.approx(values, abs=1e-3)
+    assert load(tmp_path / "a.exr", io.load_exr_stack).pixels == pytest.approx(values, abs=1e-3)
+    data = make_dataset(4, 5, 6)
+    film = load(io.save_npz(data, tmp_path / "film.npz"), io.load_npz)
+    assert np.array_equal(film.pixels, data.steady)
+    assert np.array_equal(film.film.values.read(), data.transient)
     for name in ("no.exr", "bad.exr", "bad.npz"):
         if name.startswith("bad"):
             (tmp_path / name).write_bytes(b"text")
-        refused("exr|npz", load_picture, tmp_path / name, kind=(ValueError, FileNotFoundError))
-    with pytest.raises(ValueError, match=r"b: 2 x 3 pixels; must be 4 x 4, as a"):
-        difference(Picture("a", values), Picture("b", np.ones((3, 2, 3), np.float32)))
+        arguments = tmp_path / name, io.load_npz if "npz" in name else io.load_exr_stack
+        refused("exr|npz", load, *arguments, kind=(ValueError, FileNotFoundError))
+    sizes = [np.ones((height, 4, 3), np.float32) for height in (4, 3)]
+    refused("b: 4 x 3 pixels; must be 4 x 4, as a", Pair, *map(Picture, "ab", sizes))
+
+
+def film(name: str, start: float, width: float, bins: int, quantity: str) -> Picture:
+    """A film of light that is 1 per metre at a path length of 0 and grows by 1 each metre."""
+    opl = start + width * (np.arange(bins) + 0.5)
+    values = np.tile((1 + opl) * (width if "bin" in quantity else 1), (2, 3, 1)).astype(np.float32)
+    return Picture(name, values.sum(2)[..., None], Transient(values, start, width, 0, 0, quantity))
+
+
+def test_films_of_other_bins_are_shown_at_the_same_time():
+    a, b = film("a", 1, 0.5, 8, "radiance per bin"), film("b", 2, 0.125, 40, "radiance per metre")
+    pair = Pair(a, b)
+    assert (pair.clock.start, pair.clock.width, pair.clock.count) == (2, 0.125, 24)
+    for step in (0, 1, 11, 23):
+        opl = 2 + 0.125 * (step + 0.5)
+        one, other = pair.frames(step)
+        assert one.shape == other.shape == (2, 3, 1)
+        assert other == pytest.approx(1 + opl)
+        assert one == pytest.approx(1 + opl, abs=0.25 + 1e-6)  # The middle of the wider bin
+        assert [each[step] for each in pair.responses(2, 1)] == pytest.approx(
+            [one[1, 2, 0], opl + 1]
+        )
+    late = film("late", 9, 0.5, 8, "radiance per bin")
+    refused("late: bins from 9 to 13 m; must overlap with 1 to 5 m in time", Pair, a, late)
+    assert Pair(a, film("c", 1, 0.5, 8, "radiance per bin")).quantity == "radiance per bin"
+
+
+def test_numbers_of_a_difference_leave_out_what_is_unknown():
+    a, b = np.array([[1.0, 2.0, np.nan]]), np.array([[1.0, -2.0, 5.0]])
+    found = numbers(a, b)
+    assert found["rms"] == pytest.approx(np.sqrt(8))
+    assert (found["largest"], found["mean_a"], found["mean_b"]) == (4, 1.5, -0.5)
+    assert numbers(a * np.nan, b) == {}
 
 
 def test_what_cannot_be_compared(capsys, tmp_path, monkeypatch):
@@ -54,24 +101,100 @@ def test_what_cannot_be_compared(capsys, tmp_path, monkeypatch):
     assert capsys.readouterr().err.startswith("error: picture = 'a.exr': must be a file")
 
 
-def test_the_divider():
+def values(there) -> list[float]:
+    """Of A, B and B - A in the first channel of the chosen pixel."""
+    cells = there.locator("tbody tr").first.locator("td").all_inner_texts()
+    plain = str.maketrans("−⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "--0123456789")
+    return [float(each.translate(plain).replace("·10", "e")) for each in cells[1:]]
+
+
+def test_techniques_of_the_course():
     with browser.page_of("compare", "sphere_light_medium", dark=True) as there:
-        there.get_by_text("Root mean square difference").wait_for()
-        said = there.locator(".box").inner_text()
+        there.get_by_text("RMS from the reference").first.wait_for()
+        said = there.locator("dl").inner_text()
         for way in ("mats", "mis"):
             assert f"{100 * off('sphere_light_medium', way, 16):.3g} %" in said
-        box = there.locator("canvas").last.bounding_box()
+        box = there.locator(".frame").bounding_box()
         before = browser.shades(there)
         y, half, tenth = box["y"] + 50, *(box["x"] + part * box["width"] for part in (0.5, 0.1))
         browser.drag(there, (half, y), (tenth, y))
-        there.wait_for_selector('[data-divider="10"]')
+        there.wait_for_selector('[data-divider^="0.1"]')
         assert not np.array_equal(browser.shades(there), before)
-        slider = there.get_by_label("Divider between the two pictures")
+        slider = there.get_by_label("Divider", exact=True).last
         slider.focus()
         slider.press("End")
-        there.wait_for_selector('[data-divider="100"]')
-        there.get_by_label("Left", exact=True).select_option(label="nee: light sampling")
-        there.get_by_text("nee, 16 samples").first.wait_for()
+        there.wait_for_selector('[data-divider="1"]')
+        there.get_by_label("A", exact=True).last.select_option(label="nee: light sampling")
+        there.get_by_text("A: nee, 16 samples").first.wait_for()
+        there.get_by_label("Scene").select_option("bust_ao")
+        there.get_by_text("B: reference, 1024 samples").first.wait_for()
+
+
+@pytest.fixture(scope="module")
+def films(tmp_path_factory):
+    """Two films on disk, the second of which starts five bins later."""
+    folder = tmp_path_factory.mktemp("films")
+    one = make_dataset(30, 40, 25)
+    other = one.isel(opl=slice(5, None)).copy(deep=True)
+    other["transient"] *= 1.5
+    other.attrs["start_opl"] += 5 * one.attrs["bin_width_opl"]
+    return one, [io.save_npz(each, folder / f"{k}.npz") for k, each in enumerate((one, other))]
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_films_with_one_clock(films, size):
+    one, paths = films
+    with browser.page_of("compare", *paths, size=size, dark=size[0] == 390) as there:
+        time = there.get_by_label("Time", exact=True)
+        there.wait_for_selector("canvas[data-view=divider]")
+        assert there.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        time.focus()
+        frame = there.locator(".frame")
+        box = frame.bounding_box()
+        for key, step in (("Home", 0), ("ArrowRight", 1), ("End", 19)):
+            time.press(key)
+            x, y = box["x"] + 20.5 / 40 * box["width"], box["y"] + 7.5 / 30 * box["height"]
+            there.mouse.click(x, y)
+            expected = float(one.transient[7, 20, 5 + step, 0])
+            wait_for(lambda it=expected: values(there)[0] == pytest.approx(it, rel=1e-6))
+            a, b, difference = values(there)
+            assert b == pytest.approx(1.5 * expected, rel=1e-6)
+            assert difference == pytest.approx(b - a, rel=1e-5)
+        frame.focus()
+        for key, view in (("f", "a"), ("f", "b"), (" ", "a"), ("d", "difference")):
+            there.keyboard.press(key)
+            there.wait_for_selector(f"canvas[data-view={view}]")
+        ends = there.locator(".bar span").all_inner_texts()
+        assert ends[0] == f"−{ends[-1]}"
+        there.keyboard.press("+")
+        there.wait_for_selector('canvas[data-scale="2"]')
+        there.mouse.move(box["x"] + 100, box["y"] + 60)
+        there.mouse.wheel(0, -300)
+        there.wait_for_selector('canvas[data-scale="4"]')
+        there.get_by_role("button", name="Whole picture").click()
+        there.wait_for_selector('canvas[data-scale="1"]')
+        there.get_by_label("All time").check()
+        relative = numbers(one.steady.values, one.steady.values)["relative"]
+        there.get_by_text(f"0, {100 * relative:.3g} % of A's mean").wait_for()
+
+
+def test_two_fingers_enlarge_what_is_between_them(films):
+    with browser.page_of("compare", *films[1], size=SIZES[2]) as there:
+        there.wait_for_selector("canvas[data-view=divider]")
+        touches = there.context.new_cdp_session(there)
+        box = there.locator(".frame").bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+        def fingers(kind: str, *apart: float) -> None:
+            points = [{"x": x + each, "y": y, "id": k} for k, each in enumerate(apart)]
+            touches.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+        fingers("touchStart", -20, 20)
+        for half in (30, 40, 60, 80):
+            fingers("touchMove", -half, half)
+        fingers("touchEnd")
+        scale = float(there.locator(".frame canvas").get_attribute("data-scale"))
+        assert scale == pytest.approx(4, rel=0.3)
 
 
 def test_each_technique_is_rendered_by_its_tracer(monkeypatch):

@@ -127,7 +127,7 @@ def test_what_is_dark_negative_or_unknown():
 def test_peaks_are_as_fine_as_the_render():
     data = noisy()
     expected = data["opl"].values[tofrender.vis.luminance(data["transient"].values).argmax(axis=2)]
-    peaks = contents_of(data, most_bytes=20_000).part("peaks").reshape(expected.shape)
+    peaks = contents_of(data, most_bytes=30_000).part("peaks").reshape(expected.shape)
     np.testing.assert_allclose(peaks, expected, rtol=1e-6)
 
 

@@ -10,10 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import browser
 from PIL import Image
 from test_explorer_page import contents_of, moving, opened as report
-from test_warptest_page import drawn
 
 LOOKS = Path(__file__).with_name("looks")
 SIZE, SMALL = (1280, 800), (64, 40)
@@ -44,14 +42,4 @@ def test_the_report(tmp_path, dark):
         assert differ(name, look(page)) < SHARE
         page.evaluate("document.querySelector('canvas.plot').style.visibility = 'hidden'")
         page.evaluate("document.querySelector('.tof-picture').style.filter = 'invert(1)'")
-        assert differ(name, look(page)) > SHARE
-
-
-@pytest.mark.parametrize("dark", [False, True])
-def test_the_warp_tester(dark):
-    with browser.page_of("warptest", "tent", size=SIZE, dark=dark) as page:
-        drawn(page, view="2D")
-        name = f"warptest_{'dark' if dark else 'light'}"
-        assert differ(name, look(page)) < SHARE
-        page.locator("canvas").first.evaluate("canvas => canvas.style.visibility = 'hidden'")
         assert differ(name, look(page)) > SHARE

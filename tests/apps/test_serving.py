@@ -15,6 +15,7 @@ from tornado.websocket import WebSocketClosedError
 
 from tofrender.apps.ui import serving
 from tofrender.apps.view.sources import LiveRender
+from tofrender.cli import options
 from tofrender.cli.app import main
 
 
@@ -68,13 +69,17 @@ def test_two_viewers_find_two_ports_which_are_free_after_ctrl_c():
             assert is_free(each.port)
 
 
-def test_a_port_that_is_taken(capfd):
-    with viewer() as one:
-        assert main(["warptest", "no_op", "--no-browser", "--port", str(one.port)]) == 2
-        said = capfd.readouterr().err
-        assert said.startswith(f"error: --port = {one.port}: must be free to listen on")
-        assert said.count("\n") == 1
-        one.stop()
+def test_a_port_that_is_taken_is_told_before_anything_is_loaded(capfd, monkeypatch):
+    monkeypatch.setattr(options, "activate", None)
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = str(taken.getsockname()[1])
+        for command in (["warptest", "no_op"], ["compare"], ["view", "cornell_box", "--live"]):
+            assert main([*command, "--no-browser", "--port", port]) == 2
+            said = capfd.readouterr().err
+            assert said.startswith(f"error: --port = {port}: must be free to listen on")
+            assert said.count("\n") == 1
 
 
 def test_other_addresses_need_the_token():

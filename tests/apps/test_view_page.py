@@ -12,11 +12,6 @@ import tofrender
 from tofrender import io
 
 FIND = browser.found("each.explorer", "each.explorer")
-RANGE = """([title, value]) => {
-  for (const model of Bokeh.documents[0]._all_models.values()) {
-    if (model.title === title) model.value = value;
-  }
-}"""
 
 
 def state(there) -> dict:
@@ -31,8 +26,11 @@ def test_parts_of_a_large_cube_are_shown_in_full(tmp_path):
         state(there)
         header = f"{browser.found('each.explorer', 'each')}.textContent"
         assert "are averaged" in there.evaluate(header)
-        for name, value in (("Rows", [100, 140]), ("Columns", [30, 90]), ("Bins", [0, 200])):
-            there.evaluate(RANGE, [name, value])
+        for name, ends in (("Rows", (100, 140)), ("Columns", (30, 90)), ("Bins", (0, 200))):
+            for side, end in zip(("from", "to"), ends, strict=True):
+                field = there.get_by_label(f"{name} {side}")
+                field.fill(str(end))
+                field.press("Tab")
         there.get_by_role("button", name="Look closer").click()
         there.get_by_text("60 × 40 pixels, 200 bins").first.wait_for()
         assert "All pixels and bins are there" in there.evaluate(header)
@@ -43,8 +41,9 @@ def test_cut_files_give_a_message_and_whole_ones_their_values(tmp_path):
     data = tofrender.render(scene, spp=16, window="auto", progress=False)
     path = io.save_npz(data, tmp_path / "box.npz")
     whole = path.read_bytes()
-    path.write_bytes(whole[:3000])
     with browser.page_of("view", path) as there:
+        state(there)
+        path.write_bytes(whole[:3000])
         there.get_by_text("box.npz cannot be shown").wait_for()
         path.write_bytes(whole)
         state(there)
@@ -70,6 +69,10 @@ def test_a_render_goes_on_stops_and_is_saved(tmp_path):
         assert now["bins"] == first["bins"]
         assert now["pixels"] == [[3, 4]]  # What one looks at stays
         assert now["bin"] == 7
+        there.evaluate(
+            f"{FIND}.set({{pixels: [[16, 25]], view: 'gate', gate: {{first: 30, count: 99}}}})"
+        )
+        there.get_by_role("button", name="light → floor → small-box → sensor").wait_for()
         there.get_by_role("button", name="Save as live.npz").click()
         there.get_by_text("Saved").wait_for()
         data = io.load_npz(out)
@@ -81,14 +84,27 @@ def test_a_render_goes_on_stops_and_is_saved(tmp_path):
         there.get_by_text("rendering").wait_for()
 
 
+def test_a_page_says_that_its_server_has_stopped(tmp_path):
+    path = io.save_npz(make_dataset(4, 6, 5), tmp_path / "small.npz")
+    with browser.page_of("view", path) as there:
+        state(there)
+        assert not there.get_by_role("alert").count()
+        assert there.command.stop() == 0
+        there.get_by_role("alert").get_by_text("The server has stopped").wait_for()
+
+
 def test_what_cannot_be_viewed(capsys, tmp_path, monkeypatch):
     from tofrender.cli.app import main
 
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "bad.npz").write_bytes(b"text")
     for arguments, said in (
         (["cornell_box"], "DIR|FILE|SCENE = 'cornell_box': add --live to render it"),
         (["no.npz"], "DIR|FILE|SCENE = 'no.npz': must exist, or be a scene"),
+        (["bad.npz"], "path = bad.npz: File is not a zip file"),
         ([".", "--spp", "4"], "--live: must be given with --spp"),
     ):
         assert main(["view", *arguments, "--no-browser"]) == 2
-        assert capsys.readouterr().err.startswith(f"error: {said}")
+        err = capsys.readouterr().err
+        assert err.startswith(f"error: {said}")
+        assert err.count("\n") == 1

@@ -58,6 +58,16 @@ def test_all_that_commands_write(tmp_path, capsys, kind):
     assert header["title"] == "My <title>"
 
 
+def test_a_volume_with_its_capture(tmp_path):
+    source, _ = made(tmp_path, "volume")
+    page = tmp_path / "report.html"
+    capture = str(tmp_path / "wall.h5")
+    assert main(["report", str(source), "--capture", capture, "-o", str(page)]) == 0
+    header = header_of(page)
+    assert "wall" in header["parts"]
+    assert header["volume"]["kind"] == "volume"
+
+
 def test_a_report_may_lie_with_its_render(tmp_path):
     folder, _ = made(tmp_path, "frames")
     assert main(["report", str(folder), "-o", str(folder / "report.html")]) == 0

@@ -304,7 +304,7 @@ def test_no_submission_takes_much_longer_than_its_limit(tmp_path, home, monkeypa
 
     def until_its_end(command, timeout_s, **_):
         now[0] += timeout_s
-        return processes.Ended(f"took more than {timeout_s:g} s", -9, "", timeout_s)
+        return processes.Ended(f"took more than {timeout_s:g} s", -9, "")
 
     monkeypatch.setattr(grading.processes, "run", until_its_end)
     monkeypatch.setattr(grading, "time", SimpleNamespace(monotonic=lambda: now[0]))

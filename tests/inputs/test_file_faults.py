@@ -137,8 +137,6 @@ damages = st.tuples(
 
 @settings(
     max_examples=200,
-    deadline=None,
-    derandomize=True,
     database=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )

@@ -14,7 +14,7 @@ from oracles.films import disk_light_masses
 from oracles.noise import paths, sphere, truth
 from scipy.stats import t as student
 
-from tofrender.rendering.errors import PARTS, parts_of, seed_of
+from tofrender.rendering.errors import BATCHES, batches_of, seed_of
 from tofrender.rendering.renderer import make_job
 from tofrender.rendering.settings import RenderSettings
 from tofrender.rendering.work_items import render_item, whole as all_samples
@@ -26,7 +26,7 @@ SIGMAS = 4.5
 """Distance of a mean from what is expected that right code exceeds 7 times in a million."""
 
 SLACK = 0.01
-"""What means of 16 parts are off from Student's t, as they are not quite normal."""
+"""What means of 16 batches are off from Student's t, as they are not quite normal."""
 
 
 def covered(values, errors, expected) -> np.ndarray:
@@ -36,7 +36,7 @@ def covered(values, errors, expected) -> np.ndarray:
     return np.stack([off <= errors, off <= 2 * errors], axis=-1)
 
 
-def is_calibrated(found: np.ndarray, freedom: int = PARTS - 1) -> bool:
+def is_calibrated(found: np.ndarray, freedom: int = BATCHES - 1) -> bool:
     """Whether shares are Student's; `found` has pixels, which are independent, first."""
     by_pixel = found.reshape(len(found), -1, 2).mean(axis=1)
     noise = by_pixel.std(axis=0, ddof=1) / np.sqrt(len(by_pixel))
@@ -147,21 +147,21 @@ def test_that_are_resumed():
     many = paths(256) >= 10
     values, errors = gathered(films, many)
     assert films[0].attrs["spp"] == 256
-    assert is_calibrated(covered(values, errors, truth()[many]), 2 * (PARTS - 1))
-    assert not is_calibrated(covered(values, 0.9 * errors, truth()[many]), 2 * (PARTS - 1))
+    assert is_calibrated(covered(values, errors, truth()[many]), 2 * (BATCHES - 1))
+    assert not is_calibrated(covered(values, 0.9 * errors, truth()[many]), 2 * (BATCHES - 1))
 
 
 @pytest.mark.parametrize(
     ("spp", "count"), [(16, 16), (32, 16), (4096, 16), (8, 8), (24, 8), (4, 4), (12, 4), (100, 4)]
 )
 def test_numbers_of_parts(spp, count):
-    assert parts_of(spp) == count
-    assert PARTS == 16
+    assert batches_of(spp) == count
+    assert BATCHES == 16
 
 
 @pytest.mark.parametrize("spp", [1, 2, 3, 6, 10, 4097])
 def test_samples_that_cannot_be_divided_are_refused(spp):
-    for work in (lambda: parts_of(spp), lambda: render(box(), spp=spp, errors=True)):
+    for work in (lambda: batches_of(spp), lambda: render(box(), spp=spp, errors=True)):
         with refused(f"spp = {spp}: must be"):
             work()
 
@@ -221,7 +221,7 @@ def test_ctrl_c_returns_the_parts_that_are_finished(monkeypatch, spp):
 
 
 def test_one_part_has_no_errors(monkeypatch):
-    with refused("1 of 16 parts", KeyboardInterrupt):
+    with refused("1 of 16 batches", KeyboardInterrupt):
         stopped(monkeypatch, 0, spp=32)
 
 

@@ -1,6 +1,9 @@
 """Progress bars appear when they should; Ctrl-C asks first and insists later."""
 
+import os
+import pty
 import queue
+import select
 import signal
 import subprocess
 import sys
@@ -219,6 +222,26 @@ def test_in_a_notebook():
     text = "".join(said)
     assert text.index("Starting ...") < text.index("3/8")
     assert "danger" not in text
+
+
+_IN_A_TERMINAL = f"""
+{_DRAWN}
+with progress.ProgressBar("Working", 8) as bar:
+    bar.update(3)
+    drawn(bar)
+"""
+
+
+def test_a_terminal_that_reports_no_size_shows_bars_too():
+    ours, theirs = pty.openpty()  # 0 x 0, as in containers and under `script`
+    try:
+        command = [sys.executable, "-c", _IN_A_TERMINAL]
+        subprocess.run(command, stderr=theirs, check=True, cwd=processes.ROOT)
+        assert select.select([ours], [], [], 1)[0], "nothing was drawn"
+        assert b"3/8" in os.read(ours, 1 << 16)
+    finally:
+        os.close(ours)
+        os.close(theirs)
 
 
 def test_threads_end_with_their_bars():

@@ -23,7 +23,7 @@ from ..rendering.dataset import DIMS, LOST_ENERGY, QUANTITIES, time_axis
 from ..runtime import checks
 from ..runtime.progress import status
 from ..signals.phasors import phasor_parts
-from ..signals.units import SPEED_OF_LIGHT, check_frequencies
+from ..signals.units import SPEED_OF_LIGHT, check_below_limit, check_frequencies
 
 
 @status("Converting to phasors")
@@ -89,12 +89,7 @@ def transient_to_phasor(
         quantity = checks.one_of("quantity", quantity, QUANTITIES)
         values = transient_data
     cube = _four_axes(Cube.of("transient_data", values))
-    limit = SPEED_OF_LIGHT / (2 * width)
-    if max(frequencies) >= limit:
-        raise ValueError(
-            f"frequency_hz = {max(frequencies):g}: must be below {limit:g}, where bins of "
-            f"{width:g} m are half a period"
-        )
+    check_below_limit(frequencies, width)
     if outside > LOST_ENERGY:
         warnings.warn(
             f"{100 * outside:.1f} % of the energy arrives outside the window and is missing from "

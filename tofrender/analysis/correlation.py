@@ -222,14 +222,11 @@ def _pixel_centre_hits(scene: Any, sensor: int) -> tuple[Any, Any, Any, tuple[in
 
     backend.require_vectorised()
     scene = scene if isinstance(scene, mi.Scene) else load_scene(scene)
-    require_sensor(scene)
-    sensors = scene.sensors()
-    camera = sensors[checks.integer("sensor", sensor, 0, len(sensors) - 1)]
+    camera: Any = require_sensor(scene, sensor)
     width, height = (int(v) for v in camera.film().crop_size())
-    pixel = dr.arange(mi.UInt32, width * height)
-    y = pixel // width
-    size: Any = mi.ScalarVector2f(width, height)
-    centre = (mi.Point2f(pixel - y * width, y) + 0.5) / size
+    x, y = dr.meshgrid(dr.arange(mi.Float, width), dr.arange(mi.Float, height))
+    size: Any = mi.ScalarPoint2f(width, height)
+    centre = (mi.Point2f(x, y) + 0.5) / size
     with backend.tracing_lock():
         ray, _ = camera.sample_ray(camera.shutter_open(), 0.5, centre, mi.Point2f(0.5))
         hides = getattr(scene.integrator(), "hide_emitters", False)

@@ -95,11 +95,9 @@ def unwrap(
     weights = np.ones(phases.shape)
     if amplitudes is not None:
         weights = checks.real_array("amplitudes", amplitudes, np.float64)
-        if weights.shape != phases.shape or (weights < 0).any():
-            raise ValueError(
-                f"amplitudes with shape {weights.shape}: must be at least 0 and of shape "
-                f"{phases.shape}, as the phases"
-            )
+        valid = weights.shape == phases.shape and not (weights < 0).any()
+        allowed = f"at least 0 and of shape {phases.shape}, as the phases"
+        checks.shape("amplitudes", weights, valid, allowed)
     column = (-1, *[1] * (phases.ndim - 1))
     ranges = (SPEED_OF_LIGHT / 2 / np.array(frequencies)).reshape(column)
     finest = float(ranges.min())

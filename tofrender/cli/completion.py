@@ -23,6 +23,9 @@ def among(names: Iterable[str]) -> Callable[[str], list[str]]:
     return lambda incomplete: [name for name in known if name.startswith(incomplete)]
 
 
+variant = among(VARIANTS)
+
+
 def scene_names() -> list[str]:
     """Names of the built-in scenes, as the package's stub lists them."""
     names = public_names("tofrender", str(Path(__file__).parents[1] / "__init__.py"))

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from ..course.assignments import find
+from ..course.judge.running import Outcome, points_of
+from ..course.material import points_text
+from ..course.rubric import Rubric
 from ..runtime.checks import printable
 from .options import argument, integer, named, note, say, switch
-
-if TYPE_CHECKING:
-    from ..course.judge.running import Outcome
-    from ..course.rubric import Rubric
 
 MAX_SEEDS = 10_000
 CHECKS = "structure, edition, starter, reference, solutions, mutants, or a mutant's id"
@@ -31,10 +31,10 @@ def release(
     It holds the handout and the package, without the modules that students write themselves. If
     any of them is still there, nothing is made.
     """
-    from tofrender.course import assignments, edition
+    from tofrender.course import edition
     from tofrender.course.author.release import PACKAGE_FOLDER, release as make
 
-    found = assignments.find(assignment)
+    found = find(assignment)
     made = make(found, out, pdf=pdf)
     chosen = edition.chosen(found.rubric)
     kinds = ", ".join([".md", ".html", *([".pdf"] if pdf else [])])
@@ -62,10 +62,9 @@ def verify(
     """
     from rich.console import Console
 
-    from tofrender.course import assignments
     from tofrender.course.author.verify import verify as run_checks
 
-    found = assignments.find(assignment)
+    found = find(assignment)
     chosen = tuple(only or ())
     console = Console()
     passed = True
@@ -83,11 +82,10 @@ def verify(
 
 def start(assignment: Name, folder: Annotated[Path, argument("FOLDER", "A new folder.")]) -> None:
     """Make a folder to work in: stubs, tests, handout and notebook of an assignment."""
-    from tofrender.course import assignments
     from tofrender.course.notebooks import NOTEBOOK
     from tofrender.course.student.folders import start as make
 
-    found = assignments.find(assignment)
+    found = find(assignment)
     made = make(found, folder)
     first = found.rubric.problems[0]
     reading = f"then read README.md, and open {NOTEBOOK} in an editor or Jupyter"
@@ -109,10 +107,9 @@ def submit(
 
     Failed tests do not keep you from handing in.
     """
-    from tofrender.course import assignments
     from tofrender.course.student import folders
 
-    found = assignments.find(assignment)
+    found = find(assignment)
     folders.check(found, folder)
     folder = folder.resolve()
     say("Running the public tests ...")
@@ -130,9 +127,6 @@ def submit(
 
 def _table(rubric: Rubric, outcomes: dict[str, Outcome]) -> None:
     """Print the points of each problem, and the tests that failed."""
-    from tofrender.course.judge.running import points_of
-    from tofrender.course.material import points_text
-
     reached = points_of(rubric, outcomes)
     width = max(len(problem.title) for problem in rubric.problems)
     total = 0.0

@@ -65,10 +65,6 @@ def dataset(
             config, out, only=only, client=client, resume=resume, tell=opt.note, again=AGAIN
         )
     count = made.sizes["record"]
-    opt.say(f"{out}: {count} record{'s' * (count != 1)}, {', '.join(_large(made))}")
-
-
-def _large(made: Any) -> list[str]:
-    """Names of what each record holds."""
     small = {"made_with", "attempt", *made.attrs["parameters"].split()}
-    return [str(n) for n, v in made.data_vars.items() if n not in small and v.ndim > 2]
+    large = [str(n) for n, v in made.data_vars.items() if n not in small and v.ndim > 2]
+    opt.say(f"{out}: {count} record{'s' * (count != 1)}, {', '.join(large)}")

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from ..course.assignments import find
+from ..course.rubric import MAX_SEED
 from ..runtime import checks
 from .course import Name
 from .options import integer, named, note, real, say
@@ -16,7 +18,6 @@ if TYPE_CHECKING:
     from ..course.grade.grading import Grader
 
 MAX_JOBS = 256
-MAX_SEED = (1 << 31) - 1
 
 RESULTS = "Results file; with --all the folder of the results files, else beside --csv."
 ROSTER = "With --all, CSV of the class: id, and name, email, section, submission."
@@ -66,7 +67,6 @@ def grade(
         assert everyone is not None
         out, csv = _check_class(everyone, out, csv, feedback, jobs)
 
-    from ..course.assignments import find
     from ..course.grade import classes, grading, roster as rosters
     from ..course.judge import sandbox
 
@@ -176,7 +176,6 @@ def gradescope(
         raise ValueError(f"--out = {out}: is a folder; must be a file")
     if out.suffix.lower() != ".zip":
         raise ValueError(f"--out = {out}: must end in .zip")
-    from ..course.assignments import find
     from ..course.grade import gradescope
 
     found = find(assignment)
@@ -197,7 +196,6 @@ def similarity(
     """
     if not everyone.is_dir():
         raise ValueError(f"--all = {everyone}: is no folder; must be one of submissions")
-    from ..course.assignments import find
     from ..course.grade import classes, similarity
 
     found = find(assignment)
@@ -218,7 +216,6 @@ def new_term(
 
     It writes one line of the rubric. Commit it after `tofrender verify` has passed.
     """
-    from ..course.assignments import find
     from ..course.author.release import new_term as write_term
 
     found = find(assignment)

@@ -8,18 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from ..runtime import backend
 from ..runtime.progress import EVERY_S, deferred_stop
-from . import completion, options as opt
+from . import checkpoints, completion, options as opt
 from .answers import Json, answer, dataset_facts
-from .checkpoints import (
-    Resume,
-    Seconds,
-    checkpointed,
-    end_if_incomplete,
-    end_if_stopped,
-    exclusively,
-    require_begun,
-    unfinished_work,
-)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -41,8 +31,8 @@ def capture(
     variant: opt.Variant = None,
     workers: opt.Workers = None,
     scheduler: opt.Scheduler = None,
-    checkpoint: Seconds = EVERY_S,
-    resume: Resume = False,
+    checkpoint: checkpoints.Seconds = EVERY_S,
+    resume: checkpoints.Resume = False,
     as_json: Json = False,
 ) -> None:
     """Capture a hidden scene by its relay wall.
@@ -72,18 +62,20 @@ def capture(
     require_sensor(loaded)
     shape = getattr(loaded.sensors()[0].film(), "shape", None)
     if shape is not None:
-        opt.check_disk_space(
-            out, math.prod(shape) * (shape[0] * shape[1] if mode == "exhaustive" else 1)
-        )
-    if resume and out.exists() and unfinished_work(out) is None:
+        lasers = shape[0] * shape[1] if mode == "exhaustive" else 1
+        opt.check_disk_space(out, math.prod(shape) * lasers)
+    if resume and out.exists() and checkpoints.unfinished_work(out) is None:
         found = io.load_capture(out)
         if found.attrs.get("complete", 1):
             require_same_capture(found, loaded, grid=None, sensor=0, wall=names, **sampling)
             line = f"{out}: already complete, {found.attrs['spp']} samples per pixel"
             answer("capture", as_json, _facts(found, out), [line])
             return
-    with checkpointed(out, checkpoint, resume) as file, opt.client_of(workers, scheduler) as client:
-        require_begun(resume, file and file.path, out)
+    with (
+        checkpoints.checkpointed(out, checkpoint, resume) as file,
+        opt.client_of(workers, scheduler) as client,
+    ):
+        checkpoints.require_begun(resume, file and file.path, out)
         given, points = (loaded, None) if client is None else (source, grid)
         captured = render_capture(
             given, grid=points, relay_wall=names, checkpoint=file, client=client, **sampling
@@ -96,8 +88,8 @@ def capture(
         line = f"{out}: {mode}, {facts['columns']}x{facts['rows']} points, {step}"
         if facts["complete"] or as_json:
             answer("capture", as_json, facts, [line])
-        end_if_incomplete(captured.attrs)
-    end_if_stopped(stop)
+        checkpoints.end_if_incomplete(captured.attrs)
+    checkpoints.end_if_stopped(stop)
 
 
 def _facts(captured: xr.Dataset, out: Path) -> dict[str, Any]:
@@ -136,10 +128,8 @@ def reconstruct(
     with opt.client_of(workers, scheduler) as client:
         volume = nlos.reconstruct(captured, method, client=client)
     brightness, depth = nlos.max_projection(volume), nlos.depth_map(volume)
-    with exclusively(out), io.output_folder(out, overwrite=True) as folder:
-        arrays: dict[str, Any] = {
-            str(name): volume[name].values for name in (*volume.data_vars, *volume.coords)
-        }
+    with checkpoints.exclusively(out), io.output_folder(out, overwrite=True) as folder:
+        arrays: dict[str, Any] = {str(name): v.values for name, v in volume.variables.items()}
         np.savez_compressed(folder / "volume.npz", **arrays)
         attrs = {"method": method, "units": "m"}
         for name, image in (("brightness", brightness), ("depth", depth)):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -120,9 +120,9 @@ def setting(name: str, parse: Callable[[str, Any], Any] | None = None, more: str
     return checked(parse or described.check, help, **METAVARS.get(name, {}))
 
 
-def named(metavar: str, help: str, *names: str) -> Any:
+def named(metavar: str, help: str, *names: str, complete: Any = None) -> Any:
     """An option that is text or a path, with the name of its value."""
-    return typer.Option(*names, metavar=metavar, help=help)
+    return typer.Option(*names, metavar=metavar, help=help, autocompletion=complete)
 
 
 def argument(metavar: str, help: str, complete: Any = None) -> Any:
@@ -182,10 +182,8 @@ def number(text: Any) -> Any:
     if not isinstance(text, str) or not text.isascii() or "_" in text or text != text.strip():
         return text
     for kind in (int, float):
-        try:
+        with suppress(ValueError):
             return kind(text)
-        except ValueError:
-            pass
     return text
 
 
@@ -216,12 +214,7 @@ Pixels = Annotated[Size | None, size("256x256", f"{SETTINGS['size'].help}.")]
 MaxDepth = Annotated[int | None, setting("max_depth")]
 Seed = Annotated[int, setting("seed")]
 Variant = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME",
-        help="Mitsuba variant, e.g. llvm_ad_rgb.",
-        autocompletion=completion.among(completion.VARIANTS),
-    ),
+    str | None, named("NAME", "Mitsuba variant, e.g. llvm_ad_rgb.", complete=completion.variant)
 ]
 Workers = Annotated[int | None, setting("workers")]
 Scheduler = Annotated[str | None, setting("scheduler")]

@@ -10,20 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from ..rendering.settings import RenderSettings
 from ..runtime import atomic
 from ..runtime.progress import EVERY_S, deferred_stop
-from . import options as opt
+from . import checkpoints, options as opt
 from .answers import Json, answer, render_facts
-from .checkpoints import (
-    AGAIN,
-    Resume,
-    Seconds,
-    checkpointed,
-    end_if_incomplete,
-    end_if_stopped,
-    film_path,
-    is_begun,
-    require_begun,
-    unfinished_work,
-)
 from .writing import write
 
 if TYPE_CHECKING:
@@ -70,8 +58,8 @@ def render(
     errors: Annotated[bool, opt.setting("errors")] = False,
     workers: opt.Workers = None,
     scheduler: opt.Scheduler = None,
-    checkpoint: Seconds = EVERY_S,
-    resume: Resume = False,
+    checkpoint: checkpoints.Seconds = EVERY_S,
+    resume: checkpoints.Resume = False,
     progress: opt.Progress = True,
     as_json: Json = False,
 ) -> None:
@@ -118,7 +106,7 @@ def render(
     if checkpoint:  # which has the samples' weight of each bin, too
         opt.check_disk_space(out, cells * channels, cells * (channels + 1))
 
-    complete = _complete(out, job) if resume and unfinished_work(out) is None else None
+    complete = _complete(out, job) if resume and checkpoints.unfinished_work(out) is None else None
     if complete is not None:
         files = sorted(path.name for path in out.iterdir())
         lines = [f"{out}: already complete, {complete.attrs['spp']} samples per pixel"]
@@ -126,23 +114,26 @@ def render(
         return
 
     # ---------------------------------------------------------------------- render and write
-    with checkpointed(out, checkpoint, resume) as file, opt.client_of(workers, scheduler) as client:
-        film = film_path(out)
-        if client is None and format != "zarr" and not is_begun(film) and _fits(job):
+    with (
+        checkpoints.checkpointed(out, checkpoint, resume) as file,
+        opt.client_of(workers, scheduler) as client,
+    ):
+        film = checkpoints.film_path(out)
+        if client is None and format != "zarr" and not checkpoints.is_begun(film) and _fits(job):
             earlier = _earlier(out, file) if resume else None
             result = render_item(job, remaining(job, earlier), checkpoint=file)
             dataset = dataset_of(job, result, earlier)
         elif client is not None and job.plan.splats:
-            require_begun(resume, file and file.path, out)
+            checkpoints.require_begun(resume, file and file.path, out)
             dataset = dataset_of(job, collect(job, client, file))
         else:
-            require_begun(resume, film, out)
+            checkpoints.require_begun(resume, film, out)
             dataset = _on_disk(job, film, client, checkpoint, resume)
         with deferred_stop() as stop:
             files = write(dataset, out, format, precision, video, figure, dpi)
         answer("render", as_json, render_facts(dataset, out, files), _report(dataset, out, files))
-        end_if_incomplete(dataset.attrs)
-    end_if_stopped(stop)
+        checkpoints.end_if_incomplete(dataset.attrs)
+    checkpoints.end_if_stopped(stop)
 
 
 def _with_time(options: dict[str, Any]) -> RenderSettings:
@@ -206,7 +197,9 @@ def _on_disk(
         for unfinished in (film, under_way(film)):
             atomic.remove(unfinished)
     if not is_film(film):
-        return stream(job, film, client=client, seconds=seconds, tell=opt.note, again=AGAIN)
+        return stream(
+            job, film, client=client, seconds=seconds, tell=opt.note, again=checkpoints.AGAIN
+        )
     dataset = load_zarr(film)
     check_resume(dataset, job)
     spp, wanted = dataset.attrs["spp"], whole(job).count

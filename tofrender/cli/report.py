@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 from zipfile import ZipFile
@@ -14,6 +16,8 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".html", ".htm")
 VOLUME = "volume.npz"  # As `tofrender reconstruct` writes it
+GATE, PHASORS = "gate.exr", "phasor_*Hz.exr"  # As `tofrender gate` and `tofrender phasor` do
+MEGABYTES = partial(checks.number, low=0.1, high=1000)
 
 
 def report(
@@ -21,26 +25,35 @@ def report(
         Path,
         opt.argument(
             "DIR|FILE",
-            "What `render`, `capture` or `reconstruct` has written, or an .npz, .exr, .zarr.",
+            "What `render`, `capture`, `reconstruct`, `phasor` or `gate` has written, or an .npz, "
+            ".exr, .zarr.",
         ),
     ],
     out: Annotated[Path, opt.named("FILE", "HTML file to write.", "--out", "-o")],
+    capture: Annotated[
+        Path | None, opt.named("FILE", "What a reconstruction was made from: 3D with its wall.")
+    ] = None,
     title: Annotated[str | None, opt.named("TEXT", "Title of the page.")] = None,
-    megabytes: Annotated[float, opt.positive("megabytes", "Maximum file size [MB].")] = 10.0,
+    megabytes: Annotated[
+        float,
+        opt.checked(MEGABYTES, "Maximum file size [MB].", min=0.1, max=1000),
+    ] = 10.0,
 ) -> None:
-    """One page to explore a render, a capture or a reconstruction.
+    """One page to explore a render, a capture, a reconstruction, phasors or a gate.
 
     FILE opens from disk, without a server or a network: light in time, responses of pixels,
     gates, phasors. The page states how it was reduced, and the accuracy of its values.
     """
     opt.check_file_out(out, *SUFFIXES, overwrite=True)
     backend.activate()
-    data = load_intensity(checks.path("DIR|FILE", source))
+    data = _load(checks.path("DIR|FILE", source))
 
+    from tofrender import io
     from tofrender.apps.explorer.page import report as write
 
     title = str(title or data.attrs.get("scene") or source.resolve().name)
-    write(data, out, title=title, megabytes=megabytes, overwrite=True)
+    captured = None if capture is None else io.load_capture(capture)
+    write(data, out, capture=captured, title=title, megabytes=megabytes, overwrite=True)
     opt.say(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
 
 
@@ -65,12 +78,51 @@ def _load(source: Path) -> xr.Dataset:
     if volume.name == VOLUME and volume.is_file():
         return _load_volume(volume)
     if source.is_dir():
+        if (source / GATE).is_file():
+            return _load_gate(source / GATE)
+        if phasors := sorted(source.glob(PHASORS)):
+            return _load_phasors(phasors)
         return opt.load_render(source, "DIR|FILE")
     if source.is_file() and suffix in loaders:
         return loaders[suffix](source)
-    allowed = "a folder of `render` or `reconstruct`, or an .npz, .exr, .zarr, .h5 or .hdf5"
+    commands = "`render`, `reconstruct`, `phasor` or `gate`"
+    allowed = f"a folder of {commands}, or an .npz, .exr, .zarr, .h5 or .hdf5"
     problem = "is none of these" if source.exists() else "does not exist"
     raise ValueError(f"DIR|FILE = {checks.quote(str(source))}: {problem}; must be {allowed}")
+
+
+def _load_gate(path: Path) -> xr.Dataset:
+    """Load the picture of `tofrender gate` as a transient of one bin, as wide as its gate is."""
+    import numpy as np
+    import xarray as xr
+
+    from tofrender.io.exr import load_exr_layers
+
+    layers, attrs = load_exr_layers(path)
+    image = layers[""][:, :, None]
+    centre = float(attrs["opl"])
+    width = math.sqrt(2 * math.pi) * float(attrs["pulse_width_opl"])  # Of a box of equal height
+    height, columns, _, channels = image.shape
+    axes = {"y": np.arange(height), "x": np.arange(columns), "opl": [centre]}
+    axes["channel"] = list("RGB" if channels == 3 else "L")
+    about = {"quantity": "radiance per metre", "start_opl": centre - width / 2}
+    about |= {"bin_width_opl": width, "units": attrs["units"], "spp": attrs["spp"]}
+    about["pulse"] = f"Gaussian gate, standard deviation {attrs['pulse_width_opl']} m"
+    return xr.Dataset({"transient": (tuple(axes), image)}, axes, about)
+
+
+def _load_phasors(paths: list[Path]) -> xr.Dataset:
+    """Load I and Q of the files of `tofrender phasor`."""
+    import numpy as np
+    import xarray as xr
+
+    from tofrender.io.exr import load_exr_layers
+
+    files = [load_exr_layers(path) for path in paths]
+    files.sort(key=lambda file: float(file[1]["frequency_hz"]))
+    dims = ("frequency", "y", "x", "channel")
+    parts = {k: (dims, np.stack([layers[k] for layers, _ in files])) for k in "IQ"}
+    return xr.Dataset(parts, {"frequency": [float(attrs["frequency_hz"]) for _, attrs in files]})
 
 
 def _load_volume(path: Path) -> xr.Dataset:
@@ -85,8 +137,9 @@ def _load_volume(path: Path) -> xr.Dataset:
             shape = tuple(axis.size for axis in axes.values())
             intensity = read_array(archive, "intensity", shape)
             volume = xr.Dataset({"intensity": (("z", "y", "x"), intensity)}, axes)
-            if "frame_axes.npy" in archive.namelist():
-                volume["frame_axes"] = (("axis", "xyz"), read_array(archive, "frame_axes"))
+            for name, axes in (("frame_origin", ("xyz",)), ("frame_axes", ("axis", "xyz"))):
+                if f"{name}.npy" in archive.namelist():
+                    volume[name] = axes, read_array(archive, name)
     except MemoryError as error:
         raise MemoryError(f"DIR|FILE = {path}: {error}") from None
     except Exception as error:  # Whatever a damaged file makes zipfile, zlib and NumPy raise

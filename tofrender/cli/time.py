@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from ..runtime.progress import EVERY_S, deferred_stop
 from ..signals.units import check_frequency
-from . import options as opt
+from . import checkpoints, options as opt
 from .answers import Json, answer
-from .checkpoints import Resume, Seconds, checkpointed, end_if_stopped, exclusively, require_begun
 
 if TYPE_CHECKING:
     import numpy as np
@@ -40,8 +39,8 @@ def phasor(
     variant: opt.Variant = None,
     figure: opt.Figure = "png",
     dpi: opt.Dpi = None,
-    checkpoint: Seconds = EVERY_S,
-    resume: Resume = False,
+    checkpoint: checkpoints.Seconds = EVERY_S,
+    resume: checkpoints.Resume = False,
     as_json: Json = False,
 ) -> None:
     """Phasor images: I, Q, amplitude, phase and depth at each frequency.
@@ -65,15 +64,15 @@ def phasor(
         rendered = components_of(opt.load_render(Path(source), "RENDER_DIR"))[0]
         opt.check_disk_space(out, len(LAYERS) * len(freq) * rendered["steady"].size)
         parts = transient_to_phasor(rendered, freq)
-        with exclusively(out), deferred_stop() as stop:
+        with checkpoints.exclusively(out), deferred_stop() as stop:
             files = _write_phasors(out, freq, parts, source, figure, dpi)
     else:
         loaded, sensor, samples = _load(source, spp, size, max_depth, variant)
         from tofrender.integrators.amcw import render_amcw_phasor
 
         opt.check_disk_space(out, len(LAYERS) * len(freq) * _values(sensor))
-        with checkpointed(out, checkpoint, resume) as file:
-            require_begun(resume, file and file.path, out)
+        with checkpoints.checkpointed(out, checkpoint, resume) as file:
+            checkpoints.require_begun(resume, file and file.path, out)
             parts = render_amcw_phasor(loaded, sensor, freq, samples, seed, checkpoint=file)
             with deferred_stop() as stop:
                 files = _write_phasors(out, freq, parts, source, figure, dpi)
@@ -81,7 +80,7 @@ def phasor(
     facts = {"out": str(out), "files": files, "width": width, "height": height}
     facts |= {"source": source, "frequencies_hz": freq}
     answer("phasor", as_json, facts, [f"{out}: {', '.join(files)}"])
-    end_if_stopped(stop)
+    checkpoints.end_if_stopped(stop)
 
 
 def gate(
@@ -98,8 +97,8 @@ def gate(
     variant: opt.Variant = None,
     figure: opt.Figure = "png",
     dpi: opt.Dpi = None,
-    checkpoint: Seconds = EVERY_S,
-    resume: Resume = False,
+    checkpoint: checkpoints.Seconds = EVERY_S,
+    resume: checkpoints.Resume = False,
     as_json: Json = False,
 ) -> None:
     """Render SCENE at one instant, given as a path length.
@@ -116,8 +115,8 @@ def gate(
     opt.check_disk_space(out, _values(sensor))
     integrator = _gated(loaded.integrator(), pulse_width)
     width: float = integrator.pulse.width_opl
-    with checkpointed(out, checkpoint, resume) as file:
-        require_begun(resume, file and file.path, out)
+    with checkpoints.checkpointed(out, checkpoint, resume) as file:
+        checkpoints.require_begun(resume, file and file.path, out)
         image = render_at_time(loaded, integrator, sensor, at, samples, seed, checkpoint=file)
         if not image.any():
             raise ValueError(f"--at = {at:g}: no light arrives then; `tofrender render` shows when")
@@ -131,7 +130,7 @@ def gate(
     facts = {"out": str(out), "files": files, "width": columns, "height": rows, "scene": scene}
     facts |= {"at": at, "pulse_width": width, "spp": samples, "seed": seed}
     answer("gate", as_json, facts, [f"{out}: {', '.join(files)}"])
-    end_if_stopped(stop)
+    checkpoints.end_if_stopped(stop)
 
 
 def _load(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -38,7 +39,7 @@ def view(
     looked at in full. With --live, SCENE is rendered to ever more samples; it can be stopped,
     can go on, and be saved.
     """
-    from tofrender.apps.ui.serving import require_panel, serve
+    from tofrender.apps.ui.serving import prepare, serve
 
     if not live and (spp or size or max_depth is not None or out is not None):
         raise ValueError("--live: must be given with --spp, --size, --max-depth or --out")
@@ -51,7 +52,7 @@ def view(
 
         hint = "add --live to render it" if source in BUILT_IN else "must exist, or be a scene"
         raise ValueError(f"DIR|FILE|SCENE = {checks.quote(source)}: {hint}")
-    require_panel()
+    prepare(host, port)
     opt.activate(variant, polarised=not live)
 
     from tofrender.apps.view.sources import LiveRender, SavedDataset
@@ -67,43 +68,38 @@ def view(
         shown = LiveRender(name, options | {"pulse_width": "auto"})
     else:
         shown = SavedDataset(Path(source), load_intensity)
-        if shown.error is not None:
-            opt.note(f"warning: {shown.error}")
-    try:
+    with closing(shown) if isinstance(shown, LiveRender) else nullcontext():
         make = application(shown, target)
         serve(make, "Light in time", host=host, port=port, browser=browser, tell=opt.say)
-    finally:
-        if isinstance(shown, LiveRender):
-            shown.close()
 
 
 def compare(
     one: Annotated[
-        str, opt.argument("SCENE|FILE", "A scene of the course, or a picture's file.")
+        str, opt.argument("SCENE|DIR|FILE", "A scene of the course, a picture, or a film.")
     ] = "veach",
-    two: Annotated[str | None, opt.argument("[FILE]", "Another picture of the same size.")] = None,
+    two: Annotated[str | None, opt.argument("[DIR|FILE]", "Another one of the same size.")] = None,
     host: Host = "127.0.0.1",
     port: Port = None,
     browser: Browser = True,
     variant: opt.Variant = None,
 ) -> None:
-    """Compare two pictures with a draggable divider.
+    """Compare two pictures, or two films with one clock.
 
-    Of a scene of the course they are rendered by the techniques that are chosen in the page, and
-    their differences from a reference are shown. Files are exr, png, jpg, or what `render` writes.
+    They are shown on both sides of a divider or in turns, with their values, their difference and
+    the responses of pixels. Pictures are exr, png or jpg; films are what `render` writes. A scene
+    of the course is rendered by the techniques that are chosen in the page.
     """
-    from tofrender.apps.ui.serving import require_panel, serve
+    from tofrender.apps.ui.serving import prepare, serve
 
-    require_panel()
+    prepare(host, port)
     opt.activate(variant)
 
-    from tofrender.apps.compare.pictures import SCENES, load_picture, same_size
+    from tofrender.apps.compare.pairs import Pair, load
+    from tofrender.apps.compare.pictures import SCENES
     from tofrender.apps.compare.window import application
 
     if two is None:
-        make = application(scene=checks.one_of("SCENE|FILE", one, SCENES))
+        make = application(scene=checks.one_of("SCENE|DIR|FILE", one, SCENES))
     else:
-        files = load_picture(one), load_picture(two)
-        same_size(*files)
-        make = application(files=files)
-    serve(make, "Two pictures", host=host, port=port, browser=browser, tell=opt.say)
+        make = application(pair=Pair(*(load(each, load_intensity) for each in (one, two))))
+    serve(make, "Comparison", host=host, port=port, browser=browser, tell=opt.say)

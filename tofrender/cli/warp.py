@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -75,18 +76,16 @@ def warptest(
     if out is not None:
         raise ValueError(f"--out = {out}: must be left out without --headless")
 
-    from tofrender.apps.ui.serving import require_panel, serve
+    from tofrender.apps.ui.serving import prepare, serve
 
-    require_panel()
+    prepare(host, port)
     opt.activate(variant, polarised=True)
 
     from tofrender.apps.warptest import application
 
     make, engine = application(name or "tent", module=module, **given)
-    try:
+    with closing(engine):
         serve(make, "Warp tester", host=host, port=port, browser=browser, tell=opt.say)
-    finally:
-        engine.close()
 
 
 def warp(
@@ -152,11 +151,10 @@ def _headless(
     from tofrender.apps.warptest import engine as engines
     from tofrender.runtime.canvas import save_figure
 
-    engine = engines.Engine(module)
-    source = [*engine.sources.values()][-1]
-    names = [name] if name else source.names()
     passed = 0
-    try:
+    with closing(engines.Engine(module)) as engine:
+        source = [*engine.sources.values()][-1]
+        names = [name] if name else source.names()
         for index, tested in enumerate(names):
             try:
                 case = source.case(tested, given)
@@ -173,8 +171,6 @@ def _headless(
                 figure = engines.figure(drawn, verdict, f"{count} {points} points")
                 save_figure(figure, out, **opt.dots(dpi))
                 opt.say(str(out))
-    finally:
-        engine.close()
     if len(names) > 1:
         opt.say(f"{passed} of {len(names)} passed")
     if passed < len(names):

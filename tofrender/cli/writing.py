@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -78,14 +79,10 @@ def write(
             page = vis.polarisation_figure(dataset["steady"])
             io.save_figure(page, folder / f"polarisation.{figure}", **opt.dots(dpi))
 
-    def write_transient() -> None:
-        _write_transient(dataset, folder, format, precision, progress=not video)
-
-    def write_video() -> None:
-        io.save_video(intensity, folder / "video.mp4")
-
     needed = stack_bytes(in_channels(dataset)["transient"].shape, precision)
     with io.output_folder(out, overwrite=True, needed_bytes=needed) as folder:
+        write_transient = partial(_write_transient, dataset, folder, format, precision, not video)
+        write_video = partial(io.save_video, intensity, folder / "video.mp4")
         run_concurrently(write_figures, write_transient, *[write_video] * video)
         if format == "zarr":  # Last, as the film would be lost with the folder if others fail
             film, target = dataset.encoding.get("source"), folder / opt.FILES[format]

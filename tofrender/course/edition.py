@@ -10,6 +10,7 @@ import json
 import shutil
 from collections.abc import Collection, Iterator
 from contextlib import suppress
+from importlib.util import resolve_name
 from pathlib import Path
 
 from . import material
@@ -147,15 +148,13 @@ def _module(path: Path) -> str:
 
 def _imports(path: Path) -> Iterator[str]:
     """Modules of the package that a file imports when it runs."""
-    package = _module(path).split(".")
-    if path.name != "__init__.py":
-        package = package[:-1]
+    module = _module(path)
+    package = module if path.name == "__init__.py" else module.rpartition(".")[0]
     for node in _at_import(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
             continue
-        above = package[: len(package) + 1 - node.level] if node.level else []
-        base = ".".join([*above, *(node.module or "").split(".")]).strip(".")
+        base = resolve_name("." * node.level + (node.module or ""), package)
         yield base
         for alias in node.names:
             with suppress(ValueError):  # no module of this package

@@ -9,6 +9,7 @@ import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import date, time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from ..runtime import checks
 from ..runtime.settings import CHECKS
 from .randomness import Source
 from .tables import boolean, checked, known_keys, table, text
-from .varied import Varied, parse_varied
+from .varied import REPEATABLE, Varied, parse_varied
 
 MAX_RECORDS = 10_000_000
 MAX_RETRY = 1000
@@ -31,38 +32,24 @@ Check = Callable[[str, Any], Any]
 
 @dataclass(frozen=True)
 class Capture:
-    """A capture of a relay wall.
+    """A capture of a relay wall."""
 
-    Attributes:
-        mode: One of "confocal", "single", "exhaustive".
-        grid: Points of the wall, width and height; None for the film's.
-        relay_wall: Id of the wall, None to find it.
-        hidden_depth: Whether the true depth of what is hidden is wanted.
-    """
-
-    mode: str = "confocal"
-    grid: tuple[int, int] | None = None
-    relay_wall: str | None = None
-    hidden_depth: bool = True
+    mode: str = "confocal"  # one of `MODES`
+    grid: tuple[int, int] | None = None  # points of the wall, width and height; None for the film's
+    relay_wall: str | None = None  # id of the wall, None to find it
+    hidden_depth: bool = True  # whether the true depth of what is hidden is wanted
 
 
 @dataclass(frozen=True)
 class Outputs:
-    """Outputs of each record.
-
-    Attributes:
-        transient, steady, depth, normals: Whether there is one.
-        phasor: Frequencies of its phasors [Hz].
-        noisy: Samples per pixel of a second transient with noise of its own; None for none.
-        capture: Its capture, None for none.
-    """
+    """Outputs of each record."""
 
     transient: bool = False
     steady: bool = False
     depth: bool = False
     normals: bool = False
-    phasor: tuple[float, ...] = ()
-    noisy: int | None = None
+    phasor: tuple[float, ...] = ()  # frequencies [Hz]
+    noisy: int | None = None  # samples per pixel of a second transient with noise of its own
     capture: Capture | None = None
 
     @property
@@ -154,10 +141,6 @@ def read_config(source: str | os.PathLike[str] | Mapping[str, Any] | Config) -> 
 
 
 # ------------------------------------------------------------------------------ checks of its keys
-
-
-def _integer(low: int, high: int) -> Check:
-    return lambda name, value: checks.integer(name, value, low, high)
 
 
 def _grid(name: str, value: Any) -> Any:
@@ -254,7 +237,7 @@ def _scene(name: str, value: Any) -> Any:
 
 RENDER = CHECKS | {"window": _window, "sensor": SETTINGS["sensor"].check}
 CAPTURE = {
-    "mode": lambda name, value: checks.one_of(name, value, MODES),
+    "mode": partial(checks.one_of, allowed=MODES),
     "grid": _grid,
     "relay_wall": text,
     "hidden_depth": boolean,
@@ -266,9 +249,9 @@ OUTPUTS = {
     "capture": lambda name, value: Capture(**checked(name, table(name, value), CAPTURE)),
 }
 CONFIG: dict[str, Check] = {
-    "records": _integer(1, MAX_RECORDS),
+    "records": partial(checks.integer, low=1, high=MAX_RECORDS),
     "seed": SETTINGS["seed"].check,
-    "retry": _integer(0, MAX_RETRY),
+    "retry": partial(checks.integer, low=0, high=MAX_RETRY),
     "scene": _scene,
     "arguments": table,
     "parameters": _parameters,
@@ -333,7 +316,7 @@ def _require_once(varied: Mapping[str, Varied], fixed: Mapping[str, Mapping[str,
         part, where = (each.target, str(each.part)), f"vary.{name}.{each.target} = {each.part!r}"
         if each.part in fixed.get(each.target, ()):
             raise ValueError(f"{where}: is in [{each.target}s] too; must be in one of both")
-        if each.only_once and part in owners:
+        if each.target not in REPEATABLE and part in owners:
             raise ValueError(f"{where}: vary.{owners[part]} has it too; must be in one of both")
         owners[part] = name
 

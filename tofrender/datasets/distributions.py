@@ -21,19 +21,13 @@ INFINITE = (-math.inf, math.inf)
 
 @dataclass(frozen=True)
 class Distribution:
-    """The distribution of one quantity.
+    """The distribution of one quantity."""
 
-    Attributes:
-        draw: Gives the value of a record.
-        length: How many numbers a draw has, 0 for a single one that is no list, None for others.
-        bounds: Least and largest number that can be drawn; infinite if there is none.
-        values: All values of a choice, None for other distributions.
-    """
-
-    draw: Callable[[Source], Any]
+    draw: Callable[[Source], Any]  # gives the value of a record
+    # how many numbers a draw has, 0 for a single one that is no list, None for others
     length: int | None = None
-    bounds: tuple[float, float] = INFINITE
-    values: tuple[Any, ...] | None = None
+    bounds: tuple[float, float] = INFINITE  # least and largest number that can be drawn
+    values: tuple[Any, ...] | None = None  # all values of a choice, None for other distributions
 
 
 def parse_distribution(where: str, table: Table) -> Distribution:
@@ -47,15 +41,14 @@ def parse_distribution(where: str, table: Table) -> Distribution:
 
 
 def _uniform(where: str, table: Table) -> Distribution:
-    low, high, single = _low_and_high(where, table)
-    ranges = list(zip(low, high, strict=True))
+    ranges, single = _ranges(where, table)
     return _of_entries(lambda u, a, b: a + u * (b - a), ranges, ranges, single)
 
 
 def _log_uniform(where: str, table: Table) -> Distribution:
-    low, high, single = _low_and_high(where, table)
-    checks.require(f"{where}.low", table["low"], min(low) > 0, "above 0 with log_uniform")
-    ranges = list(zip(low, high, strict=True))
+    ranges, single = _ranges(where, table)
+    least = min(low for low, _ in ranges)
+    checks.require(f"{where}.low", table["low"], least > 0, "above 0 with log_uniform")
     return _of_entries(lambda u, a, b: a * (b / a) ** u, ranges, ranges, single)
 
 
@@ -221,8 +214,8 @@ KEYS = {name: keys for name, (_, keys) in _KINDS.items()}
 # ---------------------------------------------------------------------------- values of the keys
 
 
-def _low_and_high(where: str, table: Table) -> tuple[Numbers, Numbers, bool]:
-    """Lows, highs, and whether they are for a single number."""
+def _ranges(where: str, table: Table) -> tuple[list[tuple[float, float]], bool]:
+    """Low and high of each entry, and whether they are for a single number."""
     given = [table.get("low"), table.get("high")]
     low, high = (_numbers(f"{where}.{n}", v) for n, v in zip(("low", "high"), given, strict=True))
     count = max(len(low), len(high))
@@ -231,7 +224,7 @@ def _low_and_high(where: str, table: Table) -> tuple[Numbers, Numbers, bool]:
     pairs = list(zip(low, high, strict=True))
     if any(a > b for a, b in pairs) or all(a == b for a, b in pairs):  # A coordinate may be fixed
         raise ValueError(f"{where}.low = {given[0]!r}: must be below high = {given[1]!r}")
-    return low, high, not any(isinstance(value, list | tuple) for value in given)
+    return pairs, not any(isinstance(value, list | tuple) for value in given)
 
 
 def _numbers(where: str, value: Any) -> Numbers:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -155,10 +156,8 @@ def _names(outputs: Outputs) -> list[str]:
 
 def _first_scene(config: Config, records: list[int]) -> mi.Scene:
     for attempt in range(config.retry):
-        try:
+        with suppress(ValueError):
             return load(scene_of(config, config.draw(records[0], attempt)), config)
-        except ValueError:
-            pass
     return load(scene_of(config, config.draw(records[0], config.retry)), config)
 
 

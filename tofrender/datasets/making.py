@@ -135,9 +135,11 @@ def make_dataset(
         check_client(client)
     tell(str(plan))
     with atomic.locked(target, "out"):
-        _require_room(folder, plan)
+        written = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+        if shutil.disk_usage(atomic.existing_parent(folder)).free < plan.bytes - written:
+            raise atomic.disk_full(folder, plan.bytes)
         with held_signals():
-            store = Store.begin(folder, _recipe(plan), plan.records, plan.layout)
+            store = Store.begin(folder, _recipe(plan), plan)
         receipts = {record: store.receipt(record) for record in plan.records}
         left = [record for record in plan.records if receipts[record] is None]
         count = len(plan.records)
@@ -164,7 +166,7 @@ def make_dataset(
         with held_signals():  # All records are there: what is left is done in a moment
             # Of a slow record that two workers made, the last one's receipt is the one that counts
             found = {record: store.last_receipt(record) for record in plan.records}
-            store.finish(found, plan.config.varied, plan.layout, _attributes(plan, found), target)
+            store.finish(plan, found, _attributes(plan, found), target)
     _warn_of_records(found)
     return load_dataset(target)
 
@@ -233,13 +235,6 @@ def _texts(value: Any) -> Iterator[str]:
     elif isinstance(value, Mapping | list | tuple):
         for each in value.values() if isinstance(value, Mapping) else value:
             yield from _texts(each)
-
-
-def _require_room(folder: Path, plan: Plan) -> None:
-    """Refuse a disk that the data set does not fit on."""
-    written = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
-    if shutil.disk_usage(atomic.existing_parent(folder)).free < plan.bytes - written:
-        raise atomic.disk_full(folder, plan.bytes)
 
 
 def _make_locally(plan: Plan, store: Store, records: list[int]) -> Iterator[tuple[int, Receipt]]:

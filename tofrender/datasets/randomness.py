@@ -18,19 +18,12 @@ BITS = 52
 
 @dataclass(frozen=True)
 class Source:
-    """The random numbers of one quantity in one record.
+    """The random numbers of one quantity in one record."""
 
-    Attributes:
-        seed: Of the data set.
-        record: Number of the record.
-        name: The quantity.
-        attempt: 0, or how many times the record was drawn before.
-    """
-
-    seed: int
-    record: int
-    name: str
-    attempt: int = 0
+    seed: int  # of the data set
+    record: int  # number of the record
+    name: str  # of the quantity
+    attempt: int = 0  # how many times the record was drawn before
 
     def number(self, index: int = 0) -> float:
         """The number `index`, inside (0, 1).

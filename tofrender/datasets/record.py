@@ -27,21 +27,13 @@ from .scene import load, scene_of
 
 @dataclass
 class Receipt:
-    """Provenance of a record.
+    """Provenance of a record."""
 
-    Attributes:
-        drawn: Values by name.
-        about: All that the record depends on, as JSON can hold it.
-        warnings: Texts of warnings.
-        seconds: Time that it took [s].
-        files: CRC-32 of each file on disk, by its name.
-    """
-
-    drawn: dict[str, Any]
-    about: dict[str, Any]
+    drawn: dict[str, Any]  # values by name
+    about: dict[str, Any]  # all that the record depends on, as JSON can hold it
     warnings: list[str]
-    seconds: float
-    files: dict[str, int] = field(default_factory=dict)
+    seconds: float  # time that it took [s]
+    files: dict[str, int] = field(default_factory=dict)  # CRC-32 of each on disk, by its name
 
 
 def make_record(
@@ -112,8 +104,7 @@ def _rendered(
         about |= {name: film.attrs[name] for name in keep}
     if outputs.noisy:
         about["noise_seed"] = config.render_seed(record, attempt, "noise")
-        options = common | {"seed": about["noise_seed"], "sampler": sampler}
-        film = render(scene, spp=outputs.noisy, **options)
+        film = render(scene, spp=outputs.noisy, seed=about["noise_seed"], sampler=sampler, **common)
         _require_whole(film.attrs)
         arrays["noisy"] = film["transient"].values
     if outputs.phasor:
@@ -147,8 +138,7 @@ def _captured(
     about["capture"] = {n: film.attrs[n] for n in (*names, "energy_outside_window")}
     arrays = {"capture": film["transient"].values}
     arrays |= {f"capture_{name}": film[name].values for name in (*GEOMETRY, *ORIGINS)}
-    rows, columns = arrays["capture_sensor_grid"].shape[:2]
-    everywhere = np.ones((rows, columns), bool)
+    everywhere = np.ones(arrays["capture_sensor_grid"].shape[:2], bool)
     arrays["capture_on_wall"] = film["on_wall"].values if "on_wall" in film else everywhere
     if wanted.hidden_depth:
         arrays["hidden_depth"] = hidden_depth(scene, film).values

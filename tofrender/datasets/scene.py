@@ -52,7 +52,7 @@ def _source(config: Config, drawn: Mapping[str, Any]) -> Dict:
 
 def _described(where: str, given: Mapping[str, Any], folder: Path) -> Dict:
     """An object or a material, with a table `to_world` as a transform and whole names of files."""
-    found: Dict = {}
+    found: Dict = dict(given)
     for name, value in given.items():
         if name == "to_world" and isinstance(value, Mapping):
             found[name] = _transform(f"{where}.to_world", value)
@@ -60,8 +60,6 @@ def _described(where: str, given: Mapping[str, Any], folder: Path) -> Dict:
             found[name] = _described(f"{where}.{name}", value, folder)
         elif name == "filename" and isinstance(value, str) and (folder / value).exists():
             found[name] = str(folder / value)
-        else:
-            found[name] = value
     return found
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ import numpy as np
 from ..rendering.films_on_disk import require_zarr
 from ..rendering.store import BLOCK_BYTES, checksum, put_in_place, put_labels
 from ..runtime import atomic
-from .layout import KINDS, Array, Layout
+from .layout import KINDS, Array, Plan
 from .record import Receipt
 from .varied import Varied
 
@@ -40,20 +41,18 @@ class Store:
             self._arrays = dict(self._group.arrays())
 
     @classmethod
-    def begin(
-        cls, folder: Path, plan: Mapping[str, Any], records: list[int], layout: Layout
-    ) -> Store:
+    def begin(cls, folder: Path, recipe: Mapping[str, Any], plan: Plan) -> Store:
         """Go on with a data set, or begin one."""
-        plan = json.loads(json.dumps({**plan, "only": records}))
+        recipe = json.loads(json.dumps(recipe))
         found = cls.planned(folder)
         if found:
-            _require_same(folder, found, plan)
+            _require_same(folder, found, recipe)
             for left in folder.rglob("*.partial"):  # Of zarr, when it was killed
                 atomic.remove(left)
         else:
-            _create(folder, layout, len(records))
+            _create(folder, plan)
             with atomic.replacing(folder / RECEIPTS / PLAN) as file:
-                file.write_text(json.dumps(plan))
+                file.write_text(json.dumps(recipe))
         return cls(folder)
 
     @staticmethod
@@ -90,19 +89,15 @@ class Store:
         path = self._receipt(record)
         if not path.exists():
             return None
-        try:
+        with suppress(OSError, ValueError, TypeError, AttributeError):
             receipt = self.last_receipt(record)
-            whole = bool(receipt.files) and all(
-                checksum(self.group_path / name) == crc for name, crc in receipt.files.items()
-            )
-        except (OSError, ValueError, TypeError, AttributeError):
-            whole, receipt = False, None
-        if not whole:
-            warnings.warn(
-                f"record {record} of {self.folder}: is damaged, making it again", stacklevel=2
-            )
-            return None
-        return receipt
+            files = receipt.files
+            if files and all(checksum(self.group_path / name) == files[name] for name in files):
+                return receipt
+        warnings.warn(
+            f"record {record} of {self.folder}: is damaged, making it again", stacklevel=2
+        )
+        return None
 
     def last_receipt(self, record: int) -> Receipt:
         """The receipt of a record that is on disk, its files unread."""
@@ -112,15 +107,10 @@ class Store:
         return self.folder / RECEIPTS / f"record {record}.json"
 
     def finish(
-        self,
-        receipts: Mapping[int, Receipt],
-        varied: Mapping[str, Varied],
-        layout: Layout,
-        attrs: Mapping[str, Any],
-        target: Path,
+        self, plan: Plan, receipts: Mapping[int, Receipt], attrs: Mapping[str, Any], target: Path
     ) -> None:
         """Write the small arrays and the attributes, and move the set to `target`."""
-        group = self._group
+        group, layout = self._group, plan.layout
         ordered = [receipts[record] for record in self.records]
         put_labels(group, "record", np.array(self.records), ["record"])
         for axis, values in layout.axes.items():
@@ -129,7 +119,7 @@ class Store:
                 group[axis].attrs.update({"units": "m", "long_name": "optical path length"})
             elif axis == "frequency":
                 group[axis].attrs.update({"units": "Hz"})
-        for name, each in varied.items():
+        for name, each in plan.config.varied.items():
             values, axes = column(each, [receipt.drawn[name] for receipt in ordered])
             put_labels(group, name, values, axes)
             if "xyz" in axes and "xyz" not in group:
@@ -193,13 +183,13 @@ def _flat(tree: Mapping[str, Any], where: str = "") -> dict[str, Any]:
     return found
 
 
-def _create(folder: Path, layout: Layout, count: int) -> None:
+def _create(folder: Path, plan: Plan) -> None:
     """Make an empty data set."""
     atomic.remove(folder)
     zarr = require_zarr()
     group = zarr.open_group(folder / GROUP, mode="w", zarr_format=3)
-    for array in layout.arrays:
-        _create_array(group, array, count)
+    for array in plan.layout.arrays:
+        _create_array(group, array, len(plan.records))
     (folder / RECEIPTS).mkdir()
 
 

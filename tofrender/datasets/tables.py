@@ -40,17 +40,14 @@ def checked(
 
 def table(name: str, value: Any) -> dict[str, Any]:
     """Return `value` as a dict if it is a table."""
-    checks.require(name, value, isinstance(value, Mapping), "a table")
-    return dict(value)
+    return dict(checks.instance(name, value, Mapping, "a table"))
 
 
 def boolean(name: str, value: Any) -> bool:
     """Return `value` if it is true or false, as TOML spells them."""
-    checks.require(name, value, isinstance(value, bool), "true or false")
-    return value
+    return checks.instance(name, value, bool, "true or false")
 
 
 def text(name: str, value: Any) -> str:
     """Return `value` if it is text, and not empty."""
-    checks.require(name, value, isinstance(value, str) and value, "text")
-    return value
+    return checks.require(name, value, isinstance(value, str) and value, "text")

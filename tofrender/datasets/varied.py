@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,6 +26,9 @@ TARGETS: dict[str, tuple[str, ...]] = {
 }
 """Kinds of parts of a scene that can be varied, and more keys of each."""
 
+REPEATABLE = ("turn", "move", "scale", "present")
+"""Targets that several quantities may have of the same part."""
+
 CAMERA = ("origin", "target", "fov")
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 RESERVED = (
@@ -38,32 +41,17 @@ RESERVED = (
 
 @dataclass(frozen=True)
 class Varied:
-    """A quantity that is varied.
-
-    Attributes:
-        name: Its name.
-        target: One of `TARGETS`.
-        part: Argument, path, object or material that is varied; a list of names for `present`.
-        distribution: The distribution of its values.
-        times: Whether the draw multiplies the scene's value.
-        up: Up vector of the camera, None for the default.
-        axis: Axis of rotation of an object.
-        around: Fixed point of a rotation or scale [m]; None for the object's own middle.
-    """
+    """A quantity that is varied."""
 
     name: str
-    target: str
-    part: Any
-    distribution: Distribution
-    times: bool = False
-    up: tuple[float, ...] | None = None
-    axis: tuple[float, ...] = (0.0, 1.0, 0.0)
-    around: tuple[float, ...] | None = None
-
-    @property
-    def only_once(self) -> bool:
-        """Whether no other quantity may have the same part of the scene."""
-        return self.target not in ("turn", "move", "scale", "present")
+    target: str  # one of `TARGETS`
+    part: Any  # argument, path, object or material that is varied; a list of names for `present`
+    distribution: Distribution  # of its values
+    times: bool = False  # whether the draw multiplies the scene's value
+    up: Sequence[float] | None = None  # of the camera, None for the default
+    axis: Sequence[float] = (0.0, 1.0, 0.0)  # of an object's rotation
+    # fixed point of a rotation or scale [m]; None for the object's own middle
+    around: Sequence[float] | None = None
 
     @property
     def is_vector(self) -> bool:
@@ -99,7 +87,7 @@ def parse_varied(name: str, given: Any) -> Varied:
         raise ValueError(f"{where}.distribution = {kind!r}: must be {allowed} with {target}")
     read_part = _names if target == "present" else text
     part = read_part(f"{where}.{target}", given[target])
-    readers = {"times": boolean, "up": _direction, "axis": _direction, "around": _point}
+    readers = {"times": boolean, "up": _direction, "axis": _direction, "around": checks.point}
     extra = {n: readers[n](f"{where}.{n}", given[n]) for n in TARGETS[target] if n in given}
     found = Varied(name, target, part, parse_distribution(where, given), **extra)
     _require_fit(where, found, str(kind))
@@ -112,12 +100,8 @@ def _names(name: str, value: Any) -> list[str]:
     return list(value)
 
 
-def _point(name: str, value: Any) -> tuple[float, ...]:
-    return tuple(checks.point(name, value))
-
-
-def _direction(name: str, value: Any) -> tuple[float, ...]:
-    found = _point(name, value)
+def _direction(name: str, value: Any) -> list[float]:
+    found = checks.point(name, value)
     if not any(found):
         raise ValueError(f"{name} = {value!r}: must not be zero")
     return found

@@ -26,9 +26,11 @@ class Contribution:
         opl: Optical path length from the emitter to the sensor [m].
         active: Lanes that have such a contribution.
         position: Position on the film [pixels] of a splat; None for that of the camera ray.
+        end: Where the path ends, on the emitter or, from lights, on the lens [m]; None if unknown.
     """
 
     spectrum: mi.Spectrum
     opl: mi.Float
     active: mi.Bool
     position: mi.Point2f | None = None
+    end: mi.Point3f | None = None

@@ -11,7 +11,7 @@ import numpy as np
 from ..signals.pulses import GaussianPulse, Pulse, SampledPulse, convolve
 
 Weight = Callable[[mi.Float], mi.Float]
-"""Takes an optical path length [m]. May say in `closes` beyond which it is 0 [m]."""
+"""Function of the optical path length [m]; 0 beyond its optional attribute `closes` [m]."""
 
 BINS, PHASORS, PICTURE = "transient_hdr_film", "phasor_hdr_film", "hdrfilm"
 

@@ -108,9 +108,12 @@ class Histogram:
     def state(self) -> dict[str, np.ndarray]:
         """Return the content for a checkpoint, as arrays that may share memory."""
         dr.eval(self._sums)
-        parts = {"sums": self._sums, "folded": self._flushed}
+        parts = {"sums": self._sums, "flushed": self._flushed}
         if self._flushed_pixels is not None:
-            parts |= {"places": self._flushed_pixels[0], "aside": self._flushed_pixels[1]}
+            parts |= {
+                "flushed_index": self._flushed_pixels[0],
+                "flushed_pixels": self._flushed_pixels[1],
+            }
         return {name: np.asarray(part) for name, part in parts.items() if part is not None}
 
     def restore(self, state: Mapping[str, np.ndarray], factor: float) -> None:
@@ -123,11 +126,11 @@ class Histogram:
             return values
 
         self._sums = scaled("sums")
-        self._flushed = scaled("folded") if "folded" in state else None
-        if "places" in state:
-            index = mi.UInt32(state["places"])
+        self._flushed = scaled("flushed") if "flushed" in state else None
+        if "flushed_index" in state:
+            index = mi.UInt32(state["flushed_index"])
             dr.make_opaque(index)
-            self._flushed_pixels = index, scaled("aside")
+            self._flushed_pixels = index, scaled("flushed_pixels")
 
     def merge(self, tile: Histogram, x: int, y: int) -> None:
         """Add the cells of a smaller film, whose first pixel is (x, y) of this one."""

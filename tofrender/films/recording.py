@@ -55,13 +55,18 @@ def warn_not_finite(count: int, stacklevel: int = 4) -> None:
 
 
 class Recording:
-    """A film under exposure."""
+    """Writes light into a film.
+
+    `steps` calls `prepare` and `begin`, and `restore` to go on from a checkpoint. For each step it
+    calls `set_one_writer`, then `measurement` and `channels` of all samples, and `update_image`;
+    `flush` from time to time.
+    """
 
     kind: str | None = None  # What the exposure must support
-    in_time = False  # Whether the length of light matters
+    emitters_apart = False  # Whether pixels that see emitters have more samples
     weight: Weight | None = None  # By length, None if light of any length counts alike
     width_opl: float | None = None  # Length that the film resolves [m]; None without time bins
-    pictures = 1  # Images that splats go to, colours counted as one
+    splat_images = 1  # Images that splats go to, colours counted as one
 
     def __init__(self, film: mi.Film, exposure: Exposure) -> None:
         if self.kind is not None and self.kind not in exposure.onto:
@@ -109,12 +114,12 @@ class Recording:
         return add
 
     def splatted(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return splats so far, for colours and for channels behind the picture's weight."""
+        """Return splats so far, for channels before the image's weight channel, and after it."""
         first, colours = self._splatted[:, :, 0], self._splatted.shape[3] // stokes_count()
         return first[:, :, :colours], first[:, :, colours:]
 
     def channels(self, camera: CameraRays, measured: Radiance, valid_ray: mi.Bool) -> Channels:
-        """Return the channels of samples in the picture, before and behind their weight."""
+        """Return the channels of samples before the image's weight channel, and those after it."""
         light = components(scaled(measured.total, camera.weight))
         colour, *rest = (to_rgb(each, camera.ray.wavelengths) for each in light)
         first = [colour.x, colour.y, colour.z]
@@ -124,10 +129,10 @@ class Recording:
 
     def begin(self, spp: int, splats: bool = False) -> None:
         """Prepare for samples."""
-        self.splats = Splats(self.film, self.pictures) if splats else None
+        self.splats = Splats(self.film, self.splat_images) if splats else None
         self._splatted = self._in_picture = np.zeros(())
 
-    def reach(self, taken: int, spp: int) -> None:
+    def update_image(self, taken: int, spp: int) -> None:
         """Add splats to the picture, after `taken` of `spp` samples per pixel."""
         if self.splats is None:
             return
@@ -142,13 +147,13 @@ class Recording:
         splats[:, :, :3] = colour
         if rest.shape[2]:
             splats[:, :, count + 1 :] = rest
-        # A picture divides by its weights, which splats do not have
+        # `develop` divides by the samples' weights, of which splats have none
         splats *= weight * (spp / taken)
         added = mi.TensorXf(splats - self._in_picture)
         self.image.put_block(mi.ImageBlock(added, self.image.crop_offset()))
         self._in_picture = splats
 
-    def write(self, one_writer: bool) -> None:
+    def set_one_writer(self, one_writer: bool) -> None:
         """Set whether only one thread writes to each pixel in the next kernel."""
 
     def flush(self, pixels: mi.UInt32 | None = None) -> None:
@@ -159,7 +164,7 @@ class Recording:
         picture = np.array(self.image.develop(raw=True))
         state = {"picture": picture, "not_finite": np.array(self.not_finite)}
         if self.splats is not None:
-            state |= {"landed": self._splatted, "in_picture": self._in_picture}
+            state |= {"splatted": self._splatted, "in_picture": self._in_picture}
         return state
 
     def restore(self, state: Mapping[str, np.ndarray], taken: int, of: int, spp: int) -> None:
@@ -167,9 +172,9 @@ class Recording:
         picture = mi.TensorXf(state["picture"])
         self.image.put_block(mi.ImageBlock(picture, self.image.crop_offset()))
         self.not_finite = int(state["not_finite"])
-        if "landed" in state:
-            self._splatted, self._in_picture = state["landed"] * (of / spp), state["in_picture"]
-        self.reach(taken, spp)
+        if "splatted" in state:
+            self._splatted, self._in_picture = state["splatted"] * (of / spp), state["in_picture"]
+        self.update_image(taken, spp)
 
 
 class PictureRecording(Recording):
@@ -181,14 +186,14 @@ class PictureRecording(Recording):
         super().__init__(film, exposure)
         if exposure.lacks:
             raise ValueError(exposure.lacks)
-        self.weight, self.in_time = exposure.weight, exposure.weight is not None
+        self.weight, self.emitters_apart = exposure.weight, exposure.weight is not None
 
     def prepare(self) -> None:
         """Clear the film; polarised light has channels behind its colours."""
         self.film.prepare(stokes_channels())
 
     def require_no_lengths(self, integrator: str) -> None:
-        """Accept any integrator: a picture needs no lengths."""
+        """Accept any integrator: an image needs no lengths."""
 
     def measurement(self, camera: CameraRays, spp: int) -> Radiance:
         """Create the sum, weighted if the exposure is."""
@@ -199,7 +204,7 @@ class PictureRecording(Recording):
 class BinRecording(Recording):
     """Records time bins. The light's pulse is seen through the temporal filter."""
 
-    kind, in_time = BINS, True
+    kind, emitters_apart = BINS, True
 
     def __init__(self, film: mi.Film, exposure: Exposure) -> None:
         super().__init__(film, exposure)
@@ -231,8 +236,8 @@ class BinRecording(Recording):
 
     def measurement(self, camera: CameraRays, spp: int) -> TimeBins:
         """Create the measurement of the bins."""
-        profile, gated, picture = self.profile, self.exposure.at_centres, self.splat(camera, spp)
-        return TimeBins.of_film(self.film, camera, spp, profile, gated, picture)
+        at_centres, splat = self.exposure.at_centres, self.splat(camera, spp)
+        return TimeBins.of_film(self.film, camera, spp, self.profile, at_centres, splat)
 
     def begin(self, spp: int, splats: bool = False) -> None:
         """Prepare the film for samples."""
@@ -241,13 +246,13 @@ class BinRecording(Recording):
         if splats:
             self.film.expect_splats()
 
-    def write(self, one_writer: bool) -> None:
+    def set_one_writer(self, one_writer: bool) -> None:
         """Set whether only one thread writes to each pixel in the next kernel."""
         self.film.one_writer_per_pixel = one_writer and self.film.rfilter().is_box_filter()
 
-    def reach(self, taken: int, spp: int) -> None:
+    def update_image(self, taken: int, spp: int) -> None:
         """Add splats to the picture, after `taken` of `spp` samples per pixel."""
-        super().reach(taken, spp)
+        super().update_image(taken, spp)
         self.film.taken = taken / spp
 
     def state(self) -> dict[str, np.ndarray]:
@@ -267,7 +272,7 @@ class BinRecording(Recording):
 class MitransientRecording(BinRecording):
     """Records time bins of mitransient's film: without splats, checkpoints and flushing."""
 
-    in_time = False  # Pixels of visible emitters would have to be flushed
+    emitters_apart = False  # Pixels of visible emitters would have to be flushed
 
     def __init__(self, film: mi.Film, exposure: Exposure) -> None:
         if mi.is_polarized:
@@ -296,7 +301,7 @@ class MitransientRecording(BinRecording):
 class PhasorRecording(Recording):
     """Records phasors, path by path, multiplied by the Fourier transform of the light's pulse."""
 
-    kind, in_time = PHASORS, True
+    kind, emitters_apart = PHASORS, True
 
     @property
     def image(self) -> mi.Film:
@@ -308,7 +313,7 @@ class PhasorRecording(Recording):
         return PhasorSum.zero(self.film.frequencies_hz, self.splat(camera, spp))
 
     @property
-    def pictures(self) -> int:
+    def splat_images(self) -> int:
         """Number of images: that of all light, and two for each frequency."""
         return 1 + 2 * len(self.film.frequencies_hz)
 

@@ -29,7 +29,7 @@ class TimeBins(Radiance):
     Attributes:
         put: Adds a contribution to the bins. A function hides the film from the path loop, which
             would otherwise carry a copy of all bins as its state.
-        splat_bins: Adds a contribution that has a position, to the bins and to the picture.
+        splat_bins: Adds a contribution that has a position, to the bins and to the steady image.
     """
 
     put: Put | None = None
@@ -42,13 +42,13 @@ class TimeBins(Radiance):
         camera: CameraRays,
         spp: int,
         pulse: Pulse | None,
-        gated: bool = False,
-        picture: Splat | None = None,
+        at_centres: bool = False,
+        splat_steady: Splat | None = None,
     ) -> TimeBins:
         """Create the measurement of the bins of a film, ours or mitransient's.
 
-        A bin takes the pulse's exact energy within it, which adds no noise, or if `gated` its
-        density at the bin's centre. `picture` adds splats to the steady image.
+        A bin takes the pulse's exact energy within it, which adds no noise, or if `at_centres` its
+        density at the bin's centre. `splat_steady` adds splats to the steady image.
         """
         position, wavelengths, weight = camera.position, camera.ray.wavelengths, camera.weight / spp
         # Before the loop, as four components would look the same colours up at each vertex
@@ -63,16 +63,16 @@ class TimeBins(Radiance):
             if pulse is None:
                 put(spectrum, opl, active)
             else:
-                add_pulse(film, pulse, put, spectrum, opl, active, gated)
+                add_pulse(film, pulse, put, spectrum, opl, active, at_centres)
 
         def splat(spectrum: mi.Spectrum, opl: mi.Float, at: mi.Point2f, active: mi.Bool) -> None:
             def put_splat(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
                 film.add_splat(at, opl, wavelengths, scaled(spectrum, weight), active)
 
-            picture([spectrum], at, active)
+            splat_steady([spectrum], at, active)
             convolved(put_splat, spectrum, opl, active)
 
-        splat_bins = splat if picture else None
+        splat_bins = splat if splat_steady else None
         return cls(no_light(), put=partial(convolved, put), splat_bins=splat_bins)
 
     def add(self, contribution: Contribution) -> None:

@@ -19,7 +19,7 @@ from ..rendering.dataset import time_axis
 from ..runtime import backend, checks
 from ..runtime.progress import ProgressBar, deferred_stop
 from ..scenes.loading import require_sensor
-from .losses import loss_of
+from .losses import loss_of, require_same_shape
 from .variables import Variables
 
 MAX_STEPS = 1 << 20
@@ -150,8 +150,7 @@ def fit(
     """
     backend.require_vectorised()
     checks.instance("scene", scene, mi.Scene, "a loaded scene, as mi.load_dict and load_scene give")
-    require_sensor(scene)
-    checks.integer("sensor", sensor, 0, len(scene.sensors()) - 1)
+    film = require_sensor(scene, sensor).film()
     if integrator is not None:
         checks.instance("integrator", integrator, mi.Integrator, "an integrator or None")
     for name, value in (("apply", apply), ("callback", callback)):
@@ -163,7 +162,6 @@ def fit(
     tolerance = checks.number("tolerance", tolerance, low=0, high=1)
     patience = checks.integer("patience", patience, 1, MAX_STEPS)
     checks.boolean("progress", progress)
-    film = scene.sensors()[sensor].film()
     measure = loss_of(loss, frequency_hz, film)
     variables = Variables(scene, params, apply, bounds)
     rates = variables.rates(learning_rate)
@@ -262,9 +260,8 @@ def _make_optimizer(given: Any) -> Any:
         own = copy(given)
         own.state = {}
         return own
-    if not isinstance(given, str):
-        allowed = f"one of {', '.join(OPTIMIZERS)}, or an optimiser of Mitsuba's"
-        raise ValueError(f"optimizer = {checks.quote(given)}: must be {allowed}")
+    allowed = f"one of {', '.join(OPTIMIZERS)}, or an optimiser of Mitsuba's"
+    checks.instance("optimizer", given, str, allowed)
     kind = checks.one_of("optimizer", given, OPTIMIZERS)
     return mi.ad.Adam(lr=0.0) if kind == "adam" else mi.ad.SGD(lr=0.0)
 
@@ -282,11 +279,9 @@ def _target_tensor(given: Any, film: Any) -> mi.TensorXf:
     shape = (height, width)
     if hasattr(film, "temporal_bins"):
         shape += (film.temporal_bins,)
-    if array.ndim < len(shape) or array.shape[: len(shape)] != shape or array.size == 0:
-        allowed = ", ".join(map(str, (*shape, "...")))
-        raise ValueError(
-            f"target with shape {array.shape}: must be ({allowed}), as what the film holds"
-        )
+    valid = array.shape[: len(shape)] == shape and array.size > 0
+    allowed = ", ".join(map(str, (*shape, "...")))
+    checks.shape("target", array, valid, f"({allowed}), as what the film holds")
     return mi.TensorXf(checks.finite("target", array))
 
 
@@ -319,10 +314,8 @@ class _Plateau:
     def add(self, loss: float) -> bool:
         """Add a step's loss, and return whether the fit ends."""
         self.losses.append(loss)
-        before, now = (
-            self.losses[-2 * self.patience : -self.patience],
-            self.losses[-self.patience :],
-        )
+        before = self.losses[-2 * self.patience : -self.patience]
+        now = self.losses[-self.patience :]
         if len(before) < self.patience or math.fsum(now) < math.fsum(before):
             return False
         self.losses.clear()
@@ -357,10 +350,7 @@ def _check_dependence(values: Mapping[str, Any]) -> None:
 
 def _evaluate(loss: Callable[[Any, Any], Any], light: Any, target: Any) -> Any:
     """Evaluate the loss, which must return one number."""
-    if light.shape != target.shape:
-        raise ValueError(
-            f"target with shape {target.shape}: must be {light.shape}, as what is rendered"
-        )
+    require_same_shape(light, target)
     error = loss(light, target)
     number = isinstance(error, dr.ArrayBase) and dr.is_float_v(error)
     if not number or math.prod(error.shape) != 1:

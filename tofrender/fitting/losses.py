@@ -17,7 +17,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import checks
-from ..signals.units import SPEED_OF_LIGHT, check_frequencies
+from ..signals.units import SPEED_OF_LIGHT, check_below_limit
 
 TIME = 2  # axis of time bins
 
@@ -150,16 +150,12 @@ LOSSES = {"l2": l2_loss, "phasor": phasor_loss, "wasserstein": wasserstein_loss}
 def loss_of(given: Any, frequency_hz: Any, film: Any) -> Callable[[Any, Any], Any]:
     """Return the loss as a function of rendered light and target."""
     name = given if isinstance(given, str) else None
-    if name != "phasor" and frequency_hz is not None:
-        raise ValueError(
-            f"frequency_hz = {checks.quote(frequency_hz)}: must be left out; only "
-            "loss='phasor' has frequencies"
-        )
+    fits = name == "phasor" or frequency_hz is None
+    allowed = "left out; only loss='phasor' has frequencies"
+    checks.require("frequency_hz", frequency_hz, fits, allowed)
     if name is None:
-        if callable(given):
-            return given
         allowed = f"one of {', '.join(LOSSES)}, or a function"
-        raise ValueError(f"loss = {checks.quote(given)}: must be {allowed}")
+        return checks.require("loss", given, callable(given), allowed)
     loss = LOSSES[checks.one_of("loss", name, tuple(LOSSES))]
     if name != "l2" and not hasattr(film, "temporal_bins"):
         raise ValueError(f"loss = {name!r}: must be 'l2' for a film without time bins")
@@ -170,18 +166,6 @@ def loss_of(given: Any, frequency_hz: Any, film: Any) -> Callable[[Any, Any], An
     axis: dict[str, Any] = {name: getattr(film, name) for name in ("start_opl", "bin_width_opl")}
     check_below_limit(frequency_hz, axis["bin_width_opl"])
     return partial(loss, frequency_hz=frequency_hz, **axis)
-
-
-def check_below_limit(frequency_hz: Any, width: float) -> list[float]:
-    """Return the frequencies [Hz], whose half periods must be longer than bins of a width [m]."""
-    frequencies, _ = check_frequencies(frequency_hz)
-    limit = SPEED_OF_LIGHT / (2 * width)
-    if max(frequencies) >= limit:
-        raise ValueError(
-            f"frequency_hz = {max(frequencies):g}: must be below {limit:g}, where bins of "
-            f"{width:g} m are half a period"
-        )
-    return frequencies
 
 
 def _cumulate(light: Any) -> tuple[Any, Any]:
@@ -200,14 +184,16 @@ def _pair(rendered: Any, target: Any, bins: bool = False) -> tuple[Any, Any]:
         x if isinstance(x, mi.TensorXf) else mi.TensorXf(checks.real_array(name, x, np.float32))
         for name, x in (("rendered", rendered), ("target", target))
     )
-    if bins and rendered.ndim != 4:
-        allowed = "(height, width, bins, channels)"
-        raise ValueError(f"rendered with shape {rendered.shape}: must be {allowed}")
-    if rendered.shape != target.shape:
-        raise ValueError(
-            f"target with shape {target.shape}: must be {rendered.shape}, as what is rendered"
-        )
+    valid = not bins or rendered.ndim == 4
+    checks.shape("rendered", rendered, valid, "(height, width, bins, channels)")
+    require_same_shape(rendered, target)
     return rendered, target
+
+
+def require_same_shape(rendered: Any, target: Any) -> None:
+    """Refuse a target of another shape than the rendered light."""
+    allowed = f"{rendered.shape}, as what is rendered"
+    checks.shape("target", target, rendered.shape == target.shape, allowed)
 
 
 def _nonzero_sum(values: Any) -> Any:

@@ -110,32 +110,24 @@ class Variables:
         """Return a dict whose names must be variables."""
         found = checks.mapping(argument, given)
         for name, value in found.items():
-            if name not in self.start:
-                shown = f"{argument}[{name!r}] = {checks.quote(value)}"
-                raise ValueError(f"{shown}: must be of {', '.join(self.start)}")
+            allowed = f"of {', '.join(self.start)}"
+            checks.require(f"{argument}[{name!r}]", value, name in self.start, allowed)
         return found
 
     def _check_bounds(self, bounds: Any) -> dict[str, tuple[float | None, float | None]]:
         checked = {}
         for name, pair in self._by_name("bounds", bounds).items():
             label = f"bounds[{name!r}]"
-            wrong = f"{label} = {checks.quote(pair)}: must be (low, high), low below high"
-            if isinstance(pair, str | bytes | Mapping):
-                raise ValueError(wrong)
-            try:
-                low, high = pair
-            except (TypeError, ValueError):
-                raise ValueError(wrong) from None
-            low, high = (None if x is None else checks.number(label, x) for x in (low, high))
-            if low is not None and high is not None and not low < high:
-                raise ValueError(wrong)
+            allowed = "(low, high), low below high"
+            checks.require(label, pair, not isinstance(pair, str | bytes | Mapping), allowed)
+            ends = checks.items(label, pair, 2, allowed)
+            low, high = (None if x is None else checks.number(label, x) for x in ends)
+            rising = low is None or high is None or low < high
+            checks.require(label, pair, rising, allowed)
             start = np.asarray(_plain(self.start[name]))
-            below = low is not None and start.min() < low
-            if below or (high is not None and start.max() > high):
-                raise ValueError(
-                    f"params[{name!r}] = {checks.quote(start.tolist())}: must be within bounds = "
-                    f"{checks.quote(pair)}"
-                )
+            within = (low is None or start.min() >= low) and (high is None or start.max() <= high)
+            allowed = f"within bounds = {checks.quote(pair)}"
+            checks.require(f"params[{name!r}]", start.tolist(), within, allowed)
             checked[name] = low, high
         return checked
 
@@ -170,11 +162,8 @@ class Variables:
         if array.ndim == 0:
             return mi.Float(float(array))
         vectors = {(2,): mi.Vector2f, (3,): mi.Vector3f, (4,): mi.Vector4f}
-        if array.shape not in vectors:
-            raise ValueError(
-                f"{label} with shape {array.shape}: must be a number, 2 to 4 numbers, or an array "
-                "of Dr.Jit's"
-            )
+        allowed = "a number, 2 to 4 numbers, or an array of Dr.Jit's"
+        checks.shape(label, array, array.shape in vectors, allowed)
         return vectors[array.shape](*array.tolist())
 
 
@@ -204,9 +193,8 @@ def _like(template: Any, array: np.ndarray, label: str = "") -> Any:
         array = np.full(shape, array)
     own = np.shape(_plain(template))
     fits = array.size == np.prod(shape, dtype=int)
-    if not fits or (array.ndim > 1 and array.shape not in (own, shape)):
-        allowed = f"a number or an array of shape {own}"
-        raise ValueError(f"{label} with shape {array.shape}: must be {allowed}")
+    fits = fits and (array.ndim <= 1 or array.shape in (own, shape))
+    checks.shape(label, array, fits, f"a number or an array of shape {own}")
     return type(template)(np.ascontiguousarray(array.reshape(shape), np.float32))
 
 

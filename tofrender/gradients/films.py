@@ -2,8 +2,8 @@
 
 A film's values are linear in light. Forwards, the rate of a film is the film of the rates; in
 reverse, a film's gradient is read where light lands. Time bins need a pulse for both: with its
-cumulative distribution P, light at the length o leaves the share P(e' - o) - P(e - o) in a bin from
-e to e', whose derivative is a difference of densities. A bin without a pulse would be all or
+cumulative distribution P, light at the length o leaves the fraction P(e' - o) - P(e - o) in a bin
+from e to e', whose derivative is a difference of densities. A bin without a pulse would be all or
 nothing.
 
 Each method works for one step of the path loop: it differentiates what one vertex has brought.

@@ -111,16 +111,16 @@ class TransientIntegrator(mi.SamplingIntegrator):
         return Limits(self.max_depth, self.rr_depth, max_opl, self.camera_unwarp)
 
     def emitters(self, kind, scene, sensor, *more, **named):
-        """Create an endpoint that shows the emitters which the sensor shall see."""
+        """Create an endpoint with this integrator's `hide_emitters` and `discard_direct_light`."""
         visible = self.hide_emitters, self.discard_direct_light
         return kind(scene, sensor, *more, *visible, **named)
 
     def plan(
         self, scene: mi.Scene, sensor: mi.Sensor | None = None, weight: Weight | None = None
     ) -> Plan:
-        """Return the parts of the path loop for a sensor, None where only rays are known.
+        """Return the plan for a sensor, None if only rays are given, as by `sample`.
 
-        `weight` is that of light by its length, if that is all that counts.
+        `weight` is set where a single sum weighted by path length is wanted, as by a gate.
         """
         space = self.space(scene, sensor)
         scattering = space.with_phase_functions(self.scattering(scene))
@@ -132,8 +132,8 @@ class TransientIntegrator(mi.SamplingIntegrator):
         straight = self._passes_null(scene)
         if straight or (self.follows_media and media_of(scene, sensor)):
             outside = None if sensor is None else sensor.get_medium()
-            afar = beyond(scene, outside) if self.starts_at_lights else None
-            return Media(scene, outside, afar, self.hide_emitters, straight, index)
+            distant = beyond(scene, outside) if self.starts_at_lights else None
+            return Media(scene, outside, distant, self.hide_emitters, straight, index)
         return Vacuum(scene, index)
 
     def _passes_null(self, scene: mi.Scene) -> bool:
@@ -175,7 +175,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
             return film.develop() if develop else None
 
     def render_forward(self, scene, params, sensor=0, seed=0, spp=0):
-        """Rates of what `render` returns where `params` of `mi.traverse` change at theirs.
+        """Forward derivative of what `render` returns, by the gradients of `params`.
 
         `mi.render(scene, params)` calls this and `render_backward`. Errors as for `render`.
         """

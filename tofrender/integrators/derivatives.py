@@ -104,7 +104,7 @@ class Derivative:
                     self._add_rates(rays)
                 added += rays.spp
                 bar.update(rays.spp)
-            self.record.reach(self.spp, self.spp)
+            self.record.update_image(self.spp, self.spp)
             return self.record.film.develop()
 
     def _add_rates(self, rays: Rays) -> None:

@@ -12,7 +12,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..films.recording import BinRecording, PhasorRecording, Recording
+from ..films.recording import BinRecording, MitransientRecording, PhasorRecording, Recording
 from ..paths.refraction import index_around
 from ..paths.scattering import BLEND, MASK
 from ..paths.surfaces import Boundaries, bsdfs_in, flat_twin, materials
@@ -184,7 +184,7 @@ def _film_reasons(record: Recording) -> Iterator[str]:
         yield f"film.rfilter = {film.rfilter().class_name()}: has no derivatives; must be box"
     if "xyz" in str(film):
         yield "film.pixel_format = xyz: has no derivatives; must be rgb or luminance"
-    if isinstance(record, BinRecording) and not record.in_time:
+    if isinstance(record, MitransientRecording):
         kind = f"{type(film).__module__}.{type(film).__name__}"
         yield f"film = {kind}: has no derivatives; must be this package's"
 

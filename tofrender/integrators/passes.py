@@ -41,15 +41,15 @@ LOOPING_SAMPLERS = ("IndependentSampler", "PaddedSobolSampler")
 
 
 @dataclass(frozen=True)
-class Part:
-    """Range of samples that a render takes, by default all of all pixels.
+class SampleRange:
+    """Range of samples and pixels that a render takes, by default all of them.
 
     Attributes:
         first: Samples per pixel of an earlier render with the same seed, whose point set
             `padded_sobol` goes on with; other samplers start another one.
         tile: Where the film's pixels are in the sensor's film, if that has more. `padded_sobol`
             takes the same points as for the whole, other samplers take others.
-        saved: State of a render of this part that was stopped.
+        saved: State of a render of this range that was stopped.
     """
 
     first: int = 0
@@ -62,14 +62,14 @@ class Part:
         return 0 if self.saved is None else self.saved.done
 
 
-WHOLE = Part()
+WHOLE = SampleRange()
 
 
 class PixelSampler:
     """Samples pixels: camera rays, their paths, and the values that go into the film.
 
-    There are `rate` rays for each of `spp` samples per pixel of the whole render; `splats` says
-    that all contributions are splats.
+    The render takes `spp` samples per pixel, with `rate` rays for each; `splats` says that all
+    contributions are splats.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class PixelSampler:
     ) -> tuple[mi.Point2f, list[mi.Float], list[mi.Float], mi.UInt32]:
         """Trace one camera ray through each of some pixels.
 
-        Returns film positions [pixels], channels before and behind the picture's weight, and how
+        Returns film positions [pixels], channels before and after the weight channel, and how
         many contributions were not finite.
         """
         record = self.record
@@ -109,12 +109,12 @@ class PixelSampler:
 
 
 def steps(
-    plan: Tracer,
+    tracer: Tracer,
     record: Recording,
     sensor: mi.Sensor,
     sampler: mi.Sampler,
     seed: int | mi.UInt32,
-    part: Part = WHOLE,
+    samples: SampleRange = WHOLE,
 ) -> Iterator[int]:
     """Render in steps of about a second, all from one point set.
 
@@ -132,43 +132,43 @@ def steps(
     backend.require_vectorised()
     if sensor.class_name() == "BatchSensor":
         raise ValueError("sensor: is a batch of sensors; must be one, e.g. a perspective camera")
-    plan = plan.for_bin_width(record.width_opl)
-    film, tile = record.film, part.tile
-    emitters = VisibleEmitters.of(plan, sensor, film, tile) if record.in_time else None
+    tracer = tracer.for_bin_width(record.width_opl)
+    film, tile = record.film, samples.tile
+    emitters = VisibleEmitters.of(tracer, sensor, film, tile) if record.emitters_apart else None
 
     # Clear the film, or restore it from a checkpoint
     record.prepare()
     width, height = sampled_size(film)
-    spp, done = sampler.sample_count(), part.done
+    spp, done = sampler.sample_count(), samples.done
     lanes, most, private = _lanes(sampler, width * height, spp - done)
-    record.begin(spp, plan.splats or (emitters is not None and emitters.splats))
-    if part.saved is not None:
-        record.restore(part.saved.arrays, part.saved.done, part.saved.of, spp)
+    record.begin(spp, tracer.splats or (emitters is not None and emitters.splats))
+    if samples.saved is not None:
+        record.restore(samples.saved.arrays, samples.saved.done, samples.saved.of, spp)
 
     # Several lanes share a pixel; all go on where an earlier render has ended
     lane = dr.arange(mi.UInt32, width * height * lanes)
     pixel = lane // dr.opaque(mi.UInt32, lanes)
-    _seed(sampler, seed, lanes, pixel if tile is None else tile.numbers(film, pixel), part)
-    rest = plan if emitters is None else emitters.rest
+    _seed(sampler, seed, lanes, pixel if tile is None else tile.numbers(film, pixel), samples)
+    rest = tracer if emitters is None else emitters.rest
     pixels = PixelSampler(rest, record, sensor, sampler, spp, tile)
     apart = None
     if emitters is not None:
-        apart = _EmitterPixels(emitters, record, sensor, spp, seed, part)
+        apart = _EmitterPixels(emitters, record, sensor, spp, seed, samples)
 
     flushed, per_step = done, min(most, max(1, FIRST_SAMPLES // (width * height * lanes)))
     while done < spp:
         start, count = time.perf_counter(), min(per_step, (spp - done) // lanes)
-        record.write(private)
+        record.set_one_writer(private)
         with backend.tracing_lock():
             record.not_finite += _step(pixels, pixel, count)
         if apart is not None:
             apart.sample(count * lanes)
         done += count * lanes
-        record.reach(done, spp)
+        record.update_image(done, spp)
         if spp > done >= flushed + MAX_ADDED:
             record.flush()
             flushed = done
-        if done > part.done + count * lanes:  # The first step compiled as well
+        if done > samples.done + count * lanes:  # The first step compiled as well
             seconds = time.perf_counter() - start
             if seconds > 2 * STEP_S:
                 per_step = max(1, count // 2)
@@ -178,28 +178,28 @@ def steps(
 
 
 def _seed(
-    sampler: mi.Sampler, seed: mi.UInt32 | int, lanes: int, pixel: mi.UInt32, part: Part
+    sampler: mi.Sampler, seed: mi.UInt32 | int, lanes: int, pixel: mi.UInt32, samples: SampleRange
 ) -> None:
-    """Start a sampler at the first of a part's samples; `pixel` is that of the whole for each lane.
+    """Start a sampler at the first of some samples; `pixel` is that of the whole for each lane.
 
     Samplers that cannot skip points or pixels take others, by another seed.
     """
     sampler.set_samples_per_wavefront(lanes)
-    first, skip = part.first + part.done, getattr(sampler, "skip", None)
+    first, skip = samples.first + samples.done, getattr(sampler, "skip", None)
     set_pixels = getattr(sampler, "place", None)
     if skip is None:
-        corner = () if part.tile is None else (1 + part.tile.x, 1 + part.tile.y)
+        corner = () if samples.tile is None else (1 + samples.tile.x, 1 + samples.tile.y)
         for number in (first, *corner):
             seed = mix(mi.UInt32(seed), mi.UInt32(number)) if number else seed
     sampler.seed(seed, dr.width(pixel))
-    if part.tile is not None and set_pixels is not None:
+    if samples.tile is not None and set_pixels is not None:
         set_pixels(pixel)
     if first and skip is not None:
         skip(first)
 
 
 class _EmitterPixels:
-    """Samples the pixels of visible emitters, in a point set of their own."""
+    """Samples the pixels of `VisibleEmitters` more often, in a point set of their own."""
 
     def __init__(
         self,
@@ -208,10 +208,10 @@ class _EmitterPixels:
         sensor: mi.Sensor,
         spp: int,
         seed: int | mi.UInt32,
-        part: Part,
+        samples: SampleRange,
     ) -> None:
         sampler = best_sampler(spp)
-        numbers, rate, tile = mi.UInt32(emitters.pixels.tolist()), emitters.rate, part.tile
+        numbers, rate, tile = mi.UInt32(emitters.pixels.tolist()), emitters.rate, samples.tile
         lanes = len(numbers) * rate
         sampler.set_samples_per_wavefront(rate)
         own_seed = mix(mi.UInt32(seed), mi.UInt32(rate))
@@ -219,7 +219,7 @@ class _EmitterPixels:
         sampler.seed(own_seed, lanes)
         self.pixel = dr.gather(mi.UInt32, numbers, dr.arange(mi.UInt32, lanes) // rate)
         sampler.place(self.pixel if tile is None else tile.numbers(record.film, self.pixel))
-        sampler.skip((part.first + part.done) * rate)
+        sampler.skip((samples.first + samples.done) * rate)
         self.record, self.rate = record, rate
         self.reached = _around(emitters.pixels, record.film)
         self.pixels = PixelSampler(
@@ -228,7 +228,7 @@ class _EmitterPixels:
 
     def sample(self, count: int) -> None:
         """Take `count` samples per pixel."""
-        self.record.write(False)
+        self.record.set_one_writer(False)
         while count:
             now = min(count, MAX_ADDED // self.rate)
             with backend.tracing_lock():
@@ -283,12 +283,12 @@ def _step(pixels: PixelSampler, pixel: mi.UInt32, count: int, weight: float = 1.
     block = image.create_block()
     left = dr.opaque(mi.UInt32, count) + dr.zeros(mi.UInt32, dr.width(pixel))
     not_finite = mi.UInt32(0)
-    if dr.hint(count == 1, mode="scalar"):
+    if dr.hint(count == 1, mode="scalar"):  # One sample, without a loop
         position, colour, rest, odd = pixels.sample(pixel)
         block.put(position, [*colour, mi.Float(weight), *rest])
         not_finite += odd
         sampler.advance()
-    elif dr.hint(record.film.rfilter().is_box_filter(), mode="scalar"):
+    elif dr.hint(record.film.rfilter().is_box_filter(), mode="scalar"):  # Sums go to one pixel
         n = colour_count(image)
         sums = [mi.Float(0) for _ in range(block.channel_count() - 1)]
         while left > 0:
@@ -300,7 +300,7 @@ def _step(pixels: PixelSampler, pixel: mi.UInt32, count: int, weight: float = 1.
         block.put(
             pixel_corner(record.film, pixel), [*sums[:n], mi.Float(count * weight), *sums[n:]]
         )
-    else:
+    else:  # Each sample reaches several pixels
         while left > 0:
             position, colour, rest, odd = pixels.sample(pixel)
             block.put(position, [*colour, mi.Float(weight), *rest])

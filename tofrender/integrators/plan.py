@@ -1,4 +1,4 @@
-"""Plans: the parts of the path loop that an integrator chooses for a render."""
+"""Plans: space, endpoint, scattering and limits that an integrator chooses for a render."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ M = TypeVar("M", bound=Measurement)
 
 
 class Plan(Parts):
-    """The parts of the path loop for camera rays.
+    """Space, endpoint, scattering and limits for camera rays, and the trace of those.
 
     An integrator makes it from its parameters, a scene and a sensor, and keeps nothing of it.
     """
 
-    splats = False
+    splats = False  # whether contributions have positions on the film
 
     def __init__(
         self,
@@ -56,13 +56,17 @@ class Plan(Parts):
     def without_first_hit(self) -> Self:
         """Return the plan without emission at the first surface."""
         other = copy(self)
-        other.limits = self.limits.without_first_hit()
+        other.limits = copy(self.limits)
+        other.limits.skip_first_hit = True
         return other
 
     def illuminate(
         self, ray: mi.Ray3f, origin: mi.Point3f, sampler: mi.Sampler, active: mi.Bool
     ) -> tuple[Endpoint, list[Contribution]]:
-        """Return the endpoint of camera rays, and contributions that need no path."""
+        """Return the endpoint for these rays, and light of what they hit that no path finds.
+
+        Only `nlos.light.scan` overrides it: its laser spot may follow the camera ray.
+        """
         return self.endpoint, []
 
     def start(
@@ -93,7 +97,7 @@ class Plan(Parts):
         """Trace the paths of camera rays, whose lengths start at `origin` [m].
 
         `frame` is the Mueller matrix into the sensor's frame, None for none. Returns the
-        measurement, which accumulates contributions, and the paths at their ends.
+        measurement, and the paths at their ends, of which `valid_ray` and `not_finite` are read.
         """
         active, not_finite = mi.Bool(active), mi.UInt32(0)
         endpoint, contributions = self.illuminate(ray, origin, sampler, active)
@@ -106,5 +110,8 @@ class Plan(Parts):
         return measurement, path
 
     def connect_camera(self, endpoint, ray, origin, sampler, measurement, active):
-        """Add contributions that need no path; returns the measurement, and how many not finite."""
+        """Add connections that replace paths around the corner, see `nlos.light.scan`.
+
+        Returns the measurement, and how many contributions were not finite.
+        """
         return measurement, mi.UInt32(0)

@@ -20,7 +20,7 @@ from ..runtime.checkpoints import Checkpoint, SubCheckpoint
 from ..runtime.progress import ProgressBar, Stop, deferred_stop
 from ..scenes.checking import check_view
 from ..scenes.fingerprint import fingerprint
-from .passes import Part, best_sampler, steps
+from .passes import SampleRange, best_sampler, steps
 from .user_defined import Tracer, UserDefinedTracer, follows, is_user_defined
 
 UNIT = "samples per pixel"
@@ -126,9 +126,9 @@ def render_all(
         more = {**identity, "film": str(record.film)}
         made = made_with(scene, sensor, integrator, more)
         saved = checkpoint.begin({"seed": seed, "variant": mi.variant(), **made}, spp, UNIT)
-    part = Part(saved=saved)
-    rendering = steps(tracer, record, sensor, sampler, seed, part)
-    done = run(rendering, record, spp, done=part.done, checkpoint=checkpoint, progress=progress)
+    samples = SampleRange(saved=saved)
+    rendering = steps(tracer, record, sensor, sampler, seed, samples)
+    done = run(rendering, record, spp, done=samples.done, checkpoint=checkpoint, progress=progress)
     if done < spp:
         again = checkpoint.again if checkpoint else ""
         raise KeyboardInterrupt(interrupted(done, spp, UNIT, again))

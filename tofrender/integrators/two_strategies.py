@@ -34,7 +34,7 @@ class TransientTwoStrategies(BothEnds):
 
     | parameter | default | meaning |
     |---|---|---|
-    | `end` | "both" | "camera" or "light": only what this end's paths find, with its share |
+    | `end` | "both" | "camera" or "light": only what this end's paths find, with its MIS weight |
     """
 
     def __init__(self, props: mi.Properties) -> None:

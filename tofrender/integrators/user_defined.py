@@ -55,7 +55,7 @@ class UserDefinedTracer:
         return self
 
     def trace(self, sampler, ray, origin, measurement, active=True, frame=None):
-        """Call `sample` with the rays, see `Plan.trace`."""
+        """Call `sample` with the rays; as `Plan.trace`, but with a measurement of its own."""
         ray = mi.RayDifferential3f(ray)
         ray.o = origin
         spectrum, valid, *_aovs = self.integrator.sample(self.scene, sampler, ray, *self.more)
@@ -66,4 +66,4 @@ class UserDefinedTracer:
         return radiance, SampledRays(valid, not_finite)
 
 
-Tracer = Plan | UserDefinedTracer  # Traces camera rays
+Tracer = Plan | UserDefinedTracer  # Has `trace`, `for_bin_width` and `splats`

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FORMAT = "tofrender transient stack 1"
+LAYERS_FORMAT = "tofrender layers 1"
 LAYER = "error."  # Prefix of the channels of standard errors
 LEAST_DIGITS = 4  # Of a frame's number in its name
 # Channels that OpenEXR reads: R, G and B are "RGB", or their common prefix.
@@ -182,11 +183,9 @@ def save_exr_layers(
     import OpenEXR
 
     attrs = checks.mapping("attrs", attrs)
-    arrays = {
-        name: checks.real_array(f"layers[{name!r}]", values, np.float32)
-        for name, values in checks.mapping("layers", layers).items()
-    }
-    for name, array in arrays.items():
+    arrays: dict[str, np.ndarray] = {}
+    for name, values in checks.mapping("layers", layers).items():
+        array = arrays[name] = checks.real_array(f"layers[{name!r}]", values, np.float32)
         valid = array.ndim == 3 and array.shape[2] in (1, 3) and 0 not in array.shape
         allowed = "(height, width, channels) with 1 or 3 channels"
         checks.shape(f"layers[{name!r}]", array, valid, allowed)
@@ -201,10 +200,36 @@ def save_exr_layers(
         letters = "RGB" if array.shape[2] == 3 else "Y"
         channels |= _by_channel(array, [f"{name}.{c}" if name else c for c in letters])
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    header |= {"format": "tofrender layers 1", **{k: str(value) for k, value in attrs.items()}}
+    header |= {"format": LAYERS_FORMAT, **{k: str(value) for k, value in attrs.items()}}
     with replacing(target) as temporary:
         OpenEXR.File(header, channels).write(str(temporary))
     return target
+
+
+def load_exr_layers(
+    path: str | os.PathLike,
+) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+    """Read what `save_exr_layers` wrote: layers by name, (height, width, channels), and attributes.
+
+    Raises:
+        ValueError: It is another file, or a damaged one.
+
+    Example:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     file = save_exr_layers(folder + "/a.exr", {"I": np.zeros((2, 3, 3))}, {"opl": 0.5})
+        ...     layers, attrs = load_exr_layers(file)
+        >>> layers["I"].shape, attrs["opl"]
+        ((2, 3, 3), '0.5')
+    """
+    part = _read(Path(path))[0]
+    if part.header.get("format") != LAYERS_FORMAT:
+        raise ValueError(f"path = {path}: must be what `save_exr_layers` wrote")
+    layers = {
+        name.removesuffix("RGB").removesuffix("Y").removesuffix("."): np.atleast_3d(channel.pixels)
+        for name, channel in part.channels.items()
+    }
+    return layers, {k: v for k, v in part.header.items() if isinstance(v, str)}
 
 
 def _by_channel(image: np.ndarray, names: list[str]) -> dict[str, np.ndarray]:

@@ -194,16 +194,13 @@ def _read(file: h5py.File) -> dict[str, Any]:
     coloured = [name for name in attrs if name.startswith(_COLOURS)]
     full = [item for item in items.values() if item is not None]
     if full:
-        largest = max(full, key=_bytes)
+        largest = max(full, key=lambda item: item.nbytes)
+        size = sum(item.nbytes for item in full)
         what = f"{str(largest.name).strip('/')} with shape {largest.shape}"
-        memory.require_free(what, _COPIES * sum(map(_bytes, full)) * (4 if coloured else 1))
+        memory.require_free(what, _COPIES * size * (4 if coloured else 1))
     found = {name: None if item is None else item[()] for name, item in items.items()}
     colours = {name.removeprefix(_COLOURS): attrs[name] for name in coloured}
     return found | {_COLOURS: colours} | dict.fromkeys(names & set(_OTHERS))
-
-
-def _bytes(item: h5py.Dataset) -> int:
-    return math.prod(item.shape) * item.dtype.itemsize
 
 
 def _field_of(file: h5py.File, name: str) -> h5py.Dataset | None:

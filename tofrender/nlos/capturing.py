@@ -12,7 +12,7 @@ import numpy as np
 
 from ..films.image import time_bins, transient_film
 from ..films.recording import warn_not_finite
-from ..integrators.passes import Part, best_sampler, steps
+from ..integrators.passes import SampleRange, best_sampler, steps
 from ..integrators.running import interrupted, made_with, run
 from ..rendering.collecting import ArrayStore, collect
 from ..rendering.job import Job, dataset_of, decide, remaining
@@ -232,11 +232,11 @@ class ExhaustiveCapture:
         film = transient_film(setup.camera.film(), *self.window)
         record = setup.integrator.recording(film)
         seed = (setup.seed + point[0] * self.points.shape[1] + point[1]) % checks.MAX_SEED
-        part, sampler = Part(saved=kept), best_sampler(setup.spp)
+        samples, sampler = SampleRange(saved=kept), best_sampler(setup.spp)
         done = run(
-            steps(setup.plan(), record, setup.camera, sampler, seed, part),
+            steps(setup.plan(), record, setup.camera, sampler, seed, samples),
             *(record, setup.spp),
-            done=part.done,
+            done=samples.done,
             checkpoint=checkpoint,
             progress=progress,
             stop=stop,

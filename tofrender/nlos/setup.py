@@ -63,9 +63,7 @@ def prepare_capture(
     else:
         allowed = "None for a loaded scene, whose film has its size already"
         checks.require("grid", grid, grid is None, allowed)
-    require_sensor(scene)
-    number = checks.integer("sensor", sensor, 0, len(scene.sensors()) - 1)
-    camera: Any = scene.sensors()[number]
+    camera: Any = require_sensor(scene, sensor)
     check_scene(scene, camera, media=True)
     integrator: Any = scene.integrator()
     kind = type(integrator).__name__.replace("NoneType", "none")
@@ -82,7 +80,7 @@ def prepare_capture(
     apply_meters(scene, camera)
     shapes = _find_wall(scene, integrator, camera, wall)
     points = wall_points(scene, camera, shapes)
-    found = scene, camera, number, integrator, shapes
+    found = scene, camera, int(sensor), integrator, shapes
     return CaptureSetup(*found, mode, points, samples, seed, arguments)
 
 

@@ -60,17 +60,9 @@ def sample_camera(
     pixel: mi.UInt32,
     tile: Tile | None = None,
 ) -> CameraSample:
-    """Sample one ray through each of the given pixels.
+    """Sample one ray through each pixel, given by indices row by row in the sampled area.
 
-    Args:
-        sensor: The camera.
-        film: The film that is rendered to: the sensor's own, or one of the same size.
-        sampler: Random numbers.
-        pixel: Index into the sampled area, row by row.
-        tile: Where the film is in the sensor's, if that has more pixels.
-
-    Returns:
-        Rays, their origins, weights and film positions.
+    The film is the sensor's own or one of the same size; else a `tile` says where it is there.
     """
     corner = pixel_corner(film, pixel)
     centred = getattr(sensor, "looks_at_pixel_centres", False)
@@ -113,7 +105,7 @@ def ray_origin(sensor: mi.Sensor, ray: mi.Ray3f) -> mi.Point3f:
     """
     if not isinstance(sensor, mi.ProjectiveCamera):
         return mi.Point3f(ray.o)
-    axis = sensor.world_transform() @ mi.Vector3f(0, 0, 1)  # As long as a unit of the near clip
+    axis = sensor.world_transform() @ mi.Vector3f(0, 0, 1)  # Scaled as near_clip is
     near_clip = mi.traverse(sensor)["near_clip"]
     return ray.o - ray.d * (near_clip * dr.squared_norm(axis) / dr.dot(ray.d, axis))
 

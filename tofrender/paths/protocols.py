@@ -1,30 +1,24 @@
-"""Interfaces of the four parts of the path loop, which never looks at their types.
+"""Interfaces of the path loop: space, endpoint, scattering and measurement.
 
-| part | implementation | is |
+The loop never looks at their types.
+
+| interface | implementation | is |
 |---|---|---|
 | space | `space.Vacuum` | straight rays between surfaces |
 | | `media.space.Media` | straight rays through participating media |
 | endpoint | `endpoints.SceneLights` | the scene's emitters, by next-event estimation and hits |
-| | `integrators.lights_straight_ahead` | those, also behind panes and masks |
 | | `endpoints.EmitterHits`, `ConnectionsOnly` | one of both techniques |
-| | `integrators.one_sample.OneSampleLights` | one-sample MIS of emitter and BSDF sampling |
-| | `endpoints.GatedLights`, `media.gated.GatedFog` | emitter samples seen through a gate |
-| | `integrators.outside_lights.PointSource`, `OpenSky` | a light outside the scene |
-| | `bidirectional.camera.Camera` | the lens, for paths from lights |
-| | `bidirectional.light_paths.LightPaths` | emitters, and the vertices of a light path |
-| | `nlos.light.laser_spot.LaserSpot` | the laser spot on a relay wall |
-| | `nlos.light.transient_nlos.LaserEmitter` | the scene's laser, for the paths that count |
 | scattering | `scattering.Materials` | the BSDF of each surface, or one for all |
 | | `media.phases.Phases` | phase functions in media, another scattering on surfaces |
-| | `nlos.light.guided.Guided` | another scattering, mixed with directions to target surfaces |
 | measurement | `films.sums.Radiance` | the sum of all light |
 | | `films.sums.Weighted` | a sum weighted by path length: a gate, a correlation |
 | | `films.time_bins.TimeBins` | a film's time bins |
 | | `films.phasor_sum.PhasorSum` | phasors of some frequencies |
 | | `rendering.arrivals.ArrivalHistogram` | energy over path length, for all pixels together |
 
-Parts have no state of their own: what they need to know of a path is stored in the path (`history`,
-`guide`, `medium`).
+Other endpoints stand beside what needs them: in `integrators`, `media.gated`, `bidirectional` and
+`nlos.light`. Implementations have no state of their own: what they need to know of a path is stored
+in it (`history`, `guide`, `medium`).
 """
 
 from __future__ import annotations
@@ -51,11 +45,11 @@ class Space(ABC):
     index: float  # index of refraction around the sensor
 
     def with_phase_functions(self, surfaces: Scattering, **options: bool) -> Scattering:
-        """Extend the scattering of surfaces to the points of media; options as for `Phases`."""
+        """Extend scattering at surfaces to points of media; options are those of `Materials`."""
         return surfaces
 
     def attached(self) -> Space:
-        """Return the space with derivatives of what it depends on."""
+        """Return the space for attached sampling: free-flight distances have derivatives."""
         return self
 
     def medium_at_sensor(self, ray: mi.Ray3f) -> mi.MediumPtr | None:
@@ -74,7 +68,7 @@ class Space(ABC):
 
     @abstractmethod
     def next_vertex(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
-        """Intersect the path's ray; returns the path with its throughput, and the vertex."""
+        """Intersect the path's ray; of the path, only throughput and current medium may change."""
 
     @abstractmethod
     def transmittance(
@@ -85,7 +79,7 @@ class Space(ABC):
     def transmittance_and_medium(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
     ) -> tuple[mi.Spectrum, mi.MediumPtr | None]:
-        """As `transmittance`, and the medium at the connection's end."""
+        """As `transmittance`, and the medium at the end, for MIS weights of light paths."""
         return self.transmittance(path, vertex, connection, sampler), None
 
 
@@ -97,7 +91,7 @@ class HistoryUpdates(ABC, Generic[H]):
         """Create the history of a path without vertices."""
 
     def at_vertex(self, path: Path[H], vertex: Vertex, active: mi.Bool) -> H:
-        """Return the history after one more vertex."""
+        """Return the history after one more vertex, whose number is `path.depth`."""
         return path.history
 
     def after_sample(self, path: Path[H], vertex: Vertex, bsdf_sample: BSDFSample) -> H:
@@ -106,10 +100,10 @@ class HistoryUpdates(ABC, Generic[H]):
 
 
 class FurtherConnections(Protocol):
-    """Connections of a vertex beside its first one."""
+    """Connections of a vertex beside its first one, such as more emitter samples."""
 
     def count(self, path: Path) -> mi.UInt32:
-        """Return how many follow the first one."""
+        """Return how many follow the first one at vertex number `path.depth`."""
 
     def sample(
         self,
@@ -120,20 +114,25 @@ class FurtherConnections(Protocol):
         sampler: mi.Sampler,
         active: mi.Bool,
     ) -> Connection:
-        """Sample number `k` of those that follow the first one."""
+        """Sample number `k` = 0, 1, ... after the first."""
 
 
 class Target(Protocol):
-    """Emitter sample and path length of a connection by way of a point of a medium."""
+    """Emitter sample, and length from `path.prev` to it by way of a point of a medium."""
 
     active: mi.Bool  # lanes in which there is such a point
 
 
 class MediumConnections(Protocol[T]):
-    """Connections of points of media along rays, instead of those where paths scatter."""
+    """Connections of points of media that are sampled for a path length, along rays.
+
+    They replace those of vertices in media, and have no MIS weight. Along the ray to the next
+    vertex, `prepare` samples emitter and length, and `connect` finds the point with that length.
+    From a vertex, `sample_direction` samples such a ray first.
+    """
 
     def prepare(self, path: Path, sampler: mi.Sampler, active: mi.Bool) -> T:
-        """Sample the emitter and the length of a connection to the path's last vertex."""
+        """Sample the emitter, and the length from there to the path's last vertex."""
 
     def sample_direction(self, target: T, sampler: mi.Sampler) -> tuple[T, mi.Vector3f, mi.Float]:
         """Sample a direction to the point; returns the target along it, and the density [1/sr]."""
@@ -141,7 +140,10 @@ class MediumConnections(Protocol[T]):
     def connect(
         self, path: Path, target: T, sampler: mi.Sampler
     ) -> tuple[Path, Vertex, Connection]:
-        """Connect the point on the path's ray; returns the path up to it, too."""
+        """Connect the point of the ray; returns the path up to it, its `β` and `opl` included.
+
+        The connection's weight is divided by the densities of emitter and length.
+        """
 
 
 class Endpoint(ABC):
@@ -162,16 +164,20 @@ class Endpoint(ABC):
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
-        """Sample a connection from the vertex; `path` includes it, `path.prev` is before it."""
+        """Sample a connection from the vertex.
+
+        `path.opl` reaches up to the vertex, whose number is `path.depth`; `path.ray` is the ray
+        that has led to it, and `path.prev` the vertex before.
+        """
 
     def mis_weight(
         self, path: Path, vertex: Vertex, connection: Connection, bsdf_eval: BSDFEval
     ) -> mi.Float:
-        """Return the MIS weight of a connection; 1 where nothing else finds the light."""
+        """Return a connection's MIS weight, divided by how many the vertex makes."""
         return mi.Float(1)
 
     def hit(self, vertex: Vertex, path: Path) -> Hit:
-        """Return the emission that the path's ray runs into, with its MIS weight."""
+        """Return emission at the ray's end, and the length by which `opl` grows in all lanes."""
         black, never = mi.UnpolarizedSpectrum(0), mi.Bool(False)
         return Hit(black, mi.Float(0), vertex.length, never, mis_weight=mi.Float(0))
 
@@ -180,15 +186,15 @@ class Endpoint(ABC):
         return mi.Float(0)
 
     def visible_emitters(self) -> Sequence[mi.Emitter]:
-        """Return emitters on surfaces that the sensor's rays may run into."""
+        """Return emitters on surfaces that camera rays may run into, for `VisibleEmitters`."""
         return ()
 
     def for_bin_width(self, width_opl: float) -> Endpoint:
-        """Return the endpoint for films that resolve path lengths by `width_opl` [m]."""
+        """Return the endpoint for films of this resolution [m], e.g. with more emitter samples."""
         return self
 
     def attached(self) -> Endpoint:
-        """Return the endpoint with derivatives: one connection a vertex, to points that move."""
+        """Return the endpoint for attached sampling, with one connection, to points that move."""
         return self
 
 
@@ -198,11 +204,11 @@ class Scattering(ABC):
     refracts: bool = False  # whether the index of refraction may change along paths
 
     def guide(self) -> mi.Float | None:
-        """Return the path's guide before the first vertex, None without guiding."""
+        """Return the initial `Path.guide`, None if `complete_sample` does nothing."""
         return None
 
     def complete_sample(self, path: Path, vertex: Vertex) -> Path:
-        """Complete throughput and density of the last sample, now that its next vertex is known."""
+        """Complete `β` and `pdf` of the last sample, where they depend on the next vertex."""
         return path
 
     @abstractmethod
@@ -252,9 +258,8 @@ class ScatteringWrapper(Scattering):
 class Measurement(Protocol):
     """Accumulates contributions.
 
-    One that sums in variables is a dataclass of Dr.Jit arrays, which the loop carries as its state;
-    one that scatters into a film hides the film in a function. Films read its `total`, the sum of
-    all light.
+    The loop carries the fields of dataclasses as its state. Sums are such fields; one that scatters
+    into a film has a function instead, since the film's arrays must stay out of the state.
     """
 
     def add(self, contribution: Contribution) -> None:

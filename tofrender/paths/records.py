@@ -6,7 +6,6 @@ not differentiate the loop in reverse otherwise.
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
@@ -44,7 +43,8 @@ class Path(Generic[H]):
     prev: mi.Interaction3f  # the last vertex; at first the point that lengths are measured from
     pdf: mi.Float  # solid-angle density of the ray's direction [1/sr]
     history: H  # what the endpoint's MIS weights need of earlier vertices, None if nothing
-    # distance to the target that guiding has sent the ray to, see `nlos.light.guided`; else None
+    # distance to the target that guiding has sent the ray to, on which the density of that
+    # direction depends, see `nlos.light.guided`; else None
     guide: mi.Float | None
     medium: mi.MediumPtr | None  # the current medium, null in vacuum; None in scenes without media
     not_finite: mi.UInt32  # number of contributions dropped because they were not finite
@@ -146,8 +146,9 @@ class Hit:
     """Emission that a ray runs into."""
 
     radiance: mi.UnpolarizedSpectrum  # emitted radiance towards the last vertex
-    pdf: mi.Float  # solid-angle density of next-event estimation for the same direction [1/sr]
-    length: mi.Float  # distance to where it was emitted [m]
+    # solid-angle density of next-event estimation for the same direction, for `mis_weight` [1/sr]
+    pdf: mi.Float
+    length: mi.Float  # length of the ray's segment, also in lanes without emission [m]
     active: mi.Bool  # lanes in which it counts
     mis_weight: mi.Float  # MIS weight against the other techniques that find the same light
 
@@ -162,7 +163,8 @@ class Connection:
     point: mi.Point3f  # where the connection ends [m]
     direction: mi.Vector3f  # unit vector from the vertex towards it, world space
     weight: mi.Spectrum  # radiance over density
-    length: mi.Float  # geometric length of the connection, which may start beyond `point` [m]
+    # geometric length; longer than the distance to `point` if the light itself starts further away
+    length: mi.Float
     active: mi.Bool  # lanes in which there is a connection
     # solid-angle density of `direction` [1/sr]
     pdf: mi.Float = field(default_factory=lambda: mi.Float(1))
@@ -226,9 +228,9 @@ class Limits:
         rr_depth: Number of vertices from which on Russian roulette may end a path.
         max_opl: Optical path length beyond which no contribution counts [m], None if all do.
         camera_unwarp: Leave out the segment from the sensor to the first vertex.
-        skip_first_hit: Drop emission at the first surface, which is sampled apart.
+        skip_first_hit: Drop emission at the first surface, which `VisibleEmitters` samples.
         ignore_null: Null interactions change neither depth nor MIS weights, as in Mitsuba's
-            `volpath`. Space and endpoint must be made for it.
+            `volpath`. Space and endpoint must pass through null surfaces (`transient_volpath`).
     """
 
     def __init__(
@@ -243,12 +245,6 @@ class Limits:
         self.max_depth, self.rr_depth, self.max_opl = max_depth, rr_depth, max_opl
         self.camera_unwarp, self.skip_first_hit = camera_unwarp, skip_first_hit
         self.ignore_null = ignore_null
-
-    def without_first_hit(self) -> Limits:
-        """Copy the limits, with emission at the first surface dropped."""
-        other = copy(self)
-        other.skip_first_hit = True
-        return other
 
     @property
     def bounded(self) -> bool:

@@ -1,11 +1,4 @@
-"""Scattering by the BSDFs of surfaces.
-
-**Derivatives of the choice between delta lobes**, such as reflection or refraction. A BSDF that
-chooses with the probability p weights its sample by f/p. A derivative needs that of f alone, as the
-choice itself stays. Mitsuba's BSDFs differ: some return a p with the derivative that they left in
-the weight, some have left it out of both. The weight times p over its value is right for all but
-masks, whose weight has the derivative of f and whose p has it again.
-"""
+"""Scattering by the BSDFs of surfaces."""
 
 from __future__ import annotations
 
@@ -39,8 +32,8 @@ class Materials(Scattering):
         both_ways: bool = False,
     ) -> None:
         self.material, self.importance, self.both_ways = material, importance, both_ways
-        self.radiance = mi.BSDFContext()
-        self.flux = mi.BSDFContext(mi.TransportMode.Importance)
+        self.context = mi.BSDFContext()
+        self.adjoint_context = mi.BSDFContext(mi.TransportMode.Importance)
         self.glass = Glass(scene) if material is None else None
         self.choices = Choices(scene) if material is None else None
         clear = material is None and has_lobes(scene, mi.BSDFFlags.DeltaTransmission)
@@ -60,9 +53,9 @@ class Materials(Scattering):
         if self.importance:
             f, pdf_reverse = self._adjoint(bsdf, si, wo, active)
             f = bsdf_to_world(si, f, si.wi, wo)
-            pdf = bsdf.pdf(self.radiance, si, wo, active)
+            pdf = bsdf.pdf(self.context, si, wo, active)
         else:
-            f, pdf = bsdf.eval_pdf(self.radiance, si, wo, active)
+            f, pdf = bsdf.eval_pdf(self.context, si, wo, active)
             f, pdf_reverse = (
                 bsdf_to_world(si, f, wo, si.wi),
                 self._pdf_reverse(bsdf, si, wo, active),
@@ -79,12 +72,12 @@ class Materials(Scattering):
         # Sample the BSDF
         if self.importance:
             bsdf_eval = self.eval_connection(vertex, connection)
-            bs, weight = bsdf.sample(self.flux, si, xi, u, active)
+            bs, weight = bsdf.sample(self.adjoint_context, si, xi, u, active)
         elif connection is None:
-            bs, weight = bsdf.sample(self.radiance, si, xi, u, active)
+            bs, weight = bsdf.sample(self.context, si, xi, u, active)
         else:  # In one call, which is faster
             wo = si.to_local(connection.direction)
-            f, pdf, bs, weight = bsdf.eval_pdf_sample(self.radiance, si, wo, xi, u, active)
+            f, pdf, bs, weight = bsdf.eval_pdf_sample(self.context, si, wo, xi, u, active)
             η = self._index_behind(bsdf, si, wo, connection.active)
             f = bsdf_to_world(si, f, wo, si.wi)
             bsdf_eval = BSDFEval(f, pdf, η, self._pdf_reverse(bsdf, si, wo, connection.active))
@@ -93,7 +86,7 @@ class Materials(Scattering):
 
         # Weight the sample
         if self.importance:
-            # A sample of weight 0 has failed: other samples find what its direction scatters
+            # A sample of weight 0 has failed, whatever its direction would scatter
             smooth = active & ~specular & (bs.pdf > 0) & dr.any(intensity(weight) > 0)
             f, pdf_reverse = self._adjoint(bsdf, si, bs.wo, smooth)
             delta = weight * _specular_adjoint(si, bs.wo, bs.eta)
@@ -123,7 +116,7 @@ class Materials(Scattering):
         """Return the reverse density of `wo`, if needed [1/sr]."""
         if not self.both_ways:
             return None
-        return bsdf.pdf(self.radiance, _seen_from(si, wo), si.wi, active)
+        return bsdf.pdf(self.context, _seen_from(si, wo), si.wi, active)
 
     def _adjoint(
         self, bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
@@ -133,7 +126,7 @@ class Materials(Scattering):
         That path comes from `wo` and goes on to `si.wi`. Its cosine is the shading normal's, while
         light arrives at the surface, and leaves it, by the geometric one.
         """
-        f, pdf = bsdf.eval_pdf(self.radiance, _seen_from(si, wo), si.wi, active)
+        f, pdf = bsdf.eval_pdf(self.context, _seen_from(si, wo), si.wi, active)
         falls, leaves = (dr.abs(dr.dot(si.n, si.to_world(w))) for w in (si.wi, wo))
         return f * dr.select(falls > 0, leaves / falls, 0), pdf
 
@@ -159,13 +152,20 @@ def _specular_adjoint(si: mi.SurfaceInteraction3f, wo: mi.Vector3f, η: mi.Float
 
 
 class Choices:
-    """Derivatives that the BSDFs of a scene leave out of their sample weights."""
+    """Derivatives that the BSDFs of a scene leave out of their sample weights.
+
+    A BSDF that chooses a delta lobe, such as reflection or refraction, with the probability p
+    weights its sample by f/p. A derivative needs that of f alone, as the choice itself stays.
+    Mitsuba's BSDFs differ: p has a derivative in both weight and returned density, or in neither.
+    The weight times p over its value is right for all but masks, whose p has a derivative in the
+    returned density only.
+    """
 
     def __init__(self, scene: mi.Scene) -> None:
         kinds = {bsdf: [part.class_name() for part in bsdfs_in(bsdf)] for bsdf in materials(scene)}
-        self._whole = [bsdf for bsdf, parts in kinds.items() if MASK in parts]
+        self._masks = [bsdf for bsdf, parts in kinds.items() if MASK in parts]
 
     def change(self, bsdf: mi.BSDFPtr, pdf: mi.Float, specular: mi.Bool) -> mi.Float:
         """Return 1, with the derivative that a weight lacks."""
-        whole = reduce(lambda found, mask: found | (bsdf == mi.BSDFPtr(mask)), self._whole, False)
-        return dr.replace_grad(mi.Float(1), changing(pdf, specular & ~mi.Bool(whole)))
+        mask = reduce(lambda found, each: found | (bsdf == mi.BSDFPtr(each)), self._masks, False)
+        return dr.replace_grad(mi.Float(1), changing(pdf, specular & ~mi.Bool(mask)))

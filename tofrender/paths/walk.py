@@ -1,7 +1,7 @@
 """The path loop, the only one of the package.
 
 `walk` traces paths and adds every contribution to a measurement. It has path lengths, and no
-pulses, films or frequencies: what varies are the four parts of `protocols`.
+pulses, films or frequencies: what varies are the interfaces of `protocols`.
 
 **Paths from lights** use the same loop, see `bidirectional`: they start with an emission sample,
 and their endpoint is the camera, whose connections end on the lens. Scattering is then adjoint
@@ -14,8 +14,9 @@ roulette and MIS weights use its first entry, and a contribution is a Stokes vec
 **Media** are a space: `next_vertex` may return a point that scatters, and `transmittance` is a
 spectrum. Phase functions are a scattering that wraps another one.
 
-**Gradients** differentiate `step`, one vertex at a time (`gradients.steps`). All parts are
-therefore pure: `step` returns a new path, and nothing is stored outside of it.
+**Gradients** differentiate `step`, one vertex at a time (`gradients.steps`), which therefore
+returns a new path. Fields that the given path shares are assigned, since Dr.Jit's `+=` and `*=`
+change the array itself.
 """
 
 from __future__ import annotations
@@ -56,9 +57,9 @@ def step(sampler: mi.Sampler, path: Path, parts: Parts, measurement: Measurement
 
     # ------------------------- Find the next vertex -------------------------
 
-    if endpoint.in_media is not None:  # Points of media that the ray passes connect instead
+    if endpoint.in_media is not None:  # After smooth vertices, `_connect_medium_around` has done it
         along_ray = path.active & path.specular
-        path.not_finite += _connect_medium(
+        path.not_finite = path.not_finite + _connect_medium(
             path, along_ray, parts, endpoint.in_media, measurement, sampler
         )
     path, vertex = space.next_vertex(path, sampler)
@@ -73,13 +74,13 @@ def step(sampler: mi.Sampler, path: Path, parts: Parts, measurement: Measurement
     active = path.active & vertex.valid
     path.valid_ray |= active & (path.depth == 0)
     below_max_depth = active
-    if limits.bounded:
+    if limits.bounded:  # Null interactions, if they do not count, may follow the last vertex
         below_max_depth = active & (path.depth + 1 < limits.max_depth)
         active = active if limits.ignore_null else below_max_depth
     if limits.max_opl is not None:
-        # Behind glass, a connection may be optically shorter than its distance
+        # Indices of refraction may be below 1, so that distances bound nothing
         to_light = mi.Float(0) if scattering.refracts else endpoint.min_distance(vertex.si.p)
-        active &= path.opl + to_light <= limits.max_opl
+        active = active & (path.opl + to_light <= limits.max_opl)
 
     # ------------- Next-event estimation, and BSDF sampling -----------------
 
@@ -92,20 +93,20 @@ def step(sampler: mi.Sampler, path: Path, parts: Parts, measurement: Measurement
         _attenuate(connection, path, vertex, parts, sampler)
         bsdf_eval, bsdf_sample = scattering.sample(vertex, connection, sampler, active)
         contribution = _contribution(connection, path, vertex, bsdf_eval, parts)
-        path.not_finite += accumulate(measurement, contribution)
+        path.not_finite = path.not_finite + accumulate(measurement, contribution)
         if endpoint.further is not None:
-            path.not_finite += _connect_further(
+            path.not_finite = path.not_finite + _connect_further(
                 connection, path, vertex, parts, endpoint.further, sampler, measurement, connects
             )
         if endpoint.in_media is not None:
-            path.not_finite += _connect_medium_around(
+            path.not_finite = path.not_finite + _connect_medium_around(
                 path, vertex, connects, parts, endpoint.in_media, measurement, sampler
             )
     else:
         _, bsdf_sample = scattering.sample(vertex, None, sampler, active)
 
     if limits.ignore_null:
-        active &= below_max_depth | bsdf_sample.null
+        active = active & (below_max_depth | bsdf_sample.null)
 
     # ------------------------- Update the path ------------------------------
 
@@ -113,11 +114,11 @@ def step(sampler: mi.Sampler, path: Path, parts: Parts, measurement: Measurement
         path.history = endpoint.history.after_sample(path, vertex, bsdf_sample)
     path.medium = space.medium_behind(path, vertex, bsdf_sample.ray.d)
     path.ray, path.guide = bsdf_sample.ray, bsdf_sample.guide
-    path.β = multiply_throughput(path.β, bsdf_sample.weight, endpoint.importance)
-    path.η *= bsdf_sample.η
+    path.β = multiply_throughput(path.β, bsdf_sample.weight, importance=endpoint.importance)
+    path.η = path.η * bsdf_sample.η
     path.prev = mi.Interaction3f(vertex.si)
     path.pdf, path.specular = bsdf_sample.pdf, bsdf_sample.specular
-    path.depth = path.depth + dr.select(vertex.valid, mi.UInt32(1), 0)  # `before` keeps its own
+    path.depth = path.depth + dr.select(vertex.valid, mi.UInt32(1), 0)
     if limits.ignore_null:
         for name in ("depth", "pdf", "specular_flag"):
             unchanged = getattr(before, name)
@@ -125,8 +126,8 @@ def step(sampler: mi.Sampler, path: Path, parts: Parts, measurement: Measurement
 
     # End paths whose throughput is not finite
     finite = dr.isfinite(summed(path.β))
-    path.not_finite += dr.select(active & ~finite, mi.UInt32(1), 0)
-    active &= finite
+    path.not_finite = path.not_finite + dr.select(active & ~finite, mi.UInt32(1), 0)
+    active = active & finite
 
     # The last ray could only run into emitters, which connections from smooth surfaces have found
     if limits.bounded and endpoint.finds_all:
@@ -146,16 +147,17 @@ def step(sampler: mi.Sampler, path: Path, parts: Parts, measurement: Measurement
 
 
 def add_emission(path: Path, vertex: Vertex, parts: Parts, measurement: Measurement) -> Path:
-    """Add emission at the next vertex, or from infinity; returns the path with its length."""
+    """Add emission at the next vertex, or from infinity; returns the path with `opl` up to it."""
     path, limits = copy(path), parts.limits
     hit = parts.endpoint.hit(vertex, path)
     length = dr.select(path.depth == 0, 0, hit.length) if limits.camera_unwarp else hit.length
     path.opl = dr.fma(path.η, length, path.opl)
     active = hit.active
-    if limits.skip_first_hit:
-        active &= path.valid_ray | ~vertex.valid
+    if limits.skip_first_hit:  # `step` sets `valid_ray` after the first hit
+        active = active & (path.valid_ray | ~vertex.valid)
     emitted = apply_throughput(path.β * hit.mis_weight, hit.radiance)
-    path.not_finite += accumulate(measurement, Contribution(emitted, path.opl, active))
+    contribution = Contribution(emitted, path.opl, active, end=vertex.si.p)
+    path.not_finite = path.not_finite + accumulate(measurement, contribution)
     return path
 
 
@@ -193,7 +195,7 @@ def _connect_medium(
 ) -> mi.UInt32:
     """Connect a point of a medium along the path's ray; returns how many were not finite."""
     if parts.limits.bounded:
-        active &= path.depth + 1 < parts.limits.max_depth
+        active = active & (path.depth + 1 < parts.limits.max_depth)
     target = in_media.prepare(path, sampler, active) if target is None else target
     path, vertex, connection = in_media.connect(path, target, sampler)
     _attenuate(connection, path, vertex, parts, sampler)
@@ -216,7 +218,7 @@ def _connect_medium_around(
     around.prev = mi.Interaction3f(vertex.si)
     around.depth = path.depth + 1
     if parts.limits.bounded:
-        active &= around.depth + 1 < parts.limits.max_depth
+        active = active & (around.depth + 1 < parts.limits.max_depth)
     target = in_media.prepare(around, sampler, active)
     target, direction, pdf = in_media.sample_direction(target, sampler)
     bsdf_eval = parts.scattering.eval_pdf(vertex, direction, target.active)
@@ -246,15 +248,17 @@ def _contribution(
     endpoint, throughput = parts.endpoint, path.β
     if mis_weight:
         throughput = throughput * endpoint.mis_weight(path, vertex, connection, bsdf_eval)
-    throughput = multiply_throughput(throughput, bsdf_eval.f, endpoint.importance)
+    throughput = multiply_throughput(throughput, bsdf_eval.f, importance=endpoint.importance)
     if connection.frame is not None:
-        throughput = multiply_throughput(throughput, connection.frame, endpoint.importance)
+        throughput = multiply_throughput(
+            throughput, connection.frame, importance=endpoint.importance
+        )
     spectrum = apply_throughput(throughput, connection.weight)
     η = path.η * bsdf_eval.η
     opl = dr.fma(η, connection.length, path.opl)
     if endpoint.importance:  # η is relative to that around the light, the sensor's is known
         opl = opl / η * parts.space.index
-    return Contribution(spectrum, opl, connection.active, connection.position)
+    return Contribution(spectrum, opl, connection.active, connection.position, connection.point)
 
 
 def accumulate(measurement: Measurement, contribution: Contribution) -> mi.UInt32:

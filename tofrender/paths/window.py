@@ -107,6 +107,13 @@ class Window:
         z = dr.dot(d, self.axis)
         return dr.dot(d, self.right) / z, dr.dot(d, self.up) / z
 
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """Project points (n, 3) through the middle of the lens [pixels]; NaN if not in front."""
+        ahead = mi.Point3f(points.T) - self.position
+        across = (mi.Vector2f(*self.plane(ahead)) - self.corner) / self.extent
+        seen = dr.dot(ahead, self.axis) > self.near_clip
+        return np.array(dr.select(seen, self.first + across * self.size, dr.nan)).T
+
     def pixels_of(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Return the first and the last position on the film that sees a box [pixels].
 

@@ -1,7 +1,7 @@
-"""Error bars from the scatter of parts of equal size, each with points of its own.
+"""Error bars from the scatter of batches of samples, each with points of its own.
 
-The parts of one even point set are no independent draws: together they are evener than apart, and
-their scatter would tell too large an error. So each part has its own seed. That costs some of the
+Parts of one even point set are no independent draws: together they are evener than apart, and
+their scatter would tell too large an error. So each batch has its own seed. That costs some of the
 evenness: the error bar is that of what is returned, which is a little noisier than the same number
 of samples in one point set.
 """
@@ -15,26 +15,26 @@ import numpy as np
 
 from ..samplers.padded_sobol import mix
 
-PARTS, LEAST_PARTS = 16, 4
-"""Parts of a render, if its number of samples can be divided by so many, and at least."""
+BATCHES, LEAST_BATCHES = 16, 4
+"""Batches of a render, if its number of samples can be divided by so many, and at least."""
 
 ROWS = 1 << 22
 """Values that are worked on at a time."""
 
 
-def parts_of(spp: int) -> int:
-    """Number of parts of so many samples per pixel."""
-    found = math.gcd(spp, PARTS)
-    if found < LEAST_PARTS:
-        raise ValueError(f"spp = {spp}: must be a multiple of {LEAST_PARTS} with errors")
+def batches_of(spp: int) -> int:
+    """Number of batches of so many samples per pixel."""
+    found = math.gcd(spp, BATCHES)
+    if found < LEAST_BATCHES:
+        raise ValueError(f"spp = {spp}: must be a multiple of {LEAST_BATCHES} with errors")
     return found
 
 
-def seed_of(seed: int, first: int, part: int) -> mi.UInt32:
-    """Seed of a part of the samples that come after the `first` ones."""
+def seed_of(seed: int, first: int, batch: int) -> mi.UInt32:
+    """Seed of a batch of the samples that come after the `first` ones."""
     import drjit as dr
 
-    own = mix(mix(mi.UInt32(seed), mi.UInt32(first)), mi.UInt32(part + 1))
+    own = mix(mix(mi.UInt32(seed), mi.UInt32(first)), mi.UInt32(batch + 1))
     dr.make_opaque(own)  # One kernel for all seeds
     return own
 
@@ -71,7 +71,7 @@ class Scatter:
 
     def state(self) -> dict[str, np.ndarray]:
         """All of it as arrays, for `restored`."""
-        return {"parts": np.array(self.count)} | {
+        return {"batches": np.array(self.count)} | {
             f"{what}.{name}": array
             for what, arrays in (("mean", self.means), ("square", self.squares))
             for name, array in arrays.items()
@@ -80,7 +80,7 @@ class Scatter:
     @classmethod
     def restored(cls, state: dict[str, np.ndarray]) -> Scatter | None:
         """The scatter of a `state`, None of one in which nothing was added."""
-        if "parts" not in state:
+        if "batches" not in state:
             return None
         both: dict[str, dict[str, np.ndarray]] = {"mean": {}, "square": {}}
         for key, array in state.items():
@@ -88,7 +88,7 @@ class Scatter:
             if what in both:
                 both[what][name] = array
         found = cls(both["mean"])
-        found.count, found.squares = int(state["parts"]), both["square"]
+        found.count, found.squares = int(state["batches"]), both["square"]
         return found
 
 

@@ -23,10 +23,10 @@ from ..runtime.settings import SAMPLERS
 from ..scenes.fingerprint import fingerprint
 from .arrivals import LAST_OPL, Arrivals, find_arrivals
 from .dataset import check_dataset, components_of, coordinates, require_finite, transient_dataset
-from .errors import parts_of
+from .errors import batches_of
 from .settings import RenderSettings, is_auto
 from .window import WINDOW_OPTION, check_window, warn_of_losses, windowed_film
-from .work_items import WorkItem, WorkResult, render_item, whole
+from .work_items import WorkItem, WorkResult, whole
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -47,20 +47,19 @@ class Job:
 
     Attributes:
         plan: What is done with camera rays.
-        tracer: The integrator whose plan that is.
+        integrator: The integrator, whose plan that is.
         scene: The scene.
         settings: The settings.
         film: The film with its window, empty.
         profile: The pulse that it sees light with.
         arrivals: When light arrives, None if that was decided elsewhere.
-        origin: The function that makes the job again in a worker, and its arguments but for the
-            time axis.
+        origin: Function that makes the same job in a worker, and its arguments but the time axis.
         more: What else the result depends on.
         window_option: What decides on the window, for a warning.
     """
 
     plan: Plan
-    tracer: TransientIntegrator
+    integrator: TransientIntegrator
     scene: mi.Scene
     settings: RenderSettings
     film: TransientHDRFilm
@@ -81,31 +80,31 @@ class Job:
 
     def recording(self, film: TransientHDRFilm) -> Recording:
         """Recording of the integrator's light on a film."""
-        record = recording(film, self.tracer.exposure())
-        if is_user_defined(self.tracer):
-            record.require_no_lengths(type(self.tracer).__name__)
+        record = recording(film, self.integrator.exposure())
+        if is_user_defined(self.integrator):
+            record.require_no_lengths(type(self.integrator).__name__)
         return record
 
     @cached_property
     def recipe(self) -> dict[str, Any]:
         """All that the picture depends on, but for the number of samples."""
-        film, tracer, points = self.film, self.tracer, self.points()
+        film, integrator, points = self.film, self.integrator, self.points()
         own = type(points) is not mi.Sampler
         return {
             "quantity": "radiance per bin",
             "units": "W m^-2 sr^-1",
             "start_opl": film.start_opl,
             "bin_width_opl": film.bin_width_opl,
-            "pulse": str(tracer.pulse or "none"),
-            "temporal_filter": tracer.temporal_filter or "as rfilter",
+            "pulse": str(integrator.pulse or "none"),
+            "temporal_filter": integrator.temporal_filter or "as rfilter",
             "sensor": self.settings.sensor,
-            "integrator": type(tracer).__name__,
-            "max_depth": tracer.max_depth,
-            "camera_unwarp": int(tracer.camera_unwarp),
+            "integrator": type(integrator).__name__,
+            "max_depth": integrator.max_depth,
+            "camera_unwarp": int(integrator.camera_unwarp),
             "sampler": type(points).__name__ if own else points.class_name(),
             "seed": self.settings.seed,
             "variant": mi.variant(),
-            "fingerprint": fingerprint(self.scene, self.camera, tracer),
+            "fingerprint": fingerprint(self.scene, self.camera, integrator),
             "versions": versions(),
         }
 
@@ -114,10 +113,6 @@ class Job:
         """All that the result depends on: the recipe, the film's pixels, and more."""
         named = {**self.more, **self.recipe, "film": str(self.film)}
         return named | {"fingerprint": named.pop("fingerprint")}  # What has a name is told first
-
-    def render(self, item: WorkItem, **options: Any) -> WorkResult:
-        """Render a work item, see `render_item`."""
-        return render_item(self, item, **options)
 
     def add(self, arrays: dict[str, np.ndarray], item: WorkItem, result: WorkResult) -> None:
         """Add the result of a work item to the arrays of the whole film."""
@@ -130,15 +125,15 @@ class Job:
     def require_memory(self, spp: int) -> None:
         """Refuse a film that does not fit."""
         channels = self.film.shape[3]
-        folds = 2 if spp > MAX_ADDED else 1
-        copies = folds * (2 if self.plan.splats else 1)
+        flushed = 2 if spp > MAX_ADDED else 1
+        copies = flushed * (2 if self.plan.splats else 1)
         scatter = 2 * channels / memory.stride(channels) if self.settings.errors else 0
         memory.require_film(*self.film.shape, copies=copies + scatter)
 
 
 def decide(
     plan: Plan,
-    tracer: TransientIntegrator,
+    integrator: TransientIntegrator,
     scene: mi.Scene,
     settings: RenderSettings,
     origin: tuple[Callable[..., Job], Mapping[str, object]],
@@ -153,11 +148,11 @@ def decide(
     if axis is not None:
         film, profile, arrivals = transient_film(camera.film(), *axis), None, None
     else:
-        film, profile, arrivals = film_of_light(plan, tracer, camera, settings)
+        film, profile, arrivals = film_of_light(plan, integrator, camera, settings)
         check_window(film, arrivals, profile)
-    job = Job(plan, tracer, scene, settings, film, profile, arrivals, origin)
+    job = Job(plan, integrator, scene, settings, film, profile, arrivals, origin)
     if settings.errors:
-        parts_of(whole(job).count)
+        batches_of(whole(job).count)
     return job
 
 
@@ -224,10 +219,10 @@ def warn_of_missing(job: Job, attrs: Mapping[str, Any], stacklevel: int) -> None
 
 
 def film_of_light(
-    plan: Plan, tracer: TransientIntegrator, camera: mi.Sensor, settings: RenderSettings
+    plan: Plan, integrator: TransientIntegrator, camera: mi.Sensor, settings: RenderSettings
 ) -> tuple[TransientHDRFilm, Pulse | None, Arrivals]:
     """The film with its window, the pulse that it sees, and when light arrives."""
-    exposure = tracer.exposure()
+    exposure = integrator.exposure()
     film = windowed_film(camera.film(), *settings.time_axis)
     profile = seen_pulse(film, exposure)  # Refuses what does not fit together
     arrivals = find_arrivals(plan, camera, film, ARRIVALS_SEED)
@@ -238,7 +233,7 @@ def film_of_light(
         if arrivals.energy[-1] > 0:
             late = f"light arrives after more than {LAST_OPL:g} m, which no window holds"
             raise ValueError(f"window = 'auto': {late}; {allowed}")
-        film = windowed_film(camera.film(), arrivals.window(tracer.pulse), settings.bins)
+        film = windowed_film(camera.film(), arrivals.window(integrator.pulse), settings.bins)
         profile = seen_pulse(film, exposure)  # A filter's width is known when that of a bin is
         film = windowed_film(camera.film(), arrivals.window(profile), settings.bins)
     return film, profile, arrivals

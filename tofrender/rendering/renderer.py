@@ -149,7 +149,7 @@ def render(
             `spp` is not given.
         sensor: Number of the sensor.
         define: Values of an XML file's parameters, by name.
-        errors: Estimate standard errors: the samples are taken in 16 parts (8 or 4 where `spp`
+        errors: Estimate standard errors: the samples are taken in 16 batches (8 or 4 where `spp`
             is no multiple of 16), each with points of its own, whose scatter tells.
         resume: A Dataset of the same render with fewer samples, stopped or complete, to go on
             from: only the samples that are missing are taken. `padded_sobol` goes on in the same
@@ -221,7 +221,7 @@ def render(
         with without_bars(not progress):
             return _render_attached(scene, params, spp, seed, integrator, sensor)
     arguments["bins"] = either("bins", bins, temporal_bins)
-    record = RenderSettings(**{each.name: arguments[each.name] for each in fields(RenderSettings)})
+    wanted = RenderSettings(**{each.name: arguments[each.name] for each in fields(RenderSettings)})
     by_workers = check_workers(workers=workers, scheduler=scheduler, client=client)
     if out is not None:
         check_film(out)
@@ -232,7 +232,7 @@ def render(
     if by_workers:
         packed("scene", scene)  # Refuses what cannot be sent
     with without_bars(not progress), status("Rendering"):
-        job = make_job(record)
+        job = make_job(wanted)
         given = nullcontext(client) if client is not None else workers_for(workers, scheduler)
         with given as client:
             if out is not None:
@@ -252,11 +252,11 @@ def _render_attached(
     checks.instance("scene", scene, mi.Scene, "a loaded scene with `params`, as of load_scene")
     checks.instance("params", params, mi.SceneParameters, "those of mi.traverse(scene)")
     settings = RenderSettings(scene, spp=spp, seed=seed, integrator=integrator, sensor=sensor)
-    scene, tracer = open_scene(settings)
+    scene, own = open_scene(settings)
     light: Any = None
     refused: BaseException | None = None
     try:
-        light = mi.render(scene, params, sensor=sensor, integrator=tracer, seed=seed, spp=spp or 0)
+        light = mi.render(scene, params, sensor=sensor, integrator=own, seed=seed, spp=spp or 0)
     except RuntimeError as error:
         refused = error.__cause__  # Dr.Jit only says that there is one
         if refused is None:
@@ -276,9 +276,9 @@ def make_job(settings: RenderSettings, axis: tuple[int, float, float] | None = N
         without = make_job(replace(settings, pulse_width=None), axis)
         width = pulse_width_for(without)
         return without if width is None else make_job(replace(settings, pulse_width=width), axis)
-    scene, tracer = open_scene(settings)
-    plan = tracer.plan(scene, scene.sensors()[settings.sensor])
-    return decide(plan, tracer, scene, settings, (_job_in_worker, settings.values), axis)
+    scene, integrator = open_scene(settings)
+    plan = integrator.plan(scene, scene.sensors()[settings.sensor])
+    return decide(plan, integrator, scene, settings, (_job_in_worker, settings.values), axis)
 
 
 def _job_in_worker(axis: tuple[int, float, float], **settings: Any) -> Job:
@@ -321,15 +321,15 @@ def open_scene(settings: RenderSettings) -> tuple[mi.Scene, TransientIntegrator]
     require_sensor(scene)
     sensors = scene.sensors()
     checks.integer("sensor", settings.sensor, 0, len(sensors) - 1)
-    tracer = None if integrator is None else _integrator(scene, integrator)
-    follows = scene.integrator() if tracer is None else tracer
+    own = None if integrator is None else _integrator(scene, integrator)
+    follows = scene.integrator() if own is None else own
     does = {name: getattr(follows, f"follows_{name}", True) for name in ("media", "polarisation")}
     check_scene(scene, sensors[settings.sensor], **does)  # Those of others are refused later
     windowed_film(sensors[settings.sensor].film(), *settings.time_axis)  # Refuses a wrong window
-    tracer = _integrator(scene, tracer)
-    if tracer.needs_lights:
+    own = _integrator(scene, own)
+    if own.needs_lights:
         require_light(scene)
-    return scene, tracer
+    return scene, own
 
 
 def _integrator(scene: mi.Scene, integrator: Any) -> TransientIntegrator:

@@ -17,7 +17,7 @@ from .films_on_disk import load_zarr
 from .job import render_attributes, warn_of_missing
 from .store import Receipt, Store, check_film, under_way
 from .tiling import tile_size, tiles
-from .work_items import WorkItem, whole
+from .work_items import WorkItem, render_item, whole
 from .workers import check_client, render_by_workers
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ def _render_here(
             if seconds:
                 path = film.checkpoint_path(item)
                 checkpoint = Checkpoint(path, seconds, tell=lambda line: None)
-            result = job.render(item, checkpoint=checkpoint, progress=False)
+            result = render_item(job, item, checkpoint=checkpoint, progress=False)
             if result.done < item.count:
                 raise KeyboardInterrupt
             yield item, film.write(item, result)

@@ -109,4 +109,4 @@ def pulse_width_for(job: Job) -> float | None:
     """
     film = job.film
     width = float(f"{(film.end_opl() - film.start_opl) / PULSES:.2g}")
-    return None if job.tracer.pulse or width < film.bin_width_opl / 2 else width
+    return None if job.integrator.pulse or width < film.bin_width_opl / 2 else width

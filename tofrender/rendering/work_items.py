@@ -7,29 +7,23 @@ add up to the whole but for rounding, however it is cut. Other samplers give eac
 from __future__ import annotations
 
 import time
-from collections.abc import Hashable
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
 import numpy as np
 
 from ..films.image import pixels_of, transient_film
-from ..integrators.passes import Part, steps
+from ..integrators.passes import SampleRange, steps
 from ..integrators.running import UNIT, interrupted, run
 from ..paths.camera import Tile
 from ..runtime.checkpoints import Checkpoint, SavedState, SubCheckpoint
 from ..runtime.progress import deferred_stop
-from .errors import Scatter, parts_of, seed_of
+from .errors import Scatter, batches_of, seed_of
 
 if TYPE_CHECKING:
     from ..films.transient import TransientHDRFilm
     from .job import Job
-
-Item = TypeVar("Item", bound=Hashable)
-Result = TypeVar("Result")
-ItemT = TypeVar("ItemT", bound=Hashable, contravariant=True)
-ResultT = TypeVar("ResultT", contravariant=True)
 
 
 @dataclass(frozen=True, order=True)
@@ -89,14 +83,14 @@ def render_item(
     """Render a work item, all of it unless it is stopped."""
     saved = None
     if checkpoint is not None:
-        parts = item.count if job.settings.errors else 0  # Of parts none may change
-        recipe = {"resume": item.first, "errors": parts, **job.full_recipe}
+        total = item.count if job.settings.errors else 0  # More samples would be other batches
+        recipe = {"resume": item.first, "errors": total, **job.full_recipe}
         if item != whole(job, item.first):
             recipe |= {"piece": str(asdict(item))}
         saved = checkpoint.begin(recipe, item.count, UNIT, item.first)
     start = time.perf_counter()
     if job.settings.errors:
-        result = _render_in_parts(job, item, checkpoint, saved, progress)
+        result = _render_in_batches(job, item, checkpoint, saved, progress)
     else:
         samples = _Samples(job, item, job.settings.seed, saved)
         done = run(
@@ -121,9 +115,9 @@ class _Samples:
         self.record, self._item, self._tile = job.recording(film), item, tile
         points = job.points()
         points.set_sample_count(item.count)
-        part = Part(first=item.first, tile=tile, saved=saved)
-        self.done = part.done
-        self.steps = steps(job.plan, self.record, job.camera, points, seed, part)
+        samples = SampleRange(first=item.first, tile=tile, saved=saved)
+        self.done = samples.done
+        self.steps = steps(job.plan, self.record, job.camera, points, seed, samples)
 
     def result(self, done: int) -> WorkResult:
         """The item's pixels of the film, without those that its filter needs around them."""
@@ -134,22 +128,22 @@ class _Samples:
         return WorkResult({"transient": transient, "steady": steady}, done, self.record.not_finite)
 
 
-def _render_in_parts(
+def _render_in_batches(
     job: Job,
     item: WorkItem,
     checkpoint: Checkpoint | None,
     saved: SavedState | None,
     progress: bool,
 ) -> WorkResult:
-    """Render in parts with points of their own, whose scatter tells the standard errors."""
-    parts = parts_of(item.count)
-    count = item.count // parts
+    """Render in batches with points of their own, whose scatter gives the standard errors."""
+    batches = batches_of(item.count)
+    count = item.count // batches
     scatter = Scatter.restored(saved.arrays) if saved else None
     not_finite = int(saved.arrays["not_finite_before"]) if saved else 0
     first = scatter.count if scatter else 0
     with deferred_stop() as stop:
-        for part in range(first, parts):
-            before = part * count
+        for batch in range(first, batches):
+            before = batch * count
             within = None
             if checkpoint is not None:
                 state = scatter.state() if scatter else {}
@@ -160,9 +154,9 @@ def _render_in_parts(
                     within.save(0, count, {})
                 break
             begun = None
-            if saved and part == first and before < saved.done:
+            if saved and batch == first and before < saved.done:
                 begun = SavedState(saved.done - before, count, 0.0, saved.arrays)
-            seed = seed_of(job.settings.seed, item.first, part)
+            seed = seed_of(job.settings.seed, item.first, batch)
             samples = _Samples(job, replace(item, first=0, count=count), seed, begun)
             done = run(
                 *(samples.steps, samples.record, count),
@@ -182,7 +176,7 @@ def _render_in_parts(
     if scatter is None or scatter.count < 2:
         again = checkpoint.again if checkpoint else ""
         finished = scatter.count if scatter else 0
-        raise KeyboardInterrupt(interrupted(finished, parts, "parts", again))
+        raise KeyboardInterrupt(interrupted(finished, batches, "batches", again))
     errors = {f"{name}_error": array for name, array in scatter.errors().items()}
     return WorkResult(scatter.means | errors, scatter.count * count, not_finite)
 

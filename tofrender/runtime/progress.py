@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import signal
 import sys
 import threading
@@ -17,6 +18,7 @@ DELAY_S = 0.5  # Until a bar appears
 REFRESH_S = 0.1  # Between two draws of a bar
 EVERY_S = 30.0  # Between two saves of a checkpoint, unless saving takes long
 STATUS = "{desc} ... {elapsed}"
+SIZE = {"ncols": 80, "nrows": 24}  # Of a terminal that reports none, as those of containers
 
 
 def is_watched() -> bool:
@@ -86,7 +88,7 @@ class ProgressBar:
         for outer in _open[:level]:
             outer._clear()
         if self._bar is None:
-            self._bar = _tqdm()(leave=False, delay=1e-9, **self._options)
+            self._bar = _tqdm()(leave=False, delay=1e-9, **self._options | _size())
             self._bar.start_t -= time.monotonic() - self._began
             self._bar.last_print_t = math.inf  # tqdm clears only bars that it has printed
         self._bar.n = self.n
@@ -139,6 +141,13 @@ def without_bars(wanted: bool = True) -> Iterator[None]:
         yield
     finally:
         _hidden -= wanted
+
+
+def _size() -> dict[str, int]:
+    """`SIZE` if the terminal reports none, for which tqdm draws nothing; else tqdm finds it."""
+    with suppress(OSError, ValueError):  # Not a terminal
+        return {} if os.get_terminal_size(sys.stderr.fileno()).columns else SIZE
+    return {}
 
 
 def _tqdm() -> Any:

@@ -111,9 +111,8 @@ def light_case(light: Any, o: Any, *, name: str = "") -> Case:
     checks.instance("name", name, str, "text")
     name = name or (str(light.get("type")) if isinstance(light, dict) else type(light).__name__)
     light = _MitsubaLight(light, name) if isinstance(light, dict) else light
-    if not (hasattr(light, "sample") and hasattr(light, "pdf")):
-        allowed = "must be a shape of tofrender.sampling or a dict of a light"
-        raise ValueError(f"light = {checks.quote(light)}: {allowed}")
+    known = hasattr(light, "sample") and hasattr(light, "pdf")
+    checks.require("light", light, known, "a shape of tofrender.sampling or a dict of a light")
 
     def sample(numbers: mi.Point2f) -> tuple[mi.Vector3f, mi.Float, mi.Float]:
         record = light.sample(dr.opaque(mi.Point3f, origin), numbers)

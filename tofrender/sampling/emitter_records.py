@@ -138,9 +138,8 @@ def emission_values(emission: Any) -> tuple[float, ...]:
         numbers = np.atleast_1d(np.squeeze(checks.real_array("", emission, np.float64)))
     except ValueError:
         numbers = np.array([math.nan])
-    if numbers.shape not in ((1,), (3,)) or not np.all(np.isfinite(numbers) & (numbers >= 0)):
-        allowed = "must be one number or three, each finite and 0 or more"
-        raise ValueError(f"emission = {checks.quote(emission)}: {allowed}")
+    right = numbers.shape in ((1,), (3,)) and np.all(np.isfinite(numbers) & (numbers >= 0))
+    checks.require("emission", emission, right, "one number or three, each finite and 0 or more")
     return tuple(numbers.tolist())
 
 
@@ -161,9 +160,7 @@ def affine(transform: Any) -> np.ndarray:
         matrix = np.empty(0)
     matrix = matrix[..., 0] if matrix.shape == (4, 4, 1) else matrix  # mi.Transform4f of one lane
     right = matrix.shape == (4, 4) and np.all(np.isfinite(matrix))
-    if not right or not np.array_equal(matrix[3], [0, 0, 0, 1]):
-        raise ValueError(
-            f"transform = {checks.quote(transform)}: must be None, an mi.ScalarTransform4f or "
-            "4 x 4 finite numbers, the last row 0, 0, 0, 1"
-        )
+    right = right and np.array_equal(matrix[3], [0, 0, 0, 1])
+    allowed = "None, an mi.ScalarTransform4f or 4 x 4 finite numbers, the last row 0, 0, 0, 1"
+    checks.require("transform", transform, right, allowed)
     return matrix

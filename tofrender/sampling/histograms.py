@@ -98,13 +98,9 @@ def integrate(
     todo, strata = np.arange(count), STRATA
     while todo.size and todo.size * strata**2 <= max(MAX_POINTS, count * STRATA**2):
         # Integrate the cells that are not yet resolved, several times for the variance
-        sums, tops, lows, bads = zip(
-            *(
-                _jittered(pdf, functions, domain, cells[:, todo], strata, rng)
-                for _ in range(REPEATS)
-            ),
-            strict=True,
-        )
+        here = cells[:, todo]
+        runs = [_jittered(pdf, functions, domain, here, strata, rng) for _ in range(REPEATS)]
+        sums, tops, lows, bads = zip(*runs, strict=True)
         if not points:
             mean, variance = (np.empty((len(sums[0]), count)) for _ in range(2))
         mean[:, todo] = np.mean(sums, axis=0)
@@ -224,9 +220,8 @@ def compare_moments(
     total = integrals.total if integrals.total > 0 else math.nan
     expected = mean + integrals.moments / total
     variances = variance + integrals.moments_variance / total**2
-    moments = [
-        _moment(*each) for each in zip(names, mean, expected, variances, square, strict=True)
-    ]
+    compared = zip(names, mean, expected, variances, square, strict=True)
+    moments = [_moment(*each) for each in compared]
     for name, value in known.items():
         k = names.index(name)
         moments.append(_moment(f"{name} (known)", mean[k], float(value), variance[k], square[k]))

@@ -34,11 +34,10 @@ MIN_ALPHA, MAX_ALPHA = 1e-6, 1e6  # roughnesses whose densities single precision
 
 def vector(name: str, value: Any, size: int = 3) -> Any:
     """Return `value`, which must be a Dr.Jit vector or point of `size` coordinates."""
-    if isinstance(value, dr.ArrayBase) and dr.size_v(value) == size:
-        return value
+    valid = isinstance(value, dr.ArrayBase) and dr.size_v(value) == size
     kind = "Point2f" if size == 2 else "Vector3f"
-    allowed = f"must be an mi.{kind}, or another Dr.Jit array of {size} coordinates"
-    raise ValueError(f"{name} = {checks.quote(value)}: {allowed}")
+    allowed = f"an mi.{kind}, or another Dr.Jit array of {size} coordinates"
+    return checks.require(name, value, valid, allowed)
 
 
 def unit_square(sample: mi.Point2f) -> mi.Point2f:
@@ -111,9 +110,8 @@ def square_to_uniform_disk(sample: mi.Point2f) -> mi.Point2f:
         [[0.5, 0]]
     """
     u, v = unit_square(sample)
-    r = dr.sqrt(u)
-    sin_phi, cos_phi = dr.sincos(dr.two_pi * v)
-    return mi.Point2f(r * cos_phi, r * sin_phi)
+    p = cylindrical(dr.sqrt(u), v, mi.Float(0))
+    return mi.Point2f(p.x, p.y)
 
 
 def square_to_uniform_disk_pdf(p: mi.Point2f) -> mi.Float:

@@ -10,7 +10,7 @@ from typing import Any
 import mitsuba as mi
 
 from .loading import parse_file_of
-from .nodes import NAMELESS, parts
+from .nodes import NAMELESS, references
 from .parts import Dict, ref, rgb
 
 parser: Any = mi.parser
@@ -42,12 +42,7 @@ def scene_as_dict(path: Path, parameters: Mapping[str, Any] | None = None) -> Di
 class _Reader:
     def __init__(self, nodes: Any, folder: Path) -> None:
         self.nodes, self.folder = nodes, folder
-        owners = Counter(
-            value.index()
-            for node in nodes
-            for _, value in parts(node.props)
-            if isinstance(value, mi.Properties.ResolvedReference)
-        )
+        owners = Counter(index for node in nodes for _, index in references(node.props))
         shared = (index for index, count in owners.items() if count > 1)
         self.shared = {index: str(nodes[index].props.id() or f"shared_{index}") for index in shared}
 

@@ -102,8 +102,7 @@ def cornell_box(
         >>> scene["sensor"]["film"]["start_opl"]
         6.0
     """
-    checks.one_of("light", light, START_OPL)
-    start = START_OPL[light] if start_opl is None else start_opl
+    start = START_OPL[checks.one_of("light", light, START_OPL)] if start_opl is None else start_opl
     window = transient_film(width, height, temporal_bins, start, bin_width_opl)
     return _cornell("transient_path", window, spp, max_depth, light)
 

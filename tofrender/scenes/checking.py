@@ -53,11 +53,9 @@ def check_scene(
         require_sound_media(scene, sensor)
 
 
-def check_view(
-    scene: mi.Scene, sensor: mi.Sensor, *, media: bool = False, polarisation: bool = False
-) -> None:
-    """`check_scene` for a sensor that must be one."""
-    check_scene(scene, sensor, media=media, polarisation=polarisation)
+def check_view(scene: mi.Scene, sensor: mi.Sensor, **supported: bool) -> None:
+    """`check_scene` for a sensor that must be one; with its options."""
+    check_scene(scene, sensor, **supported)
     checks.instance("sensor", sensor, mi.Sensor, SENSOR)
 
 
@@ -70,19 +68,16 @@ def require_modelled(
 ) -> None:
     """Refuse another variant, and polarisation and media that the integrator does not support."""
     active = mi.variant() or "none"
-    if not hasattr(scene, "variant_name"):
-        allowed = f"a loaded scene of the active variant {active}"
-        raise ValueError(f"scene = {checks.quote(scene)}: must be {allowed}")
+    allowed = f"a loaded scene of the active variant {active}"
+    checks.require("scene", scene, hasattr(scene, "variant_name"), allowed)
     if scene.variant_name() != active:
         raise ValueError(
             f"scene: belongs to the variant {scene.variant_name()}; must be one of the active "
             f"variant {active}, load it again"
         )
-    if mi.is_polarized and not polarisation:
-        raise ValueError(
-            f"variant = {active!r}: must be one without polarisation, which is not followed, "
-            f"like {active.replace('_polarized', '')}"
-        )
+    plain = active.replace("_polarized", "")
+    allowed = f"one without polarisation, which is not followed, like {plain}"
+    checks.require("variant", active, polarisation or not mi.is_polarized, allowed)
     if sensor is not None:
         checks.instance("sensor", sensor, mi.Sensor, SENSOR)
     if media:
@@ -110,7 +105,7 @@ def require_sound(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
     sources = [mi.traverse(scene)]
     if sensor is not None and sensor not in sources[0].hierarchy:
         sources.append(mi.traverse(sensor))
-    values = {name: source[name] for source in sources for name in source.keys()}  # noqa: SIM118
+    values = {name: value for source in sources for name, value in source}
     numbers = {name: list(floats_of(value)) for name, value in values.items()}
     dr.eval(numbers)
     for name, leaves in numbers.items():
@@ -154,9 +149,7 @@ def _qualified(name: str, scene: mi.Scene) -> str:
 def _require_positive(emitter: mi.Emitter) -> None:
     shape = emitter.get_shape()
     owner = (emitter if shape is None else shape).id() or emitter.class_name()
-    parameters = mi.traverse(emitter)
-    for name in parameters.keys():  # noqa: SIM118, Mitsuba's parameters are no dict
-        value = parameters[name]
+    for name, value in mi.traverse(emitter):
         if LIGHT.fullmatch(name) and not (is_transform(value) or is_spectral_coefficients(value)):
             allowed = "0 or more, light cannot be negative"
             require_all(f"{owner}.{name}", value, lambda x: x >= 0, allowed)

@@ -8,7 +8,7 @@ from typing import Any
 import mitsuba as mi
 
 from ..runtime import plugins
-from .nodes import ENDINGS, children, is_kind, is_of_no_known_kind, parts, replace_plugin
+from .nodes import ENDINGS, UNKNOWN, children, is_kind, parts, replace_plugin
 from .transient_integrators import change_integrator
 
 parser: Any = mi.parser
@@ -66,17 +66,12 @@ def change(state: Any, settings: Mapping[str, Any]) -> None:
     if now_transient or settings.keys() & {*INTEGRATOR_SETTINGS}:
         wanted = settings.get("integrator", "path")
         if "integrator" in settings:
-            _drop_objects(nodes[0].props, mi.Integrator)
+            scene = nodes[0].props
+            for name in [name for name, each in parts(scene) if isinstance(each, mi.Integrator)]:
+                del scene[name]
         default = wanted if isinstance(wanted, str) else wanted["type"]
         integrator = _child(nodes, 0, mi.ObjectType.Integrator, default)
         change_integrator(nodes, integrator, settings, now_transient)
-
-
-def _drop_objects(props: mi.Properties, kind: type) -> None:
-    """Remove children that are objects already, before something else replaces them."""
-    for name, value in parts(props):
-        if isinstance(value, kind):
-            del props[name]
 
 
 def _child(nodes: Any, parent: int, kind: mi.ObjectType, default: str) -> int:
@@ -93,7 +88,7 @@ def _child(nodes: Any, parent: int, kind: mi.ObjectType, default: str) -> int:
             )
         if isinstance(value, mi.Properties.ResolvedReference):
             node = nodes[value.index()]
-            if not is_of_no_known_kind(node):
+            if any(is_kind(node, each) for each in mi.ObjectType if each != UNKNOWN):
                 continue
             if name == role:
                 return value.index()

@@ -49,7 +49,7 @@ def require_shallow_xml(path: Path, parameters: Mapping[str, str], includes: int
         if tag == "include" and includes < MAX_INCLUDES:
             name = attributes.get("filename", "")
             name = re.sub(r"\$(\w+)", lambda found: known.get(found[1], found[0]), name)
-            inner = _resolved(name)
+            inner = resolved_path(name)
             if inner.is_file():
                 require_shallow_xml(inner, known, includes + 1)
 
@@ -90,7 +90,7 @@ def require_readable_dict(description: Mapping[str, Any]) -> None:
 
 def require_indices(filename: str) -> None:
     """Refuse a PLY file whose faces have indices of vertices that it does not have."""
-    path = _resolved(filename)
+    path = resolved_path(filename)
     if not path.is_file():
         return
     try:
@@ -150,7 +150,7 @@ def _vertices_and_faces(path: Path) -> tuple[int, np.ndarray]:
     raise ValueError("no triangles")
 
 
-def _resolved(name: str) -> Path:
+def resolved_path(name: str) -> Path:
     """Path at which Mitsuba finds a file."""
     untyped: Any = mi  # the stubs of this function are not callable
     return Path(str(untyped.file_resolver().resolve(name)))

@@ -18,6 +18,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .files import resolved_path
 from .nodes import NAMELESS, is_kind
 
 RULE = "2-"
@@ -97,8 +98,7 @@ def describe(state: Any) -> str:
 def _property(kind: Any, name: str, value: Any) -> str:
     """A property of a node as text, without loss."""
     if kind == TYPE.String and "file" in name:
-        untyped: Any = mi  # the stubs of this function are not callable
-        file = Path(str(untyped.file_resolver().resolve(value)))
+        file = resolved_path(value)
         if file.is_file():
             return file_digest(file)
     if kind == TYPE.Transform:

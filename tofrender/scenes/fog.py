@@ -92,11 +92,7 @@ def lamp_in_milk(*, sigma_t: float = 100.0, **options: Unpack[TransientOptions])
         True
     """
     radius, bottom, top = 0.035, 0.001, 0.1
-    surface = {"bsdf": ref("milk-surface"), "interior": ref("milk")}
-    ends = {
-        "milk-top": pose([0, top, 0], X, -90, [radius, radius, 1]),
-        "milk-bottom": pose([0, bottom, 0], X, 90, [radius, radius, 1]),
-    }
+    cap, inside = [radius, radius, 1], {"interior": ref("milk")}
     lamp = ball_light([0, 0.045, 0], 0.01, 0.08, LAMP_COLOUR)
     view = [0.07, 0.19, 0.42], [0.005, 0.045, 0], 26
     return transient_scene(*view, options, start_opl=0.4, bin_width_opl=0.004, **VOLPATH) | {
@@ -109,8 +105,9 @@ def lamp_in_milk(*, sigma_t: float = 100.0, **options: Unpack[TransientOptions])
         "milk": medium(extinction(sigma_t, MAX_MILK), [0.9995, 0.999, 0.996], 0.7),
         "table": shape("rectangle", pose([0, 0, 0], X, -90, [0.5, 0.5, 1]), "wood"),
         "wall": shape("rectangle", pose([0, 0.2, -0.12], X, 0, [0.5, 0.21, 1]), "white"),
-        "milk-side": cylinder(0, 0, [bottom, top], radius, "milk-surface") | surface,
-        **{name: {"type": "disk", "to_world": where} | surface for name, where in ends.items()},
+        "milk-side": cylinder(0, 0, [bottom, top], radius, "milk-surface") | inside,
+        "milk-top": shape("disk", pose([0, top, 0], X, -90, cap), "milk-surface") | inside,
+        "milk-bottom": shape("disk", pose([0, bottom, 0], X, 90, cap), "milk-surface") | inside,
         "light": lamp | {"exterior": ref("milk")},
         "ball": sphere([0.08, 0.0221, 0.02], 0.022, "orange"),
         "cube": shape("cube", pose([-0.08, 0.0171, -0.02], Y, 25, [0.017] * 3), "blue"),
@@ -123,7 +120,7 @@ MAX_SMOKE = 10.0
 SMOKE_LOW, SMOKE_HIGH = (-1.01, -0.01, -0.01), (1.01, 2.41, 8.4)
 """Corners of the box that the smoke is in [m]; a centimetre behind walls, floor and ceiling."""
 
-# center x, y, z; radius across, radius up [m]; share of the largest density
+# center x, y, z; radius across, radius up [m]; fraction of the largest density
 PUFFS = np.array(
     [
         (-0.45, 0.9, 6.6, 0.30, 0.45, 1.0),
@@ -150,9 +147,9 @@ def smoke_density() -> NDArray[np.float32]:
     ]
     z, y, x = np.meshgrid(*reversed(axes), indexing="ij")
     total = np.zeros_like(x)
-    for px, py, pz, across, up, share in PUFFS:
+    for px, py, pz, across, up, fraction in PUFFS:
         r2 = ((x - px) ** 2 + (z - pz) ** 2) / across**2 + ((y - py) / up) ** 2
-        total += share * np.exp(-r2)
+        total += fraction * np.exp(-r2)
     density = np.minimum(total, 1.0)[..., None].astype(np.float32)
     density.flags.writeable = False
     return density

@@ -153,10 +153,12 @@ def load_plugin(what: str, description: Mapping[str, Any], kind: type = object) 
     return plugin
 
 
-def require_sensor(scene: mi.Scene) -> None:
-    """Refuse a scene without a sensor."""
-    if not scene.sensors():
+def require_sensor(scene: mi.Scene, number: Any = 0) -> mi.Sensor:
+    """Return a scene's sensor of a number; refuse a scene without sensors."""
+    sensors = scene.sensors()
+    if not sensors:
         raise ValueError("scene: has no sensor; it must have one, for example a perspective camera")
+    return sensors[checks.integer("sensor", number, 0, len(sensors) - 1)]
 
 
 def require_light(scene: mi.Scene) -> None:
@@ -214,12 +216,9 @@ def _resolved(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:
 def _parse(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:
     if isinstance(source, os.PathLike):
         return _parse_file(config, Path(source), parameters)
-    if parameters:
-        name, value = next(iter(parameters.items()))
-        raise ValueError(
-            f"parameter {name} = {checks.quote(value)}: must be left out, only XML files "
-            "have parameters"
-        )
+    for name, value in parameters.items():
+        allowed = "left out, only XML files have parameters"
+        checks.require(f"parameter {name}", value, not parameters, allowed)
     if isinstance(source, str):
         source = BUILT_IN[source]()
     if not isinstance(source, Mapping):

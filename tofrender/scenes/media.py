@@ -61,13 +61,10 @@ def beyond(scene: mi.Scene, sensors: mi.Medium | None = None) -> mi.Medium | Non
         return sensors
     sphere = scene.bbox().bounding_sphere()
     sample = (np.arange(1, PROBES + 1)[:, None] * STEPS % 1).T
-    on_sphere, in_box = (
-        mi.Point2f(*map(mi.Float, sample[:2])),
-        mi.Point3f(*map(mi.Float, sample[2:])),
-    )
-    start = (
-        mi.warp.square_to_uniform_sphere(on_sphere) * (2 * float(sphere.radius) + 1) + sphere.center
-    )
+    on_sphere = mi.Point2f(*map(mi.Float, sample[:2]))
+    in_box = mi.Point3f(*map(mi.Float, sample[2:]))
+    outwards = mi.warp.square_to_uniform_sphere(on_sphere)
+    start = outwards * (2 * float(sphere.radius) + 1) + sphere.center
     box = scene.bbox()
     end = mi.Point3f(box.min) + in_box * mi.Vector3f(box.max - box.min)
     ray, active = mi.Ray3f(mi.Point3f(start), dr.normalize(end - start)), mi.Bool(True)
@@ -100,9 +97,8 @@ def require_sound_media(scene: mi.Scene, sensor: mi.Sensor | None = None) -> Non
 
 
 def _require_sound(medium: mi.Medium) -> None:
-    parameters: Any = mi.traverse(medium)
-    for name in parameters.keys():  # noqa: SIM118, Mitsuba's parameters are no dict
-        first, value = name.split(".")[0], parameters[name]
+    for name, value in mi.traverse(medium):
+        first = name.split(".")[0]
         if is_spectral_coefficients(value):
             continue
         called = f"{medium.id() or medium.class_name()}.{name}"
@@ -171,9 +167,8 @@ def has_flakes(medium: mi.Medium) -> bool:
 
 def scatters(medium: mi.Medium) -> bool:
     """Whether a medium does more than absorb."""
-    parameters: Any = mi.traverse(medium)
-    names = [name for name in parameters.keys() if name.startswith("albedo")]  # noqa: SIM118
-    leaves = [leaf for name in names for leaf in floats_of(parameters[name])]
+    albedos = [value for name, value in mi.traverse(medium) if name.startswith("albedo")]
+    leaves = [leaf for value in albedos for leaf in floats_of(value)]
     return not leaves or any(np.any(np.asarray(leaf) > 0) for leaf in leaves)
 
 

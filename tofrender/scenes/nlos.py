@@ -134,7 +134,7 @@ def nlos_plane(
 
     For an infinite plane at distance D, what the wall's point w sends back to itself has a closed
     form: dL/dr = 2 Φ ρ_w² ρ_h D⁴ / (π² r⁷) for r above D. Of that, an edge at distance R from w
-    takes away the share (D/R)⁶.
+    takes away the fraction (D/R)⁶.
 
     Args:
         distance: Distance of the plane from the wall [m].

@@ -36,25 +36,21 @@ def is_kind(node: Any, kind: mi.ObjectType) -> bool:
     return node.props.plugin_name().endswith(ENDINGS.get(kind, ()))
 
 
-def is_of_no_known_kind(node: Any) -> bool:
-    """Whether neither a node's type nor its name says what it is."""
-    return not any(is_kind(node, each) for each in mi.ObjectType if each != UNKNOWN)
-
-
 def parts(props: mi.Properties) -> list[tuple[str, Any]]:
     """References and ready-made objects; reading other properties would mark them as queried."""
     kinds = (mi.Properties.Type.ResolvedReference, mi.Properties.Type.Object)
     return [(name, props[name]) for name in props if props.type(name) in kinds]
 
 
+def references(props: mi.Properties) -> list[tuple[str, int]]:
+    """Names of the parts that are nodes, and the indices of these."""
+    kind = mi.Properties.ResolvedReference
+    return [(name, value.index()) for name, value in parts(props) if isinstance(value, kind)]
+
+
 def children(nodes: Any, parent: int, kind: mi.ObjectType) -> list[int]:
     """Indices of the nodes of a kind that a node refers to."""
-    found = [
-        value.index()
-        for _, value in parts(nodes[parent].props)
-        if isinstance(value, mi.Properties.ResolvedReference)
-    ]
-    return [index for index in found if is_kind(nodes[index], kind)]
+    return [index for _, index in references(nodes[parent].props) if is_kind(nodes[index], kind)]
 
 
 def replace_plugin(node: Any, plugin: str, kept: Iterable[str]) -> None:

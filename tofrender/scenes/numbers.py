@@ -41,14 +41,11 @@ def require_all(
 ) -> None:
     """Refuse a parameter that has a wrong number; shows all numbers if they are few."""
     flat = np.concatenate([np.ravel(np.asarray(leaf)) for leaf in floats_of(value)] or [[]])
-    if not good(flat).all():
-        raise ValueError(f"{name}{_first_wrong(flat, good)}: must be {allowed}")
-
-
-def _first_wrong(flat: np.ndarray, good: Callable[[np.ndarray], np.ndarray]) -> str:
-    if flat.size == 1:
-        return f" = {flat[0]:g}"
-    if flat.size <= SHOWN:
-        return f" = [{', '.join(f'{x:g}' for x in flat)}]"
-    first = int(np.flatnonzero(~good(flat))[0])
-    return f"[{first}] = {flat[first]:g}"
+    wrong = np.flatnonzero(~good(flat))
+    if wrong.size:
+        shown = f"[{wrong[0]}] = {flat[wrong[0]]:g}"
+        if flat.size == 1:
+            shown = f" = {flat[0]:g}"
+        elif flat.size <= SHOWN:
+            shown = f" = [{', '.join(f'{x:g}' for x in flat)}]"
+        raise ValueError(f"{name}{shown}: must be {allowed}")

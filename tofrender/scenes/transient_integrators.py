@@ -73,7 +73,10 @@ def change_integrator(
     wrapper = nodes[index].props.plugin_name()
     inner = _innermost(nodes, index)
     name = nodes[inner].props.plugin_name()
-    _bounces_to_depth(nodes[inner].props)
+    props = nodes[inner].props
+    if "max_bounces" in props:  # Replaced by `max_depth`, which all integrators have
+        props["max_depth"] = checks.depth_of_bounces(props["max_bounces"])
+        del props["max_bounces"]
     wanted = settings.get("integrator")
     if wanted is None and now_transient and name not in TRANSIENT_INTEGRATORS:
         if name not in REPLACEMENTS:
@@ -106,13 +109,6 @@ def _innermost(nodes: Any, index: int) -> int:
             break
         index = nested[0]
     return index
-
-
-def _bounces_to_depth(props: mi.Properties) -> None:
-    """Replace `max_bounces` by `max_depth`, which all integrators have."""
-    if "max_bounces" in props:
-        props["max_depth"] = checks.depth_of_bounces(props["max_bounces"])
-        del props["max_bounces"]
 
 
 def _replacement(wanted: str | Mapping[str, Any], old: mi.Properties) -> mi.Properties:

@@ -58,3 +58,15 @@ def check_frequencies(value: Any, name: str = "frequency_hz") -> tuple[list[floa
         given = checks.quote(value)
         raise ValueError(f"{name} = {given}: must hold at least one frequency in hertz")
     return [check_frequency(f"{name}[{i}]", each) for i, each in enumerate(values)], True
+
+
+def check_below_limit(frequency_hz: Any, width: float) -> list[float]:
+    """Return the frequencies [Hz], whose half periods must be longer than bins of a width [m]."""
+    frequencies, _ = check_frequencies(frequency_hz)
+    limit = SPEED_OF_LIGHT / (2 * width)
+    if max(frequencies) >= limit:
+        raise ValueError(
+            f"frequency_hz = {max(frequencies):g}: must be below {limit:g}, where bins of "
+            f"{width:g} m are half a period"
+        )
+    return frequencies

@@ -1,104 +1,102 @@
-"""The page that compares two pictures."""
+"""The page that compares two pictures, or two films with one clock."""
 
 from __future__ import annotations
 
 from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import asdict
 from typing import Any
 
-import panel as pn
-import param
+import numpy as np
 
 from ...runtime import backend
 from ...runtime.withheld import Withheld
-from ..ui import components
-from ..ui.bundle import text_of
-from ..ui.components import CONTROLS_WIDTH, Canvas, Page, control
-from .pictures import SCENES, Picture, difference, render_technique, same_size, techniques
+from ...signals.colour import LUMINANCE
+from ..ui import bundle
+from ..ui.page import App, failure
+from .pairs import Pair, alike, numbers
+from .pictures import SCENES, render_technique, techniques
 
-SAMPLES = [1, 2, 4, 8, 16, 32, 64, 128, 256]
-HEAD = "<h1>Two pictures</h1><p class='quiet'>Drag the divider, or use its slider.</p>"
-
-
-class Divider(Canvas):
-    """Two pictures with a divider; `divider.js` describes the parameters."""
-
-    left = param.Bytes(default=b"")
-    right = param.Bytes(default=b"")
-    size = param.List(default=[0, 0])
-    names = param.List(default=["", ""])
-    exposure = param.Number(default=0.0)
-    _esm = text_of("compare/divider.js")
+DIFFERENCES = "RdBu_r"  # Matplotlib's colours of what is less and more
 
 
-class Window(Page):
-    """The page of one reader, beginning with a scene, or with two pictures of the same size."""
+class Comparison(App):
+    """The page of one reader, beginning with a scene of the course, or with a pair of files."""
 
-    def __init__(
-        self, executor: Executor, scene: str | None, files: tuple[Picture, Picture] | None
-    ) -> None:
-        super().__init__(executor)
-        self.files = files
-        self.scene = control("Select", "Scene", options=list(SCENES), value=scene or SCENES[0])
-        self.sides = [control("Select", label) for label in ("Left", "Right")]
-        self.spp = control("DiscreteSlider", "Samples per pixel", options=SAMPLES, value=16)
-        stops = {"start": -6, "end": 6, "step": 0.25, "value": 0}
-        self.exposure = control("FloatSlider", "Exposure [stops]", **stops)
-        self.divider = Divider(sizing_mode="stretch_width", exposure=self.exposure)
-        self.message = components.text(width=CONTROLS_WIDTH, margin=(8, 6))
-        self._list_techniques()
-        self.scene.param.watch(self._list_techniques, "value")
-        for each in (self.scene, *self.sides, self.spp):
-            each.param.watch(self.redraw, "value")
-        self.divider.param.watch(self.redraw, "ready")
+    _esm = bundle.javascript(
+        *("ui/parts", "ui/app", "explorer/recording", "explorer/words", "explorer/paint"),
+        *("explorer/plot", "explorer/frame", "compare/zoom", "compare/comparison"),
+    )
+    _stylesheets: Any = (bundle.style("compare/comparison"),)
 
-    def layout(self) -> Any:
-        """Controls on the left, pictures on the right."""
-        head = components.text(HEAD, width=CONTROLS_WIDTH, margin=(8, 6))
-        choices = [self.scene, *self.sides, self.spp] if self.files is None else []
-        controls = pn.Column(head, *choices, self.exposure, self.message, margin=(0, 12, 0, 8))
-        wide = {"sizing_mode": "stretch_width", "min_width": 330}
-        main = pn.Column(self.divider, margin=(16, 16, 0, 0), styles={"flex": "1 1 330px"}, **wide)
-        return pn.Row(controls, main, sizing_mode="stretch_width", styles={"flex-wrap": "wrap"})
+    def __init__(self, executor: Executor, scene: str | None, pair: Pair | None) -> None:
+        from matplotlib import colormaps
 
-    def _list_techniques(self, *_: Any) -> None:
-        options = {label: name for name, label in techniques(self.scene.value).items()}
-        defaults = ("mats", "mis") if "mis" in options.values() else ("own", "reference")
-        for side, value in zip(self.sides, defaults, strict=True):
-            side.param.update(options=options, value=value)
+        colours = np.rint(255 * colormaps[DIFFERENCES](np.arange(256) / 255)[:, :3])
+        state: dict[str, Any] = {"colours": colours.astype(np.uint8).tobytes(), "white": 1.0}
+        chosen: dict[str, Any] = {}
+        if pair is None:
+            scene = scene or SCENES[0]
+            a, *others = techniques(scene)
+            chosen |= {"scene": scene, "a": a, "b": "mis" if "mis" in others else "reference"}
+            chosen["spp"] = 16
+            state["scenes"] = {name: [*techniques(name).items()] for name in SCENES}
+        elif pair.clock is not None:
+            state["white"], step = pair.look()
+            state |= {"clock": asdict(pair.clock), "quantity": pair.quantity}
+            chosen["step"] = step
+        super().__init__(executor, chosen, **state)
+        self.pair = pair
 
     async def draw(self) -> None:
-        """Render and show the chosen pictures, and their differences from the reference."""
-        self.message.object = components.box("", "Rendering …")
-        scene, spp = self.scene.value, self.spp.value
+        """Send both pictures as they are chosen, and their difference in numbers."""
+        chosen, step, pixel = self.chosen, self.chosen.get("step"), self.chosen.get("pixel")
+
+        def work() -> tuple[list[str], list[np.ndarray], list[np.ndarray], list[Any]]:
+            if self.pair is not None:
+                frames = self.pair.frames(step)
+                x, y = pixel or (frames[0].shape[1] // 2, frames[0].shape[0] // 2)
+                curves = self.pair.responses(x, y)
+                return [p.name for p in self.pair.pictures], frames, curves, _rows(frames)
+            scene, spp = chosen["scene"], chosen["spp"]
+            pictures = [render_technique(scene, chosen[side], spp) for side in "ab"]
+            reference = render_technique(scene, "reference", 1)
+            frames = alike([each.pixels for each in pictures])
+            return [p.name for p in pictures], frames, [], _rows(frames, reference.pixels)
+
+        if self.pair is None:
+            self.tell(message={"title": "Rendering …"})
         try:
-            if self.files is not None:
-                pictures = list(self.files)
-                same_size(*pictures)
-                differences = {pictures[1].name: difference(pictures[1], pictures[0])}
-                reference = pictures[0].name
-            else:
-                chosen = [side.value for side in self.sides]
-                pictures = [await self.run(render_technique, scene, c, spp) for c in chosen]
-                against = await self.run(render_technique, scene, "reference", 1)
-                differences = {each.name: difference(each, against) for each in pictures}
-                reference = "the reference"
-        except (ValueError, RuntimeError, Withheld) as error:
-            self.message.object = components.error_box("There is no picture", error)
+            names, frames, curves, rows = await self.run(work)
+        except (ValueError, RuntimeError, OSError, Withheld) as error:
+            self.tell(message=failure("There is no picture", error))
             return
-        height, width = pictures[0].pixels.shape[:2]
-        self.divider.param.update(
-            size=[width, height],
-            left=pictures[0].pixels.tobytes(),
-            right=pictures[1].pixels.tobytes(),
-            names=[each.name for each in pictures],
-        )
-        rows = {name: f"{100 * value:.3g} %" for name, value in differences.items()}
-        title = f"Root mean square difference from {reference}"
-        self.message.object = components.box("", title, components.table(rows))
+        height, width, channels = frames[0].shape
+        planes = [np.ascontiguousarray(f.transpose(2, 0, 1), np.float32).tobytes() for f in frames]
+        weights = LUMINANCE.tolist() if channels == 3 else [1.0]
+        size = {"height": height, "width": width, "weights": weights, "step": step}
+        curves = [np.float32(curve).tobytes() for curve in curves]
+        self.data = {"pictures": planes, "curves": curves, "names": names, **size}
+        self.tell(message=None, rows=rows)
 
 
-def application(scene: str | None = None, files: tuple[Picture, Picture] | None = None) -> Any:
+def _rows(frames: list[np.ndarray], reference: np.ndarray | None = None) -> list[list[str]]:
+    """Differences in words and numbers; of pictures of the course also from the reference."""
+    found = numbers(*frames)
+    if not found:
+        return [["no finite values", ""]]
+    rows = [
+        ["RMS of B − A", f"{found['rms']:.4g}, {100 * found['relative']:.3g} % of A's mean"],
+        ["largest |B − A|", f"{found['largest']:.4g}"],
+        ["mean of A, of B", f"{found['mean_a']:.4g}, {found['mean_b']:.4g}"],
+    ]
+    for name, frame in zip("AB", frames, strict=True) if reference is not None else ():
+        relative = numbers(*alike([np.asarray(reference), frame]))["relative"]
+        rows.append([f"{name}, RMS from the reference", f"{100 * relative:.3g} %"])
+    return rows
+
+
+def application(scene: str | None = None, pair: Pair | None = None) -> Any:
     """A function that makes a reader's page, for `serving.serve`."""
     variant = backend.activate(None)
     executor = ThreadPoolExecutor(1, initializer=backend.activate, initargs=(variant,))
-    return components.application(lambda: Window(executor, scene, files))
+    return lambda: Comparison(executor, scene, pair)

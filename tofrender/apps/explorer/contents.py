@@ -15,12 +15,14 @@ from ...runtime.atomic import readable
 from ...signals.colour import LUMINANCE
 from ...vis.colours import phase_map
 from .compression import Mode, Reduction, Scale, bands, reductions
-from .data import ExplorerData, explorer_data, facts
+from .data import ExplorerData, explorer_data, facts, wall_of
+from .paths import path_lists
 
-MAPS = {"false": "inferno", "distance": "viridis"}
+MAPS = {"false": "inferno", "distance": "viridis", "signed": "coolwarm"}
 """Colour maps of Matplotlib by their use; phases have `phase_map`."""
 
-SAMPLED_BANDS = 8  # The size of a cube is estimated from one of so many bands of it
+SAMPLED_BANDS = 8  # The size of a large cube is estimated from one of so many bands of it
+SAMPLED_BYTES = 100e6
 ALIGNMENT = 8  # Of arrays in the bytes
 
 
@@ -46,7 +48,7 @@ class Contents:
             codes = np.cumsum(steps, axis=1, dtype=np.uint8)
             if codes.shape[2] == 3:
                 codes[:, :, ::2] += codes[:, :, 1:2]
-        return Scale(about["least"], about["ratio"]).values(codes.reshape(shape))
+        return Scale(about["least"], about["ratio"], about["signed"]).values(codes.reshape(shape))
 
 
 def differences(codes: np.ndarray) -> np.ndarray:
@@ -66,9 +68,11 @@ def differences(codes: np.ndarray) -> np.ndarray:
 def contents_of(
     data: Any,
     *,
+    capture: Any = None,
     orders: Any = None,
     distance_m: Any = None,
     title: Any = None,
+    paths: Any = None,
     most_bytes: int | None = None,
     packed: bool = False,
 ) -> Contents:
@@ -79,11 +83,17 @@ def contents_of(
     from matplotlib import colormaps
 
     checks.text("title", title)
+    if capture is not None:
+        options = {"orders": orders, "distance_m": distance_m, "title": title, "packed": packed}
+        options |= {"paths": paths}
+        return _with_capture(data, capture, most_bytes, **options)
     found = explorer_data(data, orders, distance_m)
     layers = {"light": (found.light, found.mode), **found.layers}
     *spots, height, width, bins, channels = found.light.shape
-    for by in reductions(bins):
-        if most_bytes is None or _fits(layers, by, most_bytes, packed):
+    is_fine = most_bytes is None or 16 * height * width * channels < most_bytes
+    for by in reductions(0 if "frequencies" in found.header else bins):
+        fine = Reduction() if is_fine else by  # Of the pictures of all bins
+        if most_bytes is None or _fits(layers, by, fine, most_bytes, packed):
             break
     else:
         raise ValueError("megabytes: must be more, the coarsest page of these data takes more")
@@ -91,7 +101,9 @@ def contents_of(
     axis = {"width": found.axis["width"] * by.time, "count": math.ceil(bins / by.time)}
     header: dict[str, Any] = {
         "version": 1,
-        **{"perMetre": False, "depth": "", "geometry": {}, "orders": []},
+        **{"perMetre": False, "depth": "", "geometry": {}, "orders": [], "stokes": []},
+        **{"hatched": found.hatched, "warnings": found.warnings},
+        "paths": path_lists(paths, found.header["kind"]),
         **found.header,
         "title": str(title or data.attrs.get("scene", "") or found.header["kind"]),
         "facts": facts(data, found),
@@ -99,26 +111,63 @@ def contents_of(
         "axis": found.axis | axis,
         "grid": {"first": found.first, "step": by.space, "height": height, "width": width},
         "lasers": math.prod(spots),
-        "peaks": found.arrays["peaks"].shape[1:],
     }
     for name, (cube, mode) in layers.items():
-        layer = _layer(arrays, name, cube, Reduction() if name == "steady" else by, mode, packed)
-        if name.startswith("order "):
-            header["orders"].append(layer)
+        if name == "steady":
+            layer = _layer(arrays, name, cube, fine, mode, packed, None)
+        else:
+            layer = _layer(arrays, name, cube, by, mode, packed, most_bytes)
+        group, _, part = name.partition(" ")
+        if part:
+            header[group].append(layer)
         else:
             header[name] = layer
     for name, values in found.arrays.items():
-        if name == "distance":  # At the middle of each block
-            rows, columns = (-(-side // by.space) for side in values.shape)
-            middle = np.s_[by.space // 2 :: by.space, by.space // 2 :: by.space]
-            values = np.pad(values, (0, by.space), mode="edge")[middle][:rows, :columns]
+        if name == "distance":
+            values = _middles(values, by.space)
+        elif name == "peaks":
+            values = np.stack([_middles(each, fine.space) for each in values])
+            header["peaks"] = values.shape[1:]
+        elif name in "IQ":
+            cube = Cube(np.moveaxis(values, 0, -1)[..., None])
+            blocks = np.concatenate([block for _, block in bands(cube, by, "mean")])
+            values = np.moveaxis(blocks[..., 0], -1, 0)
         arrays.add(name, values, "u1" if name == "hatch" else "f4")
     maps = {name: colormaps[of] for name, of in MAPS.items()} | {"phase": phase_map()}
     for name, colours in maps.items():
         arrays.add(f"map {name}", np.rint(255 * colours(np.arange(256) / 255)[:, :3]), "u1")
-    header["notes"] = [*_notes(header, found, by), *found.notes]
+    header["notes"] = [*_notes(header, found, by, is_fine), *found.notes]
     header["parts"] = arrays.parts
     return Contents(header, b"".join(arrays.pieces))
+
+
+def _with_capture(volume: Any, capture: Any, most_bytes: int | None, **options: Any) -> Contents:
+    """Contents of a capture, with those of its volume as a part of them."""
+    title, packed = options["title"], options["packed"]
+    half = most_bytes and most_bytes // 2
+    below = contents_of(volume, **options, most_bytes=half)
+    kind = below.header["kind"]
+    if kind != "volume":
+        raise ValueError(f"capture: must be None, as data is a {kind}")
+    arrays = _Arrays()
+    for name, values in wall_of(volume, capture).items():
+        arrays.add(name, values, "f4")
+    whole = contents_of(capture, title=title, packed=packed, most_bytes=half)
+    pieces = [*arrays.pieces, whole.data, below.data]
+    ahead = arrays.size
+    for each in (whole, below):
+        for part in each.header["parts"].values():
+            part["offset"] += ahead
+        ahead += len(each.data)
+    parts = arrays.parts | whole.header["parts"]
+    return Contents(whole.header | {"parts": parts, "volume": below.header}, b"".join(pieces))
+
+
+def _middles(values: np.ndarray, size: int) -> np.ndarray:
+    """Values (rows, columns) at the middles of blocks."""
+    rows, columns = (-(-side // size) for side in values.shape)
+    padded = np.pad(values, (0, size), mode="edge") if values.size else values
+    return padded[size // 2 :: size, size // 2 :: size][:rows, :columns]
 
 
 class _Arrays:
@@ -138,10 +187,18 @@ class _Arrays:
 
 
 def _layer(
-    arrays: _Arrays, name: str, cube: Cube, by: Reduction, mode: Mode, packed: bool
+    arrays: _Arrays,
+    name: str,
+    cube: Cube,
+    by: Reduction,
+    mode: Mode,
+    packed: bool,
+    most_bytes: int | None,
 ) -> dict[str, Any]:
     """Add the codes of a cube; returns its part of the header."""
-    scale = Scale.of(values for _, values in bands(cube, by, mode))
+    group, _, part = name.partition(" ")
+    signed = group == "stokes"
+    scale = Scale.of((values for _, values in bands(cube, by, mode)), signed, most_bytes)
     rows, columns, bins, channels = by.shape(cube)
     pictures = math.prod(cube.shape[:-4])
     memory.require_free("data", 3 * pictures * bins * channels * rows * columns)
@@ -149,34 +206,38 @@ def _layer(
     for (number, band), values in bands(cube, by, mode):
         codes[number, :, :, band] = scale.codes(values).transpose(2, 3, 0, 1)
     arrays.add(name, differences(codes) if packed else codes, "u1")
-    about = {"name": name.removeprefix("order "), "part": name, "bins": bins}
+    about: dict[str, Any] = {"name": part or name, "part": name, "bins": bins, "signed": signed}
     about |= {"channels": channels, "height": rows, "width": columns}
     about |= {"pictures": pictures, "packed": packed}
     return about | {"least": scale.least, "ratio": scale.ratio}
 
 
 def _fits(
-    layers: dict[str, tuple[Cube, Mode]], by: Reduction, most_bytes: int, packed: bool
+    layers: dict[str, tuple[Cube, Mode]],
+    by: Reduction,
+    fine: Reduction,
+    most_bytes: int,
+    packed: bool,
 ) -> bool:
     """Whether codes take at most `most_bytes`, estimated from a few bands where compressed."""
     total = 0.0
     for name, (cube, mode) in layers.items():
         if name == "steady":
-            total += math.prod(cube.shape)
+            total += math.prod(fine.shape(cube))
             continue
         size = math.prod(cube.shape[:-4]) * math.prod(by.shape(cube))
         if not packed or size <= most_bytes / 50:
             total += size
             continue
-        some = [values for _, values in bands(cube, by, mode, SAMPLED_BANDS)]
-        scale = Scale.of(some)
-        codes = [differences(scale.codes(each).transpose(2, 3, 0, 1)[None]) for each in some]
-        ratio = sum(len(zlib.compress(each.tobytes(), 6)) for each in codes)
-        total += size / sum(each.size for each in codes) * ratio
+        every = SAMPLED_BANDS if cube.nbytes > SAMPLED_BYTES else 1
+        some = np.concatenate([values for _, values in bands(cube, by, mode, every)])
+        scale = Scale.of([some], name.startswith("stokes "), most_bytes)
+        codes = differences(scale.codes(some).transpose(2, 3, 0, 1)[None])
+        total += size / codes.size * len(zlib.compress(codes.tobytes(), 6))
     return total <= most_bytes
 
 
-def _notes(header: dict[str, Any], found: ExplorerData, by: Reduction) -> list[str]:
+def _notes(header: dict[str, Any], found: ExplorerData, by: Reduction, is_fine: bool) -> list[str]:
     """Sentences on the precision of values and on what was reduced."""
     light = header["light"]
     scale = Scale(light["least"], light["ratio"])
@@ -185,19 +246,20 @@ def _notes(header: dict[str, Any], found: ExplorerData, by: Reduction) -> list[s
         f"{100 * scale.tolerance:.2g} % from {scale.least:.3g} on; smaller ones are off by less "
         "than that, and may be 0."
     )
+    if header["stokes"]:
+        scales = [Scale(each["least"], each["ratio"]) for each in header["stokes"]]
+        precision += f" S1 to S3 are right to {100 * max(s.tolerance for s in scales):.2g} %."
     reduced = []
     if by.space > 1:
         reduced.append(f"{by.space} x {by.space} pixels are averaged")
     if by.time > 1:
         reduced.append(f"{by.time} bins are {'summed' if found.mode == 'sum' else 'averaged'}")
-    note = "All pixels and bins are there."
+    note = "" if found.warnings else "All pixels and bins are there."
     if reduced:
         height, width, bins, _ = found.light.shape[-4:]
         full = f"{width} x {height} x {bins}"
         fine = "all time and peak are" if "steady" in found.layers else "the peak is"
-        note = (
-            f"To limit its size, {' and '.join(reduced)} (of {full}); the pictures of {fine} at "
-            "full resolution."
-        )
+        fine = f"; the pictures of {fine} at full resolution" if is_fine else ""
+        note = f"To limit its size, {' and '.join(reduced)} (of {full}){fine}."
     size = math.prod(light[name] for name in ("pictures", "bins", "channels", "height", "width"))
-    return [precision, f"{note} {readable(size)} of codes."]
+    return [precision, f"{note} {readable(size)} of codes.".strip()]

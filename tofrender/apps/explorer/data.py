@@ -11,9 +11,12 @@ import numpy as np
 
 from ...nlos.captures import ON_WALL, check_capture
 from ...nlos.reconstruction.depths import check_volume, depth_map
+from ...nlos.reconstruction.measured import WallFrame
 from ...rendering.cubes import Cube
-from ...rendering.dataset import QUANTITIES, time_axis
+from ...rendering.dataset import QUANTITIES, components_of, time_axis
 from ...runtime import checks
+from ...signals.colour import luminance
+from ...signals.polarisation import STOKES
 from ...signals.units import ns_to_opl
 from ...vis.transient import Transient, typeset
 from ...vis.unwarp import checked_distances
@@ -22,7 +25,7 @@ from .compression import Mode
 if TYPE_CHECKING:
     import xarray as xr
 
-PIXELS = {"transient": "pixels", "capture": "points", "volume": "columns"}
+PIXELS = {"transient": "pixels", "capture": "points", "volume": "columns", "phasors": "pixels"}
 
 FACTS = {
     "mode": "Mode",
@@ -52,7 +55,9 @@ class ExplorerData:
     arrays: dict[str, np.ndarray]  # "peaks" of each pixel [m]; "distance", "points", "hatch"
     layers: dict[str, tuple[Cube, Mode]] = field(default_factory=dict)  # Other cubes
     first: tuple[int, int] = (0, 0)  # Column and row of the first pixel
+    hatched: str = ""  # What pixels of "hatch" are
     notes: list[str] = field(default_factory=list)  # Sentences for the reader
+    warnings: list[str] = field(default_factory=list)  # Those that stand above the picture
 
 
 def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> ExplorerData:
@@ -60,26 +65,57 @@ def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> Expl
     import xarray as xr
 
     checks.require("data", data, isinstance(data, xr.Dataset), "an xarray.Dataset")
-    kind = "volume" if "intensity" in data else "capture" if "sensor_grid" in data else "transient"
+    kinds = {"intensity": "volume", "sensor_grid": "capture", "I": "phasors"}
+    kind = next((kinds[name] for name in kinds if name in data), "transient")
     for name, value in (("orders", orders), ("distance_m", distance_m)):
         if value is not None and kind != "transient":
             raise ValueError(f"{name}: must be None, as data is a {kind}")
-    if kind == "volume":
-        return _volume(data)
-    if kind == "capture":
-        return _capture(data)
-    if "strategy" in data.dims:
-        data, own = _strategies(data)
-        orders = own if orders is None else orders
-    return _transient(data, _orders(orders, data), distance_m)
+    if kind != "transient":
+        found = {"volume": _volume, "capture": _capture, "phasors": _phasors}[kind](data)
+    else:
+        if "strategy" in data.dims:
+            data, own = _strategies(data)
+            orders = own if orders is None else orders
+        light, *others = components_of(data)
+        found = _transient(light, _orders(orders, light), distance_m)
+        for name, each in zip(STOKES[1:], others, strict=False):
+            found.layers[f"stokes {name}"] = Cube(each["transient"]), found.mode
+    _find_flaws(found)
+    return found
+
+
+def _find_flaws(found: ExplorerData) -> None:
+    """Hatch pixels with values that are not finite, and warn of them and of negative values."""
+    *_, height, width, _, _ = found.light.shape
+    unknown = np.zeros((height, width), bool)
+    negative, least = 0, 0.0
+    for (*_, rows, columns, _, _), values in found.light.pieces():
+        if not np.isfinite(values.sum()):
+            bad = ~np.isfinite(values).all(axis=(-2, -1))
+            unknown[rows, columns] |= bad.reshape(-1, *bad.shape[-2:]).any(axis=0)
+        below = values < 0
+        if below.any():
+            negative, least = negative + int(below.sum()), min(least, float(values[below].min()))
+    if unknown.any():
+        found.arrays["hatch"] = unknown | found.arrays.get("hatch", False)
+        found.arrays["peaks"] = np.where(unknown, np.nan, found.arrays["peaks"])
+        found.hatched = ", or ".join(filter(None, [found.hatched, "values that are not finite"]))
+        found.warnings.append(
+            f"{unknown.sum()} of {unknown.size} pixels have values that are NaN or infinite; they "
+            "are hatched."
+        )
+    if negative:
+        found.warnings.append(f"{negative} values below 0, down to {least:.3g}, are shown as 0.")
 
 
 def facts(data: xr.Dataset, found: ExplorerData) -> list[tuple[str, str]]:
     """Size and attributes as labels and texts."""
     kind = found.header["kind"]
     *spots, height, width, bins, _ = found.light.shape
-    unit = f"{'voxels' if kind == 'volume' else 'bins'} of {1000 * found.axis['width']:.4g} mm"
-    size = f"{width} × {height} {PIXELS[kind]}, {bins} {unit}"
+    unit = f"{'voxel' if kind == 'volume' else 'bin'}{'s' * (bins > 1)}"
+    unit = "MHz" if kind == "phasors" else f"{unit} of {1000 * found.axis['width']:.4g} mm"
+    count = ", ".join(f"{f / 1e6:.4g}" for f in found.header.get("frequencies", ())) or bins
+    size = f"{width} × {height} {PIXELS[kind]}, {count} {unit}"
     if spots:
         size += f", {math.prod(spots)} laser spots"
     shown = ((label, data.attrs[name]) for name, label in FACTS.items() if name in data.attrs)
@@ -104,16 +140,10 @@ def _transient(data: xr.Dataset, orders: dict[str, Cube], distance_m: Any) -> Ex
     axis = {"start": seen.start_opl, "width": seen.bin_width_opl, "what": label}
     arrays = {"peaks": ns_to_opl(seen.brightest()[1])[None]}
     found = ExplorerData(header, seen.values, mode, axis, arrays, first=(seen.x0, seen.y0))
-    unknown = np.zeros(seen.size, bool)
-    for (rows, columns, *_), values in seen.values.pieces():
-        if not np.isfinite(values.sum()):
-            unknown[rows, columns] |= ~np.isfinite(values).all(axis=(2, 3))
-    if unknown.any():
-        found.arrays["hatch"] = unknown
     if "transient_error" in data:
         errors = Cube.of("data: transient_error", data["transient_error"])
         found.layers["errors"] = errors, "mean error" if per_metre else "error"
-    found.layers |= {f"order {name}": (cube, mode) for name, cube in orders.items()}
+    found.layers |= {f"orders {name}": (cube, mode) for name, cube in orders.items()}
     if "steady" in data:
         steady = Cube.of("data: steady", data["steady"])
         if steady.shape != (*seen.size, seen.values.shape[3]):
@@ -146,7 +176,20 @@ def _capture(data: xr.Dataset) -> ExplorerData:
     ends = "laser to wall and wall to sensor included" if legs else "from the wall to the wall"
     axis = {"start": start, "width": width, "what": f"optical path length, {ends}"}
     first = int(data["x"].values[0]), int(data["y"].values[0])
-    return ExplorerData(header, light, "sum", axis, arrays, first=first)
+    found = ExplorerData(header, light, "sum", axis, arrays, first=first)
+    found.hatched = "points off the relay wall" if ON_WALL in data else ""
+    return found
+
+
+def _phasors(data: xr.Dataset) -> ExplorerData:
+    """Phasors I + iQ (frequency, y, x, channel), as `tofrender phasor` writes them."""
+    re, im = (luminance(data[name].values).astype(np.float64) for name in "IQ")
+    frequencies = [float(each) for each in data["frequency"].values]
+    amplitude = Cube(np.moveaxis(np.hypot(re, im), 0, -1)[..., None])
+    header = {"kind": "phasors", "quantity": "amplitude", "frequencies": frequencies}
+    axis = {"start": 0.0, "width": 1.0, "what": ""}
+    arrays = {"peaks": np.zeros((1, 0, 0)), "I": re, "Q": im}
+    return ExplorerData(header, amplitude, "mean", axis, arrays)
 
 
 def _volume(data: xr.Dataset) -> ExplorerData:
@@ -159,11 +202,39 @@ def _volume(data: xr.Dataset) -> ExplorerData:
         rows, (low, size) = slice(None, None, -1), sides["y"]
         sides["y"] = low + size * values.shape[1], -size
     quantity = f"intensity [{data.attrs.get('units', 'arbitrary')}]"
-    header = {"kind": "volume", "quantity": quantity, "geometry": sides}
+    handed = -math.copysign(1, sides["y"][1])  # Of x, upwards and away from the wall
+    if "frame_axes" in data:
+        handed *= math.copysign(1, np.linalg.det(data["frame_axes"].values))
+    header = {"kind": "volume", "quantity": quantity, "geometry": {**sides, "handed": handed}}
     axis = {"start": start, "width": step, "what": "distance from the wall"}
     peaks = depth_map(data).values[None, rows]
     light = Cube(np.moveaxis(values, 0, -1)[rows, ..., None])
     return ExplorerData(header, light, "mean", axis, {"peaks": peaks})
+
+
+def wall_of(volume: xr.Dataset, capture: Any) -> dict[str, np.ndarray]:
+    """Points of a capture's wall, its laser spots and the origins of legs in the volume's frame."""
+    check_capture(capture)
+    if not {"frame_origin", "frame_axes"} <= set(volume.data_vars):
+        raise ValueError("data: frame_origin, frame_axes: must be there, as reconstruct has them")
+    frame = WallFrame(
+        *(volume[f"frame_{name}"].values.astype(float) for name in ("origin", "axes"))
+    )
+    grid = capture["sensor_grid"].values.astype(float)
+    own = WallFrame.of(grid, capture["sensor_normals"].values.astype(float))
+    size = 1e-3 * max(1.0, np.ptp(grid.reshape(-1, 3), axis=0).max())
+    same = np.allclose(own.origin, frame.origin, atol=size)
+    if not (same and np.allclose(own.axes, frame.axes, atol=1e-3)):
+        there, here = (np.round(each.origin, 3).tolist() for each in (own, frame))
+        rule = f"must be the wall of data, at {here} with its axes"
+        raise ValueError(f"capture with a wall at {there} m: {rule}")
+    found = {"wall": frame(grid)}
+    if capture.attrs["mode"] != "confocal":
+        found["spots"] = frame(capture["laser_grid"].values.astype(float))
+    if capture.attrs["counts_first_and_last_legs"]:
+        ends = [capture[f"{name}_origin"].values for name in ("laser", "sensor")]
+        found["origins"] = frame(np.array(ends, float))
+    return found
 
 
 def _strategies(data: xr.Dataset) -> tuple[xr.Dataset, dict[str, xr.Dataset]]:

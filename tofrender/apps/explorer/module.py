@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from ..ui import bundle
 
-MODULES = ("recording", "picture", "plot", "explorer")
+MODULES = (
+    *("recording", "words", "stokes", "paint", "plot", "space", "pictures", "volume", "frame"),
+    *("input", "controls", "responses", "link", "gif", "save", "paths", "explorer"),
+)
 
 
 def javascript() -> str:

@@ -8,10 +8,14 @@ async function inflate(text) {
 
 const read = (id) => document.getElementById(id).textContent;
 const page = document.getElementById("explorer");
+const waiting = document.getElementById("waiting");
+let data;
 try {
-  mount(page, { header: JSON.parse(read("header")), bytes: await inflate(read("data")) });
-  document.getElementById("waiting").remove();
-} catch (error) {
-  document.getElementById("waiting").textContent = `This page cannot be shown: ${error.message}`;
-  throw error;
+  data = { header: JSON.parse(read("header")), bytes: await inflate(read("data")) };
+} catch {
+  waiting.textContent = "A part of this file is missing or damaged. Load it again, or make it again.";
+}
+if (data) {
+  mount(page, data, { level: 1, linked: true });
+  waiting.remove();
 }

@@ -8,7 +8,7 @@ import html
 import json
 import os
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
@@ -27,9 +27,11 @@ def report(
     data: xr.Dataset,
     path: str | os.PathLike,
     *,
+    capture: xr.Dataset | None = None,
     orders: Mapping[str, xr.Dataset] | None = None,
     distance_m: Any = None,
     title: str | None = None,
+    paths: Sequence[xr.Dataset] | None = None,
     megabytes: float = 10,
     overwrite: bool = False,
 ) -> Path:
@@ -43,9 +45,11 @@ def report(
     Args:
         data: Result of `render`, `capture`, `strategy_pyramid` or `reconstruct`.
         path: A file name that ends in .html.
+        capture: As for `explore`.
         orders: As for `explore`.
         distance_m: As for `explore`.
         title: Title; by default the scene.
+        paths: As for `explore`.
         megabytes: Largest size of the file [1e6 bytes], 0.1 to 1000.
         overwrite: Replace an existing file.
 
@@ -66,7 +70,8 @@ def report(
     """
     target = check_file(path, ".html", ".htm", overwrite=overwrite)
     limit = 1e6 * checks.number("megabytes", megabytes, low=0.1, high=1000)
-    options: dict[str, Any] = {"orders": orders, "distance_m": distance_m, "title": title}
+    options: dict[str, Any] = {"orders": orders, "distance_m": distance_m}
+    options |= {"capture": capture, "title": title, "paths": paths}
     margin = 0.96  # The estimated size may be a little too small
     while True:
         most = int(margin * 3 / 4 * limit)

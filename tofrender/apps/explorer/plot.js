@@ -1,6 +1,7 @@
 /** Curves over path length with axes in metres and nanoseconds, and phasors in their plane. */
 
 import { SPEED_OF_LIGHT } from "./recording.js";
+import { raised, signed } from "./words.js";
 
 /** Okabe and Ito's colours that show on white and on black, and dashes for those who see none. */
 export const STYLES = [
@@ -11,6 +12,10 @@ export const STYLES = [
   { colour: "#8a6d00", dark: "#f0e442", dash: [5, 2] },
   { colour: "#555555", dark: "#c8c8c8", dash: [1, 2] },
 ];
+
+export function colourOf(k, dark) {
+  return dark ? STYLES[k].dark : STYLES[k].colour;
+}
 
 const MARGIN = { left: 64, right: 14, top: 40, bottom: 38 };
 const DECADES = 4; // of a logarithmic axis
@@ -26,24 +31,6 @@ export function ticks(low, high, count) {
   for (let k = Math.ceil(low / step); k * step <= high * (1 + 1e-12); k++) found.push(k * step);
   return found;
 }
-
-/** A number in a few digits. */
-export function short(value, digits = 3) {
-  if (!Number.isFinite(value)) return "–";
-  if (value === 0) return "0";
-  const size = Math.abs(value);
-  if (size >= 1e-4 && size < 1e5) return signed(Number(value.toPrecision(digits)));
-  const [front, power] = value.toExponential(digits - 1).split("e");
-  const raised = String(Number(power)).replace(/./g, (sign) => RAISED[sign]);
-  return `${signed(Number(front))}·10${raised}`;
-}
-
-/** A number's text with a minus sign. */
-export function signed(text) {
-  return String(text).replace("-", "−");
-}
-
-const RAISED = Object.fromEntries([..."-0123456789"].map((sign, k) => [sign, "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"[k]]));
 
 /** Where bins lie on a plot's canvas. */
 export class Axes {
@@ -79,15 +66,16 @@ export class Axes {
  * @param curves {values, errors, style, faint} each; `style` is an index of STYLES.
  * @param marks {bin} or {gate: {first, count}}: what is shown now.
  * @param words {quantity, below, above}: titles of axes; `below` counts in ns unless `inMetres`.
+ * @param range of values, if it is known beforehand.
  */
-export function drawCurves(canvas, axis, curves, marks, words, { log, dark, ink }) {
+export function drawCurves(canvas, axis, curves, marks, words, { log, range, dark, ink }) {
   const pen = sharp(canvas);
   const axes = new Axes(canvas, axis);
-  const top = Math.max(...curves.map(({ values }) => values.reduce((a, b) => Math.max(a, b), 0)), 0);
-  const high = (top || 1) * (log ? 2 : 1.06);
-  const low = log ? high / 10 ** DECADES : 0;
+  const extreme = (of) => curves.reduce((most, { values }) => values.reduce((a, b) => of(a, b || 0), most), 0);
+  const top = (extreme(Math.max) || (extreme(Math.min) ? 0 : 1)) * (log ? 2 : 1.06);
+  const [low, high] = range ?? [log ? top / 10 ** DECADES : 1.06 * extreme(Math.min), top];
   const y = (value) => {
-    const part = log ? Math.log(Math.max(value, low) / low) / Math.log(high / low) : value / high;
+    const part = log ? Math.log(Math.max(value, low) / low) / Math.log(high / low) : (value - low) / (high - low);
     return axes.bottom - part * (axes.bottom - axes.top);
   };
   drawMarks(pen, axes, marks, ink);
@@ -124,7 +112,9 @@ function drawMarks(pen, axes, { bin, gate }, ink) {
 }
 
 function drawGrid(pen, axes, y, { low, high, log }, words, ink) {
-  const rows = log ? decades(low, high) : ticks(0, high, 4);
+  const rows = log ? decades(low, high) : ticks(low, high, 4);
+  const most = Math.max(high, -low);
+  const power = log || (most >= 0.1 && most < 1e4) ? 0 : 3 * Math.floor(Math.log10(most) / 3);
   pen.lineWidth = 1;
   pen.strokeStyle = ink.grid;
   pen.fillStyle = ink.soft;
@@ -132,10 +122,12 @@ function drawGrid(pen, axes, y, { low, high, log }, words, ink) {
   pen.textBaseline = "middle";
   for (const value of rows) {
     line(pen, axes.left, y(value), axes.right, y(value));
-    pen.fillText(short(value, 2), axes.left - 7, y(value));
+    const text = log ? `10${raised(Math.log10(value))}` : plain(value / 10 ** power);
+    pen.fillText(text, axes.left - 7, y(value));
   }
   pen.strokeStyle = ink.line;
   line(pen, axes.left, axes.bottom, axes.right, axes.bottom);
+  if (low < 0) line(pen, axes.left, y(0), axes.right, y(0));
   line(pen, axes.left, axes.top, axes.right, axes.top);
   pen.textAlign = "center";
   const count = (axes.right - axes.left) / 90;
@@ -159,21 +151,26 @@ function drawGrid(pen, axes, y, { low, high, log }, words, ink) {
   pen.translate(13, (axes.top + axes.bottom) / 2);
   pen.rotate(-Math.PI / 2);
   pen.textBaseline = "middle";
-  pen.fillText(words.quantity, 0, 0);
+  pen.fillText(power ? words.quantity.replace("[", `[10${raised(power)} `) : words.quantity, 0, 0);
   pen.restore();
 }
 
 function drawCurve(pen, axes, y, { values, errors, style, faint }, dark) {
-  const { colour, dark: bright, dash } = STYLES[style];
-  pen.strokeStyle = pen.fillStyle = dark ? bright : colour;
+  pen.strokeStyle = pen.fillStyle = colourOf(style, dark);
   const middle = (bin) => axes.x(axes.start + (bin + 0.5) * axes.width);
   if (errors) drawErrors(pen, middle, y, values, errors);
   pen.globalAlpha = faint ? 0.75 : 1;
   pen.lineWidth = faint ? 1 : 1.75;
   pen.lineJoin = "round";
-  pen.setLineDash(faint ? faint : dash);
+  pen.setLineDash(faint ? faint : STYLES[style].dash);
   pen.beginPath();
-  values.forEach((value, bin) => pen.lineTo(middle(bin), y(value)));
+  values.forEach((value, bin) => {
+    if (!Number.isFinite(value)) return;
+    const [before, after] = [values[bin - 1], values[bin + 1]].map(Number.isFinite);
+    if (before) pen.lineTo(middle(bin), y(value));
+    else pen.moveTo(middle(bin), y(value));
+    if (!before && !after) pen.fillRect(middle(bin) - 2.5, y(value) - 2.5, 5, 5);
+  });
   pen.stroke();
   pen.setLineDash([]);
   pen.globalAlpha = 1;
@@ -225,12 +222,11 @@ export function drawPhasors(canvas, phasors, { dark, ink }) {
   pen.fillText("Q", x, y - radius - 10);
   const longest = Math.max(...phasors.map(({ amplitude }) => amplitude), 0) || 1;
   for (const { amplitude, phase, style } of phasors) {
-    const { colour, dark: bright, dash } = STYLES[style];
     const length = (amplitude / longest) * radius;
     const tip = [x + length * Math.cos(phase), y - length * Math.sin(phase)];
-    pen.strokeStyle = pen.fillStyle = dark ? bright : colour;
+    pen.strokeStyle = pen.fillStyle = colourOf(style, dark);
     pen.lineWidth = 2;
-    pen.setLineDash(dash);
+    pen.setLineDash(STYLES[style].dash);
     line(pen, x, y, ...tip);
     pen.setLineDash([]);
     pen.beginPath();
@@ -240,7 +236,7 @@ export function drawPhasors(canvas, phasors, { dark, ink }) {
 }
 
 /** A canvas as fine as the screen, wiped. */
-function sharp(canvas) {
+export function sharp(canvas) {
   const ratio = globalThis.devicePixelRatio || 1;
   const [width, height] = [canvas.clientWidth * ratio, canvas.clientHeight * ratio].map(Math.round);
   if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });

@@ -2,7 +2,8 @@
  * What an explorer shows: codes of light, their axes, and sums over them. Nothing of a page in here.
  *
  * The bins of a layer are codes (laser, bin, channel, row, column) of one byte: 0 is nothing, any
- * other q stands for least * ratio^(q - 1). Lengths are metres of optical path.
+ * other q stands for least * ratio^(q - 1); in layers with a sign, 128 + q is negative. Lengths are
+ * metres of optical path.
  */
 
 export const SPEED_OF_LIGHT = 299_792_458; // m/s
@@ -10,11 +11,14 @@ export const SPEED_OF_LIGHT = 299_792_458; // m/s
 /** Codes and the values that they stand for. */
 class Layer {
   constructor(about, codes) {
-    const { name, bins, channels, height, width, least, ratio } = about;
+    const { name, bins, channels, height, width, least, ratio, signed } = about;
     Object.assign(this, { name, bins, channels, height, width });
     this.pixels = height * width;
     this.codes = about.packed ? unpacked(about, codes) : codes;
-    this.values = Float32Array.from({ length: 256 }, (_, q) => q && least * ratio ** (q - 1));
+    const value = (q) => q && least * ratio ** (q - 1);
+    this.values = Float32Array.from({ length: 256 }, (_, q) =>
+      signed && q >= 128 ? -value(q - 128) : value(q),
+    );
   }
 
   /** Where the codes of a bin's channel begin. */
@@ -58,8 +62,12 @@ export class Recording {
     this.steady = header.steady && this.layer(header.steady);
     this.errors = header.errors && this.layer(header.errors);
     this.orders = header.orders.map((about) => this.layer(about));
+    this.stokes = [this.light, ...header.stokes.map((about) => this.layer(about))];
     this.distances = header.parts.distance && this.part("distance");
     this.weights = header.weights;
+    this.isVolume = header.kind === "volume";
+    this.hasTimes = !header.frequencies;
+    this.hasPhasors = !this.isVolume && (header.axis.count > 1 || !this.hasTimes);
     this.laser = 0;
     this.unwarped = false;
     this.chosen();
@@ -99,7 +107,12 @@ export class Recording {
 
   /** Path length at a bin's centre. */
   centre(bin) {
-    return this.start + (bin + 0.5) * this.width;
+    return this.edge(bin + 0.5);
+  }
+
+  /** Path length where a bin begins. */
+  edge(bin) {
+    return this.start + bin * this.width;
   }
 
   /** About how much of path lengths is the way to the camera, which is in them unless unwarped. */
@@ -108,18 +121,23 @@ export class Recording {
     return -this.distances.reduce((sum, each) => sum + each, 0) / this.distances.length;
   }
 
-  /** Light of a bin, a plane for each channel. */
-  frame(bin) {
-    const planes = newPlanes(this.light);
-    this.add(planes, bin, 1);
+  /** The sum of `count` bins, a plane for each channel. */
+  gate(first, count, layer = this.light) {
+    const planes = newPlanes(layer);
+    for (let bin = first; bin < Math.min(first + count, this.count); bin++) this.add(planes, bin, layer);
     return planes;
   }
 
-  /** The sum of `count` bins. */
-  gate(first, count) {
-    const planes = newPlanes(this.light);
-    for (let bin = first; bin < Math.min(first + count, this.count); bin++) this.add(planes, bin, 1);
-    return planes;
+  /** The pixel at such coordinates. */
+  at([x, y]) {
+    const { first, step } = this.about.grid;
+    return [Math.floor((x - first[0]) / step), Math.floor((y - first[1]) / step)];
+  }
+
+  /** Channels of planes as one. */
+  luminance(planes) {
+    const { weights } = this;
+    return planes[0].map((_, i) => planes.reduce((sum, plane, c) => sum + weights[c] * plane[i], 0));
   }
 
   /** All light: what was measured without bins where that is known, else their sum. */
@@ -136,36 +154,42 @@ export class Recording {
   }
 
   /** Add a bin's light. */
-  add(planes, bin, weight) {
-    if (this.unwarped) return this.addUnwarped(planes, bin, weight);
-    const { codes, values } = this.light;
+  add(planes, bin, layer) {
+    if (this.unwarped) return this.addUnwarped(planes, bin, layer);
+    const { codes, values } = layer;
     const own = this.laser * this.about.axis.count + bin;
     planes.forEach((plane, channel) => {
-      const from = this.light.at(own, channel);
-      for (let i = 0; i < plane.length; i++) plane[i] += weight * values[codes[from + i]];
+      const from = layer.at(own, channel);
+      for (let i = 0; i < plane.length; i++) plane[i] += values[codes[from + i]];
     });
   }
 
   /** The same where each pixel's bins begin at its own time: linear between two of them. */
-  addUnwarped(planes, bin, weight) {
-    const { codes, values, pixels, channels } = this.light;
+  addUnwarped(planes, bin, layer) {
+    const { codes, values, pixels, channels } = layer;
     const { ahead } = this;
     const last = this.about.axis.count - 1;
     const stride = channels * pixels;
-    const base = this.light.at(this.laser * this.about.axis.count, 0);
+    const base = layer.at(this.laser * this.about.axis.count, 0);
     planes.forEach((plane, channel) => {
       for (let i = 0; i < pixels; i++) {
         const place = bin + ahead[i];
         const early = Math.floor(place);
         const share = place - early;
         const from = base + early * stride + channel * pixels + i;
-        if (early >= 0 && early <= last) plane[i] += weight * (1 - share) * values[codes[from]];
-        if (early >= -1 && early < last) plane[i] += weight * share * values[codes[from + stride]];
+        if (early >= 0 && early <= last) plane[i] += (1 - share) * values[codes[from]];
+        if (early >= -1 && early < last) plane[i] += share * values[codes[from + stride]];
       }
     });
   }
 
   // ----------------------------------------------------------------------------------- pixels
+
+  /** Coordinates of a pixel in the whole film; of a block of pixels, those of its first one. */
+  place([column, row]) {
+    const { first, step } = this.about.grid;
+    return [first[0] + column * step, first[1] + row * step];
+  }
 
   /**
    * What a pixel sees in each bin.
@@ -195,7 +219,7 @@ export class Recording {
     const [height, width] = this.about.peaks;
     const peaks = this.part("peaks").slice(this.laser * height * width, (this.laser + 1) * height * width);
     if (!this.unwarped || withWay) return peaks;
-    const { step } = this.about.grid;
+    const step = width === this.light.width ? 1 : this.about.grid.step;
     return peaks.map((opl, i) => {
       const row = Math.floor(Math.floor(i / width) / step);
       const column = Math.floor((i % width) / step);
@@ -207,7 +231,12 @@ export class Recording {
 
   /** P = sum of L exp(+i 2 pi f opl / c) over bin centres: planes of its real and imaginary parts. */
   phasors(frequency) {
-    const { codes, pixels, channels } = this.light;
+    if (this.about.frequencies) {
+      const from = this.about.frequencies.indexOf(frequency) * this.light.pixels;
+      const [re, im] = ["I", "Q"].map((name) => this.part(name).subarray(from, from + this.light.pixels));
+      return { re, im };
+    }
+    const { codes, pixels } = this.light;
     const re = new Float32Array(pixels);
     const im = new Float32Array(pixels);
     const tables = this.weights.map((weight) => this.light.values.map((value) => weight * value));
@@ -217,21 +246,14 @@ export class Recording {
       const opl = this.about.axis.start + (bin + 0.5) * this.about.axis.width;
       const cos = scale * Math.cos(turn * opl);
       const sin = scale * Math.sin(turn * opl);
-      const from = this.light.at(this.laser * this.about.axis.count + bin, 0);
-      if (channels === 3) {
-        const [red, green, blue] = tables;
-        for (let i = 0, at = from; i < pixels; i++, at++) {
-          const light = red[codes[at]] + green[codes[at + pixels]] + blue[codes[at + 2 * pixels]];
-          re[i] += cos * light;
-          im[i] += sin * light;
-        }
-      } else {
+      tables.forEach((table, channel) => {
+        const from = this.light.at(this.laser * this.about.axis.count + bin, channel);
         for (let i = 0; i < pixels; i++) {
-          const light = tables[0][codes[from + i]];
+          const light = table[codes[from + i]];
           re[i] += cos * light;
           im[i] += sin * light;
         }
-      }
+      });
     }
     if (this.unwarped) this.distances.forEach((distance, i) => rotate(re, im, i, -turn * distance));
     return { re, im };
@@ -239,6 +261,10 @@ export class Recording {
 
   /** The phasor of one pixel. */
   phasor(pixel, frequency) {
+    if (this.about.frequencies) {
+      const { re, im } = this.phasors(frequency);
+      return phasorParts(re[pixel], im[pixel], frequency);
+    }
     const turn = (2 * Math.PI * frequency) / SPEED_OF_LIGHT;
     const scale = this.about.perMetre ? this.width : 1;
     let re = 0;

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ...runtime import checks
 from ..ui.bundle import text_of
 from .contents import contents_of
 from .module import javascript, style
+from .paths import path_tracer
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -18,9 +19,12 @@ if TYPE_CHECKING:
 def explore(
     data: xr.Dataset,
     *,
+    capture: xr.Dataset | None = None,
     orders: Mapping[str, xr.Dataset] | None = None,
     distance_m: Any = None,
     title: str | None = None,
+    scene: Any = None,
+    paths: Sequence[xr.Dataset] | None = None,
     megabytes: float = 80,
 ) -> AnyWidget:
     """Explore a transient in a notebook: light in time, pixels' responses, gates, phasors.
@@ -33,11 +37,16 @@ def explore(
     Args:
         data: Result of `render`, `capture`, `strategy_pyramid` or `reconstruct`. Error bars are
             shown where a render has them; a pyramid shows the light by bounces.
+        capture: What the volume `data` was reconstructed from: the wall, laser spots, chosen points
+            of the wall and, in 3D, the ellipsoid that the light of the chosen bin comes from.
         orders: Parts of a render's light by name, Datasets of the same pixels and bins, to be
             drawn beside the response: `{"1 bounce": render(..., max_depth=2)}`, for example.
         distance_m: (height, width) [m] from the camera's position to the surface in each pixel of
             a render, as for `unwarp_camera`: time can then be shown without the camera segment.
         title: Title; by default the scene.
+        scene: The scene of a render, loaded or as for `load_scene`: the paths behind the shown bin
+            of the chosen pixel are then listed and drawn into the picture.
+        paths: Results of `paths_of` for some pixels, to show without a scene.
         megabytes: Largest size of the codes [1e6 bytes], above 0; all go to the browser at once.
 
     Returns:
@@ -58,8 +67,13 @@ def explore(
         ('Sixteen pixels', 20)
     """
     most = int(1e6 * checks.number("megabytes", megabytes, positive=True, high=1e6))
-    contents = contents_of(data, orders=orders, distance_m=distance_m, title=title, most_bytes=most)
-    return _widget()(header=contents.header, data=contents.data)
+    parts: dict[str, Any] = {"capture": capture, "orders": orders, "distance_m": distance_m}
+    contents = contents_of(data, **parts, title=title, paths=paths, most_bytes=most)
+    trace = None if scene is None else path_tracer(scene, data, contents.header["kind"])
+    widget = _widget()(header=contents.header, data=contents.data, traces=trace is not None)
+    if trace is not None:
+        widget.on_msg(lambda _, asked, __: widget.send(trace(asked["pixel"], asked["range"])))
+    return widget
 
 
 def _widget() -> type[AnyWidget]:
@@ -76,5 +90,6 @@ def _widget() -> type[AnyWidget]:
         _css = style()
         header = traitlets.Dict().tag(sync=True)
         data = traitlets.Bytes().tag(sync=True)
+        traces = traitlets.Bool().tag(sync=True)
 
     return Explorer

@@ -7,6 +7,8 @@ from functools import cache
 from pathlib import Path
 
 _IMPORT = re.compile(r'^import \{[^}]*\} from "\.{1,2}/[\w/]+\.js";\n', re.MULTILINE)
+_COMMENT = re.compile(r"^ *(/\*.*?\*/|//[^\n]*)\n", re.MULTILINE | re.DOTALL)
+_INDENT = re.compile(r"^ +", re.MULTILINE)
 _EXPORT = re.compile(r"^export (?=(async )?(class|const|function))", re.MULTILINE)
 
 
@@ -18,12 +20,17 @@ def text_of(name: str) -> str:
 
 @cache
 def javascript(*modules: str) -> str:
-    """Join modules, named in the order of their imports, to one with the last one's exports."""
+    """Join modules, named in the order of their imports, to one with the last one's exports.
+
+    Comments and indentation are left out, as pages have the text in them.
+    """
     *others, last = (_IMPORT.sub("", text_of(f"{name}.js")) for name in modules)
-    return "\n".join([*(_EXPORT.sub("", text) for text in others), last])
+    text = "\n".join([*(_EXPORT.sub("", text) for text in others), last])
+    return _INDENT.sub("", _COMMENT.sub("", text))
 
 
 @cache
 def style(*sheets: str) -> str:
     """Join the shared style sheet and others; rules apply inside of applications only."""
-    return "\n".join(text_of(f"{name}.css") for name in ("ui/style", *sheets))
+    text = "\n".join(text_of(f"{name}.css") for name in ("ui/style", *sheets))
+    return _INDENT.sub("", _COMMENT.sub("", text))

@@ -11,8 +11,13 @@ export function make(tag, properties = {}, ...children) {
   return element;
 }
 
+/** A `div` of a class. */
+export function group(className, ...children) {
+  return make("div", { className }, ...children);
+}
+
 /** A slider with its name and what its value says. */
-export function slider(name, { min, max, step, value, say, title = "", moved }) {
+export function slider(name, { min = 0, max = 1, step = 1, value = min, say = String, title = "", moved }) {
   const input = make("input", { type: "range", min, max, step, title, "aria-label": name });
   const output = make("output");
   const tell = () => {
@@ -62,16 +67,60 @@ export function choices(name, options, chosen) {
   return element;
 }
 
-/** A list to choose from. */
+/** A list to choose from; `offer` replaces its options [value, label, group], all text. */
 export function list(name, options, chosen) {
   const select = make("select", { "aria-label": name });
-  select.append(...options.map(([value, label]) => make("option", { value }, label)));
   select.addEventListener("change", () => chosen(select.value));
   const element = make("label", { className: "list" }, make("span", {}, name), select);
   element.set = (value) => {
     select.value = value;
   };
+  let offered = "";
+  element.offer = (next) => {
+    if (offered === (offered = JSON.stringify(next))) return;
+    const groups = new Map([[undefined, select]]);
+    select.replaceChildren();
+    for (const [value, label, group] of next) {
+      if (!groups.has(group)) groups.set(group, select.appendChild(make("optgroup", { label: group })));
+      groups.get(group).append(make("option", { value }, label));
+    }
+  };
+  element.offer(options);
   return element;
+}
+
+/** A number to type; what is none, or out of range, is not told. */
+export function number(name, { min = "", max = "", step = "any", value = 0, changed }) {
+  const input = make("input", { type: "number", min, max, step, "aria-label": name });
+  input.addEventListener("change", () => input.checkValidity() && input.value && changed(input.valueAsNumber));
+  const element = make("label", { className: "list" }, make("span", {}, name), input);
+  element.set = (next) => {
+    if (input.valueAsNumber !== next) input.value = next;
+  };
+  element.limit = (limits) => Object.assign(input, limits);
+  element.set(value);
+  return element;
+}
+
+/** A button with a text. */
+export function button(text, pressed, className = "") {
+  const element = make("button", { type: "button", className: `button ${className}` }, text);
+  element.addEventListener("click", pressed);
+  return element;
+}
+
+/** Show a message {kind, title, text, code, rows} of Python, or none. */
+export function tell(element, message) {
+  const { kind = "", title = "", text = "", code = "", rows = [] } = message ?? {};
+  const parts = [title && make("strong", {}, title), text && make("p", {}, text), code && make("pre", {}, code)];
+  element.className = `message ${kind}`;
+  element.hidden = !title;
+  element.replaceChildren(...parts.filter(Boolean), ...(rows.length ? [make("dl", {}, ...terms(rows))] : []));
+}
+
+/** What a list of names and values has in it. */
+export function terms(rows = []) {
+  return rows.flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]);
 }
 
 /** A box to tick. */
@@ -145,9 +194,16 @@ export function follow(element, { down, move, tap }) {
   });
 }
 
+/** Colours of a part as its style sheet has them, by names like "line". */
+export function inkOf(element) {
+  const style = getComputedStyle(element);
+  const names = ["text", "line", "grid", "soft", "accent", "band"];
+  return Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+}
+
 /** Whether the page around is dark: as Jupyter, VS Code and Colab say, else as the reader likes. */
 export function isDark(element) {
-  const told = element.closest("[data-jp-theme-light]")?.dataset.jpThemeLight;
+  const told = (element.closest("[data-jp-theme-light]") ?? document.body).dataset.jpThemeLight;
   if (told) return told === "false";
   if (/vscode-(dark|high-contrast(?!-light))/.test(document.body.className)) return true;
   if (document.body.className.includes("vscode-")) return false;

@@ -46,6 +46,14 @@ def is_loopback(host: str) -> bool:
     return host == "localhost"
 
 
+def prepare(host: str, port: int | None) -> None:
+    """Raise the errors of `serve` before long work: panel is missing, or the port is taken."""
+    require_panel()
+    checks.instance("host", host, str, "an address like 127.0.0.1")
+    if port is not None:
+        _probe(host, checks.integer("port", port, 1, 65535))
+
+
 def serve(
     make: Callable[[], Any],
     title: str,
@@ -57,17 +65,14 @@ def serve(
 ) -> None:
     """Serve an application until Ctrl-C, SIGTERM or SIGHUP.
 
-    `make` makes the layout of a new reader's page, whose address has a random token and is passed
-    to `tell`. By default the port is the first free one from 5006 on.
+    `make` makes a new reader's page, whose address has a random token and is passed to `tell`. By
+    default the port is the first free one from 5006 on.
     """
-    require_panel()
-    checks.instance("host", host, str, "an address like 127.0.0.1")
-    if port is not None:
-        checks.integer("port", port, 1, 65535)
+    prepare(host, port)
     token = secrets.token_urlsafe(16)
-    for noisy in ("bokeh.server.views.ws", "tornado.access"):
+    for noisy in ("bokeh.server.util", "bokeh.server.views.ws", "tornado.access"):
         logging.getLogger(noisy).setLevel(logging.ERROR)
-    server = _bind(make, title, host, port, token)
+    server = _server(make, title, host, port or _free_port(host), token)
 
     def end(*_: Any) -> None:
         server.io_loop.add_callback_from_signal(server.io_loop.stop)
@@ -99,37 +104,57 @@ def _ignore_closed_pages(loop: Any, context: dict[str, Any]) -> None:
         loop.default_exception_handler(context)
 
 
-def _bind(make: Callable[[], Any], title: str, host: str, port: int | None, token: str) -> Any:
-    """Make a server on `port`, or on the first port that is free."""
+class _Taken(ValueError):
+    """Error of a port that is not free."""
+
+
+def _probe(host: str, port: int) -> None:
+    """Refuse an address or a port that cannot be listened on; a server would leave it open."""
+    try:
+        if not host:
+            raise UnicodeError("it is empty")
+        with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, int(os.name != "nt"))
+            probe.bind((host, port))
+    except (OSError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        if getattr(error, "errno", None) in (errno.EADDRINUSE, errno.EACCES):
+            raise _Taken(f"port = {port}: must be free to listen on ({reason})") from None
+        name = checks.quote(host)
+        raise ValueError(f"host = {name}: must be an address to listen on ({reason})") from None
+
+
+def _free_port(host: str) -> int:
+    """The first of `PORTS` ports that is free, else 0, for which the system finds one."""
+    for port in range(FIRST_PORT, FIRST_PORT + PORTS):
+        with suppress(_Taken):
+            _probe(host, port)
+            return port
+    return 0
+
+
+def _server(make: Callable[[], Any], title: str, host: str, port: int, token: str) -> Any:
+    """A server whose pages are in the document of all applications."""
+    import panel as pn
     from panel.io.server import get_server
 
-    reason, busy = "it is empty", (errno.EADDRINUSE, errno.EACCES)
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    ports = [*range(FIRST_PORT, FIRST_PORT + PORTS), 0] if port is None else [port]
-    for each in ports if host else ():
-        try:
-            with socket.socket(family) as probe:  # A failing server would leave its socket open
-                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, int(os.name != "nt"))
-                probe.bind((host, each))
-            server = get_server(
-                make,
-                port=each,
-                address=host,
-                title=title,
-                websocket_origin="*",  # `_restrict` compares origins
-                websocket_max_message_size=MAX_MESSAGE,
-                auth_provider=_token_provider(title, token),
-            )
-        except (OSError, UnicodeError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
-            if getattr(error, "errno", None) not in busy:
-                break
-            if port is not None:
-                raise ValueError(f"port = {port}: must be free to listen on ({reason})") from None
-            continue
-        _restrict(server, host)
-        return server
-    raise ValueError(f"host = {checks.quote(host)}: must be an address to listen on ({reason})")
+    def page() -> Any:
+        document: Any = pn.state.curdoc
+        style = text_of("explorer/page.css")
+        document.template = Template(text_of("ui/page.html")).substitute(style=style)
+        return make()
+
+    server = get_server(
+        page,
+        port=port,
+        address=host,
+        title=title,
+        websocket_origin="*",  # `_restrict` compares origins
+        websocket_max_message_size=MAX_MESSAGE,
+        auth_provider=_token_provider(title, token),
+    )
+    _restrict(server, host)
+    return server
 
 
 def _restrict(server: Any, host: str) -> None:

@@ -7,6 +7,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,10 @@ import mitsuba as mi
 
 from ...io import save_npz
 from ...rendering.renderer import render
+from ...rendering.settings import RenderSettings
 from ...runtime import backend
+from ...scenes.loading import load_scene
+from ..explorer.paths import path_tracer
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -23,32 +27,30 @@ STEP_S = 4.0  # Time between two updates of a render [s], once it is under way
 
 
 class SavedDataset:
-    """Result of a command, read again when its file changes; large cubes may stay on disk."""
+    """Result of a command, read again when its file changes; large cubes may stay on disk.
+
+    Errors of the first reading are raised, those of later ones kept.
+    """
 
     def __init__(self, path: Path, load: Callable[[Path], xr.Dataset]) -> None:
         self.path, self._load = path, load
         self.name = path.name or str(path.resolve())
-        self.data: xr.Dataset | None = None
+        self._modified: float | None = path.stat().st_mtime
+        self.data: xr.Dataset | None = load(path)
         self.error: BaseException | None = None
-        self.version = 0
-        self._modified: float | None = None
-        self.refresh()
+        self.version = 1
 
     def refresh(self) -> None:
         """Read the file again if it has changed."""
-        try:
-            modified, missing = self.path.stat().st_mtime, None
-        except OSError as error:
-            modified, missing = -1.0, error
+        modified = self.path.stat().st_mtime if self.path.exists() else None
         if modified == self._modified:
             return
-        self._modified, self.data, self.error = modified, None, missing
+        self._modified, self.data, self.error = modified, None, None
         self.version += 1
-        if missing is None:
-            try:
-                self.data = self._load(self.path)
-            except (ValueError, OSError, MemoryError) as error:
-                self.error = error
+        try:
+            self.data = self._load(self.path)
+        except (ValueError, OSError, MemoryError) as error:
+            self.error = error
 
 
 class LiveRender:
@@ -103,6 +105,17 @@ class LiveRender:
         if self.data is None:
             raise ValueError("path: there is nothing to save yet")
         return Path(save_npz(self.data, path, overwrite=overwrite))
+
+    @cached_property
+    def _trace(self) -> Callable[[Any, Any], dict[str, Any]]:
+        settings = RenderSettings(**self._options)
+        changes: Any = settings.scene_changes | {"optimize": False}  # Merged shapes have no names
+        return path_tracer(load_scene(settings.scene, **changes), self.data, "transient")
+
+    def trace(self, pixel: Any, opl: Any) -> dict[str, Any]:
+        """Paths of a pixel with lengths in a range, as `plain_paths`."""
+        backend.activate(self._variant)
+        return self._trace(pixel, opl)
 
     def _run(self) -> None:
         try:

@@ -31,7 +31,7 @@ def warptest(subject: str = "tent", *, module: Any = None, **parameters: Any) ->
             bitmap or an array), `apex`, `cos_theta_max`, `distance`.
 
     Returns:
-        A layout of Panel, which a notebook shows.
+        A component of Panel, which a notebook shows.
 
     Raises:
         ValueError: A name, a module or a parameter is wrong; one line.
@@ -40,7 +40,7 @@ def warptest(subject: str = "tent", *, module: Any = None, **parameters: Any) ->
     Example:
         >>> tester = warptest("beckmann", alpha=0.5)
         >>> type(tester).__name__
-        'Row'
+        'Tester'
     """
     make, _ = application(subject, module=module, **parameters)
     import panel as pn
@@ -61,10 +61,9 @@ def application(subject: str = "tent", *, module: Any = None, **parameters: Any)
     given = {name: values[name] for name in parameters}
     require_panel()
 
-    from ..ui import components
     from .engine import Engine
-    from .window import Window
+    from .window import Tester
 
     engine = Engine(module)
     atexit.register(engine.close)
-    return components.application(lambda: Window(engine, subject, given)), engine
+    return lambda: Tester(engine, subject, given), engine

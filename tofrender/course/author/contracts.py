@@ -30,6 +30,7 @@ from ..rubric import Problem
 FILE_NAME = "contracts.toml"
 DEMANDING = re.compile(r"\s*(\*Contract\.\*|\*\*Write\*\*)")  # starts paragraphs of the handout
 MISTAKES = "*Common mistakes.*"  # ends their part that demands something
+END_OF_PARAGRAPH = re.compile(r"\n\s*\n")
 END_OF_SENTENCE = re.compile(r"(?<=[.;!?])\s+(?=[A-Z`\[(*$0-9]|and |or )")
 HEADS = "(Args|Returns|Raises|Attributes|Example|Yields):"
 
@@ -119,15 +120,12 @@ def _sentences(assignment: Assignment, problem: Problem, entries: list[Entry]) -
     for part, entry in quoted.items():
         if not any(part in text for text in texts):
             yield f"{entry.where}: no text of {problem.id} says {part!r:.80}"
-    demands = [p.partition(MISTAKES)[0] for p in _paragraphs(handout) if DEMANDING.match(p)]
-    demands += [paragraph for text in docstrings for paragraph in _paragraphs(text)]
+    paragraphs = END_OF_PARAGRAPH.split(handout)
+    demands = [each.partition(MISTAKES)[0] for each in paragraphs if DEMANDING.match(each)]
+    demands += [paragraph for text in docstrings for paragraph in END_OF_PARAGRAPH.split(text)]
     for sentence in (sentence for text in demands for sentence in sentences(text)):
         if not any(part in sentence or sentence in part for part in quoted):
             yield f"{FILE_NAME}: {problem.id}: no test and no remark for {sentence!r:.200}"
-
-
-def _paragraphs(text: str) -> list[str]:
-    return re.split(r"\n\s*\n", text)
 
 
 def _handout(assignment: Assignment, problem: Problem) -> str:

@@ -18,7 +18,10 @@ from ..rubric import Rubric
 from .leaks import leaks, smoke_test
 
 PACKAGE_FOLDER = "package"
+DESCRIPTION = "Light in flight on Mitsuba 3: the student edition"
 EXTRAS = ("course",)
+SAME = ("name", "license", "license-files", "requires-python", "dependencies")
+"""Keys of the checkout's `pyproject.toml` that the edition has, too."""
 PAGES = ("README.md", "exercises.md")  # read before anything is installed; also as HTML
 REPOSITORY = {
     "tests.yml": ".github/workflows/tests.yml",
@@ -68,7 +71,11 @@ def release(assignment: Assignment, out: Path, *, pdf: bool = False) -> Path:
                 page.write_text(html, encoding="utf-8")
                 if pdf:
                     _print(page, page.with_suffix(".pdf"))
-        _write_repository(folder, assignment.rubric)
+        for name, path in REPOSITORY.items():
+            text = (Path(__file__).parent / "repository" / name).read_text(encoding="utf-8")
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            text = text.replace('"@TITLE@"', json.dumps(assignment.rubric.title))
+            (folder / path).write_text(text, encoding="utf-8")
         _refuse(leaks(assignment, folder))
         if target.exists():
             raise FileExistsError(f"{target}: has appeared meanwhile; nothing is overwritten")
@@ -86,34 +93,18 @@ def _make_installable(package: Path, rubric: Rubric) -> None:
     if not (checkout / "pyproject.toml").is_file():
         raise ValueError(f"{checkout}: has no pyproject.toml; release needs the course's checkout")
     shutil.copyfile(checkout / "LICENSE", package / "LICENSE")
-    project = toml.read(checkout / "pyproject.toml")["project"]
+    given = toml.read(checkout / "pyproject.toml")
+    project = given["project"]
+    own = {"version": edition.version(rubric), "description": DESCRIPTION}
+    extras = project["optional-dependencies"]
     content = {
-        "build-system": {"requires": ["hatchling>=1.27"], "build-backend": "hatchling.build"},
-        "project": {
-            "name": "tofrender",
-            "version": edition.version(rubric),
-            "description": "Light in flight on Mitsuba 3: the student edition",
-            "license": "BSD-3-Clause",
-            "license-files": ["LICENSE"],
-            "requires-python": project["requires-python"],
-            "dependencies": project["dependencies"],
-        },
-        "project.optional-dependencies": {
-            name: project["optional-dependencies"][name] for name in EXTRAS
-        },
-        "project.scripts": {"tofrender": "tofrender.cli:main"},
+        "build-system": given["build-system"],
+        "project": {name: project[name] for name in SAME} | own,
+        "project.optional-dependencies": {name: extras[name] for name in EXTRAS},
+        "project.scripts": project["scripts"],
         "tool.hatch.build.targets.wheel": {"packages": ["tofrender"]},
     }
     (package / "pyproject.toml").write_text(toml.text(content), encoding="utf-8")
-
-
-def _write_repository(folder: Path, rubric: Rubric) -> None:
-    """Write `.github/workflows/tests.yml`, `.devcontainer/` and `.gitignore`."""
-    for name, path in REPOSITORY.items():
-        source, target = Path(__file__).parent / "repository" / name, folder / path
-        target.parent.mkdir(parents=True, exist_ok=True)
-        text = source.read_text(encoding="utf-8").replace('"@TITLE@"', json.dumps(rubric.title))
-        target.write_text(text, encoding="utf-8")
 
 
 def _browser() -> str:

@@ -12,7 +12,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import tempfile
 import textwrap
@@ -25,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from ...runtime import checks
+from ...runtime.backend import cores
 from .. import edition, mutants, notebooks
 from ..assignments import PACKAGE, Assignment
 from ..judge import running
@@ -211,7 +211,7 @@ class _Checks:
 
     def _repeat(self, tests: list[str], right: Path) -> dict[str, running.Outcome]:
         """Run tests under many seeds, in as many processes as there are cores."""
-        parts = [part for k in range(_cores()) if (part := tests[k :: _cores()])]
+        parts = [part for k in range(cores()) if (part := tests[k :: cores()])]
         found: dict[str, running.Outcome] = {}
         with ThreadPoolExecutor(len(parts)) as pool:
             for run in [pool.submit(self._run, right, tests=p, seeds=self.seeds) for p in parts]:
@@ -247,7 +247,7 @@ class _Checks:
             count = min(len(every), self.wrong or len(every))
             chosen = [every[k * len(every) // count] for k in range(count)]
         _ = self._right  # made once, before there are threads
-        with ThreadPoolExecutor(_cores()) as pool:
+        with ThreadPoolExecutor(cores()) as pool:
             runs = {pool.submit(self._judge_mutant, mutant): mutant for mutant in chosen}
             for done, run in enumerate(as_completed(runs), 1):
                 check.reasons += [f"{runs[run].id}: {text}" for text in run.result()]
@@ -287,10 +287,6 @@ class _Checks:
         if path.is_file():
             notebooks.write(path.read_text(encoding="utf-8"), folder, folder / NOTEBOOK)
             notebooks.execute(folder / NOTEBOOK, PYTHONPATH=str(package))
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _one_line(text: str) -> str:

@@ -87,16 +87,13 @@ def matches(name: str, patterns: Iterable[str]) -> bool:
 @contextmanager
 def _open_files(source: Path, depth: int) -> Iterator[dict[str, Opener]]:
     """Names of all files down to `depth`, each with a function that opens it."""
-    if source.is_dir():
-        with _readable():
-            found = dict(_files_of(source, depth))
-        yield found
-        return
     with ExitStack() as stack:
         with _readable():
-            file = stack.enter_context(_CarefulFile(source))
-            archive = stack.enter_context(zipfile.ZipFile(file))
-            files = _entries_of(archive)
+            if source.is_dir():
+                files = dict(_files_of(source, depth))
+            else:
+                file = stack.enter_context(_CarefulFile(source))
+                files = _entries_of(stack.enter_context(zipfile.ZipFile(file)))
         yield files
 
 

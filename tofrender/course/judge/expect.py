@@ -16,6 +16,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NoReturn
 
 import numpy as np
@@ -42,18 +43,12 @@ class Failure(AssertionError):
         self.fraction = fraction
 
 
-class _Settings:
-    """Settings of the judge: number of comparisons, folder of pictures, current test."""
-
-    comparisons = 100
-    pictures: Path | None = None
-    test = "test"
+_settings = SimpleNamespace(comparisons=100, pictures=None, test="test")
 
 
 def configure(**settings: Any) -> None:
     """Set `comparisons` (their number), `pictures` (their folder) or `test` (that runs now)."""
-    for name, value in settings.items():
-        setattr(_Settings, name, value)
+    vars(_settings).update(settings)
 
 
 def close(
@@ -160,7 +155,7 @@ def histogram(counts: Any, probabilities: Any, what: str, **more: Any) -> None:
     pooled, of = pooled[of > 0], of[of > 0]
     chi2, freedom = float(((pooled - of) ** 2 / of).sum()), of.size - 1
     p = chdtrc(freedom, chi2) if freedom > 0 else 1.0
-    if not p >= smallest_allowed(ALPHA, _Settings.comparisons):
+    if not p >= smallest_allowed(ALPHA, _settings.comparisons):
         worst = int(np.argmax(np.where(few, 0, (counts - expected) ** 2 / np.maximum(expected, 1))))
         text = f" (chi² = {chi2:.0f} of {freedom} degrees of freedom; the worst bin is shown)"
         replace(compared, what=what + text).fail_at(worst, counts, expected)
@@ -168,7 +163,7 @@ def histogram(counts: Any, probabilities: Any, what: str, **more: Any) -> None:
 
 def _compare_means(samples, reference, compared: _Compared, rounding: float) -> None:
     """Fail if the mean of samples differs from the reference: values, or other samples."""
-    least = smallest_allowed(smallest_allowed(ALPHA, _Settings.comparisons), samples[0].size)
+    least = smallest_allowed(smallest_allowed(ALPHA, _settings.comparisons), samples[0].size)
     p = p_values(samples, reference, rounding=rounding)
 
     def agrees(other: np.ndarray) -> bool:
@@ -242,7 +237,7 @@ class _Compared:
 
     def _picture(self, actual: np.ndarray, expected: np.ndarray) -> Path | None:
         """Plot expected and actual values; None for numbers, or without a folder for pictures."""
-        if _Settings.pictures is None or actual.ndim == 0 or actual.size < 3 or actual.ndim > 3:
+        if _settings.pictures is None or actual.ndim == 0 or actual.size < 3 or actual.ndim > 3:
             return None
         from matplotlib.figure import Figure
 
@@ -262,8 +257,8 @@ class _Compared:
                 axes.set_title(name)
             figure.colorbar(image, ax=figure.axes)
         figure.suptitle(self.what, fontsize="small", wrap=True)
-        _Settings.pictures.mkdir(parents=True, exist_ok=True)
-        path = _Settings.pictures / (re.sub(r"[^\w-]+", "_", _Settings.test) + ".png")
+        _settings.pictures.mkdir(parents=True, exist_ok=True)
+        path = _settings.pictures / (re.sub(r"[^\w-]+", "_", _settings.test) + ".png")
         figure.savefig(path)
         return path
 

@@ -91,13 +91,12 @@ def _forbidden(node: ast.AST, words: frozenset[str], own: set[str]) -> str:
 
 def _imports(node: ast.AST, module: str) -> bool:
     """Whether a statement imports a module, or a name from it."""
+    names = []
     if isinstance(node, ast.Import):
-        return any(f"{alias.name}.".startswith(f"{module}.") for alias in node.names)
-    if isinstance(node, ast.ImportFrom) and node.module:
-        return f"{node.module}.".startswith(f"{module}.") or any(
-            f"{node.module}.{alias.name}" == module for alias in node.names
-        )
-    return False
+        names = [alias.name for alias in node.names]
+    elif isinstance(node, ast.ImportFrom) and node.module:
+        names = [f"{node.module}.{alias.name}" for alias in node.names]
+    return any(f"{name}.".startswith(f"{module}.") for name in names)
 
 
 def _names(node: ast.AST, name: str, of: tuple[str, ...] = ()) -> bool:

@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import psutil
 
@@ -172,20 +173,12 @@ class Ended:
     reason: str  # why it was ended, "" if it ended by itself
     status: int  # exit status, negative for a signal
     output: str  # last output of it and its children
-    seconds: float
 
 
-def run(
-    command: Sequence[str],
-    *,
-    timeout_s: float,
-    memory_bytes: int,
-    cwd: str | os.PathLike,
-    env: dict[str, str],
-) -> Ended:
-    """Run a command and end all its children, whatever happens."""
+def run(command: Sequence[str], *, timeout_s: float, memory_bytes: int, **options: Any) -> Ended:
+    """Run a command with options of `Supervised` and end all its children, whatever happens."""
     begin = time.monotonic()
-    started = Supervised(command, cwd=cwd, env=env)
+    started = Supervised(command, **options)
     reason = ""
     try:
         while not reason:
@@ -198,5 +191,4 @@ def run(
                 reason = started.excess(memory_bytes)
     finally:
         started.end()
-    seconds = time.monotonic() - begin
-    return Ended(reason, started.process.returncode, started.output(5.0), seconds)
+    return Ended(reason, started.process.returncode, started.output(5.0))

@@ -112,10 +112,9 @@ def landlock_version() -> int:
     """Version of the kernel's Landlock, 0 if it has none or may not be asked."""
     if not sys.platform.startswith("linux"):
         return 0
-    try:
+    with suppress(OSError):
         return _syscall(CREATE_RULESET, None, ctypes.c_size_t(0), ctypes.c_uint32(1))
-    except OSError:
-        return 0
+    return 0
 
 
 def missing_protections() -> list[str]:
@@ -360,13 +359,12 @@ def _unshare_as_user() -> bool:
     if ctypes.CDLL(None).unshare(NEWUSER | NEWNET | NEWIPC) != 0:
         return False
     maps = {"setgroups": "deny", "uid_map": f"{uid} {uid} 1", "gid_map": f"{gid} {gid} 1"}
-    try:
+    with suppress(OSError):
         for name, text in maps.items():
             with open(f"/proc/self/{name}", "w", encoding="ascii") as file:
                 file.write(text)
-    except OSError:
-        return False
-    return True
+        return True
+    return False
 
 
 def prctl(option: int, value: int, more: int = 0) -> int:

@@ -54,13 +54,12 @@ def solutions(assignment: Assignment, problem: Problem) -> list[Solution]:
     other = next(p for p in assignment.rubric.problems if p.id == problem.tests_of)
     right = (assignment.solutions / other.file).read_text(encoding="utf-8")
     wrong = [
-        mutant
+        Solution(mutant.id, mutants.apply(assignment, mutant), mutant.why)
         for mutant in mutants.read(assignment)
         if (mutant.problem, mutant.file) == (other.id, other.file)
         and problem.id not in mutant.unseen_by
     ]
-    edited = [Solution(m.id, mutants.apply(assignment, m), m.why) for m in wrong]
-    return [Solution("right", right), *edited]
+    return [Solution("right", right), *wrong]
 
 
 def share_found(submission: Submission, probe: str, more: Iterable[Solution] = ()) -> None:

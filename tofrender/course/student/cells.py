@@ -141,10 +141,9 @@ def refresh(path: Path, namespace: dict[str, Any]) -> None:
 
 def _read_record(folder: Path) -> dict[str, str]:
     try:
-        content = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        return dict(json.loads((folder / RECORD).read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError):
         return {}
-    return content if isinstance(content, dict) else {}
 
 
 def _write_record(folder: Path, hashes: dict[str, str]) -> None:

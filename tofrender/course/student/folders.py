@@ -27,8 +27,7 @@ def start(assignment: Assignment, folder: Path) -> Path:
     if folder.is_symlink() or folder.is_file() or (folder.is_dir() and any(folder.iterdir())):
         raise FileExistsError(f"{folder}: is not empty; must be a new folder, or an empty one")
     with replacing(folder, folder=True) as inside:
-        material.write(assignment, inside)
-        _flatten(inside)
+        _write(assignment, inside)
     return folder
 
 
@@ -36,14 +35,14 @@ def stubs(assignment: Assignment) -> dict[str, bytes]:
     """Files that a student starts from, with their content."""
     with tempfile.TemporaryDirectory() as scratch:
         inside = Path(scratch)
-        material.write(assignment, inside)
-        _flatten(inside)
+        _write(assignment, inside)
         names = [p.name for p in assignment.starter.glob("*.py")] + [NOTEBOOK]
         return {name: (inside / name).read_bytes() for name in names if (inside / name).is_file()}
 
 
-def _flatten(folder: Path) -> None:
-    """Turn released material into a folder to work in."""
+def _write(assignment: Assignment, folder: Path) -> None:
+    """Write released material as a folder to work in."""
+    material.write(assignment, folder)
     source, starter = folder / "notebook.py", folder / "starter"
     if source.is_file():
         text = source.read_text(encoding="utf-8")

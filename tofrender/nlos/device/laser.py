@@ -122,12 +122,6 @@ def position_of(device: mi.Sensor | mi.Emitter) -> np.ndarray:
     return np.array(device.world_transform() @ mi.Point3f(0)).ravel()
 
 
-def discard_meter_aims(scene: mi.Scene) -> None:
-    """Let the laser stay where it is aimed from now on, whatever a meter says."""
-    for meter in _meters(scene):
-        meter.laser_target = None
-
-
 def require_aim(scene: mi.Scene) -> None:
     """Refuse a meter whose laser is aimed at a pixel that its film does not have."""
     for meter in _meters(scene):
@@ -179,7 +173,8 @@ def focus_laser(
         raise ValueError(f"point, uv, pixel = {shown}: must be one of them, and None the others")
     laser = find_laser(scene)
     apply_meters(scene)
-    discard_meter_aims(scene)
+    for meter in _meters(scene):  # The laser stays where it is aimed now, whatever they say
+        meter.laser_target = None
     sensors = scene.sensors()
     camera = sensors[checks.integer("sensor", sensor, 0, len(sensors) - 1)]
     if pixel is not None:

@@ -48,27 +48,25 @@ class CornerConnections:
     ) -> Contribution:
         """Connect the seen point over one target point to the laser spot."""
         si, guided, scene = seen.si, self.guided, self.laser.scan.scene
-        targets, scatters = guided.targets, self.space.scatters
+        targets, space = guided.targets, self.space
 
         # Sample a target point y, and attenuate the light on the way to it
         ps, shape = targets.sample(u, active)
         r = dr.norm(ps.p - si.p)
         d = (ps.p - si.p) / r
         transmittance, medium = mi.Float(1), path.medium
-        if scatters:
+        if space.scatters:
             to_target = Connection.to_point(ps.p, d, r, active)
-            transmittance, medium = self.space.transmittance_and_medium(
-                path, seen, to_target, sampler
-            )
+            transmittance, medium = space.transmittance_and_medium(path, seen, to_target, sampler)
         if targets.plain:  # The sample has all of the surface interaction
             y = _interaction_at(si, ps, shape, d, r)
-            if not scatters:
+            if not space.scatters:
                 ray = si.spawn_ray_to(ps.p)
                 ray.maxt = dr.norm(ps.p - ray.o) * (1 - SHORT)
                 active = active & ~scene.ray_test(ray, active)
         else:
             ray = ray_to(si, d, r)
-            if scatters:  # Behind boundaries of media
+            if space.scatters:  # Behind boundaries of media
                 ray.o = dr.fma(ray.d, (1 - CLOSE) * r, ray.o)
             y = scene.ray_intersect(ray, active)
             active = active & y.is_valid() & (dr.abs(dr.norm(y.p - si.p) - r) <= REACHED * r)
@@ -88,15 +86,13 @@ class CornerConnections:
         if history is not None:
             path.history = history.at_vertex(path, middle, active)
         connection = self.laser.unweighted(middle, path, sampler, active)
-        connection.weight *= self.space.transmittance(path, middle, connection, sampler)
-        f_y = y.bsdf().eval(
-            mi.BSDFContext(), y, y.to_local(connection.direction), connection.active
-        )
+        connection.weight *= space.transmittance(path, middle, connection, sampler)
+        wo = y.to_local(connection.direction)
+        f_y = y.bsdf().eval(mi.BSDFContext(), y, wo, connection.active)
         f = mi.unpolarized_spectrum(bsdf_eval.f) * mi.unpolarized_spectrum(f_y)
         spectrum = f * connection.weight * weight / density
-        return Contribution(
-            spectrum, path.opl + connection.length, connection.active & (by_area > 0)
-        )
+        lit = connection.active & (by_area > 0)
+        return Contribution(spectrum, path.opl + connection.length, lit)
 
 
 def _interaction_at(

@@ -75,10 +75,9 @@ class RelayWallPath(TransientPath):
         self.samples_hidden = flag(props, HIDDEN_SAMPLING, self.samples_hidden_by_default)
         legs = "account_first_and_last_bounces"
         self.counts_legs = flag(props, legs, self.counts_legs_by_default)
-        if not self.samples_hidden:
-            allowed = f"left out without {HIDDEN_SAMPLING}"
-            shapes = props.get("hidden_shapes", None)
-            checks.require("hidden_shapes", shapes, self.hidden_shapes is None, allowed)
+        fits = self.samples_hidden or self.hidden_shapes is None
+        allowed = f"left out without {HIDDEN_SAMPLING}"
+        checks.require("hidden_shapes", props.get("hidden_shapes", None), fits, allowed)
         self.filter_bounces = checks.depth("filter_bounces", props.get("filter_bounces", -1))
         super().__init__(props)
         self.camera_unwarp |= not self.counts_legs
@@ -96,26 +95,20 @@ class RelayWallPath(TransientPath):
         """Make connections to the spot of a beam."""
         return LaserSpot(scan, scatter_beam(scan, beam) if scan.space.scatters else beam)
 
-    def plan(
-        self,
-        scene: mi.Scene,
-        sensor: mi.Sensor | None = None,
-        weight: Any = None,
-        wall: list[mi.Shape] | None = None,
-    ) -> ScanPlan:
-        """Plan the scan of a sensor's rays; the relay wall is by default as the parameters say."""
-        scan = self.scan(scene, sensor, self.wall(scene, sensor) if wall is None else wall)
-        counts_spot = not self.use_nlos_only and self.filter_bounces in (-1, 1)
-        return ScanPlan(scan, self.laser, self.limits(), counts_spot)
+    def plan(self, scene, sensor=None, weight=None) -> ScanPlan:
+        """Plan the scan of a sensor's rays, with relay wall and mode as the parameters say."""
+        return self.capture_plan(scene, sensor)
 
     def require_mode(self, mode: str) -> None:
         """Refuse a mode of capture that this integrator does not have."""
 
     def capture_plan(
-        self, scene: mi.Scene, sensor: mi.Sensor, wall: list[mi.Shape], mode: str
+        self, scene: mi.Scene, sensor: mi.Sensor | None, wall: Any = None, mode: str | None = None
     ) -> ScanPlan:
-        """Plan a capture in a mode that `require_mode` accepts."""
-        return self.plan(scene, sensor, wall=wall)
+        """Plan a capture with a wall, a list of shapes, in a mode that `require_mode` accepts."""
+        scan = self.scan(scene, sensor, self.wall(scene, sensor) if wall is None else wall)
+        counts_spot = not self.use_nlos_only and self.filter_bounces in (-1, 1)
+        return ScanPlan(scan, self.laser, self.limits(), counts_spot)
 
     def laser_origin(self, scene: mi.Scene, sensor: mi.Sensor) -> np.ndarray:
         """Position of the laser [m], with the camera."""
@@ -211,13 +204,12 @@ class RelayWallPath(TransientPath):
         d = to_laser / r
         seen = active & si.is_valid()
         transmittance = transmittance_between(scan.space, si, laser, sampler, seen)
+        to_camera = dr.norm(si.p - origin)
         if scan.space.scatters:
-            transmittance *= transmittance_between(
-                scan.space, si, ray.o, sampler, seen, dr.norm(si.p - origin)
-            )
+            transmittance *= transmittance_between(scan.space, si, ray.o, sampler, seen, to_camera)
         f = mi.unpolarized_spectrum(si.bsdf().eval(mi.BSDFContext(), si, si.to_local(d), seen))
         radiance = f * irradiance(-d, r) * transmittance
-        opl = mi.Float(0) if self.camera_unwarp else dr.norm(si.p - origin)
+        opl = mi.Float(0) if self.camera_unwarp else to_camera
         opl += r if self.counts_legs else 0
         return Contribution(radiance, opl, seen & dr.any(radiance != 0))
 

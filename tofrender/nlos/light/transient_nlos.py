@@ -10,19 +10,17 @@ import numpy as np
 
 from ...films.contribution import Contribution
 from ...paths.endpoints import SceneLights
-from ...paths.protocols import Endpoint
-from ...paths.records import BSDFEval, Connection, Hit, Path, Vertex
+from ...paths.records import Connection, Path, Vertex
 from ...paths.surfaces import first_surface
 from ...runtime import checks
 from ...runtime.backend import tracing_lock
 from ...signals.illuminants import white
+from ..captures import MODES
 from ..device.laser import apply_meters, axis, find_laser, position_of, require_aim, solid_angle
 from ..device.relay_wall import first_hits, trace_laser_spot
 from .laser_spot import OffWallHistory, Spot, counted_lanes, require_clear_way, trace_beam
 from .relay_wall_path import HIDDEN_SAMPLING, RelayWallPath, flag, warn_no_effect
 from .scan import Scan, ScanPlan
-
-CAPTURE_TYPES = ("single", "confocal", "exhaustive")
 
 AREA = 1.0
 """Area that a laser spot stands for [m^2], as in the plugin of the same name in mitransient."""
@@ -73,10 +71,10 @@ class TransientNLOSPath(RelayWallPath):
     def __init__(self, props: mi.Properties) -> None:
         kind: Any = props.get("capture_type", None)
         if isinstance(kind, int) and not isinstance(kind, bool) and 1 <= kind <= 3:
-            kind = CAPTURE_TYPES[kind - 1]
+            kind = MODES[kind - 1]
         kind = kind.lower() if isinstance(kind, str) else kind
         if kind is not None:
-            checks.one_of("capture_type", kind, CAPTURE_TYPES)
+            checks.one_of("capture_type", kind, MODES)
         self.capture_type: str | None = kind
         self._type_is_given = kind is not None
         _read_mitransient(props)
@@ -98,30 +96,28 @@ class TransientNLOSPath(RelayWallPath):
         """Surfaces that paths are sent to, with the wall if it is included."""
         return hidden + wall * self.targets_wall
 
-    def plan(
-        self,
-        scene: mi.Scene,
-        sensor: mi.Sensor | None = None,
-        weight: Any = None,
-        wall: list[mi.Shape] | None = None,
-        capture_type: str | None = None,
+    def capture_plan(
+        self, scene: mi.Scene, sensor: mi.Sensor | None, wall: Any = None, mode: str | None = None
     ) -> ScanPlan:
         """Plan the scan of the scene's one laser.
 
-        The wall and the capture type, "single" or "confocal", are by default as the parameters say.
+        An exhaustive capture is a single one for each laser spot.
         """
-        kind = self._kind(sensor) if capture_type is None else capture_type
-        allowed = (
-            "'single' or 'confocal' to render; "
-            "tofrender.capture(scene, mode='exhaustive') makes exhaustive captures"
-        )
-        checks.require("capture_type", kind, kind != "exhaustive", allowed)
+        kind = self._kind(sensor) if mode is None else mode
+        if kind == "exhaustive":
+            allowed = (
+                "'single' or 'confocal' to render; "
+                "tofrender.capture(scene, mode='exhaustive') makes exhaustive captures"
+            )
+            checks.require("capture_type", kind, mode, allowed)
+            require_clear_way(scene, sensor, self.laser_origin(scene, sensor))
+            kind = "single"
         allowed = "true for confocal captures, whose laser lights one point after the other"
         samples = self.lights_a_point
         checks.require("nlos_laser_sampling", samples, samples or kind != "confocal", allowed)
         find_laser(scene)
         apply_meters(scene, sensor)
-        plan = super().plan(scene, sensor, weight, wall)
+        plan = super().capture_plan(scene, sensor, wall)
         if self.lights_a_point:
             self._check_aim(plan.scan, kind, sensor)
             if self.shows_spot:
@@ -131,15 +127,6 @@ class TransientNLOSPath(RelayWallPath):
         if kind == "confocal" and sensor is not None:
             require_clear_way(scene, sensor, self.laser_origin(scene, sensor))
         return plan
-
-    def capture_plan(
-        self, scene: mi.Scene, sensor: mi.Sensor, wall: list[mi.Shape], mode: str
-    ) -> ScanPlan:
-        """Plan a capture; an exhaustive one is a single one for each laser spot."""
-        if mode == "exhaustive":
-            require_clear_way(scene, sensor, self.laser_origin(scene, sensor))
-        kind = "confocal" if mode == "confocal" else "single"
-        return self.plan(scene, sensor, wall=wall, capture_type=kind)
 
     def laser_origin(self, scene: mi.Scene, sensor: mi.Sensor) -> np.ndarray:
         """Position of the scene's laser [m]."""
@@ -237,15 +224,12 @@ def _read_mitransient(props: mi.Properties) -> None:
         warn_no_effect(fov, props[fov], "the laser lights the sensor's points")
 
 
-class LaserEmitter(Endpoint):
+class LaserEmitter(SceneLights):
     """Next-event estimation of the scene's laser, with the paths of a scan that count."""
 
-    finds_all = False
-
     def __init__(self, scan: Scan, counts_single_bounce: bool) -> None:
-        self.lights = SceneLights(scan.scene, None, scan.hide_emitters)
+        super().__init__(scan.scene, None, scan.hide_emitters)
         self.scan, self.counts_single_bounce = scan, counts_single_bounce
-        self.hide_emitters = scan.hide_emitters
         self.history = OffWallHistory(scan.wall) if scan.hidden_only else None
 
     def connect(
@@ -255,7 +239,7 @@ class LaserEmitter(Endpoint):
         if not self.counts_single_bounce:
             active = active & (path.depth > 0)
         active = counted_lanes(self.scan, path, path.depth + 1, active)
-        connection = self.lights.connect(vertex, path, sampler, active)
+        connection = super().connect(vertex, path, sampler, active)
         connection.length = connection.length if self.scan.counts_legs else mi.Float(0)
         first_opl = self.scan.first_opl
         if first_opl > 0:
@@ -263,12 +247,6 @@ class LaserEmitter(Endpoint):
             connection.active &= (path.depth > 0) | long_enough
         return connection
 
-    def hit(self, vertex: Vertex, path: Path) -> Hit:
-        """Return emission of the scene, as `SceneLights` does."""
-        return self.lights.hit(vertex, path)
-
-    def mis_weight(
-        self, path: Path, vertex: Vertex, connection: Connection, bsdf_eval: BSDFEval
-    ) -> mi.Float:
-        """Return the MIS weight of `SceneLights`."""
-        return self.lights.mis_weight(path, vertex, connection, bsdf_eval)
+    def min_distance(self, p: mi.Point3f) -> mi.Float:
+        """Return 0, as lengths need not count the leg from the laser."""
+        return mi.Float(0)

@@ -106,9 +106,8 @@ def _fields_at_the_wall(
         field = field.reshape(-1, rows, columns)
         if measured.legs.any():
             field = field * np.exp(-1j * wavenumbers[:, None, None] * measured.legs[index])
-        spectra[index] = fft.fft2(
-            field.astype(np.complex64), window.padded, axes=(1, 2), workers=-1
-        )
+        field = field.astype(np.complex64)
+        spectra[index] = fft.fft2(field, window.padded, axes=(1, 2), workers=-1)
     return spectra
 
 

@@ -38,6 +38,7 @@ class EmitterEndpoint(Endpoint):
         self.moving_meshes: list[mi.Shape] = []
         flags = [emitter.flags() for emitter in scene.emitters()]
         has_distant = any(mi.has_flag(each, mi.EmitterFlags.Infinite) for each in flags)
+        # where the light of emitters at infinity starts, for path lengths
         self.sphere = Wavefronts.around(scene, sensor) if has_distant else None
         self._boxes = self._bounding_boxes()
 
@@ -46,7 +47,7 @@ class EmitterEndpoint(Endpoint):
         """Return the MIS weight of a hit."""
 
     def connection_reference(self, path: Path) -> mi.Interaction3f | None:
-        """Return where a connection to what the ray hits would start, None for `path.prev`."""
+        """Return the vertex whose connection competes with the hit, None for `path.prev`."""
         return None
 
     def attached(self) -> Self:
@@ -130,10 +131,10 @@ class EmitterEndpoint(Endpoint):
         length = vertex.length
         if self.sphere is not None:
             length = dr.select(vertex.valid, length, self.sphere.length(prev.p, path.ray.d))
-        if self.hide_emitters:
-            active &= (path.depth > 0) | vertex.valid
+        if self.hide_emitters:  # `Plan.start` skips area lights, here the environment
+            active = active & ((path.depth > 0) | vertex.valid)
         if self.discard_direct_light:
-            active &= path.depth > 0
+            active = active & (path.depth > 0)
         return Hit(radiance, pdf, length, active, mis_weight=mi.Float(1))
 
     def hit(self, vertex: Vertex, path: Path) -> Hit:

@@ -122,6 +122,7 @@ class SceneLights(EmitterEndpoint):
         """Return the power heuristic against emitter samples; 1 after delta lobes."""
         weight = mi.Float(0)
         if not self.finds_all:
+            # The vertex before the hit had the samples; first rays have none, and are specular
             pdf = hit.pdf if self.further is None else hit.pdf * self._count(path.depth - 1)
             weight = power_heuristic(path.pdf, pdf)
         return dr.select(path.specular, mi.Float(1), weight)

@@ -88,5 +88,5 @@ export function range(values, outermost = 0.01) {
 }
 
 function hatched(i, width) {
-  return (Math.floor(i / width) + (i % width)) % CELL < CELL / 2 ? 118 : 138;
+  return (Math.floor(i / width) + (i % width)) % CELL < CELL / 2 ? 108 : 148;
 }

@@ -1,0 +1,165 @@
+"""Two pictures, or two films with one clock, to be compared."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import mitsuba as mi
+import numpy as np
+
+from ...runtime import checks
+from ...vis.transient import Transient
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+DENSITY = "radiance per metre"
+WHITE = 0.995  # Part of all lit values that are not brighter than white
+LOOKED_AT = 16  # Bins of a film whose values and brightness stand for all
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture, of a film that of all time, and its label."""
+
+    name: str
+    pixels: np.ndarray  # Linear values, float32 (height, width, 1 or 3)
+    film: Transient | None = None
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Bins that two films share: of the narrower width, where both have light."""
+
+    start: float  # [m]
+    width: float  # [m]
+    count: int
+
+
+def load(path: Any, load_film: Callable[[Path], xr.Dataset]) -> Picture:
+    """Load an exr, png or jpg file, or what `tofrender render` has written."""
+    path = checks.path("picture", path)
+    if path.is_dir() or path.suffix.lower() in (".npz", ".zarr", ".exr"):
+        try:
+            data = load_film(path)
+            film = Transient.of(data)
+            steady = data["steady"] if "steady" in data else data["transient"].sum("opl")
+            return Picture(path.name, np.asarray(steady, np.float32), film)
+        except ValueError:
+            if path.suffix.lower() != ".exr" or path.is_dir():
+                raise
+    if not path.is_file():
+        raise FileNotFoundError(f"picture = {checks.quote(str(path))}: must be a file that exists")
+    try:
+        bitmap = mi.Bitmap(str(path))
+        linear = bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False)
+    except RuntimeError:
+        kinds = "an EXR, PNG or JPEG, or a film of `tofrender render`"
+        raise ValueError(f"picture = {checks.quote(str(path))}: must be {kinds}") from None
+    return Picture(path.name, np.array(linear))
+
+
+class Pair:
+    """Two pictures of one size; two films also have a `clock`, and a `quantity` in common.
+
+    Films of other bin widths, or other quantities, are compared as radiance per metre.
+
+    Raises:
+        ValueError: Sizes differ, or bins of films do not overlap in time.
+
+    Example:
+        >>> films = [Transient(np.ones((2, 3, 8)), 1.0 + k, 0.5) for k in range(2)]
+        >>> pair = Pair(*(Picture("ab"[k], np.ones((2, 3, 1)), films[k]) for k in range(2)))
+        >>> pair.clock
+        Clock(start=2.0, width=0.5, count=6)
+    """
+
+    def __init__(self, one: Picture, other: Picture) -> None:
+        sizes = [f"{each.pixels.shape[1]} x {each.pixels.shape[0]}" for each in (one, other)]
+        if sizes[0] != sizes[1]:
+            raise ValueError(f"{other.name}: {sizes[1]} pixels; must be {sizes[0]}, as {one.name}")
+        self.pictures = (one, other)
+        self.clock: Clock | None = None
+        self.quantity, self._factors = "", [1.0, 1.0]
+        self._films = [each.film for each in self.pictures if each.film is not None]
+        if len(self._films) == 2:
+            self.clock = self._common_clock(*self._films)
+
+    def _common_clock(self, a: Transient, b: Transient) -> Clock:
+        stops = [film.start_opl + film.bins * film.bin_width_opl for film in (a, b)]
+        start, width = max(a.start_opl, b.start_opl), min(a.bin_width_opl, b.bin_width_opl)
+        count = math.floor((min(stops) - start) / width + 1e-6)
+        if count < 1:
+            bins = f"bins from {b.start_opl:.4g} to {stops[1]:.4g} m"
+            others = f"{a.start_opl:.4g} to {stops[0]:.4g} m"
+            raise ValueError(f"{self.pictures[1].name}: {bins}; must overlap with {others} in time")
+        self.quantity = a.quantity
+        if a.quantity != b.quantity or not math.isclose(a.bin_width_opl, b.bin_width_opl):
+            self.quantity = DENSITY
+            dense = [film.quantity.startswith(DENSITY) for film in (a, b)]
+            self._factors = [d or 1 / f.bin_width_opl for d, f in zip(dense, (a, b), strict=True)]
+        return Clock(start, width, count)
+
+    def frames(self, step: int | None) -> list[np.ndarray]:
+        """Both at a step of the clock, or of all time, (height, width, channels)."""
+        if step is None or self.clock is None:
+            return alike([each.pixels for each in self.pictures])
+        opl = self.clock.start + (step + 0.5) * self.clock.width
+        bins = (self._bins(film, np.array([opl]))[0] for film in self._films)
+        frames = (film.values.frame(k) for film, k in zip(self._films, bins, strict=True))
+        return alike([f * np.float32(c) for f, c in zip(frames, self._factors, strict=True)])
+
+    def responses(self, x: int, y: int) -> list[np.ndarray]:
+        """Luminance of a pixel of both over the clock, without one nothing."""
+        if self.clock is None:
+            return []
+        from ...signals.colour import luminance
+
+        opl = self.clock.start + (np.arange(self.clock.count) + 0.5) * self.clock.width
+        films = zip(self._films, self._factors, strict=True)
+        return [
+            np.float32(factor) * luminance(film.values.read((y, x)))[self._bins(film, opl)]
+            for film, factor in films
+        ]
+
+    def look(self) -> tuple[float, int]:
+        """Value to be shown as white, and the step that is then the brightest, of a few steps."""
+        assert self.clock is not None
+        steps = np.linspace(0, self.clock.count - 1, LOOKED_AT).astype(int).tolist()
+        every = max(1, max(self.pictures[0].pixels.shape) // 256)
+        some = [[each[::every, ::every] for each in self.frames(step)] for step in steps]
+        frames = [np.nan_to_num(np.stack(each)) for each in some]
+        lit = np.concatenate([each[each > 0] for each in frames])
+        white = float(np.quantile(lit, WHITE)) if lit.size else 1.0
+        return white, steps[np.argmax([np.minimum(each, white).sum() for each in frames])]
+
+    @staticmethod
+    def _bins(film: Transient, opl: np.ndarray) -> np.ndarray:
+        found = np.floor((opl - film.start_opl) / film.bin_width_opl).astype(int)
+        return np.clip(found, 0, film.bins - 1)
+
+
+def alike(pictures: list[np.ndarray]) -> list[np.ndarray]:
+    """Pictures with as many channels: grey ones get those of the other."""
+    channels = max(each.shape[-1] for each in pictures)
+    return [np.repeat(p, channels, -1) if p.shape[-1] < channels else p for p in pictures]
+
+
+def numbers(one: np.ndarray, other: np.ndarray) -> dict[str, float]:
+    """Root mean square and largest difference, and means, of finite values in both."""
+    known = np.isfinite(one) & np.isfinite(other)
+    a, b = (each[known].astype(np.float64) for each in (one, other))
+    if not a.size:
+        return {}
+    rms = float(np.sqrt(np.mean((b - a) ** 2)))
+    return {
+        "rms": rms,
+        "relative": rms / max(abs(float(a.mean())), 1e-30),
+        "largest": float(np.abs(b - a).max()),
+        "mean_a": float(a.mean()),
+        "mean_b": float(b.mean()),
+    }

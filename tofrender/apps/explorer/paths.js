@@ -1,0 +1,114 @@
+/** Paths by which light reached a pixel: as a list, and drawn into the picture. */
+
+import { fill, make } from "../ui/parts.js";
+import { short } from "./words.js";
+
+const MOST_KINDS = 8; // rows of the list
+const MOST_LINES = 12; // drawn of the chosen kind
+const SVG = "http://www.w3.org/2000/svg";
+
+/**
+ * Paths of an explorer's pixels: those of `about.paths`, and those that `ask(pixel, range)` is asked
+ * for, if there is somebody to ask; they come in by `add`.
+ */
+export class Paths {
+  constructor({ about }, level, ask) {
+    this.lists = [...about.paths];
+    this.ask = ask;
+    this.asked = null;
+    this.chosen = 0;
+    this.table = make("table", { className: "paths" });
+    this.state = make("p", { className: "quiet" });
+    this.lines = document.createElementNS(SVG, "svg");
+    this.lines.setAttribute("class", "lines");
+    this.lines.setAttribute("aria-hidden", "true");
+    this.element = make(
+      "section",
+      { className: "panel", "aria-label": "Paths" },
+      make("div", { className: "heading" }, make(`h${level}`, {}, "Paths of this light")),
+      ...[this.state, this.table],
+    );
+    this.element.hidden = !this.lists.length && !ask;
+  }
+
+  /** Take in paths of a pixel, or `error`, why there are none. */
+  add(list) {
+    this.lists = [...this.lists.filter((each) => !each.error), list];
+  }
+
+  /** Show the paths of a pixel of the light, [x, y] on the film, with lengths in a range [m]. */
+  show(pixel, range, grid) {
+    if (this.element.hidden) return;
+    const list = pixel && this.lists.findLast((each) => isFor(each, pixel, range, grid));
+    const middle = Math.floor(grid.step / 2);
+    if (pixel && !list) this.request(pixel.map((each) => each + middle), range);
+    const kinds = list && !list.error ? kindsOf(list.paths, range) : [];
+    this.state.textContent = stateOf(pixel, list, kinds, this.ask);
+    this.state.hidden = !this.state.textContent;
+    this.chosen = Math.min(this.chosen, Math.max(0, kinds.length - 1));
+    const all = kinds.reduce((sum, { light }) => sum + light, 0);
+    const rows = kinds.slice(0, MOST_KINDS).map(({ shapes, light, opl }, k) => {
+      const name = make("button", { type: "button", className: "kind", "aria-pressed": k === this.chosen }, shapes);
+      name.addEventListener("click", () => {
+        this.chosen = k;
+        this.show(pixel, range, grid);
+      });
+      return [name, opl, `${short((100 * light) / all, 2)} %`];
+    });
+    this.table.hidden = !rows.length;
+    if (rows.length) fill(this.table, [["from the light to the sensor", "length [m]", "of the light"], ...rows]);
+    this.draw(kinds[this.chosen]?.paths ?? [], grid);
+  }
+
+  /** Ask for paths once for each pixel and range. */
+  request(pixel, range) {
+    const key = JSON.stringify([pixel, range]);
+    if (!this.ask || key === this.asked) return;
+    this.asked = key;
+    clearTimeout(this.waiting);
+    this.waiting = setTimeout(() => this.ask(pixel, range), 200);
+  }
+
+  draw(paths, { first, width, height }) {
+    this.lines.setAttribute("viewBox", `${first[0]} ${first[1]} ${width} ${height}`);
+    this.lines.setAttribute("preserveAspectRatio", "none");
+    const drawn = paths.slice(0, MOST_LINES).map(({ film }) => {
+      const line = document.createElementNS(SVG, "polyline");
+      line.setAttribute("points", film.filter(Boolean).map((point) => point.join(",")).join(" "));
+      return line;
+    });
+    this.lines.replaceChildren(...drawn);
+  }
+}
+
+function isFor(list, pixel, range, { step }) {
+  const inside = !list.opl || (list.opl[0] <= range[0] + 1e-9 && list.opl[1] >= range[1] - 1e-9);
+  return inside && pixel.every((least, k) => list.pixel[k] >= least && list.pixel[k] < least + step);
+}
+
+/** Paths in range by the shapes that they meet, the brightest first. */
+function kindsOf(paths, [low, high]) {
+  const kinds = new Map();
+  for (const path of paths) {
+    if (path.opl < low || path.opl >= high) continue;
+    const shapes = [...path.shapes].reverse().join(" → ");
+    const kind = kinds.get(shapes) ?? { shapes, light: 0, paths: [] };
+    kind.light += path.light;
+    kind.paths.push(path);
+    kinds.set(shapes, kind);
+  }
+  const found = [...kinds.values()].sort((a, b) => b.light - a.light);
+  for (const kind of found) {
+    const lengths = kind.paths.map(({ opl }) => opl);
+    const [least, most] = [Math.min(...lengths), Math.max(...lengths)].map((opl) => opl.toFixed(2));
+    kind.opl = least === most ? least : `${least}–${most}`;
+  }
+  return found;
+}
+
+function stateOf(pixel, list, kinds, ask) {
+  if (!pixel) return "Choose a pixel.";
+  if (list?.error) return list.error;
+  if (!list) return ask ? "Tracing …" : "No paths of this pixel are in this file.";
+  return kinds.length ? "" : "No light of this pixel arrives then.";
+}

@@ -1,0 +1,71 @@
+"""Paths of pixels in an explorer: results of `paths_of` as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from ...rendering.path_list import paths_of
+from ...runtime import checks
+from ...scenes.loading import load_scene
+
+FIELDS = {"shape", "opl", "radiance", "on_film", "vertex_opl"}
+COUNT = 200  # Paths of a pixel and bin that a live explorer shows
+SAMPLES = 1 << 13  # Camera rays that they are chosen from
+
+
+def path_lists(paths: Any, kind: str) -> list[dict[str, Any]]:
+    """Convert results of `paths_of` for some pixels by `plain_paths`; refuse anything else."""
+    given = () if paths is None else paths
+    _require_render("paths", paths, kind)
+    for each in given:
+        valid = set(getattr(each, "data_vars", ())) >= FIELDS
+        checks.require("paths", each, valid, "a list of results of paths_of")
+    return [plain_paths(each) for each in given]
+
+
+def plain_paths(found: Any) -> dict[str, Any]:
+    """Return lengths, light, shapes and film positions of a pixel's paths, from the sensor on.
+
+    Where only some of the paths were chosen, all stand for the same light.
+    """
+    light = found["radiance"].mean("channel").values.astype(float)
+    if found.attrs["found"] > light.size:
+        light = np.full(light.size, float(found["total"].mean()) / light.size)
+    paths = []
+    for k, opl in enumerate(found["opl"].values):
+        count = int(np.isfinite(found["vertex_opl"].values[k]).sum())
+        film = found["on_film"].values[k, :count]
+        points = [None if np.isnan(p).any() else np.round(p, 2).tolist() for p in film]
+        shapes = found["shape"].values[k, :count].tolist()
+        paths.append({"opl": float(opl), "light": light[k], "shapes": shapes, "film": points})
+    return {"pixel": found.attrs["pixel"], "opl": found.attrs["range"], "paths": paths}
+
+
+def path_tracer(scene: Any, data: Any, kind: str) -> Callable[[Any, Any], dict[str, Any]]:
+    """Return a function that traces paths of a pixel with lengths in a range, as `plain_paths`.
+
+    The scene, a loaded one or what `load_scene` loads, must have the film of the data.
+    """
+    _require_render("scene", scene, kind)
+    size = data.sizes["x"], data.sizes["y"]
+    if not isinstance(scene, mi.Scene):
+        scene = load_scene(scene, width=size[0], height=size[1], optimize=False)
+    own = tuple(int(side) for side in scene.sensors()[0].film().crop_size())
+    checks.require("film of the scene", own, own == size, f"of {size}, as the data have it")
+
+    def trace(pixel: Any, opl: Any) -> dict[str, Any]:
+        try:
+            return plain_paths(paths_of(scene, pixel, opl=opl, count=COUNT, spp=SAMPLES))
+        except (ValueError, RuntimeError) as error:
+            return {"pixel": pixel, "opl": opl, "error": str(error)}
+
+    return trace
+
+
+def _require_render(name: str, value: Any, kind: str) -> None:
+    if value is not None and kind != "transient":
+        raise ValueError(f"{name}: must be None, as data is a {kind}")

@@ -1,0 +1,189 @@
+/** Responses and phasors of the chosen pixels: curves, tables and what is read out. */
+
+import { fill, lineSwatch, make } from "../ui/parts.js";
+import { hasPixels } from "./frame.js";
+import { removePixel } from "./input.js";
+import { colourOf, drawCurves, drawPhasors } from "./plot.js";
+import { SPEED_OF_LIGHT } from "./recording.js";
+import { STOKES } from "./stokes.js";
+import { hertz, named, nanoseconds, short, signed, when } from "./words.js";
+
+const DASHES = [[4, 2], [1, 2], [8, 2, 2, 2], [2, 4], [10, 4], [1, 5]]; // of bounce orders
+const MOST_CURVES = 200; // that are remembered
+
+/** What pixels show of an explorer: its now, recording, parts, set. */
+export class Responses {
+  constructor(explorer) {
+    this.explorer = explorer;
+    this.forget();
+  }
+
+  /** Drop what was computed of a laser, or of unwarped time. */
+  forget() {
+    this.known = new Map();
+  }
+
+  /** The response of a pixel: luminance or one channel, with its standard error, or polarisation. */
+  curve([column, row], k = -1) {
+    const { now, recording } = this.explorer;
+    const name = `${column} ${row} ${now.channel} ${now.stokes}`;
+    if (!this.known.has(name)) {
+      if (this.known.size > MOST_CURVES) this.known.clear();
+      const pixel = row * recording.light.width + column;
+      const weights = recording.weights.map((weight, c) =>
+        now.channel === "luminance" ? weight : Number(String(c) === now.channel),
+      );
+      const { parts, of } = STOKES[now.stokes];
+      const components = parts.map((part) => recording.response(pixel, weights, recording.stokes[part]));
+      const values = components[0].map((_, bin) => of(...components.map((each) => each[bin])));
+      const found = { values, components };
+      if (recording.errors && now.stokes === "S0") found.errors = recording.response(pixel, weights, recording.errors);
+      found.orders = recording.orders.map((layer) => ({
+        name: layer.name,
+        values: recording.response(pixel, weights, layer),
+      }));
+      this.known.set(name, found);
+    }
+    const [x, y] = recording.place([column, row]);
+    return { ...this.known.get(name), x, y, style: Math.max(0, k) };
+  }
+
+  /** Curves of all chosen pixels. */
+  curves() {
+    return this.explorer.now.pixels.map((pixel, k) => this.curve(pixel, k));
+  }
+
+  /** Phasors of all chosen pixels. */
+  phasors() {
+    const { now, recording } = this.explorer;
+    return now.pixels.map(([column, row], style) => {
+      const pixel = row * recording.light.width + column;
+      return { ...recording.phasor(pixel, now.frequency), style };
+    });
+  }
+
+  // --------------------------------------------------------------------------------- drawing
+
+  draw(dark, ink) {
+    const { hasTimes, hasPhasors } = this.explorer.recording;
+    if (hasTimes) this.drawCurves(dark, ink);
+    if (hasPhasors) this.drawPhasors(dark, ink);
+  }
+
+  drawCurves(dark, ink) {
+    const { now, parts, recording } = this.explorer;
+    const { about, isVolume } = recording;
+    const curves = this.curves();
+    const { name, unit, range, of } = STOKES[now.stokes];
+    const active = curves[now.active];
+    const orders = (active?.orders ?? []).map(({ values }, k) => ({
+      ...{ values, style: active.style, faint: DASHES[k % DASHES.length] },
+    }));
+    const marks = now.view === "gate" ? { gate: now.gate } : { bin: now.bin };
+    const what = recording.unwarped ? about.axis.what.replace("included", "left out") : about.axis.what;
+    const component = now.stokes === "S0" ? about.quantity : `${now.stokes}: ${about.quantity}`;
+    const quantity = range ? `${name}${unit && ` [${unit}]`}` : component;
+    const words = isVolume
+      ? { quantity, below: `${what} [m]`, inMetres: true }
+      : { quantity, below: "time [ns]", above: `${what} [m]` };
+    const narrow = parts.plot.clientWidth < 480;
+    if (narrow && words.above) words.above = "optical path length [m]";
+    const log = now.log && now.stokes === "S0";
+    drawCurves(parts.plot, recording, [...orders, ...curves], marks, words, { log, range, dark, ink });
+    parts.plot.setAttribute("aria-label", `${words.quantity} over ${words.below} of ${this.spoken()}`);
+    this.showLegend(active, dark);
+    const shown = isVolume ? "here" : now.view === "gate" ? "in the gate" : "now";
+    const [from, to] = now.view === "gate" ? [now.gate.first, now.gate.first + now.gate.count] : [now.bin, now.bin + 1];
+    const rows = curves.map(({ components }, k) => {
+      const sizes = components[0].map(Math.abs);
+      const peak = sizes.indexOf(sizes.reduce((a, b) => Math.max(a, b)));
+      const light = of(...components.map((each) => each.subarray(from, to).reduce((a, b) => a + b)));
+      const at = recording.centre(peak);
+      const times = isVolume ? [`${short(at, 4)} m`] : [`${short(nanoseconds(at), 4)} ns`, `${short(at, 4)} m`];
+      return [this.chip(k, dark), named(recording, now.pixels[k]), short(light), ...times, this.cross(k)];
+    });
+    const headings = isVolume
+      ? ["", "column", shown, "brightest at", ""]
+      : ["", "pixel", shown, "peak time", "peak path", ""];
+    fill(parts.pixels, [headings, ...rows]);
+  }
+
+  /** Show what thin lines and bars are. */
+  showLegend(active, dark) {
+    const { parts, recording, now } = this.explorer;
+    const words = recording.errors ? ["Bars and bands are one standard error."] : [];
+    if (active?.orders.length) words.push(`Thin lines are parts of pixel ${now.active + 1}:`);
+    const keys = (active?.orders ?? []).map(({ name }, k) => {
+      const swatch = lineSwatch(DASHES[k % DASHES.length], colourOf(active.style, dark));
+      return make("span", { className: "key" }, swatch, name);
+    });
+    parts.legend.hidden = !words.length;
+    parts.legend.replaceChildren(words.join(" "), ...keys);
+  }
+
+  drawPhasors(dark, ink) {
+    const { now, parts } = this.explorer;
+    const phasors = this.phasors();
+    drawPhasors(parts.plane, phasors, { dark, ink });
+    const rows = phasors.map(({ amplitude, phase, depth }, k) => [
+      ...[this.chip(k, dark), short(amplitude), `${signed(phase.toFixed(3))} rad`, `${depth.toFixed(3)} m`],
+    ]);
+    const ambiguous = `depth (below ${short(SPEED_OF_LIGHT / (2 * now.frequency))} m)`;
+    fill(parts.phasors, [["", "amplitude", "phase", ambiguous], ...rows]);
+    const said = phasors.map(({ phase }, k) => `${k + 1}: ${signed(phase.toFixed(2))} rad`).join(", ");
+    parts.plane.setAttribute("aria-label", `Phasors of pixels in their plane, phases ${said}`);
+  }
+
+  chip(k, dark) {
+    const chip = make("button", { type: "button", className: "chip", title: `Choose pixel ${k + 1}` }, String(k + 1));
+    chip.style.setProperty("--own", colourOf(k, dark));
+    chip.classList.toggle("active", k === this.explorer.now.active);
+    chip.addEventListener("click", () => this.explorer.set({ active: k }));
+    return chip;
+  }
+
+  cross(k) {
+    const cross = make("button", { type: "button", className: "cross", "aria-label": `Remove pixel ${k + 1}` }, "×");
+    cross.addEventListener("click", () => removePixel(this.explorer, k));
+    return cross;
+  }
+
+  // ----------------------------------------------------------------------------------- words
+
+  /** Say what is under the pointer, or of the chosen pixel. */
+  tell(pixel) {
+    const { now, recording, parts } = this.explorer;
+    const { about } = recording;
+    const at = pixel ?? now.pixels[now.active];
+    if (!at || !hasPixels(now)) {
+      parts.readout.textContent = "";
+      return;
+    }
+    const [column, row] = at;
+    const words = [named(recording, at)];
+    if (about.parts.points) {
+      const points = recording.part("points");
+      const [x, y] = [column * about.grid.step, row * about.grid.step];
+      const from = 3 * (y * about.grid.width + x);
+      words.push(`wall (${Array.from(points.slice(from, from + 3), (each) => short(each)).join(", ")}) m`);
+    }
+    words.push(this.measured(at));
+    if (about.geometry.mode === "confocal") words.push("each point is lit by itself");
+    parts.readout.textContent = words.join("  ·  ");
+  }
+
+  /** Time and the light of the chosen pixels. */
+  spoken() {
+    const { now, recording } = this.explorer;
+    const pixels = now.pixels.map((pixel, k) => `pixel ${k + 1} ${named(recording, pixel)}, ${this.measured(pixel)}`);
+    return pixels.join("; ");
+  }
+
+  /** What a pixel measures now. */
+  measured([column, row]) {
+    const { now, recording } = this.explorer;
+    if (recording.hasTimes) return `${short(this.curve([column, row]).values[now.bin])} at ${when(recording, now.bin)}`;
+    const { amplitude, phase } = recording.phasor(row * recording.light.width + column, now.frequency);
+    return `amplitude ${short(amplitude)}, phase ${signed(phase.toFixed(3))} rad at ${hertz(now.frequency)}`;
+  }
+}

@@ -1,0 +1,93 @@
+"""A live page: one component of Panel, whose controls are in JavaScript."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import Executor
+from typing import Any
+
+import panel as pn
+import param
+
+
+class App(pn.custom.JSComponent):
+    """The page of one reader, which `ui/app.js` shows, with a thread for long tasks.
+
+    Subclasses have `_esm`, `draw`, and a method `do_name` for each message {"do": "name", ...}.
+
+    Example:
+        >>> class Counting(App):
+        ...     _esm, drawn = "export function render() {}", 0
+        ...
+        ...     async def draw(self):
+        ...         self.drawn += 1
+        ...         await asyncio.sleep(0.01)
+        >>> async def redraw():
+        ...     page = Counting(None)
+        ...     await asyncio.gather(*(page.do_redraw() for _ in range(5)))
+        ...     return page.drawn
+        >>> asyncio.run(redraw())  # The first, and the four others together
+        2
+    """
+
+    state = param.Dict(default={}, doc="Numbers and texts to show.")
+    data = param.Dict(default={}, doc="Arrays as bytes, and what they are.")
+    chosen = param.Dict(default={}, doc="What the reader has chosen.")
+    __abstract = True
+    PERIOD_MS = 0
+
+    def __init__(self, executor: Executor | None, chosen: Any = None, **state: Any) -> None:
+        super().__init__(sizing_mode="stretch_width", chosen=chosen or {}, state=state)
+        self._executor = executor
+        self._drawing = self._outdated = self._is_open = False
+        self.param.watch(self.do_redraw, "chosen")
+
+    async def draw(self) -> None:
+        """Compute and show what is chosen."""
+        raise NotImplementedError
+
+    async def refresh(self) -> None:
+        """Look for what is new, each `PERIOD_MS` while the page is open."""
+        await self.do_redraw()
+
+    async def do_open(self) -> None:
+        """Begin once the page is there; what is changed before may never get there."""
+        if self.PERIOD_MS and not self._is_open:
+            refresh: Any = self.refresh
+            pn.state.add_periodic_callback(refresh, period=self.PERIOD_MS)
+        self._is_open = True
+        await self.do_redraw()
+
+    async def do_redraw(self, *_: Any) -> None:
+        """Draw now, or once more after the drawing under way."""
+        self._outdated = True
+        if self._drawing:
+            return
+        self._drawing = True
+        try:
+            while self._outdated:
+                self._outdated = False
+                await self.draw()
+        finally:
+            self._drawing = False
+
+    async def run(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Call a function in the application's thread."""
+        loop = asyncio.get_running_loop()
+        return await loop.run_in_executor(self._executor, function, *arguments)
+
+    def tell(self, **changes: Any) -> None:
+        """Change the state that is shown."""
+        state = self.state | changes
+        if state != self.state:
+            self.state = state
+
+    async def _handle_msg(self, data: dict[str, Any]) -> None:
+        await getattr(self, f"do_{data.pop('do')}")(**data)
+
+
+def failure(title: str, error: BaseException) -> dict[str, str]:
+    """A message with an error's first line, and the lines of code below it."""
+    first, _, rest = str(error).partition("\n")
+    return {"kind": "bad", "title": title, "text": first, "code": rest}
