@@ -240,7 +240,7 @@ def build(quick: bool = False, since: str | None = None) -> int:
     now = state()
     stamp = BUILD / "state"
     if not stamp.exists() or stamp.read_text() != now:  # The package is another
-        made = (SOURCE / "gallery", SOURCE / "_static/made")
+        made = (SOURCE / "gallery", SOURCE / "_static/made", HTML / "_static/made")
         for folder in (*made, BUILD / "notebooks", BUILD / "doctrees"):
             shutil.rmtree(folder, ignore_errors=True)
     stamp.parent.mkdir(parents=True, exist_ok=True)
