@@ -13,7 +13,7 @@ setup: ## create .venv, install the package, find or install LLVM
 render: setup ## render the Cornell box into $(OUT) (EXR stack, video, figure); ARGS="--spp 16" adds options
 	.venv/bin/tofrender render cornell_box --out "$(OUT)" $(ARGS)
 
-notebook: setup ## open the notebooks in JupyterLab; running them leaves the files as they are in git
+notebook: setup ## open the notebooks in JupyterLab; git stores them without outputs
 	.venv/bin/jupyter lab --config=.ci/jupyter_config.py $(ARGS)
 
 docs: setup ## build the documentation in build/docs/html, without a network; runs examples and notebooks

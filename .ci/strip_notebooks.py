@@ -1,13 +1,15 @@
-"""Take outputs, counts and metadata out of notebooks: python .ci/strip_notebooks.py FILE.ipynb ...
+"""Filter a notebook: the same without outputs, counts and metadata.
 
-The exit status is 1 if a file was changed, as pre-commit wants it.
+    python .ci/strip_notebooks.py < FILE.ipynb
+
+Git runs it on what it stores (see .gitattributes; .ci/setup turns it on), so that a notebook in
+the working folder keeps what it shows.
 """
 
 from __future__ import annotations
 
 import json
 import sys
-from pathlib import Path
 from typing import Any
 
 KEPT = {
@@ -27,18 +29,6 @@ def stripped(notebook: dict[str, Any]) -> dict[str, Any]:
     return notebook
 
 
-def strip(path: Path) -> bool:
-    """Strip a notebook in place; returns whether there was anything to take out."""
-    before = path.read_text(encoding="utf-8")
-    notebook = stripped(json.loads(before))
-    after = json.dumps(notebook, indent=1, ensure_ascii=False) + "\n"
-    if after != before:
-        path.write_text(after, encoding="utf-8")
-    return after != before
-
-
 if __name__ == "__main__":
-    changed = [path for path in sys.argv[1:] if strip(Path(path))]
-    for path in changed:
-        print(f"{path}: stripped")
-    sys.exit(bool(changed))
+    text = json.dumps(stripped(json.load(sys.stdin.buffer)), indent=1, ensure_ascii=False)
+    sys.stdout.buffer.write(f"{text}\n".encode())

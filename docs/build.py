@@ -21,6 +21,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "build" / "docs"
 SOURCE, EXAMPLES, HTML = BUILD / "source", BUILD / "examples", BUILD / "html"
+EXTENSIONS = ROOT / "docs/_ext"
+MOST_BYTES = 3e6  # Of a page with all that it loads, which a phone is to get in seconds
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^()\s:]+)\)")
 TEXT = (".md", ".ipynb")
 
@@ -34,7 +36,7 @@ def places() -> dict[str, Path]:
             gallery = inside.parts[0] == "gallery"
             found[f"docs/{inside}"] = EXAMPLES / inside.name if gallery else SOURCE / inside
     for folder in ("notebooks", "scenes/pictures"):
-        for path in sorted((ROOT / folder).glob("*.*")):
+        for path in filter(Path.is_file, sorted((ROOT / folder).glob("*.*"))):
             found[f"{folder}/{path.name}"] = SOURCE / folder / path.name
     found["docs/gallery"] = SOURCE / "gallery/index.rst"  # Made by sphinx-gallery
     found["scenes/cornell_box.png"] = SOURCE / "scenes/cornell_box.png"
@@ -98,43 +100,37 @@ def state() -> str:
 
 
 def make_film(folder: Path) -> None:
-    """The film of the start page, the picture that is there until it plays, and its explorer."""
+    """The film of the start page, the picture that is there until it plays, and the explorers."""
     from PIL import Image
 
     import tofrender
 
-    dataset = tofrender.render(
-        "cornell_box",
-        spp=256,
-        size=(240, 240),
-        bins=220,
-        window=(3.5, 14.6),
-        pulse_width=0.06,
-        progress=False,
-    )
     folder.mkdir(parents=True, exist_ok=True)
-    tofrender.save_video(dataset, folder / "cornell_box.mp4", fps=25, min_size=480, progress=False)
-    frame = dataset["transient"].sel(opl=5.9, method="nearest").values
-    exposure = tofrender.vis.auto_exposure(dataset["transient"].values)
-    poster = Image.fromarray(tofrender.tonemap(frame, exposure=exposure))
-    poster.resize((480, 480)).save(folder / "cornell_box.png")
-    box = tofrender.render(
-        "cornell_box", spp=128, size=(128, 128), window="auto", pulse_width=0.03, progress=False
+    box = {"window": (3.5, 12.5), "progress": False}
+    film = tofrender.render(
+        "cornell_box", spp=384, size=(144, 144), bins=140, pulse_width=0.06, **box
     )
-    tofrender.report(box, folder / "explorer.html", title="The Cornell box")
+    tofrender.save_video(film, folder / "cornell_box.mp4", fps=22, min_size=288, progress=False)
+    frame = film["transient"].sel(opl=5.9, method="nearest").values
+    exposure = tofrender.vis.auto_exposure(film["transient"].values)
+    poster = Image.fromarray(tofrender.tonemap(frame, exposure=exposure))
+    poster.quantize(256).resize((288, 288)).save(folder / "cornell_box.png")
+    whole = {"title": "The Cornell box", "overwrite": True}
+    tofrender.report(film, folder / "explorer.html", megabytes=2.5, **whole)
+    small = tofrender.render(
+        "cornell_box", spp=512, size=(84, 84), bins=90, pulse_width=0.08, **box
+    )
+    tofrender.report(small, folder / "landing.html", megabytes=0.5, **whole)
 
 
 STARTUP = """
-from uuid import uuid4
-import IPython.display
-import tofrender
+import sys
+from pathlib import Path
 
-def explore(data, **options):
-    name = f"explorer_{uuid4().hex}.html"
-    tofrender.report(data, f"MADE/{name}", megabytes=4, **options)
-    return IPython.display.IFrame(f"../_static/made/{name}", "100%", 720)
+sys.path.insert(0, "EXTENSIONS")
+import explorers
 
-tofrender.explore = explore
+explorers.use_pages(Path("MADE"))
 """
 """What notebooks run first: a widget needs a kernel, so a page shows the explorer as a page."""
 
@@ -147,11 +143,25 @@ def quiet_kernels(folder: Path) -> None:
         "get_config().Application.log_level = 40\n"
     )
     profile.joinpath("startup/explorer.py").write_text(
-        STARTUP.replace("MADE", str(SOURCE / "_static/made"))
+        STARTUP.replace("MADE", str(SOURCE / "_static/made")).replace("EXTENSIONS", str(EXTENSIONS))
     )
     os.environ |= {"IPYTHONDIR": str(folder), "JUPYTER_RUNTIME_DIR": str(folder)}
     os.environ["TQDM_DISABLE"] = "1"  # A page needs no bars
     os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+
+
+def shrink_pictures() -> None:
+    """Turn pictures of the site into ones of 256 colours, a third of the size."""
+    from PIL import Image
+
+    for path in (HTML / "_images").glob("*.png"):
+        with Image.open(path) as image:
+            image.load()
+        if image.mode == "RGBA" and image.getextrema()[3][0] == 255:
+            image = image.convert("RGB")
+        if image.mode in ("RGB", "RGBA"):
+            method = Image.Quantize.FASTOCTREE if image.mode == "RGBA" else None
+            image.quantize(256, method).save(path, optimize=True)
 
 
 def pages() -> Iterator[tuple[Path, list[tuple[str, str, str]], set[str]]]:
@@ -178,7 +188,7 @@ def pages() -> Iterator[tuple[Path, list[tuple[str, str, str]], set[str]]]:
 
 
 def faults() -> list[str]:
-    """Links that lead nowhere, and addresses that pages and styles would load from elsewhere."""
+    """Dead links, addresses that pages and styles would load from elsewhere, pages too large."""
     from urllib.parse import unquote, urlsplit
 
     read = list(pages())
@@ -186,6 +196,7 @@ def faults() -> list[str]:
     wrong = []
     for path, addresses, _ in read:
         here = path.relative_to(HTML)
+        loaded = {path}
         for tag, name, address in addresses:
             parts = urlsplit(address)
             if parts.scheme in ("http", "https") or address.startswith("//"):
@@ -195,10 +206,15 @@ def faults() -> list[str]:
             if parts.scheme or not (parts.path or parts.fragment):
                 continue
             aim = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+            if tag != "a" and aim.is_file():
+                loaded.add(aim)
             if not aim.is_file():
                 wrong.append(f"{here}: {name} {address}: no such file")
             elif aim in anchors and unquote(parts.fragment) not in anchors[aim]:
                 wrong.append(f"{here}: {name} {address}: no such place on that page")
+        size = sum(each.stat().st_size for each in loaded)
+        if size > MOST_BYTES:
+            wrong.append(f"{here}: {size / 1e6:.1f} MB, must be at most {MOST_BYTES / 1e6:g} MB")
     for style in HTML.rglob("*.css"):
         for address in re.findall(
             r"(?:@import\s*|url\()[\"']?(https?:[^\"')]*)", style.read_text()
@@ -242,6 +258,7 @@ def build(quick: bool = False, since: str | None = None) -> int:
     status = build_main([*options, "-b", "html", str(SOURCE), str(HTML)])
     if status:
         return status
+    shrink_pictures()
     wrong = faults()
     for line in wrong:
         print(f"docs: {line}", file=sys.stderr)

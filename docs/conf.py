@@ -10,7 +10,11 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE / "_ext"))
 
+import explorers  # noqa: E402
 import figures  # noqa: E402
+
+(HERE / "_static/made").mkdir(parents=True, exist_ok=True)
+explorers.use_pages(HERE / "_static/made")  # In the gallery; notebooks have kernels of their own
 
 project = "tofrender"
 author = "The tofrender authors"
@@ -71,7 +75,7 @@ sphinx_gallery_conf = {
     if run_only is None
     else "|".join(map(re.escape, run_only.split())) or "(?!)",
     "within_subsection_order": "FileNameSortKey",
-    "image_scrapers": (figures.scrape, "matplotlib"),
+    "image_scrapers": (figures.scrape,),
     "reset_modules": ("matplotlib", figures.strict),
     "capture_repr": ("_repr_html_",),
     "abort_on_example_error": True,
@@ -89,6 +93,7 @@ html_theme = "pydata_sphinx_theme"
 html_title = "tofrender"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_search_scorer = str(HERE / "scorer.js")
 html_favicon = "_static/logo.svg"
 html_math_renderer = "mathml"
 html_show_sourcelink = False
@@ -110,7 +115,7 @@ html_theme_options = {
     },
     "navbar_align": "left",
     "navbar_end": ["theme-switcher"],
-    "header_links_before_dropdown": 6,
+    "header_links_before_dropdown": 7,
     "show_prev_next": True,
     "show_toc_level": 2,
     "secondary_sidebar_items": {"**": ["page-toc"], "index": [], "explore": []},

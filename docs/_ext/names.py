@@ -25,6 +25,7 @@ from tofrender.runtime.lazy import public_names
 
 NAMES = re.compile(r"^```\{names\} (\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 COMMANDS = re.compile(r"^```\{commands\}\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+SIGNATURE = re.compile(r'<dt class="sig .*?</dt>', re.DOTALL)
 
 
 def _entry(home: Any, name: str) -> tuple[str, str]:
@@ -126,8 +127,19 @@ def markdown(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: l
     lines[:] = out
 
 
+def without_lists(app: Sphinx, page: str, template: str, context: dict, doctree: Any) -> None:
+    """Make the lines of a long signature blocks: lists without terms confuse screen readers."""
+
+    def blocks(found: re.Match[str]) -> str:
+        text = found[0].replace("<dl>", '<div class="sig-lines">').replace("</dl>", "</div>")
+        return text.replace("<dd>", "<div>").replace("</dd>", "</div>")
+
+    context["body"] = SIGNATURE.sub(blocks, context.get("body", ""))
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Connect both to what Sphinx reads."""
+    """Connect them to what Sphinx reads and writes."""
     app.connect("source-read", expand)
+    app.connect("html-page-context", without_lists)
     app.connect("autodoc-process-docstring", markdown, priority=100)  # Before napoleon
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -3,7 +3,7 @@ Light in flight
 ===============
 
 A pulse leaves the ceiling lamp of the Cornell box. The wavefront of direct light moves over boxes
-and walls, and indirect light follows. The player opens at the brightest bin.
+and walls, and indirect light follows. Play it, or click pixels to compare their responses.
 """
 
 import tofrender
@@ -16,4 +16,4 @@ dataset = tofrender.render(
     size=(128, 128),
     pulse_width=0.05,
 )
-tofrender.visualize_transient(dataset.sel(opl=slice(4.5, 9.5)))
+tofrender.explore(dataset.sel(opl=slice(4.5, 9.5)), title="The Cornell box")

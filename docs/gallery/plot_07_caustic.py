@@ -16,4 +16,4 @@ dataset = tofrender.render(
     bins=300,
     size=(96, 96),
 )
-tofrender.visualize_transient(dataset.sel(opl=slice(5.2, 7.6)))
+tofrender.explore(dataset.sel(opl=slice(5.2, 7.6)), title="A caustic in flight")

@@ -69,6 +69,10 @@ def test_a_render_goes_on_stops_and_is_saved(tmp_path):
         assert now["bins"] == first["bins"]
         assert now["pixels"] == [[3, 4]]  # What one looks at stays
         assert now["bin"] == 7
+        there.evaluate(
+            f"{FIND}.set({{pixels: [[16, 25]], view: 'gate', gate: {{first: 30, count: 99}}}})"
+        )
+        there.get_by_role("button", name="light → floor → small-box → sensor").wait_for()
         there.get_by_role("button", name="Save as live.npz").click()
         there.get_by_text("Saved").wait_for()
         data = io.load_npz(out)

@@ -542,6 +542,15 @@ def test_degrees_and_angles_of_a_render():
     assert [axes.get_title() for axes in figure.axes[::2]][2] == "angle"
 
 
+def test_a_lamp_in_the_picture_does_not_make_the_rest_black():
+    light = np.zeros((40, 40, 4, 1))
+    light[:, :, 0] = 0.2
+    light[:5, :5, 0] = 15.0  # 1.6 % of the pixels
+    figure = tofrender.polarisation_figure(light)
+    assert figure.axes[0].images[0].get_clim() == pytest.approx((0, 0.2))
+    assert tofrender.polarisation_picture(light, "intensity")[20, 20].min() == 255
+
+
 def test_pictures_in_false_colours():
     light = np.zeros((2, 3, 4, 1))
     light[0, :, 0] = light[0, :, 1] = 1  # Wholly polarised across `up`; no light below

@@ -1,6 +1,7 @@
 """What docs/ and CONTRIBUTING.md say: Python runs, links lead on, the API is whole."""
 
 import importlib
+import inspect
 import re
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from helpers import browser
+from helpers.accessible import hindrances
 
 import tofrender
 from tofrender.runtime.lazy import public_names
@@ -51,7 +53,9 @@ def test_python_of_a_page_runs(page, tmp_path, monkeypatch):
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md"], ids=lambda page: page.stem)
 def test_files_that_a_page_names_exist(page):
     named = set(re.findall(r"`([\w./]+/[\w.]*)`", page.read_text(encoding="utf-8")))
-    named -= {"package/", "build/docs/html", "out/cornell_box"}  # What students get, what is made
+    named -= {"package/", ".github/", ".devcontainer/"}  # What students get
+    named -= {"build/docs/html", "out/cornell_box", "grades_results/"}  # What is made
+    named -= {"pages/overview.html", "pages/students/ID/feedback.html"}
     places = (
         "",
         "tofrender",
@@ -100,6 +104,16 @@ def test_dead_links_and_what_is_loaded_from_elsewhere_are_found(build, tmp_path,
     assert build.faults()[0] == "b.html: href a.html#where: no such place on that page"
 
 
+def test_pages_that_are_too_large_are_found(build, tmp_path, monkeypatch):
+    monkeypatch.setattr(build, "HTML", tmp_path)
+    (tmp_path / "picture.png").write_bytes(bytes(2_000_000))
+    (tmp_path / "film.mp4").write_bytes(bytes(1_500_000))
+    (tmp_path / "a.html").write_text('<img src="picture.png"><a href="film.mp4">film</a>')
+    assert build.faults() == []
+    (tmp_path / "b.html").write_text('<img src="picture.png"><video src="film.mp4"></video>')
+    assert build.faults() == ["b.html: 3.5 MB, must be at most 3 MB"]
+
+
 def listed() -> list[str]:
     """All names of the API's pages, with the module that they are looked up in."""
     found = []
@@ -123,6 +137,20 @@ def test_the_api_has_every_public_name_once():
     assert wanted - set(count) == set()
     assert set(count) - wanted == set()
     assert max(count.values()) == 1, count.most_common(3)
+
+
+def test_what_a_docstring_sends_to_is_public():
+    names = public_names("tofrender", tofrender.__file__)
+    sent = {}
+    for name in names:
+        text = inspect.getdoc(getattr(tofrender, name)) or ""
+        for line in re.findall(r"See also (`.*?)\.(?:\s|$)", text, re.DOTALL):
+            sent[name] = re.findall(r"`(\w+)`", line)
+    assert len(sent) >= 20
+    assert not {name: t for name, t in sent.items() if name in t or not set(t) <= set(names)}
+    for one, other in (("save_npz", "load_npz"), ("explore", "report"), ("render", "load_scene")):
+        assert other in sent[one]
+        assert one in sent[other]
 
 
 def test_the_api_has_every_command():
@@ -159,6 +187,50 @@ def test_the_site_is_read_without_a_network(dark, width):
 
 @pytest.mark.skipif(not (SITE / "index.html").exists(), reason=NO_SITE)
 def test_the_site_is_searched_without_a_network():
+    """What is looked for is among the first three pages."""
+    sought = {
+        "caustic": "plot_07_caustic.html",
+        "light_samples": "faq.html",
+        "compare two renders": "faq.html",
+        "limits of the sensor": "limits.html",
+        "no light in my window": "faq.html",
+        "unambiguous range": "glossary.html",
+        "without root": "install.html",
+    }
     with browser.page(offline=True) as page:
-        page.goto((SITE / "search.html").as_uri() + "?q=caustic")
-        page.wait_for_selector("#search-results a[href*='light_from_both_ends']")
+        for words, target in sought.items():
+            query = words.replace(" ", "+")
+            page.goto((SITE / "search.html").as_uri() + f"?q={query}")
+            page.wait_for_selector("#search-results a")
+            page.wait_for_function("!document.querySelector('#search-progress')?.textContent")
+            links = page.locator("#search-results li > a, #search-results li > span a")
+            first = [link.get_attribute("href") for link in links.all()[:3]]
+            assert any(target in link for link in first), (words, first)
+
+
+@pytest.mark.skipif(not (SITE / "index.html").exists(), reason=NO_SITE)
+@pytest.mark.parametrize("dark", [False, True])
+def test_nothing_hinders_readers_of_the_site(dark):
+    names = ["index", "gallery/index", "gallery/plot_06_depth", "faq", "glossary", "api/vis"]
+    names += ["api/rendering", "api/command", "guides/teacher", "guides/teacher_grade", "limits"]
+    with browser.page(dark=dark, offline=True, reduced_motion="reduce") as page:
+        for name in names:
+            page.goto((SITE / f"{name}.html").as_uri())
+            page.wait_for_load_state()
+            assert hindrances(page) == [], name
+        page.goto((SITE / "index.html").as_uri())
+        page.wait_for_function("document.querySelector('video').readyState > 2")
+        assert page.evaluate("document.querySelector('video').paused")
+
+
+@pytest.mark.skipif(not (SITE / "index.html").exists(), reason=NO_SITE)
+def test_the_landing_page_has_an_explorer():
+    assert (SITE / "_static/made/landing.html").stat().st_size < 5e5
+    with browser.page(offline=True, viewport={"width": 1360, "height": 800}) as page:
+        page.goto((SITE / "index.html").as_uri())
+        frame = page.locator("iframe.touch")
+        frame.scroll_into_view_if_needed()
+        assert "Cornell box" in frame.get_attribute("title")
+        inside = page.frame_locator("iframe.touch")
+        inside.locator("canvas.plot").first.wait_for()
+        assert page.errors == []

@@ -158,21 +158,4 @@ def test_commits_are_checked_by_what_make_lint_runs():
     assert lint
     checks = [line.strip().replace(" --check", "") for line in lint[1].splitlines()]
     fixes = [hook["entry"].replace(" --fix", "").replace(" --force-exclude", "") for hook in hooks]
-    assert [check.removesuffix(" .") for check in checks] == fixes[1:]
-    assert fixes[0] == ".venv/bin/python .ci/strip_notebooks.py"
-
-
-def test_notebooks_are_stripped(tmp_path):
-    source = next(iter(sorted((ROOT / "notebooks").glob("*.ipynb"))))
-    path = tmp_path / source.name
-    notebook = json.loads(source.read_text(encoding="utf-8"))
-    cell = next(cell for cell in notebook["cells"] if cell["cell_type"] == "code")
-    cell.update(
-        execution_count=3, outputs=[{"output_type": "stream", "name": "stdout", "text": "1"}]
-    )
-    notebook["metadata"]["language_info"]["version"] = "3.12.1"
-    path.write_text(json.dumps(notebook), encoding="utf-8")
-    command = [sys.executable, ROOT / ".ci" / "strip_notebooks.py", path]
-    assert subprocess.run(command, capture_output=True).returncode == 1
-    assert path.read_text(encoding="utf-8") == source.read_text(encoding="utf-8")
-    assert subprocess.run(command, capture_output=True).returncode == 0
+    assert [check.removesuffix(" .") for check in checks] == fixes

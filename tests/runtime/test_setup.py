@@ -1,5 +1,6 @@
 """The set-up script, in a copy of the project whose Python, pip and apt only pretend."""
 
+import json
 import os
 import re
 import shutil
@@ -64,8 +65,8 @@ class Project:
     def __init__(self, base: Path, *, root: bool):
         self.base, self.calls = base, base / "calls"
         self.folder = base / "my clone"
-        copied = ".ci/setup .ci/requirements.txt pyproject.toml tofrender/runtime/llvm.py"
-        for name in copied.split():
+        copied = ".ci/setup .ci/requirements.txt .ci/strip_notebooks.py .gitattributes"
+        for name in f"{copied} pyproject.toml tofrender/runtime/llvm.py".split():
             (self.folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(ROOT / name, self.folder / name)
         (base / "usr/lib/x86_64-linux-gnu").mkdir(parents=True)
@@ -365,3 +366,33 @@ def test_all_that_the_package_needs_is_pinned_with_hashes():
     wanted = [*project["project"]["dependencies"], *(d for each in extras.values() for d in each)]
     needed = {re.match(r"[\w.-]+", one)[0].lower().replace("_", "-") for one in wanted}
     assert needed - {"tofrender"} <= names
+
+
+def test_git_stores_notebooks_without_outputs(user):
+    """What is saved stays in the file, with its outputs; a second set-up changes nothing."""
+    path = user.folder / "notebooks/a.ipynb"
+    path.parent.mkdir()
+    shown = {"output_type": "stream", "name": "stdout", "text": "1"}
+    cell = {"cell_type": "code", "source": [], "metadata": {"trusted": True}}
+    cell |= {"outputs": [shown], "execution_count": 3}
+    told = {"language_info": {"name": "python", "version": "3.13.1"}}
+    path.write_text(json.dumps({"cells": [cell], "metadata": told, "nbformat": 4}))
+    before = path.read_text()
+
+    def git(*arguments: str) -> str:
+        command = ["git", "-C", str(user.folder), *arguments]
+        return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+
+    git("init", "-q")
+    user.works()
+    config = (user.folder / ".git/config").read_text()
+    git("add", ".")
+    stored = json.loads(git("show", ":notebooks/a.ipynb"))
+    assert stored["metadata"] == {"language_info": {"name": "python"}}
+    (kept,) = stored["cells"]
+    assert (kept["outputs"], kept["execution_count"], kept["metadata"]) == ([], None, {})
+    assert path.read_text() == before
+    path.write_text(before.replace('"text": "1"', '"text": "2"'))
+    assert git("diff", "--stat") == ""
+    user.works()
+    assert (user.folder / ".git/config").read_text() == config

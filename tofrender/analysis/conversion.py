@@ -37,8 +37,8 @@ def transient_to_phasor(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Convert transient data to phasors: P(f) = sum L_k exp(+i 2 pi f opl_k / c) at bin centres.
 
-    Radiance per bin is summed as it is; radiance per metre is multiplied by the bin width. The
-    result differs from phasors accumulated path by path:
+    Radiance per bin is summed as it is; radiance per metre is multiplied by the bin width. See also
+    `render_amcw_phasor`, `phasor_panel`. The result differs from phasors accumulated path by path:
 
     - Light outside the window is missing, which can be a large error; see the warning.
     - Light counts as if it arrived at its bin's centre. Spread evenly over a bin of width w, it has

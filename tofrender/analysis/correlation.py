@@ -21,7 +21,7 @@ def four_bucket(
     Two taps that demodulate in antiphase share all light: B(theta) + B(theta + 180 degrees) =
     offset. The model is that of Lange and Seitz, "Solid-state time-of-flight range camera", IEEE J.
     Quantum Electronics 37 (2001); the demodulation contrast is measured amplitude over measured
-    offset.
+    offset. See also `from_four_bucket`.
 
     Args:
         I: Real part of the phasors, any shape, e.g. (height, width, channels).

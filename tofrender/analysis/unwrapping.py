@@ -56,6 +56,7 @@ def unwrap(
     the mean of the d_j, or the end that the mean lies beyond: noise may move the phases of a wall
     at depth 0 below 0, and that is depth 0, not the next depth of about the same phases. All n that
     are nearest to some depth of the range are tried, so that none is missed.
+    See also `unambiguous_range`, `multipath_error`.
 
     Args:
         phases: Phases [rad], modulo 2 pi, of shape (frequencies, ...).

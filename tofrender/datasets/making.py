@@ -83,6 +83,7 @@ def make_dataset(
 
     What is drawn for a record depends on the config's seed, the record's number and the quantity's
     name only, and its renders on the same: any record can be made again alone.
+    See also `load_dataset`.
 
     Args:
         config: The name of a TOML file, or a mapping with the same keys; docs/datasets.md has all.

@@ -22,6 +22,8 @@ KIND = "tofrender data set"
 def load_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
     """Open a data set that `make_dataset` has made, without reading it.
 
+    See also `make_dataset`.
+
     Args:
         path: The folder.
 

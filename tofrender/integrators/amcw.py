@@ -138,6 +138,7 @@ def render_amcw_phasor(
     `AMCWTransientPath` (or `TransientPath`), by default the scene's own, with all its parameters
     and its pulse: one of Mitsuba's path tracers, or one that stores no phasors, is taken for a
     `TransientPath` that follows the same paths. The other arguments are those of `render_at_time`.
+    See also `transient_to_phasor`, `phasor_panel`, `unwrap`.
 
     Returns:
         I, Q, amplitude, phase in (-pi, pi] and depth in [0, c / 2f) [m], arrays of shape (height,

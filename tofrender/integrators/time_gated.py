@@ -159,6 +159,8 @@ def render_at_time(
 ) -> np.ndarray:
     """Render the scene at one instant.
 
+    See also `render_transient`.
+
     Args:
         scene: The scene.
         integrator: A `TimeGatedTransientPath`, or any object with a
@@ -208,6 +210,7 @@ def render_transient(
     `film_config` has `temporal_bins`, `start_opl` [m] and `bin_width_opl` [m]: gate k is at
     start_opl + (k + 1/2) bin_width_opl. The other arguments are those of `render_at_time`, where
     the integrator is a `TimeGatedTransientPath`, and `spp` samples are of all gates together.
+    See also `render_at_time`, `render`.
 
     Returns:
         Radiance per metre of path, float32 array of shape (height, width, temporal_bins, channels).

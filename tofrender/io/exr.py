@@ -55,6 +55,7 @@ def save_exr_stack(
     `film_width` and `film_height`, else up to the crop's last pixel). Monochrome Datasets use the
     channel Y; those of polarised light have S0.R, S0.G, S0.B to S3.B, or S0.Y to S3.Y. Files have
     ZIP compression and a checksum after their end; the output appears whole or not at all.
+    See also `load_exr_stack`.
 
     Args:
         dataset: The result of `render`: `transient` (y, x, opl, channel), `steady`.
@@ -119,6 +120,8 @@ def save_exr_stack(
 
 def load_exr_stack(path: str | os.PathLike) -> xr.Dataset:
     """Read what `save_exr_stack` wrote, folder or multi-part file.
+
+    See also `save_exr_stack`.
 
     Args:
         path: The folder or the .exr file.

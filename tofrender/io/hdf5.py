@@ -52,6 +52,7 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
     BT.709), and attributes of `H` hold the channels where they differ. `load_capture` restores the
     Dataset bit by bit. The field `scene_info` holds all other attributes; unknown positions of
     devices are NaN. The file has a checksum after its end, and appears whole or not at all.
+    See also `load_capture`.
 
     Args:
         capture: Result of `make_capture` or `capture`.
@@ -164,7 +165,7 @@ def load_capture(path: str | os.PathLike) -> xr.Dataset:
 
     Lists of points (the formats T_Si, T_Li_Si, N_3) become one row. Missing normals are those of
     y-tal's wall, +z, if all points have the same z. The `scene_info` of other programs becomes an
-    attribute of that name, as text.
+    attribute of that name, as text. See also `save_capture`.
 
     Args:
         path: An HDF5 file.

@@ -32,7 +32,7 @@ def save_npz(dataset: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = 
 
     The arrays have the Dataset's names; `tofrender` is a JSON text with sizes, channels and all
     attributes. Nothing is compressed: zlib would take eight times as long. The file appears whole
-    or not at all.
+    or not at all. See also `load_npz`.
 
     Args:
         dataset: The result of `render`.
@@ -79,6 +79,8 @@ def _write(archive: ZipFile, name: str, cube: Cube) -> None:
 @status("Reading NPZ")
 def load_npz(path: str | os.PathLike) -> xr.Dataset:
     """Read a Dataset that `save_npz` wrote, equal bit by bit.
+
+    See also `save_npz`.
 
     Raises:
         FileNotFoundError: There is nothing at `path`.

@@ -65,6 +65,7 @@ def capture(
 
     Where the integrator leaves out the leg to the camera (`camera_unwarp`) and counts the legs
     otherwise, the laser's is subtracted as well: lengths are then from wall to wall.
+    See also `reconstruct`, `save_capture`.
 
     Args:
         scene: As for `render`. Its integrator must be a `transient_nlos_path` or, for confocal

@@ -50,6 +50,8 @@ def is_film(path: str | os.PathLike) -> bool:
 def load_zarr(path: str | os.PathLike) -> xr.Dataset:
     """Open a film that `render(out=...)` has written, without reading it.
 
+    See also `save_zarr`.
+
     Args:
         path: The folder.
 

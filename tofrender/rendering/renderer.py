@@ -117,6 +117,7 @@ def render(
     """Render a scene in time.
 
     The arguments are called as the options of the command `tofrender render`.
+    See also `load_scene`, `merge`, `explore`, `report`.
 
     Args:
         scene: Built-in name or path of a Mitsuba XML file; or a dict as for `mi.load_dict`, or a

@@ -206,6 +206,8 @@ def put_in_place(folder: Path, target: Path, arrays: Iterable[str] = DIMS | ERRO
 def save_zarr(dataset: xr.Dataset, path: str | os.PathLike[str]) -> xr.Dataset:
     """Write a Dataset of `render` as a film on disk, tile by tile.
 
+    See also `load_zarr`.
+
     Args:
         dataset: The Dataset, in memory or on disk.
         path: Name of a new folder that ends in .zarr; it appears whole.

@@ -56,8 +56,8 @@ def strategy_pyramid(
 
     Strategy (s, t) finds paths of s vertices from a light and t from the lens, of s + t - 1
     segments. Unweighted, it shows what it makes of all light of its length: the strategies of one
-    length agree where they see the light at all, and differ in noise. Weighted
-    by MIS, the pictures of all strategies add up to that of `transient_bdpt`.
+    length agree where they see the light at all, and differ in noise. Weighted by MIS, the pictures
+    of all strategies add up to that of `transient_bdpt`. See also `pyramid_figure`.
 
     Args:
         scene: As for `render`.

@@ -52,7 +52,7 @@ def load_scene(
     have no limit unless it names one. An `aov`, `moment` or `stokes` around
     a `path` is left out.
 
-    A shape of an XML file that has a name and no id gets the name as its id.
+    A shape of an XML file that has a name and no id gets the name as its id. See also `render`.
 
     Args:
         source: A built-in name (`tofrender scenes` lists them), the path of a Mitsuba XML file, a

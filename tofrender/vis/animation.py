@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import re
+import base64
+import io
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -20,14 +21,6 @@ if TYPE_CHECKING:
 
 _INTERVAL_MS = 50
 _PLAYER_FRAMES, _PLAYER_DPI = 100, 108
-_JPEG: Any = {"animation.frame_format": "jpeg"}
-
-_REDUCED_MOTION = 'matchMedia("(prefers-reduced-motion: reduce)").matches'
-_SIGNS = {
-    **{"minus": "−", "plus": "+", "pause": "❚❚", "play": "▶", "flip-horizontal": "◀"},
-    **{"fast-backward": "|◀◀", "step-backward": "|◀", "step-forward": "▶|", "fast-forward": "▶▶|"},
-}
-"""Signs on the buttons, for which Matplotlib's player would load a font from the network."""
 
 
 @in_style()
@@ -36,9 +29,9 @@ def visualize_transient(
 ) -> FuncAnimation:
     """Animate light moving through the scene; the title shows the time of each bin's centre.
 
-    A notebook shows it as a looping player of at most 100 frames, every second, third, ... of more
-    bins, which begins at the brightest one. `animation.to_jshtml()` has all frames at full size,
-    and `animation.save("light.gif")` writes a file (`save_video` does so faster).
+    A notebook shows it as a video of at most 100 frames, every second, third, ... of more bins,
+    and the brightest one until it plays. `animation.save("light.gif")` writes a file with all of
+    them (`save_video` does so faster). See also `explore`, `save_video`.
 
     Args:
         data: Array (height, width, bins) or (height, width, bins, channels), or a Dataset.
@@ -54,7 +47,8 @@ def visualize_transient(
 
     Example:
         >>> animation = visualize_transient(np.ones((4, 6, 10)), 3.5, 0.02)
-        >>> html = animation.to_jshtml()
+        >>> animation._repr_html_()[:15]
+        '<video controls'
     """
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -90,9 +84,9 @@ def _brightest_frame(sequence: Transient, exposure: float) -> int:
 
 
 def _playback(figure: Figure, update: Any, bins: int, first: int) -> FuncAnimation:
-    """An animation of `bins` frames that a notebook shows as a small player, from `first` on."""
+    """An animation of `bins` frames; a notebook shows the `first`, and the others as a video."""
     from matplotlib import rc_context
-    from matplotlib.animation import FuncAnimation, HTMLWriter
+    from matplotlib.animation import FFMpegWriter, FuncAnimation
 
     class Playback(FuncAnimation):
         stride = 1
@@ -103,37 +97,33 @@ def _playback(figure: Figure, update: Any, bins: int, first: int) -> FuncAnimati
 
         def _repr_html_(self) -> str:
             if not self.html:
+                from imageio_ffmpeg import get_ffmpeg_exe
+
                 self.stride = -(-bins // _PLAYER_FRAMES)
                 fps: Any = 1000 / _INTERVAL_MS / self.stride  # May be a fraction
+                program: Any = {"animation.ffmpeg_path": get_ffmpeg_exe()}
                 try:
-                    with TemporaryDirectory() as folder, rc_context(_JPEG):
-                        path = Path(folder, "player.html")
-                        writer = HTMLWriter(fps=fps, embed_frames=True, default_mode="loop")
+                    with TemporaryDirectory() as folder, rc_context(program):
+                        path = Path(folder, "light.mp4")
+                        writer = FFMpegWriter(fps=fps, codec="h264")
                         self.save(str(path), writer=writer, dpi=_PLAYER_DPI)
-                        self.html = _playing(path.read_text(), first // self.stride)
+                        video = path.read_bytes()
                 finally:
                     self.stride = 1
+                update(first)
+                figure.savefig(poster := io.BytesIO(), format="jpeg", dpi=_PLAYER_DPI)
+                self.html = (
+                    '<video controls loop muted playsinline style="max-width: 100%" '
+                    f'poster="{_inlined("image/jpeg", poster.getvalue())}" '
+                    f'src="{_inlined("video/mp4", video)}"></video>'
+                )
             return self.html
-
-        def to_jshtml(self, *args: Any, **kwargs: Any) -> str:
-            return _playing(super().to_jshtml(*args, **kwargs), first)
 
     return Playback(figure, update, frames=bins, interval=_INTERVAL_MS, blit=False)
 
 
-def _playing(html: str, frame: int) -> str:
-    """Let Matplotlib's player play from a frame on, and load nothing from the network."""
-    signs = "\n".join(
-        f'.animation .fa-{name}::before {{content: "{sign}"}}' for name, sign in _SIGNS.items()
-    )
-    style = f"<style>.animation .fa {{font-style: normal; font-size: 11px}}\n{signs}\n</style>"
-    html = re.sub(r'<link rel="stylesheet"\s+href="https?:[^>]*>', style, html)
-    player = re.search(r"(anim\w+) = new Animation\([^;]*\);", html)
-    if player is None:
-        return html
-    name, end = player[1], player.end()
-    start = f"{name}.set_frame({frame}); if (!{_REDUCED_MOTION}) {name}.play_animation();"
-    return f"{html[:end]} {start}{html[end:]}"
+def _inlined(kind: str, data: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(data).decode()}"
 
 
 @in_style()

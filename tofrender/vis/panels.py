@@ -192,10 +192,10 @@ def _maps(frequency: float, images: dict[str, np.ndarray]) -> list[_Map]:
     depths = {"cmap": "viridis", "vmin": 0, "vmax": furthest}
     path = f"half the path length\n[m], c/2f = {unambiguous:.4g} m"
     return [
-        _Map("I", phasor.real, f"I\n{_RADIANCE}", signed, "both"),
-        _Map("Q", phasor.imag, f"Q\n{_RADIANCE}", signed, "both"),
-        _Map("amplitude", amplitude, f"amplitude\n{_RADIANCE}", sizes, "max"),
-        _Map("phase", phase, "phase\n[rad]", angles),
+        _Map("I", phasor.real, _RADIANCE, signed, "both"),
+        _Map("Q", phasor.imag, _RADIANCE, signed, "both"),
+        _Map("amplitude", amplitude, _RADIANCE, sizes, "max"),
+        _Map("phase", phase, "[rad]", angles),
         _Map("depth", depth, path, depths),
     ]
 

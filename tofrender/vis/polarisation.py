@@ -40,7 +40,7 @@ def polarisation_picture(
             "colours", S0 with the hue of the angle, the less saturated the less it is polarised.
             Pixels without light, or without an angle, are black.
         exposure: Gain of the brightness; `1` is shown as white after it. By default
-            `auto_exposure` of S0.
+            `auto_exposure` of S0 without its brightest 2 %, which may be a lamp.
 
     Returns:
         uint8 (height, width, 3), sRGB.
@@ -89,7 +89,7 @@ def _checked(stokes: Any, exposure: float | None) -> tuple[np.ndarray, np.ndarra
         found = f"dimensions {dims}" if dims else f"shape {values.shape}"
         raise ValueError(f"stokes with {found}: must be (y, x, stokes, channel), with 4 components")
     light = values.mean(axis=3)
-    gain = auto_exposure(light[:, :, 0]) if exposure is None else exposure
+    gain = auto_exposure(light[:, :, 0], percentile=98) if exposure is None else exposure
     return values, light, checks.number("exposure", gain, positive=True)
 
 
@@ -105,8 +105,8 @@ def polarisation_figure(
     Args:
         stokes: Stokes vectors: a DataArray (y, x, stokes, channel), like `steady` of a polarised
             render or a bin of its `transient`, or an array (height, width, 4, channels).
-        exposure: Gain of the brightness; `1` is shown as white after it. By default the 99.5th
-            percentile of the light is white.
+        exposure: Gain of the brightness; `1` is shown as white after it. By default the 98th
+            percentile of the light is white, so that a lamp does not make the rest black.
         title: Title of the figure; None for none.
 
     Raises:
@@ -143,6 +143,8 @@ def polarisation_figure(
         row, column = divmod(k, columns)
         axes = grid.axes(row, column, name)
         shown = map_axes(axes, picture, cmap=colours, vmin=low, vmax=high)
-        grid.bar(shown, row, column, label)
+        bar = grid.bar(shown, row, column, label, extend="neither" if k else "max")
+        if name == "angle":
+            bar.set_ticks([0, 90, 180])
         grid.trim(axes, row, column)
     return grid.figure

@@ -24,7 +24,7 @@ def unwarp_camera(dataset: xr.Dataset, distance_m: Any) -> xr.Dataset:
     by its own distance, so that a video shows every surface when light reaches it. A shift by part
     of a bin divides each bin's light linearly between two bins, which keeps the sum over bins.
     A render with `camera_unwarp=True` subtracts each path's own first segment instead, which is
-    exact also where several surfaces share a pixel.
+    exact also where several surfaces share a pixel. See also `true_depth`.
 
     Args:
         dataset: The result of `render`, in camera time.

@@ -85,7 +85,7 @@ class Explorer {
     this.recording = new Recording(data);
     this.pictures = new Pictures(this.recording);
     this.responses = new Responses(this);
-    this.paths = new Paths(this.recording, this.askPaths);
+    this.paths = new Paths(this.recording, this.level + 1, this.askPaths);
     this.now = opening(this.recording, this.pictures.white);
     this.first = structuredClone(this.now); // As links leave out
     this.parts = makeParts(this.recording, this.now, this.set);

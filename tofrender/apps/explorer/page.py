@@ -40,7 +40,7 @@ def report(
     The file opens from disk in any browser of 2023 or later; it needs no server and no network,
     and its policy forbids their use. It appears whole or not at all. Values are stored as one byte
     on a logarithmic scale; blocks of pixels are averaged, and bins summed, until the file is small
-    enough. The page states the precision of values and what was reduced.
+    enough. The page states the precision of values and what was reduced. See also `explore`.
 
     Args:
         data: Result of `render`, `capture`, `strategy_pyramid` or `reconstruct`.

@@ -12,7 +12,7 @@ const SVG = "http://www.w3.org/2000/svg";
  * for, if there is somebody to ask; they come in by `add`.
  */
 export class Paths {
-  constructor({ about }, ask) {
+  constructor({ about }, level, ask) {
     this.lists = [...about.paths];
     this.ask = ask;
     this.asked = null;
@@ -25,7 +25,7 @@ export class Paths {
     this.element = make(
       "section",
       { className: "panel", "aria-label": "Paths" },
-      make("div", { className: "heading" }, make("h3", {}, "Paths of this light")),
+      make("div", { className: "heading" }, make(`h${level}`, {}, "Paths of this light")),
       ...[this.state, this.table],
     );
     this.element.hidden = !this.lists.length && !ask;
@@ -44,6 +44,7 @@ export class Paths {
     if (pixel && !list) this.request(pixel.map((each) => each + middle), range);
     const kinds = list && !list.error ? kindsOf(list.paths, range) : [];
     this.state.textContent = stateOf(pixel, list, kinds, this.ask);
+    this.state.hidden = !this.state.textContent;
     this.chosen = Math.min(this.chosen, Math.max(0, kinds.length - 1));
     const all = kinds.reduce((sum, { light }) => sum + light, 0);
     const rows = kinds.slice(0, MOST_KINDS).map(({ shapes, light, opl }, k) => {

@@ -32,6 +32,7 @@ def explore(
     Works in Jupyter, VS Code and Colab; the browser needs a few milliseconds for a step in time,
     even if the kernel is busy. Values are stored as one byte on a logarithmic scale; the widget
     states their precision, and what was reduced if they would take more than `megabytes`.
+    See also `report`, `visualize_transient`.
 
     Args:
         data: Result of `render`, `capture`, `strategy_pyramid` or `reconstruct`. Error bars are

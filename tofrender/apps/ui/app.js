@@ -54,6 +54,7 @@ export function live(model, className, Page) {
 }
 
 function download({ name, content }) {
+  if (!content) return;
   const link = make("a", { download: name, href: URL.createObjectURL(new Blob([content])) });
   link.click();
   URL.revokeObjectURL(link.href);

@@ -7,6 +7,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,10 @@ import mitsuba as mi
 
 from ...io import save_npz
 from ...rendering.renderer import render
+from ...rendering.settings import RenderSettings
 from ...runtime import backend
+from ...scenes.loading import load_scene
+from ..explorer.paths import path_tracer
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -101,6 +105,17 @@ class LiveRender:
         if self.data is None:
             raise ValueError("path: there is nothing to save yet")
         return Path(save_npz(self.data, path, overwrite=overwrite))
+
+    @cached_property
+    def _trace(self) -> Callable[[Any, Any], dict[str, Any]]:
+        settings = RenderSettings(**self._options)
+        changes: Any = settings.scene_changes | {"optimize": False}  # Merged shapes have no names
+        return path_tracer(load_scene(settings.scene, **changes), self.data, "transient")
+
+    def trace(self, pixel: Any, opl: Any) -> dict[str, Any]:
+        """Paths of a pixel with lengths in a range, as `plain_paths`."""
+        backend.activate(self._variant)
+        return self._trace(pixel, opl)
 
     def _run(self) -> None:
         try:

@@ -13,7 +13,8 @@ const AXES = { y: "Rows", x: "Columns", opl: "Bins" };
 
 class Viewer {
   constructor({ model, root, ask }) {
-    this.model = model;
+    Object.assign(this, { model, ask });
+    model.on("msg:custom", ({ paths }) => paths && this.handle?.addPaths(paths));
     this.message = make("div", { role: "status" });
     this.status = make("p", { className: "quiet", role: "status" });
     this.stop = button("Stop", () => ask("stop_or_go_on"));
@@ -38,6 +39,7 @@ class Viewer {
     tell(this.message, message);
     this.controls.hidden = !render;
     if (render) {
+      this.askPaths ??= (pixel, range) => this.ask("trace", { pixel, range });
       this.status.textContent = render.status;
       this.stop.textContent = render.running ? "Stop" : "Go on";
       this.stop.disabled = !render.canStop;
@@ -57,7 +59,7 @@ class Viewer {
     this.shown = data;
     const contents = { header: data.header, bytes: new Uint8Array(data.bytes) };
     if (this.handle) this.handle.setData(contents);
-    else this.handle = mount(this.explorer, contents, { level: 1, linked: true });
+    else this.handle = mount(this.explorer, contents, { level: 1, linked: true, askPaths: this.askPaths });
   }
 
   remove() {

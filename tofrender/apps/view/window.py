@@ -92,6 +92,11 @@ class Viewer(App):
             region = {axis: slice(low, max(high, low + 1)) for axis, (low, high) in ends.items()}
             await self._show(self.source.data, **region)
 
+    async def do_trace(self, pixel: list[int], range: list[float]) -> None:
+        """Send the paths of a pixel of a render."""
+        assert isinstance(self.source, LiveRender)
+        self._send_msg({"paths": await self.run(self.source.trace, pixel, range)})
+
     async def do_stop_or_go_on(self) -> None:
         """Stop a render, or go on with it."""
         assert isinstance(self.source, LiveRender)

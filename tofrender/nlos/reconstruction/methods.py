@@ -62,7 +62,7 @@ def reconstruct(
     | `phasor` | all captures, even plane sensor grid | phasor field, Rayleigh-Sommerfeld |
 
     First and last legs are subtracted where the capture counts them. Of colours, the luminance is
-    used.
+    used. See also `capture`, `depth_map`, `reconstruction_figure`.
 
     Two methods err in depth by more than half a bin, by their nature:
 

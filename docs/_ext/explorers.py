@@ -1,0 +1,40 @@
+"""`tofrender.explore` where no kernel listens: the explorer as a page within the page."""
+
+from __future__ import annotations
+
+import hashlib
+import html
+from pathlib import Path
+from typing import Any
+
+MEGABYTES = 0.6  # Of an explorer: a page may show several
+SHOWN: list[Any] = []  # Datasets that an example of the gallery has explored
+
+
+class Explorer:
+    """What a notebook or an example shows of it."""
+
+    def __init__(self, address: str, title: str) -> None:
+        self.address, self.title = address, title
+
+    def _repr_html_(self) -> str:
+        return (
+            f'<iframe class="touch" src="{self.address}" title="{html.escape(self.title)}" '
+            'loading="lazy"></iframe>'
+        )
+
+
+def use_pages(folder: Path) -> None:
+    """Let `tofrender.explore` write pages into a folder, `_static/made` of the site."""
+    import tofrender
+
+    def explore(data: Any, *, megabytes: float = MEGABYTES, **options: Any) -> Explorer:
+        SHOWN.append(data)
+        page = folder / "explorer.tmp.html"
+        tofrender.report(data, page, megabytes=min(megabytes, MEGABYTES), overwrite=True, **options)
+        name = f"explorer_{hashlib.sha256(page.read_bytes()).hexdigest()[:16]}.html"
+        page.replace(folder / name)
+        title = f"The explorer: {options.get('title') or data.attrs.get('scene', 'a transient')}"
+        return Explorer(f"../_static/made/{name}", title)
+
+    tofrender.explore = explore  # pyright: ignore[reportAttributeAccessIssue]
