@@ -163,7 +163,8 @@ def test_reports_of_phasors(tmp_path, capsys):
     frequencies = [2e7, 7.5e7]
     parts = tofrender.transient_to_phasor(data, frequencies)
     for k, frequency in enumerate(frequencies):
-        layers = {name: part[k] for name, part in zip("IQ", parts, strict=False)}
+        layers = {name: part[k].copy() for name, part in zip("IQ", parts, strict=False)}
+        layers["I"][0, 0] = np.nan
         file = tmp_path / f"phasor_{frequency:.15g}Hz.exr"
         save_exr_layers(file, layers, {"frequency_hz": frequency})
     path = tmp_path / "page.html"
@@ -182,6 +183,11 @@ def test_reports_of_phasors(tmp_path, capsys):
             page.keyboard.press("ArrowRight")
         assert page.locator("canvas.plot").is_hidden()
         assert page.locator("canvas.plane").is_visible()
+        assert "1 of" in page.locator(".warning").first.inner_text()
+        page.evaluate("location.hash = '#f=75000000&laser=0.5'")
+        settle(page)
+        assert state(page)["frequency"] == frequencies[1]
+        assert state(page)["laser"] == 0
         assert page.errors == []
     capsys.readouterr()
     (tmp_path / "phasor_20000000Hz.exr").write_bytes(b"text")

@@ -1,5 +1,7 @@
 """Paths of a pixel in the explorer: their list, and their lines in the picture."""
 
+import re
+
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -10,12 +12,13 @@ import tofrender
 from tofrender.apps.explorer.paths import plain_paths
 
 SIZE, PIXEL = 32, (16, 25)
+OPTIONS = {"width": SIZE, "height": SIZE, "pulse_width_opl": 0.05}
 EXPLORER = "document.getElementById('explorer').explorer"
 
 
 @pytest.fixture(scope="module")
 def rendered():
-    scene = tofrender.load_scene("cornell_box", width=SIZE, height=SIZE, optimize=False)
+    scene = tofrender.load_scene("cornell_box", optimize=False, **OPTIONS)
     data = tofrender.render(scene, spp=16, window="auto", progress=False)
     return scene, data, tofrender.paths_of(scene, PIXEL, count=300, spp=2048)
 
@@ -74,6 +77,38 @@ def test_a_pixel_shows_the_paths_of_its_bin(tmp_path, rendered):
         assert page.errors == []
 
 
+def test_paths_stay_where_the_camera_segment_is_left_out(tmp_path, rendered):
+    _, data, found = rendered
+    distance = np.full((SIZE, SIZE), 3.0)
+    path = tofrender.report(data, tmp_path / "box.html", paths=[found], distance_m=distance)
+    with browser.page(offline=True) as page:
+        page.goto(path.as_uri())
+        page.wait_for_selector(".paths")
+        length = found["opl"].values[0]
+        listed = []
+        for unwarped in (False, True):
+            page.evaluate(f"unwarped => {EXPLORER}.set({{ unwarped, view: 'light' }})", unwarped)
+            now = page.evaluate(f"{EXPLORER}.state()")
+            bin_ = (length - 3.0 * unwarped - now["start"]) / float(data.attrs["bin_width_opl"])
+            page.evaluate(f"bin => {EXPLORER}.set({{ bin }})", int(bin_))
+            page.wait_for_timeout(200)
+            listed.append(page.locator(".paths tbody").inner_text())
+        assert listed[0] == listed[1] != ""
+
+
+def test_a_film_plays_as_fast_after_new_data(tmp_path, rendered):
+    _, data, _ = rendered
+    path = tofrender.report(data, tmp_path / "box.html")
+    with browser.page(offline=True) as page:
+        page.goto(path.as_uri())
+        page.wait_for_selector(".tof-explorer canvas.plot")
+        page.evaluate(f"{EXPLORER}.set({{ bin: 0, playing: true }})")
+        page.evaluate(f"for (let k = 0; k < 20; k++) {EXPLORER}.set({{ playing: true }})")
+        begin = page.evaluate("performance.now()")
+        page.wait_for_function(f"() => {EXPLORER}.state().bin >= 20")
+        assert page.evaluate("performance.now()") - begin > 500  # 20 bins a second
+
+
 def test_a_notebook_traces_paths_of_its_scene(rendered):
     scene, data, _ = rendered
     widget = tofrender.explore(data, scene=scene)
@@ -84,13 +119,16 @@ def test_a_notebook_traces_paths_of_its_scene(rendered):
     widget._msg_callbacks(widget, {"pixel": [SIZE, 0], "range": [4.0, 9.0]}, [])
     found, wrong = answers
     assert found["paths"]
-    assert all(4 <= path["opl"] < 9 for path in found["paths"])
+    assert found["traced"]
+    width = float(re.search(r"width_opl=(.+)\)", data.attrs["pulse"])[1])
+    for path in found["paths"]:
+        assert 4 - 5 * width <= path["opl"] < 9 + 5 * width  # The pulse's support
     assert wrong["error"] == f"pixel column = {SIZE}: must be an integer from 0 to {SIZE - 1}"
 
 
 def test_scenes_and_paths_must_fit(rendered):
     scene, data, found = rendered
-    with refused("film of the scene = .*: must be of .16, 16."):
+    with refused("film of the scene = .*: must be .16, 16, 0, 0."):
         tofrender.explore(data.isel(x=slice(16), y=slice(16)), scene=scene)
     with refused("paths = .*: must be a list of results of paths_of"):
         tofrender.explore(data, paths=[data])

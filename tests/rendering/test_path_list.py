@@ -130,6 +130,26 @@ def test_points_of_media_are_vertices():
     np.testing.assert_allclose(np.nansum(steps, axis=1), paths["opl"], rtol=1e-4)
 
 
+@pytest.mark.parametrize("max_depth", [1, 2])
+def test_light_from_infinity_ends_where_its_length_starts(max_depth):
+    """Straight into the sky, and by way of the floor: ends are that far away, not at the origin."""
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "transient_path", "max_depth": max_depth},
+            "sensor": camera((0, 0, 2), (0, 0, 5 if max_depth == 1 else 0), film(1, 1), fov=1),
+            "floor": plane(bsdf=diffuse(ALBEDO)),
+            "sky": {"type": "constant", "radiance": grey(1.0)},
+        }
+    )
+    paths = paths_of(scene, (0, 0), count=20, spp=64)
+    assert paths.sizes["path"] == 20
+    steps = np.linalg.norm(paths["position"].diff("vertex"), axis=2)
+    np.testing.assert_allclose(np.nansum(steps, axis=1), paths["opl"], rtol=1e-4)
+    for k in range(20):
+        assert names(paths, k) == ["sensor", *["floor"] * (max_depth - 1), "sky"]
+
+
 def test_it_has_the_same_paths_again_and_others_with_another_seed():
     scene = floor_and_point()
     first, again, other = (paths_of(scene, (1, 1), count=3, spp=32, seed=s) for s in (1, 1, 2))

@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import checks
+from ..runtime.settings import parameter
 from ..signals.polarisation import STOKES, stokes_count
 from ..signals.units import SPEED_OF_LIGHT, check_frequencies
 from .image import box_by_default, image_film, stokes_channels
@@ -57,13 +58,14 @@ class PhasorHDRFilm(mi.Film):
     def __init__(self, props: mi.Properties) -> None:
         box_by_default(props)
         text = props.get("frequencies_hz", None)
-        names = (("wl_mean", 100.0), ("wl_sigma", 1000.0), ("bin_width_opl", 0.003))
-        mean, sigma, width = (
+        names = (("wl_mean", 100.0), ("wl_sigma", 1000.0))
+        mean, sigma = (
             checks.metres(name, props.get(name, default), positive=True) for name, default in names
         )
+        width = parameter(props, "bin_width_opl", 0.003)
         bins = checks.integer("temporal_bins", props.get("temporal_bins", 4096), 2, checks.MAX_BINS)
         super().__init__(props)
-        self.start_opl = checks.metres("start_opl", props.get("start_opl", 0.0))
+        self.start_opl = parameter(props, "start_opl", 0.0)
         self.frequencies_hz = (
             _of_wavelengths(mean, sigma, bins, width) if text is None else parse_frequencies(text)
         )

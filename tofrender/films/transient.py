@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import checks
+from ..runtime.settings import parameter
 from ..signals.polarisation import stokes_count, to_stokes
 from .colours import channels_by, channels_of
 from .histogram import Histogram
@@ -69,9 +70,9 @@ class TransientHDRFilm(mi.Film):
 
     def __init__(self, props: mi.Properties) -> None:
         box_by_default(props)
-        bins = props.get("temporal_bins", 2048)
-        width = props.get("bin_width_opl", 0.003)
-        start = props.get("start_opl", 0.0)
+        self.temporal_bins: int = parameter(props, "temporal_bins", 2048)
+        self.bin_width_opl: float = parameter(props, "bin_width_opl", 0.003)
+        self.start_opl: float = parameter(props, "start_opl", 0.0)
         scans = ("exhaustive_scan", False), ("laser_scan_width", 0), ("laser_scan_height", 0)
         for name, only in scans:
             value = props.get(name, only)
@@ -83,13 +84,11 @@ class TransientHDRFilm(mi.Film):
         }
         for name, only in stored.items():
             checks.one_of(name, props.get(name, only), (only,))
-        for name in ("width", "height", "crop_width", "crop_height"):
-            if name in props:
-                checks.integer(name, props[name], 1, checks.MAX_SIZE)
+        for side in ("width", "height"):
+            parameter(props, side, None)
+            if f"crop_{side}" in props:
+                checks.integer(f"crop_{side}", props[f"crop_{side}"], 1, checks.MAX_SIZE)
         super().__init__(props)
-        self.temporal_bins = checks.integer("temporal_bins", bins, 1, checks.MAX_BINS)
-        self.bin_width_opl = checks.metres("bin_width_opl", width, positive=True)
-        self.start_opl = checks.metres("start_opl", start)
         self._steady: mi.Film | None = None
         self._bins: Histogram | None = None
         self._splats: Splats | None = None

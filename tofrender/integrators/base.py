@@ -20,6 +20,7 @@ from ..paths.scattering import Materials
 from ..paths.space import Vacuum
 from ..paths.surfaces import has_lobes
 from ..runtime import checks
+from ..runtime.settings import parameter
 from ..scenes.checking import check_scene
 from ..scenes.media import beyond, media_of
 from ..signals.polarisation import to_spectrum
@@ -51,7 +52,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
     """
 
     def __init__(self, props: mi.Properties) -> None:
-        self.max_depth = checks.depth("max_depth", props.get("max_depth", self.default_depth))
+        self.max_depth = parameter(props, "max_depth", self.default_depth)
         self.rr_depth = checks.integer("rr_depth", props.get("rr_depth", 5), 1, checks.MAX_DEPTH)
         timeout = checks.number("timeout", props.get("timeout", -1.0))
         checks.require("timeout", timeout, timeout <= 0, "left out; Ctrl-C stops a render")

@@ -8,6 +8,7 @@ import mitsuba as mi
 
 from ..films.exposure import BINS, PHASORS, Exposure
 from ..runtime import checks
+from ..runtime.settings import parameter
 from ..signals.pulses import GaussianPulse, Pulse
 from .base import TransientIntegrator
 
@@ -69,10 +70,8 @@ all further vertices connect to half as many, rounded up |
         name, bins = props.get("temporal_filter", ""), props.get("gaussian_stddev", 2.0)
         self.temporal_filter = checks.one_of("temporal_filter", name, TEMPORAL_FILTERS)
         self.gaussian_stddev = checks.number("gaussian_stddev", bins, positive=True, unit="bins")
-        width = props.get("pulse_width_opl", None)
-        self._pulse: Pulse | None = None
-        if width is not None:
-            self._pulse = GaussianPulse(checks.width("pulse_width_opl", width))
+        width = parameter(props, "pulse_width_opl", None)
+        self._pulse: Pulse | None = None if width is None else GaussianPulse(width)
 
     @property
     def pulse(self) -> Pulse | None:

@@ -156,7 +156,8 @@ def add_emission(path: Path, vertex: Vertex, parts: Parts, measurement: Measurem
     if limits.skip_first_hit:  # `step` sets `valid_ray` after the first hit
         active = active & (path.valid_ray | ~vertex.valid)
     emitted = apply_throughput(path.β * hit.mis_weight, hit.radiance)
-    contribution = Contribution(emitted, path.opl, active, end=vertex.si.p)
+    end = dr.select(vertex.valid, vertex.si.p, path.prev.p + path.ray.d * hit.length)
+    contribution = Contribution(emitted, path.opl, active, end=end)
     path.not_finite = path.not_finite + accumulate(measurement, contribution)
     return path
 

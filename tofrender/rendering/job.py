@@ -43,31 +43,19 @@ ARRIVALS_SEED = 0
 
 @dataclass
 class Job:
-    """A render, decided.
-
-    Attributes:
-        plan: What is done with camera rays.
-        integrator: The integrator, whose plan that is.
-        scene: The scene.
-        settings: The settings.
-        film: The film with its window, empty.
-        profile: The pulse that it sees light with.
-        arrivals: When light arrives, None if that was decided elsewhere.
-        origin: Function that makes the same job in a worker, and its arguments but the time axis.
-        more: What else the result depends on.
-        window_option: What decides on the window, for a warning.
-    """
+    """A render, decided."""
 
     plan: Plan
-    integrator: TransientIntegrator
+    integrator: TransientIntegrator  # Whose plan that is
     scene: mi.Scene
     settings: RenderSettings
-    film: TransientHDRFilm
-    profile: Pulse | None
-    arrivals: Arrivals | None
+    film: TransientHDRFilm  # With its window, empty
+    profile: Pulse | None  # Pulse that the film sees light with
+    arrivals: Arrivals | None  # When light arrives, None if that was decided elsewhere
+    # Function that makes the same job in a worker, and its arguments but the time axis
     origin: tuple[Callable[..., Job], Mapping[str, object]]
-    more: Mapping[str, object] = field(default_factory=dict)
-    window_option: str = WINDOW_OPTION
+    more: Mapping[str, object] = field(default_factory=dict)  # What else the result depends on
+    window_option: str = WINDOW_OPTION  # What decides on the window, for a warning
 
     @property
     def camera(self) -> mi.Sensor:

@@ -157,7 +157,7 @@ class _Found:
 
     def trace(self, plan: Plan, sampler: mi.Sampler) -> None:
         """Trace the rays, and keep vertices and contributions of each step."""
-        camera = self.camera
+        camera, self.index = self.camera, plan.space.index
         path = plan.start(plan.endpoint, camera.ray, camera.origin, True, camera.frame)
         while dr.any(path.active):
             measured = _Step()
@@ -207,18 +207,39 @@ class _Found:
                 position[before, k] = self.points[k][lanes[before]]
                 vertex_opl[before, k] = self.lengths[k][lanes[before]]
             position[last, k], vertex_opl[last, k] = self.ends[rows[last]], self.opl[rows[last]]
-        names = {1: ["Y"], 3: ["R", "G", "B"]}[self.radiance.shape[1]]
+        names = _shapes(scene, position, vertices)
+        self._shorten(scene, position, vertex_opl, vertices, names)
+        channels = {1: ["Y"], 3: ["R", "G", "B"]}[self.radiance.shape[1]]
         return xr.Dataset(
             {
                 "position": (("path", "vertex", "xyz"), position, {"units": "m"}),
-                "shape": (("path", "vertex"), _shapes(scene, position, vertices)),
+                "shape": (("path", "vertex"), names),
                 "vertex_opl": (("path", "vertex"), vertex_opl, {"units": "m"}),
                 "opl": ("path", self.opl[rows], {"units": "m"}),
                 "radiance": (("path", "channel"), self.radiance[rows]),
                 "total": ("channel", self.radiance.sum(axis=0)),
             },
-            coords={"xyz": ["x", "y", "z"], "channel": names},
+            coords={"xyz": ["x", "y", "z"], "channel": channels},
         )
+
+    def _shorten(
+        self,
+        scene: mi.Scene,
+        position: np.ndarray,
+        vertex_opl: np.ndarray,
+        last: np.ndarray,
+        names: np.ndarray,
+    ) -> None:
+        """Move ends at emitters infinitely far away to where their light starts for lengths."""
+        infinite = mi.EmitterFlags.Infinite
+        distant = [e.id() for e in scene.emitters() if mi.has_flag(e.flags(), infinite)]
+        row = np.arange(len(last))
+        far = np.isin(names[row, last], distant)
+        row, last = row[far], last[far]
+        ahead = position[row, last] - position[row, last - 1]
+        ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+        length = (vertex_opl[row, last] - vertex_opl[row, last - 1]) / self.index
+        position[row, last] = position[row, last - 1] + ahead * length[:, None]
 
 
 def _on_film(camera: mi.Sensor, position: np.ndarray) -> np.ndarray:

@@ -109,3 +109,9 @@ def check_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
             raise TypeError(f"{name}: no such setting; there are {', '.join(CHECKS)}")
     given = {name: value for name, value in settings.items() if value is not None}
     return {name: CHECKS[name](name, value) for name, value in given.items()}
+
+
+def parameter(props: Any, name: str, default: Any) -> Any:
+    """Read a plugin's parameter that is a setting of scenes, and check it as that; None stays."""
+    value = props.get(name, default)
+    return None if value is None else CHECKS[name](name, value)

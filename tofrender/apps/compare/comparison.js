@@ -251,7 +251,8 @@ class Comparison {
   /** Column and row of the chosen pixel, at first the one in the middle. */
   get pixel() {
     const { chosen, data } = this.model;
-    return chosen.pixel ?? [data.width, data.height].map((size) => Math.floor(size / 2));
+    const sizes = [data.width, data.height];
+    return sizes.map((size, k) => Math.min(chosen.pixel?.[k] ?? Math.floor(size / 2), size - 1));
   }
 
   /** Values as they were sent, of the chosen pixel or of another one. */

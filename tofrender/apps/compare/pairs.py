@@ -149,17 +149,11 @@ def alike(pictures: list[np.ndarray]) -> list[np.ndarray]:
     return [np.repeat(p, channels, -1) if p.shape[-1] < channels else p for p in pictures]
 
 
-def numbers(one: np.ndarray, other: np.ndarray) -> dict[str, float]:
-    """Root mean square and largest difference, and means, of finite values in both."""
+def numbers(one: np.ndarray, other: np.ndarray) -> tuple[float, float, float, float]:
+    """Root mean square and largest difference, and both means, of values finite in both."""
     known = np.isfinite(one) & np.isfinite(other)
     a, b = (each[known].astype(np.float64) for each in (one, other))
     if not a.size:
-        return {}
-    rms = float(np.sqrt(np.mean((b - a) ** 2)))
-    return {
-        "rms": rms,
-        "relative": rms / max(abs(float(a.mean())), 1e-30),
-        "largest": float(np.abs(b - a).max()),
-        "mean_a": float(a.mean()),
-        "mean_b": float(b.mean()),
-    }
+        return math.nan, math.nan, math.nan, math.nan
+    off = np.abs(b - a)
+    return float(np.sqrt(np.mean(off**2))), float(off.max()), float(a.mean()), float(b.mean())

@@ -81,18 +81,21 @@ class Comparison(App):
 
 def _rows(frames: list[np.ndarray], reference: np.ndarray | None = None) -> list[list[str]]:
     """Differences in words and numbers; of pictures of the course also from the reference."""
-    found = numbers(*frames)
-    if not found:
-        return [["no finite values", ""]]
+    rms, largest, *means = numbers(*frames)
     rows = [
-        ["RMS of B − A", f"{found['rms']:.4g}, {100 * found['relative']:.3g} % of A's mean"],
-        ["largest |B − A|", f"{found['largest']:.4g}"],
-        ["mean of A, of B", f"{found['mean_a']:.4g}, {found['mean_b']:.4g}"],
+        ["RMS of B − A", f"{rms:.4g}, {percent(rms, means[0])} of A's mean"],
+        ["largest |B − A|", f"{largest:.4g}"],
+        ["mean of A, of B", ", ".join(f"{mean:.4g}" for mean in means)],
     ]
     for name, frame in zip("AB", frames, strict=True) if reference is not None else ():
-        relative = numbers(*alike([np.asarray(reference), frame]))["relative"]
-        rows.append([f"{name}, RMS from the reference", f"{100 * relative:.3g} %"])
+        rms, _, mean, _ = numbers(*alike([np.asarray(reference), frame]))
+        rows.append([f"{name}, RMS from the reference", percent(rms, mean)])
     return rows
+
+
+def percent(part: float, whole: float) -> str:
+    """A part in percent, in words for the reader."""
+    return f"{100 * part / whole:.3g} %" if whole else "–"
 
 
 def application(scene: str | None = None, pair: Pair | None = None) -> Any:

@@ -98,7 +98,8 @@ def _find_flaws(found: ExplorerData) -> None:
             negative, least = negative + int(below.sum()), min(least, float(values[below].min()))
     if unknown.any():
         found.arrays["hatch"] = unknown | found.arrays.get("hatch", False)
-        found.arrays["peaks"] = np.where(unknown, np.nan, found.arrays["peaks"])
+        if found.arrays["peaks"].size:
+            found.arrays["peaks"] = np.where(unknown, np.nan, found.arrays["peaks"])
         found.hatched = ", or ".join(filter(None, [found.hatched, "values that are not finite"]))
         found.warnings.append(
             f"{unknown.sum()} of {unknown.size} pixels have values that are NaN or infinite; they "

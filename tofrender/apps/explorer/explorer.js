@@ -85,7 +85,8 @@ class Explorer {
     this.recording = new Recording(data);
     this.pictures = new Pictures(this.recording);
     this.responses = new Responses(this);
-    this.paths = new Paths(this.recording, this.level + 1, this.askPaths);
+    const lists = kept && this.askPaths ? this.paths.lists : header.paths;
+    this.paths = new Paths(lists, this.level + 1, this.askPaths);
     this.now = opening(this.recording, this.pictures.white);
     this.first = structuredClone(this.now); // As links leave out
     this.parts = makeParts(this.recording, this.now, this.set);
@@ -104,6 +105,7 @@ class Explorer {
   change(changes) {
     const { now, recording } = this;
     Object.assign(now, changes);
+    now.laser = clamp(Math.round(now.laser), 0, recording.about.lasers - 1);
     if ("laser" in changes || "unwarped" in changes) {
       const before = recording.start + recording.typicalWay;
       recording.choose(now);
@@ -147,6 +149,7 @@ class Explorer {
   }
 
   play() {
+    cancelAnimationFrame(this.playing);
     let last = performance.now();
     const next = (time) => {
       if (!this.now.playing) return;
@@ -157,10 +160,10 @@ class Explorer {
         const forward = Math.min(steps, 4); // Rather slow than jumping
         this.set({ bin: (this.now.bin + forward) % this.recording.count });
       }
-      requestAnimationFrame(next);
+      this.playing = requestAnimationFrame(next);
     };
     if (this.now.view !== "space") this.now.view = "light";
-    requestAnimationFrame(next);
+    this.playing = requestAnimationFrame(next);
   }
 
   /** Draw before the screen is shown next, once however often it is asked for. */
@@ -196,7 +199,7 @@ class Explorer {
     canvas.setAttribute("aria-label", `${name} of ${recording.about.title}, ${picture.says}`);
     showMarkers(parts, recording, now, dark);
     this.responses.draw(dark, this.ink());
-    if (!now.playing) this.showPaths();
+    this.showPaths();
     this.tell(null);
     this.shown?.();
   }
@@ -206,13 +209,15 @@ class Explorer {
     this.draw();
   }
 
-  /** Show the paths of the chosen pixel, with lengths of the shown bin or gate. */
+  /** Show the paths of the chosen pixel, with lengths of what is shown; none while it plays. */
   showPaths() {
     const { now, recording } = this;
-    const pixel = now.pixels[now.active] && recording.place(now.pixels[now.active]);
-    const { first: from, count } = now.view === "gate" ? now.gate : { first: now.bin, count: 1 };
-    const range = [recording.edge(from), recording.edge(from + count)];
-    this.paths.show(pixel, range, recording.about.grid);
+    const chosen = now.playing ? null : now.pixels[now.active];
+    const shown = { light: { first: now.bin, count: 1 }, gate: now.gate };
+    const { first, count } = shown[now.view] ?? { first: 0, count: recording.count };
+    const way = chosen && recording.unwarped ? recording.distances[chosen[1] * recording.light.width + chosen[0]] : 0;
+    const range = [first, first + count].map((bin) => recording.edge(bin) + way);
+    this.paths.show(chosen && recording.place(chosen), range, recording.about.grid);
   }
 
   /** Colours of the page's style, for canvases. */

@@ -36,7 +36,7 @@ function fieldsOf(recording) {
       write: (pixels) => pixels.map((pixel) => recording.place(pixel).join(",")).join(";"),
       read: (text) => text.split(";").filter(Boolean).map((each) => recording.at(each.split(",").map(Number))),
     }],
-    f: ["frequency", between(1, SPEED_OF_LIGHT / (2 * width))],
+    f: ["frequency", about.frequencies ? nearest(about.frequencies) : between(1, SPEED_OF_LIGHT / (2 * width))],
     ev: ["exposure", between(-8, 8)],
     gamma: ["gamma", between(1, 5)],
     log: ["log", flag],
@@ -46,6 +46,12 @@ function fieldsOf(recording) {
     zoom: ["zoom", between(0.5, 5)],
     threshold: ["threshold", between(0, 1)],
   };
+}
+
+/** One of some numbers, written in full. */
+function nearest(numbers) {
+  const off = (text) => (number) => Math.abs(number - Number(text));
+  return { write: String, read: (text) => Number(text) && numbers.toSorted((a, b) => off(text)(a) - off(text)(b))[0] };
 }
 
 function brief(value) {
@@ -59,7 +65,9 @@ export function linkOf({ first, now, recording }) {
   const differs = ([, [name]]) => JSON.stringify(now[name]) !== JSON.stringify(first[name]);
   const fields = Object.entries(fieldsOf(recording)).filter(differs);
   const text = fields.map(([key, [name, { write }]]) => `${key}=${write(now[name])}`).join("&");
-  return location.href.split("#")[0] + (text && `#${text}`);
+  const address = new URL(location.href);
+  address.hash = "";
+  return address.href.replace(/#$/, "") + (text && `#${text}`);
 }
 
 /** Show what an address says; whatever it does not say, or says wrongly, is as at first. */

@@ -37,7 +37,7 @@ def report(
 ) -> Path:
     """Write the explorer of a transient as one HTML file, and return its path.
 
-    The file opens from disk in any browser of 2023 or later; it needs no server and no network,
+    The file opens from disk in any browser of 2024 or later; it needs no server and no network,
     and its policy forbids their use. It appears whole or not at all. Values are stored as one byte
     on a logarithmic scale; blocks of pixels are averaged, and bins summed, until the file is small
     enough. The page states the precision of values and what was reduced. See also `explore`.

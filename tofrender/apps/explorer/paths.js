@@ -5,15 +5,16 @@ import { short } from "./words.js";
 
 const MOST_KINDS = 8; // rows of the list
 const MOST_LINES = 12; // drawn of the chosen kind
+const MOST_LISTS = 50; // that are remembered
 const SVG = "http://www.w3.org/2000/svg";
 
 /**
- * Paths of an explorer's pixels: those of `about.paths`, and those that `ask(pixel, range)` is asked
+ * Paths of an explorer's pixels: those of `lists`, and those that `ask(pixel, range)` is asked
  * for, if there is somebody to ask; they come in by `add`.
  */
 export class Paths {
-  constructor({ about }, level, ask) {
-    this.lists = [...about.paths];
+  constructor(lists, level, ask) {
+    this.lists = [...lists];
     this.ask = ask;
     this.asked = null;
     this.chosen = 0;
@@ -33,16 +34,15 @@ export class Paths {
 
   /** Take in paths of a pixel, or `error`, why there are none. */
   add(list) {
-    this.lists = [...this.lists.filter((each) => !each.error), list];
+    this.lists = [...this.lists.filter((each) => !each.error).slice(-MOST_LISTS), list];
   }
 
   /** Show the paths of a pixel of the light, [x, y] on the film, with lengths in a range [m]. */
   show(pixel, range, grid) {
     if (this.element.hidden) return;
     const list = pixel && this.lists.findLast((each) => isFor(each, pixel, range, grid));
-    const middle = Math.floor(grid.step / 2);
-    if (pixel && !list) this.request(pixel.map((each) => each + middle), range);
-    const kinds = list && !list.error ? kindsOf(list.paths, range) : [];
+    if (pixel && !list) this.request(middleOf(pixel, grid), range);
+    const kinds = list && !list.error ? kindsOf(list, range) : [];
     this.state.textContent = stateOf(pixel, list, kinds, this.ask);
     this.state.hidden = !this.state.textContent;
     this.chosen = Math.min(this.chosen, Math.max(0, kinds.length - 1));
@@ -81,16 +81,24 @@ export class Paths {
   }
 }
 
+/** The pixel of the film in the middle of a block. */
+function middleOf(pixel, { first, width, height, step }) {
+  const last = [first[0] + width - 1, first[1] + height - 1];
+  return pixel.map((least, k) => Math.min(least + Math.floor(step / 2), last[k]));
+}
+
+/** Whether a list has the paths of a block of pixels and a range; a traced one is of its range only. */
 function isFor(list, pixel, range, { step }) {
-  const inside = !list.opl || (list.opl[0] <= range[0] + 1e-9 && list.opl[1] >= range[1] - 1e-9);
+  const off = list.opl && [range[0] - list.opl[0], list.opl[1] - range[1]];
+  const inside = !off || off.every((each) => (list.traced ? Math.abs(each) < 1e-9 : each > -1e-9));
   return inside && pixel.every((least, k) => list.pixel[k] >= least && list.pixel[k] < least + step);
 }
 
 /** Paths in range by the shapes that they meet, the brightest first. */
-function kindsOf(paths, [low, high]) {
+function kindsOf({ paths, traced }, [low, high]) {
   const kinds = new Map();
   for (const path of paths) {
-    if (path.opl < low || path.opl >= high) continue;
+    if (!path.light || (!traced && (path.opl < low || path.opl >= high))) continue;
     const shapes = [...path.shapes].reverse().join(" → ");
     const kind = kinds.get(shapes) ?? { shapes, light: 0, paths: [] };
     kind.light += path.light;
@@ -110,5 +118,5 @@ function stateOf(pixel, list, kinds, ask) {
   if (!pixel) return "Choose a pixel.";
   if (list?.error) return list.error;
   if (!list) return ask ? "Tracing …" : "No paths of this pixel are in this file.";
-  return kinds.length ? "" : "No light of this pixel arrives then.";
+  return kinds.length ? "" : "No path that was found brings light to this pixel then.";
 }

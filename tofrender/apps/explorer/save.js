@@ -1,4 +1,4 @@
-/** What readers take with them: a link, the picture, the film and the curves. */
+/** Copy a link, and save the picture, the film and the curves. */
 
 import { make } from "../ui/parts.js";
 import { SPEEDS } from "./controls.js";
@@ -33,6 +33,8 @@ export function saveButtons(explorer) {
       button.disabled = true;
       try {
         say(await act(explorer, (part) => (button.textContent = `${Math.round(100 * part)} %`)));
+      } catch (error) {
+        say(`Failed: ${error.message}`);
       } finally {
         button.disabled = false;
         setTimeout(() => (button.textContent = label), 2000);
@@ -44,11 +46,9 @@ export function saveButtons(explorer) {
 }
 
 async function copyLink(explorer) {
-  const link = linkOf(explorer);
-  if (navigator.clipboard) {
-    await navigator.clipboard.writeText(link);
-    return "Copied";
-  }
+  const link = linkOf(explorer).replace(/\?token=[^#]*/, ""); // A live page's secret
+  const copied = await navigator.clipboard?.writeText(link).then(() => true, () => false);
+  if (copied) return "Copied";
   history.replaceState(history.state, "", link); // Without a secure connection
   return "In the address bar";
 }

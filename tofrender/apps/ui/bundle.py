@@ -26,6 +26,8 @@ def javascript(*modules: str) -> str:
     """
     *others, last = (_IMPORT.sub("", text_of(f"{name}.js")) for name in modules)
     text = "\n".join([*(_EXPORT.sub("", text) for text in others), last])
+    if re.search(r"^import ", text, re.MULTILINE):
+        raise ValueError(f"{', '.join(modules)}: must import names of modules that are joined")
     return _INDENT.sub("", _COMMENT.sub("", text))
 
 

@@ -50,8 +50,7 @@ def prepare(host: str, port: int | None) -> None:
     """Raise the errors of `serve` before long work: panel is missing, or the port is taken."""
     require_panel()
     checks.instance("host", host, str, "an address like 127.0.0.1")
-    if port is not None:
-        _probe(host, checks.integer("port", port, 1, 65535))
+    _probe(host, 0 if port is None else checks.integer("port", port, 1, 65535))
 
 
 def serve(
@@ -104,10 +103,6 @@ def _ignore_closed_pages(loop: Any, context: dict[str, Any]) -> None:
         loop.default_exception_handler(context)
 
 
-class _Taken(ValueError):
-    """Error of a port that is not free."""
-
-
 def _probe(host: str, port: int) -> None:
     """Refuse an address or a port that cannot be listened on; a server would leave it open."""
     try:
@@ -119,7 +114,7 @@ def _probe(host: str, port: int) -> None:
     except (OSError, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         if getattr(error, "errno", None) in (errno.EADDRINUSE, errno.EACCES):
-            raise _Taken(f"port = {port}: must be free to listen on ({reason})") from None
+            raise ValueError(f"port = {port}: must be free to listen on ({reason})") from None
         name = checks.quote(host)
         raise ValueError(f"host = {name}: must be an address to listen on ({reason})") from None
 
@@ -127,7 +122,7 @@ def _probe(host: str, port: int) -> None:
 def _free_port(host: str) -> int:
     """The first of `PORTS` ports that is free, else 0, for which the system finds one."""
     for port in range(FIRST_PORT, FIRST_PORT + PORTS):
-        with suppress(_Taken):
+        with suppress(ValueError):
             _probe(host, port)
             return port
     return 0

@@ -114,8 +114,11 @@ class LiveRender:
 
     def trace(self, pixel: Any, opl: Any) -> dict[str, Any]:
         """Paths of a pixel with lengths in a range, as `plain_paths`."""
-        backend.activate(self._variant)
-        return self._trace(pixel, opl)
+        try:
+            backend.activate(self._variant)
+            return self._trace(pixel, opl)
+        except (ValueError, OSError, MemoryError) as error:
+            return {"pixel": pixel, "opl": opl, "traced": True, "error": str(error)}
 
     def _run(self) -> None:
         try:
