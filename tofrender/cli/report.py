@@ -120,6 +120,9 @@ def _load_phasors(paths: list[Path]) -> xr.Dataset:
 
     files = [load_exr_layers(path) for path in paths]
     files.sort(key=lambda file: float(file[1]["frequency_hz"]))
+    shapes = {layers["I"].shape for layers, _ in files}
+    if len(shapes) > 1:
+        raise ValueError(f"phasor files of shapes {sorted(shapes)}: must be of one render")
     dims = ("frequency", "y", "x", "channel")
     parts = {k: (dims, np.stack([layers[k] for layers, _ in files])) for k in "IQ"}
     return xr.Dataset(parts, {"frequency": [float(attrs["frequency_hz"]) for _, attrs in files]})

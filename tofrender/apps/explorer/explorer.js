@@ -88,7 +88,6 @@ class Explorer {
     const lists = kept && this.askPaths ? this.paths.lists : header.paths;
     this.paths = new Paths(lists, this.level + 1, this.askPaths);
     this.now = opening(this.recording, this.pictures.white);
-    this.first = structuredClone(this.now); // As links leave out
     this.parts = makeParts(this.recording, this.now, this.set);
     this.parts.saves = saveButtons(this);
     this.root.setAttribute("aria-label", `Explorer of ${header.title}`);
@@ -98,7 +97,9 @@ class Explorer {
     listen(this);
     this.sizes.disconnect();
     this.sizes.observe(this.root);
-    this.set(kept ? { laser: kept.laser, unwarped: kept.unwarped } : {});
+    this.set({});
+    this.first = structuredClone(this.now); // As links leave out
+    if (kept) this.set({ laser: kept.laser, unwarped: kept.unwarped });
     if (kept) this.set(kept);
   }
 

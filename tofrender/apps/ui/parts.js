@@ -89,10 +89,11 @@ export function list(name, options, chosen) {
   return element;
 }
 
-/** A number to type; what is none, or out of range, is not told. */
+/** A number to type; the browser says why another text is not accepted. */
 export function number(name, { min = "", max = "", step = "any", value = 0, changed }) {
   const input = make("input", { type: "number", min, max, step, "aria-label": name });
-  input.addEventListener("change", () => input.checkValidity() && input.value && changed(input.valueAsNumber));
+  input.required = true;
+  input.addEventListener("change", () => input.reportValidity() && changed(input.valueAsNumber));
   const element = make("label", { className: "list" }, make("span", {}, name), input);
   element.set = (next) => {
     if (input.valueAsNumber !== next) input.value = next;

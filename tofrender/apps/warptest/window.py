@@ -135,7 +135,8 @@ class Tester(App):
             verdict, panels = await self.run(work)
         except SUBJECT_ERRORS as error:
             title = f"{SUBJECTS[chosen['subject']].title}: the test could not be run"
-            self.tell(verdict=failure(title, error))
+            if self.chosen == chosen and self.image is image:
+                self.tell(verdict=failure(title, error))
             return
         finally:
             self.tell(testing=False)
