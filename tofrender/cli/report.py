@@ -46,7 +46,7 @@ def report(
     """
     opt.check_file_out(out, *SUFFIXES, overwrite=True)
     backend.activate()
-    data = _load(checks.path("DIR|FILE", source))
+    data = load_result(checks.path("DIR|FILE", source))
 
     from tofrender import io
     from tofrender.apps.explorer.page import report as write
@@ -61,10 +61,10 @@ def load_intensity(source: Path) -> xr.Dataset:
     """Load the Dataset of a folder or a file; of Stokes vectors S0."""
     from tofrender.rendering.dataset import components_of
 
-    return components_of(_load(source))[0]
+    return components_of(load_result(source))[0]
 
 
-def _load(source: Path) -> xr.Dataset:
+def load_result(source: Path) -> xr.Dataset:
     """Load the Dataset of a folder or a file, with Stokes vectors if it has them."""
     from tofrender import io
     from tofrender.rendering.films_on_disk import load_zarr

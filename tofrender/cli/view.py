@@ -8,7 +8,7 @@ from typing import Annotated
 
 from ..runtime import checks
 from . import options as opt
-from .report import load_intensity
+from .report import load_intensity, load_result
 from .warp import Browser, Host, Port
 
 MAX_SPP = 1024
@@ -67,7 +67,7 @@ def view(
         options |= {"size": tuple(size) if size else None, "max_depth": max_depth}
         shown = LiveRender(name, options | {"pulse_width": "auto"})
     else:
-        shown = SavedDataset(Path(source), load_intensity)
+        shown = SavedDataset(Path(source), load_result)
     with closing(shown) if isinstance(shown, LiveRender) else nullcontext():
         make = application(shown, target)
         serve(make, "Light in time", host=host, port=port, browser=browser, tell=opt.say)
