@@ -22,7 +22,8 @@ PLAYS = "matchMedia('(prefers-reduced-motion: reduce)').matches || this.play()"
 def inlined(svg: str, words: str) -> str:
     """An SVG file's text without its own colours, which are for pages that show it as a file."""
     svg = re.sub(r"<\?xml.*?\?>|<style>.*?</style>", "", svg, flags=re.DOTALL)
-    return svg.replace("<svg ", f'<svg class="drawing" role="img" aria-label="{escape(words)}" ', 1)
+    role = f'role="img" aria-label="{escape(words)}"' if words else 'aria-hidden="true"'
+    return svg.replace("<svg ", f'<svg class="drawing" {role} ', 1)
 
 
 def film(folder: str, name: str, words: str) -> str:
