@@ -54,14 +54,14 @@ def with_takes(client, wrapper, where=None) -> None:
     """Let some workers take pieces by `wrapper(take, job, piece)`; None as they always do."""
 
     def install(wrapper=wrapper):
-        from tofrender.rendering import workers
+        from tofrender.rendering import job
 
         def wrapped(j, piece, **options):
             return wrapper(partial(take, **options), j, piece)
 
-        take = getattr(workers, "own_render_item", workers.render_item)
-        workers.own_render_item = take
-        workers.render_item = wrapped if wrapper else take
+        take = getattr(job, "own_render_item", job.render_item)
+        job.own_render_item = take
+        job.render_item = wrapped if wrapper else take
 
     client.run(install, workers=where)
 

@@ -58,10 +58,8 @@ class PhasorHDRFilm(mi.Film):
     def __init__(self, props: mi.Properties) -> None:
         box_by_default(props)
         text = props.get("frequencies_hz", None)
-        names = (("wl_mean", 100.0), ("wl_sigma", 1000.0))
-        mean, sigma = (
-            checks.metres(name, props.get(name, default), positive=True) for name, default in names
-        )
+        mean = checks.metres("wl_mean", props.get("wl_mean", 100.0), positive=True)
+        sigma = checks.metres("wl_sigma", props.get("wl_sigma", 1000.0), positive=True)
         width = parameter(props, "bin_width_opl", 0.003)
         bins = checks.integer("temporal_bins", props.get("temporal_bins", 4096), 2, checks.MAX_BINS)
         super().__init__(props)

@@ -26,7 +26,7 @@ from .dataset import check_dataset, components_of, coordinates, require_finite, 
 from .errors import batches_of
 from .settings import RenderSettings, is_auto
 from .window import WINDOW_OPTION, check_window, warn_of_losses, windowed_film
-from .work_items import WorkItem, WorkResult, whole
+from .work_items import WorkItem, WorkResult, render_item, whole
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -101,6 +101,10 @@ class Job:
         """All that the result depends on: the recipe, the film's pixels, and more."""
         named = {**self.more, **self.recipe, "film": str(self.film)}
         return named | {"fingerprint": named.pop("fingerprint")}  # What has a name is told first
+
+    def render(self, item: WorkItem, **options: Any) -> WorkResult:
+        """Render a work item, see `render_item`; an exhaustive capture renders its own."""
+        return render_item(self, item, **options)
 
     def add(self, arrays: dict[str, np.ndarray], item: WorkItem, result: WorkResult) -> None:
         """Add the result of a work item to the arrays of the whole film."""

@@ -26,7 +26,7 @@ from ..runtime.backend import versions
 from ..scenes.packing import packed, unpacked
 from .settings import MAX_WORKERS, SETTINGS
 from .store import Receipt, Store
-from .work_items import WorkItem, WorkResult, render_item
+from .work_items import WorkItem, WorkResult
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -93,9 +93,9 @@ class Order:
         mi.set_variant(self.variant)
         job = _job(self)
         if self.folder is None:
-            return render_item(job, item, progress=False)
+            return job.render(item, progress=False)
         store = Store(Path(self.folder))
-        return store.receipt(item) or store.write(item, render_item(job, item, progress=False))
+        return store.receipt(item) or store.write(item, job.render(item, progress=False))
 
 
 @contextmanager
