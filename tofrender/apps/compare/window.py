@@ -75,7 +75,8 @@ class Comparison(App):
         weights = LUMINANCE.tolist() if channels == 3 else [1.0]
         size = {"height": height, "width": width, "weights": weights, "step": step}
         curves = [np.float32(curve).tobytes() for curve in curves]
-        self.data = {"pictures": planes, "curves": curves, "names": names, **size}
+        data = {"pictures": planes, "curves": curves, "names": names, **size}
+        self.send(self.param.update, data=data)
         self.tell(message=None, rows=rows)
 
 

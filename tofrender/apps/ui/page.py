@@ -9,6 +9,9 @@ from typing import Any
 
 import panel as pn
 import param
+from panel.io.document import schedule_write_events
+
+WRITTEN_S = 0.1  # From a change until it is written, at the latest [s]
 
 
 class App(pn.custom.JSComponent):
@@ -41,6 +44,7 @@ class App(pn.custom.JSComponent):
         super().__init__(sizing_mode="stretch_width", chosen=chosen or {}, state=state)
         self._executor = executor
         self._drawing = self._outdated = self._is_open = False
+        self._document: Any = None  # In a notebook it stays so
         self.param.watch(self.do_redraw, "chosen")
 
     async def draw(self) -> None:
@@ -56,7 +60,7 @@ class App(pn.custom.JSComponent):
         if self.PERIOD_MS and not self._is_open:
             refresh: Any = self.refresh
             pn.state.add_periodic_callback(refresh, period=self.PERIOD_MS)
-        self._is_open = True
+        self._is_open, self._document = True, pn.state.curdoc
         await self.do_redraw()
 
     async def do_redraw(self, *_: Any) -> None:
@@ -79,9 +83,18 @@ class App(pn.custom.JSComponent):
 
     def tell(self, **changes: Any) -> None:
         """Change the state that is shown."""
-        state = self.state | changes
-        if state != self.state:
-            self.state = state
+        if (state := self.state | changes) != self.state:
+            self.send(self.param.update, state=state)
+
+    def send(self, function: Callable[..., Any], *arguments: Any, **options: Any) -> None:
+        """Call what changes the page, and write what Panel keeps of it.
+
+        Of two quick changes, Panel 1.9 may keep the second one until there is a third.
+        """
+        function(*arguments, **options)
+        if self._document is not None:
+            loop = asyncio.get_running_loop()
+            loop.call_later(WRITTEN_S, schedule_write_events, self._document, [], [])
 
     async def _handle_msg(self, data: dict[str, Any]) -> None:
         await getattr(self, f"do_{data.pop('do')}")(**data)

@@ -77,7 +77,8 @@ class Viewer(App):
             self.tell(message=None)
         if isinstance(self.source, SavedDataset) and not region:
             self._offer_region(data, contents.header)
-        self.data = {"header": contents.header, "bytes": contents.data}
+        data = {"header": contents.header, "bytes": contents.data}
+        self.send(self.param.update, data=data)
 
     def _offer_region(self, data: Any, header: dict[str, Any]) -> None:
         """Offer to show a part at full resolution if the whole was reduced."""
@@ -95,7 +96,7 @@ class Viewer(App):
     async def do_trace(self, pixel: list[int], range: list[float]) -> None:
         """Send the paths of a pixel of a render."""
         assert isinstance(self.source, LiveRender)
-        self._send_msg({"paths": await self.run(self.source.trace, pixel, range)})
+        self.send(self._send_msg, {"paths": await self.run(self.source.trace, pixel, range)})
 
     async def do_stop_or_go_on(self) -> None:
         """Stop a render, or go on with it."""

@@ -100,12 +100,13 @@ class Tester(App):
         domain = find(subject.domain)
         names = ("dimensions", "low", "high", "labels", "down", "upper_only")
         alt = f"{shown.points.shape[1]} points of {subject.title} and the grid of the unit square"
-        self.data = {
+        data = {
             "points": np.ascontiguousarray(shown.points).tobytes(),
             "lines": np.ascontiguousarray(shown.lines).tobytes(),
             **{name: getattr(domain, name) for name in names},
             **{"alt": alt, "subject": chosen["subject"]},
         }
+        self.send(self.param.update, data=data)
 
     async def do_image(self, name: str, content: bytes) -> None:
         """Use an image of the reader's."""
@@ -149,7 +150,7 @@ class Tester(App):
         if self.drawn is not None and self.verdict is not None:
             title = f"{self.drawn.points.shape[1]} {self.chosen['kind']} points"
             content = await self.run(engine.save, self.drawn, self.verdict, title, format)
-            self._send_msg({"name": f"warp.{format}", "content": content})
+            self.send(self._send_msg, {"name": f"warp.{format}", "content": content})
 
 
 def _described() -> dict[str, dict[str, Any]]:
