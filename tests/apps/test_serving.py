@@ -13,7 +13,7 @@ from helpers.served import is_free, served
 from tornado.iostream import StreamClosedError
 from tornado.websocket import WebSocketClosedError
 
-from tofrender.apps.ui import serving
+from tofrender.apps.ui import page, serving
 from tofrender.apps.view.sources import LiveRender
 from tofrender.cli import options
 from tofrender.cli.app import main
@@ -119,6 +119,28 @@ def test_readers_may_go_while_something_is_sent_to_them(caplog):
     loop.call_exception_handler({"message": "never retrieved", "exception": KeyError("lost")})
     assert "lost" in caplog.text
     loop.close()
+
+
+def test_what_panel_keeps_of_quick_changes_is_written(monkeypatch):
+    written = []
+    monkeypatch.setattr(page, "schedule_write_events", lambda *events: written.append(events))
+    monkeypatch.setattr(page, "WRITTEN_S", 0)
+
+    class Silent(page.App):
+        _esm = "export function render() {}"
+
+    async def change(document) -> None:
+        app = Silent(None)
+        app._document = document
+        app.tell(message="one")
+        app.tell(message="one")  # No change
+        await asyncio.sleep(0.01)
+        assert app.state == {"message": "one"}
+
+    asyncio.run(change(None))
+    assert written == []
+    asyncio.run(change("a document"))
+    assert written == [("a document", [], [])]
 
 
 def test_without_panel_one_line_says_what_to_install(monkeypatch):
