@@ -266,7 +266,6 @@ def check_resume(resume: xr.Dataset, job: Job) -> None:
     for name, value in coordinates(job.film).items():
         if not np.array_equal(resume[name].values, value):
             raise ValueError(f"resume: its coordinate {name} differs; must be that of this render")
-    errors = job.settings.errors
-    if errors != ("transient_error" in resume):
-        has = "no errors" if errors else "errors"
-        raise ValueError(f"resume: has {has}; must be as asked for, errors = {errors}")
+    wanted, its = job.settings.errors, "transient_error" in resume
+    if wanted != its:
+        raise ValueError(f"resume: was rendered with errors = {its}; must be {wanted}")
