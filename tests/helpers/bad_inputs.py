@@ -154,6 +154,7 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
     "from 30": ({"1e30", "2**40"}, {}),
     "alpha": ({"1.5"}, {}),
     "host": ({"0"}, {}),
+    "paths": ({"list"}, {"a Dataset in it": [xr.Dataset()]}),
 }
 
 CHECKED = {

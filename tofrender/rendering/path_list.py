@@ -74,7 +74,7 @@ def paths_of(
 
     Example:
         >>> paths = paths_of("cornell_box", (128, 200), opl=(0, 8), count=4, spp=256)
-        >>> paths["shape"].values[0, 0], bool((paths["opl"] < 8).all())
+        >>> paths["shape"].values[0, 0].item(), bool((paths["opl"] < 8).all())
         ('sensor', True)
     """
     backend.require_vectorised()

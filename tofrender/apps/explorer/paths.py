@@ -17,15 +17,16 @@ from ...signals.pulses import GaussianPulse
 FIELDS = {"shape", "opl", "radiance", "on_film", "vertex_opl"}
 COUNT = 200  # Paths of a pixel and bin that a live explorer shows
 SAMPLES = 1 << 13  # Camera rays that they are chosen from
+ALLOWED = "a list of results of paths_of"
 
 
 def path_lists(paths: Any, kind: str) -> list[dict[str, Any]]:
     """Convert results of `paths_of` for some pixels by `plain_paths`; refuse anything else."""
-    given = () if paths is None else paths
     _require_render("paths", paths, kind)
+    given = checks.instance("paths", [] if paths is None else paths, list | tuple, ALLOWED)
     for each in given:
         valid = set(getattr(each, "data_vars", ())) >= FIELDS
-        checks.require("paths", each, valid, "a list of results of paths_of")
+        checks.require("paths", each, valid, ALLOWED)
     return [plain_paths(each) for each in given]
 
 
