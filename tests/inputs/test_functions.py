@@ -277,7 +277,8 @@ TABLE = [
     *rows("io.check_output", "io.output_folder", "io.replacing", **PATH),
     *rows("io.save_npz", path="path but nothing"),
     *rows("io.save_figure", path="path but text, digits, lines"),
-    row("explore", {"data": "dataset"}, data=data),
+    row("explore", {"data": "dataset", "scene": "source?"}, data=data),
+    row("paths_of", {"scene": "source", "opl": "window?"}, pixel=(0, 0)),
     row("report", {"data": "dataset"} | PATH, data=data),
     # --------------------------------------------------------------------------------- figures
     row("vis.gate_figure", {"image": "light", "pulse_width_opl": "positive"}, image=PIXELS),

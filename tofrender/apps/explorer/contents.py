@@ -147,8 +147,7 @@ def _with_capture(volume: Any, capture: Any, most_bytes: int | None, **options: 
     half = most_bytes and most_bytes // 2
     below = contents_of(volume, **options, most_bytes=half)
     kind = below.header["kind"]
-    if kind != "volume":
-        raise ValueError(f"capture: must be None, as data is a {kind}")
+    checks.require("capture", capture, kind == "volume", f"None, as data is a {kind}")
     arrays = _Arrays()
     for name, values in wall_of(volume, capture).items():
         arrays.add(name, values, "f4")

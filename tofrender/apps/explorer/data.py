@@ -68,8 +68,8 @@ def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> Expl
     kinds = {"intensity": "volume", "sensor_grid": "capture", "I": "phasors"}
     kind = next((kinds[name] for name in kinds if name in data), "transient")
     for name, value in (("orders", orders), ("distance_m", distance_m)):
-        if value is not None and kind != "transient":
-            raise ValueError(f"{name}: must be None, as data is a {kind}")
+        valid = value is None or kind == "transient"
+        checks.require(name, value, valid, f"None, as data is a {kind}")
     if kind != "transient":
         found = {"volume": _volume, "capture": _capture, "phasors": _phasors}[kind](data)
     else:
@@ -151,8 +151,8 @@ def _transient(data: xr.Dataset, orders: dict[str, Cube], distance_m: Any) -> Ex
             raise ValueError(f"data: steady with shape {steady.shape}: must be as transient has it")
         found.layers["steady"] = steady.view(np.s_[:, :, None, :]), "mean"
     if distance_m is not None:
-        if unwarped:
-            raise ValueError("distance_m: must be None, as data is unwarped already")
+        allowed = "None, as data is unwarped already"
+        checks.require("distance_m", distance_m, not unwarped, allowed)
         found.arrays["distance"] = _distances(distance_m, seen.size, found.notes)
     return found
 

@@ -94,5 +94,5 @@ def _pulse(data: Any, scene: mi.Scene) -> Any:
 
 
 def _require_render(name: str, value: Any, kind: str) -> None:
-    if value is not None and kind != "transient":
-        raise ValueError(f"{name}: must be None, as data is a {kind}")
+    valid = value is None or kind == "transient"
+    checks.require(name, value, valid, f"None, as data is a {kind}")
