@@ -1,6 +1,7 @@
 /** A window into a picture, moved by pointers, wheel and keys. Lengths are parts of the picture. */
 
 import { clamp } from "../explorer/words.js";
+import { placeIn } from "../ui/parts.js";
 
 const MOST = 64; // times larger
 const CLICK = 5; // px that a pointer may move in a click
@@ -40,10 +41,7 @@ export class Zoom {
   listen(frame, { changed, drag, point, click }) {
     const held = new Map(); // by pointer: where it went down [px], and where it is
     let moved = false;
-    const place = ({ clientX, clientY }) => {
-      const { left, top, width, height } = frame.getBoundingClientRect();
-      return [(clientX - left) / width, (clientY - top) / height];
-    };
+    const place = (event) => placeIn(frame, event);
     const apart = () => {
       const [one, other] = [...held.values()].map(({ at }) => at);
       return Math.hypot(frame.clientWidth * (one[0] - other[0]), frame.clientHeight * (one[1] - other[1]));

@@ -1,6 +1,6 @@
 /** The parts of an explorer's page, their layout, and what they say. */
 
-import { choices, list, make, slider, tick } from "../ui/parts.js";
+import { choices, group, list, make, slider, terms, tick } from "../ui/parts.js";
 import { viewsOf } from "./pictures.js";
 import { SPEED_OF_LIGHT } from "./recording.js";
 import { STOKES } from "./stokes.js";
@@ -29,68 +29,61 @@ export function makeParts(recording, now, set) {
   parts.views.hidden = views.length === 1;
   parts.canvas = make("canvas", { className: "tof-picture", role: "img" });
   parts.markers = make("div", { className: "markers", "aria-hidden": "true" });
-  parts.frame = make("div", {
-    className: "frame",
-    tabIndex: 0,
-    role: "group",
-    "aria-label": "Picture; arrow keys move the chosen pixel, Enter adds one, Delete removes it",
-  });
-  parts.frame.append(parts.canvas, parts.markers);
+  const says = "Picture; arrow keys move the chosen pixel, Enter adds one, Delete removes it";
+  const focusable = { className: "frame", tabIndex: 0, role: "group", "aria-label": says };
+  parts.frame = make("div", focusable, parts.canvas, parts.markers);
   parts.space = new VolumeView(set);
-  parts.bar = make("div", { className: "bar" });
+  parts.bar = group("bar");
   parts.assumes = make("p", { className: "assumes" });
   parts.hatched = make("p", { className: "assumes" }, make("span", { className: "hatch" }), "");
   parts.readout = make("p", { className: "readout" });
   parts.play = make("button", { type: "button", className: "play" });
   parts.play.addEventListener("click", () => set({ playing: !now.playing }));
   parts.time = slider(isVolume ? "Depth" : "Time", {
-    ...{ min: 0, max: recording.count - 1, step: 1, value: 0 },
+    max: recording.count - 1,
     say: (bin) => when(recording, bin),
     moved: (bin) => set({ bin, playing: false }),
   });
-  parts.speed = list("Speed", Object.keys(SPEEDS).map((each) => [each, `${each}×`]), (speed) =>
-    set({ speed }),
-  );
+  parts.speed = list("Speed", Object.keys(SPEEDS).map((each) => [each, `${each}×`]), (speed) => set({ speed }));
   parts.gateStart = slider("Opens", {
-    ...{ min: 0, max: recording.count - 1, step: 1, value: 0 },
+    max: recording.count - 1,
     say: (first) => lengthText(recording, recording.edge(first)),
     moved: (first) => set({ gate: { ...now.gate, first } }),
   });
   parts.gateWidth = slider("Width", {
-    ...{ min: 1, max: recording.count, step: 1, value: 1 },
+    ...{ min: 1, max: recording.count },
     say: (count) => lengthText(recording, count * recording.width),
     moved: (count) => set({ gate: { ...now.gate, count } }),
   });
   parts.exposure = slider("Exposure", {
-    ...{ min: -8, max: 8, step: 0.1, value: 0 },
+    ...{ min: -8, max: 8, step: 0.1 },
     say: (stops) => `${stops > 0 ? "+" : ""}${signed(stops.toFixed(1))} EV`,
     moved: (exposure) => set({ exposure }),
   });
   parts.gamma = slider("Gamma", {
-    ...{ min: 1, max: 5, step: 0.1, value: 2.2 },
+    ...{ min: 1, max: 5, step: 0.1 },
     say: (gamma) => gamma.toFixed(1),
     moved: (gamma) => set({ gamma }),
   });
   parts.threshold = slider("Threshold", {
-    ...{ min: 0, max: 1, step: 0.01, value: 0 },
+    step: 0.01,
     say: (part) => `${Math.round(100 * part)} %`,
     title: "Smallest voxels that are shown, as a part of the largest",
     moved: (threshold) => set({ threshold }),
   });
   parts.zoom = slider("Zoom", {
-    ...{ min: 0.5, max: 5, step: 0.05, value: 1 },
+    ...{ min: 0.5, max: 5, step: 0.05 },
     say: (zoom) => `${zoom.toFixed(2)}×`,
     moved: (zoom) => set({ zoom }),
   });
-  const colours = [["colour", "as rendered"], ["grey", "grey"], ["false", "false colour"]];
-  parts.colours = list("Colours", recording.weights.length === 3 ? colours : colours.slice(1), (each) =>
-    set({ colours: each }),
-  );
+  const looks = [["colour", "as rendered"], ["grey", "grey"], ["false", "false colour"]];
+  const offered = recording.weights.length === 3 ? looks : looks.slice(1);
+  parts.colours = list("Colours", offered, (colours) => set({ colours }));
   parts.smooth = tick("Smooth", (smooth) => set({ smooth }));
   parts.unwarped = tick("Without the camera segment", (unwarped) => set({ unwarped }));
   parts.unwarped.hidden = !recording.distances;
   parts.laser = slider("Lit point", {
-    ...{ min: 0, max: about.lasers - 1, step: 1, value: 0 },
+    max: about.lasers - 1,
     say: (laser) => `${laser + 1} of ${about.lasers}`,
     moved: (laser) => set({ laser }),
   });
@@ -98,8 +91,8 @@ export function makeParts(recording, now, set) {
   const channels = [["luminance", "luminance"], ["0", "red"], ["1", "green"], ["2", "blue"]];
   parts.channel = list("Of", channels, (channel) => set({ channel }));
   parts.channel.hidden = recording.weights.length < 3;
-  const stokes = Object.entries(STOKES).map(([key, { name }]) => [key, name]);
-  parts.stokes = list("Shown", stokes, (each) => set({ stokes: each }));
+  const components = Object.entries(STOKES).map(([key, { name }]) => [key, name]);
+  parts.stokes = list("Shown", components, (stokes) => set({ stokes }));
   parts.stokes.hidden = recording.stokes.length === 1;
   parts.log = tick("Logarithmic", (log) => set({ log }));
   parts.plot = make("canvas", { className: "plot", role: "img" });
@@ -132,40 +125,30 @@ function frequencySlider({ about: { axis, frequencies } }, now, set) {
 
 /** Lay parts out; returns the children of the explorer's element, whose title is of `level`. */
 export function layout(parts, { about, isVolume, hasTimes, hasPhasors }, level) {
-  const panel = (title, ...children) =>
-    make("section", { className: "panel", "aria-label": title }, ...children);
-  parts.transport = make("div", { className: "transport" }, parts.play, parts.time, parts.speed);
-  parts.gates = make("div", { className: "transport" }, parts.gateStart, parts.gateWidth);
-  const look = make("div", { className: "look" });
-  look.append(parts.threshold, parts.zoom);
-  if (hasTimes) look.append(parts.exposure, parts.gamma, parts.colours);
-  look.append(parts.smooth, parts.unwarped, parts.laser);
-  const left = make("div", { className: "left" });
-  left.append(parts.views, parts.stokes, parts.frame, parts.space.element);
-  left.append(parts.bar, parts.transport, parts.gates);
-  left.append(parts.readout, parts.assumes, parts.hatched, look);
-  const heading = (title, ...more) => make("div", { className: "heading" }, make(`h${level + 1}`, {}, title), ...more);
+  const panel = (title, ...children) => make("section", { className: "panel", "aria-label": title }, ...children);
+  parts.transport = group("transport", parts.play, parts.time, parts.speed);
+  parts.gates = group("transport", parts.gateStart, parts.gateWidth);
+  const tones = hasTimes ? [parts.exposure, parts.gamma, parts.colours] : [];
+  const look = group("look", parts.threshold, parts.zoom, ...tones, parts.smooth, parts.unwarped, parts.laser);
+  const left = group("left", parts.views, parts.stokes, parts.frame, parts.space.element, parts.bar);
+  left.append(parts.transport, parts.gates, parts.readout, parts.assumes, parts.hatched, look);
+  const heading = (title, ...more) => group("heading", make(`h${level + 1}`, {}, title), ...more);
   const response = panel(
     isVolume ? "Along the depth" : "Response",
     heading(isVolume ? "Along the depth" : "Responses", parts.channel, parts.log),
     ...[parts.plot, parts.legend, parts.pixels],
   );
   response.hidden = !hasTimes;
-  const plane = make("div", { className: "beside" }, parts.plane, parts.phasors);
+  const plane = group("beside", parts.plane, parts.phasors);
   const phasor = panel("Phasors", heading("Phasors", parts.phasorView), parts.frequency.element, plane);
   phasor.hidden = !hasPhasors;
-  const right = make("div", { className: "right" }, response, phasor);
-  const told = make("dl");
-  for (const [name, value] of about.facts) {
-    told.append(make("dt", {}, name), make("dd", {}, value));
-  }
   const notes = make("ul", {}, ...about.notes.map((note) => make("li", {}, note)));
   const more = make("details", {}, make("summary", {}, "Contents and precision"), notes);
-  more.append(told, make("p", {}, KEYS));
+  more.append(make("dl", {}, ...terms(about.facts)), make("p", {}, KEYS));
   const [, size] = about.facts[0];
   const header = make("header", {}, make(`h${level}`, {}, about.title), make("p", {}, size), parts.saves);
   header.append(...about.warnings.map((warning) => make("p", { className: "warning" }, warning)));
-  return [header, make("div", { className: "stage" }, left, right), more, parts.spoken];
+  return [header, group("stage", left, group("right", response, phasor)), more, parts.spoken];
 }
 
 /** Have the controls say what is shown now. */

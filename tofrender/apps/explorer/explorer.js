@@ -13,7 +13,7 @@
  * which asks for the paths of a pixel of the film with lengths in a range [m].
  */
 
-import { isDark, make } from "../ui/parts.js";
+import { inkOf, isDark, make, watchLook } from "../ui/parts.js";
 import { layout, makeParts, showControls, SPEEDS } from "./controls.js";
 import { showMarkers, showPicture } from "./frame.js";
 import { listen, pressed } from "./input.js";
@@ -56,22 +56,14 @@ class Explorer {
     this.stopped = new AbortController();
     const { signal } = this.stopped;
     this.root.addEventListener("keydown", (event) => pressed(this, event), { signal });
-    const redraw = () => this.draw();
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw, { signal });
-    this.sizes = new ResizeObserver(redraw);
-    this.themes = new MutationObserver(redraw);
-    for (const watched of [document.body, document.documentElement]) {
-      this.themes.observe(watched, { attributes: true });
-    }
     this.open(data);
+    watchLook(this.root, () => this.draw(), signal);
     if (linked) keepLinked(this, signal);
   }
 
   destroy() {
     this.now.playing = false;
     this.stopped.abort();
-    this.sizes.disconnect();
-    this.themes.disconnect();
     cancelAnimationFrame(this.asked);
     this.root.remove();
     delete this.element.explorer;
@@ -95,8 +87,6 @@ class Explorer {
     this.parts.frame.insertBefore(this.paths.lines, this.parts.markers);
     this.root.querySelector(".right > .panel").after(this.paths.element);
     listen(this);
-    this.sizes.disconnect();
-    this.sizes.observe(this.root);
     this.set({});
     this.first = structuredClone(this.now); // As links leave out
     if (kept) this.set({ laser: kept.laser, unwarped: kept.unwarped });
@@ -199,7 +189,7 @@ class Explorer {
     const { canvas } = picture.scene ? parts.space : parts;
     canvas.setAttribute("aria-label", `${name} of ${recording.about.title}, ${picture.says}`);
     showMarkers(parts, recording, now, dark);
-    this.responses.draw(dark, this.ink());
+    this.responses.draw(dark, inkOf(root));
     this.showPaths();
     this.tell(null);
     this.shown?.();
@@ -219,13 +209,6 @@ class Explorer {
     const way = chosen && recording.unwarped ? recording.distances[chosen[1] * recording.light.width + chosen[0]] : 0;
     const range = [first, first + count].map((bin) => recording.edge(bin) + way);
     this.paths.show(chosen && recording.place(chosen), range, recording.about.grid);
-  }
-
-  /** Colours of the page's style, for canvases. */
-  ink() {
-    const style = getComputedStyle(this.root);
-    const names = ["paper", "line", "grid", "soft", "accent", "band"];
-    return Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
   }
 
   tell(pixel) {

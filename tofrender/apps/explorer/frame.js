@@ -1,6 +1,6 @@
 /** The frame around the picture: the picture, its colour bar, its markers, and places in it. */
 
-import { make } from "../ui/parts.js";
+import { make, placeIn } from "../ui/parts.js";
 import { colourOf } from "./plot.js";
 import { clamp } from "./words.js";
 
@@ -11,7 +11,7 @@ export function showPicture({ canvas, frame, space, bar, assumes, hatched }, pic
   frame.hidden = Boolean(picture.scene);
   space.element.hidden = !picture.scene;
   if (picture.scene) space.draw(picture.scene);
-  else showBytes(canvas, picture);
+  else paintOn(canvas, picture);
   frame.style.setProperty("--aspect", picture.aspect ?? picture.width / picture.height);
   frame.classList.toggle("smooth", smooth);
   assumes.textContent = picture.assumes ?? "";
@@ -24,11 +24,6 @@ export function showPicture({ canvas, frame, space, bar, assumes, hatched }, pic
   bar.replaceChildren(stripOf(map), make("div", {}, ...says.map((each) => make("span", {}, each))));
 }
 
-function showBytes(canvas, { width, height, bytes }) {
-  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-  canvas.getContext("2d").putImageData(new ImageData(bytes, width, height), 0, 0);
-}
-
 /** The colours of a map, from left to right. */
 export function stripOf(map) {
   const bytes = new Uint8ClampedArray(1024).fill(255);
@@ -37,7 +32,11 @@ export function stripOf(map) {
 }
 
 export function canvasOf(bytes, width, height) {
-  const canvas = make("canvas", { width, height });
+  return paintOn(make("canvas"), { bytes, width, height });
+}
+
+function paintOn(canvas, { bytes, width, height }) {
+  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
   canvas.getContext("2d").putImageData(new ImageData(bytes, width, height), 0, 0);
   return canvas;
 }
@@ -70,20 +69,17 @@ export function hasPixels({ view }) {
 
 /** Column and row of the light's pixel under a pointer. */
 export function pixelUnder(event, { frame }, { light }) {
-  const { left, top, width, height } = frame.getBoundingClientRect();
-  const column = Math.floor(((event.clientX - left) / width) * light.width);
-  const row = Math.floor(((event.clientY - top) / height) * light.height);
-  return [clamp(column, 0, light.width - 1), clamp(row, 0, light.height - 1)];
+  const [x, y] = placeIn(frame, event);
+  const column = clamp(Math.floor(x * light.width), 0, light.width - 1);
+  return [column, clamp(Math.floor(y * light.height), 0, light.height - 1)];
 }
 
 /** The number of the marker near a pointer, -1 if there is none. */
 export function markerUnder(event, { frame }, { light }, pixels) {
-  const { left, top, width, height } = frame.getBoundingClientRect();
+  const { clientWidth: width, clientHeight: height } = frame;
+  const [x, y] = placeIn(frame, event);
   const away = pixels.map(([column, row]) =>
-    Math.hypot(
-      left + ((column + 0.5) / light.width) * width - event.clientX,
-      top + ((row + 0.5) / light.height) * height - event.clientY,
-    ),
+    Math.hypot(((column + 0.5) / light.width - x) * width, ((row + 0.5) / light.height - y) * height),
   );
   const nearest = away.indexOf(Math.min(...away));
   return away[nearest] <= NEAR_MARKER ? nearest : -1;

@@ -1,12 +1,11 @@
 /** Paths by which light reached a pixel: as a list, and drawn into the picture. */
 
-import { fill, make } from "../ui/parts.js";
+import { fill, make, svg } from "../ui/parts.js";
 import { short } from "./words.js";
 
 const MOST_KINDS = 8; // rows of the list
 const MOST_LINES = 12; // drawn of the chosen kind
 const MOST_LISTS = 50; // that are remembered
-const SVG = "http://www.w3.org/2000/svg";
 
 /**
  * Paths of an explorer's pixels: those of `lists`, and those that `ask(pixel, range)` is asked
@@ -20,9 +19,7 @@ export class Paths {
     this.chosen = 0;
     this.table = make("table", { className: "paths" });
     this.state = make("p", { className: "quiet" });
-    this.lines = document.createElementNS(SVG, "svg");
-    this.lines.setAttribute("class", "lines");
-    this.lines.setAttribute("aria-hidden", "true");
+    this.lines = svg("svg", { class: "lines", "aria-hidden": "true", preserveAspectRatio: "none" });
     this.element = make(
       "section",
       { className: "panel", "aria-label": "Paths" },
@@ -71,13 +68,10 @@ export class Paths {
 
   draw(paths, { first, width, height }) {
     this.lines.setAttribute("viewBox", `${first[0]} ${first[1]} ${width} ${height}`);
-    this.lines.setAttribute("preserveAspectRatio", "none");
-    const drawn = paths.slice(0, MOST_LINES).map(({ film }) => {
-      const line = document.createElementNS(SVG, "polyline");
-      line.setAttribute("points", film.filter(Boolean).map((point) => point.join(",")).join(" "));
-      return line;
-    });
-    this.lines.replaceChildren(...drawn);
+    const points = ({ film }) => film.filter(Boolean).map((point) => point.join(",")).join(" ");
+    this.lines.replaceChildren(
+      ...paths.slice(0, MOST_LINES).map((path) => svg("polyline", { points: points(path) })),
+    );
   }
 }
 

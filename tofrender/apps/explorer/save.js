@@ -1,6 +1,6 @@
 /** Copy a link, and save the picture, the film and the curves. */
 
-import { make } from "../ui/parts.js";
+import { inkOf, make } from "../ui/parts.js";
 import { SPEEDS } from "./controls.js";
 import { canvasOf, stripOf } from "./frame.js";
 import { Gif } from "./gif.js";
@@ -111,7 +111,7 @@ function save({ recording }, blob, suffix) {
 
 /** A picture with its colour bar and what it says; its longer side has `least` pixels or more. */
 function poster(explorer, { scene, bytes, says, bar, ...picture }, least) {
-  const { paper, soft } = explorer.ink();
+  const { paper, soft } = inkOf(explorer.root);
   if (scene) explorer.parts.space.draw(scene);
   const drawn = scene ? explorer.parts.space.canvas : canvasOf(bytes, picture.width, picture.height);
   const { width, height } = drawn;

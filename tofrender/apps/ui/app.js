@@ -1,6 +1,6 @@
 /** A live page: its parts are made here, what they show is computed in Python. */
 
-import { isDark, make } from "./parts.js";
+import { isDark, make, watchLook } from "./parts.js";
 
 const LOST =
   "The server has stopped. What is shown here stays, but nothing new is computed: start the command " +
@@ -32,11 +32,7 @@ export function live(model, className, Page) {
 
   const stopped = new AbortController();
   const { signal } = stopped;
-  const sizes = new ResizeObserver(draw);
-  const themes = new MutationObserver(draw);
-  sizes.observe(root);
-  for (const watched of [document.body, document.documentElement]) themes.observe(watched, { attributes: true });
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw, { signal });
+  watchLook(root, draw, signal);
   globalThis.Bokeh?.documents?.[0]?.on_event("connection_lost", () => {
     if (signal.aborted || root.querySelector(".lost")) return;
     root.prepend(make("p", { className: "message bad lost", role: "alert" }, LOST));
@@ -44,8 +40,6 @@ export function live(model, className, Page) {
   });
   model.on("remove", () => {
     stopped.abort();
-    sizes.disconnect();
-    themes.disconnect();
     page.remove?.();
   });
   ask("open");

@@ -137,15 +137,17 @@ export function tick(name, chosen, title = "") {
 
 /** A short line, as a legend shows one. */
 export function lineSwatch(dash, colour) {
-  const name = "http://www.w3.org/2000/svg";
-  const [picture, line] = ["svg", "line"].map((tag) => document.createElementNS(name, tag));
-  const set = (element, attributes) =>
-    Object.entries(attributes).forEach(([key, value]) => element.setAttribute(key, value));
-  set(picture, { width: 28, height: 10, "aria-hidden": "true" });
-  set(line, { x1: 0, y1: 5, x2: 28, y2: 5, stroke: colour, "stroke-width": 1.5 });
-  set(line, { "stroke-dasharray": dash.join(" ") });
-  picture.append(line);
-  return picture;
+  const ends = { x1: 0, y1: 5, x2: 28, y2: 5 };
+  const line = svg("line", { ...ends, stroke: colour, "stroke-width": 1.5, "stroke-dasharray": dash.join(" ") });
+  return svg("svg", { width: 28, height: 10, "aria-hidden": "true" }, line);
+}
+
+/** An element of a vector picture. */
+export function svg(tag, attributes, ...children) {
+  const element = document.createElementNS("http://www.w3.org/2000/svg", tag);
+  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
+  element.append(...children);
+  return element;
 }
 
 /** Rows of cells, the first row of headings; what has not changed stays, with the reader's focus. */
@@ -170,6 +172,12 @@ function fillCell(cell, content) {
     cell.replaceChildren(content);
     if (focused) content.focus();
   }
+}
+
+/** Where a pointer is in an element, as parts of its width and height. */
+export function placeIn(element, { clientX, clientY }) {
+  const { left, top, width, height } = element.getBoundingClientRect();
+  return [(clientX - left) / width, (clientY - top) / height];
 }
 
 /** Follow a pointer from where it goes down until it is lifted. */
@@ -198,8 +206,17 @@ export function follow(element, { down, move, tap }) {
 /** Colours of a part as its style sheet has them, by names like "line". */
 export function inkOf(element) {
   const style = getComputedStyle(element);
-  const names = ["text", "line", "grid", "soft", "accent", "band"];
+  const names = ["paper", "text", "line", "grid", "soft", "accent", "band"];
   return Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+}
+
+/** Call `draw` whenever an element's size or the page's theme changes, until the signal aborts. */
+export function watchLook(element, draw, signal) {
+  const watchers = [new ResizeObserver(draw), new MutationObserver(draw)];
+  watchers[0].observe(element);
+  for (const each of [document.body, document.documentElement]) watchers[1].observe(each, { attributes: true });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw, { signal });
+  signal.addEventListener("abort", () => watchers.forEach((each) => each.disconnect()));
 }
 
 /** Whether the page around is dark: as Jupyter, VS Code and Colab say, else as the reader likes. */
