@@ -27,6 +27,7 @@ from helpers.support import (
 import tofrender
 from tofrender.bidirectional.lens import Lens
 from tofrender.integrators import passes, visible_emitters
+from tofrender.integrators.plan import Plan
 from tofrender.integrators.visible_emitters import VisibleEmitters
 
 SEEDS, OTHER_SEEDS = range(16), range(1000, 1016)
@@ -140,7 +141,7 @@ def test_mistakes_are_found(mistake, monkeypatch):
     if mistake == "pixels":
         monkeypatch.setattr(visible_emitters, "pixels_of", shifted(visible_emitters.pixels_of))
     elif mistake == "twice":
-        monkeypatch.setattr(tofrender.paths.records.Limits, "without_first_hit", lambda self: self)
+        monkeypatch.setattr(Plan, "without_first_hit", lambda self: self)
     else:
         trace = VisibleEmitters.trace
 
