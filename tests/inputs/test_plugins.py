@@ -26,7 +26,10 @@ WHOLE = {"2.0", "65"}
 ALL_NUMBERS = NUMBERS | WHOLE | {"-2"}
 KINDS: list[tuple[set[str], str]] = [
     # what of ANY and MORE is good, and for which parameters
-    ({"True", "numpy-True"}, "hide_emitters camera_unwarp discard_direct_light emitter_sampling"),
+    (
+        {"True", "numpy-True"},
+        "hide_emitters camera_unwarp guiding discard_direct_light emitter_sampling",
+    ),
     ({"True", "numpy-True"}, "camera_connections use_nlos_only discard_direct_paths sample_border"),
     ({"True", "numpy-True"}, "nlos_hidden_geometry_sampling account_first_and_last_bounces"),
     ({"True", "numpy-True"}, "nlos_laser_sampling nlos_hidden_geometry_sampling_do_rroulette"),
@@ -81,7 +84,7 @@ def with_projector(projector: dict) -> dict[str, Any]:
 FOLLOWS = "max_depth rr_depth hide_emitters camera_unwarp discard_direct_light "
 FOLLOWS += "emitter_sampling gradient_sampling "
 IN_BINS = FOLLOWS + "temporal_filter gaussian_stddev pulse_width_opl "
-LIGHTS = IN_BINS + "light_samples "
+LIGHTS = IN_BINS + "light_samples guiding "
 WALL = IN_BINS + "relay_wall hidden_shapes use_nlos_only filter_bounces "
 WALL += "nlos_hidden_geometry_sampling account_first_and_last_bounces "
 
@@ -136,7 +139,7 @@ ELSEWHERE = {
     "with_projector": "confocal_projector",
     "test_nlos_input.py": "pulse_values pulse_start_opl pulse_bin_width_opl original_film_width "
     "original_film_height",
-    "of some integrators alone": "max_bounces light_samples pulse_width_opl temporal_filter "
+    "of some integrators alone": "max_bounces light_samples guiding pulse_width_opl temporal_filter "
     "gaussian_stddev target_time",
 }
 """Parameters in the tables of docstrings that are tried elsewhere, or not with every plugin."""

@@ -72,10 +72,9 @@ class Emission:
         emitters = scene.emitters()
         if not emitters:
             raise ValueError("scene: has no emitters; must have one that light can start from")
-        kinds = [emitter.class_name() for emitter in emitters]
+        kinds, allowed = [emitter.class_name() for emitter in emitters], allowed_kinds()
         for emitter, kind in zip(emitters, kinds, strict=True):
-            if kind not in KINDS or (mi.is_spectral and kind in BEAMS):
-                allowed = KINDS if not mi.is_spectral else CONES | SHAPES | DISTANT
+            if kind not in allowed:
                 raise ValueError(
                     f"emitter {emitter.id()!r}: is a {KINDS.get(kind, kind)}, whose light cannot "
                     f"be followed here; must be {', '.join(allowed.values())}"
@@ -293,6 +292,11 @@ class Emission:
         """Return apex, axis and height of an emitter's cone."""
         row = number_of(emitter) * 7
         return [dr.gather(mi.Float, self.cones, row + k, active) for k in range(7)]
+
+
+def allowed_kinds() -> dict[str, str]:
+    """Return emitters that paths may start at in the active variant, see `KINDS`."""
+    return KINDS if not mi.is_spectral else CONES | SHAPES | DISTANT
 
 
 def _interaction(p: mi.Point3f, like: mi.Ray3f) -> mi.Interaction3f:

@@ -25,6 +25,7 @@ from ..paths.camera import Tile, pixel_corner, sample_camera, sampled_size
 from ..runtime import backend, checks, plugins
 from ..runtime.checkpoints import SavedState
 from ..samplers.padded_sobol import mix
+from .guiding import guided
 from .user_defined import Tracer
 from .visible_emitters import VisibleEmitters
 
@@ -133,6 +134,8 @@ def steps(
     if sensor.class_name() == "BatchSensor":
         raise ValueError("sensor: is a batch of sensors; must be one, e.g. a perspective camera")
     tracer = tracer.for_bin_width(record.width_opl)
+    if record.emitters_apart:
+        tracer = guided(tracer, sensor)
     film, tile = record.film, samples.tile
     emitters = VisibleEmitters.of(tracer, sensor, film, tile) if record.emitters_apart else None
 

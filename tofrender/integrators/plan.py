@@ -25,6 +25,7 @@ class Plan(Parts):
     """
 
     splats = False  # whether contributions have positions on the film
+    guiding = False  # whether a render may guide its paths, see `guiding.guided`
 
     def __init__(
         self,

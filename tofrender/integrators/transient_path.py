@@ -6,11 +6,12 @@ from copy import copy
 
 import mitsuba as mi
 
-from ..films.exposure import BINS, PHASORS, Exposure
+from ..films.exposure import BINS, PHASORS, Exposure, Weight
 from ..runtime import checks
 from ..runtime.settings import parameter
 from ..signals.pulses import GaussianPulse, Pulse
 from .base import TransientIntegrator
+from .plan import Plan
 
 TEMPORAL_FILTERS = ("", "box", "gaussian")
 
@@ -26,6 +27,7 @@ class TransientPath(TransientIntegrator):
     | `temporal_filter` | "" | "box", "gaussian", or "" for the film's `rfilter` in time as well |
     | `gaussian_stddev` | 2.0 | standard deviation of the Gaussian filter [bins] |
     | `pulse_width_opl` | none | standard deviation of the light's Gaussian pulse [m] |
+    | `guiding` | true | send paths towards caustics, see below |
     | `light_samples` | "auto" | points on lights that a path's first vertex connects to, 1 to 64; \
 all further vertices connect to half as many, rounded up |
 
@@ -36,6 +38,11 @@ all further vertices connect to half as many, rounded up |
     through the temporal filter: 8 points from a ratio of 20 on, 4 from 5, 1 below. The extent is
     the diagonal of the box around all lights, or, where one is infinitely far away, the diameter of
     the sphere around scene and sensor.
+
+    With `guiding`, photons of a short pilot say where light arrives by mirrors and clear glass, and
+    from which directions; paths there are sent to these with a probability of up to 0.85, see
+    `paths.guiding`. Films with time, phasors and gates do so, in scenes without media. Equal seeds
+    give equal films, and the expectation is that without guiding.
 
     The light's `pulse` can be set to any of `tofrender.signals.pulses`. Its energy in each bin is
     exact and adds no noise. The assignment's text has a pulse of 0.03 m and a `max_depth` of 8 by
@@ -70,6 +77,10 @@ all further vertices connect to half as many, rounded up |
         name, bins = props.get("temporal_filter", ""), props.get("gaussian_stddev", 2.0)
         self.temporal_filter = checks.one_of("temporal_filter", name, TEMPORAL_FILTERS)
         self.gaussian_stddev = checks.number("gaussian_stddev", bins, positive=True, unit="bins")
+        guiding = props.get("guiding", None)
+        allowed = "left out; here paths are not guided"
+        checks.require("guiding", guiding, guiding is None or self.takes_light_samples, allowed)
+        self.guiding = checks.boolean("guiding", True if guiding is None else guiding)
         width = parameter(props, "pulse_width_opl", None)
         self._pulse: Pulse | None = None if width is None else GaussianPulse(width)
 
@@ -85,6 +96,14 @@ all further vertices connect to half as many, rounded up |
                 f"pulse = {checks.quote(pulse)}: must be a pulse like GaussianPulse(0.03), or None"
             )
         self._pulse = copy(pulse) if type(pulse) is GaussianPulse else pulse
+
+    def plan(
+        self, scene: mi.Scene, sensor: mi.Sensor | None = None, weight: Weight | None = None
+    ) -> Plan:
+        """Return the plan, which renders may guide."""
+        plan = super().plan(scene, sensor, weight)
+        plan.guiding = self.guiding
+        return plan
 
     def exposure(self) -> Exposure:
         """Return how light counts: its pulse, through the temporal filter."""

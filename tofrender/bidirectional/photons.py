@@ -1,0 +1,95 @@
+"""Photons: where light lands after reflection and refraction by delta lobes alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..films.contribution import Contribution
+from ..paths.protocols import Endpoint, Parts
+from ..paths.records import Connection, Limits, Path, Vertex
+from ..paths.scattering import Materials
+from ..paths.space import Vacuum
+from ..paths.walk import walk
+from .emission import Emission, Emitted
+
+MAX_LOBES = 16  # Reflections and refractions of a photon at most
+
+
+@dataclass
+class Photons:
+    """Photons where their first smooth lobe would scatter them; arrays have a row for each.
+
+    Attributes:
+        p: Positions [m], shape (n, 3).
+        n: Normals, shape (n, 3).
+        d: Unit vectors to where they have come from, shape (n, 3).
+        power: Power over the number of photons that were sent [W], shape (n,).
+        emitted: Power of all emitters that were sampled [W].
+    """
+
+    p: np.ndarray
+    n: np.ndarray
+    d: np.ndarray
+    power: np.ndarray
+    emitted: float
+
+
+def trace_photons(scene: mi.Scene, sensor: mi.Sensor, count: int, seed: int = 0) -> Photons:
+    """Trace `count` photons from emitters that paths can hit, by one or more delta lobes."""
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(seed, count)
+    ray = sensor.sample_ray(0.0, 0.5, mi.Point2f(0.5), mi.Point2f(0.5))[0]
+    emission = Emission(scene, sensor)
+    emitted = emission.sample(sampler, dr.select(dr.full(mi.Bool, True, count), ray, ray))
+    photons = _Recorder(emitted, count)
+    path = Path.start(emitted.ray, emitted.origin, emitted.active & ~emitted.delta)
+    parts = Parts(Vacuum(scene), photons, DeltaLobes(scene), Limits(MAX_LOBES, MAX_LOBES))
+    walk(sampler, path, parts, _Nothing())
+    weight = dr.select(emitted.active & ~emitted.delta, dr.mean(emitted.weight), 0)
+    dr.eval(photons.records, weight)
+    rows = np.array([np.array(each) for each in photons.records])
+    p, n, d, power = np.split(rows[:, rows[9] > 0], (3, 6, 9))
+    return Photons(p.T, n.T, d.T, power[0] / count, float(dr.mean(weight)[0]))
+
+
+class DeltaLobes(Materials):
+    """The delta lobes of surfaces, for paths from lights: others end a path."""
+
+    def __init__(self, scene: mi.Scene) -> None:
+        super().__init__(scene, importance=True)
+        self.adjoint_context.type_mask = int(mi.BSDFFlags.Delta)
+
+
+class _Recorder(Endpoint):
+    """Stores the first vertex with a smooth lobe, in one row for each lane."""
+
+    importance, finds_all = True, False
+
+    def __init__(self, emitted: Emitted, count: int) -> None:
+        self.emitted = emitted
+        self.records = [dr.zeros(mi.Float, count) for _ in range(10)]
+
+    def connect(
+        self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
+    ) -> Connection:
+        """Store the vertex, and connect it to nothing."""
+        p, n, d = vertex.si.p, vertex.si.n, -path.ray.d
+        power = dr.mean(self.emitted.weight * mi.unpolarized_spectrum(path.β))
+        lane = dr.arange(mi.UInt32, dr.width(self.records))
+        for record, value in zip(self.records, [*p, *n, *d, power], strict=True):
+            dr.scatter(record, value, lane, active & (path.depth > 0))
+        return Connection.to_point(p, d, mi.Float(0), False)
+
+
+@dataclass
+class _Nothing:
+    """Measurement that adds nothing."""
+
+    unused: mi.Float = field(default_factory=lambda: mi.Float(0))
+
+    def add(self, contribution: Contribution) -> None:
+        """Ignore the contribution."""
