@@ -139,8 +139,8 @@ ELSEWHERE = {
     "with_projector": "confocal_projector",
     "test_nlos_input.py": "pulse_values pulse_start_opl pulse_bin_width_opl original_film_width "
     "original_film_height",
-    "of some integrators alone": "max_bounces light_samples guiding pulse_width_opl temporal_filter "
-    "gaussian_stddev target_time",
+    "of some integrators alone": "max_bounces light_samples guiding pulse_width_opl "
+    "temporal_filter gaussian_stddev target_time",
 }
 """Parameters in the tables of docstrings that are tried elsewhere, or not with every plugin."""
 
