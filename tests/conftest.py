@@ -44,9 +44,10 @@ def mitsubas_steps(monkeypatch):
     """Let paths go as Mitsuba's do, so that our pictures are Mitsuba's to float rounding.
 
     They leave specular surfaces a fraction of a millimetre beside, see `test_lengths.py`, connect
-    each vertex to one light point, see `test_light_samples.py`, and find the lamps that the camera
-    sees, see `test_visible_emitters.py`.
+    each vertex to one light point, see `test_light_samples.py`, find the lamps that the camera
+    sees, see `test_visible_emitters.py`, and no caustics, see `test_guiding.py`.
     """
+    monkeypatch.setattr(tofrender.integrators.passes, "guided", lambda plan, _: plan)
     monkeypatch.setattr(
         tofrender.integrators.passes.VisibleEmitters, "of", classmethod(lambda *_: None)
     )
