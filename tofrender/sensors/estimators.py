@@ -1,0 +1,249 @@
+"""Estimators of rates, depths and echoes from histograms of photons."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from scipy import ndimage, signal as filters, stats
+
+from ..runtime import checks
+from .bounds import at_least_0, depth_bound
+from .response import Response
+
+METHODS = ("matched", "log_matched", "centroid", "ml")
+STEPS = 12  # Of Fisher scoring
+
+
+def coates(counts: Any, cycles: int) -> np.ndarray:
+    """Estimate rates from a histogram of first photons, which pile-up distorts.
+
+        rate_k = -ln(1 - N_k / (cycles - sum of N before k))
+
+    The maximum-likelihood estimate (Coates 1968), with the variance `coates_variance`.
+
+    Args:
+        counts: Counts N (..., bin), at least 0 and at most `cycles` in all.
+        cycles: Laser cycles.
+
+    Returns:
+        Photons per cycle (..., bin), float64; infinite where all cycles that are left detect, and
+        NaN after that.
+
+    Raises:
+        ValueError: Counts that are negative, not finite, or more than the cycles.
+
+    Example:
+        >>> coates([393469, 238651], 1_000_000).round(4).tolist()
+        [0.5, 0.5]
+    """
+    counts = at_least_0("counts", counts)
+    checks.shape("counts", counts, counts.ndim and counts.size, "(..., bin)")
+    cycles, most = checks.integer("cycles", cycles, 1, checks.MAX_SEED), counts.sum(axis=-1).max()
+    checks.require("cycles", cycles, most <= cycles, f"at least the counts of a pixel, {most:g}")
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return -np.log1p(-counts / (cycles - (np.cumsum(counts, axis=-1) - counts)))
+
+
+class _Histogram:
+    """Counts `n` (y, x, bin), and the masses of a response with their lags in bins."""
+
+    def __init__(self, counts: Any, response: Any, width: Any, start: Any) -> None:
+        self.pixels: Any = {}
+        if isinstance(counts, xr.Dataset):
+            whole = "counts" in counts and {"start_opl", "bin_width_opl"} <= set(counts.attrs)
+            checks.require("counts", counts, whole, "a Dataset of Spad.histogram")
+            for name, value in (("bin_width_opl", width), ("start_opl", start)):
+                checks.require(name, value, value is None, "None for a Dataset")
+            start, width = counts.attrs["start_opl"], counts.attrs["bin_width_opl"]
+            self.pixels = {name: counts[name] for name in "yx"}
+            counts = counts["counts"].values
+        self.n = at_least_0("counts", counts)
+        checks.shape("counts", self.n, self.n.ndim == 3 and self.n.size, "(y, x, bin)")
+        self.start = 0.0 if start is None else checks.metres("start_opl", start)
+        self.width = checks.width("bin_width_opl", width)
+        self.response = Response.of("response", response)
+        self.masses = self.response.kernel(self.width)
+        self.lags = np.arange(self.masses.size) - self.masses.size // 2
+        fits, bins = self.lags.size < self.n.shape[2], self.n.shape[2]
+        checks.require("response", response, fits, f"shorter than the window of {bins} bins")
+
+    def correlate(self, weights: np.ndarray) -> np.ndarray:
+        """Correlation of the counts with weights at the lags."""
+        return ndimage.correlate1d(self.n, weights, mode="constant")
+
+    def split(self, peak: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Counts around peaks, of these the signal, and the background per bin."""
+        inside = around(self.n, peak, self.lags)
+        total = inside.sum(axis=-1)
+        background = (self.n.sum(axis=-1) - total) / (self.n.shape[2] - self.lags.size)
+        return inside, np.maximum(total - background * self.lags.size, 0), background
+
+
+def around(values: np.ndarray, peak: Any, lags: np.ndarray) -> np.ndarray:
+    """Values (..., lag) of (..., bin) at these lags from each peak, 0 beyond the window."""
+    at = np.asarray(peak)[..., None] + lags
+    inside = (at >= 0) & (at < values.shape[-1])
+    return np.take_along_axis(values, np.where(inside, at, 0), axis=-1) * inside
+
+
+def estimate_depth(
+    counts: Any,
+    response: Any,
+    method: str = "ml",
+    *,
+    bin_width_opl: float | None = None,
+    start_opl: float | None = None,
+) -> xr.Dataset:
+    """Estimate the depth of the strongest return in each pixel, and how sure it is.
+
+    - "matched": maximum of the counts, correlated with the response's masses P_k.
+    - "log_matched": the same with log(1 + P_k S / b), the likelihood ratio of signal and
+      background, for the median S / b of all pixels.
+    - "centroid": mean position of the counts above background there, less the mean delay.
+    - "ml": from there, Fisher scoring for position and signal of each pixel, whose counts are
+      Poisson of mean S P_k(t) + b. Attains `depth_bound` where the return is found at all.
+
+    Maxima are refined by a parabola. The background b is the mean outside of the return.
+
+    Args:
+        counts: A Dataset of `Spad.histogram`, or counts (y, x, bin), at least 0.
+        response: A `Response`, a `GaussianPulse` or a `SampledPulse`: pulse and jitter together.
+        method: One of the above.
+        bin_width_opl: Width of the bins [m], for an array.
+        start_opl: Start of the first bin [m], for an array; None for 0.
+
+    Returns:
+        A Dataset (y, x): `depth` [m], half the path length; `depth_std` [m], the confidence:
+        `depth_bound` of the estimated `signal` and `background` (counts per bin). Without counts
+        above the background, NaN and infinite.
+
+    Raises:
+        ValueError: Wrong counts, method or bins, or a response longer than the window.
+
+    Example:
+        >>> counts = np.zeros((1, 1, 40))
+        >>> counts[0, 0, 18:21] = [20, 60, 20]
+        >>> found = estimate_depth(counts, Response(sigma_s=2e-10), bin_width_opl=0.1)
+        >>> round(found["depth"].item(), 3), round(found["depth_std"].item(), 4)
+        (0.975, 0.0033)
+    """
+    checks.one_of("method", method, METHODS)
+    data = _Histogram(counts, response, bin_width_opl, start_opl)
+    score = data.correlate(data.masses)
+    peak = score.argmax(axis=-1)
+    inside, signal, background = data.split(peak)
+    if method != "matched":
+        ratio = np.median(signal / np.maximum(background, 1e-3))
+        score = data.correlate(np.log1p(data.masses * max(ratio, 1.0)))
+        peak = score.argmax(axis=-1)
+        inside, signal, background = data.split(peak)
+    low, middle, high = np.moveaxis(around(score, peak, np.arange(-1, 2)), -1, 0)
+    curve = np.minimum(low - 2 * middle + high, -1e-9)
+    offset = np.clip((low - high) / (2 * curve), -0.5, 0.5)
+    if method == "centroid":
+        above = inside - background[..., None]
+        offset = (above @ data.lags) / np.maximum(signal, 1e-9) - data.masses @ data.lags
+    elif method == "ml":
+        offset, signal = _likeliest(data, inside, offset, signal, background)
+    signal = np.where(signal > 1e-2, signal, 0)
+    depth = (data.start + (peak + offset + 0.5) * data.width) / 2
+    values = {
+        "depth": np.where(signal > 0, depth, np.nan),
+        "depth_std": depth_bound(signal, background, data.response, data.width),
+        **{"signal": signal, "background": background},
+    }
+    images = {
+        name: (("y", "x"), each, {"units": "m" if name.startswith("depth") else "1"})
+        for name, each in values.items()
+    }
+    return xr.Dataset(images, data.pixels, {"method": method, "response": str(data.response)})
+
+
+def _likeliest(
+    data: _Histogram, inside: Any, offset: Any, signal: Any, background: Any
+) -> tuple[np.ndarray, np.ndarray]:
+    """Offset [bins] and signal of the greatest likelihood, by Fisher scoring."""
+    signal = np.maximum(signal, 1e-3)
+    base = np.maximum(background, 1e-6 * signal)[..., None]
+    for _ in range(STEPS):
+        near = (data.lags - 0.5 - offset[..., None]) * data.width
+        far = near + data.width
+        masses = data.response.cdf(far) - data.response.cdf(near)
+        moved = (data.response.pdf(near) - data.response.pdf(far)) * signal[..., None] * data.width
+        means = signal[..., None] * masses + base
+        excess = inside / means - 1
+        u, v = (excess * moved).sum(axis=-1), (excess * masses).sum(axis=-1)
+        a, b, d = (
+            (one * other / means).sum(axis=-1)
+            for one, other in ((moved, moved), (moved, masses), (masses, masses))
+        )
+        determinant = np.maximum(a * d - b * b, 1e-300)
+        step = np.clip((d * u - b * v) / determinant, -0.5, 0.5)
+        offset = np.clip(offset + step, -1.5, 1.5)
+        signal = np.maximum(signal + (a * v - b * u) / determinant, 1e-3)
+    return offset, signal
+
+
+def echoes(
+    counts: Any,
+    response: Any,
+    false_alarm: float = 1e-3,
+    *,
+    bin_width_opl: float | None = None,
+    start_opl: float | None = None,
+) -> xr.Dataset:
+    """Find all returns of each pixel, with intensity and width.
+
+    A return is a maximum of the counts correlated with the response, where more counts lie under
+    the response than the background explains: their Poisson tail is below what makes `false_alarm`
+    in all bins of a pixel (Šidák). Returns are at least the response apart.
+
+    Args:
+        counts: As for `estimate_depth`.
+        response: As for `estimate_depth`.
+        false_alarm: Probability of a false return in a pixel, above 0 and at most 0.5.
+        bin_width_opl: As for `estimate_depth`.
+        start_opl: As for `estimate_depth`.
+
+    Returns:
+        A Dataset along "echo", by row, column and path length: pixel indices `y`, `x`, `number` of
+        the return from 1, `opl` and `depth` [m], `intensity` [counts above background], and `width`
+        [m], the standard deviation of its counts, the response's included.
+
+    Raises:
+        ValueError: As for `estimate_depth`.
+
+    Example:
+        >>> counts = np.zeros((1, 1, 200))
+        >>> counts[0, 0, [50, 120]] = [30, 10]
+        >>> found = echoes(counts, Response(sigma_s=1e-10), bin_width_opl=0.1)
+        >>> found["number"].values.tolist(), found["intensity"].values.tolist()
+        ([1, 2], [30.0, 10.0])
+    """
+    false_alarm = checks.number("false_alarm", false_alarm, positive=True, high=0.5)
+    data = _Histogram(counts, response, bin_width_opl, start_opl)
+    lags = data.lags
+    score, sums = data.correlate(data.masses), data.correlate(np.ones(lags.size))
+    alpha = -np.expm1(np.log1p(-false_alarm) / data.n.shape[2])
+    above = np.zeros(data.n.shape, bool)
+    for _ in range(4):  # The background is that of bins without returns
+        quiet = ndimage.maximum_filter1d(above, lags.size) == 0
+        background = (data.n * quiet).sum(axis=-1) / np.maximum(quiet.sum(axis=-1), 1)
+        above = sums > stats.poisson.isf(alpha, background * lags.size)[..., None] + 0.5
+    rows = []
+    for y, x in np.argwhere(above.any(axis=-1)):
+        peaks = filters.find_peaks(np.pad(score[y, x], 1), distance=lags.size)[0] - 1
+        for number, k in enumerate(peaks[above[y, x][peaks]], 1):
+            inside = around(data.n[y, x], k, lags) - background[y, x]
+            total = inside.sum()
+            mean = inside @ lags / total
+            width = data.width * np.sqrt(max(inside @ (lags - mean) ** 2 / total, 0))
+            opl = data.start + (k + 0.5 + mean - data.masses @ lags) * data.width
+            rows.append((y, x, number, opl, opl / 2, total, width))
+    names = ["y", "x", "number", "opl", "depth", "intensity", "width"]
+    table = pd.DataFrame(rows, columns=names, dtype=np.float64).rename_axis("echo")
+    table = table.astype(dict.fromkeys(names[:3], int))
+    return table.to_xarray().assign_attrs(false_alarm=false_alarm)

@@ -1,0 +1,163 @@
+"""Correlation cameras (iToF, AMCW): frames of several taps and frequencies, phase and depth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from ..analysis.unwrapping import unwrap
+from ..runtime import checks
+from ..signals.units import SPEED_OF_LIGHT, check_below_limit, check_frequencies
+from .cameras import Camera
+from .rates import Rates
+
+
+@dataclass(frozen=True, kw_only=True)
+class Itof(Camera):
+    """Correlation camera whose N taps integrate light, demodulated at the phases 2 pi k / N.
+
+    Of S photoelectrons with the phase phi = 2 pi f opl / c, and B of unmodulated light (the
+    `background` of rates), tap k has in the mean
+
+        m_k = S / N g(phi - 2 pi k / N) + B / N,    g(a) = 1 + M (cos a + sum of a_h cos(h a))
+
+    Each tap has shot noise (Poisson) and read noise, saturates at the full well, and is digitised.
+    The phase is that of sum m_k exp(+2 pi i k / N): harmonics make it wiggle, with four taps by
+    arg(1 + a_3 exp(-4i phi) + a_5 exp(4i phi)). Lange and Seitz, IEEE J. Quantum Electronics 37
+    (2001).
+
+    Args:
+        frequencies_hz: Modulation frequencies [Hz], a frame for each; or one.
+        taps: Number N of taps, from 3 to 64.
+        contrast: Modulation contrast M in (0, 1].
+        harmonics: Amplitudes a_2, a_3, ...; a rectangle with a rectangle has 1 / h^2 for odd h. No
+            light may be negative, so g >= 0.
+        read_noise: Standard deviation of a tap's read noise [electrons].
+        full_well: Capacity of a tap [electrons], None for no saturation.
+        adc_bits: Bits of the converter, whose range is the full well; None for no quantisation.
+        black_level: Electrons added before conversion and subtracted after, so that noise around 0
+            is not cut off.
+
+    Raises:
+        ValueError: A value out of range, or a converter without a full well.
+
+    Example:
+        >>> camera = Itof(frequencies_hz=(20e6, 50e6), contrast=0.7)
+        >>> rates = np.zeros((1, 1, 60))
+        >>> rates[0, 0, 40] = 1.0  # At 20.25 m of path
+        >>> frames = camera.frames(rates, cycles=10**6, seed=1, bin_width_opl=0.5)
+        >>> round(camera.depth(frames)["depth"].item(), 1)
+        10.1
+    """
+
+    frequencies_hz: Any
+    taps: int = 4
+    contrast: float = 0.5
+    harmonics: tuple[float, ...] = ()
+    read_noise: float = 0.0
+    full_well: float | None = None
+    adc_bits: int | None = None
+    black_level: float = 0.0
+
+    def __post_init__(self) -> None:
+        frequencies, _ = check_frequencies(self.frequencies_hz, "frequencies_hz")
+        object.__setattr__(self, "frequencies_hz", tuple(frequencies))
+        checks.integer("taps", self.taps, 3, 64)
+        checks.number("contrast", self.contrast, positive=True, high=1)
+        harmonics = checks.finite("harmonics", checks.real_array("harmonics", self.harmonics))
+        checks.shape("harmonics", harmonics, harmonics.ndim == 1, "(n,)")
+        object.__setattr__(self, "harmonics", tuple(harmonics.tolist()))
+        bright = self.correlation(np.linspace(0, 2 * np.pi, 721)).min() >= -1e-9
+        checks.require("harmonics", self.harmonics, bright, "so small that no light is negative")
+        for name in ("read_noise", "black_level"):
+            checks.number(name, getattr(self, name), unit="electrons", low=0, high=1e9)
+        if self.full_well is not None:
+            checks.number("full_well", self.full_well, unit="electrons", positive=True)
+        if self.adc_bits is not None:
+            checks.integer("adc_bits", self.adc_bits, 1, 32)
+            checks.require("full_well", None, self.full_well is not None, "given with adc_bits")
+        needless = self.black_level == 0 or self.adc_bits is not None
+        checks.require("black_level", self.black_level, needless, "0 without adc_bits")
+
+    def correlation(self, angle: Any) -> np.ndarray:
+        """Relative sensitivity g of a tap at a phase difference [rad], of any shape."""
+        waves = [a * np.cos(h * angle) for h, a in enumerate((1.0, *self.harmonics), 1)]
+        return 1 + self.contrast * np.sum(waves, axis=0)
+
+    def _expected(self, rates: Rates) -> xr.Dataset:
+        check_below_limit(self.frequencies_hz, rates.width)
+        centres = rates.edges[:-1] + rates.width / 2
+        phases = 2 * np.pi / SPEED_OF_LIGHT * np.outer(self.frequencies_hz, centres)
+        steps = 2 * np.pi * np.arange(self.taps) / self.taps
+        waves = self.correlation(phases[:, None] - steps[:, None])
+        ambient = rates.dataset["background"].values
+        modulated = np.asarray(rates.values) - ambient[..., None]
+        taps = np.tensordot(waves, modulated, axes=(2, 2)) + ambient * centres.size
+        taps, dims = np.maximum(taps * rates.cycles / self.taps, 0), ("frequency", "tap", "y", "x")
+        return rates.result("taps", dims, taps, "electrons", frequency=list(self.frequencies_hz))
+
+    def _noisy(self, rng: np.random.Generator, expected: xr.Dataset) -> xr.Dataset:
+        means = expected["taps"].values
+        taps = rng.poisson(means) + rng.normal(0, self.read_noise, means.shape)
+        full = np.inf if self.full_well is None else self.full_well
+        saturated = (taps >= full).any(axis=(0, 1))
+        taps = np.minimum(taps, full)
+        if self.adc_bits is not None:
+            codes = (1 << self.adc_bits) - 1
+            taps = np.clip(np.rint((taps + self.black_level) / full * codes), 0, codes)
+            taps = taps * full / codes - self.black_level
+        found = expected.assign(taps=expected["taps"].copy(data=taps))
+        return found.assign(saturated=(("y", "x"), saturated))
+
+    def depth(self, frames: xr.Dataset, max_depth: float | None = None) -> xr.Dataset:
+        """Compute amplitude, phase and depth from frames; several frequencies are unwrapped.
+
+        Args:
+            frames: A Dataset of `frames` or `expected` of this camera.
+            max_depth: As for `tofrender.unwrap`, for several frequencies.
+
+        Returns:
+            A Dataset: `amplitude` [electrons] and `phase` [rad] in [0, 2 pi) (frequency, y, x),
+            `depth` and `residual` [m] (y, x) as of `unwrap`; NaN where a tap was saturated.
+
+        Raises:
+            ValueError: Frames of another camera, or as for `unwrap`.
+        """
+        shape = (len(self.frequencies_hz), self.taps)
+        own = isinstance(frames, xr.Dataset) and "taps" in frames
+        own = own and frames["taps"].shape[:2] == shape and frames["taps"].ndim == 4
+        checks.require("frames", frames, own, f"a Dataset with {shape} frames and taps")
+        turns = np.exp(2j * np.pi * np.arange(self.taps) / self.taps)
+        phasor = np.tensordot(frames["taps"].values, turns, axes=(1, 0))
+        if "saturated" in frames:
+            phasor[:, frames["saturated"].values] = np.nan
+        amplitude, phase = 2 * np.abs(phasor) / self.contrast, np.angle(phasor) % (2 * np.pi)
+        depth = phase[0] * SPEED_OF_LIGHT / (4 * np.pi * self.frequencies_hz[0]), 0 * phase[0]
+        if len(self.frequencies_hz) > 1:
+            lit = np.nan_to_num(amplitude)
+            depth = unwrap(phase, self.frequencies_hz, max_depth, amplitudes=lit)
+        found = {"amplitude": amplitude, "phase": phase, "depth": depth[0], "residual": depth[1]}
+        dims, units = ("frequency", "y", "x"), ("electrons", "rad", "m", "m")
+        named = zip(found.items(), units, strict=True)
+        images = {name: (dims[-v.ndim :], v, {"units": unit}) for (name, v), unit in named}
+        return xr.Dataset(images, frames.drop_vars(frames.data_vars).coords, frames.attrs)
+
+    def depth_bound(self, signal: Any, background: Any = 0.0) -> np.ndarray:
+        """Standard deviation of the depth [m] at the first frequency, with N >= 4 taps.
+
+            c / (4 pi f) sqrt(2 (S + B + N read_noise^2)) / (S M)
+
+        for S and B electrons of signal and background in all taps, without harmonics. With three
+        taps it is a mean over phases.
+
+        Example:
+            >>> camera = Itof(frequencies_hz=20e6, contrast=0.7, read_noise=15)
+            >>> (camera.depth_bound(6000, 2000) * 4 * np.pi * 20e6 / 299792458).round(7).item()
+            0.0317659
+        """
+        noise = np.add(signal, background) + self.taps * self.read_noise**2
+        to_depth = SPEED_OF_LIGHT / (4 * np.pi * self.frequencies_hz[0])
+        return to_depth * np.sqrt(2 * noise) / (np.asarray(signal) * self.contrast)

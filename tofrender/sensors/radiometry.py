@@ -1,0 +1,164 @@
+"""From rendered radiance to the photons that a sensor's pixel expects."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from ..rendering.dataset import time_axis
+from ..runtime import checks
+from ..signals.units import SPEED_OF_LIGHT
+
+PLANCK = 6.62607015e-34  # [J s]
+NEEDED = ("lamp_power_w", "wavelength_m", "f_number", "pixel_pitch_m")
+FRACTIONS = {"fill_factor", "transmission", "detection_efficiency"}
+
+
+def expected_photons(
+    dataset: xr.Dataset,
+    *,
+    photons_per_cycle: float | None = None,
+    background_per_cycle: float = 0.0,
+    channel: str | None = None,
+    lamp_power_w: float | None = None,
+    pulse_energy_j: float | None = None,
+    mean_power_w: float | None = None,
+    repetition_rate_hz: float | None = None,
+    wavelength_m: float | None = None,
+    f_number: float | None = None,
+    focal_length_m: float | None = None,
+    pixel_pitch_m: float | None = None,
+    fill_factor: float = 1.0,
+    transmission: float = 1.0,
+    detection_efficiency: float = 1.0,
+    ambient_radiance: float = 0.0,
+    dark_count_hz: float = 0.0,
+) -> xr.Dataset:
+    """Convert radiance per bin to expected detections per pixel, bin and laser cycle.
+
+    In the render, lamps of the constant power P cause the radiance H_k in bin k. A laser pulse of
+    the energy Q instead of them causes
+
+        radiance              H_k Q / P                                   [J m^-2 sr^-1]
+        irradiance            pi / (4 N^2) cos^4(angle off the axis)      times that [J m^-2]
+        energy on the pixel   pitch^2 fill_factor                         times that [J]
+        photons               wavelength / (h c)                          times that
+        signal_k              transmission detection_efficiency           times that
+
+    with the f-number N (camera equation for objects far away: Kolb, Mitchell and Hanrahan,
+    SIGGRAPH 1995). Ambient light takes the same way during a bin's time w / c, and
+
+        rate_k = signal_k + (ambient counts per second + dark_count_hz) w / c.
+
+    A pulse of the render is part of H_k. The short way: `photons_per_cycle` scales the signal to
+    so many detections per pixel and cycle, the mean over all pixels, and `background_per_cycle` is
+    spread over the bins; of the other parameters, only `channel` may then be given.
+
+    Args:
+        dataset: A Dataset of `render`, "radiance per bin"; if lazy, the result is, too. Of
+            polarised ones S0 counts.
+        photons_per_cycle: Mean signal per pixel and cycle, above 0.
+        background_per_cycle: Background per pixel and cycle, at least 0.
+        channel: The channel with the laser's colour; None for the mean of all.
+        lamp_power_w: Power P [W] that the lamps of the scene emit.
+        pulse_energy_j: Energy Q [J] of a laser pulse; or else, of which it is the ratio,
+        mean_power_w: mean power of the laser [W], and
+        repetition_rate_hz: pulses per second [1/s], whose period is no shorter than the window.
+        wavelength_m: Wavelength of the laser [m].
+        f_number: Focal length over diameter of the aperture.
+        focal_length_m: Focal length [m], for cos^4; None for 1.
+        pixel_pitch_m: Distance of pixels [m].
+        fill_factor: Sensitive part of a pixel, from 0 to 1.
+        transmission: Transmission of lens and filter, from 0 to 1.
+        detection_efficiency: Counts per photon, from 0 to 1.
+        ambient_radiance: Radiance of ambient light in the filter's band [W m^-2 sr^-1].
+        dark_count_hz: Dark counts of a pixel [1/s].
+
+    Returns:
+        A Dataset: `rate` (y, x, bin) with the coordinate opl [m]; `background` (y, x), the part of
+        each bin that does not depend on time; all parameters as attributes.
+
+    Raises:
+        ValueError: A parameter is missing, out of range or not allowed beside another.
+
+    Example:
+        >>> import tofrender
+        >>> options = {"spp": 4, "size": (8, 8), "window": "auto", "progress": False}
+        >>> box = tofrender.render("cornell_box", **options)
+        >>> rates = expected_photons(box, photons_per_cycle=0.5, background_per_cycle=0.1)
+        >>> rates["rate"].dims, round(rates["rate"].sum("bin").mean().item(), 3)
+        (('y', 'x', 'bin'), 0.6)
+    """
+    given = {name: value for name, value in locals().items() if name != "dataset"}
+    o: Any = SimpleNamespace(**given)
+    start, width = _check(dataset, given)
+    transient = dataset["transient"]
+    if "stokes" in transient.dims:
+        transient = transient.sel(stokes="S0", drop=True)
+    if channel is None:
+        transient = transient.mean("channel", dtype=np.float64)
+    else:
+        names = [str(each) for each in dataset["channel"].values]
+        transient = transient.sel(channel=checks.one_of("channel", channel, names), drop=True)
+    signal = transient.transpose("y", "x", "opl").clip(min=0)  # Filters have negative lobes
+    bins, bin_s = signal.sizes["opl"], width / SPEED_OF_LIGHT
+    if photons_per_cycle is not None:
+        signal = signal * (photons_per_cycle / signal.sum("opl").mean())
+        background: Any = background_per_cycle / bins
+    else:
+        if pulse_energy_j is None:
+            fits = o.repetition_rate_hz * bins * bin_s <= 1 + 1e-9
+            allowed = f"at most {1 / (bins * bin_s):g}, one over the window of the film"
+            checks.require("repetition_rate_hz", repetition_rate_hz, fits, allowed)
+            o.pulse_energy_j = o.mean_power_w / o.repetition_rate_hz
+        area = o.pixel_pitch_m**2 * fill_factor * np.pi / (4 * o.f_number**2)
+        counts = area * o.wavelength_m / (PLANCK * SPEED_OF_LIGHT)
+        counts = counts * transmission * detection_efficiency  # Per W m^-2 sr^-1 and second
+        if focal_length_m is not None:
+            square: Any = 1.0
+            for axis, size in (("x", "film_width"), ("y", "film_height")):
+                centre = dataset.attrs.get(size, dataset.sizes[axis]) / 2 - 0.5
+                square = square + ((dataset[axis] - centre) * o.pixel_pitch_m / focal_length_m) ** 2
+            counts = counts / square**2
+        signal = signal * counts * (o.pulse_energy_j / o.lamp_power_w)
+        background = (counts * ambient_radiance + dark_count_hz) * bin_s
+    background = (background + 0.0 * dataset["y"] + 0.0 * dataset["x"]).transpose("y", "x")
+    rate = (signal + background).transpose("y", "x", "opl")
+    rate = rate.drop_vars(["opl", "time"], errors="ignore").rename(opl="bin")
+    opl = "bin", dataset["opl"].values, dataset["opl"].attrs
+    kept = {name: dataset.attrs.get(name, "") for name in ("scene", "pulse")}
+    kept |= {name: value for name, value in given.items() if value is not None}
+    axis = {"start_opl": start, "bin_width_opl": width, "quantity": "rate", "units": "1"}
+    return xr.Dataset({"rate": rate, "background": background}, {"opl": opl}, kept | axis)
+
+
+def _check(dataset: Any, given: dict[str, Any]) -> tuple[float, float]:
+    """Refuse bad parameters, and return start and width [m] of the bins."""
+    whole = isinstance(dataset, xr.Dataset) and "transient" in dataset
+    whole = whole and {"y", "x", "opl", "channel"} <= set(dataset["transient"].dims)
+    checks.require("dataset", dataset, whole, "a Dataset of render")
+    quantity = dataset.attrs.get("quantity")
+    checks.require("quantity", quantity, quantity == "radiance per bin", "radiance per bin")
+    short = given["photons_per_cycle"] is not None
+    defaults: Any = expected_photons.__kwdefaults__
+    for name, default in defaults.items():
+        value = given[name]
+        if value is not None and name != "channel":
+            high = 1 if name in FRACTIONS else None
+            low = None if default is None else 0
+            checks.number(name, value, positive=default is None, low=low, high=high)
+        of_short = name in ("photons_per_cycle", "background_per_cycle")
+        excluded = name != "channel" and value != default and of_short != short
+        allowed = f"left out {'with' if short else 'without'} photons_per_cycle"
+        checks.require(name, value, not excluded, allowed)
+    pulse, *pair = (given[n] for n in ("pulse_energy_j", "mean_power_w", "repetition_rate_hz"))
+    one = short or (None not in pair if pulse is None else pair == [None, None])
+    allowed = "given, or mean_power_w and repetition_rate_hz, and not both"
+    checks.require("pulse_energy_j", pulse, one, allowed)
+    for name in NEEDED:
+        allowed = "given, or photons_per_cycle instead of optics"
+        checks.require(name, given[name], short or given[name] is not None, allowed)
+    return time_axis(dataset)

@@ -1,0 +1,140 @@
+"""Expected photons per pixel, bin and laser cycle, from which all sensor models start."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from ..runtime import checks
+from ..signals.units import SPEED_OF_LIGHT
+
+DIMS = ("y", "x", "bin")
+AXIS = ("start_opl", "bin_width_opl")
+MAX_CYCLES = (1 << 31) - 1
+MAX_RATE = 50.0  # Photons per pixel and cycle above which users are warned
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Rates as of `expected_photons`, NumPy or Dask, and for how many cycles a sensor sees them."""
+
+    dataset: xr.Dataset
+    cycles: int
+
+    @classmethod
+    def of(cls, rates: Any, cycles: Any, bin_width_opl: Any) -> Rates:
+        """Check a Dataset of `expected_photons`, or an array with the width of its bins [m]."""
+        cycles = checks.integer("cycles", cycles, 1, MAX_CYCLES)
+        if not isinstance(rates, xr.Dataset):
+            values = checks.real_array("rates", rates)
+            checks.shape("rates", values, values.ndim == 3 and values.size, "(y, x, bin)")
+            attrs = {AXIS[0]: 0.0, AXIS[1]: checks.width(AXIS[1], bin_width_opl)}
+            arrays = {"rate": (DIMS, values), "background": (DIMS[:2], np.zeros(values.shape[:2]))}
+            coords = {name: np.arange(n) for name, n in zip("yx", values.shape, strict=False)}
+            rates = xr.Dataset(arrays, coords, attrs)
+        else:
+            checks.require(AXIS[1], bin_width_opl, bin_width_opl is None, "None for a Dataset")
+        whole = {"rate", "background"} <= set(rates) and set(AXIS) <= set(rates.attrs)
+        whole = whole and rates["rate"].dims == DIMS and 0 not in rates["rate"].shape
+        checks.require("rates", rates, whole, "an array or a Dataset of expected_photons")
+        if hasattr(rates["rate"].data, "dask"):
+            whole = rates["rate"].data.rechunk({2: -1})
+            rates = rates.assign(rate=(DIMS, whole.map_blocks(check, dtype=whole.dtype)))
+        else:
+            check(rates["rate"].data)
+        return cls(rates, cycles)
+
+    @property
+    def values(self) -> Any:
+        """Photons per cycle (y, x, bin)."""
+        return self.dataset["rate"].data
+
+    @property
+    def width(self) -> float:
+        """Width of a bin [m]."""
+        return float(self.dataset.attrs["bin_width_opl"])
+
+    @property
+    def edges(self) -> np.ndarray:
+        """Edges of the bins [m]."""
+        return self.dataset.attrs["start_opl"] + np.arange(self.values.shape[2] + 1) * self.width
+
+    def bins_of(self, name: str, time_s: float) -> int:
+        """Whole bins of a time [s], which must be shorter than the window."""
+        window = self.values.shape[2] * self.width / SPEED_OF_LIGHT
+        checks.require(name, time_s, time_s < window, f"shorter than the window, {window:g} s")
+        return round(time_s * SPEED_OF_LIGHT / self.width)
+
+    def result(self, name: str, dims: Any, values: Any, units: str, **coords: Any) -> xr.Dataset:
+        """Dataset of what a sensor measures, with pixels and attributes of the rates."""
+        pixels = {axis: self.dataset[axis] for axis in "yx" if axis in self.dataset.coords}
+        attrs = self.dataset.attrs | {"cycles": self.cycles, "quantity": name, "units": units}
+        return xr.Dataset({name: (dims, values, {"units": units})}, pixels | coords, attrs)
+
+
+def check(values: np.ndarray) -> np.ndarray:
+    """Refuse rates that are not finite or negative; warn where single cycles say little."""
+    checks.finite("rates", values)
+    if values.min(initial=0) < 0:
+        raise ValueError(f"rates = {values.min():g}: must be at least 0")
+    most = float(values.sum(axis=2).max(initial=0))
+    if most > MAX_RATE:
+        warnings.warn(
+            f"rates: a pixel expects {most:.3g} photons per cycle; above {MAX_RATE:g} a detector "
+            "is blind or saturated after the first bins, and what it measures says little",
+            stacklevel=4,
+        )
+    return values
+
+
+def generator(seed: int, *key: int) -> np.random.Generator:
+    """Random numbers of a part of a film, the same however it is cut into chunks."""
+    seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
+    return np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=key)))
+
+
+def rebin(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Sums of (..., bin) between edges in bins, each bin being spread evenly over its width."""
+    sums = np.zeros((*values.shape[:-1], values.shape[-1] + 1))
+    np.cumsum(values, axis=-1, out=sums[..., 1:])
+    low = np.floor(edges).astype(int)
+    high = np.minimum(low + 1, values.shape[-1])
+    return np.diff(sums[..., low] + (edges - low) * (sums[..., high] - sums[..., low]), axis=-1)
+
+
+class Block(NamedTuple):
+    """Rates of some rows of a film, `inner`, and of neighbours; `first` is the first row of all."""
+
+    values: Any
+    first: int
+    inner: range
+
+
+def by_blocks(
+    function: Callable[[Block], Any], values: Any, rows: int, halo: int, sizes: Any, dtype: Any
+) -> list[Any]:
+    """Results for blocks of rows, with `halo` more rows at inner edges, in threads.
+
+    With Dask values, they are lazy arrays of a type, and of a row's sizes (rows, ...).
+    """
+    parts = []
+    for start in range(0, len(values), rows):
+        low, stop = max(0, start - halo), min(len(values), start + rows)
+        parts.append(Block(values[low : stop + halo], low, range(start - low, stop - low)))
+    if hasattr(values, "dask"):
+        import dask.array as da
+        from dask.delayed import delayed
+
+        lazy = [delayed(lambda *part: function(Block(*part)))(*part) for part in parts]
+        heights = [len(part.inner) * sizes[0] // len(values) for part in parts]
+        shapes = [(height, *sizes[1:]) for height in heights]
+        return [da.from_delayed(*each, dtype) for each in zip(lazy, shapes, strict=True)]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # NumPy's generators run at the same time
+        return list(pool.map(function, parts))

@@ -1,0 +1,213 @@
+"""Arrays of single-photon avalanche diodes (SPAD): time stamps and histograms of photons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from ..runtime import checks
+from .rates import Block, Rates, by_blocks
+from .readout import Readout
+from .response import Response
+
+MODES = ("first_photon", "multi_hit", "free_running")
+ROWS = 8  # That are simulated together
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spad:
+    """SPAD array with time-correlated single-photon counting (TCSPC).
+
+    The chain is: photons (Poisson; the detection efficiency is part of the rates) -> detection with
+    dead time, of afterpulses and crosstalk, too -> macro pixels -> jitter -> time-to-digital
+    converter (TDC). Time is resolved to the bins of the rates: a dead time covers whole bins, and
+    with one a bin detects at most once per cycle. Afterpulses cause further ones; crosstalk goes to
+    one of four neighbours and causes no more, which is right to first order in its probability.
+
+    Args:
+        mode: "first_photon": armed when a cycle starts, for one detection; "multi_hit": armed when
+            a cycle starts, and again after the dead time; "free_running": the dead time goes on
+            into the next cycle, which starts where the window ends.
+        dead_time_s: Dead time [s], shorter than the window; 0 for none, and for "first_photon".
+        paralysable: Whether photons within the dead time prolong it.
+        afterpulse_probability: Probability, up to 0.9, that an afterpulse follows a detection when
+            the dead time is over; after
+        afterpulse_time_s: this mean time [s].
+        crosstalk_probability: Probability, up to 0.9, of an avalanche in a neighbour, at once.
+        jitter: A `Response` or pulse that delays time stamps, None for none.
+        tdc_bits: The TDC has 2^bits codes; later stamps are lost. None for as many as fit.
+        tdc_lsb_s: Width of a code [s], a whole number of bins; None for one bin.
+        tdc_dnl: Differential nonlinearity: standard deviation of the codes' widths, in codes.
+        macro_pixel: (rows, columns) of SPADs that share a TDC; must divide the film.
+        coincidence: Avalanches in a macro pixel that are a detection if they lie within
+        coincidence_window_s: this time [s]; 0 for the same bin.
+        hot_fraction: Part of the pixels, up to 0.9, that have
+        hot_rate_hz: so many dark counts more [1/s].
+        device_seed: Chooses hot pixels and widths of codes.
+
+    Raises:
+        ValueError: A value out of range, or a parameter that nothing depends on.
+
+    Example:
+        >>> rates = np.full((2, 3, 50), 0.02)  # Photons per bin and cycle
+        >>> spad = Spad(jitter=Response(sigma_s=50e-12))
+        >>> counts = spad.histogram(rates, 10_000, seed=1, bin_width_opl=0.02)["counts"]
+        >>> counts.dims, counts.dtype, bool(counts.sum("bin").max() < 10_000)
+        (('y', 'x', 'bin'), dtype('uint16'), True)
+        >>> Spad(dead_time_s=-1e-9)
+        Traceback (most recent call last):
+        ValueError: dead_time_s = -1e-09: must be a finite number of seconds from 0 to 1
+    """
+
+    mode: str = "first_photon"
+    dead_time_s: float = 0.0
+    paralysable: bool = False
+    afterpulse_probability: float = 0.0
+    afterpulse_time_s: float = 0.0
+    crosstalk_probability: float = 0.0
+    jitter: Any = None
+    tdc_bits: int | None = None
+    tdc_lsb_s: float | None = None
+    tdc_dnl: float = 0.0
+    macro_pixel: tuple[int, int] = (1, 1)
+    coincidence: int = 1
+    coincidence_window_s: float = 0.0
+    hot_fraction: float = 0.0
+    hot_rate_hz: float = 0.0
+    device_seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("dead_time_s", "afterpulse_time_s", "coincidence_window_s"):
+            checks.number(name, getattr(self, name), unit="seconds", low=0, high=1)
+        for name in ("afterpulse_probability", "crosstalk_probability", "hot_fraction"):
+            checks.number(name, getattr(self, name), low=0, high=0.9)
+        checks.number("tdc_dnl", self.tdc_dnl, low=0, high=0.5)
+        checks.number("hot_rate_hz", self.hot_rate_hz, unit="hertz", low=0, high=1e12)
+        checks.one_of("mode", self.mode, MODES)
+        checks.boolean("paralysable", self.paralysable)
+        checks.integer("device_seed", self.device_seed, 0, checks.MAX_SEED)
+        if self.jitter is not None:
+            object.__setattr__(self, "jitter", Response.of("jitter", self.jitter))
+        if self.tdc_bits is not None:
+            checks.integer("tdc_bits", self.tdc_bits, 1, 20)
+        if self.tdc_lsb_s is not None:
+            checks.number("tdc_lsb_s", self.tdc_lsb_s, unit="seconds", positive=True)
+        sizes = checks.items("macro_pixel", self.macro_pixel, 2, "(rows, columns)")
+        tall, wide = (checks.integer("macro_pixel", n, 1, 64) for n in sizes)
+        object.__setattr__(self, "macro_pixel", (tall, wide))
+        checks.integer("coincidence", self.coincidence, 1, tall * wide)
+        for name, used in (
+            ("dead_time_s", self.mode != "first_photon"),
+            ("paralysable", self.dead_time_s > 0),
+            ("afterpulse_time_s", self.afterpulse_probability > 0),
+            ("hot_rate_hz", self.hot_fraction > 0),
+            ("coincidence_window_s", self.coincidence > 1),
+        ):
+            value = getattr(self, name)
+            checks.require(name, value, used or not value, "left out where nothing depends on it")
+
+    def histogram(
+        self, rates: Any, cycles: int, seed: int = 0, *, bin_width_opl: float | None = None
+    ) -> xr.Dataset:
+        """Simulate histograms of time stamps.
+
+        Cycles that start armed, without paralysis, afterpulses, crosstalk and macro pixels, are
+        drawn from the exact distributions of their counts, at a cost that hardly depends on
+        `cycles`; all else photon by photon, as `photons` does. Each row has random numbers of its
+        own, so that chunks do not change the result.
+
+        Args:
+            rates: A Dataset of `expected_photons`, or photons per pixel, bin and cycle, at least 0,
+                as an array (y, x, bin). If lazy (Dask), the result is, too.
+            cycles: Laser cycles, at least 1.
+            seed: Seed of the random numbers.
+            bin_width_opl: Width of the bins [m], for an array.
+
+        Returns:
+            A Dataset with `counts` (y, x, bin), uint16 for "first_photon" with at most 65535
+            cycles, else uint32; nominal centres of the codes as the coordinate opl [m].
+
+        Raises:
+            ValueError: Rates that are negative or not finite, a dead time longer than the window, a
+                TDC or macro pixels that do not divide bins or pixels.
+
+        Warns:
+            UserWarning: More photons per cycle than the model is meant for.
+        """
+        found = Rates.of(rates, cycles, bin_width_opl)
+        few = self.mode == "first_photon" and found.cycles < 1 << 16
+        readout = Readout(self, found, seed)
+        return self._images(readout, found, readout.histogram, np.uint16 if few else np.uint32)
+
+    def expected(
+        self, rates: Any, cycles: int = 1, *, bin_width_opl: float | None = None
+    ) -> xr.Dataset:
+        """Compute the expectation of `histogram`, float64; for "free_running" the stationary one.
+
+        Arguments and errors are as there; afterpulses, crosstalk and macro pixels have no closed
+        form and are refused.
+        """
+        for name in ("afterpulse_probability", "crosstalk_probability"):
+            checks.require(name, getattr(self, name), not getattr(self, name), "0 for expected")
+        alone = self.macro_pixel == (1, 1)
+        checks.require("macro_pixel", self.macro_pixel, alone, "(1, 1) for expected")
+        found = Rates.of(rates, cycles, bin_width_opl)
+        readout = Readout(self, found)
+        return self._images(readout, found, readout.expected, np.float64)
+
+    def photons(
+        self, rates: Any, cycles: int, seed: int = 0, *, bin_width_opl: float | None = None
+    ) -> xr.Dataset:
+        """Simulate a table of time stamps, sorted by row, pixel and time of detection.
+
+        Arguments and errors are as for `histogram`; lazy rates are computed. About 100 bytes of
+        memory per photon are needed.
+
+        Returns:
+            A Dataset along "photon": pixel indices `y` and `x`, `cycle`, TDC code `bin`, and the
+            code's nominal centre `opl` [m].
+
+        Example:
+            >>> table = Spad().photons(np.full((1, 1, 4), 0.1), 1000, bin_width_opl=0.1)
+            >>> sorted(table.data_vars), bool(table["cycle"].to_index().is_unique)
+            (['bin', 'cycle', 'opl', 'x', 'y'], True)
+        """
+        found = Rates.of(rates, cycles, bin_width_opl)
+        readout, values = Readout(self, found, seed), np.asarray(found.values)
+        parts = by_blocks(readout.table, values, *self._blocks(), None, None)
+        columns = map(np.concatenate, zip(*parts, strict=True))
+        table: dict[str, Any] = dict(zip(("y", "x", "cycle", "bin"), columns, strict=True))
+        table["opl"] = readout.centres[table["bin"]]
+        attrs = found.dataset.attrs | self._attrs(readout) | {"quantity": "photons"}
+        return xr.Dataset({name: ("photon", each) for name, each in table.items()}, attrs=attrs)
+
+    def _images(self, readout: Readout, rates: Rates, function: Any, dtype: Any) -> xr.Dataset:
+        def converted(block: Block) -> np.ndarray:
+            return function(block).astype(dtype, copy=False)
+
+        parts = by_blocks(converted, rates.values, *self._blocks(), readout.shape, dtype)
+        if hasattr(rates.values, "dask"):
+            import dask.array as da
+
+            counts: Any = da.concatenate(parts)
+        else:
+            counts = np.concatenate(parts)
+        steps = {name: slice(None, None, n) for name, n in zip("yx", self.macro_pixel, strict=True)}
+        found = Rates(rates.dataset.isel(steps), rates.cycles)
+        opl = "bin", readout.centres, {"units": "m", "long_name": "optical path length"}
+        images = found.result("counts", ("y", "x", "bin"), counts, "1", opl=opl)
+        return images.assign_attrs(self._attrs(readout))
+
+    def _attrs(self, readout: Readout) -> dict[str, Any]:
+        given = {f"spad_{each.name}": getattr(self, each.name) for each in fields(self)}
+        plain = {k: v if isinstance(v, int | float) else str(v) for k, v in given.items()}
+        axis = {"bin_width_opl": readout.code_width, "sensor_seed": readout.seed}
+        return plain | axis | {"cycles": readout.layout.cycles}
+
+    def _blocks(self) -> tuple[int, int]:
+        """Rows of a block, whole macro pixels, and rows beside it that it depends on."""
+        tall = self.macro_pixel[0]
+        return -(-ROWS // tall) * tall, int(self.crosstalk_probability > 0)
