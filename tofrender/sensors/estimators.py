@@ -14,6 +14,7 @@ from .bounds import at_least_0, depth_bound
 from .response import Response
 
 METHODS = ("matched", "log_matched", "centroid", "ml")
+TAIL = 1e-3  # Of the response, at each end, that no return includes
 STEPS = 12  # Of Fisher scoring
 
 
@@ -65,7 +66,7 @@ class _Histogram:
         self.start = 0.0 if start is None else checks.metres("start_opl", start)
         self.width = checks.width("bin_width_opl", width)
         self.response = Response.of("response", response)
-        self.masses = self.response.kernel(self.width)
+        self.masses = self.response.kernel(self.width, TAIL)
         self.lags = np.arange(self.masses.size) - self.masses.size // 2
         fits, bins = self.lags.size < self.n.shape[2], self.n.shape[2]
         checks.require("response", response, fits, f"shorter than the window of {bins} bins")
@@ -204,7 +205,7 @@ def echoes(
     Args:
         counts: As for `estimate_depth`.
         response: As for `estimate_depth`.
-        false_alarm: Probability of a false return in a pixel, above 0 and at most 0.5.
+        false_alarm: Probability, above 0 and at most 0.5, that false returns in a pixel stay below.
         bin_width_opl: As for `estimate_depth`.
         start_opl: As for `estimate_depth`.
 

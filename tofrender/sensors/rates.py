@@ -18,7 +18,6 @@ from ..signals.units import SPEED_OF_LIGHT
 DIMS = ("y", "x", "bin")
 AXIS = ("start_opl", "bin_width_opl")
 MAX_CYCLES = (1 << 31) - 1
-MAX_RATE = 50.0  # Photons per pixel and cycle above which users are warned
 
 
 @dataclass(frozen=True)
@@ -29,8 +28,11 @@ class Rates:
     cycles: int
 
     @classmethod
-    def of(cls, rates: Any, cycles: Any, bin_width_opl: Any) -> Rates:
-        """Check a Dataset of `expected_photons`, or an array with the width of its bins [m]."""
+    def of(cls, rates: Any, cycles: Any, bin_width_opl: Any, most: float = np.inf) -> Rates:
+        """Check a Dataset of `expected_photons`, or an array with the width of its bins [m].
+
+        Above `most` photons per pixel and cycle, users are warned.
+        """
         cycles = checks.integer("cycles", cycles, 1, MAX_CYCLES)
         if not isinstance(rates, xr.Dataset):
             values = checks.real_array("rates", rates)
@@ -46,9 +48,9 @@ class Rates:
         checks.require("rates", rates, whole, "an array or a Dataset of expected_photons")
         if hasattr(rates["rate"].data, "dask"):
             whole = rates["rate"].data.rechunk({2: -1})
-            rates = rates.assign(rate=(DIMS, whole.map_blocks(check, dtype=whole.dtype)))
+            rates = rates.assign(rate=(DIMS, whole.map_blocks(check, most, dtype=whole.dtype)))
         else:
-            check(rates["rate"].data)
+            check(rates["rate"].data, most)
         return cls(rates, cycles)
 
     @property
@@ -79,16 +81,16 @@ class Rates:
         return xr.Dataset({name: (dims, values, {"units": units})}, pixels | coords, attrs)
 
 
-def check(values: np.ndarray) -> np.ndarray:
-    """Refuse rates that are not finite or negative; warn where single cycles say little."""
+def check(values: np.ndarray, most: float) -> np.ndarray:
+    """Refuse rates that are not finite or negative; warn of more than `most` per pixel."""
     checks.finite("rates", values)
     if values.min(initial=0) < 0:
         raise ValueError(f"rates = {values.min():g}: must be at least 0")
-    most = float(values.sum(axis=2).max(initial=0))
-    if most > MAX_RATE:
+    found = 0.0 if most == np.inf else float(values.sum(axis=2).max(initial=0))
+    if found > most:
         warnings.warn(
-            f"rates: a pixel expects {most:.3g} photons per cycle; above {MAX_RATE:g} a detector "
-            "is blind or saturated after the first bins, and what it measures says little",
+            f"rates: a pixel expects {found:.3g} photons per cycle; above {most:g} a detector is "
+            "blind after the first bins, and what it measures says little",
             stacklevel=4,
         )
     return values

@@ -86,13 +86,13 @@ class Response:
         """Probability of delays up to `opl` [m]."""
         return self.distribution.cdf(opl)
 
-    def kernel(self, bin_width_opl: float) -> np.ndarray:
+    def kernel(self, bin_width_opl: float, tail: float = TAIL) -> np.ndarray:
         """Probabilities that stamps move by k = -n to n bins of width w [m] from a bin's centre.
 
-        They are cdf((k + 1/2) w) - cdf((k - 1/2) w), and sum to 1.
+        They are cdf((k + 1/2) w) - cdf((k - 1/2) w), and sum to 1; `tail` is left out at each end.
         """
         width = checks.width("bin_width_opl", bin_width_opl)
-        ends = self.distribution.ppf([TAIL, 1 - TAIL])
+        ends = self.distribution.ppf([tail, 1 - tail])
         reach = max(1, int(np.rint(np.abs(ends).max() / width)))
         masses = np.diff(self.cdf((np.arange(-reach, reach + 2) - 0.5) * width))
         return masses / masses.sum()

@@ -15,6 +15,7 @@ from .response import Response
 
 MODES = ("first_photon", "multi_hit", "free_running")
 ROWS = 8  # That are simulated together
+MAX_RATE = 50.0  # Photons per pixel and cycle
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +138,7 @@ class Spad:
         Warns:
             UserWarning: More photons per cycle than the model is meant for.
         """
-        found = Rates.of(rates, cycles, bin_width_opl)
+        found = Rates.of(rates, cycles, bin_width_opl, MAX_RATE)
         few = self.mode == "first_photon" and found.cycles < 1 << 16
         readout = Readout(self, found, seed)
         return self._images(readout, found, readout.histogram, np.uint16 if few else np.uint32)
@@ -154,7 +155,7 @@ class Spad:
             checks.require(name, getattr(self, name), not getattr(self, name), "0 for expected")
         alone = self.macro_pixel == (1, 1)
         checks.require("macro_pixel", self.macro_pixel, alone, "(1, 1) for expected")
-        found = Rates.of(rates, cycles, bin_width_opl)
+        found = Rates.of(rates, cycles, bin_width_opl, MAX_RATE)
         readout = Readout(self, found)
         return self._images(readout, found, readout.expected, np.float64)
 
@@ -175,7 +176,7 @@ class Spad:
             >>> sorted(table.data_vars), bool(table["cycle"].to_index().is_unique)
             (['bin', 'cycle', 'opl', 'x', 'y'], True)
         """
-        found = Rates.of(rates, cycles, bin_width_opl)
+        found = Rates.of(rates, cycles, bin_width_opl, MAX_RATE)
         readout, values = Readout(self, found, seed), np.asarray(found.values)
         parts = by_blocks(readout.table, values, *self._blocks(), None, None)
         columns = map(np.concatenate, zip(*parts, strict=True))
