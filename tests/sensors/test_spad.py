@@ -173,8 +173,8 @@ def test_response(width, tmp_path):
     t = np.linspace(-3 * s, 6 * s, 50)
     formula = np.exp(s * s / (2 * a * a) - t / a) / (2 * a)
     formula *= erfc((s / a - t / s) / np.sqrt(2))
-    assert response.pdf(t) == pytest.approx(formula, rel=1e-9)
-    slopes = (response.cdf(t + 1e-6) - response.cdf(t - 1e-6)) / 2e-6
+    assert response.distribution.pdf(t) == pytest.approx(formula, rel=1e-9)
+    slopes = (response.distribution.cdf(t + 1e-6) - response.distribution.cdf(t - 1e-6)) / 2e-6
     assert slopes == pytest.approx(formula, rel=1e-5)
     path = tmp_path / "irf.csv"
     path.write_text("\n".join(f"{x},{p}" for x, p in zip(lags, masses, strict=True)))
@@ -371,7 +371,9 @@ def test_expected_is_refused_where_there_is_no_closed_form():
         {"crosstalk_probability": 0.1},
         {"macro_pixel": (1, 1)} | {"afterpulse_probability": 0.1},
     ):
-        refused("0 for expected", Spad(**given).expected, np.ones((1, 1, 5)), bin_width_opl=WIDTH)
+        refused(
+            "left out for expected", Spad(**given).expected, np.ones((1, 1, 5)), bin_width_opl=WIDTH
+        )
 
 
 def test_too_many_photons_warn():

@@ -9,9 +9,9 @@ from .cameras import (
 from .estimators import (
     coates as coates,
     echoes as echoes,
+    error_figure as error_figure,
     estimate_depth as estimate_depth,
 )
-from .figures import error_figure as error_figure
 from .itof import Itof as Itof
 from .radiometry import expected_photons as expected_photons
 from .response import Response as Response

@@ -47,7 +47,8 @@ def depth_bound(signal: Any, background: Any, response: Any, bin_width_opl: floa
     response = Response.of("response", response)
     reach = response.kernel(bin_width_opl).size // 2
     edges = (np.arange(-reach, reach + 2) - 0.5) * bin_width_opl
-    masses, slopes = (np.diff(each(edges)) for each in (response.cdf, response.pdf))
+    shape = response.distribution
+    masses, slopes = (np.diff(each(edges)) for each in (shape.cdf, shape.pdf))
     information: Any = np.zeros(np.broadcast_shapes(signal.shape, background.shape))
     for mass, slope in zip(masses, slopes, strict=True):
         mean = signal * mass + background

@@ -22,7 +22,7 @@ class Camera:
         self, rates: Any, cycles: int = 1, *, bin_width_opl: float | None = None
     ) -> xr.Dataset:
         """Compute the expectation of `frames`, float64, before saturation and quantisation."""
-        return self._expected(Rates.of(rates, cycles, bin_width_opl))
+        return self._expected(Rates(rates, cycles, bin_width_opl))
 
     def frames(
         self, rates: Any, cycles: int, seed: int = 0, *, bin_width_opl: float | None = None

@@ -6,7 +6,6 @@ import os
 import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,53 +19,43 @@ AXIS = ("start_opl", "bin_width_opl")
 MAX_CYCLES = (1 << 31) - 1
 
 
-@dataclass(frozen=True)
 class Rates:
-    """Rates as of `expected_photons`, NumPy or Dask, and for how many cycles a sensor sees them."""
+    """Rates that a sensor sees for some cycles, with a warning above `most` photons per pixel.
 
-    dataset: xr.Dataset
-    cycles: int
+    Args:
+        rates: A Dataset of `expected_photons`, NumPy or Dask, or an array (y, x, bin).
+        cycles: Laser cycles.
+        bin_width_opl: Width of the bins [m], for an array.
+        most: Photons per pixel and cycle.
 
-    @classmethod
-    def of(cls, rates: Any, cycles: Any, bin_width_opl: Any, most: float = np.inf) -> Rates:
-        """Check a Dataset of `expected_photons`, or an array with the width of its bins [m].
+    Attributes:
+        dataset: The Dataset.
+        values: Photons per pixel, bin and cycle (y, x, bin).
+        width: Width of the bins [m]; `edges` are theirs [m].
+    """
 
-        Above `most` photons per pixel and cycle, users are warned.
-        """
-        cycles = checks.integer("cycles", cycles, 1, MAX_CYCLES)
+    def __init__(self, rates: Any, cycles: Any, bin_width_opl: Any, most: float = np.inf) -> None:
+        self.cycles = checks.integer("cycles", cycles, 1, MAX_CYCLES)
         if not isinstance(rates, xr.Dataset):
             values = checks.real_array("rates", rates)
             checks.shape("rates", values, values.ndim == 3 and values.size, "(y, x, bin)")
             attrs = {AXIS[0]: 0.0, AXIS[1]: checks.width(AXIS[1], bin_width_opl)}
-            arrays = {"rate": (DIMS, values), "background": (DIMS[:2], np.zeros(values.shape[:2]))}
-            coords = {name: np.arange(n) for name, n in zip("yx", values.shape, strict=False)}
-            rates = xr.Dataset(arrays, coords, attrs)
+            arrays = {"rate": (DIMS, values), "background": (DIMS[:2], 0.0 * values[..., 0])}
+            rates = xr.Dataset(arrays, attrs=attrs)
         else:
             checks.require(AXIS[1], bin_width_opl, bin_width_opl is None, "None for a Dataset")
         whole = {"rate", "background"} <= set(rates) and set(AXIS) <= set(rates.attrs)
         whole = whole and rates["rate"].dims == DIMS and 0 not in rates["rate"].shape
         checks.require("rates", rates, whole, "an array or a Dataset of expected_photons")
-        if hasattr(rates["rate"].data, "dask"):
-            whole = rates["rate"].data.rechunk({2: -1})
-            rates = rates.assign(rate=(DIMS, whole.map_blocks(check, most, dtype=whole.dtype)))
+        self.dataset, self.values = rates, rates["rate"].data
+        if hasattr(self.values, "dask"):
+            self.values = self.values.rechunk({2: -1}).map_blocks(
+                check, most, dtype=rates["rate"].dtype
+            )
         else:
-            check(rates["rate"].data, most)
-        return cls(rates, cycles)
-
-    @property
-    def values(self) -> Any:
-        """Photons per cycle (y, x, bin)."""
-        return self.dataset["rate"].data
-
-    @property
-    def width(self) -> float:
-        """Width of a bin [m]."""
-        return float(self.dataset.attrs["bin_width_opl"])
-
-    @property
-    def edges(self) -> np.ndarray:
-        """Edges of the bins [m]."""
-        return self.dataset.attrs["start_opl"] + np.arange(self.values.shape[2] + 1) * self.width
+            check(self.values, most)
+        start, self.width = (float(rates.attrs[name]) for name in AXIS)
+        self.edges = start + np.arange(self.values.shape[2] + 1) * self.width
 
     def bins_of(self, name: str, time_s: float) -> int:
         """Whole bins of a time [s], which must be shorter than the window."""
@@ -120,11 +109,11 @@ class Block(NamedTuple):
 
 
 def by_blocks(
-    function: Callable[[Block], Any], values: Any, rows: int, halo: int, sizes: Any, dtype: Any
-) -> list[Any]:
-    """Results for blocks of rows, with `halo` more rows at inner edges, in threads.
+    function: Callable[[Block], Any], values: Any, rows: int, halo: int, shape: Any, dtype: Any
+) -> Any:
+    """Array (y, ...) of a shape and type, computed by blocks of rows in threads, or lazily by Dask.
 
-    With Dask values, they are lazy arrays of a type, and of a row's sizes (rows, ...).
+    Blocks have `halo` more rows at inner edges. Without a shape, a list of their results.
     """
     parts = []
     for start in range(0, len(values), rows):
@@ -134,9 +123,9 @@ def by_blocks(
         import dask.array as da
         from dask.delayed import delayed
 
-        lazy = [delayed(lambda *part: function(Block(*part)))(*part) for part in parts]
-        heights = [len(part.inner) * sizes[0] // len(values) for part in parts]
-        shapes = [(height, *sizes[1:]) for height in heights]
-        return [da.from_delayed(*each, dtype) for each in zip(lazy, shapes, strict=True)]
+        tasks = [delayed(lambda *part: function(Block(*part)))(*part) for part in parts]
+        sizes = [(len(part.inner) * shape[0] // len(values), *shape[1:]) for part in parts]
+        return da.concatenate(map(da.from_delayed, tasks, sizes, [dtype] * len(parts)))
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # NumPy's generators run at the same time
-        return list(pool.map(function, parts))
+        found = list(pool.map(function, parts))
+    return found if shape is None else np.concatenate(found)

@@ -16,6 +16,7 @@ from .synchronous import armed_detections, first_photon, sample_counts
 if TYPE_CHECKING:
     from .spad import Spad
 
+ROWS = 8
 _HOT, _STAMPS, _TDC = 1, 2, 3  # Streams of random numbers, beside that of photons
 
 
@@ -24,17 +25,18 @@ class Readout:
 
     Attributes:
         shape: Rows and columns of (macro) pixels, codes of the TDC.
-        edges: Ends of the TDC's codes, in bins.
-        centres: Their nominal centres [m], `code_width` apart.
+        rows: Rows that are simulated together, and rows beside them that they depend on.
+        edges: Ends of the TDC's codes, in bins; `centres` are nominal, `code_width` apart [m].
     """
 
     def __init__(self, spad: Spad, rates: Rates, seed: int = 0) -> None:
-        self.spad, self.seed = spad, seed
+        self.spad, self.rates, self.seed = spad, rates, seed
         self.bin_s = rates.width / SPEED_OF_LIGHT
         (height, width, bins), (tall, wide) = rates.values.shape, spad.macro_pixel
         whole = height % tall == width % wide == 0
         allowed = f"numbers that divide the film of {height} x {width} pixels"
         checks.require("macro_pixel", spad.macro_pixel, whole, allowed)
+        self.rows = -(-ROWS // tall) * tall, int(spad.crosstalk_probability > 0)
         dead = rates.bins_of("dead_time_s", spad.dead_time_s) if spad.dead_time_s else None
         dead = bins if spad.mode == "first_photon" else dead
         window = rates.bins_of("coincidence_window_s", spad.coincidence_window_s)
@@ -49,10 +51,12 @@ class Readout:
         codes = min(full, bins // self.merged)
         noise = generator(spad.device_seed, _TDC).normal(0, spad.tdc_dnl, full)
         widths = np.maximum(1 + noise, 0.01)
-        edges = np.concatenate([[0.0], np.cumsum(widths / widths.mean())]) * self.merged
+        edges = np.cumsum(np.append(0, widths / widths.mean())) * self.merged
         self.edges = np.minimum(edges[: codes + 1], bins)
-        self.shape = height // tall, width // wide, codes
-        self.code_width = self.merged * rates.width
+        self.shape, self.code_width = (
+            (height // tall, width // wide, codes),
+            self.merged * rates.width,
+        )
         self.centres = rates.edges[0] + (np.arange(codes) + 0.5) * self.code_width
         self.masses = None if spad.jitter is None else spad.jitter.kernel(rates.width)
         self.one_by_one = (
@@ -60,6 +64,9 @@ class Readout:
             or max(spad.afterpulse_probability, spad.crosstalk_probability) > 0
             or spad.macro_pixel != (1, 1)
         )
+        if spad.macro_pixel != (1, 1):
+            steps = {"y": slice(None, None, tall), "x": slice(None, None, wide)}
+            rates.dataset = rates.dataset.isel(steps)
 
     def histogram(self, block: Block) -> np.ndarray:
         """Counts (y, x, code) of a block."""

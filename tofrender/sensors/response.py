@@ -23,7 +23,7 @@ class Response:
         f(t) = exp(s^2 / 2 a^2 - t / a) erfc(s / (sqrt(2) a) - t / (sqrt(2) s)) / (2 a)
 
     with the standard deviation s and the time constant a of the tail towards later stamps; mean a,
-    variance s^2 + a^2. It describes the jitter of a SPAD or, with the laser pulse in s, a system.
+    variance s^2 + a^2. The jitter of a SPAD or, with the laser pulse in s, of a system.
 
     Args:
         sigma_s: Standard deviation of the Gaussian [s], above 0.
@@ -48,10 +48,10 @@ class Response:
         tail = checks.number("tail_s", self.tail_s, unit="seconds", low=0, high=1)
         if self.measured is None:
             checks.number("sigma_s", self.sigma_s, unit="seconds", low=1e-18, high=1)
-            return
-        checks.instance("measured", self.measured, SampledPulse, "a SampledPulse")
-        alone = self.sigma_s is None and tail == 0
-        checks.require("measured", self.measured, alone, "None beside sigma_s and tail_s")
+        else:
+            valid = isinstance(self.measured, SampledPulse) and self.sigma_s is None and tail == 0
+            allowed = "a SampledPulse, without sigma_s and tail_s"
+            checks.require("measured", self.measured, valid, allowed)
 
     @classmethod
     def from_file(cls, path: str | os.PathLike[str]) -> Response:
@@ -78,14 +78,6 @@ class Response:
             return stats.norm(tail, sigma)
         return stats.exponnorm(tail / sigma, 0, sigma)
 
-    def pdf(self, opl: Any) -> np.ndarray:
-        """Density [1/m] of delays [m]."""
-        return self.distribution.pdf(opl)
-
-    def cdf(self, opl: Any) -> np.ndarray:
-        """Probability of delays up to `opl` [m]."""
-        return self.distribution.cdf(opl)
-
     def kernel(self, bin_width_opl: float, tail: float = TAIL) -> np.ndarray:
         """Probabilities that stamps move by k = -n to n bins of width w [m] from a bin's centre.
 
@@ -94,5 +86,5 @@ class Response:
         width = checks.width("bin_width_opl", bin_width_opl)
         ends = self.distribution.ppf([tail, 1 - tail])
         reach = max(1, int(np.rint(np.abs(ends).max() / width)))
-        masses = np.diff(self.cdf((np.arange(-reach, reach + 2) - 0.5) * width))
+        masses = np.diff(self.distribution.cdf((np.arange(-reach, reach + 2) - 0.5) * width))
         return masses / masses.sum()

@@ -14,7 +14,6 @@ from .readout import Readout
 from .response import Response
 
 MODES = ("first_photon", "multi_hit", "free_running")
-ROWS = 8  # That are simulated together
 MAX_RATE = 50.0  # Photons per pixel and cycle
 
 
@@ -117,7 +116,7 @@ class Spad:
 
         Cycles that start armed, without paralysis, afterpulses, crosstalk and macro pixels, are
         drawn from the exact distributions of their counts, at a cost that hardly depends on
-        `cycles`; all else photon by photon, as `photons` does. Each row has random numbers of its
+        `cycles`; all else photon by photon, as by `photons`. Each row has random numbers of its
         own, so that chunks do not change the result.
 
         Args:
@@ -138,26 +137,22 @@ class Spad:
         Warns:
             UserWarning: More photons per cycle than the model is meant for.
         """
-        found = Rates.of(rates, cycles, bin_width_opl, MAX_RATE)
-        few = self.mode == "first_photon" and found.cycles < 1 << 16
-        readout = Readout(self, found, seed)
-        return self._images(readout, found, readout.histogram, np.uint16 if few else np.uint32)
+        readout = Readout(self, Rates(rates, cycles, bin_width_opl, MAX_RATE), seed)
+        few = self.mode == "first_photon" and cycles < 1 << 16
+        return self._counts(readout, readout.histogram, np.uint16 if few else np.uint32)
 
     def expected(
         self, rates: Any, cycles: int = 1, *, bin_width_opl: float | None = None
     ) -> xr.Dataset:
         """Compute the expectation of `histogram`, float64; for "free_running" the stationary one.
 
-        Arguments and errors are as there; afterpulses, crosstalk and macro pixels have no closed
-        form and are refused.
+        Afterpulses, crosstalk and macro pixels have no closed form and are refused.
         """
-        for name in ("afterpulse_probability", "crosstalk_probability"):
-            checks.require(name, getattr(self, name), not getattr(self, name), "0 for expected")
-        alone = self.macro_pixel == (1, 1)
-        checks.require("macro_pixel", self.macro_pixel, alone, "(1, 1) for expected")
-        found = Rates.of(rates, cycles, bin_width_opl, MAX_RATE)
-        readout = Readout(self, found)
-        return self._images(readout, found, readout.expected, np.float64)
+        for name in ("afterpulse_probability", "crosstalk_probability", "macro_pixel"):
+            value = getattr(self, name)
+            checks.require(name, value, value in (0, (1, 1)), "left out for expected")
+        readout = Readout(self, Rates(rates, cycles, bin_width_opl, MAX_RATE))
+        return self._counts(readout, readout.expected, np.float64)
 
     def photons(
         self, rates: Any, cycles: int, seed: int = 0, *, bin_width_opl: float | None = None
@@ -176,39 +171,27 @@ class Spad:
             >>> sorted(table.data_vars), bool(table["cycle"].to_index().is_unique)
             (['bin', 'cycle', 'opl', 'x', 'y'], True)
         """
-        found = Rates.of(rates, cycles, bin_width_opl, MAX_RATE)
-        readout, values = Readout(self, found, seed), np.asarray(found.values)
-        parts = by_blocks(readout.table, values, *self._blocks(), None, None)
-        columns = map(np.concatenate, zip(*parts, strict=True))
-        table: dict[str, Any] = dict(zip(("y", "x", "cycle", "bin"), columns, strict=True))
-        table["opl"] = readout.centres[table["bin"]]
-        attrs = found.dataset.attrs | self._attrs(readout) | {"quantity": "photons"}
-        return xr.Dataset({name: ("photon", each) for name, each in table.items()}, attrs=attrs)
+        readout = Readout(self, Rates(rates, cycles, bin_width_opl, MAX_RATE), seed)
+        values = np.asarray(readout.rates.values)
+        parts = by_blocks(readout.table, values, *readout.rows, None, None)
+        table = dict(zip(("y", "x", "cycle", "bin"), zip(*parts, strict=True), strict=True))
+        found: dict[str, Any] = {name: np.concatenate(each) for name, each in table.items()}
+        found["opl"] = readout.centres[found["bin"]]
+        columns = {name: ("photon", each) for name, each in found.items()}
+        attrs = readout.rates.dataset.attrs | self._attrs(readout)
+        return xr.Dataset(columns, attrs=attrs | {"cycles": cycles, "quantity": "photons"})
 
-    def _images(self, readout: Readout, rates: Rates, function: Any, dtype: Any) -> xr.Dataset:
+    def _counts(self, readout: Readout, function: Any, dtype: Any) -> xr.Dataset:
         def converted(block: Block) -> np.ndarray:
             return function(block).astype(dtype, copy=False)
 
-        parts = by_blocks(converted, rates.values, *self._blocks(), readout.shape, dtype)
-        if hasattr(rates.values, "dask"):
-            import dask.array as da
-
-            counts: Any = da.concatenate(parts)
-        else:
-            counts = np.concatenate(parts)
-        steps = {name: slice(None, None, n) for name, n in zip("yx", self.macro_pixel, strict=True)}
-        found = Rates(rates.dataset.isel(steps), rates.cycles)
+        values = readout.rates.values
+        counts = by_blocks(converted, values, *readout.rows, readout.shape, dtype)
         opl = "bin", readout.centres, {"units": "m", "long_name": "optical path length"}
-        images = found.result("counts", ("y", "x", "bin"), counts, "1", opl=opl)
-        return images.assign_attrs(self._attrs(readout))
+        found = readout.rates.result("counts", ("y", "x", "bin"), counts, "1", opl=opl)
+        return found.assign_attrs(self._attrs(readout))
 
     def _attrs(self, readout: Readout) -> dict[str, Any]:
         given = {f"spad_{each.name}": getattr(self, each.name) for each in fields(self)}
         plain = {k: v if isinstance(v, int | float) else str(v) for k, v in given.items()}
-        axis = {"bin_width_opl": readout.code_width, "sensor_seed": readout.seed}
-        return plain | axis | {"cycles": readout.layout.cycles}
-
-    def _blocks(self) -> tuple[int, int]:
-        """Rows of a block, whole macro pixels, and rows beside it that it depends on."""
-        tall = self.macro_pixel[0]
-        return -(-ROWS // tall) * tall, int(self.crosstalk_probability > 0)
+        return plain | {"bin_width_opl": readout.code_width, "sensor_seed": readout.seed}
