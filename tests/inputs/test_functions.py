@@ -426,7 +426,7 @@ def called(row: Row, out: Path, /, **changes: Any) -> Any:
 def public() -> set[str]:
     """Names in the stubs of the rooms, as the table calls them."""
     names = set()
-    for room in ("", "apps", "io", "vis", "analysis", "nlos", "sampling", "scenes"):
+    for room in ("", "apps", "io", "vis", "analysis", "nlos", "sampling", "scenes", "sensors"):
         stub = PACKAGE / room / "__init__.pyi"
         if not stub.exists():
             names |= {f"{room}.{name}" for name in function(room).__all__}

@@ -49,9 +49,8 @@ class Rates:
         checks.require("rates", rates, whole, "an array or a Dataset of expected_photons")
         self.dataset, self.values = rates, rates["rate"].data
         if hasattr(self.values, "dask"):
-            self.values = self.values.rechunk({2: -1}).map_blocks(
-                check, most, dtype=rates["rate"].dtype
-            )
+            whole = self.values.rechunk({2: -1})
+            self.values = whole.map_blocks(check, most, dtype=whole.dtype)
         else:
             check(self.values, most)
         start, self.width = (float(rates.attrs[name]) for name in AXIS)
@@ -63,9 +62,11 @@ class Rates:
         checks.require(name, time_s, time_s < window, f"shorter than the window, {window:g} s")
         return round(time_s * SPEED_OF_LIGHT / self.width)
 
-    def result(self, name: str, dims: Any, values: Any, units: str, **coords: Any) -> xr.Dataset:
-        """Dataset of what a sensor measures, with pixels and attributes of the rates."""
-        pixels = {axis: self.dataset[axis] for axis in "yx" if axis in self.dataset.coords}
+    def result(
+        self, name: str, dims: Any, values: Any, units: str, step: Any = (1, 1), **coords: Any
+    ) -> xr.Dataset:
+        """Dataset of what a sensor measures, with each `step` (y, x) pixel of the rates."""
+        pixels = {name: self.dataset[name][::n] for name, n in zip("yx", step, strict=True)}
         attrs = self.dataset.attrs | {"cycles": self.cycles, "quantity": name, "units": units}
         return xr.Dataset({name: (dims, values, {"units": units})}, pixels | coords, attrs)
 

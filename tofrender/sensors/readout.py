@@ -53,10 +53,8 @@ class Readout:
         widths = np.maximum(1 + noise, 0.01)
         edges = np.cumsum(np.append(0, widths / widths.mean())) * self.merged
         self.edges = np.minimum(edges[: codes + 1], bins)
-        self.shape, self.code_width = (
-            (height // tall, width // wide, codes),
-            self.merged * rates.width,
-        )
+        self.shape = height // tall, width // wide, codes
+        self.code_width = self.merged * rates.width
         self.centres = rates.edges[0] + (np.arange(codes) + 0.5) * self.code_width
         self.masses = None if spad.jitter is None else spad.jitter.kernel(rates.width)
         self.one_by_one = (
@@ -64,9 +62,6 @@ class Readout:
             or max(spad.afterpulse_probability, spad.crosstalk_probability) > 0
             or spad.macro_pixel != (1, 1)
         )
-        if spad.macro_pixel != (1, 1):
-            steps = {"y": slice(None, None, tall), "x": slice(None, None, wide)}
-            rates.dataset = rates.dataset.isel(steps)
 
     def histogram(self, block: Block) -> np.ndarray:
         """Counts (y, x, code) of a block."""

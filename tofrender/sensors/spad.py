@@ -188,7 +188,8 @@ class Spad:
         values = readout.rates.values
         counts = by_blocks(converted, values, *readout.rows, readout.shape, dtype)
         opl = "bin", readout.centres, {"units": "m", "long_name": "optical path length"}
-        found = readout.rates.result("counts", ("y", "x", "bin"), counts, "1", opl=opl)
+        given = ("counts", ("y", "x", "bin"), counts, "1", self.macro_pixel)
+        found = readout.rates.result(*given, opl=opl)
         return found.assign_attrs(self._attrs(readout))
 
     def _attrs(self, readout: Readout) -> dict[str, Any]:
