@@ -68,7 +68,8 @@ class Multiplier(Camera):
         checks.number("read_noise", self.read_noise, unit="electrons", low=0, high=1e9)
 
     def _noisy(self, rng: np.random.Generator, expected: xr.Dataset) -> xr.Dataset:
-        found, more = rng.poisson(expected["images"].values), self.excess_noise - 1
+        means = np.maximum(expected["images"].values, 0)  # Rounding makes them negative
+        found, more = rng.poisson(means), self.excess_noise - 1
         multiplied = rng.gamma(found / more, more) if more else found
         images = multiplied + rng.normal(0, self.read_noise, found.shape)
         return expected.assign(images=expected["images"].copy(data=images))
@@ -186,5 +187,4 @@ class StreakCamera(Multiplier):
                 light = gaussian_filter1d(light, spread, axis=along, mode="constant", truncate=6)
         centres = rates.edges[0] + (np.arange(light.shape[1]) + 0.5) * self.sweep_opl
         sweep = "sweep", centres, {"units": "m"}
-        light = np.maximum(light, 0)  # Rounding makes it negative
         return rates.result("images", ("y", "sweep", "x"), light, "electrons", sweep=sweep)

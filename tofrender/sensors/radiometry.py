@@ -139,6 +139,7 @@ def _check(dataset: Any, given: dict[str, Any]) -> tuple[float, float]:
     """Refuse bad parameters, and return start and width [m] of the bins."""
     whole = isinstance(dataset, xr.Dataset) and "transient" in dataset
     whole = whole and {"y", "x", "opl", "channel"} <= set(dataset["transient"].dims)
+    whole = whole and dataset["transient"].size > 0
     checks.require("dataset", dataset, whole, "a Dataset of render")
     quantity = dataset.attrs.get("quantity")
     checks.require("quantity", quantity, quantity == "radiance per bin", "radiance per bin")
@@ -146,7 +147,7 @@ def _check(dataset: Any, given: dict[str, Any]) -> tuple[float, float]:
     defaults: Any = expected_photons.__kwdefaults__
     for name, default in defaults.items():
         value = given[name]
-        if value is not None and name != "channel":
+        if (value is not None or default is not None) and name != "channel":
             high = 1 if name in FRACTIONS else None
             low = None if default is None else 0
             checks.number(name, value, positive=default is None, low=low, high=high)
