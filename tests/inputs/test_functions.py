@@ -129,7 +129,7 @@ KINDS = {
     "boolean but 1, 0": "counts_first_and_last_legs",
     "choice": "channel domain integrator k kind layout light loss method mis mode optimizer "
     "precision quantity sampler scheduler shown spheres style subject surface theme view weighting",
-    "count": "adc_bits bins count height n_bits patience pixels sample_dimension slit_rows "
+    "count": "adc_bits bins count height n_bits patience sample_dimension slit_rows "
     "slit_width spp steps taps tdc_bits temporal_bins tests threads width workers",
     "cube": "data rendered target transient values",
     "dataset": "capture dataset pyramid resume where",
@@ -342,7 +342,6 @@ TABLE = [
     row("sensors.coates", {"counts": "amounts", "cycles": "count"}, counts=[1, 2], cycles=9),
     row("sensors.coates_variance", {"rates": "amounts", "cycles": "count"}, rates=[1.0], cycles=9),
     row("sensors.depth_bound", signal=9.0, background=1.0, response=GAUSS, bin_width_opl=0.1),
-    row("sensors.error_figure", {"background": "from 0"}, response=GAUSS, pixels=9),
     *(row(f"sensors.{name}", COUNTED, **HISTOGRAM) for name in ("estimate_depth", "echoes")),
     row("sensors.expected_photons", {"dataset": "dataset"}, dataset=data, **OPTICS),
     alone(

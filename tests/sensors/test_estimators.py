@@ -12,7 +12,6 @@ from tofrender.sensors import (
     coates_variance,
     depth_bound,
     echoes,
-    error_figure,
     estimate_depth,
 )
 from tofrender.signals.units import SPEED_OF_LIGHT
@@ -145,15 +144,6 @@ def test_false_alarms(background):
         found = echoes(counts, GAUSS, allowed, bin_width_opl=WIDTH)
         pixels = len(set(zip(found["y"].values, found["x"].values, strict=True))) / 1e4
         assert least <= pixels <= allowed
-
-
-def test_figure_of_errors():
-    figure = error_figure(GAUSS, WIDTH, 0.05, pixels=200)
-    lines = {line.get_label(): line.get_ydata() for line in figure.axes[0].lines}
-    bound = lines.pop("Cramér-Rao bound")
-    assert set(lines) == {"matched", "log_matched", "centroid", "ml"}
-    assert (lines["ml"][2:] < 1.2 * bound[2:]).all()
-    assert all((error[2:] > 0.85 * bound[2:]).all() for error in lines.values())
 
 
 @pytest.mark.parametrize(

@@ -296,6 +296,8 @@ def test_chunks_change_nothing(spad):
         assert result.dtype == found.dtype
         np.testing.assert_array_equal(result.values, found.values)
     assert (spad.histogram(rates, 50, 8, bin_width_opl=WIDTH)["counts"] != found).any()
+    equal = spad.histogram(pixels(PEAK, 36, 8), 50, 7, bin_width_opl=WIDTH)["counts"].values
+    assert len(np.unique(equal.reshape(len(equal), -1), axis=0)) == len(equal)
     table = spad.photons(rates, 50, 7, bin_width_opl=WIDTH)
     assert (np.diff(table["y"].values) >= 0).all()
     if spad.mode == "free_running":
@@ -319,7 +321,10 @@ def test_dtypes_and_labels():
         assert found["counts"].dtype == dtype
     assert found["y"].values.tolist() == [5, 6]
     assert found["opl"].values == pytest.approx(2.0 + (np.arange(4) + 0.5) * WIDTH)
-    assert {"cycles": 9, "sensor_seed": 4, "spad_mode": "multi_hit"}.items() <= found.attrs.items()
+    given = {"cycles": 9, "sensor_seed": 4, "spad_mode": "multi_hit"}
+    assert (given | {"quantity": "counts"}).items() <= found.attrs.items()
+    attrs = Spad().photons(dataset.assign_attrs(quantity="rate"), 9, 4).attrs
+    assert {"cycles": 9, "sensor_seed": 4, "quantity": "photons"}.items() <= attrs.items()
 
 
 BAD_RATES = [

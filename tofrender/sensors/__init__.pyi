@@ -9,7 +9,6 @@ from .cameras import (
 from .estimators import (
     coates as coates,
     echoes as echoes,
-    error_figure as error_figure,
     estimate_depth as estimate_depth,
 )
 from .itof import Itof as Itof

@@ -16,7 +16,10 @@ from .rates import Rates, generator, rebin
 
 
 class Camera:
-    """Interface of cameras: expected images, and simulated ones."""
+    """Interface of cameras: the expectation of what they read out, and simulations of it."""
+
+    _expected: Any  # (rates) -> Dataset
+    _noisy: Any  # (random numbers, expected Dataset) -> Dataset
 
     def expected(
         self, rates: Any, cycles: int = 1, *, bin_width_opl: float | None = None
@@ -37,23 +40,16 @@ class Camera:
             bin_width_opl: Width of the bins [m], for an array.
 
         Returns:
-            A Dataset of photoelectrons: `images` (delay_opl, y, x) of a `GatedCamera`; `images` (y,
-            sweep, x) of a `StreakCamera`, y being the slit's centre and sweep the path length [m];
-            `taps` (frequency, tap, y, x) of an `Itof`, and `saturated` (y, x), whether a tap was
-            full.
+            A Dataset of photoelectrons: of a `GatedCamera` `images` (delay_opl, y, x); of a
+            `StreakCamera` `images` (y, sweep, x), by the slit's row and the path length [m]; of an
+            `Itof` `taps` (frequency, tap, y, x), and `saturated` (y, x), where a tap was full.
 
         Raises:
             ValueError: Rates that are negative or not finite, or that do not fit the camera.
         """
         rng = generator(seed)
-        found = self._noisy(rng, self.expected(rates, cycles, bin_width_opl=bin_width_opl))
-        return found.assign_attrs(sensor_seed=seed)
-
-    def _expected(self, rates: Rates) -> xr.Dataset:
-        raise NotImplementedError
-
-    def _noisy(self, rng: np.random.Generator, expected: xr.Dataset) -> xr.Dataset:
-        raise NotImplementedError
+        expected = self.expected(rates, cycles, bin_width_opl=bin_width_opl)
+        return self._noisy(rng, expected).assign_attrs(sensor_seed=seed)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,8 +67,8 @@ class Multiplier(Camera):
         means = np.maximum(expected["images"].values, 0)  # Rounding makes them negative
         found, more = rng.poisson(means), self.excess_noise - 1
         multiplied = rng.gamma(found / more, more) if more else found
-        images = multiplied + rng.normal(0, self.read_noise, found.shape)
-        return expected.assign(images=expected["images"].copy(data=images))
+        noisy = multiplied + rng.normal(0, self.read_noise, found.shape)
+        return expected.assign(images=expected["images"].copy(data=noisy))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,16 +79,15 @@ class GatedCamera(Multiplier):
 
         g(t) = e + (1 - e) [erf((t - d) / (sqrt(2) s)) - erf((t - d - w) / (sqrt(2) s))] / 2,
 
-    averaged over each bin. Photoelectrons n are Poisson of mean m; multiplication makes their
-    variance F m, gamma distributed around n with the shape n / (F - 1).
+    averaged over each bin. Photoelectrons n are Poisson of mean m; multiplication (gamma around n
+    with the shape n / (F - 1)) makes their variance F m.
 
     Args:
         delays_opl: Path lengths d at which the gate opens [m], shape (n,).
         width_s: Width w of the gate [s].
         edge_s: Standard deviation s of its edges [s], 0 for sharp ones.
         extinction: Part e of the light, from 0 to 1, that passes the closed gate.
-        excess_noise: Excess noise factor F, from 1 (none) to 100: 2 for an EMCCD, about 1.6 for a
-            microchannel plate.
+        excess_noise: Excess noise factor F, from 1 to 100; 2 for an EMCCD, 1.6 for intensifiers.
         read_noise: Standard deviation of the read noise [electrons at the photocathode].
 
     Raises:
@@ -130,16 +125,15 @@ class GatedCamera(Multiplier):
         opened = self._edge(ends) - self._edge(ends - self.width_s * SPEED_OF_LIGHT)
         gates = self.extinction + (1 - self.extinction) * np.diff(opened) / rates.width
         images = np.tensordot(gates, np.asarray(rates.values), axes=(1, 2)) * rates.cycles
-        delays = "delay_opl", list(self.delays_opl), {"units": "m"}
-        dims = ("delay_opl", "y", "x")
-        return rates.result("images", dims, images, "electrons", delay_opl=delays)
+        delays = {"delay_opl": ("delay_opl", list(self.delays_opl), {"units": "m"})}
+        return rates.result("images", ("delay_opl", "y", "x"), images, "electrons", **delays)
 
 
 @dataclass(frozen=True, kw_only=True)
 class StreakCamera(Multiplier):
     """Streak tube: electrons from a slit of the image are deflected down a screen as time goes on.
 
-    The slit's width and the point spread blur; light that falls beside the screen is lost.
+    Light that is blurred beyond the screen is lost.
 
     Args:
         sweep_opl: Path length per pixel of the screen along the sweep [m].
@@ -186,5 +180,5 @@ class StreakCamera(Multiplier):
             if spread:
                 light = gaussian_filter1d(light, spread, axis=along, mode="constant", truncate=6)
         centres = rates.edges[0] + (np.arange(light.shape[1]) + 0.5) * self.sweep_opl
-        sweep = "sweep", centres, {"units": "m"}
-        return rates.result("images", ("y", "sweep", "x"), light, "electrons", sweep=sweep)
+        sweep = {"sweep": ("sweep", centres, {"units": "m"})}
+        return rates.result("images", ("y", "sweep", "x"), light, "electrons", **sweep)

@@ -10,15 +10,12 @@ import xarray as xr
 from scipy import ndimage, signal as filters, stats
 
 from ..runtime import checks
-from ..runtime.canvas import figure_width, in_style, new_figure, palette
 from .bounds import at_least_0, depth_bound
-from .rates import generator
 from .response import Response
 
 METHODS = ("matched", "log_matched", "centroid", "ml")
 TAIL = 1e-3  # Of the response, at each end, that no return includes
 STEPS = 12  # Of Fisher scoring
-LEVELS = np.array([3, 10, 30, 100, 300, 1000])  # Signals of `error_figure`
 
 
 def coates(counts: Any, cycles: int) -> np.ndarray:
@@ -91,14 +88,13 @@ def estimate_depth(
 ) -> xr.Dataset:
     """Estimate the depth of the strongest return in each pixel, and how sure it is.
 
-    - "matched": maximum of the counts, correlated with the response's masses P_k.
-    - "log_matched": the same with log(1 + P_k S / b), the likelihood ratio of signal and
-      background, for the median S / b of all pixels.
+    - "matched": maximum of the counts' correlation with the response P_k, by a parabola.
+    - "log_matched": the same with log(1 + P_k S / b), for the median S / b of all pixels.
     - "centroid": mean position of the counts above background there, less the mean delay.
     - "ml": from there, Fisher scoring for position and signal of each pixel, whose counts are
       Poisson of mean S P_k(t) + b. Attains `depth_bound` where the return is found at all.
 
-    Maxima are refined by a parabola. The background b is the mean outside of the return.
+    The background b is the mean outside of the return.
 
     Args:
         counts: A Dataset of `Spad.histogram`, or counts (y, x, bin), at least 0.
@@ -107,9 +103,8 @@ def estimate_depth(
         bin_width_opl: Width of the bins [m], for an array.
 
     Returns:
-        A Dataset (y, x): `depth` [m], half the path length; `depth_std` [m], the confidence:
-        `depth_bound` of the estimated `signal` and `background` (counts per bin). Without counts
-        above the background, NaN and infinite.
+        A Dataset (y, x): `depth` [m], half the path length, and `depth_std` [m], the confidence:
+        `depth_bound` of the estimated `signal` and `background` (per bin). NaN and inf if dark.
 
     Raises:
         ValueError: Wrong counts, method or bins, or a response longer than the window.
@@ -141,15 +136,10 @@ def estimate_depth(
         offset, signal = _likeliest(data, inside, offset, signal, background)
     signal = np.where(signal > 1e-2, signal, 0)
     depth = (data.start + (peak + offset + 0.5) * data.width) / 2
-    values = {
-        "depth": np.where(signal > 0, depth, np.nan),
-        "depth_std": depth_bound(signal, background, data.response, data.width),
-        **{"signal": signal, "background": background},
-    }
-    images = {
-        name: (("y", "x"), each, {"units": "m" if name.startswith("depth") else "1"})
-        for name, each in values.items()
-    }
+    std = depth_bound(signal, background, data.response, data.width)
+    values = {"depth": np.where(signal > 0, depth, np.nan), "depth_std": std}
+    images = {name: (("y", "x"), each, {"units": "m"}) for name, each in values.items()}
+    images |= {"signal": (("y", "x"), signal), "background": (("y", "x"), background)}
     return xr.Dataset(images, data.pixels, {"method": method, "response": str(data.response)})
 
 
@@ -165,12 +155,9 @@ def _likeliest(
         slopes = shape.pdf(near) - shape.pdf(near + data.width)
         moved = slopes * signal[..., None] * data.width
         means = signal[..., None] * masses + base
-        excess = inside / means - 1
-        u, v = (excess * moved).sum(axis=-1), (excess * masses).sum(axis=-1)
-        a, b, d = (
-            (one * other / means).sum(axis=-1)
-            for one, other in ((moved, moved), (moved, masses), (masses, masses))
-        )
+        excess, one, two = inside - means, moved / means, masses / means
+        parts = excess * one, excess * two, moved * one, moved * two, masses * two
+        u, v, a, b, d = (part.sum(axis=-1) for part in parts)
         determinant = np.maximum(a * d - b * b, 1e-300)
         step = np.clip((d * u - b * v) / determinant, -0.5, 0.5)
         offset = np.clip(offset + step, -1.5, 1.5)
@@ -183,9 +170,8 @@ def echoes(
 ) -> xr.Dataset:
     """Find all returns of each pixel, with intensity and width.
 
-    A return is a maximum of the counts correlated with the response, where more counts lie under
-    the response than the background explains: their Poisson tail is below what makes `false_alarm`
-    in all bins of a pixel (Šidák). Returns are at least the response apart.
+    A return is a maximum of the counts' correlation with the response, under which lie more counts
+    than the background explains, by a Poisson tail that is `false_alarm` for all bins (Šidák).
 
     Args:
         counts: As for `estimate_depth`.
@@ -194,12 +180,8 @@ def echoes(
         bin_width_opl: As for `estimate_depth`.
 
     Returns:
-        A Dataset along "echo", by row, column and path length: pixel indices `y`, `x`, `number` of
-        the return from 1, `opl` and `depth` [m], `intensity` [counts above background], and `width`
-        [m], the standard deviation of its counts, the response's included.
-
-    Raises:
-        ValueError: As for `estimate_depth`.
+        A Dataset along "echo": pixel indices `y`, `x`, `number` from 1 by path length, `opl` and
+        `depth` [m], `intensity` (counts above background), `width` (standard deviation [m]).
 
     Example:
         >>> counts = np.zeros((1, 1, 200))
@@ -230,48 +212,4 @@ def echoes(
             rows.append((y, x, number, opl, opl / 2, total, width))
     names = ["y", "x", "number", "opl", "depth", "intensity", "width"]
     table = pd.DataFrame(rows, columns=names, dtype=np.float64).rename_axis("echo")
-    table = table.astype(dict.fromkeys(names[:3], int))
-    return table.to_xarray().assign_attrs(false_alarm=false_alarm)
-
-
-@in_style()
-def error_figure(
-    response: Any, bin_width_opl: float, background: float = 0.1, seed: int = 0, pixels: int = 400
-) -> Any:
-    """Draw the RMS error of each method of `estimate_depth` over the signal, and `depth_bound`.
-
-    Args:
-        response: As for `estimate_depth`.
-        bin_width_opl: Width of the bins [m]; 200 of them hold the response.
-        background: Expected counts per bin, at least 0.
-        seed: Seed of the random numbers.
-        pixels: Histograms that are simulated for each signal from 3 to 1000 counts.
-
-    Returns:
-        A Matplotlib figure; errors far above the bound at few counts are returns not found.
-
-    Example:
-        >>> figure = error_figure(Response(sigma_s=2e-10), 0.02, pixels=20)
-        >>> [line.get_label() for line in figure.axes[0].lines][-1]
-        'Cramér-Rao bound'
-    """
-    response, width = (
-        Response.of("response", response),
-        checks.width("bin_width_opl", bin_width_opl),
-    )
-    background = checks.number("background", background, low=0, high=1e6)
-    rng, bins = generator(seed), 200
-    position = (bins // 2 + rng.random(checks.integer("pixels", pixels, 1, 1 << 20))) * width
-    masses = np.diff(response.distribution.cdf(np.arange(bins + 1) * width - position[:, None]))
-    counts = rng.poisson(LEVELS[:, None, None] * masses + background)
-    figure = new_figure(figure_width(5.0), 0.7 * figure_width(5.0))
-    axes = figure.add_subplot(xscale="log", yscale="log")
-    for method in METHODS:
-        depth = estimate_depth(counts, response, method, bin_width_opl=width)["depth"].values
-        error = np.sqrt(np.nanmean((depth - position / 2) ** 2, axis=1))
-        axes.plot(LEVELS, error, "o-", markersize=3, label=method)
-    bound = depth_bound(LEVELS, background, response, width)
-    axes.plot(LEVELS, bound, "--", color=palette().ink, label="Cramér-Rao bound")
-    axes.set(xlabel="signal [counts]", ylabel="RMS error of depth [m]")
-    axes.legend()
-    return figure
+    return table.astype(dict.fromkeys(names[:3], int)).to_xarray()

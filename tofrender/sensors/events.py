@@ -10,7 +10,7 @@ one pass over the sorted keys treats all of them.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
 
 class Layout:
-    """Keys of a row of `shape` (pixels, cycles, bins).
+    """Keys of a row of `shape` (pixels, cycles, bins), where cycles start armed unless `free`.
 
-    A detection blocks `dead` bins after it, or not even its own bin if None; photons coincide
-    within `window` bins; if `free`, the dead time goes on into the next cycle.
+    A detection blocks `dead` bins after it, or, if None, not even its own; photons coincide within
+    `window` bins.
     """
 
     def __init__(self, shape: tuple[int, int, int], dead: int | None, window: int, free: bool):
@@ -86,9 +86,7 @@ def detected(keys: np.ndarray, dead: int | None, paralysable: bool) -> np.ndarra
     return found
 
 
-def detections(
-    spad: Spad, block: Block, layout: Layout, seed: int, bin_s: float
-) -> list[np.ndarray]:
+def detections(spad: Spad, block: Block, layout: Layout, seed: int, bin_s: float) -> list:
     """Sorted keys of what each row of a block detects, or each row of macro pixels."""
     own, caused, rows = [], [], []
     for k, rates in enumerate(block.values):
@@ -112,9 +110,7 @@ def detections(
     return rows[::tall]
 
 
-def _caused(
-    rng: np.random.Generator, spad: Spad, parents: np.ndarray, layout: Layout, bin_s: float
-) -> dict[int, np.ndarray]:
+def _caused(rng: Any, spad: Spad, parents: np.ndarray, layout: Layout, bin_s: float) -> dict:
     """Keys of avalanches that detections cause, by the row relative to theirs."""
     sources = parents[rng.random(parents.size) < spad.crosstalk_probability]
     side, pixel = rng.integers(4, size=sources.size), sources // layout.pixel_stride

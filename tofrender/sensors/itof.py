@@ -25,21 +25,18 @@ class Itof(Camera):
         m_k = S / N g(phi - 2 pi k / N) + B / N,    g(a) = 1 + M (cos a + sum of a_h cos(h a))
 
     Each tap has shot noise (Poisson) and read noise, saturates at the full well, and is digitised.
-    The phase is that of sum m_k exp(+2 pi i k / N): harmonics make it wiggle, with four taps by
-    arg(1 + a_3 exp(-4i phi) + a_5 exp(4i phi)). Lange and Seitz, IEEE J. Quantum Electronics 37
-    (2001).
+    The phase is that of sum m_k exp(+2 pi i k / N) (Lange and Seitz, IEEE J. Quantum Electronics
+    37, 2001): with four taps, harmonics add arg(1 + a_3 exp(-4i phi) + a_5 exp(4i phi)).
 
     Args:
         frequencies_hz: Modulation frequencies [Hz], a frame for each; or one.
         taps: Number N of taps, from 3 to 64.
         contrast: Modulation contrast M in (0, 1].
-        harmonics: Amplitudes a_2, a_3, ...; a rectangle with a rectangle has 1 / h^2 for odd h. No
-            light may be negative, so g >= 0.
+        harmonics: Amplitudes a_2, a_3, ... with g >= 0; 1 / h^2, odd h, for two rectangles.
         read_noise: Standard deviation of a tap's read noise [electrons].
         full_well: Capacity of a tap [electrons], None for no saturation.
         adc_bits: Bits of the converter, whose range is the full well; None for no quantisation.
-        black_level: Electrons added before conversion and subtracted after, so that noise around 0
-            is not cut off.
+        black_level: Electrons added for the conversion, which would cut noise below 0 off.
 
     Raises:
         ValueError: A value out of range, or a converter without a full well.
@@ -109,8 +106,8 @@ class Itof(Camera):
             codes = (1 << self.adc_bits) - 1
             taps = np.clip(np.rint((taps + self.black_level) / full * codes), 0, codes)
             taps = taps * full / codes - self.black_level
-        found = expected.assign(taps=expected["taps"].copy(data=taps))
-        return found.assign(saturated=(("y", "x"), saturated))
+        taps = expected["taps"].copy(data=taps)
+        return expected.assign(taps=taps, saturated=(("y", "x"), saturated))
 
     def depth(self, frames: xr.Dataset, max_depth: float | None = None) -> xr.Dataset:
         """Compute amplitude, phase and depth from frames; several frequencies are unwrapped.
@@ -128,7 +125,7 @@ class Itof(Camera):
         """
         shape = (len(self.frequencies_hz), self.taps)
         own = isinstance(frames, xr.Dataset) and "taps" in frames
-        own = own and frames["taps"].shape[:2] == shape and frames["taps"].ndim == 4
+        own = own and frames["taps"].ndim == 4 and frames["taps"].shape[:2] == shape
         checks.require("frames", frames, own, f"a Dataset with {shape} frames and taps")
         turns = np.exp(2j * np.pi * np.arange(self.taps) / self.taps)
         phasor = np.tensordot(frames["taps"].values, turns, axes=(1, 0))
@@ -150,8 +147,7 @@ class Itof(Camera):
 
             c / (4 pi f) sqrt(2 (S + B + N read_noise^2)) / (S M)
 
-        for S and B electrons of signal and background in all taps, without harmonics. With three
-        taps it is a mean over phases.
+        for S and B electrons of signal and background in all taps, without harmonics.
 
         Example:
             >>> camera = Itof(frequencies_hz=20e6, contrast=0.7, read_noise=15)

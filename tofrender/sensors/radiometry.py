@@ -13,7 +13,7 @@ from ..runtime import checks
 from ..signals.units import SPEED_OF_LIGHT
 
 PLANCK = 6.62607015e-34  # [J s]
-NEEDED = ("lamp_power_w", "wavelength_m", "f_number", "pixel_pitch_m")
+NEEDED = {"pulse_energy_j", "lamp_power_w", "wavelength_m", "f_number", "pixel_pitch_m"}
 FRACTIONS = {"fill_factor", "transmission", "detection_efficiency"}
 
 
@@ -53,13 +53,11 @@ def expected_photons(
 
         rate_k = signal_k + (ambient counts per second + dark_count_hz) w / c.
 
-    A pulse of the render is part of H_k. The short way: `photons_per_cycle` scales the signal to
-    so many detections per pixel and cycle, the mean over all pixels, and `background_per_cycle` is
-    spread over the bins; of the other parameters, only `channel` may then be given.
+    A pulse of the render is part of H_k. In short, `photons_per_cycle` scales the mean signal of
+    all pixels, and `background_per_cycle` is spread over bins; then only `channel` may be given.
 
     Args:
-        dataset: A Dataset of `render`, "radiance per bin"; if lazy, the result is, too. Of
-            polarised ones S0 counts.
+        dataset: A Dataset of `render`, "radiance per bin", of which S0 counts; lazy ones stay so.
         photons_per_cycle: Mean signal per pixel and cycle, above 0.
         background_per_cycle: Background per pixel and cycle, at least 0.
         channel: The channel with the laser's colour; None for the mean of all.
@@ -138,8 +136,8 @@ def expected_photons(
 def _check(dataset: Any, given: dict[str, Any]) -> tuple[float, float]:
     """Refuse bad parameters, and return start and width [m] of the bins."""
     whole = isinstance(dataset, xr.Dataset) and "transient" in dataset
-    whole = whole and {"y", "x", "opl", "channel"} <= set(dataset["transient"].dims)
-    whole = whole and dataset["transient"].size > 0
+    needed = {"y", "x", "opl", "channel"}
+    whole = whole and needed <= set(dataset["transient"].dims) and dataset["transient"].size > 0
     checks.require("dataset", dataset, whole, "a Dataset of render")
     quantity = dataset.attrs.get("quantity")
     checks.require("quantity", quantity, quantity == "radiance per bin", "radiance per bin")
@@ -147,19 +145,18 @@ def _check(dataset: Any, given: dict[str, Any]) -> tuple[float, float]:
     defaults: Any = expected_photons.__kwdefaults__
     for name, default in defaults.items():
         value = given[name]
-        if (value is not None or default is not None) and name != "channel":
-            high = 1 if name in FRACTIONS else None
-            low = None if default is None else 0
-            checks.number(name, value, positive=default is None, low=low, high=high)
+        if name == "channel":
+            continue
+        if value is not None or default is not None:
+            above, high = default is None, 1 if name in FRACTIONS else None
+            checks.number(name, value, positive=above, low=None if above else 0, high=high)
         of_short = name in ("photons_per_cycle", "background_per_cycle")
-        excluded = name != "channel" and value != default and of_short != short
         allowed = f"left out {'with' if short else 'without'} photons_per_cycle"
-        checks.require(name, value, not excluded, allowed)
-    pulse, *pair = (given[n] for n in ("pulse_energy_j", "mean_power_w", "repetition_rate_hz"))
-    one = short or (None not in pair if pulse is None else pair == [None, None])
-    allowed = "given, or mean_power_w and repetition_rate_hz, and not both"
-    checks.require("pulse_energy_j", pulse, one, allowed)
-    for name in NEEDED:
-        allowed = "given, or photons_per_cycle instead of optics"
-        checks.require(name, given[name], short or given[name] is not None, allowed)
+        checks.require(name, value, of_short == short or value == default, allowed)
+        valid, allowed = value is not None, "given, or photons_per_cycle instead of optics"
+        if name == "pulse_energy_j":
+            pair = [given["mean_power_w"], given["repetition_rate_hz"]]
+            valid = pair == [None, None] if valid else None not in pair
+            allowed = "given, or mean_power_w and repetition_rate_hz, and not both"
+        checks.require(name, value, short or valid or name not in NEEDED, allowed)
     return time_axis(dataset)

@@ -20,18 +20,10 @@ MAX_CYCLES = (1 << 31) - 1
 
 
 class Rates:
-    """Rates that a sensor sees for some cycles, with a warning above `most` photons per pixel.
+    """Rates `values` (y, x, bin) that a sensor sees for some cycles, in bins with `edges` [m].
 
-    Args:
-        rates: A Dataset of `expected_photons`, NumPy or Dask, or an array (y, x, bin).
-        cycles: Laser cycles.
-        bin_width_opl: Width of the bins [m], for an array.
-        most: Photons per pixel and cycle.
-
-    Attributes:
-        dataset: The Dataset.
-        values: Photons per pixel, bin and cycle (y, x, bin).
-        width: Width of the bins [m]; `edges` are theirs [m].
+    They are of a Dataset of `expected_photons`, NumPy or Dask, or of an array with the width of its
+    bins [m]. Above `most` photons per pixel and cycle, users are warned.
     """
 
     def __init__(self, rates: Any, cycles: Any, bin_width_opl: Any, most: float = np.inf) -> None:
@@ -45,7 +37,7 @@ class Rates:
         else:
             checks.require(AXIS[1], bin_width_opl, bin_width_opl is None, "None for a Dataset")
         whole = {"rate", "background"} <= set(rates) and set(AXIS) <= set(rates.attrs)
-        whole = whole and rates["rate"].dims == DIMS and 0 not in rates["rate"].shape
+        whole = whole and rates["rate"].dims == DIMS and rates["rate"].size > 0
         checks.require("rates", rates, whole, "an array or a Dataset of expected_photons")
         self.dataset, self.values = rates, rates["rate"].data
         if hasattr(self.values, "dask"):
@@ -112,9 +104,9 @@ class Block(NamedTuple):
 def by_blocks(
     function: Callable[[Block], Any], values: Any, rows: int, halo: int, shape: Any, dtype: Any
 ) -> Any:
-    """Array (y, ...) of a shape and type, computed by blocks of rows in threads, or lazily by Dask.
+    """Array (y, ...) by blocks of rows with `halo` more at inner edges, in threads, or of Dask.
 
-    Blocks have `halo` more rows at inner edges. Without a shape, a list of their results.
+    Without a shape, a list of the blocks' results.
     """
     parts = []
     for start in range(0, len(values), rows):

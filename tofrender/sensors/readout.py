@@ -26,7 +26,8 @@ class Readout:
     Attributes:
         shape: Rows and columns of (macro) pixels, codes of the TDC.
         rows: Rows that are simulated together, and rows beside them that they depend on.
-        edges: Ends of the TDC's codes, in bins; `centres` are nominal, `code_width` apart [m].
+        edges: Ends of the TDC's codes, in bins; `centres` are nominal [m].
+        attrs: Attributes of results.
     """
 
     def __init__(self, spad: Spad, rates: Rates, seed: int = 0) -> None:
@@ -42,7 +43,7 @@ class Readout:
         window = rates.bins_of("coincidence_window_s", spad.coincidence_window_s)
         free = spad.mode == "free_running"
         self.layout = Layout((width, rates.cycles, bins), dead, window, free)
-        merged = 1 if spad.tdc_lsb_s is None else spad.tdc_lsb_s / self.bin_s
+        merged = (spad.tdc_lsb_s or self.bin_s) / self.bin_s
         self.merged = round(merged)
         whole = 1 <= self.merged <= bins and abs(merged - self.merged) < 1e-6 * merged
         allowed = f"a whole number of bins of {self.bin_s:g} s"
@@ -53,15 +54,15 @@ class Readout:
         widths = np.maximum(1 + noise, 0.01)
         edges = np.cumsum(np.append(0, widths / widths.mean())) * self.merged
         self.edges = np.minimum(edges[: codes + 1], bins)
-        self.shape = height // tall, width // wide, codes
-        self.code_width = self.merged * rates.width
-        self.centres = rates.edges[0] + (np.arange(codes) + 0.5) * self.code_width
+        self.shape, width = (height // tall, width // wide, codes), self.merged * rates.width
+        self.centres = rates.edges[0] + (np.arange(codes) + 0.5) * width
         self.masses = None if spad.jitter is None else spad.jitter.kernel(rates.width)
-        self.one_by_one = (
-            (spad.dead_time_s > 0 and (spad.paralysable or free))
-            or max(spad.afterpulse_probability, spad.crosstalk_probability) > 0
-            or spad.macro_pixel != (1, 1)
-        )
+        given = {f"spad_{name}": value for name, value in vars(spad).items()}
+        plain = {k: v if isinstance(v, int | float) else str(v) for k, v in given.items()}
+        self.attrs = plain | {"bin_width_opl": width, "sensor_seed": seed}
+        chained = spad.dead_time_s > 0 and (spad.paralysable or free)
+        caused = spad.afterpulse_probability + spad.crosstalk_probability > 0
+        self.one_by_one = chained or caused or spad.macro_pixel != (1, 1)
 
     def histogram(self, block: Block) -> np.ndarray:
         """Counts (y, x, code) of a block."""
@@ -72,9 +73,8 @@ class Readout:
 
     def expected(self, block: Block) -> np.ndarray:
         """Expectation of `histogram` where photons need not interact."""
-        block = self._with_hot_pixels(block)
-        probabilities = [self._probabilities(block.values[k]) for k in block.inner]
-        return np.array(probabilities) * self.layout.cycles
+        values = self._with_hot_pixels(block).values
+        return np.array([self._probabilities(v) for v in values]) * self.layout.cycles
 
     def table(self, block: Block) -> list[np.ndarray]:
         """Columns row, pixel, cycle and code of the stamps of a block."""

@@ -22,16 +22,12 @@ class Response:
 
         f(t) = exp(s^2 / 2 a^2 - t / a) erfc(s / (sqrt(2) a) - t / (sqrt(2) s)) / (2 a)
 
-    with the standard deviation s and the time constant a of the tail towards later stamps; mean a,
-    variance s^2 + a^2. The jitter of a SPAD or, with the laser pulse in s, of a system.
+    with mean a, variance s^2 + a^2. The jitter of a SPAD or, with the laser pulse, of a system.
 
     Args:
-        sigma_s: Standard deviation of the Gaussian [s], above 0.
-        tail_s: Time constant of the tail [s], 0 for none.
+        sigma_s: Standard deviation s of the Gaussian [s], above 0.
+        tail_s: Time constant a of the tail, towards later stamps [s]; 0 for none.
         measured: A `SampledPulse` instead of the two: a measured response over metres of path.
-
-    Raises:
-        ValueError: A value out of range, or a measured response beside a width.
 
     Example:
         >>> masses = Response(sigma_s=40e-12, tail_s=60e-12).kernel(bin_width_opl=0.015)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -33,19 +33,18 @@ class Spad:
             into the next cycle, which starts where the window ends.
         dead_time_s: Dead time [s], shorter than the window; 0 for none, and for "first_photon".
         paralysable: Whether photons within the dead time prolong it.
-        afterpulse_probability: Probability, up to 0.9, that an afterpulse follows a detection when
-            the dead time is over; after
-        afterpulse_time_s: this mean time [s].
-        crosstalk_probability: Probability, up to 0.9, of an avalanche in a neighbour, at once.
+        afterpulse_probability: Probability of an afterpulse after the dead time, up to 0.9.
+        afterpulse_time_s: Mean time from the end of the dead time to the afterpulse [s].
+        crosstalk_probability: Probability of an avalanche in a neighbour, at once, up to 0.9.
         jitter: A `Response` or pulse that delays time stamps, None for none.
         tdc_bits: The TDC has 2^bits codes; later stamps are lost. None for as many as fit.
         tdc_lsb_s: Width of a code [s], a whole number of bins; None for one bin.
         tdc_dnl: Differential nonlinearity: standard deviation of the codes' widths, in codes.
         macro_pixel: (rows, columns) of SPADs that share a TDC; must divide the film.
-        coincidence: Avalanches in a macro pixel that are a detection if they lie within
-        coincidence_window_s: this time [s]; 0 for the same bin.
-        hot_fraction: Part of the pixels, up to 0.9, that have
-        hot_rate_hz: so many dark counts more [1/s].
+        coincidence: Avalanches of a macro pixel that make a detection.
+        coincidence_window_s: Time within which they must lie [s]; 0 for the same bin.
+        hot_fraction: Part of the pixels that are hot, up to 0.9.
+        hot_rate_hz: Dark counts of hot pixels beyond those of others [1/s].
         device_seed: Chooses hot pixels and widths of codes.
 
     Raises:
@@ -57,9 +56,6 @@ class Spad:
         >>> counts = spad.histogram(rates, 10_000, seed=1, bin_width_opl=0.02)["counts"]
         >>> counts.dims, counts.dtype, bool(counts.sum("bin").max() < 10_000)
         (('y', 'x', 'bin'), dtype('uint16'), True)
-        >>> Spad(dead_time_s=-1e-9)
-        Traceback (most recent call last):
-        ValueError: dead_time_s = -1e-09: must be a finite number of seconds from 0 to 1
     """
 
     mode: str = "first_photon"
@@ -80,12 +76,14 @@ class Spad:
     device_seed: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("dead_time_s", "afterpulse_time_s", "coincidence_window_s"):
-            checks.number(name, getattr(self, name), unit="seconds", low=0, high=1)
-        for name in ("afterpulse_probability", "crosstalk_probability", "hot_fraction"):
-            checks.number(name, getattr(self, name), low=0, high=0.9)
-        checks.number("tdc_dnl", self.tdc_dnl, low=0, high=0.5)
-        checks.number("hot_rate_hz", self.hot_rate_hz, unit="hertz", low=0, high=1e12)
+        seconds, part = {"unit": "seconds", "low": 0, "high": 1}, {"low": 0, "high": 0.9}
+        limits: dict[str, Any] = {
+            **{"dead_time_s": seconds, "afterpulse_time_s": seconds, "tdc_dnl": part},
+            **{"coincidence_window_s": seconds, "afterpulse_probability": part},
+            **{"crosstalk_probability": part, "hot_fraction": part, "hot_rate_hz": {"low": 0}},
+        }
+        for name, limit in limits.items():
+            checks.number(name, getattr(self, name), **limit)
         checks.one_of("mode", self.mode, MODES)
         checks.boolean("paralysable", self.paralysable)
         checks.integer("device_seed", self.device_seed, 0, checks.MAX_SEED)
@@ -115,9 +113,9 @@ class Spad:
         """Simulate histograms of time stamps.
 
         Cycles that start armed, without paralysis, afterpulses, crosstalk and macro pixels, are
-        drawn from the exact distributions of their counts, at a cost that hardly depends on
-        `cycles`; all else photon by photon, as by `photons`. Each row has random numbers of its
-        own, so that chunks do not change the result.
+        drawn from the exact distribution of their counts, at a cost that hardly depends on
+        `cycles`; all else photon by photon. Each row has random numbers of its own, so that chunks
+        do not change the result.
 
         Args:
             rates: A Dataset of `expected_photons`, or photons per pixel, bin and cycle, at least 0,
@@ -159,8 +157,8 @@ class Spad:
     ) -> xr.Dataset:
         """Simulate a table of time stamps, sorted by row, pixel and time of detection.
 
-        Arguments and errors are as for `histogram`; lazy rates are computed. About 100 bytes of
-        memory per photon are needed.
+        Arguments and errors are as for `histogram`; lazy rates are computed. Needs about 100 bytes
+        of memory per photon.
 
         Returns:
             A Dataset along "photon": pixel indices `y` and `x`, `cycle`, TDC code `bin`, and the
@@ -174,12 +172,12 @@ class Spad:
         readout = Readout(self, Rates(rates, cycles, bin_width_opl, MAX_RATE), seed)
         values = np.asarray(readout.rates.values)
         parts = by_blocks(readout.table, values, *readout.rows, None, None)
-        table = dict(zip(("y", "x", "cycle", "bin"), zip(*parts, strict=True), strict=True))
-        found: dict[str, Any] = {name: np.concatenate(each) for name, each in table.items()}
-        found["opl"] = readout.centres[found["bin"]]
-        columns = {name: ("photon", each) for name, each in found.items()}
-        attrs = readout.rates.dataset.attrs | self._attrs(readout)
-        return xr.Dataset(columns, attrs=attrs | {"cycles": cycles, "quantity": "photons"})
+        columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+        named = zip(("y", "x", "cycle", "bin"), columns, strict=True)
+        table = {name: ("photon", column) for name, column in named}
+        table["opl"] = "photon", readout.centres[columns[3]]
+        found = readout.rates.result("photons", (), columns[0].size, "1")
+        return xr.Dataset(table, attrs=found.attrs | readout.attrs)
 
     def _counts(self, readout: Readout, function: Any, dtype: Any) -> xr.Dataset:
         def converted(block: Block) -> np.ndarray:
@@ -187,12 +185,6 @@ class Spad:
 
         values = readout.rates.values
         counts = by_blocks(converted, values, *readout.rows, readout.shape, dtype)
-        opl = "bin", readout.centres, {"units": "m", "long_name": "optical path length"}
+        coords = {"opl": ("bin", readout.centres, {"units": "m"})}
         given = ("counts", ("y", "x", "bin"), counts, "1", self.macro_pixel)
-        found = readout.rates.result(*given, opl=opl)
-        return found.assign_attrs(self._attrs(readout))
-
-    def _attrs(self, readout: Readout) -> dict[str, Any]:
-        given = {f"spad_{each.name}": getattr(self, each.name) for each in fields(self)}
-        plain = {k: v if isinstance(v, int | float) else str(v) for k, v in given.items()}
-        return plain | {"bin_width_opl": readout.code_width, "sensor_seed": readout.seed}
+        return readout.rates.result(*given, **coords).assign_attrs(readout.attrs)
