@@ -9,15 +9,18 @@ tens of counts, returns are missed, and the bound says nothing.
 
 import matplotlib.pyplot as plt
 import numpy as np
+from scipy.stats import norm
 
-from tofrender.sensors import Response, depth_bound, estimate_depth
+import tofrender
+from tofrender.sensors import depth_bound, estimate_depth
 
-width, response, background = 0.02, Response(sigma_s=200e-12), 0.1
+width, background, sigma = 0.02, 0.1, 0.06  # Of bins [m], counts per bin, of the pulse [m]
+response = tofrender.GaussianPulse(sigma)
 signals = np.array([3, 10, 30, 100, 300, 1000])
 rng = np.random.default_rng(1)
 position = (100 + rng.random(400)) * width
 edges = np.arange(201) * width - position[:, None]
-masses = np.diff(response.distribution.cdf(edges))
+masses = np.diff(norm.cdf(edges / sigma))
 counts = rng.poisson(signals[:, None, None] * masses + background)
 
 figure, axes = plt.subplots(layout="constrained")

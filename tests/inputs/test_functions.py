@@ -147,7 +147,7 @@ KINDS = {
     "mapping": "attrs define parameters settings",
     "mapping but dict-1": "bounds expected_moments",
     "metres": "energy_weight opl phase_offset start_opl target_time tilt",
-    "object": "bsdf cases client emitter figure jitter measured params record relay_wall_shapes "
+    "object": "bsdf cases client emitter figure jitter params record relay_wall_shapes "
     "response shapes si verdict",
     "panel": "B0 B180 B270 B90 I Q amplitude amplitudes depth phase true_depth",
     "pair": "pixel uv",

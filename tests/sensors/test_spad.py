@@ -8,6 +8,7 @@ from helpers.support import agree, refused
 from scipy.special import erfc
 
 from tofrender.sensors import Response, Spad
+from tofrender.sensors.response import distribution, kernel
 from tofrender.sensors.synchronous import armed_detections, first_photon
 from tofrender.signals.pulses import SampledPulse
 from tofrender.signals.units import SPEED_OF_LIGHT
@@ -162,8 +163,8 @@ def test_jitter_comes_after_detection():
 @pytest.mark.parametrize("width", [0.5 * WIDTH, 0.2 * WIDTH])
 def test_response(width, tmp_path):
     """Mean tau and variance sigma^2 + tau^2, late; the same from a file, and the formula."""
-    response = Response(sigma_s=2 * BIN_S, tail_s=3 * BIN_S)
-    masses = response.kernel(width)
+    response = distribution("jitter", Response(sigma_s=2 * BIN_S, tail_s=3 * BIN_S))
+    masses = kernel(response, width)
     lags = (np.arange(masses.size) - masses.size // 2) * width
     mean = masses @ lags
     assert mean == pytest.approx(3 * WIDTH, rel=1e-4)
@@ -173,12 +174,12 @@ def test_response(width, tmp_path):
     t = np.linspace(-3 * s, 6 * s, 50)
     formula = np.exp(s * s / (2 * a * a) - t / a) / (2 * a)
     formula *= erfc((s / a - t / s) / np.sqrt(2))
-    assert response.distribution.pdf(t) == pytest.approx(formula, rel=1e-9)
-    slopes = (response.distribution.cdf(t + 1e-6) - response.distribution.cdf(t - 1e-6)) / 2e-6
+    assert response.pdf(t) == pytest.approx(formula, rel=1e-9)
+    slopes = (response.cdf(t + 1e-6) - response.cdf(t - 1e-6)) / 2e-6
     assert slopes == pytest.approx(formula, rel=1e-5)
     path = tmp_path / "irf.csv"
     path.write_text("\n".join(f"{x},{p}" for x, p in zip(lags, masses, strict=True)))
-    read = Response.from_file(path).kernel(width)
+    read = kernel(distribution("jitter", SampledPulse.from_file(path)), width)
     more = masses.size // 2 - read.size // 2
     assert np.pad(read, max(more, 0)) == pytest.approx(np.pad(masses, max(-more, 0)), abs=1e-5)
 

@@ -7,15 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..runtime import checks
-from .response import Response
-
-
-def at_least_0(name: str, values: Any) -> np.ndarray:
-    """Require finite numbers of at least 0, and return them in double precision."""
-    values = checks.finite(name, checks.real_array(name, values, np.float64))
-    if values.min(initial=0) < 0:
-        raise ValueError(f"{name} = {values.min():g}: must be at least 0")
-    return values
+from .rates import at_least_0
+from .response import distribution, kernel
 
 
 def depth_bound(signal: Any, background: Any, response: Any, bin_width_opl: float) -> np.ndarray:
@@ -40,14 +33,14 @@ def depth_bound(signal: Any, background: Any, response: Any, bin_width_opl: floa
         ValueError: Negative counts, or a wrong response or width.
 
     Example:
-        >>> depth_bound(100, 0, Response(sigma_s=1e-9), 0.03).round(4).item()  # 0.2998 / 20
+        >>> from tofrender import GaussianPulse
+        >>> depth_bound(100, 0, GaussianPulse(0.3), 0.03).round(4).item()  # 0.3 / 20
         0.015
     """
     signal, background = at_least_0("signal", signal), at_least_0("background", background)
-    response = Response.of("response", response)
-    reach = response.kernel(bin_width_opl).size // 2
-    edges = (np.arange(-reach, reach + 2) - 0.5) * bin_width_opl
-    shape = response.distribution
+    shape, width = distribution("response", response), checks.width("bin_width_opl", bin_width_opl)
+    reach = kernel(shape, width).size // 2
+    edges = (np.arange(-reach, reach + 2) - 0.5) * width
     masses, slopes = (np.diff(each(edges)) for each in (shape.cdf, shape.pdf))
     information: Any = np.zeros(np.broadcast_shapes(signal.shape, background.shape))
     for mass, slope in zip(masses, slopes, strict=True):

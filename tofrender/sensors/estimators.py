@@ -10,8 +10,9 @@ import xarray as xr
 from scipy import ndimage, signal as filters, stats
 
 from ..runtime import checks
-from .bounds import at_least_0, depth_bound
-from .response import Response
+from .bounds import depth_bound
+from .rates import at_least_0
+from .response import distribution, kernel
 
 METHODS = ("matched", "log_matched", "centroid", "ml")
 TAIL = 1e-3  # Of the response, at each end, that no return includes
@@ -56,10 +57,11 @@ class _Histogram:
             self.start, width = (counts.attrs[name] for name in ("start_opl", "bin_width_opl"))
             self.pixels = {name: counts[name] for name in "yx"}
             counts = counts["counts"].values
-        self.n, self.width = at_least_0("counts", counts), checks.width("bin_width_opl", width)
+        self.n = at_least_0("counts", counts)
+        self.width = checks.width("bin_width_opl", width)
         checks.shape("counts", self.n, self.n.ndim == 3 and self.n.size, "(y, x, bin)")
-        self.response = Response.of("response", response)
-        self.masses = self.response.kernel(self.width, TAIL)
+        self.response = distribution("response", response)
+        self.masses = kernel(self.response, self.width, TAIL)
         self.lags = np.arange(self.masses.size) - self.masses.size // 2
         fits = self.lags.size < self.n.shape[2]
         checks.require("response", response, fits, f"shorter than {self.n.shape[2]} bins")
@@ -112,7 +114,8 @@ def estimate_depth(
     Example:
         >>> counts = np.zeros((1, 1, 40))
         >>> counts[0, 0, 18:21] = [20, 60, 20]
-        >>> found = estimate_depth(counts, Response(sigma_s=2e-10), bin_width_opl=0.1)
+        >>> from tofrender import GaussianPulse
+        >>> found = estimate_depth(counts, GaussianPulse(0.06), bin_width_opl=0.1)
         >>> round(found["depth"].item(), 3), round(found["depth_std"].item(), 4)
         (0.975, 0.0033)
     """
@@ -136,11 +139,11 @@ def estimate_depth(
         offset, signal = _likeliest(data, inside, offset, signal, background)
     signal = np.where(signal > 1e-2, signal, 0)
     depth = (data.start + (peak + offset + 0.5) * data.width) / 2
-    std = depth_bound(signal, background, data.response, data.width)
+    std = depth_bound(signal, background, response, data.width)
     values = {"depth": np.where(signal > 0, depth, np.nan), "depth_std": std}
     images = {name: (("y", "x"), each, {"units": "m"}) for name, each in values.items()}
     images |= {"signal": (("y", "x"), signal), "background": (("y", "x"), background)}
-    return xr.Dataset(images, data.pixels, {"method": method, "response": str(data.response)})
+    return xr.Dataset(images, data.pixels, {"method": method, "response": str(response)})
 
 
 def _likeliest(
@@ -148,7 +151,7 @@ def _likeliest(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Offset [bins] and signal of the greatest likelihood, by Fisher scoring."""
     signal = np.maximum(signal, 1e-3)
-    base, shape = np.maximum(background, 1e-6 * signal)[..., None], data.response.distribution
+    base, shape = np.maximum(background, 1e-6 * signal)[..., None], data.response
     for _ in range(STEPS):
         near = (data.lags - 0.5 - offset[..., None]) * data.width
         masses = shape.cdf(near + data.width) - shape.cdf(near)
@@ -186,7 +189,8 @@ def echoes(
     Example:
         >>> counts = np.zeros((1, 1, 200))
         >>> counts[0, 0, [50, 120]] = [30, 10]
-        >>> found = echoes(counts, Response(sigma_s=1e-10), bin_width_opl=0.1)
+        >>> from tofrender import GaussianPulse
+        >>> found = echoes(counts, GaussianPulse(0.03), bin_width_opl=0.1)
         >>> found["number"].values.tolist(), found["intensity"].values.tolist()
         ([1, 2], [30.0, 10.0])
     """

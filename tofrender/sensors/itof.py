@@ -137,23 +137,6 @@ class Itof(Camera):
             lit = np.nan_to_num(amplitude)
             depth = unwrap(phase, self.frequencies_hz, max_depth, amplitudes=lit)
         found = {"amplitude": amplitude, "phase": phase, "depth": depth[0], "residual": depth[1]}
-        dims, units = ("frequency", "y", "x"), ("electrons", "rad", "m", "m")
-        named = zip(found.items(), units, strict=True)
-        images = {name: (dims[-v.ndim :], v, {"units": unit}) for (name, v), unit in named}
-        return xr.Dataset(images, frames.drop_vars(frames.data_vars).coords, frames.attrs)
-
-    def depth_bound(self, signal: Any, background: Any = 0.0) -> np.ndarray:
-        """Standard deviation of the depth [m] at the first frequency, with N >= 4 taps.
-
-            c / (4 pi f) sqrt(2 (S + B + N read_noise^2)) / (S M)
-
-        for S and B electrons of signal and background in all taps, without harmonics.
-
-        Example:
-            >>> camera = Itof(frequencies_hz=20e6, contrast=0.7, read_noise=15)
-            >>> (camera.depth_bound(6000, 2000) * 4 * np.pi * 20e6 / 299792458).round(7).item()
-            0.0317659
-        """
-        noise = np.add(signal, background) + self.taps * self.read_noise**2
-        to_depth = SPEED_OF_LIGHT / (4 * np.pi * self.frequencies_hz[0])
-        return to_depth * np.sqrt(2 * noise) / (np.asarray(signal) * self.contrast)
+        dims = ("frequency", "y", "x")
+        images = {name: (dims[-image.ndim :], image) for name, image in found.items()}
+        return frames.drop_vars(frames.data_vars).assign(images)

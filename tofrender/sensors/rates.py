@@ -63,11 +63,17 @@ class Rates:
         return xr.Dataset({name: (dims, values, {"units": units})}, pixels | coords, attrs)
 
 
+def at_least_0(name: str, values: Any, dtype: Any = np.float64) -> np.ndarray:
+    """Require finite numbers of at least 0, and return them as an array of a type."""
+    values = checks.finite(name, checks.real_array(name, values, dtype))
+    if values.min(initial=0) < 0:
+        raise ValueError(f"{name} = {values.min():g}: must be at least 0")
+    return values
+
+
 def check(values: np.ndarray, most: float) -> np.ndarray:
     """Refuse rates that are not finite or negative; warn of more than `most` per pixel."""
-    checks.finite("rates", values)
-    if values.min(initial=0) < 0:
-        raise ValueError(f"rates = {values.min():g}: must be at least 0")
+    at_least_0("rates", values, None)
     found = 0.0 if most == np.inf else float(values.sum(axis=2).max(initial=0))
     if found > most:
         warnings.warn(

@@ -11,6 +11,7 @@ from ..runtime import checks
 from ..signals.units import SPEED_OF_LIGHT
 from .events import Layout, detections
 from .rates import Block, Rates, generator, rebin
+from .response import distribution, kernel
 from .synchronous import armed_detections, first_photon, sample_counts
 
 if TYPE_CHECKING:
@@ -56,7 +57,8 @@ class Readout:
         self.edges = np.minimum(edges[: codes + 1], bins)
         self.shape, width = (height // tall, width // wide, codes), self.merged * rates.width
         self.centres = rates.edges[0] + (np.arange(codes) + 0.5) * width
-        self.masses = None if spad.jitter is None else spad.jitter.kernel(rates.width)
+        jitter = None if spad.jitter is None else distribution("jitter", spad.jitter)
+        self.masses = None if jitter is None else kernel(jitter, rates.width)
         given = {f"spad_{name}": value for name, value in vars(spad).items()}
         plain = {k: v if isinstance(v, int | float) else str(v) for k, v in given.items()}
         self.attrs = plain | {"bin_width_opl": width, "sensor_seed": seed}

@@ -11,7 +11,7 @@ import xarray as xr
 from ..runtime import checks
 from .rates import Block, Rates, by_blocks
 from .readout import Readout
-from .response import Response
+from .response import distribution
 
 MODES = ("first_photon", "multi_hit", "free_running")
 MAX_RATE = 50.0  # Photons per pixel and cycle
@@ -52,7 +52,7 @@ class Spad:
 
     Example:
         >>> rates = np.full((2, 3, 50), 0.02)  # Photons per bin and cycle
-        >>> spad = Spad(jitter=Response(sigma_s=50e-12))
+        >>> spad = Spad(hot_fraction=0.1, hot_rate_hz=1e6)
         >>> counts = spad.histogram(rates, 10_000, seed=1, bin_width_opl=0.02)["counts"]
         >>> counts.dims, counts.dtype, bool(counts.sum("bin").max() < 10_000)
         (('y', 'x', 'bin'), dtype('uint16'), True)
@@ -88,7 +88,7 @@ class Spad:
         checks.boolean("paralysable", self.paralysable)
         checks.integer("device_seed", self.device_seed, 0, checks.MAX_SEED)
         if self.jitter is not None:
-            object.__setattr__(self, "jitter", Response.of("jitter", self.jitter))
+            distribution("jitter", self.jitter)
         if self.tdc_bits is not None:
             checks.integer("tdc_bits", self.tdc_bits, 1, 20)
         if self.tdc_lsb_s is not None:
