@@ -127,7 +127,7 @@ KINDS = {
     "boolean": "all_bins discard_direct_light errors flip_normals folder hide_emitters occluder "
     "optimize overwrite paralysable progress",
     "boolean but 1, 0": "counts_first_and_last_legs",
-    "choice": "channel domain integrator k kind layout light loss method mis mode optimizer "
+    "choice": "domain integrator k kind layout light loss method mis mode optimizer "
     "precision quantity sampler scheduler shown spheres style subject surface theme view weighting",
     "count": "adc_bits bins count height n_bits patience sample_dimension slit_rows "
     "slit_width spp steps taps tdc_bits temporal_bins tests threads width workers",
@@ -138,8 +138,7 @@ KINDS = {
     "crosstalk_probability dead_time_s detection_efficiency edge_s extinction fill_factor "
     "hot_fraction share tail_s tdc_dnl threshold tolerance transmission",
     "frequencies": "frequencies_hz frequency_hz",
-    "from 0": "ambient_radiance black_level dark_count_hz hot_rate_hz read_noise spread_slit "
-    "spread_sweep",
+    "from 0": "ambient_radiance dark_count_hz hot_rate_hz read_noise spread_slit spread_sweep",
     "function": "apply callback gate pdf tell",
     "integer": "x0 y0",
     "label": "again name title",

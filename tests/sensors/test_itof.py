@@ -95,10 +95,10 @@ def test_saturation_and_conversion():
     assert (found["taps"].values[0, 1:] < 1200.0).all()
     assert found["saturated"].values.all()
     assert np.isnan(camera.depth(found)["depth"].values).all()
-    ramp = Itof(frequencies_hz=F, full_well=1023.0, adc_bits=8, black_level=100.0, read_noise=9.0)
+    ramp = Itof(frequencies_hz=F, full_well=1023.0, adc_bits=8, read_noise=9.0)
     empty = scene(0.02, 0.0, pixels=(64, 64))[0]
     taps = ramp.frames(empty, 1)["taps"].values
-    steps = (taps + 100.0) / (1023 / 255)
+    steps = taps / (1023 / 255)
     assert steps == pytest.approx(np.rint(steps), abs=1e-6)
     assert agree(taps.ravel(), np.full((), 1e-9), rounding=0)
     long = Itof(frequencies_hz=F).frames(rates, 2**31 - 1)["taps"].values[0, :, 0, 0]
@@ -135,7 +135,6 @@ def test_unwrapping_fails_as_often_as_predicted(signal):
         ({"contrast": 1.2}, "contrast = 1.2"),
         ({"contrast": 1.0, "harmonics": (0.0, 0.5)}, "harmonics = .* no light is negative"),
         ({"adc_bits": 8}, "full_well = None: must be given with adc_bits"),
-        ({"black_level": 8.0}, "black_level = 8.0: must be 0 without adc_bits"),
         ({"frequencies_hz": []}, r"frequencies_hz = \[\]"),
         ({"read_noise": np.nan}, "read_noise = nan"),
     ],

@@ -58,7 +58,7 @@ def test_variants_of_the_parameters():
     fallen = expected_photons(dataset, **OPTICS, focal_length_m=50e-6)["rate"] / rates
     assert fallen[2, 3].values == pytest.approx(1.0)
     assert fallen[0, 0].values == pytest.approx(np.cos(np.arctan(np.hypot(2, 3) / 5)) ** 4)
-    red = expected_photons(dataset, **OPTICS, channel="R")["rate"]
+    red = expected_photons(dataset.sel(channel=["R"]), **OPTICS)["rate"]
     assert red.values / rates.values == pytest.approx(
         dataset["transient"].sel(channel="R").values / dataset["transient"].mean("channel").values,
         rel=1e-4,
@@ -91,7 +91,6 @@ def test_lazy_films_stay_lazy():
         ({"detection_efficiency": 1.2}, "detection_efficiency = 1.2: .* from 0 to 1"),
         ({"ambient_radiance": -1.0}, "ambient_radiance = -1.0: .* at least 0"),
         ({"wavelength_m": float("nan")}, "wavelength_m = nan: .* above 0"),
-        ({"channel": "X"}, "channel = 'X': must be one of R, G, B"),
         (
             {"pulse_energy_j": None, "mean_power_w": 1.0, "repetition_rate_hz": 4e9},
             "repetition_rate_hz = 4000000000.0: must be at most 2.99",

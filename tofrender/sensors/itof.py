@@ -35,8 +35,8 @@ class Itof(Camera):
         harmonics: Amplitudes a_2, a_3, ... with g >= 0; 1 / h^2, odd h, for two rectangles.
         read_noise: Standard deviation of a tap's read noise [electrons].
         full_well: Capacity of a tap [electrons], None for no saturation.
-        adc_bits: Bits of the converter, whose range is the full well; None for no quantisation.
-        black_level: Electrons added for the conversion, which would cut noise below 0 off.
+        adc_bits: Bits of a converter for 0 to the full well, which keeps noise below 0 (by a black
+            level); None for no quantisation.
 
     Raises:
         ValueError: A value out of range, or a converter without a full well.
@@ -57,7 +57,6 @@ class Itof(Camera):
     read_noise: float = 0.0
     full_well: float | None = None
     adc_bits: int | None = None
-    black_level: float = 0.0
 
     def __post_init__(self) -> None:
         frequencies, _ = check_frequencies(self.frequencies_hz, "frequencies_hz")
@@ -69,15 +68,12 @@ class Itof(Camera):
         object.__setattr__(self, "harmonics", tuple(harmonics.tolist()))
         bright = self.correlation(np.linspace(0, 2 * np.pi, 721)).min() >= -1e-9
         checks.require("harmonics", self.harmonics, bright, "so small that no light is negative")
-        for name in ("read_noise", "black_level"):
-            checks.number(name, getattr(self, name), unit="electrons", low=0, high=1e9)
+        checks.number("read_noise", self.read_noise, unit="electrons", low=0, high=1e9)
         if self.full_well is not None:
             checks.number("full_well", self.full_well, unit="electrons", positive=True)
         if self.adc_bits is not None:
             checks.integer("adc_bits", self.adc_bits, 1, 32)
             checks.require("full_well", None, self.full_well is not None, "given with adc_bits")
-        needless = self.black_level == 0 or self.adc_bits is not None
-        checks.require("black_level", self.black_level, needless, "0 without adc_bits")
 
     def correlation(self, angle: Any) -> np.ndarray:
         """Relative sensitivity g of a tap at a phase difference [rad], of any shape."""
@@ -103,9 +99,8 @@ class Itof(Camera):
         saturated = (taps >= full).any(axis=(0, 1))
         taps = np.minimum(taps, full)
         if self.adc_bits is not None:
-            codes = (1 << self.adc_bits) - 1
-            taps = np.clip(np.rint((taps + self.black_level) / full * codes), 0, codes)
-            taps = taps * full / codes - self.black_level
+            step = full / ((1 << self.adc_bits) - 1)
+            taps = np.rint(taps / step) * step
         taps = expected["taps"].copy(data=taps)
         return expected.assign(taps=taps, saturated=(("y", "x"), saturated))
 

@@ -22,11 +22,10 @@ def expected_photons(
     *,
     photons_per_cycle: float | None = None,
     background_per_cycle: float = 0.0,
-    channel: str | None = None,
     lamp_power_w: float | None = None,
-    pulse_energy_j: float | None = None,
     mean_power_w: float | None = None,
     repetition_rate_hz: float | None = None,
+    pulse_energy_j: float | None = None,
     wavelength_m: float | None = None,
     f_number: float | None = None,
     focal_length_m: float | None = None,
@@ -54,17 +53,17 @@ def expected_photons(
         rate_k = signal_k + (ambient counts per second + dark_count_hz) w / c.
 
     A pulse of the render is part of H_k. In short, `photons_per_cycle` scales the mean signal of
-    all pixels, and `background_per_cycle` is spread over bins; then only `channel` may be given.
+    all pixels, and `background_per_cycle` is spread over bins; then no other may be given.
 
     Args:
-        dataset: A Dataset of `render`, "radiance per bin", of which S0 counts; lazy ones stay so.
+        dataset: A Dataset of `render`, "radiance per bin"; lazy ones stay so. The mean of channels
+            counts, of Stokes vectors S0; `dataset.sel(channel=["R"])` has one channel.
         photons_per_cycle: Mean signal per pixel and cycle, above 0.
         background_per_cycle: Background per pixel and cycle, at least 0.
-        channel: The channel with the laser's colour; None for the mean of all.
         lamp_power_w: Power P [W] that the lamps of the scene emit.
-        pulse_energy_j: Energy Q [J] of a laser pulse; or else, of which it is the ratio,
-        mean_power_w: mean power of the laser [W], and
-        repetition_rate_hz: pulses per second [1/s], whose period is no shorter than the window.
+        mean_power_w: Mean power of the laser [W].
+        repetition_rate_hz: Pulses per second, whose period is no shorter than the window.
+        pulse_energy_j: Energy Q [J] of a pulse, instead of these two, whose ratio it is.
         wavelength_m: Wavelength of the laser [m].
         f_number: Focal length over diameter of the aperture.
         focal_length_m: Focal length [m], for cos^4; None for 1.
@@ -96,12 +95,8 @@ def expected_photons(
     transient = dataset["transient"]
     if "stokes" in transient.dims:
         transient = transient.sel(stokes="S0", drop=True)
-    if channel is None:
-        transient = transient.mean("channel", dtype=np.float64)
-    else:
-        names = [str(each) for each in dataset["channel"].values]
-        transient = transient.sel(channel=checks.one_of("channel", channel, names), drop=True)
-    signal = transient.transpose("y", "x", "opl").clip(min=0)  # Filters have negative lobes
+    signal = transient.mean("channel", dtype=np.float64).transpose("y", "x", "opl")
+    signal = signal.clip(min=0)  # Filters have negative lobes
     bins, bin_s = signal.sizes["opl"], width / SPEED_OF_LIGHT
     if photons_per_cycle is not None:
         signal = signal * (photons_per_cycle / signal.sum("opl").mean())
@@ -145,8 +140,6 @@ def _check(dataset: Any, given: dict[str, Any]) -> tuple[float, float]:
     defaults: Any = expected_photons.__kwdefaults__
     for name, default in defaults.items():
         value = given[name]
-        if name == "channel":
-            continue
         if value is not None or default is not None:
             above, high = default is None, 1 if name in FRACTIONS else None
             checks.number(name, value, positive=above, low=None if above else 0, high=high)
