@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.ndimage import convolve1d
@@ -28,7 +28,6 @@ class Readout:
         shape: Rows and columns of (macro) pixels, codes of the TDC.
         rows: Rows that are simulated together, and rows beside them that they depend on.
         edges: Ends of the TDC's codes, in bins; `centres` are nominal [m].
-        attrs: Attributes of results.
     """
 
     def __init__(self, spad: Spad, rates: Rates, seed: int = 0) -> None:
@@ -47,18 +46,16 @@ class Readout:
         merged = (spad.tdc_lsb_s or self.bin_s) / self.bin_s
         self.merged = round(merged)
         whole = 1 <= self.merged <= bins and abs(merged - self.merged) < 1e-6 * merged
-        allowed = f"a whole number of bins of {self.bin_s:g} s"
-        checks.require("tdc_lsb_s", spad.tdc_lsb_s, whole, allowed)
+        checks.require("tdc_lsb_s", spad.tdc_lsb_s, whole, f"a multiple of {self.bin_s:g} s, a bin")
         full = bins // self.merged if spad.tdc_bits is None else 1 << spad.tdc_bits
         codes = min(full, bins // self.merged)
-        noise = generator(spad.device_seed, _TDC).normal(0, spad.tdc_dnl, full)
-        widths = np.maximum(1 + noise, 0.01)
+        widths = generator(spad.device_seed, _TDC).normal(1, spad.tdc_dnl, full).clip(0.01)
         edges = np.cumsum(np.append(0, widths / widths.mean())) * self.merged
         self.edges = np.minimum(edges[: codes + 1], bins)
         self.shape, width = (height // tall, width // wide, codes), self.merged * rates.width
         self.centres = rates.edges[0] + (np.arange(codes) + 0.5) * width
-        jitter = None if spad.jitter is None else distribution("jitter", spad.jitter)
-        self.masses = None if jitter is None else kernel(jitter, rates.width)
+        jitter = spad.jitter and distribution("jitter", spad.jitter)
+        self.masses = jitter and kernel(jitter, rates.width)
         given = {f"spad_{name}": value for name, value in vars(spad).items()}
         plain = {k: v if isinstance(v, int | float) else str(v) for k, v in given.items()}
         self.attrs = plain | {"bin_width_opl": width, "sensor_seed": seed}
@@ -90,8 +87,7 @@ class Readout:
         if self.spad.mode == "first_photon":
             found = first_photon(rates)
         elif dead is not None:
-            paralysable = self.spad.paralysable
-            found = armed_detections(rates, dead, paralysable=paralysable, periodic=free)
+            found = armed_detections(rates, dead, self.spad.paralysable, free)
         if self.masses is not None:
             found = convolve1d(found, self.masses, axis=1, mode="wrap" if free else "constant")
         return rebin(found, self.edges)
@@ -120,9 +116,7 @@ class Readout:
             found.append((k, self._read_out(rng, *self.layout.parts(keys))))
         return found
 
-    def _read_out(
-        self, rng: np.random.Generator, pixel: np.ndarray, cycle: np.ndarray, bins: np.ndarray
-    ) -> tuple[np.ndarray, ...]:
+    def _read_out(self, rng: Any, pixel: Any, cycle: Any, bins: Any) -> tuple[np.ndarray, ...]:
         """Pixel, cycle and TDC code of detections: jitter, then the TDC."""
         if self.masses is not None:
             moved = np.searchsorted(np.cumsum(self.masses), rng.random(bins.size), side="right")
@@ -139,8 +133,7 @@ class Readout:
     def _bincount(self, pixel: np.ndarray, code: np.ndarray) -> np.ndarray:
         """Histogram (x, code) of a row."""
         _, width, codes = self.shape
-        cells = np.bincount(pixel * codes + code, minlength=width * codes)
-        return cells.reshape(width, codes)
+        return np.bincount(pixel * codes + code, minlength=width * codes).reshape(width, codes)
 
     def _with_hot_pixels(self, block: Block) -> Block:
         """Rates in double precision, with the dark counts of hot pixels."""

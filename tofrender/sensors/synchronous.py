@@ -1,8 +1,4 @@
-"""Detection probabilities and counts of a SPAD, bin by bin, without single photons.
-
-Time is resolved to bins: with a dead time, a bin detects at most once per cycle, with probability
-p_k = 1 - exp(-rate_k) if armed, and the dead time covers whole bins after it.
-"""
+"""Detection probabilities and counts of a SPAD bin by bin, p_k = 1 - exp(-rate_k) if armed."""
 
 import numpy as np
 
@@ -19,9 +15,7 @@ def first_photon(rates: np.ndarray) -> np.ndarray:
     return np.exp(rates - np.cumsum(rates, axis=-1)) * -np.expm1(-rates)
 
 
-def armed_detections(
-    rates: np.ndarray, dead: int, *, paralysable: bool, periodic: bool
-) -> np.ndarray:
+def armed_detections(rates: np.ndarray, dead: int, paralysable: bool, periodic: bool) -> np.ndarray:
     """Probability d_k that bin k detects, for rates (pixel, bin) and a dead time of `dead` bins.
 
     Non-paralysable, detections within a dead time exclude each other: d_k = p_k (1 - sum of d_j
@@ -50,8 +44,8 @@ def sample_counts(
 ) -> np.ndarray:
     """Draw the counts (pixel, bin) of cycles that start armed, with a non-paralysable dead time.
 
-    Cycles are independent and alike, so that of those armed at bin k, `cycles` less the detections
-    in the dead bins before, a binomial number detects: the exact joint distribution.
+    Cycles are independent and alike: of those armed at bin k, all but the detections in the `dead`
+    bins before, a binomial number detects.
     """
     p = np.ascontiguousarray(-np.expm1(-rates.T))
     found, armed = np.zeros(p.shape, np.int64), np.full(len(rates), cycles)
