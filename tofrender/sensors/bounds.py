@@ -22,15 +22,9 @@ def depth_bound(signal: Any, background: Any, response: Any, bin_width_opl: floa
 
     Args:
         signal: Expected counts S of the signal, at least 0, any shape.
-        background: Expected counts b per bin, of a shape that broadcasts to that.
-        response: A `Response`, a `GaussianPulse` or a `SampledPulse`: pulse and jitter together.
+        background: Expected counts b per bin, at least 0, of a shape that broadcasts to that.
+        response: Of pulse and detector together, as for `estimate_depth`.
         bin_width_opl: Width of the bins [m].
-
-    Returns:
-        Standard deviation of the depth [m], half of that of the path; infinite without signal.
-
-    Raises:
-        ValueError: Negative counts, or a wrong response or width.
 
     Example:
         >>> from tofrender import GaussianPulse

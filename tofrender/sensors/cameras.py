@@ -21,31 +21,22 @@ class Camera:
     _expected: Any  # (rates) -> Dataset
     _noisy: Any  # (random numbers, expected Dataset) -> Dataset
 
-    def expected(
-        self, rates: Any, cycles: int = 1, *, bin_width_opl: float | None = None
-    ) -> xr.Dataset:
+    def expected(self, rates: Any, cycles: int = 1, *, bin_width_opl: Any = None) -> xr.Dataset:
         """Compute the expectation of `frames`, float64, before saturation and quantisation."""
         return self._expected(Rates(rates, cycles, bin_width_opl))
 
     def frames(
-        self, rates: Any, cycles: int, seed: int = 0, *, bin_width_opl: float | None = None
+        self, rates: Any, cycles: int, seed: int = 0, *, bin_width_opl: Any = None
     ) -> xr.Dataset:
-        """Simulate what the camera reads out.
+        """Simulate what the camera reads out, with the arguments and errors of `Spad.histogram`.
 
-        Args:
-            rates: A Dataset of `expected_photons`, or photons per pixel, bin and cycle, at least 0,
-                as an array (y, x, bin). Lazy ones are computed.
-            cycles: Exposure of each frame in cycles: exposure time times repetition rate.
-            seed: Seed of the random numbers.
-            bin_width_opl: Width of the bins [m], for an array.
+        The exposure of a frame is `cycles`: exposure time times repetition rate. Lazy rates are
+        computed.
 
         Returns:
             A Dataset of photoelectrons: of a `GatedCamera` `images` (delay_opl, y, x); of a
             `StreakCamera` `images` (y, sweep, x), by the slit's row and the path length [m]; of an
             `Itof` `taps` (frequency, tap, y, x), and `saturated` (y, x), where a tap was full.
-
-        Raises:
-            ValueError: Rates that are negative or not finite, or that do not fit the camera.
         """
         rng = generator(seed)
         expected = self.expected(rates, cycles, bin_width_opl=bin_width_opl)
@@ -66,8 +57,8 @@ class Multiplier(Camera):
     def _noisy(self, rng: np.random.Generator, expected: xr.Dataset) -> xr.Dataset:
         means = np.maximum(expected["images"].values, 0)  # Rounding makes them negative
         found, more = rng.poisson(means), self.excess_noise - 1
-        multiplied = rng.gamma(found / more, more) if more else found
-        noisy = multiplied + rng.normal(0, self.read_noise, found.shape)
+        noisy = rng.gamma(found / more, more) if more else found
+        noisy = noisy + rng.normal(0, self.read_noise, found.shape)
         return expected.assign(images=expected["images"].copy(data=noisy))
 
 

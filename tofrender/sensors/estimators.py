@@ -24,14 +24,8 @@ def coates(counts: Any, cycles: int) -> np.ndarray:
 
         rate_k = -ln(1 - N_k / (cycles - sum of N before k))
 
-    The maximum-likelihood estimate (Coates 1968), with the variance `coates_variance`.
-
-    Args:
-        counts: Counts N (..., bin), at least 0 and no more than `cycles` in all.
-        cycles: Laser cycles.
-
-    Returns:
-        Photons per cycle (..., bin): infinite where all cycles left detect, NaN after that.
+    for counts N (..., bin) of so many cycles, in photons per cycle (..., bin): infinite where all
+    that are left detect, NaN after that. The likeliest (Coates 1968), see `coates_variance`.
 
     Example:
         >>> coates([393469, 238651], 1_000_000).round(4).tolist()
@@ -174,13 +168,9 @@ def echoes(
     """Find all returns of each pixel, with intensity and width.
 
     A return is a maximum of the counts' correlation with the response, under which lie more counts
-    than the background explains, by a Poisson tail that is `false_alarm` for all bins (Šidák).
-
-    Args:
-        counts: As for `estimate_depth`.
-        response: As for `estimate_depth`.
-        false_alarm: Probability, above 0 and at most 0.5, that false returns in a pixel stay below.
-        bin_width_opl: As for `estimate_depth`.
+    than the background explains, by a Poisson tail that is `false_alarm` for all bins (Šidák): the
+    probability of a false return in a pixel stays below, from above 0 to 0.5. Other arguments and
+    errors are as for `estimate_depth`.
 
     Returns:
         A Dataset along "echo": pixel indices `y`, `x`, `number` from 1 by path length, `opl` and

@@ -1,11 +1,7 @@
 """Photons of a SPAD array one by one: arrival, dead time, afterpulses, crosstalk, coincidence.
 
-Times are whole numbers that sort by pixel of a row, cycle and bin,
-
-    key = pixel * pixel_stride + cycle * cycle_stride + bin,
-
-with gaps between pixels, and between cycles that start armed, longer than the dead time, so that
-one pass over the sorted keys treats all of them.
+Times are keys, pixel * pixel_stride + cycle * cycle_stride + bin, with gaps between pixels, and
+between cycles that start armed, longer than the dead time: one pass treats a whole sorted row.
 """
 
 from __future__ import annotations
@@ -62,10 +58,10 @@ def arrivals(rng: np.random.Generator, rates: np.ndarray, layout: Layout) -> np.
 
 
 def detected(keys: np.ndarray, dead: int | None, paralysable: bool) -> np.ndarray:
-    """Which photons of sorted keys are detected: those that find the detector armed.
+    """Which photons of sorted keys find the detector armed.
 
-    Non-paralysable, a photon that follows another by more than the dead time is detected in any
-    case; from all of these at once, the detections within their clusters are followed.
+    Those that follow another by more than the dead time do; from them, if not paralysable, all
+    clusters are followed at once.
 
     Example:
         >>> keys = np.array([0, 2, 3, 5, 20])

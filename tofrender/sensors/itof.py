@@ -105,22 +105,17 @@ class Itof(Camera):
         return expected.assign(taps=taps, saturated=(("y", "x"), saturated))
 
     def depth(self, frames: xr.Dataset, max_depth: float | None = None) -> xr.Dataset:
-        """Compute amplitude, phase and depth from frames; several frequencies are unwrapped.
+        """Compute amplitude, phase and depth from `frames` or `expected` of this camera.
 
-        Args:
-            frames: A Dataset of `frames` or `expected` of this camera.
-            max_depth: As for `tofrender.unwrap`, for several frequencies.
+        Several frequencies are unwrapped, by `tofrender.unwrap` up to `max_depth` [m].
 
         Returns:
             A Dataset: `amplitude` [electrons] and `phase` [rad] in [0, 2 pi) (frequency, y, x),
             `depth` and `residual` [m] (y, x) as of `unwrap`; NaN where a tap was saturated.
-
-        Raises:
-            ValueError: Frames of another camera, or as for `unwrap`.
         """
         shape = (len(self.frequencies_hz), self.taps)
-        own = isinstance(frames, xr.Dataset) and "taps" in frames
-        own = own and frames["taps"].ndim == 4 and frames["taps"].shape[:2] == shape
+        own = isinstance(frames, xr.Dataset) and "taps" in frames and frames["taps"].ndim == 4
+        own = own and frames["taps"].shape[:2] == shape
         checks.require("frames", frames, own, f"a Dataset with {shape} frames and taps")
         turns = np.exp(2j * np.pi * np.arange(self.taps) / self.taps)
         phasor = np.tensordot(frames["taps"].values, turns, axes=(1, 0))

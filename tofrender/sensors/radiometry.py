@@ -82,9 +82,8 @@ def expected_photons(
         ValueError: A parameter is missing, out of range or not allowed beside another.
 
     Example:
-        >>> import tofrender
-        >>> options = {"spp": 4, "size": (8, 8), "window": "auto", "progress": False}
-        >>> box = tofrender.render("cornell_box", **options)
+        >>> from tofrender import render
+        >>> box = render("cornell_box", spp=4, size=(8, 8), window="auto", progress=False)
         >>> rates = expected_photons(box, photons_per_cycle=0.5, background_per_cycle=0.1)
         >>> rates["rate"].dims, round(rates["rate"].sum("bin").mean().item(), 3)
         (('y', 'x', 'bin'), 0.6)
@@ -122,10 +121,10 @@ def expected_photons(
     rate = (signal + background).transpose("y", "x", "opl")
     rate = rate.drop_vars(["opl", "time"], errors="ignore").rename(opl="bin")
     opl = "bin", dataset["opl"].values, dataset["opl"].attrs
-    kept = {name: dataset.attrs.get(name, "") for name in ("scene", "pulse")}
-    kept |= {name: value for name, value in given.items() if value is not None}
-    axis = {"start_opl": start, "bin_width_opl": width, "quantity": "rate", "units": "1"}
-    return xr.Dataset({"rate": rate, "background": background}, {"opl": opl}, kept | axis)
+    kept = {name: value for name, value in given.items() if value is not None}
+    kept |= {"scene": dataset.attrs.get("scene", ""), "quantity": "rate", "units": "1"}
+    kept |= {"start_opl": start, "bin_width_opl": width}
+    return xr.Dataset({"rate": rate, "background": background}, {"opl": opl}, kept)
 
 
 def _check(dataset: Any, given: dict[str, Any]) -> tuple[float, float]:

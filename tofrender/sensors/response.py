@@ -21,9 +21,8 @@ class Response:
 
         f(t) = exp(s^2 / 2 a^2 - t / a) erfc(s / (sqrt(2) a) - t / (sqrt(2) s)) / (2 a)
 
-    with mean a, variance s^2 + a^2. The jitter of a SPAD or, with the laser pulse, of a system.
-    Wherever it is allowed, a `GaussianPulse` is, too, and a `SampledPulse`, which may be read from
-    a file: a measured response over metres of path.
+    with mean a, variance s^2 + a^2. A `GaussianPulse` may stand for it, and a `SampledPulse`, which
+    may be read from a file, for a measured response over metres of path.
 
     Args:
         sigma_s: Standard deviation s of the Gaussian [s], above 0.

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from ..runtime import checks
-from .rates import Block, Rates, by_blocks
+from .rates import Rates, by_blocks
 from .readout import Readout
 from .response import distribution
 
@@ -114,8 +114,8 @@ class Spad:
 
         Cycles that start armed, without paralysis, afterpulses, crosstalk and macro pixels, are
         drawn from the exact distribution of their counts, at a cost that hardly depends on
-        `cycles`; all else photon by photon. Each row has random numbers of its own, so that chunks
-        do not change the result.
+        `cycles`; all else photon by photon. Rows have their own random numbers: chunks change
+        nothing. More photons per cycle than the model is meant for make a warning.
 
         Args:
             rates: A Dataset of `expected_photons`, or photons per pixel, bin and cycle, at least 0,
@@ -129,19 +129,13 @@ class Spad:
             cycles, else uint32; nominal centres of the codes as the coordinate opl [m].
 
         Raises:
-            ValueError: Rates that are negative or not finite, a dead time longer than the window, a
-                TDC or macro pixels that do not divide bins or pixels.
-
-        Warns:
-            UserWarning: More photons per cycle than the model is meant for.
+            ValueError: Wrong rates, or a dead time, TDC or macro pixels that do not fit them.
         """
         readout = Readout(self, Rates(rates, cycles, bin_width_opl, MAX_RATE), seed)
         few = self.mode == "first_photon" and cycles < 1 << 16
         return self._counts(readout, readout.histogram, np.uint16 if few else np.uint32)
 
-    def expected(
-        self, rates: Any, cycles: int = 1, *, bin_width_opl: float | None = None
-    ) -> xr.Dataset:
+    def expected(self, rates: Any, cycles: int = 1, *, bin_width_opl: Any = None) -> xr.Dataset:
         """Compute the expectation of `histogram`, float64; for "free_running" the stationary one.
 
         Afterpulses, crosstalk and macro pixels have no closed form and are refused.
@@ -157,8 +151,8 @@ class Spad:
     ) -> xr.Dataset:
         """Simulate a table of time stamps, sorted by row, pixel and time of detection.
 
-        Arguments and errors are as for `histogram`; lazy rates are computed. Needs about 100 bytes
-        of memory per photon.
+        Arguments and errors are as for `histogram`; lazy rates are computed. A photon takes about
+        100 bytes.
 
         Returns:
             A Dataset along "photon": pixel indices `y` and `x`, `cycle`, TDC code `bin`, and the
@@ -180,11 +174,8 @@ class Spad:
         return xr.Dataset(table, attrs=found.attrs | readout.attrs)
 
     def _counts(self, readout: Readout, function: Any, dtype: Any) -> xr.Dataset:
-        def converted(block: Block) -> np.ndarray:
-            return function(block).astype(dtype, copy=False)
-
-        values = readout.rates.values
-        counts = by_blocks(converted, values, *readout.rows, readout.shape, dtype)
-        coords = {"opl": ("bin", readout.centres, {"units": "m"})}
+        values, shape = readout.rates.values, readout.shape
+        counts = by_blocks(lambda b: function(b).astype(dtype), values, *readout.rows, shape, dtype)
         given = ("counts", ("y", "x", "bin"), counts, "1", self.macro_pixel)
-        return readout.rates.result(*given, **coords).assign_attrs(readout.attrs)
+        found = readout.rates.result(*given, opl=("bin", readout.centres, {"units": "m"}))
+        return found.assign_attrs(readout.attrs)
