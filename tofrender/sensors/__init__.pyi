@@ -1,13 +1,11 @@
-from .bounds import (
-    coates_variance as coates_variance,
-    depth_bound as depth_bound,
-)
 from .cameras import (
     GatedCamera as GatedCamera,
     StreakCamera as StreakCamera,
 )
 from .estimators import (
     coates as coates,
+    coates_variance as coates_variance,
+    depth_bound as depth_bound,
     echoes as echoes,
     estimate_depth as estimate_depth,
 )

@@ -81,9 +81,6 @@ class GatedCamera(Multiplier):
         excess_noise: Excess noise factor F, from 1 to 100; 2 for an EMCCD, 1.6 for intensifiers.
         read_noise: Standard deviation of the read noise [electrons at the photocathode].
 
-    Raises:
-        ValueError: A value out of range.
-
     Example:
         >>> camera = GatedCamera(delays_opl=[2.0], width_s=1e-9)
         >>> images = camera.expected(np.full((1, 1, 100), 0.5), 100, bin_width_opl=0.1)["images"]
@@ -134,9 +131,6 @@ class StreakCamera(Multiplier):
         spread_slit: The same along the slit [pixels].
         excess_noise: As for `GatedCamera`.
         read_noise: As for `GatedCamera`.
-
-    Raises:
-        ValueError: A value out of range.
 
     Example:
         >>> camera = StreakCamera(sweep_opl=0.2, spread_sweep=1.0)

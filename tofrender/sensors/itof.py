@@ -19,14 +19,13 @@ from .rates import Rates
 class Itof(Camera):
     """Correlation camera whose N taps integrate light, demodulated at the phases 2 pi k / N.
 
-    Of S photoelectrons with the phase phi = 2 pi f opl / c, and B of unmodulated light (the
-    `background` of rates), tap k has in the mean
+    Of S photoelectrons with the phase phi = 2 pi f opl / c, and B of `background`, tap k has
 
         m_k = S / N g(phi - 2 pi k / N) + B / N,    g(a) = 1 + M (cos a + sum of a_h cos(h a))
 
-    Each tap has shot noise (Poisson) and read noise, saturates at the full well, and is digitised.
-    The phase is that of sum m_k exp(+2 pi i k / N) (Lange and Seitz, IEEE J. Quantum Electronics
-    37, 2001): with four taps, harmonics add arg(1 + a_3 exp(-4i phi) + a_5 exp(4i phi)).
+    in the mean, shot noise (Poisson) and read noise, saturates, and is digitised. The phase is that
+    of sum m_k exp(+2 pi i k / N) (Lange and Seitz, IEEE J. Quantum Electronics 37, 2001): with four
+    taps, harmonics add arg(1 + a_3 exp(-4i phi) + a_5 exp(4i phi)).
 
     Args:
         frequencies_hz: Modulation frequencies [Hz], a frame for each; or one.

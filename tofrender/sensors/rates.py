@@ -16,7 +16,6 @@ from ..signals.units import SPEED_OF_LIGHT
 
 DIMS = ("y", "x", "bin")
 AXIS = ("start_opl", "bin_width_opl")
-MAX_CYCLES = (1 << 31) - 1
 
 
 class Rates:
@@ -27,7 +26,7 @@ class Rates:
     """
 
     def __init__(self, rates: Any, cycles: Any, bin_width_opl: Any, most: float = np.inf) -> None:
-        self.cycles = checks.integer("cycles", cycles, 1, MAX_CYCLES)
+        self.cycles = checks.integer("cycles", cycles, 1, (1 << 31) - 1)
         if not isinstance(rates, xr.Dataset):
             values = checks.real_array("rates", rates)
             checks.shape("rates", values, values.ndim == 3 and values.size, "(y, x, bin)")
@@ -76,11 +75,8 @@ def check(values: np.ndarray, most: float) -> np.ndarray:
     at_least_0("rates", values, None)
     found = 0.0 if most == np.inf else float(values.sum(axis=2).max(initial=0))
     if found > most:
-        warnings.warn(
-            f"rates: a pixel expects {found:.3g} photons per cycle; above {most:g} a detector is "
-            "blind after the first bins, and what it measures says little",
-            stacklevel=4,
-        )
+        blind = f"above {most:g} a detector is blind after the first bins, and counts say little"
+        warnings.warn(f"rates: {found:.3g} photons per cycle in a pixel; {blind}", stacklevel=4)
     return values
 
 
