@@ -1,4 +1,4 @@
-"""Cameras that measure images of light, with their noise: gated cameras and streak cameras."""
+"""Gated and streak cameras, with their noise. Parameters out of range raise a ValueError."""
 
 from __future__ import annotations
 
@@ -120,8 +120,6 @@ class GatedCamera(Multiplier):
 @dataclass(frozen=True, kw_only=True)
 class StreakCamera(Multiplier):
     """Streak tube: electrons from a slit of the image are deflected down a screen as time goes on.
-
-    Light that is blurred beyond the screen is lost.
 
     Args:
         sweep_opl: Path length per pixel of the screen along the sweep [m].

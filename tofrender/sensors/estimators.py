@@ -15,7 +15,6 @@ from .response import distribution, kernel
 
 METHODS = ("matched", "log_matched", "centroid", "ml")
 TAIL = 1e-3  # Of the response, at each end, that no return includes
-STEPS = 12  # Of Fisher scoring
 
 
 def coates(counts: Any, cycles: int) -> np.ndarray:
@@ -78,7 +77,7 @@ def depth_bound(signal: Any, background: Any, response: Any, bin_width_opl: floa
     reach = kernel(shape, width).size // 2
     edges = (np.arange(-reach, reach + 2) - 0.5) * width
     masses, slopes = (np.diff(each(edges)) for each in (shape.cdf, shape.pdf))
-    information: Any = np.zeros(np.broadcast_shapes(signal.shape, background.shape))
+    information: Any = 0.0
     for mass, slope in zip(masses, slopes, strict=True):
         mean = signal * mass + background
         information = information + (signal * slope) ** 2 / np.where(mean > 0, mean, 1)
@@ -193,7 +192,7 @@ def _likeliest(
     """Offset [bins] and signal of the greatest likelihood, by Fisher scoring."""
     signal = np.maximum(signal, 1e-3)
     base, shape = np.maximum(background, 1e-6 * signal)[..., None], data.response
-    for _ in range(STEPS):
+    for _ in range(12):
         near = (data.lags - 0.5 - offset[..., None]) * data.width
         masses = shape.cdf(near + data.width) - shape.cdf(near)
         slopes = shape.pdf(near) - shape.pdf(near + data.width)

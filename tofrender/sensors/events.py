@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 class Layout:
     """Keys of a row of `shape` (pixels, cycles, bins), where cycles start armed unless `free`.
 
-    A detection blocks `dead` bins after it, or, if None, not even its own; photons coincide within
-    `window` bins.
+    A detection blocks `dead` bins after it, or, if None, none; `window` is that of coincidence.
     """
 
     def __init__(self, shape: tuple[int, int, int], dead: int | None, window: int, free: bool):

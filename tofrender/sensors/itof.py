@@ -1,4 +1,4 @@
-"""Correlation cameras (iToF, AMCW): frames of several taps and frequencies, phase and depth."""
+"""Correlation cameras (iToF, AMCW). Parameters that are not allowed raise a ValueError."""
 
 from __future__ import annotations
 
@@ -37,13 +37,9 @@ class Itof(Camera):
         adc_bits: Bits of a converter for 0 to the full well, which keeps noise below 0 (by a black
             level); None for no quantisation.
 
-    Raises:
-        ValueError: A value out of range, or a converter without a full well.
-
     Example:
         >>> camera = Itof(frequencies_hz=(20e6, 50e6), contrast=0.7)
-        >>> rates = np.zeros((1, 1, 60))
-        >>> rates[0, 0, 40] = 1.0  # At 20.25 m of path
+        >>> rates = np.eye(60)[40].reshape(1, 1, 60)  # At 20.25 m of path
         >>> frames = camera.frames(rates, cycles=10**6, seed=1, bin_width_opl=0.5)
         >>> round(camera.depth(frames)["depth"].item(), 1)
         10.1

@@ -75,8 +75,8 @@ def expected_photons(
         dark_count_hz: Dark counts of a pixel [1/s].
 
     Returns:
-        A Dataset: `rate` (y, x, bin) with the coordinate opl [m]; `background` (y, x), the part of
-        each bin that does not depend on time; all parameters as attributes.
+        A Dataset: `rate` (y, x, bin) with the coordinate opl [m], the `background` (y, x) that is
+        part of each bin, and all parameters as attributes.
 
     Raises:
         ValueError: A parameter is missing, out of range or not allowed beside another.
@@ -107,8 +107,8 @@ def expected_photons(
             checks.require("repetition_rate_hz", repetition_rate_hz, fits, allowed)
             o.pulse_energy_j = o.mean_power_w / o.repetition_rate_hz
         area = o.pixel_pitch_m**2 * fill_factor * np.pi / (4 * o.f_number**2)
-        counts = area * o.wavelength_m / (PLANCK * SPEED_OF_LIGHT)
-        counts = counts * transmission * detection_efficiency  # Per W m^-2 sr^-1 and second
+        photons = area * o.wavelength_m / (PLANCK * SPEED_OF_LIGHT)
+        counts = photons * transmission * detection_efficiency  # Per W m^-2 sr^-1 and second
         if focal_length_m is not None:
             square: Any = 1.0
             for axis, size in (("x", "film_width"), ("y", "film_height")):
@@ -129,9 +129,8 @@ def expected_photons(
 
 def _check(dataset: Any, given: dict[str, Any]) -> tuple[float, float]:
     """Refuse bad parameters, and return start and width [m] of the bins."""
-    whole = isinstance(dataset, xr.Dataset) and "transient" in dataset
-    needed = {"y", "x", "opl", "channel"}
-    whole = whole and needed <= set(dataset["transient"].dims) and dataset["transient"].size > 0
+    film = dataset.get("transient") if isinstance(dataset, xr.Dataset) else None
+    whole = film is not None and {"y", "x", "opl", "channel"} <= set(film.dims) and film.size > 0
     checks.require("dataset", dataset, whole, "a Dataset of render")
     quantity = dataset.attrs.get("quantity")
     checks.require("quantity", quantity, quantity == "radiance per bin", "radiance per bin")

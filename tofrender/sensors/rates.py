@@ -21,8 +21,7 @@ AXIS = ("start_opl", "bin_width_opl")
 class Rates:
     """Rates `values` (y, x, bin) that a sensor sees for some cycles, in bins with `edges` [m].
 
-    They are of a Dataset of `expected_photons`, NumPy or Dask, or of an array with the width of its
-    bins [m]. Above `most` photons per pixel and cycle, users are warned.
+    They come as for `Spad.histogram`. Above `most` photons per pixel and cycle, users are warned.
     """
 
     def __init__(self, rates: Any, cycles: Any, bin_width_opl: Any, most: float = np.inf) -> None:
@@ -106,10 +105,7 @@ class Block(NamedTuple):
 def by_blocks(
     function: Callable[[Block], Any], values: Any, rows: int, halo: int, shape: Any, dtype: Any
 ) -> Any:
-    """Array (y, ...) by blocks of rows with `halo` more at inner edges, in threads, or of Dask.
-
-    Without a shape, a list of the blocks' results.
-    """
+    """Array (y, ...), or list without a shape, by blocks of rows with a halo, threaded or lazy."""
     parts = []
     for start in range(0, len(values), rows):
         low, stop = max(0, start - halo), min(len(values), start + rows)

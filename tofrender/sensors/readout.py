@@ -24,10 +24,7 @@ _HOT, _STAMPS, _TDC = 1, 2, 3  # Streams of random numbers, beside that of photo
 class Readout:
     """A SPAD array that sees certain rates, with the seed of its noise.
 
-    Attributes:
-        shape: Rows and columns of (macro) pixels, codes of the TDC.
-        rows: Rows that are simulated together, and rows beside them that they depend on.
-        edges: Ends of the TDC's codes, in bins; `centres` are nominal [m].
+    `shape` is that of results; `rows` are simulated together, and how many beside these they need.
     """
 
     def __init__(self, spad: Spad, rates: Rates, seed: int = 0) -> None:

@@ -12,8 +12,6 @@ from ..runtime import checks
 from ..signals.pulses import GaussianPulse, SampledPulse
 from ..signals.units import SPEED_OF_LIGHT
 
-TAIL = 1e-6  # Probability beyond each end of a kernel
-
 
 @dataclass(frozen=True)
 class Response:
@@ -57,10 +55,10 @@ def distribution(name: str, response: Any) -> Any:
     return stats.exponnorm(tail / sigma, 0, sigma)
 
 
-def kernel(response: Any, width: float, tail: float = TAIL) -> np.ndarray:
+def kernel(response: Any, width: float, tail: float = 1e-6) -> np.ndarray:
     """Probabilities that stamps move by k = -n to n bins of a width [m] from a bin's centre.
 
-    They are cdf((k + 1/2) width) - cdf((k - 1/2) width) of a distribution, and sum to 1.
+    They are cdf((k + 1/2) width) - cdf((k - 1/2) width), without a `tail` at each end; sum 1.
     """
     ends = response.ppf([tail, 1 - tail])
     reach = max(1, int(np.rint(np.abs(ends).max() / width)))

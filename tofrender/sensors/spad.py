@@ -52,8 +52,7 @@ class Spad:
 
     Example:
         >>> rates = np.full((2, 3, 50), 0.02)  # Photons per bin and cycle
-        >>> spad = Spad(hot_fraction=0.1, hot_rate_hz=1e6)
-        >>> counts = spad.histogram(rates, 10_000, seed=1, bin_width_opl=0.02)["counts"]
+        >>> counts = Spad().histogram(rates, 10_000, seed=1, bin_width_opl=0.02)["counts"]
         >>> counts.dims, counts.dtype, bool(counts.sum("bin").max() < 10_000)
         (('y', 'x', 'bin'), dtype('uint16'), True)
     """
@@ -167,11 +166,10 @@ class Spad:
         values = np.asarray(readout.rates.values)
         parts = by_blocks(readout.table, values, *readout.rows, None, None)
         columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
-        named = zip(("y", "x", "cycle", "bin"), columns, strict=True)
-        table = {name: ("photon", column) for name, column in named}
-        table["opl"] = "photon", readout.centres[columns[3]]
-        found = readout.rates.result("photons", (), columns[0].size, "1")
-        return xr.Dataset(table, attrs=found.attrs | readout.attrs)
+        columns.append(readout.centres[columns[3]])
+        named = zip(("y", "x", "cycle", "bin", "opl"), columns, strict=True)
+        attrs = readout.rates.result("photons", (), 0, "1").attrs | readout.attrs
+        return xr.Dataset({name: ("photon", column) for name, column in named}, attrs=attrs)
 
     def _counts(self, readout: Readout, function: Any, dtype: Any) -> xr.Dataset:
         values, shape = readout.rates.values, readout.shape

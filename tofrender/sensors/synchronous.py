@@ -18,10 +18,9 @@ def first_photon(rates: np.ndarray) -> np.ndarray:
 def armed_detections(rates: np.ndarray, dead: int, paralysable: bool, periodic: bool) -> np.ndarray:
     """Probability d_k that bin k detects, for rates (pixel, bin) and a dead time of `dead` bins.
 
-    Non-paralysable, detections within a dead time exclude each other: d_k = p_k (1 - sum of d_j
-    over the `dead` bins before k). Paralysable, each photon starts it: d_k = p_k exp(-sum of rates
-    over these bins). Cycles start armed unless periodic, when the last bins come before the first
-    (stationary free running: Rapp et al., IEEE Trans. Signal Process. 67, 2019).
+    Non-paralysable, these detections exclude each other: d_k = p_k (1 - sum of d_j over the `dead`
+    bins before k). Paralysable, photons start it: d_k = p_k exp(-sum of rates there). Cycles start
+    armed unless periodic: stationary free running (Rapp et al., IEEE Trans. Signal Process. 67).
     """
     bins = rates.shape[-1]
     p = -np.expm1(-rates)
