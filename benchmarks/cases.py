@@ -20,6 +20,7 @@ from .case_fog import fog, gates_in_fog
 from .case_gradients import gradients
 from .case_lights import camera_connections, light_samples, lights
 from .case_nlos import nlos
+from .case_photons import photons
 from .case_polarised import polarised
 from .case_reconstruction import reconstruction
 from .case_warps import warps
@@ -275,6 +276,7 @@ CASES = {
     "derivatives": derivatives,
     "nlos": nlos,
     "reconstruction": reconstruction,
+    "photons": photons,
     "warps": warps,
     "gradients": gradients,
 }

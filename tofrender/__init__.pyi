@@ -12,6 +12,7 @@ from . import (
     samplers as samplers,
     sampling as sampling,
     scenes as scenes,
+    sensors as sensors,
     signals as signals,
     vis as vis,
 )

@@ -123,18 +123,22 @@ READ = {
 
 
 KINDS = {
+    "amounts": "signal background",
     "boolean": "all_bins discard_direct_light errors flip_normals folder hide_emitters occluder "
-    "optimize overwrite progress",
+    "optimize overwrite paralysable progress",
     "boolean but 1, 0": "counts_first_and_last_legs",
-    "choice": "domain integrator k kind layout light loss method mis mode optimizer precision "
-    "quantity sampler scheduler shown spheres style subject surface theme view weighting",
-    "count": "bins count height n_bits patience sample_dimension spp steps temporal_bins tests "
-    "threads width workers",
+    "choice": "domain integrator k kind layout light loss method mis mode optimizer "
+    "precision quantity sampler scheduler shown spheres style subject surface theme view weighting",
+    "count": "adc_bits bins count height n_bits patience sample_dimension slit_rows "
+    "slit_width spp steps taps tdc_bits temporal_bins tests threads width workers",
     "cube": "data rendered target transient values",
     "dataset": "capture dataset pyramid resume where",
     "file": "module out path",
-    "fraction": "share threshold tolerance",
+    "fraction": "afterpulse_probability afterpulse_time_s coincidence_window_s "
+    "crosstalk_probability dead_time_s detection_efficiency edge_s extinction fill_factor "
+    "hot_fraction share tail_s tdc_dnl threshold tolerance transmission",
     "frequencies": "frequencies_hz frequency_hz",
+    "from 0": "ambient_radiance dark_count_hz hot_rate_hz read_noise spread_slit spread_sweep",
     "function": "apply callback gate pdf tell",
     "integer": "x0 y0",
     "label": "again name title",
@@ -142,21 +146,26 @@ KINDS = {
     "mapping": "attrs define parameters settings",
     "mapping but dict-1": "bounds expected_moments",
     "metres": "energy_weight opl phase_offset start_opl target_time tilt",
-    "object": "bsdf cases client emitter figure params record relay_wall_shapes shapes si verdict",
+    "object": "bsdf cases client emitter figure jitter params record relay_wall_shapes "
+    "response shapes si verdict",
     "panel": "B0 B180 B270 B90 I Q amplitude amplitudes depth phase true_depth",
     "pair": "pixel uv",
     "picture": "distance_m laser_grid laser_normals sensor_grid sensor_normals truth",
     "pixel": "x y",
     "place": "laser_origin sensor_origin",
     "point": "centre corner e0 e1 laser o point position v0 v1 v2 wi",
-    "positive": "bin_width bin_width_opl cycles distance exposure half_width learning_rate "
-    "period_ns range_m seconds side snr stops wavelength",
+    "positive": "bin_width bin_width_opl cycles distance exposure f_number focal_length_m "
+    "full_well half_width lamp_power_w learning_rate mean_power_w period_ns pixel_pitch_m "
+    "pulse_energy_j range_m repetition_rate_hz seconds side snr stops tdc_lsb_s wavelength "
+    "wavelength_m",
     "positive but 1e30, 2**40": "megabytes radius",
-    "pulse-width": "pulse_width pulse_width_opl width_opl",
+    "pulse-width": "pulse_width pulse_width_opl sweep_opl width_opl",
     "radius": "hole_width lamp_radius",
-    "seed": "demodulation seed",
+    "seed": "demodulation device_seed seed",
+    "series": "delays_opl harmonics",
+    "share": "false_alarm sigma_s width_s",
     "shapes": "hidden_shapes relay_wall wall",
-    "sizes": "grid size",
+    "sizes": "grid macro_pixel size",
     "stops": "most_stops shadows stops_per_row",
     "turn": "angle polariser",
 }
@@ -170,7 +179,12 @@ PARAMETERS = {name: kind for kind, names in KINDS.items() for name in names.spli
     **{"film_config": "config", "cos_theta_max": "cosine", "max_depth": "depth", "fps": "rate"},
     **{"sigma_t": "extinction", "time_ns": "length", "light_samples": "light-samples"},
     **{"on_wall": "mask", "transform": "matrix", "alpha": "roughness", "contrast": "share"},
-    **{"min_size": "side", "axis": "stokes-axis", "orders": "mapping but dict-1, dataset"},
+    **{
+        "excess_noise": "rate",
+        "min_size": "side",
+        "axis": "stokes-axis",
+        "orders": "mapping but dict-1, dataset",
+    },
     **{"phases": "panel but array-nan", "points": "picture but array-nan"},
     **{"transient_data": "cube but dataset without pixels"},
     **{"needed_bytes": "seed but 2**40, 2**32"},
@@ -236,6 +250,13 @@ OF_BINS = (
 )
 OTHER_BOXES = [f"scenes.cornell_box_{kind}" for kind in ("flash", "glass", "mirror")]
 AXIS = {"start_opl": "metres", "bin_width_opl": "positive"}
+GAUSS = tofrender.sensors.Response(1e-9)
+HISTOGRAM = {"counts": np.ones((1, 1, 200)), "response": GAUSS, "bin_width_opl": 0.1}
+COUNTED = {"bin_width_opl": "positive", "response": "object", "counts": "amounts"}
+OPTICS = {"lamp_power_w": 1.0, "pulse_energy_j": 1e-9, "wavelength_m": 1e-6, "f_number": 2.0}
+OPTICS |= {"pixel_pitch_m": 1e-5}
+SPAD = {"mode": "multi_hit", "dead_time_s": 1e-9, "afterpulse_probability": 0.1}
+SPAD |= {"crosstalk_probability": 0.1, "macro_pixel": (2, 2), "hot_fraction": 0.1}
 TENT = {"sample": sampling.square_to_tent, "name": "a"}
 PIXELS = np.ones((2, 3, 3))
 CHI_SQUARE = {"samples": "samples", "resolution": "resolution", "seed": "seed"}
@@ -311,6 +332,23 @@ TABLE = [
     row("SampledPulse", {"values": "energies", "bin_width_opl": "pulse-width"}, values=[1.0, 2.0]),
     row("SampledPulse.from_file"),
     *rows("opl_to_ns", opl="length"),
+    # --------------------------------------------------------------------------------- sensors
+    row("sensors.Spad", {"coincidence": "count"}, **SPAD, coincidence=2),
+    row("sensors.GatedCamera", delays_opl=[1.0], width_s=1e-9),
+    row("sensors.StreakCamera", sweep_opl=0.1),
+    row("sensors.Itof", {"frequencies_hz": "frequencies"}),
+    row("sensors.Response", sigma_s=1e-9),
+    row("sensors.coates", {"counts": "amounts", "cycles": "count"}, counts=[1, 2], cycles=9),
+    row("sensors.coates_variance", {"rates": "amounts", "cycles": "count"}, rates=[1.0], cycles=9),
+    row("sensors.depth_bound", signal=9.0, background=1.0, response=GAUSS, bin_width_opl=0.1),
+    *(row(f"sensors.{name}", COUNTED, **HISTOGRAM) for name in ("estimate_depth", "echoes")),
+    row("sensors.expected_photons", {"dataset": "dataset"}, dataset=data, **OPTICS),
+    alone(
+        "sensors.expected_photons",
+        {"photons_per_cycle": "positive?", "background_per_cycle": "from 0"},
+        dataset=data,
+        photons_per_cycle=1.0,
+    ),
     # -------------------------------------------------------------------------------- sampling
     row("sampling.point_set"),
     alone("sampling.point_set", {"seed": "seed"}, kind="independent"),
@@ -426,7 +464,7 @@ def called(row: Row, out: Path, /, **changes: Any) -> Any:
 def public() -> set[str]:
     """Names in the stubs of the rooms, as the table calls them."""
     names = set()
-    for room in ("", "apps", "io", "vis", "analysis", "nlos", "sampling", "scenes"):
+    for room in ("", "apps", "io", "vis", "analysis", "nlos", "sampling", "scenes", "sensors"):
         stub = PACKAGE / room / "__init__.pyi"
         if not stub.exists():
             names |= {f"{room}.{name}" for name in function(room).__all__}

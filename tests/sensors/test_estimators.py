@@ -1,0 +1,165 @@
+"""Estimators against their bounds: pile-up, depth, echoes and false alarms."""
+
+import numpy as np
+import pytest
+from helpers.support import agree, refused
+from scipy.stats import norm
+
+from tofrender.sensors import (
+    Response,
+    Spad,
+    coates,
+    coates_variance,
+    depth_bound,
+    echoes,
+    estimate_depth,
+)
+from tofrender.sensors.response import distribution, kernel
+from tofrender.signals.units import SPEED_OF_LIGHT
+
+WIDTH = 0.02
+SIGMA = 3 * WIDTH
+GAUSS = Response(SIGMA / SPEED_OF_LIGHT)
+LATE = Response(SIGMA / SPEED_OF_LIGHT, 2 * SIGMA / SPEED_OF_LIGHT)
+BINS = 120
+
+
+def histograms(response, signal, background, count=2000, seed=1, bins=BINS):
+    """Counts (1, count, bin) of returns anywhere in a bin, and their path lengths [m]."""
+    rng = np.random.default_rng(seed)
+    position = (bins // 2 + rng.random(count)) * WIDTH
+    masses = np.diff(
+        distribution("response", response).cdf(np.arange(bins + 1) * WIDTH - position[:, None])
+    )
+    return rng.poisson(signal * masses + background)[None], position
+
+
+@pytest.mark.statistical
+def test_coates_undoes_pile_up():
+    """Mean, variance (exp(rate) - 1) / (M exp(-sum before)) and no correlation of bins."""
+    rates = np.array([0.05, 0.3, 1.2, 0.4, 0.1])
+    cycles = 100_000
+    film = np.broadcast_to(rates, (40, 50, 5))
+    counts = Spad().histogram(film, cycles, 3, bin_width_opl=WIDTH)["counts"].values
+    found = coates(counts, cycles).reshape(-1, 5)
+    assert agree(found, rates, rounding=1e-3)  # Its bias is of the order of 1 / M
+    variance = coates_variance(rates, cycles)
+    assert agree((found - rates) ** 2, variance, rounding=1e-2)
+    assert not agree((found - rates) ** 2, rates / cycles, rounding=1e-2)  # Power
+    assert np.abs(np.corrcoef(found.T) - np.eye(5)).max() < 0.1
+    assert np.isinf(coates([5, 5], 10)[1])
+
+
+def test_bound_of_a_gaussian():
+    """sigma / (2 sqrt S); bins lose w^2 / 12 sigma^2; much background: S^2 / (4 sqrt(pi) s^3 b)."""
+    fine = WIDTH / 20
+    assert depth_bound(100.0, 0.0, GAUSS, fine) == pytest.approx(SIGMA / 20, rel=1e-3)
+    ratio = depth_bound(1.0, 0.0, GAUSS, WIDTH) / (SIGMA / 2)
+    assert ratio**2 == pytest.approx(1 + WIDTH**2 / (12 * SIGMA**2), rel=1e-3)
+    density = 1e6  # Counts per metre
+    information = 100.0**2 / (4 * np.sqrt(np.pi) * SIGMA**3 * density)
+    found = depth_bound(100.0, density * fine, GAUSS, fine)
+    assert found == pytest.approx(0.5 / np.sqrt(information), rel=2e-3)
+    assert np.isinf(depth_bound([0.0], 1.0, GAUSS, WIDTH)).all()
+    e = np.arange(-15, 17) * WIDTH - WIDTH / 2
+    p, slope = np.diff(norm.cdf(e / SIGMA)), np.diff(norm.pdf(e / SIGMA) / SIGMA)
+    exact = 0.5 / np.sqrt((50.0 * slope) ** 2 @ (1 / (50.0 * p + 3.0)))
+    assert depth_bound(50.0, 3.0, GAUSS, WIDTH) == pytest.approx(exact, rel=1e-4)
+
+
+def rms(response, signal, background, method):
+    counts, position = histograms(response, signal, background)
+    found = estimate_depth(counts, response, method, bin_width_opl=WIDTH)
+    error = found["depth"].values[0] - position / 2
+    return error, found["depth_std"].values[0]
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("response", [GAUSS, LATE], ids=["gauss", "late"])
+@pytest.mark.parametrize(("signal", "background"), [(100, 0.0), (100, 0.5), (1000, 20.0)])
+def test_likeliest_depth_reaches_the_bound(response, signal, background):
+    error, std = rms(response, signal, background, "ml")
+    bound = depth_bound(signal, background, response, WIDTH)
+    assert 0.95 * bound < np.sqrt((error**2).mean()) < 1.1 * bound
+    assert abs(error.mean()) < 4 * bound / np.sqrt(error.size) + 2e-3 * SIGMA
+    assert np.median(std) == pytest.approx(bound, rel=0.1)
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize(
+    ("method", "response", "background", "limit"),
+    [
+        *[("log_matched", GAUSS, 0.0, 1.2), ("centroid", GAUSS, 0.0, 1.2)],
+        *[("log_matched", GAUSS, 0.5, 1.2), ("matched", GAUSS, 0.5, 1.5)],
+        *[("centroid", GAUSS, 0.5, 3.0), ("matched", GAUSS, 20.0, 1.2)],
+    ],
+)
+def test_other_methods(method, response, background, limit):
+    """They reach 1.2 times the bound where they are the likeliest, or nearly."""
+    error, _ = rms(response, 300, background, method)
+    assert np.sqrt((error**2).mean()) < limit * depth_bound(300, background, response, WIDTH)
+    assert abs(error.mean()) < 5e-2 * SIGMA
+
+
+def test_depth_from_a_sensor():
+    """A whole chain: the wall at 1.23 m is found, in the Dataset's own axis."""
+    rates = np.zeros((2, 3, 200))
+    rates[..., 100:] = 1e-4
+    jitter = Response(60e-12, 80e-12)
+    rates[..., 123] = 0.3
+    counts = Spad(jitter=jitter).histogram(rates, 5000, 1, bin_width_opl=WIDTH)
+    found = estimate_depth(counts, jitter)
+    assert found["depth"].values == pytest.approx(123.5 * WIDTH / 2, abs=2e-3)
+    assert (found["depth_std"].values < 5e-4).all()
+    dark = estimate_depth(np.zeros((1, 1, BINS)), GAUSS, bin_width_opl=WIDTH)
+    assert np.isnan(dark["depth"].item())
+    assert np.isinf(dark["depth_std"].item())
+
+
+@pytest.mark.statistical
+def test_echoes():
+    """Two returns: position, intensity and width, of mean S and variance S + b n."""
+    rng = np.random.default_rng(2)
+    lags = np.arange(300)[:, None] + [0, 1]
+    masses = [np.diff(norm.cdf((lags - at) / 3)).T[0] for at in (80.5, 200.5)]
+    counts = rng.poisson(200 * masses[0] + 60 * masses[1] + 0.2, (40, 50, 300))
+    found = echoes(counts, GAUSS, bin_width_opl=WIDTH)
+    assert found.sizes["echo"] == pytest.approx(2 * 2000, abs=10)
+    kinds = [found.sel(echo=np.abs(found["opl"] - opl) < 0.2) for opl in (1.61, 4.01)]
+    size = kernel(distribution("response", GAUSS), WIDTH, 1e-3).size
+    for each, opl, signal in zip(kinds, (1.61, 4.01), (200, 60), strict=True):
+        assert each.sizes["echo"] > 1990
+        intensity = each["intensity"].values
+        assert agree(intensity, np.array(float(signal)), rounding=1e-2)
+        square = (intensity - intensity.mean()) ** 2
+        assert agree(square, np.array(signal + 0.2 * size), rounding=3e-2)
+        assert agree(each["opl"].values, np.array(opl), rounding=1e-3)
+        assert np.median(each["width"]) == pytest.approx(SIGMA, rel=0.1)
+    assert (found["number"].values <= 3).all()
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("background", [0.05, 2.0])
+def test_false_alarms(background):
+    """No more pixels than asked for have a false return, and with more allowed, some have."""
+    counts = np.random.default_rng(3).poisson(background, (100, 100, BINS))
+    for allowed, least in ((1e-3, 0.0), (0.05, 1e-4), (0.5, 1e-2)):
+        found = echoes(counts, GAUSS, allowed, bin_width_opl=WIDTH)
+        pixels = len(set(zip(found["y"].values, found["x"].values, strict=True))) / 1e4
+        assert least <= pixels <= allowed
+
+
+@pytest.mark.parametrize(
+    ("call", "text"),
+    [
+        (lambda: coates([-1, 2], 5), "counts = -1: must be at least 0"),
+        (lambda: coates([4, 2], 5), "cycles = 5: must be at least the counts of a pixel, 6"),
+        (lambda: estimate_depth(np.ones((1, 1, 5)), GAUSS, bin_width_opl=WIDTH), "shorter than"),
+        (lambda: estimate_depth(np.ones((5, 5)), GAUSS, bin_width_opl=WIDTH), "counts with shape"),
+        (lambda: estimate_depth(np.ones((1, 1, 99)), 3.0, bin_width_opl=WIDTH), "response = 3.0"),
+        (lambda: echoes(np.ones((1, 1, 99)), GAUSS, 0.9, bin_width_opl=WIDTH), "false_alarm = 0.9"),
+        (lambda: depth_bound(-1.0, 0.0, GAUSS, WIDTH), "signal = -1: must be at least 0"),
+    ],
+)
+def test_bad_input(call, text):
+    refused(text, call)

@@ -1,0 +1,15 @@
+from .cameras import (
+    GatedCamera as GatedCamera,
+    StreakCamera as StreakCamera,
+)
+from .estimators import (
+    coates as coates,
+    coates_variance as coates_variance,
+    depth_bound as depth_bound,
+    echoes as echoes,
+    estimate_depth as estimate_depth,
+)
+from .itof import Itof as Itof
+from .radiometry import expected_photons as expected_photons
+from .response import Response as Response
+from .spad import Spad as Spad

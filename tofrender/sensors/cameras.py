@@ -1,0 +1,167 @@
+"""Gated and streak cameras, with their noise. Parameters out of range raise a ValueError."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy.ndimage import gaussian_filter1d, uniform_filter1d
+from scipy.special import erf
+
+from ..runtime import checks
+from ..signals.units import SPEED_OF_LIGHT
+from .rates import Rates, generator, rebin
+
+
+class Camera:
+    """Interface of cameras: the expectation of what they read out, and simulations of it."""
+
+    _expected: Any  # (rates) -> Dataset
+    _noisy: Any  # (random numbers, expected Dataset) -> Dataset
+
+    def expected(self, rates: Any, cycles: int = 1, *, bin_width_opl: Any = None) -> xr.Dataset:
+        """Compute the expectation of `frames`, float64, before saturation and quantisation."""
+        return self._expected(Rates(rates, cycles, bin_width_opl))
+
+    def frames(
+        self, rates: Any, cycles: int, seed: int = 0, *, bin_width_opl: Any = None
+    ) -> xr.Dataset:
+        """Simulate what the camera reads out, with the arguments and errors of `Spad.histogram`.
+
+        The exposure of a frame is `cycles`: exposure time times repetition rate. Lazy rates are
+        computed.
+
+        Returns:
+            A Dataset of photoelectrons: of a `GatedCamera` `images` (delay_opl, y, x); of a
+            `StreakCamera` `images` (y, sweep, x), by the slit's row and the path length [m]; of an
+            `Itof` `taps` (frequency, tap, y, x), and `saturated` (y, x), where a tap was full.
+        """
+        rng = generator(seed)
+        expected = self.expected(rates, cycles, bin_width_opl=bin_width_opl)
+        return self._noisy(rng, expected).assign_attrs(sensor_seed=seed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Multiplier(Camera):
+    """Camera that multiplies electrons: gain noise of `excess_noise`, then `read_noise`."""
+
+    excess_noise: float = 1.0
+    read_noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        checks.number("excess_noise", self.excess_noise, low=1, high=100)
+        checks.number("read_noise", self.read_noise, unit="electrons", low=0, high=1e9)
+
+    def _noisy(self, rng: np.random.Generator, expected: xr.Dataset) -> xr.Dataset:
+        means = np.maximum(expected["images"].values, 0)  # Rounding makes them negative
+        found, more = rng.poisson(means), self.excess_noise - 1
+        noisy = rng.gamma(found / more, more) if more else found
+        noisy = noisy + rng.normal(0, self.read_noise, found.shape)
+        return expected.assign(images=expected["images"].copy(data=noisy))
+
+
+@dataclass(frozen=True, kw_only=True)
+class GatedCamera(Multiplier):
+    """Camera whose images are the light that arrives while its gate is open.
+
+    A gate of width w that opens at the delay d passes of the light at the path length t
+
+        g(t) = e + (1 - e) [erf((t - d) / (sqrt(2) s)) - erf((t - d - w) / (sqrt(2) s))] / 2,
+
+    averaged over each bin. Photoelectrons n are Poisson of mean m; multiplication (gamma around n
+    with the shape n / (F - 1)) makes their variance F m.
+
+    Args:
+        delays_opl: Path lengths d at which the gate opens [m], shape (n,).
+        width_s: Width w of the gate [s].
+        edge_s: Standard deviation s of its edges [s], 0 for sharp ones.
+        extinction: Part e of the light, from 0 to 1, that passes the closed gate.
+        excess_noise: Excess noise factor F, from 1 to 100; 2 for an EMCCD, 1.6 for intensifiers.
+        read_noise: Standard deviation of the read noise [electrons at the photocathode].
+
+    Example:
+        >>> camera = GatedCamera(delays_opl=[2.0], width_s=1e-9)
+        >>> images = camera.expected(np.full((1, 1, 100), 0.5), 100, bin_width_opl=0.1)["images"]
+        >>> round(images.item(), 4)
+        149.8962
+    """
+
+    delays_opl: Any
+    width_s: float
+    edge_s: float = 0.0
+    extinction: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        checks.number("width_s", self.width_s, unit="seconds", positive=True, high=1)
+        checks.number("edge_s", self.edge_s, unit="seconds", low=0, high=1)
+        checks.number("extinction", self.extinction, low=0, high=1)
+        delays = checks.finite("delays_opl", checks.real_array("delays_opl", self.delays_opl))
+        checks.shape("delays_opl", delays, delays.ndim == 1, "(n,)")
+        object.__setattr__(self, "delays_opl", tuple(delays.tolist()))
+
+    def _edge(self, opl: np.ndarray) -> np.ndarray:
+        """Integral up to `opl` of an edge at 0."""
+        s = max(self.edge_s * SPEED_OF_LIGHT, 1e-12)
+        z = opl / (np.sqrt(2) * s)
+        return 0.5 * (opl + opl * erf(z) + s * np.sqrt(2 / np.pi) * np.exp(-z * z))
+
+    def _expected(self, rates: Rates) -> xr.Dataset:
+        ends = rates.edges - np.array(self.delays_opl)[:, None]
+        opened = self._edge(ends) - self._edge(ends - self.width_s * SPEED_OF_LIGHT)
+        gates = self.extinction + (1 - self.extinction) * np.diff(opened) / rates.width
+        images = np.tensordot(gates, np.asarray(rates.values), axes=(1, 2)) * rates.cycles
+        delays = {"delay_opl": ("delay_opl", list(self.delays_opl), {"units": "m"})}
+        return rates.result("images", ("delay_opl", "y", "x"), images, "electrons", **delays)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StreakCamera(Multiplier):
+    """Streak tube: electrons from a slit of the image are deflected down a screen as time goes on.
+
+    Args:
+        sweep_opl: Path length per pixel of the screen along the sweep [m].
+        slit_rows: Rows of the image that the slit sums up, odd.
+        slit_width: Width of the slit's image along the sweep [screen pixels], odd.
+        spread_sweep: Standard deviation of the point spread along the sweep [screen pixels].
+        spread_slit: The same along the slit [pixels].
+        excess_noise: As for `GatedCamera`.
+        read_noise: As for `GatedCamera`.
+
+    Example:
+        >>> camera = StreakCamera(sweep_opl=0.2, spread_sweep=1.0)
+        >>> screens = camera.frames(np.full((3, 8, 50), 0.1), 1000, bin_width_opl=0.1)
+        >>> dict(screens["images"].sizes)
+        {'y': 3, 'sweep': 25, 'x': 8}
+    """
+
+    sweep_opl: float
+    slit_rows: int = 1
+    slit_width: int = 1
+    spread_sweep: float = 0.0
+    spread_slit: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        checks.width("sweep_opl", self.sweep_opl)
+        for name in ("slit_rows", "slit_width"):
+            size = checks.integer(name, getattr(self, name), 1, 999)
+            checks.require(name, size, size % 2, "odd")
+        for name in ("spread_sweep", "spread_slit"):
+            checks.number(name, getattr(self, name), unit="pixels", low=0, high=1e4)
+
+    def _expected(self, rates: Rates) -> xr.Dataset:
+        bins, step = rates.values.shape[2], self.sweep_opl / rates.width
+        checks.require("sweep_opl", self.sweep_opl, step <= bins, "at most the window")
+        edges = np.minimum(np.arange(int(bins / step + 1e-9) + 1) * step, bins)
+        light: Any = rebin(np.asarray(rates.values), edges).transpose(0, 2, 1) * rates.cycles
+        light = uniform_filter1d(light, self.slit_rows, axis=0, mode="constant") * self.slit_rows
+        light = uniform_filter1d(light, self.slit_width, axis=1, mode="constant")
+        for spread, along in ((self.spread_sweep, 1), (self.spread_slit, 2)):
+            if spread:
+                light = gaussian_filter1d(light, spread, axis=along, mode="constant", truncate=6)
+        centres = rates.edges[0] + (np.arange(light.shape[1]) + 0.5) * self.sweep_opl
+        sweep = {"sweep": ("sweep", centres, {"units": "m"})}
+        return rates.result("images", ("y", "sweep", "x"), light, "electrons", **sweep)

@@ -1,0 +1,153 @@
+"""From rendered radiance to the photons that a sensor's pixel expects."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from ..rendering.dataset import time_axis
+from ..runtime import checks
+from ..signals.units import SPEED_OF_LIGHT
+
+PLANCK = 6.62607015e-34  # [J s]
+NEEDED = {"pulse_energy_j", "lamp_power_w", "wavelength_m", "f_number", "pixel_pitch_m"}
+FRACTIONS = {"fill_factor", "transmission", "detection_efficiency"}
+
+
+def expected_photons(
+    dataset: xr.Dataset,
+    *,
+    photons_per_cycle: float | None = None,
+    background_per_cycle: float = 0.0,
+    lamp_power_w: float | None = None,
+    mean_power_w: float | None = None,
+    repetition_rate_hz: float | None = None,
+    pulse_energy_j: float | None = None,
+    wavelength_m: float | None = None,
+    f_number: float | None = None,
+    focal_length_m: float | None = None,
+    pixel_pitch_m: float | None = None,
+    fill_factor: float = 1.0,
+    transmission: float = 1.0,
+    detection_efficiency: float = 1.0,
+    ambient_radiance: float = 0.0,
+    dark_count_hz: float = 0.0,
+) -> xr.Dataset:
+    """Convert radiance per bin to expected detections per pixel, bin and laser cycle.
+
+    In the render, lamps of the constant power P cause the radiance H_k in bin k. A laser pulse of
+    the energy Q instead of them causes
+
+        radiance              H_k Q / P                                   [J m^-2 sr^-1]
+        irradiance            pi / (4 N^2) cos^4(angle off the axis)      times that [J m^-2]
+        energy on the pixel   pitch^2 fill_factor                         times that [J]
+        photons               wavelength / (h c)                          times that
+        signal_k              transmission detection_efficiency           times that
+
+    with the f-number N (camera equation for objects far away: Kolb, Mitchell and Hanrahan,
+    SIGGRAPH 1995). Ambient light takes the same way during a bin's time w / c, and
+
+        rate_k = signal_k + (ambient counts per second + dark_count_hz) w / c.
+
+    A pulse of the render is part of H_k. In short, `photons_per_cycle` scales the mean signal of
+    all pixels, and `background_per_cycle` is spread over bins; then no other may be given.
+
+    Args:
+        dataset: A Dataset of `render`, "radiance per bin"; lazy ones stay so. The mean of channels
+            counts, of Stokes vectors S0; `dataset.sel(channel=["R"])` has one channel.
+        photons_per_cycle: Mean signal per pixel and cycle, above 0.
+        background_per_cycle: Background per pixel and cycle, at least 0.
+        lamp_power_w: Power P [W] that the lamps of the scene emit.
+        mean_power_w: Mean power of the laser [W].
+        repetition_rate_hz: Pulses per second, whose period is no shorter than the window.
+        pulse_energy_j: Energy Q [J] of a pulse, instead of these two, whose ratio it is.
+        wavelength_m: Wavelength of the laser [m].
+        f_number: Focal length over diameter of the aperture.
+        focal_length_m: Focal length [m], for cos^4; None for 1.
+        pixel_pitch_m: Distance of pixels [m].
+        fill_factor: Sensitive part of a pixel, from 0 to 1.
+        transmission: Transmission of lens and filter, from 0 to 1.
+        detection_efficiency: Counts per photon, from 0 to 1.
+        ambient_radiance: Radiance of ambient light in the filter's band [W m^-2 sr^-1].
+        dark_count_hz: Dark counts of a pixel [1/s].
+
+    Returns:
+        A Dataset: `rate` (y, x, bin) with the coordinate opl [m], the `background` (y, x) that is
+        part of each bin, and all parameters as attributes.
+
+    Raises:
+        ValueError: A parameter is missing, out of range or not allowed beside another.
+
+    Example:
+        >>> from tofrender import render
+        >>> box = render("cornell_box", spp=4, size=(8, 8), window="auto", progress=False)
+        >>> rates = expected_photons(box, photons_per_cycle=0.5, background_per_cycle=0.1)
+        >>> rates["rate"].dims, round(rates["rate"].sum("bin").mean().item(), 3)
+        (('y', 'x', 'bin'), 0.6)
+    """
+    given = {name: value for name, value in locals().items() if name != "dataset"}
+    o: Any = SimpleNamespace(**given)
+    start, width = _check(dataset, given)
+    transient = dataset["transient"]
+    if "stokes" in transient.dims:
+        transient = transient.sel(stokes="S0", drop=True)
+    signal = transient.mean("channel", dtype=np.float64).transpose("y", "x", "opl")
+    signal = signal.clip(min=0)  # Filters have negative lobes
+    bins, bin_s = signal.sizes["opl"], width / SPEED_OF_LIGHT
+    if photons_per_cycle is not None:
+        signal = signal * (photons_per_cycle / signal.sum("opl").mean())
+        background: Any = background_per_cycle / bins
+    else:
+        if pulse_energy_j is None:
+            fits = o.repetition_rate_hz * bins * bin_s <= 1 + 1e-9
+            allowed = f"at most {1 / (bins * bin_s):g}, one over the window of the film"
+            checks.require("repetition_rate_hz", repetition_rate_hz, fits, allowed)
+            o.pulse_energy_j = o.mean_power_w / o.repetition_rate_hz
+        area = o.pixel_pitch_m**2 * fill_factor * np.pi / (4 * o.f_number**2)
+        photons = area * o.wavelength_m / (PLANCK * SPEED_OF_LIGHT)
+        counts = photons * transmission * detection_efficiency  # Per W m^-2 sr^-1 and second
+        if focal_length_m is not None:
+            square: Any = 1.0
+            for axis, size in (("x", "film_width"), ("y", "film_height")):
+                centre = dataset.attrs.get(size, dataset.sizes[axis]) / 2 - 0.5
+                square = square + ((dataset[axis] - centre) * o.pixel_pitch_m / focal_length_m) ** 2
+            counts = counts / square**2
+        signal = signal * counts * (o.pulse_energy_j / o.lamp_power_w)
+        background = (counts * ambient_radiance + dark_count_hz) * bin_s
+    background = (background + 0.0 * dataset["y"] + 0.0 * dataset["x"]).transpose("y", "x")
+    rate = (signal + background).transpose("y", "x", "opl")
+    rate = rate.drop_vars(["opl", "time"], errors="ignore").rename(opl="bin")
+    opl = "bin", dataset["opl"].values, dataset["opl"].attrs
+    kept = {name: value for name, value in given.items() if value is not None}
+    kept |= {"scene": dataset.attrs.get("scene", ""), "quantity": "rate", "units": "1"}
+    kept |= {"start_opl": start, "bin_width_opl": width}
+    return xr.Dataset({"rate": rate, "background": background}, {"opl": opl}, kept)
+
+
+def _check(dataset: Any, given: dict[str, Any]) -> tuple[float, float]:
+    """Refuse bad parameters, and return start and width [m] of the bins."""
+    film = dataset.get("transient") if isinstance(dataset, xr.Dataset) else None
+    whole = film is not None and {"y", "x", "opl", "channel"} <= set(film.dims) and film.size > 0
+    checks.require("dataset", dataset, whole, "a Dataset of render")
+    quantity = dataset.attrs.get("quantity")
+    checks.require("quantity", quantity, quantity == "radiance per bin", "radiance per bin")
+    short = given["photons_per_cycle"] is not None
+    defaults: Any = expected_photons.__kwdefaults__
+    for name, default in defaults.items():
+        value = given[name]
+        if value is not None or default is not None:
+            above, high = default is None, 1 if name in FRACTIONS else None
+            checks.number(name, value, positive=above, low=None if above else 0, high=high)
+        of_short = name in ("photons_per_cycle", "background_per_cycle")
+        allowed = f"left out {'with' if short else 'without'} photons_per_cycle"
+        checks.require(name, value, of_short == short or value == default, allowed)
+        valid, allowed = value is not None, "given, or photons_per_cycle instead of optics"
+        if name == "pulse_energy_j":
+            pair = [given["mean_power_w"], given["repetition_rate_hz"]]
+            valid = pair == [None, None] if valid else None not in pair
+            allowed = "given, or mean_power_w and repetition_rate_hz, and not both"
+        checks.require(name, value, short or valid or name not in NEEDED, allowed)
+    return time_axis(dataset)

@@ -1,0 +1,122 @@
+"""Expected photons per pixel, bin and laser cycle, from which all sensor models start."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from ..runtime import checks
+from ..signals.units import SPEED_OF_LIGHT
+
+DIMS = ("y", "x", "bin")
+AXIS = ("start_opl", "bin_width_opl")
+
+
+class Rates:
+    """Rates `values` (y, x, bin) that a sensor sees for some cycles, in bins with `edges` [m].
+
+    They come as for `Spad.histogram`. Above `most` photons per pixel and cycle, users are warned.
+    """
+
+    def __init__(self, rates: Any, cycles: Any, bin_width_opl: Any, most: float = np.inf) -> None:
+        self.cycles = checks.integer("cycles", cycles, 1, (1 << 31) - 1)
+        if not isinstance(rates, xr.Dataset):
+            values = checks.real_array("rates", rates)
+            checks.shape("rates", values, values.ndim == 3 and values.size, "(y, x, bin)")
+            attrs = {AXIS[0]: 0.0, AXIS[1]: checks.width(AXIS[1], bin_width_opl)}
+            arrays = {"rate": (DIMS, values), "background": (DIMS[:2], 0.0 * values[..., 0])}
+            rates = xr.Dataset(arrays, attrs=attrs)
+        else:
+            checks.require(AXIS[1], bin_width_opl, bin_width_opl is None, "None for a Dataset")
+        whole = {"rate", "background"} <= set(rates) and set(AXIS) <= set(rates.attrs)
+        whole = whole and rates["rate"].dims == DIMS and rates["rate"].size > 0
+        checks.require("rates", rates, whole, "an array or a Dataset of expected_photons")
+        self.dataset, self.values = rates, rates["rate"].data
+        if hasattr(self.values, "dask"):
+            whole = self.values.rechunk({2: -1})
+            self.values = whole.map_blocks(check, most, dtype=whole.dtype)
+        else:
+            check(self.values, most)
+        start, self.width = (float(rates.attrs[name]) for name in AXIS)
+        self.edges = start + np.arange(self.values.shape[2] + 1) * self.width
+
+    def bins_of(self, name: str, time_s: float) -> int:
+        """Whole bins of a time [s], which must be shorter than the window."""
+        window = self.values.shape[2] * self.width / SPEED_OF_LIGHT
+        checks.require(name, time_s, time_s < window, f"shorter than the window, {window:g} s")
+        return round(time_s * SPEED_OF_LIGHT / self.width)
+
+    def result(
+        self, name: str, dims: Any, values: Any, units: str, step: Any = (1, 1), **coords: Any
+    ) -> xr.Dataset:
+        """Dataset of what a sensor measures, with each `step` (y, x) pixel of the rates."""
+        pixels = {name: self.dataset[name][::n] for name, n in zip("yx", step, strict=True)}
+        attrs = self.dataset.attrs | {"cycles": self.cycles, "quantity": name, "units": units}
+        return xr.Dataset({name: (dims, values, {"units": units})}, pixels | coords, attrs)
+
+
+def at_least_0(name: str, values: Any, dtype: Any = np.float64) -> np.ndarray:
+    """Require finite numbers of at least 0, and return them as an array of a type."""
+    values = checks.finite(name, checks.real_array(name, values, dtype))
+    if values.min(initial=0) < 0:
+        raise ValueError(f"{name} = {values.min():g}: must be at least 0")
+    return values
+
+
+def check(values: np.ndarray, most: float) -> np.ndarray:
+    """Refuse rates that are not finite or negative; warn of more than `most` per pixel."""
+    at_least_0("rates", values, None)
+    found = 0.0 if most == np.inf else float(values.sum(axis=2).max(initial=0))
+    if found > most:
+        blind = f"above {most:g} a detector is blind after the first bins, and counts say little"
+        warnings.warn(f"rates: {found:.3g} photons per cycle in a pixel; {blind}", stacklevel=4)
+    return values
+
+
+def generator(seed: int, *key: int) -> np.random.Generator:
+    """Random numbers of a part of a film, the same however it is cut into chunks."""
+    seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
+    return np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=key)))
+
+
+def rebin(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Sums of (..., bin) between edges in bins, each bin being spread evenly over its width."""
+    sums = np.zeros((*values.shape[:-1], values.shape[-1] + 1))
+    np.cumsum(values, axis=-1, out=sums[..., 1:])
+    low = np.floor(edges).astype(int)
+    high = np.minimum(low + 1, values.shape[-1])
+    return np.diff(sums[..., low] + (edges - low) * (sums[..., high] - sums[..., low]), axis=-1)
+
+
+class Block(NamedTuple):
+    """Rates of some rows of a film, `inner`, and of neighbours; `first` is the first row of all."""
+
+    values: Any
+    first: int
+    inner: range
+
+
+def by_blocks(
+    function: Callable[[Block], Any], values: Any, rows: int, halo: int, shape: Any, dtype: Any
+) -> Any:
+    """Array (y, ...), or list without a shape, by blocks of rows with a halo, threaded or lazy."""
+    parts = []
+    for start in range(0, len(values), rows):
+        low, stop = max(0, start - halo), min(len(values), start + rows)
+        parts.append(Block(values[low : stop + halo], low, range(start - low, stop - low)))
+    if hasattr(values, "dask"):
+        import dask.array as da
+        from dask.delayed import delayed
+
+        tasks = [delayed(lambda *part: function(Block(*part)))(*part) for part in parts]
+        sizes = [(len(part.inner) * shape[0] // len(values), *shape[1:]) for part in parts]
+        return da.concatenate(map(da.from_delayed, tasks, sizes, [dtype] * len(parts)))
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # NumPy's generators run at the same time
+        found = list(pool.map(function, parts))
+    return found if shape is None else np.concatenate(found)

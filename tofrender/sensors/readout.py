@@ -1,0 +1,142 @@
+"""What a SPAD array makes of blocks of rates: stamps with jitter and TDC, and their histograms."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.ndimage import convolve1d
+
+from ..runtime import checks
+from ..signals.units import SPEED_OF_LIGHT
+from .events import Layout, detections
+from .rates import Block, Rates, generator, rebin
+from .response import distribution, kernel
+from .synchronous import armed_detections, first_photon, sample_counts
+
+if TYPE_CHECKING:
+    from .spad import Spad
+
+ROWS = 8
+_HOT, _STAMPS, _TDC = 1, 2, 3  # Streams of random numbers, beside that of photons
+
+
+class Readout:
+    """A SPAD array that sees certain rates, with the seed of its noise.
+
+    `shape` is that of results; `rows` are simulated together, and how many beside these they need.
+    """
+
+    def __init__(self, spad: Spad, rates: Rates, seed: int = 0) -> None:
+        self.spad, self.rates, self.seed = spad, rates, seed
+        self.bin_s = rates.width / SPEED_OF_LIGHT
+        (height, width, bins), (tall, wide) = rates.values.shape, spad.macro_pixel
+        whole = height % tall == width % wide == 0
+        allowed = f"numbers that divide the film of {height} x {width} pixels"
+        checks.require("macro_pixel", spad.macro_pixel, whole, allowed)
+        self.rows = -(-ROWS // tall) * tall, int(spad.crosstalk_probability > 0)
+        dead = rates.bins_of("dead_time_s", spad.dead_time_s) if spad.dead_time_s else None
+        dead = bins if spad.mode == "first_photon" else dead
+        window = rates.bins_of("coincidence_window_s", spad.coincidence_window_s)
+        free = spad.mode == "free_running"
+        self.layout = Layout((width, rates.cycles, bins), dead, window, free)
+        merged = (spad.tdc_lsb_s or self.bin_s) / self.bin_s
+        self.merged = round(merged)
+        whole = 1 <= self.merged <= bins and abs(merged - self.merged) < 1e-6 * merged
+        checks.require("tdc_lsb_s", spad.tdc_lsb_s, whole, f"a multiple of {self.bin_s:g} s, a bin")
+        full = bins // self.merged if spad.tdc_bits is None else 1 << spad.tdc_bits
+        codes = min(full, bins // self.merged)
+        widths = generator(spad.device_seed, _TDC).normal(1, spad.tdc_dnl, full).clip(0.01)
+        edges = np.cumsum(np.append(0, widths / widths.mean())) * self.merged
+        self.edges = np.minimum(edges[: codes + 1], bins)
+        self.shape, width = (height // tall, width // wide, codes), self.merged * rates.width
+        self.centres = rates.edges[0] + (np.arange(codes) + 0.5) * width
+        jitter = spad.jitter and distribution("jitter", spad.jitter)
+        self.masses = jitter and kernel(jitter, rates.width)
+        given = {f"spad_{name}": value for name, value in vars(spad).items()}
+        plain = {k: v if isinstance(v, int | float) else str(v) for k, v in given.items()}
+        self.attrs = plain | {"bin_width_opl": width, "sensor_seed": seed}
+        chained = spad.dead_time_s > 0 and (spad.paralysable or free)
+        caused = spad.afterpulse_probability + spad.crosstalk_probability > 0
+        self.one_by_one = chained or caused or spad.macro_pixel != (1, 1)
+
+    def histogram(self, block: Block) -> np.ndarray:
+        """Counts (y, x, code) of a block."""
+        block = self._with_hot_pixels(block)
+        if self.one_by_one:
+            return np.array([self._bincount(*columns[::2]) for _, columns in self._stamps(block)])
+        return np.array([self._counts(block.values[k], block.first + k) for k in block.inner])
+
+    def expected(self, block: Block) -> np.ndarray:
+        """Expectation of `histogram` where photons need not interact."""
+        values = self._with_hot_pixels(block).values
+        return np.array([self._probabilities(v) for v in values]) * self.layout.cycles
+
+    def table(self, block: Block) -> list[np.ndarray]:
+        """Columns row, pixel, cycle and code of the stamps of a block."""
+        stamps = self._stamps(self._with_hot_pixels(block))
+        rows = [(np.full(columns[0].size, row), *columns) for row, columns in stamps]
+        return [np.concatenate(parts).astype(np.int32) for parts in zip(*rows, strict=True)]
+
+    def _probabilities(self, rates: np.ndarray) -> np.ndarray:
+        """Expected stamps per cycle (x, code) of rates (x, bin)."""
+        found, dead, free = rates, self.layout.dead, self.layout.free
+        if self.spad.mode == "first_photon":
+            found = first_photon(rates)
+        elif dead is not None:
+            found = armed_detections(rates, dead, self.spad.paralysable, free)
+        if self.masses is not None:
+            found = convolve1d(found, self.masses, axis=1, mode="wrap" if free else "constant")
+        return rebin(found, self.edges)
+
+    def _counts(self, rates: np.ndarray, row: int) -> np.ndarray:
+        """Counts (x, code) of a row, from their distribution."""
+        rng, layout = generator(self.seed, row), self.layout
+        if layout.dead is None:
+            return rng.poisson(self._probabilities(rates) * layout.cycles)
+        if self.spad.mode == "first_photon":
+            p = self._probabilities(rates)
+            p = np.append(p, np.maximum(1 - p.sum(axis=1, keepdims=True), 0), axis=1)
+            return rng.multinomial(layout.cycles, p / p.sum(axis=1, keepdims=True))[:, :-1]
+        counts = sample_counts(rng, rates, layout.cycles, layout.dead)
+        if self.masses is None and not self.spad.tdc_dnl:
+            return rebin(counts, self.edges).astype(np.int64)
+        pixel, bins = np.divmod(np.repeat(np.arange(counts.size), counts.ravel()), layout.bins)
+        return self._bincount(*self._read_out(rng, pixel, 0 * pixel, bins)[::2])
+
+    def _stamps(self, block: Block) -> list[tuple[int, tuple[np.ndarray, ...]]]:
+        """Row of (macro) pixels, and pixel, cycle and code of its stamps."""
+        found, tall = [], self.spad.macro_pixel[0]
+        rows = detections(self.spad, block, self.layout, self.seed, self.bin_s)
+        for k, keys in enumerate(rows, (block.first + block.inner.start) // tall):
+            rng = generator(self.seed, k * tall, _STAMPS)
+            found.append((k, self._read_out(rng, *self.layout.parts(keys))))
+        return found
+
+    def _read_out(self, rng: Any, pixel: Any, cycle: Any, bins: Any) -> tuple[np.ndarray, ...]:
+        """Pixel, cycle and TDC code of detections: jitter, then the TDC."""
+        if self.masses is not None:
+            moved = np.searchsorted(np.cumsum(self.masses), rng.random(bins.size), side="right")
+            bins = bins + np.minimum(moved, self.masses.size - 1) - self.masses.size // 2
+            if self.layout.free:
+                cycle = (cycle + bins // self.layout.bins) % self.layout.cycles
+                bins %= self.layout.bins
+        code = bins // self.merged
+        if self.spad.tdc_dnl:
+            code = np.searchsorted(self.edges, bins + rng.random(bins.size), side="right") - 1
+        kept = (code >= 0) & (code < self.shape[2]) & (bins < self.layout.bins)
+        return pixel[kept], cycle[kept], code[kept]
+
+    def _bincount(self, pixel: np.ndarray, code: np.ndarray) -> np.ndarray:
+        """Histogram (x, code) of a row."""
+        _, width, codes = self.shape
+        return np.bincount(pixel * codes + code, minlength=width * codes).reshape(width, codes)
+
+    def _with_hot_pixels(self, block: Block) -> Block:
+        """Rates in double precision, with the dark counts of hot pixels."""
+        values = np.array(block.values, np.float64)
+        for k in range(len(values)) if self.spad.hot_fraction else ():
+            rng = generator(self.spad.device_seed, block.first + k, _HOT)
+            hot = rng.random(values.shape[1]) < self.spad.hot_fraction
+            values[k, hot] += self.spad.hot_rate_hz * self.bin_s
+        return block._replace(values=values)

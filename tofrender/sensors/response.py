@@ -1,0 +1,66 @@
+"""Temporal response of a detector or of a whole system: Gaussian with an exponential tail."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from ..runtime import checks
+from ..signals.pulses import GaussianPulse, SampledPulse
+from ..signals.units import SPEED_OF_LIGHT
+
+
+@dataclass(frozen=True)
+class Response:
+    """Distribution of the delay of a time stamp: a Gaussian convolved with an exponential tail.
+
+        f(t) = exp(s^2 / 2 a^2 - t / a) erfc(s / (sqrt(2) a) - t / (sqrt(2) s)) / (2 a)
+
+    with mean a, variance s^2 + a^2. A `GaussianPulse` may stand for it, and a `SampledPulse`, which
+    may be read from a file, for a measured response over metres of path.
+
+    Args:
+        sigma_s: Standard deviation s of the Gaussian [s], above 0.
+        tail_s: Time constant a of the tail, towards later stamps [s]; 0 for none.
+
+    Example:
+        >>> masses = kernel(distribution("jitter", Response(40e-12, tail_s=60e-12)), 0.015)
+        >>> lags = np.arange(masses.size) - masses.size // 2
+        >>> round(masses @ lags * 0.015 / 299792458 * 1e12)  # ps
+        60
+    """
+
+    sigma_s: float
+    tail_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        checks.number("sigma_s", self.sigma_s, unit="seconds", positive=True, high=1)
+        checks.number("tail_s", self.tail_s, unit="seconds", low=0, high=1)
+
+
+def distribution(name: str, response: Any) -> Any:
+    """Distribution of SciPy over path lengths [m] of a response, a parameter of this name."""
+    if isinstance(response, SampledPulse):
+        edges = response.start_opl + response.bin_width_opl * np.arange(response.density.size + 1)
+        return stats.rv_histogram((response.density, edges), density=True)
+    if isinstance(response, GaussianPulse):
+        return stats.norm(0, response.width_opl)
+    checks.instance(name, response, Response, "a Response, GaussianPulse or SampledPulse")
+    sigma, tail = response.sigma_s * SPEED_OF_LIGHT, response.tail_s * SPEED_OF_LIGHT
+    if tail < 1e-3 * sigma:  # Differs by less than 1e-6 of the variance; avoids overflow
+        return stats.norm(tail, sigma)
+    return stats.exponnorm(tail / sigma, 0, sigma)
+
+
+def kernel(response: Any, width: float, tail: float = 1e-6) -> np.ndarray:
+    """Probabilities that stamps move by k = -n to n bins of a width [m] from a bin's centre.
+
+    They are cdf((k + 1/2) width) - cdf((k - 1/2) width), without a `tail` at each end; sum 1.
+    """
+    ends = response.ppf([tail, 1 - tail])
+    reach = max(1, int(np.rint(np.abs(ends).max() / width)))
+    masses = np.diff(response.cdf((np.arange(-reach, reach + 2) - 0.5) * width))
+    return masses / masses.sum()

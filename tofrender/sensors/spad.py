@@ -1,0 +1,179 @@
+"""Arrays of single-photon avalanche diodes (SPAD): time stamps and histograms of photons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from ..runtime import checks
+from .rates import Rates, by_blocks
+from .readout import Readout
+from .response import distribution
+
+MODES = ("first_photon", "multi_hit", "free_running")
+MAX_RATE = 50.0  # Photons per pixel and cycle
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spad:
+    """SPAD array with time-correlated single-photon counting (TCSPC).
+
+    The chain is: photons (Poisson; the detection efficiency is part of the rates) -> detection with
+    dead time, of afterpulses and crosstalk, too -> macro pixels -> jitter -> time-to-digital
+    converter (TDC). Time is resolved to the bins of the rates: a dead time covers whole bins, and
+    with one a bin detects at most once per cycle. Afterpulses cause further ones; crosstalk goes to
+    one of four neighbours and causes no more, which is right to first order in its probability.
+
+    Args:
+        mode: "first_photon": armed when a cycle starts, for one detection; "multi_hit": armed when
+            a cycle starts, and again after the dead time; "free_running": the dead time goes on
+            into the next cycle, which starts where the window ends.
+        dead_time_s: Dead time [s], shorter than the window; 0 for none, and for "first_photon".
+        paralysable: Whether photons within the dead time prolong it.
+        afterpulse_probability: Probability of an afterpulse after the dead time, up to 0.9.
+        afterpulse_time_s: Mean time from the end of the dead time to the afterpulse [s].
+        crosstalk_probability: Probability of an avalanche in a neighbour, at once, up to 0.9.
+        jitter: A `Response` or pulse that delays time stamps, None for none.
+        tdc_bits: The TDC has 2^bits codes; later stamps are lost. None for as many as fit.
+        tdc_lsb_s: Width of a code [s], a whole number of bins; None for one bin.
+        tdc_dnl: Differential nonlinearity: standard deviation of the codes' widths, in codes.
+        macro_pixel: (rows, columns) of SPADs that share a TDC; must divide the film.
+        coincidence: Avalanches of a macro pixel that make a detection.
+        coincidence_window_s: Time within which they must lie [s]; 0 for the same bin.
+        hot_fraction: Part of the pixels that are hot, up to 0.9.
+        hot_rate_hz: Dark counts of hot pixels beyond those of others [1/s].
+        device_seed: Chooses hot pixels and widths of codes.
+
+    Raises:
+        ValueError: A value out of range, or a parameter that nothing depends on.
+
+    Example:
+        >>> rates = np.full((2, 3, 50), 0.02)  # Photons per bin and cycle
+        >>> counts = Spad().histogram(rates, 10_000, seed=1, bin_width_opl=0.02)["counts"]
+        >>> counts.dims, counts.dtype, bool(counts.sum("bin").max() < 10_000)
+        (('y', 'x', 'bin'), dtype('uint16'), True)
+    """
+
+    mode: str = "first_photon"
+    dead_time_s: float = 0.0
+    paralysable: bool = False
+    afterpulse_probability: float = 0.0
+    afterpulse_time_s: float = 0.0
+    crosstalk_probability: float = 0.0
+    jitter: Any = None
+    tdc_bits: int | None = None
+    tdc_lsb_s: float | None = None
+    tdc_dnl: float = 0.0
+    macro_pixel: tuple[int, int] = (1, 1)
+    coincidence: int = 1
+    coincidence_window_s: float = 0.0
+    hot_fraction: float = 0.0
+    hot_rate_hz: float = 0.0
+    device_seed: int = 0
+
+    def __post_init__(self) -> None:
+        seconds, part = {"unit": "seconds", "low": 0, "high": 1}, {"low": 0, "high": 0.9}
+        limits: dict[str, Any] = {
+            **{"dead_time_s": seconds, "afterpulse_time_s": seconds, "tdc_dnl": part},
+            **{"coincidence_window_s": seconds, "afterpulse_probability": part},
+            **{"crosstalk_probability": part, "hot_fraction": part, "hot_rate_hz": {"low": 0}},
+        }
+        for name, limit in limits.items():
+            checks.number(name, getattr(self, name), **limit)
+        checks.one_of("mode", self.mode, MODES)
+        checks.boolean("paralysable", self.paralysable)
+        checks.integer("device_seed", self.device_seed, 0, checks.MAX_SEED)
+        if self.jitter is not None:
+            distribution("jitter", self.jitter)
+        if self.tdc_bits is not None:
+            checks.integer("tdc_bits", self.tdc_bits, 1, 20)
+        if self.tdc_lsb_s is not None:
+            checks.number("tdc_lsb_s", self.tdc_lsb_s, unit="seconds", positive=True)
+        sizes = checks.items("macro_pixel", self.macro_pixel, 2, "(rows, columns)")
+        tall, wide = (checks.integer("macro_pixel", n, 1, 64) for n in sizes)
+        object.__setattr__(self, "macro_pixel", (tall, wide))
+        checks.integer("coincidence", self.coincidence, 1, tall * wide)
+        for name, used in (
+            ("dead_time_s", self.mode != "first_photon"),
+            ("paralysable", self.dead_time_s > 0),
+            ("afterpulse_time_s", self.afterpulse_probability > 0),
+            ("hot_rate_hz", self.hot_fraction > 0),
+            ("coincidence_window_s", self.coincidence > 1),
+        ):
+            value = getattr(self, name)
+            checks.require(name, value, used or not value, "left out where nothing depends on it")
+
+    def histogram(
+        self, rates: Any, cycles: int, seed: int = 0, *, bin_width_opl: float | None = None
+    ) -> xr.Dataset:
+        """Simulate histograms of time stamps.
+
+        Cycles that start armed, without paralysis, afterpulses, crosstalk and macro pixels, are
+        drawn from the exact distribution of their counts, at a cost that hardly depends on
+        `cycles`; all else photon by photon. Rows have their own random numbers: chunks change
+        nothing. More photons per cycle than the model is meant for make a warning.
+
+        Args:
+            rates: A Dataset of `expected_photons`, or photons per pixel, bin and cycle, at least 0,
+                as an array (y, x, bin). If lazy (Dask), the result is, too.
+            cycles: Laser cycles, at least 1.
+            seed: Seed of the random numbers.
+            bin_width_opl: Width of the bins [m], for an array.
+
+        Returns:
+            A Dataset with `counts` (y, x, bin), uint16 for "first_photon" with at most 65535
+            cycles, else uint32; nominal centres of the codes as the coordinate opl [m].
+
+        Raises:
+            ValueError: Wrong rates, or a dead time, TDC or macro pixels that do not fit them.
+        """
+        readout = Readout(self, Rates(rates, cycles, bin_width_opl, MAX_RATE), seed)
+        few = self.mode == "first_photon" and cycles < 1 << 16
+        return self._counts(readout, readout.histogram, np.uint16 if few else np.uint32)
+
+    def expected(self, rates: Any, cycles: int = 1, *, bin_width_opl: Any = None) -> xr.Dataset:
+        """Compute the expectation of `histogram`, float64; for "free_running" the stationary one.
+
+        Afterpulses, crosstalk and macro pixels have no closed form and are refused.
+        """
+        for name in ("afterpulse_probability", "crosstalk_probability", "macro_pixel"):
+            value = getattr(self, name)
+            checks.require(name, value, value in (0, (1, 1)), "left out for expected")
+        readout = Readout(self, Rates(rates, cycles, bin_width_opl, MAX_RATE))
+        return self._counts(readout, readout.expected, np.float64)
+
+    def photons(
+        self, rates: Any, cycles: int, seed: int = 0, *, bin_width_opl: float | None = None
+    ) -> xr.Dataset:
+        """Simulate a table of time stamps, sorted by row, pixel and time of detection.
+
+        Arguments and errors are as for `histogram`; lazy rates are computed. A photon takes about
+        100 bytes.
+
+        Returns:
+            A Dataset along "photon": pixel indices `y` and `x`, `cycle`, TDC code `bin`, and the
+            code's nominal centre `opl` [m].
+
+        Example:
+            >>> table = Spad().photons(np.full((1, 1, 4), 0.1), 1000, bin_width_opl=0.1)
+            >>> sorted(table.data_vars), bool(table["cycle"].to_index().is_unique)
+            (['bin', 'cycle', 'opl', 'x', 'y'], True)
+        """
+        readout = Readout(self, Rates(rates, cycles, bin_width_opl, MAX_RATE), seed)
+        values = np.asarray(readout.rates.values)
+        parts = by_blocks(readout.table, values, *readout.rows, None, None)
+        columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+        columns.append(readout.centres[columns[3]])
+        named = zip(("y", "x", "cycle", "bin", "opl"), columns, strict=True)
+        attrs = readout.rates.result("photons", (), 0, "1").attrs | readout.attrs
+        return xr.Dataset({name: ("photon", column) for name, column in named}, attrs=attrs)
+
+    def _counts(self, readout: Readout, function: Any, dtype: Any) -> xr.Dataset:
+        values, shape = readout.rates.values, readout.shape
+        counts = by_blocks(lambda b: function(b).astype(dtype), values, *readout.rows, shape, dtype)
+        given = ("counts", ("y", "x", "bin"), counts, "1", self.macro_pixel)
+        found = readout.rates.result(*given, opl=("bin", readout.centres, {"units": "m"}))
+        return found.assign_attrs(readout.attrs)
