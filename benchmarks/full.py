@@ -10,6 +10,8 @@ import argparse
 import json
 import os
 import platform
+import subprocess
+import sys
 import time
 import warnings
 from collections.abc import Callable, Mapping
@@ -26,6 +28,7 @@ import tofrender
 from . import peers, report
 from .case_lights import plain_pixels
 from .case_nlos import letter
+from .operations import operations, stale
 from .timing import in_turn, trace
 
 SIZE, BINS, SPP, DEPTH = 64, 300, 256, 6
@@ -72,6 +75,9 @@ SCENES: dict[str, Callable[[], Described]] = {
 }
 
 
+GUIDED = ("glass sphere", "mirror")
+
+
 def measured(draws: Mapping[str, peers.Draw], seeds: int) -> dict[str, Any]:
     """Renders with several seeds in turn: variance and mean of each voxel, and CPU times."""
     stacks: dict[str, list[np.ndarray]] = {name: [] for name in draws}
@@ -113,6 +119,8 @@ def table(seeds: int) -> dict[str, Any]:
             "one light point": peers.bins(peers.ours(described, light_samples=1), SPP),
             "mitransient": peers.bins(peers.mitransient(described), SPP),
         }
+        if name in GUIDED:
+            draws["not guided"] = peers.bins(peers.ours(described, guiding=False), SPP)
         found = measured(draws, seeds)
         plain = plain_pixels(tofrender.load_scene(described), lamps_alone=True)
         rows[name] = {who: figures(found[who], plain) for who in draws}
@@ -185,6 +193,18 @@ def times(runs: int) -> dict[str, Any]:
     return rows
 
 
+def kernels() -> dict[str, list[int]]:
+    """Operations of each scene's large kernels, by which code and figures are compared."""
+    return {name: operations(peers.ours(scene())) for name, scene in SCENES.items()}
+
+
+def commit() -> str:
+    """Short hash of the commit that is measured, with + if files have changed since."""
+    git = partial(subprocess.run, cwd=RESULTS.parent, check=True, capture_output=True, text=True)
+    changed = git(["git", "status", "--porcelain", "--untracked-files=no"]).stdout
+    return git(["git", "rev-parse", "--short=10", "HEAD"]).stdout.strip() + "+" * bool(changed)
+
+
 def machine() -> dict[str, Any]:
     """What was measured where, with which versions."""
     from importlib.metadata import version
@@ -209,19 +229,34 @@ def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.full", description=__doc__)
     parser.add_argument("--write", action="store_true", help="write the pages from results.json")
+    parser.add_argument("--check", action="store_true", help="fail if the figures are stale")
+    parser.add_argument("--kernels", action="store_true", help="print operations of kernels")
     parser.add_argument("--seeds", type=int, default=7, help="renders of each (7)")
     options = parser.parse_args()
     if options.seeds < 2:
         parser.exit(2, f"{parser.prog}: error: --seeds = {options.seeds}: must be 2 or more\n")
+    warnings.simplefilter("ignore")  # Light outside of the window
+    if options.kernels:
+        print(json.dumps(kernels()))
+        return
+    if options.check:
+        changed = stale(json.loads(RESULTS.read_text(encoding="utf-8"))["operations"], kernels())
+        if changed:
+            parser.exit(
+                1, "\n".join([f"{report.PAGE}: is stale; run `make bench-full`", *changed, ""])
+            )
+        return
     if not options.write and not peers.has("mitransient"):
         parser.exit(1, f"{parser.prog}: error: mitransient is not installed; run `make setup`\n")
     if not options.write:
-        warnings.simplefilter("ignore")  # Light outside of the window
         mi.set_log_level(mi.LogLevel.Error)
         start = time.perf_counter()
         results: dict[str, Any] = {"machine": machine(), "scenes": table(options.seeds)}
         results |= {"times": times(options.seeds), "samplers": samplers(options.seeds)}
         results["captures"] = captures(options.seeds)
+        alone = [sys.executable, "-m", "benchmarks.full", "--kernels"]  # Without other scenes
+        output = subprocess.run(alone, check=True, capture_output=True, text=True).stdout
+        results |= {"operations": json.loads(output), "commit": commit()}
         results["minutes"] = (time.perf_counter() - start) / 60
         RESULTS.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
     report.write(json.loads(RESULTS.read_text(encoding="utf-8")))

@@ -44,6 +44,7 @@ def scenes_table(results: Results, who: str) -> str:
     rows = [
         [name, *(over_ours(row, who, measure) for measure in MEASURES)]
         for name, row in results["scenes"].items()
+        if who in row
     ]
     return rows_of([head, *rows])
 
@@ -85,7 +86,8 @@ def page(results: Results) -> str:
     """The page."""
     machine = results["machine"]
     versions = ", ".join(f"{name} {number}" for name, number in machine["versions"].items())
-    made = f"""`make bench-full` measured this page in {results["minutes"]:.0f} minutes:
+    made = f"""`make bench-full` measured this page in {results["minutes"]:.0f} minutes at commit
+        {results["commit"]}:
         {machine["processor"]}, {machine["threads"]} threads, `{machine["variant"]}`; {versions}.
         All numbers are in `benchmarks/results.json`."""
     errors = """Variance times CPU time says how long a renderer takes to reach a given error. The
@@ -109,10 +111,11 @@ def page(results: Results) -> str:
             ),
         )
     )
-    parts = """Two techniques explain the gain. Directly visible lamps are sampled separately, by
-        many short rays. Each vertex takes several emitter samples (`light_samples`), except in
-        scenes with a mirror or clear glass. The next table shows the second technique alone:
-        `light_samples = 1` divided by the default:"""
+    parts = """Three techniques explain the gain. Directly visible lamps are sampled separately, by
+        many short rays. Beside mirrors and clear glass, paths are guided towards caustics
+        (`guiding`). In other scenes, each vertex takes several emitter samples (`light_samples`).
+        The next tables show the last two alone: `guiding` switched off, and `light_samples = 1`,
+        divided by the default:"""
     samplers = results["samplers"]
     sampler_rows = [["sampler", "energy relative to ours", *(f"{m}, over ours" for m in MEASURES)]]
     for name, row in samplers.items():
@@ -139,6 +142,7 @@ def page(results: Results) -> str:
             measures,
             scenes_table(results, PEER),
             paragraph(parts),
+            scenes_table(results, "not guided"),
             scenes_table(results, "one light point"),
             "## mitransient's samplers",
             paragraph(

@@ -155,7 +155,7 @@ def test_light_by_a_mirror():
     _, transient = rendered(by_mirror(), 1024)
     bins = np.flatnonzero(transient[0, 0, :, 0])
     length = 0.9 + np.sqrt([1.5**2 + 9, 2.5**2 + 0.5**2 + 9])
-    assert [4 + 0.01 * bins[0], 4 + 0.01 * bins[-1]] == pytest.approx(length, abs=0.02)
+    assert [4 + 0.01 * bins[0], 4 + 0.01 * bins[-1]] == pytest.approx(length, abs=0.05)
 
 
 @pytest.mark.statistical

@@ -2,6 +2,8 @@
 
 import importlib
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -47,3 +49,19 @@ def test_the_page_on_what_is_lost_has_its_figures(monkeypatch):
     assert lost.table(results) in page
     results["found"]["saving"]["save_s"] *= 2
     assert lost.with_tables(page, results) != page
+
+
+def test_figures_are_those_of_the_code():
+    """In a process of its own: kernels contain what other scenes of a process have, too."""
+    command = [sys.executable, "-m", "benchmarks.full", "--check"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_stale_figures_are_found(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT)
+    stale = importlib.import_module("benchmarks.operations").stale
+    assert not stale({"box": [1000, 500]}, {"box": [1010, 500]})
+    assert stale({"box": [1000, 500]}, {"box": [1030, 500]})
+    assert stale({"box": [1000]}, {"box": [1000, 500]})
+    assert stale({}, {"box": [1000]})
