@@ -1,0 +1,1 @@
+from .filtering import denoise_halves as denoise_halves
