@@ -17,6 +17,7 @@ class Blocks:
     """
 
     def __init__(self, height: int, width: int, bins: int) -> None:
+        self.size = height, width, bins
         y, x, self._over_bins = (
             _linear(*each) for each in ((height, PIXELS), (width, PIXELS), (bins, BINS))
         )
@@ -40,6 +41,12 @@ class Blocks:
         in_time = self._over_bins @ values.reshape(-1, values.shape[2]).T
         flat = np.ascontiguousarray(in_time.T)
         return [matrix @ flat for matrix in self._over_pixels]
+
+    def repeated(self, values: np.ndarray) -> np.ndarray:
+        """Values (rows, columns, times) of the blocks of all pixels, float32 (pixels, bins)."""
+        for axis, (size, count) in enumerate(zip((PIXELS, PIXELS, BINS), self.size, strict=True)):
+            values = np.repeat(values, size, axis=axis).take(range(count), axis=axis)
+        return values.reshape(-1, self.size[2]).astype(np.float32)
 
 
 def _linear(count: int, size: int) -> sparse.csr_matrix:

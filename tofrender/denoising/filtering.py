@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import minimum_filter, uniform_filter
 
 from ..runtime import checks
 from . import kernels
@@ -28,6 +28,12 @@ STAGES = (("bins", 1), ("pixels", 1), ("bins", 2), ("pixels", 2))
 
 POOL = 3
 """Blocks along each axis over whose sums the products are added up."""
+
+MARGIN = 5.0
+"""Factor of the part of a residual that seems to be light, so that doubtful ones stay."""
+
+NOISIER = 30.0
+"""Ratio of variances above which a block keeps its light from its neighbours."""
 
 LEAST_ALBEDO = np.float32(0.05)
 """Light of darker surfaces is divided by this."""
@@ -133,16 +139,15 @@ def _remove_noise(
     variance = np.stack([blocks.sums(noise[p] ** 2, n) for n, p in enumerate(blocks.parts)])
     # A firefly must not decide for its neighbours
     weight = 1 / np.maximum(uniform_filter(variance, POOL, mode="nearest"), np.float32(1e-30))
+    crossed = blocks.repeated(_is_like_neighbours(variance))
     for over, step in STAGES:
-        residual = (
-            kernels.over_bins(step, blocks.parts)
-            if over == "bins"
-            else kernels.over_pixels(features, step, blocks.parts)
-        )
+        if over == "bins":
+            residuals_of = kernels.over_bins(step, blocks.parts)
+        else:
+            residuals_of = kernels.over_pixels(features, step, blocks.parts)
         residuals, sums = [], []
-        for number, part in enumerate(blocks.parts):
-            found = residual(values, number)
-            light = _sum(found, colours)
+        for number, found in enumerate(residuals_of(values, crossed)):
+            part, light = blocks.parts[number], _sum(found, colours)
             excess = _sum(values[part], colours)
             excess -= original[part]
             excess *= light
@@ -154,12 +159,18 @@ def _remove_noise(
             uniform_filter(weight * np.stack(each), POOL, mode="constant")
             for each in zip(*sums, strict=True)
         )
-        gain = np.clip(np.divide(excess, power, out=np.zeros_like(power), where=power > 0), 0, 1)
-        gains = blocks.interpolated(gain)
-        for own, found, part in zip(gains, residuals, blocks.parts, strict=True):
-            own[emitter[part]] = 0
-            found *= own[:, None]
+        signal = 1 - np.divide(excess, power, out=np.zeros_like(power), where=power > 0)
+        gains = blocks.interpolated(np.clip(1 - MARGIN * np.maximum(signal, 0), 0, 1))
+        for gain, found, part in zip(gains, residuals, blocks.parts, strict=True):
+            gain[emitter[part]] = 0
+            found *= gain[:, None]
             values[part] -= found
+
+
+def _is_like_neighbours(variance: np.ndarray) -> np.ndarray:
+    """Whether blocks are not much noisier than any neighbour, whom their noise would reach."""
+    steady = uniform_filter(variance, (1, 1, POOL), mode="nearest")
+    return steady <= NOISIER * minimum_filter(steady, (POOL, POOL, 1), mode="nearest")
 
 
 def _sum(values: np.ndarray, colours: int) -> np.ndarray:

@@ -6,24 +6,25 @@ the sum, and never looks at the light itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from scipy import sparse
+
+from .blocks import PIXELS
 
 SIDE, CENTRE = 0.25, 0.5  # Taps of the binomial filter, in space and in time
 PLANE, ALBEDO, NORMAL = 2.0, 0.2, 4  # Pixels off the tangent plane, albedo, power of the cosine
 NEAR = 8.0  # Greatest distance of neighbours, in pixels times the step
 LEAST = 1e-3  # Smallest weight that is kept, of the largest one
 
-Residual = Callable[[np.ndarray, int], np.ndarray]
-"""Residual of values (pixels, channels, bins) in one part of the pixels, by its number."""
+Residuals = Callable[[np.ndarray, np.ndarray], Iterator[np.ndarray]]
+"""Residuals of values (pixels, channels, bins), part by part; the second array (pixels, bins) is 1
+where light may cross to another block, else 0."""
 
 
-def over_pixels(
-    features: Mapping[str, np.ndarray], step: int, parts: Sequence[slice]
-) -> Residual:
-    """Residual of a cross-bilateral filter of 3 x 3 pixels `step` apart.
+def over_pixels(features: Mapping[str, np.ndarray], step: int, parts: Sequence[slice]) -> Residuals:
+    """Residuals of a cross-bilateral filter of 3 x 3 pixels `step` apart.
 
     It is the edge-avoiding à-trous filter (Dammertz et al., HPG 2010) with weights from features
     alone: binomial, times how much two first hits are alike in position, normal and albedo. What
@@ -53,30 +54,46 @@ def over_pixels(
     pairs = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
     one_way = sparse.csr_matrix(pairs, (number.size, number.size), dtype=np.float32)
     both = one_way + one_way.T
-    matrix = sparse.csr_matrix(sparse.diags_array(np.ravel(both.sum(axis=1))) - both)
-    matrices = [matrix[part] for part in parts]
+    block = (number // width // PIXELS * width + number % width // PIXELS).ravel()
+    ends = both.tocoo()
+    inside = block[ends.row] == block[ends.col]
+    within, across = (
+        sparse.csr_matrix((ends.data[own], (ends.row[own], ends.col[own])), both.shape)
+        for own in (inside, ~inside)
+    )
+    within = sparse.csr_matrix(sparse.diags_array(np.ravel(within.sum(axis=1))) - within)
+    matrices = [(part, within[part], across[part]) for part in parts]
 
-    def residual(values: np.ndarray, part: int) -> np.ndarray:
-        found = matrices[part] @ values.reshape(len(values), -1)
-        return found.reshape(-1, *values.shape[1:])
+    def residuals(values: np.ndarray, crossed: np.ndarray) -> Iterator[np.ndarray]:
+        flat = values.reshape(len(values), -1)
+        masked = (values * crossed[:, None]).reshape(flat.shape)
+        for part, inner, outer in matrices:
+            own = values[part]
+            found = (inner @ flat).reshape(own.shape)
+            others = (outer @ masked).reshape(own.shape)
+            others -= own * (outer @ crossed)[:, None]
+            others *= crossed[part, None]
+            found -= others
+            yield found
 
-    return residual
+    return residuals
 
 
-def over_bins(step: int, parts: Sequence[slice]) -> Residual:
-    """Residual of a binomial filter of three bins `step` apart; nothing leaves the window."""
+def over_bins(step: int, parts: Sequence[slice]) -> Residuals:
+    """Residuals of a binomial filter of three bins `step` apart; nothing leaves the window."""
 
-    def residual(values: np.ndarray, part: int) -> np.ndarray:
-        own = values[parts[part]]
-        found = np.zeros_like(own)
-        if step < own.shape[-1]:
-            slope = own[..., step:] - own[..., :-step]
-            slope *= np.float32(SIDE)
-            found[..., step:] = slope
-            found[..., :-step] -= slope
-        return found
+    def residuals(values: np.ndarray, crossed: np.ndarray) -> Iterator[np.ndarray]:
+        for part in parts:
+            own = values[part]
+            found = np.zeros_like(own)
+            if step < own.shape[-1]:
+                slope = own[..., step:] - own[..., :-step]
+                slope *= np.float32(SIDE)
+                found[..., step:] = slope
+                found[..., :-step] -= slope
+            yield found
 
-    return residual
+    return residuals
 
 
 def _pixel_size(position: np.ndarray, distance: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""First-hit features of a camera's pixels: what a denoiser may look at besides the light."""
+"""Features of what a camera's pixels see first, for the denoiser."""
 
 from __future__ import annotations
 
@@ -6,60 +6,62 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..denoising.filtering import FEATURES, KINDS
 from ..paths.camera import sample_camera, sampled_size
 from ..runtime import plugins
 
-FEATURE_RAYS = 8
+RAYS = 8
 """Camera rays per pixel."""
 
+SEED = 0x5EED
 
-def render_features(
-    scene: mi.Scene, sensor: mi.Sensor, film: mi.Film, seed: int = 0
-) -> dict[str, np.ndarray]:
-    """Average position, normal, albedo and distance of the first surface over each pixel.
 
-    Rays are those of a render, lens and shutter included, but the pixel's filter is a box. They
-    have random numbers of their own: filters made from features are independent of the light.
+def render_features(scene: mi.Scene, sensor: mi.Sensor, film: mi.Film) -> np.ndarray:
+    """Features of the first surfaces that camera rays hit, averaged over each pixel.
+
+    The rays use lens and shutter as a render's do, and random numbers of their own, so that filters
+    made from features are independent of its noise. Mere boundaries of media are passed.
 
     Returns:
-        Arrays float32: `position` [m] and `normal` (height, width, 3), `albedo` (height, width, 3)
-        in [0, 1] of diffuse surfaces and 1 of others, `distance` (height, width) [m], and `kind`
-        (height, width) uint8: 0 where all rays hit surfaces that scatter, 1 where one hits an
-        emitter, a mirror, clear glass or nothing.
+        Float32 (height, width, 11), channels as `FEATURES` has them: position [m], normal, albedo
+        (that of diffuse reflection, else 1), distance [m], and kind, the greatest that a ray sees.
     """
     width, height = (int(n) for n in film.crop_size())
-    own = sampled_size(film)
-    sampler = mi.load_dict(
-        {"type": plugins.qualified_name("padded_sobol"), "sample_count": FEATURE_RAYS}
-    )
-    sampler.set_samples_per_wavefront(FEATURE_RAYS)
-    lanes = own[0] * own[1] * FEATURE_RAYS
-    sampler.seed(seed, lanes)
-    pixel = dr.arange(mi.UInt32, lanes) // FEATURE_RAYS
-    camera = sample_camera(sensor, film, sampler, pixel)
+    columns, rows = sampled_size(film)
+    sampler = mi.load_dict({"type": plugins.qualified_name("padded_sobol"), "sample_count": RAYS})
+    sampler.set_samples_per_wavefront(RAYS)
+    lanes = columns * rows * RAYS
+    sampler.seed(SEED, lanes)
+    camera = sample_camera(sensor, film, sampler, dr.arange(mi.UInt32, lanes) // RAYS)
     si = _first_surface(scene, mi.Ray3f(camera.ray))
     bsdf, hit = si.bsdf(), si.is_valid()
     flags = bsdf.flags()
-    odd = hit & (si.shape.is_emitter() | _is_specular(flags))
-    plain = hit & ~odd
-    albedo = mi.Color3f(1.0)
-    diffuse = plain & mi.has_flag(flags, mi.BSDFFlags.DiffuseReflection)
-    albedo[diffuse] = mi.unpolarized_spectrum(bsdf.eval_diffuse_reflectance(si, diffuse))
+    emitter = hit & si.shape.is_emitter()
+    kind = dr.select(emitter, KINDS["emitter"], mi.Float(KINDS["scattering"]))
+    kind[hit & ~emitter & _is_specular(flags)] = KINDS["specular"]
+    diffuse = hit & ~emitter & mi.has_flag(flags, mi.BSDFFlags.DiffuseReflection)
+    albedo = mi.unpolarized_spectrum(bsdf.eval_diffuse_reflectance(si, diffuse))
+    if not mi.is_rgb:
+        albedo = mi.Color3f(dr.mean(albedo))
+    albedo = dr.select(diffuse, mi.Color3f(albedo), 1.0)
+    position, normal = (dr.select(hit, mi.Vector3f(each), 0.0) for each in (si.p, si.sh_frame.n))
     distance = dr.select(hit, dr.norm(si.p - camera.origin), 0.0)
-    columns = [*(si.p & hit), *(si.sh_frame.n & hit), *albedo, distance, odd, hit & si.shape.is_emitter()]
-    values = [mi.Float(c) if not isinstance(c, mi.Bool) else dr.select(c, mi.Float(1), 0) for c in columns]
-    dr.eval(values)
-    table = np.stack([np.array(v) for v in values], -1)
-    border = (own[0] - width) // 2
-    mean = table.reshape(own[1], own[0], FEATURE_RAYS, -1).mean(2)
-    mean = mean[border : border + height, border : border + width]
+    channels = [*position, *normal, *albedo, distance, kind]
+    dr.eval(channels)
+    rays = np.stack([np.array(channel) for channel in channels], axis=-1)
+    rays = rays.reshape(rows, columns, RAYS, len(channels))
+    features = np.concatenate([rays[..., :-1].mean(axis=2), rays[..., -1:].max(axis=2)], axis=-1)
+    border = (columns - width) // 2
+    return features[border : border + height, border : border + width].astype(np.float32)
+
+
+def by_name(features: np.ndarray) -> dict[str, np.ndarray]:
+    """Features by their names, from the channels of `render_features`."""
+    ends = np.cumsum(list(FEATURES.values()))
+    parts = np.split(features, ends[:-1], axis=-1)
     return {
-        "position": mean[..., 0:3],
-        "normal": mean[..., 3:6],
-        "albedo": mean[..., 6:9],
-        "distance": mean[..., 9],
-        "kind": (mean[..., 10] > 0).astype(np.uint8),
-        "emitter": mean[..., 11] > 0,
+        name: part[..., 0] if part.shape[-1] == 1 else part
+        for name, part in zip(FEATURES, parts, strict=True)
     }
 
 

@@ -23,6 +23,7 @@ from ..runtime.settings import SAMPLERS
 from ..scenes.fingerprint import fingerprint
 from .arrivals import LAST_OPL, Arrivals, find_arrivals
 from .dataset import check_dataset, components_of, coordinates, require_finite, transient_dataset
+from .denoised import denoised
 from .errors import batches_of
 from .settings import RenderSettings, is_auto
 from .window import WINDOW_OPTION, check_window, warn_of_losses, windowed_film
@@ -36,6 +37,9 @@ if TYPE_CHECKING:
     from ..signals.pulses import Pulse
 
 DEFAULT_SAMPLER = "padded_sobol"
+
+DENOISING = 5
+"""Films that the filter works on besides the one that is rendered."""
 
 ARRIVALS_SEED = 0
 """Seed with which light is looked for: renders of all seeds have one window, and can be joined."""
@@ -119,8 +123,9 @@ class Job:
         channels = self.film.shape[3]
         flushed = 2 if spp > MAX_ADDED else 1
         copies = flushed * (2 if self.plan.splats else 1)
-        scatter = 2 * channels / memory.stride(channels) if self.settings.errors else 0
-        memory.require_film(*self.film.shape, copies=copies + scatter)
+        packed = channels / memory.stride(channels)  # Of an array in a film's memory
+        more = 2 * packed if self.settings.errors else DENOISING * packed * self.settings.denoise
+        memory.require_film(*self.film.shape, copies=copies + more)
 
 
 def decide(
@@ -145,7 +150,17 @@ def decide(
     job = Job(plan, integrator, scene, settings, film, profile, arrivals, origin)
     if settings.errors:
         batches_of(whole(job).count)
+    if settings.denoise:
+        _check_halves(job.points())
     return job
+
+
+def _check_halves(points: mi.Sampler) -> None:
+    """Refuse a number of samples that has no halves, or none that the sampler can draw."""
+    count = points.sample_count()
+    points.set_sample_count(max(count // 2, 1))
+    if 2 * points.sample_count() != count:
+        raise ValueError(f"spp = {count}: must be even with denoise, each half one for the sampler")
 
 
 def remaining(job: Job, resume: xr.Dataset | None = None) -> WorkItem:
@@ -188,7 +203,8 @@ def dataset_of(job: Job, result: WorkResult, resume: xr.Dataset | None = None) -
         "render_seconds": seconds,
     }
     warn_of_missing(job, attrs, stacklevel=4)
-    return transient_dataset(arrays, job.film, attrs)
+    dataset = transient_dataset(arrays, job.film, attrs)
+    return denoised(job, dataset) if job.settings.denoise else dataset
 
 
 def render_attributes(job: Job, steady: float, transient: float) -> dict[str, Any]:
@@ -259,6 +275,8 @@ def _samples_of(resume: xr.Dataset) -> int:
 
 def check_resume(resume: xr.Dataset, job: Job) -> None:
     """Refuse to go on with a render that was made in another way."""
+    if job.settings.denoise or resume.attrs.get("denoised"):
+        raise ValueError("resume: must be left out with denoise, and not be denoised itself")
     for name, value in job.recipe.items():
         its = resume.attrs.get(name)
         if its != value:
