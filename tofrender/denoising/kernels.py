@@ -102,6 +102,6 @@ def _pixel_size(position: np.ndarray, distance: np.ndarray) -> np.ndarray:
     for axis in (0, 1):
         nearer = np.minimum(*(np.delete(distance, end, axis) for end in (0, -1)))
         apart = np.linalg.norm(np.diff(position, axis=axis), axis=-1)
-        angles.append((apart[nearer > 0] / nearer[nearer > 0]))
+        angles.append(apart[nearer > 0] / nearer[nearer > 0])
     angle = np.median(np.concatenate(angles)) if sum(map(len, angles)) else 0.0
     return np.maximum(angle * distance, 1e-12)

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..denoising.filtering import FEATURES, filtered
+from ..denoising.filtering import filtered
+from ..integrators.features import by_name, render_features
 from ..runtime.progress import status
 from .dataset import HALVES, check_dataset, components_of, require_finite
-from .features import by_name, render_features
+from .labels import labelled
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -60,11 +61,10 @@ def denoise(dataset: xr.Dataset) -> xr.Dataset:
     steady = (dataset["steady"] + change).astype(np.float32)
     variables: dict[str, Any] = {"transient": transient, "raw": raw}
     variables["steady"] = dataset["steady"].copy(data=steady.values)
-    return dataset.assign(variables).assign_attrs(denoised=1)
+    return labelled(dataset.assign(variables).assign_attrs(denoised=1))
 
 
 def denoised(job: Job, dataset: xr.Dataset) -> xr.Dataset:
     """Add the features of a job's camera to its Dataset, and remove noise."""
     features = render_features(job.scene, job.camera, job.film)
-    about = {"long_name": ", ".join(FEATURES)}
-    return denoise(dataset.assign(features=(HALVES["features"], features, about)))
+    return denoise(dataset.assign(features=(HALVES["features"], features)))
