@@ -40,7 +40,7 @@ from .datasets import (
     load_dataset as load_dataset,
     make_dataset as make_dataset,
 )
-from .denoising import denoise_halves as denoise_halves
+from .denoising import denoise_film as denoise_film
 from .films.phasor import PhasorHDRFilm as PhasorHDRFilm
 from .films.transient import TransientHDRFilm as TransientHDRFilm
 from .fitting import (

@@ -1,1 +1,1 @@
-from .filtering import denoise_halves as denoise_halves
+from .filtering import denoise_film as denoise_film

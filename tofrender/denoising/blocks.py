@@ -1,60 +1,86 @@
-"""Blocks of pixels and bins: sums in each, and values interpolated between their centres."""
+"""Storage of a film's channels side by side, and its blocks of pixels and bins.
+
+A block has a gain of its own. Lanes go through the cells of one block after the other, so that
+sums in blocks need no atomic additions.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
 import numpy as np
-from scipy import sparse
 
 PIXELS, BINS = 4, 2
 """Size of a block: pixels along each side, and bins."""
 
+CELLS = PIXELS * PIXELS * BINS
+
+
+@dataclass
+class Packets:
+    """Channels of each cell, padded to a power of two, so that one gather reads them."""
+
+    data: mi.Float
+    cells: int  # Pixels times bins
+    channels: int
+
+    @classmethod
+    def of(
+        cls, cells: int, cell: mi.UInt32, values: Sequence[mi.Float], active: mi.Bool | bool = True
+    ) -> Packets:
+        """Packets with these values at some cells, of which each is there once."""
+        stride = 1 << (len(values) - 1).bit_length()
+        padded = mi.ArrayXf([*values, *[mi.Float(0)] * (stride - len(values))])
+        data = dr.empty(mi.Float, cells * stride)
+        dr.scatter(data, padded, cell, active, mode=dr.ReduceMode.Permute)
+        return cls(data, cells, len(values))
+
+    def at(self, cell: mi.UInt32, active: mi.Bool | bool = True) -> list[mi.Float]:
+        """Channels of some cells."""
+        shape = dr.width(self.data) // self.cells, dr.width(cell)
+        found = dr.gather(mi.ArrayXf, self.data, cell, active, shape=shape)
+        return [found[channel] for channel in range(self.channels)]
+
+    def totals(self, bins: int) -> np.ndarray:
+        """Sums over the bins of each pixel, (pixels, channels)."""
+        values = self.at(dr.arange(mi.UInt32, self.cells))
+        dr.eval(values)
+        return np.stack([np.array(dr.block_sum(value, bins)) for value in values], axis=-1)
+
 
 class Blocks:
-    """Blocks of a film (height, width, bins), which is worked on in parts that caches hold.
+    """Blocks of a film of some height, width and number of bins.
 
     Attributes:
-        parts: Rows of blocks, as slices of the pixels row by row.
+        size: Height, width and bins of the film.
+        shape: Blocks along each of these.
     """
 
     def __init__(self, height: int, width: int, bins: int) -> None:
         self.size = height, width, bins
-        y, x, self._over_bins = (
-            _linear(*each) for each in ((height, PIXELS), (width, PIXELS), (bins, BINS))
+        self.shape = tuple(
+            -(-n // of) for n, of in zip(self.size, (PIXELS, PIXELS, BINS), strict=True)
         )
-        self.parts = [slice(n * width, (n + PIXELS) * width) for n in range(0, height, PIXELS)]
-        over_pixels = sparse.csr_matrix(sparse.kron(y, x))
-        self._over_pixels = [over_pixels[part] for part in self.parts]
-        columns = np.arange(height * width) % width // PIXELS
-        self._sums = []
-        for part in self.parts:
-            own = columns[part]
-            cells = np.ones(len(own), np.float32), (own, np.arange(len(own)))
-            self._sums.append(sparse.csr_matrix(cells))
-        self._starts = np.arange(0, bins, BINS)
 
-    def sums(self, values: np.ndarray, part: int) -> np.ndarray:
-        """Sums (columns, times) of a part's values (pixels, bins) in its blocks."""
-        return np.add.reduceat(self._sums[part] @ values, self._starts, axis=1)
+    def lanes(self) -> tuple[mi.UInt32, mi.UInt32, mi.UInt32, mi.Bool]:
+        """Row, column and bin of a lane for each cell, block by block; False for those outside."""
+        _, across, times = self.shape
+        lane = dr.arange(mi.UInt32, int(np.prod(self.shape)) * CELLS)
+        block, within = lane // CELLS, lane % CELLS
+        t = block % times * BINS + within % BINS
+        x = block // times % across * PIXELS + within // BINS % PIXELS
+        y = block // (times * across) * PIXELS + within // (BINS * PIXELS)
+        height, width, bins = self.size
+        return y, x, t, (y < height) & (x < width) & (t < bins)
 
-    def interpolated(self, values: np.ndarray) -> list[np.ndarray]:
-        """Values (rows, columns, times) at all pixels and bins: (pixels, bins) for each part."""
-        in_time = self._over_bins @ values.reshape(-1, values.shape[2]).T
-        flat = np.ascontiguousarray(in_time.T)
-        return [matrix @ flat for matrix in self._over_pixels]
+    def of(self, y: mi.UInt32, x: mi.UInt32, t: mi.UInt32) -> mi.UInt32:
+        """Number of the block that a cell is in."""
+        return (y // PIXELS * self.shape[1] + x // PIXELS) * self.shape[2] + t // BINS
 
-    def repeated(self, values: np.ndarray) -> np.ndarray:
-        """Values (rows, columns, times) of the blocks of all pixels, float32 (pixels, bins)."""
-        for axis, (size, count) in enumerate(zip((PIXELS, PIXELS, BINS), self.size, strict=True)):
-            values = np.repeat(values, size, axis=axis).take(range(count), axis=axis)
-        return values.reshape(-1, self.size[2]).astype(np.float32)
-
-
-def _linear(count: int, size: int) -> sparse.csr_matrix:
-    """Matrix (count, blocks) that interpolates linearly between the centres of blocks."""
-    blocks = -(-count // size)
-    at = np.clip((np.arange(count) + 0.5) / size - 0.5, 0, blocks - 1)
-    low = np.minimum(at.astype(int), max(blocks - 2, 0))
-    cells, high = np.arange(count), np.minimum(low + 1, blocks - 1)
-    weights = np.concatenate([1 - at + low, at - low]).astype(np.float32)
-    pairs = np.concatenate([cells, cells]), np.concatenate([low, high])
-    return sparse.csr_matrix((weights, pairs), (count, blocks))
+    def sums(self, *values: mi.Float) -> list[np.ndarray]:
+        """Sums of values of all `lanes` in each block, arrays of `shape`."""
+        dr.eval(values)
+        return [np.array(dr.block_sum(each, CELLS)).reshape(self.shape) for each in values]

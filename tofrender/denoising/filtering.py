@@ -14,14 +14,16 @@ choice itself would follow the noise and do harm.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 from scipy.ndimage import minimum_filter, uniform_filter
 
-from ..runtime import checks
+from ..runtime import backend, checks
 from . import kernels
-from .blocks import Blocks
+from .blocks import Blocks, Packets
 
 STAGES = (("bins", 1), ("pixels", 1), ("bins", 2), ("pixels", 2))
 """Filters one after the other, with the distance of their taps."""
@@ -29,7 +31,7 @@ STAGES = (("bins", 1), ("pixels", 1), ("bins", 2), ("pixels", 2))
 POOL = 3
 """Blocks along each axis over whose sums the products are added up."""
 
-MARGIN = 5.0
+MARGIN = 6.0
 """Factor of the part of a residual that seems to be light, so that doubtful ones stay."""
 
 NOISIER = 30.0
@@ -45,80 +47,74 @@ FEATURES = {"position": 3, "normal": 3, "albedo": 3, "distance": 1, "kind": 1}
 """Features and their channels."""
 
 
-def denoise_halves(
-    first: np.ndarray, second: np.ndarray, features: Mapping[str, np.ndarray], colours: int = 0
+def denoise_film(
+    mean: np.ndarray,
+    half_difference: np.ndarray,
+    features: Mapping[str, np.ndarray],
+    colours: int = 0,
 ) -> np.ndarray:
-    """Remove noise from the mean of two halves of a transient film's samples.
+    """Remove noise from a transient film whose samples are known in two halves.
 
     Pixels are mixed where their first hits are alike, never those that see an emitter, a mirror or
     clear glass; bins are mixed everywhere but in pixels that see an emitter, which stay as they
-    are. Sums over the pixels of a kind and all bins stay.
+    are. Sums over all bins and the pixels of a kind stay.
 
     Args:
-        first: Film of half of the samples, float (height, width, bins, channels), finite.
-        second: Film of the other half, as many samples of the same camera.
+        mean: Mean of the films of both halves, float (height, width, bins, channels), finite.
+        half_difference: Half their difference, of either sign, which changes nothing.
         features: Arrays (height, width, 3) of `position` [m], `normal` and `albedo` (0 to 1) of the
             first hits, (height, width) of `distance` [m] and of `kind`, one of `KINDS`.
-        colours: Channels of the intensity, which decide; the others are mixed as they are. By
-            default all, or those of S0 if there are 4 or 12.
+        colours: Channels, the first ones, whose intensity decides; the others are mixed as they
+            are. By default all, or those of S0 if there are 4 or 12.
 
     Returns:
-        The filtered mean, float32 (height, width, bins, channels). Exchanged halves give the same.
+        The filtered mean, float32 (height, width, bins, channels).
 
     Raises:
-        ValueError: The arrays do not fit together, are not finite or equal; one line.
+        ValueError: The arrays do not fit together or are not finite; one line.
 
     Example:
-        >>> rng, shape = np.random.default_rng(0), (16, 16, 32, 1)
-        >>> flat = {name: np.ones((16, 16, 3)) for name in ("normal", "albedo")}
-        >>> flat["position"] = np.dstack([*np.mgrid[:16, :16] / 160, np.ones((16, 16))])
-        >>> flat |= {"distance": np.ones((16, 16)), "kind": np.zeros((16, 16))}
-        >>> flat["normal"] = flat["normal"] * (0, 0, -1)
-        >>> first, second = 1 + rng.normal(0, 0.1, (2, *shape))
-        >>> filtered = denoise_halves(first, second, flat)
-        >>> bool(filtered.std() < 0.4 * np.std((first + second) / 2))
+        >>> rng, ones = np.random.default_rng(0), np.ones((16, 16, 3))
+        >>> position = np.dstack([*np.mgrid[:16, :16] / 160, ones[..., 0]])
+        >>> flat = {"position": position, "normal": ones * (0, 0, -1), "albedo": ones}
+        >>> flat |= {"distance": ones[..., 0], "kind": 0 * ones[..., 0]}
+        >>> first, second = 1 + rng.normal(0, 0.1, (2, 16, 16, 32, 1))
+        >>> mean = (first + second) / 2
+        >>> bool(denoise_film(mean, (first - second) / 2, flat).std() < 0.4 * mean.std())
         True
     """
-    first, second = (np.asarray(half) for half in (first, second))
-    checks.shape("first", first, first.ndim == 4 and first.size, "(height, width, bins, channels)")
-    checks.shape("second", second, second.shape == first.shape, f"{first.shape}, as first has it")
-    for name, half in (("first", first), ("second", second)):
-        checks.finite(name, half)
-    if first.any() and np.array_equal(first, second):
-        raise ValueError("second: is equal to first; must be of other samples")
-    mean = (0.5 * (first + second)).astype(np.float32)
-    return filtered(mean, (0.5 * (first - second)).astype(np.float32), features, colours)
-
-
-def filtered(
-    mean: np.ndarray, noise: np.ndarray, features: Mapping[str, np.ndarray], colours: int = 0
-) -> np.ndarray:
-    """Filter the mean of two halves; `noise` is half their difference. See `denoise_halves`."""
+    backend.require_vectorised()
+    mean, noise = (np.asarray(each, np.float32) for each in (mean, half_difference))
+    checks.shape("mean", mean, mean.ndim == 4 and mean.size, "(height, width, bins, channels)")
+    fits = noise.shape == mean.shape
+    checks.shape("half_difference", noise, fits, f"{mean.shape}, as mean has it")
+    for name, each in (("mean", mean), ("half_difference", noise)):
+        checks.finite(name, each)
     height, width, bins, channels = mean.shape
-    features = check_features(features, (height, width))
+    features = _checked(features, (height, width))
+    checks.integer("colours", colours, 0, channels)
     colours = colours or (channels // 4 if channels in (4, 12) else channels)
-    albedo, kind = features["albedo"].reshape(-1, 3), features["kind"].ravel()
-    scale = np.ones((height * width, channels), np.float32)
+    kind, scale = features["kind"].ravel(), np.ones((height * width, channels), np.float32)
     if channels % 3 == 0:
-        scale[:] = np.tile(np.maximum(albedo, LEAST_ALBEDO), channels // 3)
+        albedo = np.maximum(features["albedo"].reshape(-1, 3), LEAST_ALBEDO)
+        scale[:] = np.tile(albedo, channels // 3)
         scale[kind == KINDS["emitter"]] = 1
-    blocks = Blocks(height, width, bins)
 
-    # Channels first, divided by albedo; the last one is the noise of their sum
-    values = np.empty((height * width, channels + 1, bins), np.float32)
-    inverse = 1 / scale[:, :, None]
-    for part in blocks.parts:
-        mean_part, noise_part = (
-            each.reshape(-1, bins, channels)[part].transpose(0, 2, 1) for each in (mean, noise)
-        )
-        np.multiply(mean_part, inverse[part], out=values[part, :channels])
-        values[part, channels] = _sum(noise_part[:, :colours] * inverse[part, :colours], colours)
-    before = values[:, :channels].sum(axis=-1)
-
-    _remove_noise(values, colours, features, blocks)
+    # Divide by albedo; the last channel is the noise of the sum
+    cell = dr.arange(mi.UInt32, height * width * bins)
+    light, difference, inverse = (mi.Float(np.ravel(each)) for each in (mean, noise, 1 / scale))
+    values, total = [], mi.Float(0)
+    for channel in range(channels):
+        factor = dr.gather(mi.Float, inverse, cell // bins * channels + channel)
+        values.append(dr.gather(mi.Float, light, cell * channels + channel) * factor)
+        if channel < colours:
+            total += dr.gather(mi.Float, difference, cell * channels + channel) * factor
+    film = Packets.of(dr.width(cell), cell, [*values, total])
+    before = film.totals(bins)[:, :channels]
+    film = _remove_noise(film, Blocks(height, width, bins), features, colours)
+    after = film.totals(bins)[:, :channels]
 
     # Keep the sums of each kind
-    after = values[:, :channels].sum(axis=-1)
     for own in (kind == each for each in np.unique(kind)):
         was, now = (
             np.sum((scale * each)[own, :colours], axis=0, dtype=np.float64)
@@ -126,45 +122,68 @@ def filtered(
         )
         factor = np.divide(was, now, out=np.ones(colours), where=now > 0)
         scale[own] *= np.tile(factor, channels // colours)
-    values[:, :channels] *= scale[:, :, None]
-    return values[:, :channels].transpose(0, 2, 1).reshape(mean.shape)
+    scales, found = mi.Float(np.ravel(scale)), dr.empty(mi.Float, mean.size)
+    for channel, value in enumerate(film.at(cell)[:channels]):
+        factor = dr.gather(mi.Float, scales, cell // bins * channels + channel)
+        target = cell * channels + channel
+        dr.scatter(found, value * factor, target, mode=dr.ReduceMode.Permute)
+    return np.array(found).reshape(mean.shape)
 
 
 def _remove_noise(
-    values: np.ndarray, colours: int, features: Mapping[str, np.ndarray], blocks: Blocks
-) -> None:
-    """Remove the stages' residuals, as far as they are noise, from values and their noise."""
-    original, noise = _sum(values, colours), values[:, -1].copy()
-    emitter = features["kind"].ravel() == KINDS["emitter"]
-    variance = np.stack([blocks.sums(noise[p] ** 2, n) for n, p in enumerate(blocks.parts)])
-    # A firefly must not decide for its neighbours
+    film: Packets, blocks: Blocks, features: Mapping[str, np.ndarray], colours: int
+) -> Packets:
+    """Remove the stages' residuals as far as they are noise; the film's last channel is noise."""
+    height, width, bins = blocks.size
+    cells = dr.arange(mi.UInt32, height * width * bins)
+    pixel = cells // bins
+    start = film.at(cells)
+    original, noise = _sum(start, colours), start[-1]
+    dr.eval(original, noise)
+    emitter = mi.Bool(features["kind"].ravel() == KINDS["emitter"])
+
+    # A firefly must not decide for its neighbours, nor reach them
+    y, x, t, inside = blocks.lanes()
+    cell = (y * width + x) * bins + t
+    (variance,) = blocks.sums(dr.square(dr.gather(mi.Float, noise, cell, inside)))
     weight = 1 / np.maximum(uniform_filter(variance, POOL, mode="nearest"), np.float32(1e-30))
-    crossed = blocks.repeated(_is_like_neighbours(variance))
+    ways = mi.UInt32(np.ravel(kernels.open_ways(_is_like_neighbours(variance))))
+
     for over, step in STAGES:
         if over == "bins":
-            residuals_of = kernels.over_bins(step, blocks.parts)
+            taps = kernels.over_bins(blocks, step)
         else:
-            residuals_of = kernels.over_pixels(features, step, blocks.parts)
-        residuals, sums = [], []
-        for number, found in enumerate(residuals_of(values, crossed)):
-            part, light = blocks.parts[number], _sum(found, colours)
-            excess = _sum(values[part], colours)
-            excess -= original[part]
-            excess *= light
-            excess += noise[part] * found[:, -1]
-            light *= light
-            sums.append([blocks.sums(each, number) for each in (excess, light)])
-            residuals.append(found)
+            taps = kernels.over_pixels(blocks, step, kernels.pixel_weights(features, step), ways)
+
+        # Residuals, and what they and the noise tell in each block
+        own = film.at(cell, inside)
+        residuals = [mi.Float(0) for _ in own]
+        for other, tap, there in taps:
+            tap &= there
+            for channel, value in enumerate(film.at(other, there)):
+                residuals[channel] += tap * (own[channel] - value)
+        found = Packets.of(film.cells, cell, residuals, inside)
+        light = _sum(residuals, colours)
+        excess = (_sum(own, colours) - dr.gather(mi.Float, original, cell, inside)) * light
+        excess += dr.gather(mi.Float, noise, cell, inside) * residuals[-1]
         excess, power = (
-            uniform_filter(weight * np.stack(each), POOL, mode="constant")
-            for each in zip(*sums, strict=True)
+            uniform_filter(weight * each, POOL, mode="constant")
+            for each in blocks.sums(excess, dr.square(light))
         )
         signal = 1 - np.divide(excess, power, out=np.zeros_like(power), where=power > 0)
-        gains = blocks.interpolated(np.clip(1 - MARGIN * np.maximum(signal, 0), 0, 1))
-        for gain, found, part in zip(gains, residuals, blocks.parts, strict=True):
-            gain[emitter[part]] = 0
-            found *= gain[:, None]
-            values[part] -= found
+
+        # Remove them, where most of them is noise
+        gains = np.clip(1 - MARGIN * np.maximum(signal, 0), 0, 1)
+        block = blocks.of(pixel // width, pixel % width, cells % bins)
+        gain = dr.gather(mi.Float, mi.Float(np.ravel(gains).astype(np.float32)), block)
+        gain &= ~dr.gather(mi.Bool, emitter, pixel)
+        pairs = zip(film.at(cells), found.at(cells), strict=True)
+        film = Packets.of(film.cells, cells, [value - gain * each for value, each in pairs])
+    return film
+
+
+def _sum(values: Sequence[mi.Float], colours: int) -> mi.Float:
+    return sum(values[1:colours], values[0])
 
 
 def _is_like_neighbours(variance: np.ndarray) -> np.ndarray:
@@ -173,26 +192,15 @@ def _is_like_neighbours(variance: np.ndarray) -> np.ndarray:
     return steady <= NOISIER * minimum_filter(steady, (POOL, POOL, 1), mode="nearest")
 
 
-def _sum(values: np.ndarray, colours: int) -> np.ndarray:
-    """Sum of the first channels of values (pixels, channels, bins)."""
-    found = values[:, 0].copy()
-    for channel in range(1, colours):
-        found += values[:, channel]
-    return found
-
-
-def check_features(
-    features: Mapping[str, np.ndarray], size: tuple[int, int]
-) -> dict[str, np.ndarray]:
+def _checked(features: Mapping[str, np.ndarray], size: tuple[int, int]) -> dict[str, np.ndarray]:
     """Refuse features that are incomplete, do not fit the film or are not finite."""
     checks.instance("features", features, Mapping, f"a dict of {', '.join(FEATURES)}")
     found = {}
     for name, channels in FEATURES.items():
         if name not in features:
             raise ValueError(f"features: has no {name}; must have {', '.join(FEATURES)}")
-        array = np.asarray(features[name], dtype=np.float32)
+        array = found[name] = np.asarray(features[name], np.float32)
         shape = size if channels == 1 else (*size, channels)
         checks.shape(f"features: {name}", array, array.shape == shape, f"{shape}, as the film")
         checks.finite(f"features: {name}", array)
-        found[name] = array
     return found

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import reduce
+from operator import or_
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -14,6 +17,8 @@ RAYS = 8
 """Camera rays per pixel."""
 
 SEED = 0x5EED
+SPECULAR = "DeltaReflection", "DeltaTransmission"
+SCATTERING = "Smooth", *SPECULAR
 
 
 def render_features(scene: mi.Scene, sensor: mi.Sensor, film: mi.Film) -> np.ndarray:
@@ -35,15 +40,12 @@ def render_features(scene: mi.Scene, sensor: mi.Sensor, film: mi.Film) -> np.nda
     camera = sample_camera(sensor, film, sampler, dr.arange(mi.UInt32, lanes) // RAYS)
     si = _first_surface(scene, mi.Ray3f(camera.ray))
     bsdf, hit = si.bsdf(), si.is_valid()
-    flags = bsdf.flags()
     emitter = hit & si.shape.is_emitter()
     kind = dr.select(emitter, KINDS["emitter"], mi.Float(KINDS["scattering"]))
-    kind[hit & ~emitter & _is_specular(flags)] = KINDS["specular"]
-    diffuse = hit & ~emitter & mi.has_flag(flags, mi.BSDFFlags.DiffuseReflection)
+    kind[hit & ~emitter & _has(si, *SPECULAR)] = KINDS["specular"]
+    diffuse = hit & ~emitter & _has(si, "DiffuseReflection")
     albedo = mi.unpolarized_spectrum(bsdf.eval_diffuse_reflectance(si, diffuse))
-    if not mi.is_rgb:
-        albedo = mi.Color3f(dr.mean(albedo))
-    albedo = dr.select(diffuse, mi.Color3f(albedo), 1.0)
+    albedo = dr.select(diffuse, mi.Color3f(albedo if mi.is_rgb else dr.mean(albedo)), 1.0)
     position, normal = (dr.select(hit, mi.Vector3f(each), 0.0) for each in (si.p, si.sh_frame.n))
     distance = dr.select(hit, dr.norm(si.p - camera.origin), 0.0)
     channels = [*position, *normal, *albedo, distance, kind]
@@ -69,20 +71,15 @@ def by_name(features: np.ndarray) -> dict[str, np.ndarray]:
 def _first_surface(scene: mi.Scene, ray: mi.Ray3f) -> mi.SurfaceInteraction3f:
     """Intersect rays with the first surface that is no mere boundary of a medium."""
     si = scene.ray_intersect(ray)
-    passing = _is_boundary(si)
+    passing = si.is_valid() & _has(si, "Null") & ~_has(si, *SCATTERING)
     while passing:
         ray[passing] = si.spawn_ray(ray.d)
         si[passing] = scene.ray_intersect(ray, passing)
-        passing &= _is_boundary(si)
+        passing &= si.is_valid() & _has(si, "Null") & ~_has(si, *SCATTERING)
     return si
 
 
-def _is_boundary(si: mi.SurfaceInteraction3f) -> mi.Bool:
-    flags = si.bsdf().flags()
-    smooth = mi.has_flag(flags, mi.BSDFFlags.Smooth)
-    return si.is_valid() & mi.has_flag(flags, mi.BSDFFlags.Null) & ~smooth & ~_is_specular(flags)
-
-
-def _is_specular(flags: mi.UInt32) -> mi.Bool:
-    reflection = mi.has_flag(flags, mi.BSDFFlags.DeltaReflection)
-    return reflection | mi.has_flag(flags, mi.BSDFFlags.DeltaTransmission)
+def _has(si: mi.SurfaceInteraction3f, *flags: str) -> mi.Bool:
+    """Whether BSDFs have any of some flags."""
+    own = si.bsdf().flags()
+    return reduce(or_, (mi.has_flag(own, getattr(mi.BSDFFlags, flag)) for flag in flags))

@@ -19,9 +19,7 @@ if TYPE_CHECKING:
 
 
 _AXES = DIMS["transient"]
-_DIMS = (
-    {axis: (axis,) for axis in _AXES} | DIMS | ERRORS | HALVES
-)  # Of all variables and coordinates
+_DIMS = {axis: (axis,) for axis in _AXES} | DIMS | ERRORS | HALVES  # Of all that files have
 
 
 def describe(dataset: xr.Dataset) -> dict[str, Any]:

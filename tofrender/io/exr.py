@@ -13,14 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..rendering.cubes import Cube
-from ..rendering.dataset import (
-    DIMS,
-    HALVES,
-    check_dataset,
-    in_channels,
-    plain_attributes,
-    require_finite,
-)
+from ..rendering.dataset import DIMS, check_dataset, in_channels, plain_attributes, require_finite
 from ..runtime import checks, memory
 from ..runtime.atomic import check_file, replacing
 from ..signals.polarisation import STOKES
@@ -249,7 +242,6 @@ class _Stack:
 
     def __init__(self, dataset: xr.Dataset, precision: str):
         check_dataset(dataset)
-        dataset = dataset.drop_vars(list(HALVES), errors="ignore")
         self.dataset, self.films = dataset, {"": (Cube(dataset["transient"]), dataset["steady"])}
         if "transient_error" in dataset:
             self.films[LAYER] = Cube(dataset["transient_error"]), dataset["steady_error"]

@@ -54,7 +54,7 @@ def save_npz(dataset: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = 
         ...     save_npz(dataset, folder + "/box.npz").name
         'box.npz'
     """
-    dataset = in_channels(dataset)
+    dataset = in_channels(dataset, halves=True)
     check_dataset(dataset)
     shape = dataset["transient"].shape
     target = check_output(path, shape, layout="npz", overwrite=overwrite)

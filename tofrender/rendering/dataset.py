@@ -92,11 +92,13 @@ def film_stokes(film: TransientHDRFilm) -> int:
     return film.shape[3] // film.base_channels_count()
 
 
-def in_channels(dataset: Any) -> Any:
+def in_channels(dataset: Any, halves: bool = False) -> Any:
     """A Dataset as files have it: Stokes components are channels, "S0.R", "S0.G" and so on.
 
-    Anything without an axis `stokes` stays as it is.
+    `HALVES` are dropped, unless `halves`. Anything else without an axis `stokes` stays as it is.
     """
+    if not halves and "half_difference" in getattr(dataset, "data_vars", ()):
+        dataset = dataset.drop_vars(list(HALVES), errors="ignore")
     if "stokes" not in getattr(dataset, "dims", ()):
         return dataset
     names = [f"{s}.{c}" for s in dataset["stokes"].values for c in dataset["channel"].values]
@@ -159,9 +161,7 @@ def check_dataset(dataset: object) -> None:
             "dataset.sel(stokes='S0', drop=True)"
         )
     found = {str(name): variable.dims for name, variable in dataset.data_vars.items()}
-    halves = DIMS | HALVES
-    unfiltered = {name: dims for name, dims in halves.items() if name != "raw"}
-    known = found in (DIMS, DIMS | ERRORS, halves, unfiltered)
+    known = found in (DIMS, DIMS | ERRORS, DIMS | HALVES)
     if not known or any(v.dtype != np.float32 for v in dataset.data_vars.values()):
         raise ValueError(
             f"dataset with {found}: must hold the float32 variables {DIMS}, their errors or no "

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..denoising.filtering import filtered
+from ..denoising.filtering import denoise_film
 from ..integrators.features import by_name, render_features
 from ..runtime.progress import status
 from .dataset import HALVES, check_dataset, components_of, require_finite
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def denoise(dataset: xr.Dataset) -> xr.Dataset:
     """Remove noise from a render whose samples are known in two halves.
 
-    See also `denoise_halves`, which has the method. Stokes components are mixed as S0 is. Errors
+    See also `denoise_film`, which has the method. Stokes components are mixed as S0 is. Errors
     stay unknown: what the filter leaves of the noise cannot be told from the halves.
 
     Args:
@@ -45,26 +45,25 @@ def denoise(dataset: xr.Dataset) -> xr.Dataset:
     """
     for component in components_of(dataset):
         check_dataset(component)
-    missing = [name for name in ("half_difference", "features") if name not in dataset]
+    missing = [name for name in HALVES if name not in dataset]
     if missing:
         raise ValueError(f"dataset: has no {missing[0]}; must be of render(..., denoise=True)")
     require_finite(dataset)
-    raw = dataset["raw" if "raw" in dataset else "transient"]
     mean, noise = (
-        each.values.reshape(*each.shape[:3], -1) for each in (raw, dataset["half_difference"])
+        dataset[name].values.reshape(*dataset[name].shape[:3], -1)
+        for name in ("raw", "half_difference")
     )
-    colours = dataset.sizes["channel"]
-    found = filtered(mean, noise, by_name(dataset["features"].values), colours)
-    before = dataset["transient"].sum("opl", dtype=np.float64)
-    transient = raw.copy(data=found.reshape(raw.shape))
-    change = transient.sum("opl", dtype=np.float64) - before
-    steady = (dataset["steady"] + change).astype(np.float32)
-    variables: dict[str, Any] = {"transient": transient, "raw": raw}
-    variables["steady"] = dataset["steady"].copy(data=steady.values)
-    return labelled(dataset.assign(variables).assign_attrs(denoised=1))
+    features = by_name(dataset["features"].values)
+    found = denoise_film(mean, noise, features, dataset.sizes["channel"])
+    earlier = dataset["transient"]
+    transient = earlier.copy(data=found.reshape(earlier.shape))
+    change = (transient.sum("opl", dtype=np.float64) - earlier.sum("opl", dtype=np.float64)).values
+    steady = dataset["steady"].copy(data=(dataset["steady"].values + change).astype(np.float32))
+    found = dataset.assign(transient=transient, steady=steady)
+    return labelled(found.assign_attrs(denoised=1))
 
 
 def denoised(job: Job, dataset: xr.Dataset) -> xr.Dataset:
     """Add the features of a job's camera to its Dataset, and remove noise."""
-    features = render_features(job.scene, job.camera, job.film)
-    return denoise(dataset.assign(features=(HALVES["features"], features)))
+    features = HALVES["features"], render_features(job.scene, job.camera, job.film)
+    return denoise(dataset.assign(raw=dataset["transient"], features=features))

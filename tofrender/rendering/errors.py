@@ -92,41 +92,20 @@ class Scatter:
         return found
 
 
-class Halves:
-    """Mean of two arrays of each name, and half their difference: the noise of the mean.
-
-    Attributes:
-        count: How many of each name were added.
-        means: Their means.
-    """
-
-    def __init__(self, arrays: dict[str, np.ndarray]) -> None:
-        self.count, self.means = 1, arrays
-        self._difference: dict[str, np.ndarray] = {}
+class Halves(Scatter):
+    """Mean of two halves of each name, and half their difference: the noise of the mean."""
 
     def add(self, arrays: dict[str, np.ndarray]) -> None:
         """Add the second half; the arrays are used up."""
         self.count += 1
         for name, second in arrays.items():
-            first = self.means[name]
-            second -= first
-            second *= np.float32(-0.5)
-            first -= second
-        self._difference = {"half_difference": arrays["transient"]}
+            self.squares[name] = np.subtract(self.means[name], second, out=second)
+            second *= np.float32(0.5)
+            self.means[name] -= second
 
     def errors(self) -> dict[str, np.ndarray]:
         """Half the difference of the transients."""
-        return self._difference
-
-    def state(self) -> dict[str, np.ndarray]:
-        """The first half, for `restored`."""
-        return {f"first.{name}": array for name, array in self.means.items()}
-
-    @classmethod
-    def restored(cls, state: dict[str, np.ndarray]) -> Halves | None:
-        """The halves of a `state`, None if it has none."""
-        names = [name for name in state if name.startswith("first.")]
-        return cls({n.removeprefix("first."): state[n] for n in names}) if names else None
+        return {"half_difference": self.squares["transient"]}
 
 
 def _lines(array: np.ndarray) -> list[slice]:

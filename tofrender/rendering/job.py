@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 DEFAULT_SAMPLER = "padded_sobol"
 
-DENOISING = 5
+DENOISING = 6
 """Films that the filter works on besides the one that is rendered."""
 
 ARRIVALS_SEED = 0
@@ -151,16 +151,11 @@ def decide(
     if settings.errors:
         batches_of(whole(job).count)
     if settings.denoise:
-        _check_halves(job.points())
+        points, count = job.points(), whole(job).count
+        points.set_sample_count(max(count // 2, 1))
+        halves = "even with denoise, each half one for the sampler"
+        checks.require("spp", count, 2 * points.sample_count() == count, halves)
     return job
-
-
-def _check_halves(points: mi.Sampler) -> None:
-    """Refuse a number of samples that has no halves, or none that the sampler can draw."""
-    count = points.sample_count()
-    points.set_sample_count(max(count // 2, 1))
-    if 2 * points.sample_count() != count:
-        raise ValueError(f"spp = {count}: must be even with denoise, each half one for the sampler")
 
 
 def remaining(job: Job, resume: xr.Dataset | None = None) -> WorkItem:

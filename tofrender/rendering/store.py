@@ -20,15 +20,7 @@ import numpy as np
 
 from ..runtime import atomic, checks
 from ..runtime.progress import status
-from .dataset import (
-    DIMS,
-    ERRORS,
-    HALVES,
-    check_dataset,
-    in_channels,
-    of_intensity,
-    plain_attributes,
-)
+from .dataset import DIMS, ERRORS, check_dataset, in_channels, of_intensity, plain_attributes
 from .films_on_disk import checksum, list_files, load_zarr, require_zarr
 from .labels import TIME, labels_of
 from .tiling import tile_size
@@ -235,7 +227,7 @@ def save_zarr(dataset: xr.Dataset, path: str | os.PathLike[str]) -> xr.Dataset:
         >>> film.sizes["opl"]
         50
     """
-    dataset = in_channels(dataset).drop_vars(list(HALVES), errors="ignore")
+    dataset = in_channels(dataset)
     check_dataset(dataset)
     target = check_film(path, "path")
     shape: Any = dataset["transient"].shape

@@ -162,11 +162,9 @@ def _render_in_batches(
             begun = None
             if saved and batch == first and before < saved.done:
                 begun = SavedState(saved.done - before, count, 0.0, saved.arrays)
-            if halves:
-                first, seed = item.first + before, job.settings.seed
-            else:
-                first, seed = 0, seed_of(job.settings.seed, item.first, batch)
-            samples = _Samples(job, replace(item, first=first, count=count), seed, begun)
+            seed = job.settings.seed if halves else seed_of(job.settings.seed, item.first, batch)
+            part = replace(item, first=item.first + before if halves else 0, count=count)
+            samples = _Samples(job, part, seed, begun)
             done = run(
                 *(samples.steps, samples.record, count),
                 done=samples.done,
