@@ -84,12 +84,11 @@ def denoise_film(
         True
     """
     backend.require_vectorised()
-    mean, noise = (np.asarray(each, np.float32) for each in (mean, half_difference))
+    mean = checks.finite("mean", checks.real_array("mean", mean, np.float32))
     checks.shape("mean", mean, mean.ndim == 4 and mean.size, "(height, width, bins, channels)")
-    fits = noise.shape == mean.shape
-    checks.shape("half_difference", noise, fits, f"{mean.shape}, as mean has it")
-    for name, each in (("mean", mean), ("half_difference", noise)):
-        checks.finite(name, each)
+    noise = checks.real_array("half_difference", half_difference, np.float32)
+    checks.shape("half_difference", noise, noise.shape == mean.shape, f"{mean.shape}, as mean's")
+    checks.finite("half_difference", noise)
     height, width, bins, channels = mean.shape
     features = _checked(features, (height, width))
     checks.integer("colours", colours, 0, channels)
@@ -194,12 +193,11 @@ def _is_like_neighbours(variance: np.ndarray) -> np.ndarray:
 
 def _checked(features: Mapping[str, np.ndarray], size: tuple[int, int]) -> dict[str, np.ndarray]:
     """Refuse features that are incomplete, do not fit the film or are not finite."""
-    checks.instance("features", features, Mapping, f"a dict of {', '.join(FEATURES)}")
+    complete = isinstance(features, Mapping) and not set(FEATURES) - set(features)
+    checks.require("features", features, complete, f"a dict of {', '.join(FEATURES)}")
     found = {}
     for name, channels in FEATURES.items():
-        if name not in features:
-            raise ValueError(f"features: has no {name}; must have {', '.join(FEATURES)}")
-        array = found[name] = np.asarray(features[name], np.float32)
+        array = found[name] = checks.real_array(f"features: {name}", features[name], np.float32)
         shape = size if channels == 1 else (*size, channels)
         checks.shape(f"features: {name}", array, array.shape == shape, f"{shape}, as the film")
         checks.finite(f"features: {name}", array)

@@ -1,0 +1,161 @@
+"""`python -m benchmarks.denoising`: what `denoise` gains and costs, scene by scene.
+
+Errors are mean squared ones from a render of 4096 samples, which is kept in --cache; the raw film
+is the plain render of as many samples, and at equal time one of more, by the CPU time that halves,
+features and filter take. The worst region is that of 8 x 8 pixels whose error grows most.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+import tofrender
+
+from .case_lights import plain_pixels
+from .full import SCENES as TABLE, box
+
+SIZE, SPP, MANY, PARTS = 64, 64, 1024, 4
+LEAST = 1e-6  # Error of a region, over that of the worst one, below which it has no noise
+
+
+def textured() -> Any:
+    """The box with coloured tiles, about a pixel wide, on floor and back wall."""
+    tiles = np.random.default_rng(5).uniform(0.1, 0.9, (64, 64, 3)).astype(np.float32)
+    texture = {"type": "bitmap", "bitmap": mi.Bitmap(tiles), "raw": True, "filter_type": "nearest"}
+    return _with_walls({"type": "diffuse", "reflectance": texture})
+
+
+def glossy() -> Any:
+    return _with_walls({"type": "roughconductor", "alpha": 0.15, "material": "Al"})
+
+
+def _with_walls(bsdf: dict[str, Any]) -> Any:
+    found = box()
+    for name in ("floor", "back"):
+        found[name]["bsdf"] = bsdf
+    return found
+
+
+def out_of_focus() -> Any:
+    found = box()
+    found["sensor"] |= {"type": "thinlens", "aperture_radius": 0.12, "focus_distance": 3.4}
+    return found
+
+
+def built_in(name: str) -> Callable[[], str]:
+    return lambda: name
+
+
+SCENES: dict[str, Callable[[], Any]] = {
+    **TABLE,
+    "fog": built_in("cornell_box_fog"),
+    "veach": built_in("veach"),
+    "caustic": built_in("caustic"),
+    "textured": textured,
+    "out of focus": out_of_focus,
+    "glossy": glossy,
+    "fine mesh": built_in("bust_ao"),
+    **{
+        name.replace("_", " "): built_in(name)
+        for name in (
+            *("mirror_and_glass", "light_through_hole", "small_box", "headlight_in_fog"),
+            *("smoke_corridor", "lamp_in_milk", "wall_box_hi_nlos", "brewster_window"),
+        )
+    },
+}
+"""Constants were chosen with the first nine in view, none of the others."""
+
+
+def load(name: str) -> tuple[Any, dict[str, Any]]:
+    """A scene and options of its render."""
+    mi.set_variant("llvm_ad_spectral_polarized" if name == "brewster window" else "llvm_ad_rgb")
+    described = SCENES[name]()
+    if not isinstance(described, str):
+        return tofrender.load_scene(described), {}
+    if described in ("veach", "small_box", "bust_ao"):  # Steady ones turn transient
+        return described, {"size": (SIZE, SIZE), "window": "auto", "bins": 300}
+    return tofrender.load_scene(described, width=SIZE, height=SIZE), {}
+
+
+def film(dataset: Any, name: str = "transient") -> np.ndarray:
+    """Pixels, bins and all channels."""
+    return dataset[name].values.reshape(*dataset[name].shape[:3], -1).astype(np.float64)
+
+
+def timed(scene: Any, **options: Any) -> tuple[Any, float]:
+    """A render and its CPU time [s]."""
+    start = time.process_time()
+    found = tofrender.render(scene, progress=False, **options)
+    dr.sync_thread()
+    return found, time.process_time() - start
+
+
+def reference(scene: Any, options: dict[str, Any], cache: Path) -> np.ndarray:
+    if not cache.exists():
+        films = (timed(scene, spp=MANY, seed=1000 + k, **options)[0] for k in range(PARTS))
+        np.save(cache, sum(film(each) for each in films) / PARTS)
+    return np.load(cache)
+
+
+def measure(name: str, seeds: int, cache: Path) -> dict[str, float]:
+    """Gains, harm and cost in a scene."""
+    scene, options = load(name)
+    truth = reference(scene, options, cache / f"{name.replace(' ', '_')}.npy")
+    plain = np.ones(truth.shape[:2], bool)
+    if isinstance(scene, mi.Scene):
+        plain = plain_pixels(scene, lamps_alone=True)
+    plain = plain if plain.any() else np.ones_like(plain)
+    for kind in ({}, {"denoise": True}):
+        timed(scene, spp=SPP, **kind, **options)
+    raws, founds, times = [], [], []
+    for seed in range(seeds):
+        raw, own = timed(scene, spp=SPP, seed=seed, **options)
+        found, all_of_it = timed(scene, spp=SPP, seed=seed, denoise=True, **options)
+        raws.append((film(raw) - truth) ** 2)
+        founds.append((film(found) - truth) ** 2)
+        times.append(all_of_it / own)
+    raw, found, cost = np.mean(raws, axis=0), np.mean(founds, axis=0), float(np.median(times))
+    longer = [
+        (film(timed(scene, spp=round(SPP * cost), seed=seed, **options)[0]) - truth) ** 2
+        for seed in range(seeds)
+    ]
+    rows = [
+        each.sum(axis=(2, 3)).reshape(SIZE // 8, 8, -1, 8).sum(axis=(1, 3)) for each in (raw, found)
+    ]
+    noisy = rows[0] > LEAST * rows[0].max()
+    return {
+        "all": raw.sum() / found.sum(),
+        "without lamps": raw[plain].sum() / found[plain].sum(),
+        "at equal time": np.mean(longer, axis=0)[plain].sum() / found[plain].sum(),
+        "worst region": (rows[1][noisy] / rows[0][noisy]).max(),
+        "cost": cost - 1,
+    }
+
+
+def main() -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.denoising", description=__doc__)
+    parser.add_argument("scenes", nargs="*", default=list(SCENES), help="by default all")
+    parser.add_argument("--seeds", type=int, default=4, help="renders of each (4)")
+    parser.add_argument("--cache", type=Path, default=Path("/tmp/denoising"), help="references")
+    options = parser.parse_args()
+    options.cache.mkdir(exist_ok=True)
+    warnings.simplefilter("ignore")  # Light outside of the window
+    print("| scene | all | without lamps | at equal time | worst region | cost |")
+    print("| --- | --- | --- | --- | --- | --- |")
+    for name in options.scenes:
+        values = measure(name, options.seeds, options.cache).values()
+        print(f"| {name} | " + " | ".join(f"{value:.2f}" for value in values) + " |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
