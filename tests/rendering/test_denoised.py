@@ -141,7 +141,7 @@ def test_what_has_no_halves_is_refused(box, found, tmp_path):
         render(box, spp=128, resume=found)
     for text, dataset in {
         "^dataset: has no raw": render(box, spp=2),
-        "^raw: .* not finite": found.assign(raw=found["raw"] * np.nan),
+        "^mean: .* not finite": found.assign(raw=found["raw"] * np.nan),
         "^dataset with": found.drop_vars("features"),
         "^features: position with shape|coordinates": found.isel(feature=slice(1)),
     }.items():

@@ -9,7 +9,7 @@ import numpy as np
 from ..denoising.filtering import denoise_film
 from ..integrators.features import by_name, render_features
 from ..runtime.progress import status
-from .dataset import HALVES, check_dataset, components_of, require_finite
+from .dataset import HALVES, check_dataset, components_of
 from .labels import labelled
 
 if TYPE_CHECKING:
@@ -38,8 +38,8 @@ def denoise(dataset: xr.Dataset) -> xr.Dataset:
 
     Example:
         >>> import tofrender
-        >>> scene = tofrender.cornell_box(width=16, height=16, temporal_bins=60, bin_width_opl=0.1)
-        >>> once = tofrender.render(scene, spp=16, denoise=True)
+        >>> scene = tofrender.cornell_box(width=16, height=16, temporal_bins=60)
+        >>> once = tofrender.render(scene, spp=16, window="auto", denoise=True)
         >>> denoise(once).identical(once)
         True
     """
@@ -48,22 +48,22 @@ def denoise(dataset: xr.Dataset) -> xr.Dataset:
     missing = [name for name in HALVES if name not in dataset]
     if missing:
         raise ValueError(f"dataset: has no {missing[0]}; must be of render(..., denoise=True)")
-    require_finite(dataset)
     mean, noise = (
         dataset[name].values.reshape(*dataset[name].shape[:3], -1)
         for name in ("raw", "half_difference")
     )
     features = by_name(dataset["features"].values)
     found = denoise_film(mean, noise, features, dataset.sizes["channel"])
-    earlier = dataset["transient"]
-    transient = earlier.copy(data=found.reshape(earlier.shape))
-    change = (transient.sum("opl", dtype=np.float64) - earlier.sum("opl", dtype=np.float64)).values
-    steady = dataset["steady"].copy(data=(dataset["steady"].values + change).astype(np.float32))
-    found = dataset.assign(transient=transient, steady=steady)
-    return labelled(found.assign_attrs(denoised=1))
+    earlier, steady = (dataset[name].variable for name in ("transient", "steady"))
+    change = np.ones(mean.shape[2], np.float32) @ (found - earlier.values.reshape(mean.shape))
+    variables = {
+        "transient": earlier.copy(data=found.reshape(earlier.shape)),
+        "steady": steady.copy(data=steady.values + change.reshape(steady.shape)),
+    }
+    return labelled(dataset.assign(variables).assign_attrs(denoised=1))
 
 
 def denoised(job: Job, dataset: xr.Dataset) -> xr.Dataset:
     """Add the features of a job's camera to its Dataset, and remove noise."""
     features = HALVES["features"], render_features(job.scene, job.camera, job.film)
-    return denoise(dataset.assign(raw=dataset["transient"], features=features))
+    return denoise(dataset.assign(raw=dataset["transient"].variable, features=features))
