@@ -44,7 +44,7 @@ def test_the_raw_film_is_that_of_a_plain_render(box, found):
 
 def test_it_is_nearer_to_the_truth():
     scene = tofrender.load_scene(small_box(24, 24, bin_width_opl=0.1, temporal_bins=120))
-    found, truth = render(scene, spp=16, denoise=True), render(scene, spp=4096, seed=1)
+    found, truth = render(scene, spp=16, denoise=True), render(scene, spp=1024, seed=1)
     errors = [float(((found[n] - truth["transient"]) ** 2).sum()) for n in ("transient", "raw")]
     assert errors[0] < errors[1] / 1.5
 
