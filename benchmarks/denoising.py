@@ -26,11 +26,11 @@ from .full import SCENES as TABLE, box
 
 SIZE, SPP, MANY, PARTS = 64, 64, 1024, 4
 FREQUENCY_HZ = 50e6
+LENS = {"type": "thinlens", "aperture_radius": 0.12, "focus_distance": 3.4}
 LEAST = 1e-6  # Error of a region, over that of the worst one, below which it has no noise
 
 
 def textured() -> Any:
-    """The box with coloured tiles on floor and back wall."""
     tiles = np.random.default_rng(5).uniform(0.1, 0.9, (64, 64, 3)).astype(np.float32)
     texture = {"type": "bitmap", "bitmap": mi.Bitmap(tiles), "raw": True, "filter_type": "nearest"}
     return _with_walls({"type": "diffuse", "reflectance": texture})
@@ -43,19 +43,13 @@ def _with_walls(bsdf: dict[str, Any]) -> Any:
     return found
 
 
-def out_of_focus() -> Any:
-    found = box()
-    found["sensor"] |= {"type": "thinlens", "aperture_radius": 0.12, "focus_distance": 3.4}
-    return found
-
-
 SCENES: dict[str, Callable[[], Any] | str] = {
     **TABLE,
     "fog": "cornell_box_fog",
     "veach": "veach",
     "caustic": "caustic",
     "textured": textured,
-    "out of focus": out_of_focus,
+    "out of focus": lambda: box() | {"sensor": box()["sensor"] | LENS},
     "glossy": lambda: _with_walls({"type": "roughconductor", "alpha": 0.15, "material": "Al"}),
     "fine mesh": "bust_simple",
     **{
@@ -80,9 +74,10 @@ def load(name: str) -> tuple[Any, dict[str, Any]]:
     return tofrender.load_scene(described, width=SIZE, height=SIZE), {}
 
 
-def film(dataset: Any, name: str = "transient") -> np.ndarray:
+def film(dataset: Any) -> np.ndarray:
     """Pixels, bins and all channels."""
-    return dataset[name].values.reshape(*dataset[name].shape[:3], -1).astype(np.float64)
+    values = dataset["transient"].values
+    return values.reshape(*values.shape[:3], -1).astype(np.float64)
 
 
 def timed(scene: Any, **options: Any) -> tuple[Any, float]:
@@ -93,17 +88,14 @@ def timed(scene: Any, **options: Any) -> tuple[Any, float]:
     return found, time.process_time() - start
 
 
-def reference(scene: Any, options: dict[str, Any], cache: Path) -> np.ndarray:
-    if not cache.exists():
-        films = (timed(scene, spp=MANY, seed=1000 + k, **options)[0] for k in range(PARTS))
-        np.save(cache, sum(film(each) for each in films) / PARTS)
-    return np.load(cache)
-
-
 def measure(name: str, seeds: int, cache: Path) -> dict[str, float]:
     """Gains, harm and cost in a scene."""
     scene, options = load(name)
-    truth = reference(scene, options, cache / f"{name.replace(' ', '_')}.npy")
+    file = cache / f"{name.replace(' ', '_')}.npy"
+    if not file.exists():
+        films = (timed(scene, spp=MANY, seed=1000 + k, **options)[0] for k in range(PARTS))
+        np.save(file, sum(film(each) for each in films) / PARTS)
+    truth = np.load(file)
     plain = np.ones(truth.shape[:2], bool)
     if isinstance(scene, mi.Scene):
         plain = plain_pixels(scene, lamps_alone=True)
@@ -122,10 +114,8 @@ def measure(name: str, seeds: int, cache: Path) -> dict[str, float]:
         founds.append(off[1] ** 2)
     raw, found = np.mean(raws, axis=0), np.mean(founds, axis=0)
     cost = min(denoised) / min(own)  # Others slow some of them down
-    longer = [
-        (film(timed(scene, spp=round(SPP * cost), seed=seed, **options)[0]) - truth) ** 2
-        for seed in range(seeds)
-    ]
+    more = (timed(scene, spp=round(SPP * cost), seed=k, **options)[0] for k in range(seeds))
+    longer = [(film(each) - truth) ** 2 for each in more]
     regions = [
         e.sum(axis=(2, 3)).reshape(8, SIZE // 8, 8, -1).sum(axis=(1, 3)) for e in (raw, found)
     ]

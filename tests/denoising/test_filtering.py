@@ -98,6 +98,16 @@ def test_what_has_no_noise_stays():
     np.testing.assert_allclose(denoise_film(truth, 0 * truth, wall()), truth, atol=1e-6)
 
 
+@pytest.mark.parametrize("scale", [1e-9, 1e9])
+def test_the_unit_does_not_matter(scale):
+    """Nor in films that have noise in one half only."""
+    mean, noise = halves(1 + moving_edge(), sigma=SIGMA * (X < 12)[..., None, None])
+    expected = denoise_film(mean, noise, wall())
+    found = denoise_film(scale * mean, scale * noise, wall()) / scale
+    np.testing.assert_allclose(found, expected, atol=1e-3)
+    np.testing.assert_allclose(found[:, 16:], mean[:, 16:], atol=1e-3)
+
+
 def test_an_edge_stays_in_its_bin():
     """Before light arrives there is none."""
     truth = moving_edge()

@@ -137,7 +137,7 @@ def test_what_has_no_halves_is_refused(box, found, tmp_path):
     }.items():
         with refused(text):
             render(box, denoise=True, **options)
-    with refused("^resume: .* not be denoised"):
+    with refused("^resume: was rendered with denoise = True; must be False"):
         render(box, spp=128, resume=found)
     for text, dataset in {
         "^dataset: has no raw": render(box, spp=2),

@@ -83,4 +83,5 @@ class Blocks:
     def sums(self, *values: mi.Float) -> list[np.ndarray]:
         """Sums of values of all `lanes` in each block, arrays of `shape`."""
         dr.eval(values)
-        return [np.array(dr.block_sum(each, CELLS)).reshape(self.shape) for each in values]
+        sums = [np.array(dr.block_sum(each, CELLS), np.float64) for each in values]
+        return [each.reshape(self.shape) for each in sums]

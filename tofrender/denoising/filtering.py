@@ -37,6 +37,9 @@ MARGIN = 6.0
 NOISIER = 30.0
 """Ratio of variances above which a block keeps its light from its neighbours."""
 
+QUIET = 1e-12
+"""Variance of a block, over the greatest, below which it counts as much."""
+
 LEAST_ALBEDO = np.float32(0.05)
 """Light of darker surfaces is divided by this."""
 
@@ -145,7 +148,9 @@ def _remove_noise(
     y, x, t, inside = blocks.lanes()
     cell = (y * width + x) * bins + t
     (variance,) = blocks.sums(dr.square(dr.gather(mi.Float, noise, cell, inside)))
-    weight = 1 / np.maximum(uniform_filter(variance, POOL, mode="nearest"), np.float32(1e-30))
+    if not variance.any():
+        return film
+    weight = 1 / np.maximum(uniform_filter(variance, POOL, mode="nearest"), QUIET * variance.max())
     ways = mi.UInt32(np.ravel(kernels.open_ways(_is_like_neighbours(variance))))
 
     for over, step in STAGES:
@@ -173,6 +178,8 @@ def _remove_noise(
 
         # Remove them, where most of them is noise
         gains = np.clip(1 - MARGIN * np.maximum(signal, 0), 0, 1)
+        if not gains.any():
+            continue
         block = blocks.of(pixel // width, pixel % width, cells % bins)
         gain = dr.gather(mi.Float, mi.Float(np.ravel(gains).astype(np.float32)), block)
         gain &= ~dr.gather(mi.Bool, emitter, pixel)

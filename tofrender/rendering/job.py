@@ -164,6 +164,8 @@ def remaining(job: Job, resume: xr.Dataset | None = None) -> WorkItem:
     job.require_memory(item.count)
     if resume is not None:
         check_resume(resume, job)
+        if job.settings.denoise:
+            raise ValueError("resume: must be left out with denoise")
     return item
 
 
@@ -270,8 +272,6 @@ def _samples_of(resume: xr.Dataset) -> int:
 
 def check_resume(resume: xr.Dataset, job: Job) -> None:
     """Refuse to go on with a render that was made in another way."""
-    if job.settings.denoise or resume.attrs.get("denoised"):
-        raise ValueError("resume: must be left out with denoise, and not be denoised itself")
     for name, value in job.recipe.items():
         its = resume.attrs.get(name)
         if its != value:
@@ -279,6 +279,8 @@ def check_resume(resume: xr.Dataset, job: Job) -> None:
     for name, value in coordinates(job.film).items():
         if not np.array_equal(resume[name].values, value):
             raise ValueError(f"resume: its coordinate {name} differs; must be that of this render")
-    wanted, its = job.settings.errors, "transient_error" in resume
-    if wanted != its:
-        raise ValueError(f"resume: was rendered with errors = {its}; must be {wanted}")
+    found = {"errors": "transient_error" in resume, "denoise": bool(resume.attrs.get("denoised"))}
+    for name, its in found.items():
+        wanted = getattr(job.settings, name)
+        if wanted != its:
+            raise ValueError(f"resume: was rendered with {name} = {its}; must be {wanted}")
