@@ -3,6 +3,7 @@ from . import (
     apps as apps,
     course as course,
     datasets as datasets,
+    denoising as denoising,
     films as films,
     fitting as fitting,
     integrators as integrators,
@@ -40,6 +41,7 @@ from .datasets import (
     load_dataset as load_dataset,
     make_dataset as make_dataset,
 )
+from .denoising import denoise_film as denoise_film
 from .films.phasor import PhasorHDRFilm as PhasorHDRFilm
 from .films.transient import TransientHDRFilm as TransientHDRFilm
 from .fitting import (
@@ -106,6 +108,7 @@ from .paths.endpoints import (
     GatedLights as GatedLights,
     SceneLights as SceneLights,
 )
+from .rendering.denoised import denoise as denoise
 from .rendering.films_on_disk import load_zarr as load_zarr
 from .rendering.merging import merge as merge
 from .rendering.path_list import paths_of as paths_of

@@ -38,6 +38,7 @@ wall = cached(lambda: tofrender.load_scene("nlos_plane", **WALL))
 lamp = cached(lambda: lamp_above_floor.scene())
 gated = cached(lambda: mi.load_dict({"type": "tofrender_time_gated_transient_path"}))
 data = cached(lambda: make_dataset(2, 3, 4, energy_outside_window=0.0))
+halved = cached(lambda: tofrender.render(box(), spp=2, denoise=True, **QUIET))
 captured = cached(lambda: capture_of(PATCH, Wall(4), bins=24, width=0.05))
 volume = cached(lambda: tofrender.reconstruct(captured(), "bp", **QUIET))
 pyramid = cached(lambda: tofrender.strategy_pyramid(box(), max_depth=2, spp=1, **QUIET))
@@ -60,10 +61,10 @@ def seeded(seed: int) -> xr.Dataset:
 @pytest.fixture(scope="module", autouse=True)
 def _made():
     """What takes work is made before the tests forbid it; no scene stays behind."""
-    for made in (pyramid, volume, verdict):
+    for made in (pyramid, volume, verdict, halved):
         made()
     yield
-    scenes = (box, wall, lamp, gated, modulated)
+    scenes = (box, wall, lamp, gated, modulated, halved)
     for each in (*scenes, data, captured, volume, pyramid, verdict, record):
         each.cache_clear()
 
@@ -124,8 +125,8 @@ READ = {
 
 KINDS = {
     "amounts": "signal background",
-    "boolean": "all_bins discard_direct_light errors flip_normals folder hide_emitters occluder "
-    "optimize overwrite paralysable progress",
+    "boolean": "all_bins denoise discard_direct_light errors flip_normals folder hide_emitters "
+    "occluder optimize overwrite paralysable progress",
     "boolean but 1, 0": "counts_first_and_last_legs",
     "choice": "domain integrator k kind layout light loss method mis mode optimizer "
     "precision quantity sampler scheduler shown spheres style subject surface theme view weighting",
@@ -259,6 +260,9 @@ SPAD = {"mode": "multi_hit", "dead_time_s": 1e-9, "afterpulse_probability": 0.1}
 SPAD |= {"crosstalk_probability": 0.1, "macro_pixel": (2, 2), "hot_fraction": 0.1}
 TENT = {"sample": sampling.square_to_tent, "name": "a"}
 PIXELS = np.ones((2, 3, 3))
+FIRST_HITS = dict.fromkeys(("position", "normal", "albedo"), PIXELS)
+FIRST_HITS |= dict.fromkeys(("distance", "kind"), PICTURE)
+HALVES = {"mean": CUBE, "half_difference": CUBE, "features": FIRST_HITS}
 CHI_SQUARE = {"samples": "samples", "resolution": "resolution", "seed": "seed"}
 IN_BINS = (
     *("caustic", "cornell_box_fog", "headlight_in_fog", "lamp_in_milk", "smoke_corridor"),
@@ -292,6 +296,12 @@ TABLE = [
     alone("fit", {"apply": "function?"}, **LAMP | {"params": {"z": 1.0}}, apply=place_lamp),
     alone("fit", {"frequency_hz": "frequencies"}, **LAMP, loss="phasor", frequency_hz=5e7),
     *rows("l2_loss", **dict.fromkeys(("rendered", "target"), "cube but flat, 5-axes")),
+    row("denoise", dataset=halved),
+    row(
+        "denoising.denoise_film",
+        dict.fromkeys(HALVES, "object") | {"colours": "seed"},
+        **HALVES,
+    ),
     row("load_scene", {n: f"{kind_of_setting(s)}?" for n, s in SCENE_SETTINGS.items()}),
     # ----------------------------------------------------------------------------------- files
     *rows("io.save_exr_stack", "io.save_png_frames", "io.save_exr_layers", **PATH),

@@ -54,8 +54,8 @@ SAID = {"--wall": "relay_wall", "-D": "", "--submission": ""}
 """What a message names for an option, where that is not the option; no argument is named."""
 ELSEWHERE = {
     "test_outputs.py has the places": "--out",
-    "a switch": "--video --pdf --resume --errors --json --browser --headless --live --progress "
-    "dataset:plan",
+    "a switch": "--video --pdf --resume --errors --denoise --json --browser --headless --live "
+    "--progress dataset:plan",
     "the course's tests": "--csv --all --roster --sheet --feedback start:folder",
     "test_warp_images": "--image",
     "any text": "report:title",

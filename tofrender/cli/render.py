@@ -56,6 +56,7 @@ def render(
     figure: opt.Figure = "png",
     dpi: opt.Dpi = None,
     errors: Annotated[bool, opt.setting("errors")] = False,
+    denoise: Annotated[bool, opt.setting("denoise")] = False,
     workers: opt.Workers = None,
     scheduler: opt.Scheduler = None,
     checkpoint: checkpoints.Seconds = EVERY_S,
@@ -79,12 +80,16 @@ def render(
 
     In a polarised --variant, files have Stokes vectors, in channels S0.R to S3.B of EXR files;
     video, PNG frames and summary show S0, and a second figure the polarisation.
+
+    With --denoise, --format npz keeps the film with its noise, too.
     """
     options = locals().copy()
 
     # -------------------------------------------------------- check everything, start nothing
     opt.check_format(format, precision)
     opt.check_client(workers, scheduler)
+    if denoise and (workers or scheduler or format == "zarr"):
+        raise ValueError("--denoise: must be left out with --workers, --scheduler, --format zarr")
     opt.check_out(out)
     opt.activate(variant, polarised=True)
 
@@ -119,7 +124,8 @@ def render(
         opt.client_of(workers, scheduler) as client,
     ):
         film = checkpoints.film_path(out)
-        if client is None and format != "zarr" and not checkpoints.is_begun(film) and _fits(job):
+        begun = checkpoints.is_begun(film) and not denoise
+        if client is None and format != "zarr" and not begun and _fits(job):
             earlier = _earlier(out, file) if resume else None
             result = render_item(job, remaining(job, earlier), checkpoint=file)
             dataset = dataset_of(job, result, earlier)
@@ -178,6 +184,8 @@ def _fits(job: Job) -> bool:
     try:
         job.require_memory(whole(job).count)
     except MemoryError as error:
+        if job.settings.denoise:
+            raise
         opt.note(f"note: {error}; it is rendered tile by tile on the disk")
         return False
     return True

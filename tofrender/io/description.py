@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..rendering import dataset as datasets
-from ..rendering.dataset import DIMS, ERRORS, plain_attributes
+from ..rendering.dataset import DIMS, ERRORS, HALVES, plain_attributes
 from ..rendering.labels import labelled
 from ..runtime import checks
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 _AXES = DIMS["transient"]
-_DIMS = {axis: (axis,) for axis in _AXES} | DIMS | ERRORS  # Of all variables and coordinates
+_DIMS = {axis: (axis,) for axis in _AXES} | DIMS | ERRORS | HALVES  # Of all that files have
 
 
 def describe(dataset: xr.Dataset) -> dict[str, Any]:
@@ -65,7 +65,7 @@ def _require(what: str, value: Any, keys: Sequence[str] = ()) -> dict[str, Any]:
 
 def shapes_of(description: dict[str, Any]) -> dict[str, tuple[int, ...]]:
     """Shapes of all variables and coordinates, by name."""
-    sizes = description["sizes"]
+    sizes = {"feature": 0} | description["sizes"]
     return {name: tuple(sizes[axis] for axis in axes) for name, axes in _DIMS.items()}
 
 
@@ -81,7 +81,7 @@ def restore(description: dict[str, Any], arrays: dict[str, np.ndarray]) -> xr.Da
     attrs = description["variables"]
     variables = {name: (_DIMS[name], array, attrs[name]) for name, array in arrays.items()}
     dataset = xr.Dataset(
-        {name: variables[name] for name in DIMS | ERRORS if name in variables},
+        {name: variables[name] for name in DIMS | ERRORS | HALVES if name in variables},
         coords={name: variables[name] for name in _AXES},
         attrs=description["attrs"],
     )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from ..rendering.cubes import Cube
-from ..rendering.dataset import ERRORS, check_dataset, in_channels, require_finite
+from ..rendering.dataset import ERRORS, HALVES, check_dataset, in_channels, require_finite
 from ..runtime.archives import read_array
 from ..runtime.atomic import replacing
 from ..runtime.progress import status
@@ -54,15 +54,15 @@ def save_npz(dataset: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = 
         ...     save_npz(dataset, folder + "/box.npz").name
         'box.npz'
     """
-    dataset = in_channels(dataset)
+    dataset = in_channels(dataset, halves=True)
     check_dataset(dataset)
     shape = dataset["transient"].shape
     target = check_output(path, shape, layout="npz", overwrite=overwrite)
     warn_not_finite(dataset, stacklevel=4)
-    needed = stack_bytes(shape)
+    needed = stack_bytes(shape) * (3 if "raw" in dataset else 1)
     with replacing(path, needed_bytes=needed) as temporary, ZipFile(temporary, "w") as archive:
         _write(archive, "tofrender", Cube(np.array(json.dumps(describe(dataset)))))
-        for name in (*_ARRAYS, *(name for name in ERRORS if name in dataset)):
+        for name in (*_ARRAYS, *(name for name in ERRORS | HALVES if name in dataset)):
             _write(archive, name, Cube(dataset[name]))
     return target
 
@@ -97,7 +97,7 @@ def load_npz(path: str | os.PathLike) -> xr.Dataset:
     """
     with reading(path, "a file that save_npz wrote") as file, ZipFile(file) as archive:
         description = parse(read_array(archive, "tofrender"))
-        names = (*_ARRAYS, *(name for name in ERRORS if name in description["variables"]))
+        names = (*_ARRAYS, *(n for n in ERRORS | HALVES if n in description["variables"]))
         shapes = shapes_of(description)
         dataset = restore(description, {n: read_array(archive, n, shapes[n]) for n in names})
         require_finite(dataset)

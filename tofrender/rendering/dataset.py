@@ -34,6 +34,14 @@ ERRORS = {f"{name}_error": dims for name, dims in DIMS.items()}
 """Standard errors, where a render has them."""
 
 
+HALVES = {
+    "raw": DIMS["transient"],
+    "half_difference": DIMS["transient"],
+    "features": ("y", "x", "feature"),
+}
+"""What a denoised render has besides: see `denoise`."""
+
+
 def coordinates(film: TransientHDRFilm) -> dict[str, np.ndarray]:
     """Pixels, bin centres [m], Stokes components and channels of a film's crop window."""
     height, width, bins, channels = film.shape
@@ -65,7 +73,7 @@ def transient_dataset(
     count = film_stokes(film)
     variables = {}
     for name, array in arrays.items():
-        dims = (DIMS | ERRORS)[name]
+        dims = (DIMS | ERRORS | HALVES)[name]
         if count > 1:
             dims = (*dims[:-1], "stokes", dims[-1])
             array = array.reshape(*array.shape[:-1], count, -1)
@@ -84,16 +92,21 @@ def film_stokes(film: TransientHDRFilm) -> int:
     return film.shape[3] // film.base_channels_count()
 
 
-def in_channels(dataset: Any) -> Any:
+def in_channels(dataset: Any, halves: bool = False) -> Any:
     """A Dataset as files have it: Stokes components are channels, "S0.R", "S0.G" and so on.
 
-    Anything without an axis `stokes` stays as it is.
+    `HALVES` are dropped, unless `halves`. Anything else without an axis `stokes` stays as it is.
     """
+    if not halves and "half_difference" in getattr(dataset, "data_vars", ()):
+        dataset = dataset.drop_vars(list(HALVES), errors="ignore")
     if "stokes" not in getattr(dataset, "dims", ()):
         return dataset
     names = [f"{s}.{c}" for s in dataset["stokes"].values for c in dataset["channel"].values]
     variables = {}
     for name, variable in dataset.data_vars.items():
+        if "stokes" not in variable.dims:
+            variables[name] = variable
+            continue
         data = variable.data.reshape(*variable.shape[:-2], len(names))
         variables[name] = (*variable.dims[:-2], "channel"), data, variable.attrs
     coords = {
@@ -112,6 +125,9 @@ def in_components(dataset: xr.Dataset) -> xr.Dataset:
         return dataset
     variables = {}
     for name, variable in dataset.data_vars.items():
+        if "channel" not in variable.dims:
+            variables[name] = variable
+            continue
         data = variable.data.reshape(*variable.shape[:-1], 4, len(colours))
         variables[name] = (*variable.dims[:-1], "stokes", "channel"), data, variable.attrs
     coords = {name: each for name, each in dataset.coords.items() if name != "channel"}
@@ -145,11 +161,11 @@ def check_dataset(dataset: object) -> None:
             "dataset.sel(stokes='S0', drop=True)"
         )
     found = {str(name): variable.dims for name, variable in dataset.data_vars.items()}
-    known = found in (DIMS, DIMS | ERRORS)
+    known = found in (DIMS, DIMS | ERRORS, DIMS | HALVES)
     if not known or any(v.dtype != np.float32 for v in dataset.data_vars.values()):
         raise ValueError(
             f"dataset with {found}: must hold the float32 variables {DIMS}, their errors or no "
-            "other"
+            "other, or those of a denoised render"
         )
     if set(dataset.coords) - {TIME} != set(DIMS["transient"]) or not all(dataset.sizes.values()):
         raise ValueError(
@@ -176,7 +192,7 @@ def check_attributes(what: str, dataset: xr.Dataset) -> None:
 
 def require_finite(dataset: xr.Dataset) -> None:
     """Refuse a Dataset, of a render or a capture, with light that is NaN or infinite."""
-    for name in DIMS | ERRORS:
+    for name in DIMS | ERRORS | HALVES:
         if name in dataset:
             Cube(dataset[name]).require_finite(name)
 

@@ -67,7 +67,7 @@ class Scatter:
         scale = np.float32(1 / (self.count * (self.count - 1)))
         for square in self.squares.values():
             np.sqrt(np.multiply(square, scale, out=square), out=square)
-        return self.squares
+        return {f"{name}_error": square for name, square in self.squares.items()}
 
     def state(self) -> dict[str, np.ndarray]:
         """All of it as arrays, for `restored`."""
@@ -90,6 +90,22 @@ class Scatter:
         found = cls(both["mean"])
         found.count, found.squares = int(state["batches"]), both["square"]
         return found
+
+
+class Halves(Scatter):
+    """Mean of two halves of each name, and half their difference: the noise of the mean."""
+
+    def add(self, arrays: dict[str, np.ndarray]) -> None:
+        """Add the second half; the arrays are used up."""
+        self.count += 1
+        for name, second in arrays.items():
+            self.squares[name] = np.subtract(self.means[name], second, out=second)
+            second *= np.float32(0.5)
+            self.means[name] -= second
+
+    def errors(self) -> dict[str, np.ndarray]:
+        """Half the difference of the transients."""
+        return {"half_difference": self.squares["transient"]}
 
 
 def _lines(array: np.ndarray) -> list[slice]:

@@ -23,6 +23,7 @@ from ..runtime.settings import SAMPLERS
 from ..scenes.fingerprint import fingerprint
 from .arrivals import LAST_OPL, Arrivals, find_arrivals
 from .dataset import check_dataset, components_of, coordinates, require_finite, transient_dataset
+from .denoised import denoised
 from .errors import batches_of
 from .settings import RenderSettings, is_auto
 from .window import WINDOW_OPTION, check_window, warn_of_losses, windowed_film
@@ -36,6 +37,9 @@ if TYPE_CHECKING:
     from ..signals.pulses import Pulse
 
 DEFAULT_SAMPLER = "padded_sobol"
+
+DENOISING = 6
+"""Films that the filter works on besides the one that is rendered."""
 
 ARRIVALS_SEED = 0
 """Seed with which light is looked for: renders of all seeds have one window, and can be joined."""
@@ -119,8 +123,9 @@ class Job:
         channels = self.film.shape[3]
         flushed = 2 if spp > MAX_ADDED else 1
         copies = flushed * (2 if self.plan.splats else 1)
-        scatter = 2 * channels / memory.stride(channels) if self.settings.errors else 0
-        memory.require_film(*self.film.shape, copies=copies + scatter)
+        packed = channels / memory.stride(channels)  # Of an array in a film's memory
+        more = 2 * packed if self.settings.errors else DENOISING * packed * self.settings.denoise
+        memory.require_film(*self.film.shape, copies=copies + more)
 
 
 def decide(
@@ -145,6 +150,11 @@ def decide(
     job = Job(plan, integrator, scene, settings, film, profile, arrivals, origin)
     if settings.errors:
         batches_of(whole(job).count)
+    if settings.denoise:
+        points, count = job.points(), whole(job).count
+        points.set_sample_count(max(count // 2, 1))
+        halves = "even with denoise, each half one for the sampler"
+        checks.require("spp", count, 2 * points.sample_count() == count, halves)
     return job
 
 
@@ -154,6 +164,8 @@ def remaining(job: Job, resume: xr.Dataset | None = None) -> WorkItem:
     job.require_memory(item.count)
     if resume is not None:
         check_resume(resume, job)
+        if job.settings.denoise:
+            raise ValueError("resume: must be left out with denoise")
     return item
 
 
@@ -188,7 +200,8 @@ def dataset_of(job: Job, result: WorkResult, resume: xr.Dataset | None = None) -
         "render_seconds": seconds,
     }
     warn_of_missing(job, attrs, stacklevel=4)
-    return transient_dataset(arrays, job.film, attrs)
+    dataset = transient_dataset(arrays, job.film, attrs)
+    return denoised(job, dataset) if job.settings.denoise else dataset
 
 
 def render_attributes(job: Job, steady: float, transient: float) -> dict[str, Any]:
@@ -266,6 +279,8 @@ def check_resume(resume: xr.Dataset, job: Job) -> None:
     for name, value in coordinates(job.film).items():
         if not np.array_equal(resume[name].values, value):
             raise ValueError(f"resume: its coordinate {name} differs; must be that of this render")
-    wanted, its = job.settings.errors, "transient_error" in resume
-    if wanted != its:
-        raise ValueError(f"resume: was rendered with errors = {its}; must be {wanted}")
+    found = {"errors": "transient_error" in resume, "denoise": bool(resume.attrs.get("denoised"))}
+    for name, its in found.items():
+        wanted = getattr(job.settings, name)
+        if wanted != its:
+            raise ValueError(f"resume: was rendered with {name} = {its}; must be {wanted}")

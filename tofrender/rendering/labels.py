@@ -54,6 +54,7 @@ VARIABLES: dict[str, dict[str, str]] = {
     "on_wall": {"units": "1", "long_name": "whether a pixel looks at the wall"},
     "intensity": {"units": "1", "long_name": "intensity"},
     "normals": {"units": "1", "long_name": "normals"},
+    "features": {"units": "m or 1", "long_name": "position, normal, albedo, distance, kind"},
     "attempt": {"units": "1", "long_name": "draws that were tried"},
     "render_seed": {"units": "1", "long_name": "seed of the render"},
     "energy_outside_window": {"units": "1", "long_name": "energy outside the window"},

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..runtime import checks
 from ..runtime.progress import status
-from .dataset import DIMS, ERRORS, check_dataset, components_of, require_finite
+from .dataset import DIMS, ERRORS, HALVES, check_dataset, components_of, require_finite
 from .labels import labelled
 
 if TYPE_CHECKING:
@@ -83,6 +83,7 @@ def merge(renders: Sequence[xr.Dataset]) -> xr.Dataset:
     for name in ("render_seconds", "contributions_not_finite"):
         attrs[name] = sum(render.attrs.get(name, 0) for render in renders)
     merged = first.assign(variables).assign_attrs(attrs).drop_encoding()  # It is no film on disk
+    merged = merged.drop_vars(list(HALVES), errors="ignore")
     if len(variables) == len(DIMS):
         merged = merged.drop_vars(list(ERRORS), errors="ignore")
     return labelled(merged)

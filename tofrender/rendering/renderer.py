@@ -61,6 +61,7 @@ def render(
     sensor: int = 0,
     define: Mapping[str, object] | None = None,
     errors: bool = False,
+    denoise: bool = False,
     resume: xr.Dataset | None = None,
     checkpoint: Checkpoint | str | PathLike[str] | None = None,
     out: str | PathLike[str] | None = None,
@@ -104,6 +105,7 @@ def render(
     sensor: int = 0,
     define: Mapping[str, object] | None = None,
     errors: bool = False,
+    denoise: bool = False,
     resume: xr.Dataset | None = None,
     checkpoint: Checkpoint | str | PathLike[str] | None = None,
     out: str | PathLike[str] | None = None,
@@ -151,6 +153,8 @@ def render(
         define: Values of an XML file's parameters, by name.
         errors: Estimate standard errors: the samples are taken in 16 batches (8 or 4 where `spp`
             is no multiple of 16), each with points of its own, whose scatter tells.
+        denoise: Remove noise by what two halves of the samples tell, see `denoise`: `spp` must be
+            even, and four films more fit into memory. `raw` has the film with its noise.
         resume: A Dataset of the same render with fewer samples, stopped or complete, to go on
             from: only the samples that are missing are taken. `padded_sobol` goes on in the same
             point set.
@@ -227,6 +231,8 @@ def render(
         check_film(out)
     if out is not None and checkpoint is not None:
         raise ValueError("checkpoint: must be left out with `out`, which keeps all tiles")
+    if wanted.denoise and (out is not None or by_workers):
+        raise ValueError("denoise = True: must be False with `out` and with workers")
     if resume is not None and (out is not None or by_workers):
         raise ValueError("resume: must be left out with `out` and with workers; see `merge`")
     if by_workers:

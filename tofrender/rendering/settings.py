@@ -107,6 +107,7 @@ class RenderSettings:
         Setting("More changes of the scene while it is loaded", checks.mapping),
     ] = None
     errors: Annotated[bool, Setting("Estimate standard errors", checks.boolean)] = False
+    denoise: Annotated[bool, Setting("Remove noise", checks.boolean)] = False
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -118,6 +119,8 @@ class RenderSettings:
                 value = getattr(self, name)
                 if value is not None:
                     raise ValueError(f"{name} = {value:g}: must be left out with `window`")
+        if self.errors and self.denoise:
+            raise ValueError("denoise = True: must be False with errors, which stay unknown")
         self._check_scene_changes()
 
     def _check_scene_changes(self) -> None:

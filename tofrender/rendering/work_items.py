@@ -19,7 +19,7 @@ from ..integrators.running import UNIT, interrupted, run
 from ..paths.camera import Tile
 from ..runtime.checkpoints import Checkpoint, SavedState, SubCheckpoint
 from ..runtime.progress import deferred_stop
-from .errors import Scatter, batches_of, seed_of
+from .errors import Halves, Scatter, batches_of, seed_of
 
 if TYPE_CHECKING:
     from ..films.transient import TransientHDRFilm
@@ -85,11 +85,13 @@ def render_item(
     if checkpoint is not None:
         total = item.count if job.settings.errors else 0  # More samples would be other batches
         recipe = {"resume": item.first, "errors": total, **job.full_recipe}
+        if job.settings.denoise:
+            recipe["denoise"] = item.count
         if item != whole(job, item.first):
             recipe |= {"piece": str(asdict(item))}
         saved = checkpoint.begin(recipe, item.count, UNIT, item.first)
     start = time.perf_counter()
-    if job.settings.errors:
+    if job.settings.errors or job.settings.denoise:
         result = _render_in_batches(job, item, checkpoint, saved, progress)
     else:
         samples = _Samples(job, item, job.settings.seed, saved)
@@ -135,10 +137,14 @@ def _render_in_batches(
     saved: SavedState | None,
     progress: bool,
 ) -> WorkResult:
-    """Render in batches with points of their own, whose scatter gives the standard errors."""
-    batches = batches_of(item.count)
+    """Render in batches, whose scatter gives the standard errors, or in halves of one point set.
+
+    Batches have points of their own. The mean of the halves is what a render without halves gives.
+    """
+    halves = job.settings.denoise
+    kind, batches = (Halves, 2) if halves else (Scatter, batches_of(item.count))
     count = item.count // batches
-    scatter = Scatter.restored(saved.arrays) if saved else None
+    scatter = kind.restored(saved.arrays) if saved else None
     not_finite = int(saved.arrays["not_finite_before"]) if saved else 0
     first = scatter.count if scatter else 0
     with deferred_stop() as stop:
@@ -156,8 +162,9 @@ def _render_in_batches(
             begun = None
             if saved and batch == first and before < saved.done:
                 begun = SavedState(saved.done - before, count, 0.0, saved.arrays)
-            seed = seed_of(job.settings.seed, item.first, batch)
-            samples = _Samples(job, replace(item, first=0, count=count), seed, begun)
+            seed = job.settings.seed if halves else seed_of(job.settings.seed, item.first, batch)
+            part = replace(item, first=item.first + before if halves else 0, count=count)
+            samples = _Samples(job, part, seed, begun)
             done = run(
                 *(samples.steps, samples.record, count),
                 done=samples.done,
@@ -170,15 +177,15 @@ def _render_in_batches(
             result = samples.result(done)
             not_finite += result.not_finite
             if scatter is None:
-                scatter = Scatter(result.arrays)
+                scatter = kind(result.arrays)
             else:
                 scatter.add(result.arrays)
     if scatter is None or scatter.count < 2:
         again = checkpoint.again if checkpoint else ""
         finished = scatter.count if scatter else 0
-        raise KeyboardInterrupt(interrupted(finished, batches, "batches", again))
-    errors = {f"{name}_error": array for name, array in scatter.errors().items()}
-    return WorkResult(scatter.means | errors, scatter.count * count, not_finite)
+        unit = "halves" if halves else "batches"
+        raise KeyboardInterrupt(interrupted(finished, batches, unit, again))
+    return WorkResult(scatter.means | scatter.errors(), scatter.count * count, not_finite)
 
 
 def _film_of(film: TransientHDRFilm, item: WorkItem) -> tuple[TransientHDRFilm, Tile | None]:

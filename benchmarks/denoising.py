@@ -1,0 +1,150 @@
+"""`python -m benchmarks.denoising`: what `denoise` gains and costs, scene by scene.
+
+Errors are mean squared ones from a render of 4096 samples, which is kept in --cache; the raw film
+is the plain render of as many samples, and at equal time one of more, by the CPU time that halves,
+features and filter take. The worst region is that of 8 x 8 pixels whose error grows most. Phasors
+are those of 50 MHz.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+import tofrender
+
+from .case_lights import plain_pixels
+from .full import SCENES as TABLE, box
+
+SIZE, SPP, MANY, PARTS = 64, 64, 1024, 4
+FREQUENCY_HZ = 50e6
+LENS = {"type": "thinlens", "aperture_radius": 0.12, "focus_distance": 3.4}
+LEAST = 1e-6  # Error of a region, over that of the worst one, below which it has no noise
+
+
+def textured() -> Any:
+    tiles = np.random.default_rng(5).uniform(0.1, 0.9, (64, 64, 3)).astype(np.float32)
+    texture = {"type": "bitmap", "bitmap": mi.Bitmap(tiles), "raw": True, "filter_type": "nearest"}
+    return _with_walls({"type": "diffuse", "reflectance": texture})
+
+
+def _with_walls(bsdf: dict[str, Any]) -> Any:
+    found = box()
+    for name in ("floor", "back"):
+        found[name]["bsdf"] = bsdf
+    return found
+
+
+SCENES: dict[str, Callable[[], Any] | str] = {
+    **TABLE,
+    "fog": "cornell_box_fog",
+    "veach": "veach",
+    "caustic": "caustic",
+    "textured": textured,
+    "out of focus": lambda: box() | {"sensor": box()["sensor"] | LENS},
+    "glossy": lambda: _with_walls({"type": "roughconductor", "alpha": 0.15, "material": "Al"}),
+    "fine mesh": "bust_simple",
+    **{
+        name.replace("_", " "): name
+        for name in (
+            *("mirror_and_glass", "light_through_hole", "small_box", "headlight_in_fog"),
+            *("smoke_corridor", "lamp_in_milk", "wall_box_hi_nlos", "brewster_window"),
+        )
+    },
+}
+"""Constants were chosen with the first nine and "mirror and glass" in view."""
+
+
+def load(name: str) -> tuple[Any, dict[str, Any]]:
+    """A scene and options of its render."""
+    mi.set_variant("llvm_ad_spectral_polarized" if name == "brewster window" else "llvm_ad_rgb")
+    described = SCENES[name]
+    if not isinstance(described, str):
+        return tofrender.load_scene(described()), {}
+    if described in ("veach", "small_box", "bust_simple"):  # Steady ones turn transient
+        return described, {"size": (SIZE, SIZE), "window": "auto", "bins": 300}
+    return tofrender.load_scene(described, width=SIZE, height=SIZE), {}
+
+
+def film(dataset: Any) -> np.ndarray:
+    """Pixels, bins and all channels."""
+    values = dataset["transient"].values
+    return values.reshape(*values.shape[:3], -1).astype(np.float64)
+
+
+def timed(scene: Any, **options: Any) -> tuple[Any, float]:
+    """A render and its CPU time [s]."""
+    start = time.process_time()
+    found = tofrender.render(scene, progress=False, **options)
+    dr.sync_thread()
+    return found, time.process_time() - start
+
+
+def measure(name: str, seeds: int, cache: Path) -> dict[str, float]:
+    """Gains, harm and cost in a scene."""
+    scene, options = load(name)
+    file = cache / f"{name.replace(' ', '_')}.npy"
+    if not file.exists():
+        films = (timed(scene, spp=MANY, seed=1000 + k, **options)[0] for k in range(PARTS))
+        np.save(file, sum(film(each) for each in films) / PARTS)
+    truth = np.load(file)
+    plain = np.ones(truth.shape[:2], bool)
+    if isinstance(scene, mi.Scene):
+        plain = plain_pixels(scene, lamps_alone=True)
+    for kind in ({}, {"denoise": True}):
+        timed(scene, spp=SPP, **kind, **options)
+    raws, founds, phasors, own, denoised = [], [], [], [], []
+    for seed in range(seeds):
+        raw, seconds = timed(scene, spp=SPP, seed=seed, **options)
+        own.append(seconds)
+        found, seconds = timed(scene, spp=SPP, seed=seed, denoise=True, **options)
+        denoised.append(seconds)
+        wave = np.exp(2j * np.pi * FREQUENCY_HZ * raw["time"].values * 1e-9)
+        off = [film(each) - truth for each in (raw, found)]
+        phasors.append([(abs(np.einsum("ptc,t->pc", e[plain], wave)) ** 2).sum() for e in off])
+        raws.append(off[0] ** 2)
+        founds.append(off[1] ** 2)
+    raw, found = np.mean(raws, axis=0), np.mean(founds, axis=0)
+    cost = min(denoised) / min(own)  # Others slow some of them down
+    more = (timed(scene, spp=round(SPP * cost), seed=k, **options)[0] for k in range(seeds))
+    longer = [(film(each) - truth) ** 2 for each in more]
+    regions = [
+        e.sum(axis=(2, 3)).reshape(8, SIZE // 8, 8, -1).sum(axis=(1, 3)) for e in (raw, found)
+    ]
+    noisy = regions[0] > LEAST * regions[0].max()
+    return {
+        "all": raw.sum() / found.sum(),
+        "without lamps": raw[plain].sum() / found[plain].sum(),
+        "at equal time": np.mean(longer, axis=0)[plain].sum() / found[plain].sum(),
+        "worst region": (regions[1][noisy] / regions[0][noisy]).max(),
+        "phasors": np.divide(*np.sum(phasors, axis=0)),
+        "cost": cost - 1,
+    }
+
+
+def main() -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.denoising", description=__doc__)
+    parser.add_argument("scenes", nargs="*", default=list(SCENES), help="by default all")
+    parser.add_argument("--seeds", type=int, default=4, help="renders of each (4)")
+    parser.add_argument("--cache", type=Path, default=Path("/tmp/denoising"), help="references")
+    options = parser.parse_args()
+    options.cache.mkdir(exist_ok=True)
+    warnings.simplefilter("ignore")  # Light outside of the window
+    print("| scene | all | without lamps | at equal time | worst region | phasors | cost |")
+    print("| --- | --- | --- | --- | --- | --- | --- |")
+    for name in options.scenes:
+        values = measure(name, options.seeds, options.cache).values()
+        print(f"| {name} | " + " | ".join(f"{value:.2f}" for value in values) + " |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

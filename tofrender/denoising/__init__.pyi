@@ -1,0 +1,1 @@
+from .filtering import denoise_film as denoise_film

@@ -1,0 +1,85 @@
+"""Features of what a camera's pixels see first, for the denoiser."""
+
+from __future__ import annotations
+
+from functools import reduce
+from operator import or_
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..denoising.filtering import FEATURES, KINDS
+from ..paths.camera import sample_camera, sampled_size
+from ..runtime import plugins
+
+RAYS = 8
+"""Camera rays per pixel."""
+
+SEED = 0x5EED
+SPECULAR = "DeltaReflection", "DeltaTransmission"
+SCATTERING = "Smooth", *SPECULAR
+
+
+def render_features(scene: mi.Scene, sensor: mi.Sensor, film: mi.Film) -> np.ndarray:
+    """Features of the first surfaces that camera rays hit, averaged over each pixel.
+
+    The rays use lens and shutter as a render's do, and random numbers of their own, so that filters
+    made from features are independent of its noise. Mere boundaries of media are passed.
+
+    Returns:
+        Float32 (height, width, 11), channels as `FEATURES` has them: position [m], normal, albedo
+        (that of diffuse reflection, else 1), distance [m], and kind, the greatest that a ray sees.
+    """
+    width, height = (int(n) for n in film.crop_size())
+    columns, rows = sampled_size(film)
+    sampler = mi.load_dict({"type": plugins.qualified_name("padded_sobol"), "sample_count": RAYS})
+    sampler.set_samples_per_wavefront(RAYS)
+    lanes = columns * rows * RAYS
+    sampler.seed(SEED, lanes)
+    camera = sample_camera(sensor, film, sampler, dr.arange(mi.UInt32, lanes) // RAYS)
+    si = _first_surface(scene, mi.Ray3f(camera.ray))
+    bsdf, hit = si.bsdf(), si.is_valid()
+    emitter = hit & si.shape.is_emitter()
+    kind = dr.select(emitter, KINDS["emitter"], mi.Float(KINDS["scattering"]))
+    kind[hit & ~emitter & _has(si, *SPECULAR)] = KINDS["specular"]
+    diffuse = hit & ~emitter & _has(si, "DiffuseReflection")
+    albedo = mi.unpolarized_spectrum(bsdf.eval_diffuse_reflectance(si, diffuse))
+    albedo = dr.select(diffuse, mi.Color3f(albedo if mi.is_rgb else dr.mean(albedo)), 1.0)
+    position, normal = (dr.select(hit, mi.Vector3f(each), 0.0) for each in (si.p, si.sh_frame.n))
+    distance = dr.select(hit, dr.norm(si.p - camera.origin), 0.0)
+    channels = [*position, *normal, *albedo, distance, kind]
+    dr.eval(channels)
+    rays = np.stack([np.array(channel) for channel in channels], axis=-1)
+    rays = rays.reshape(rows, columns, RAYS, len(channels))
+    features = np.concatenate([rays[..., :-1].mean(axis=2), rays[..., -1:].max(axis=2)], axis=-1)
+    border = (columns - width) // 2
+    return features[border : border + height, border : border + width].astype(np.float32)
+
+
+def by_name(features: np.ndarray) -> dict[str, np.ndarray]:
+    """Features by their names, from the channels of `render_features`."""
+    ends = np.cumsum(list(FEATURES.values()))
+    parts = np.split(features, ends[:-1], axis=-1)
+    return {
+        name: part[..., 0] if part.shape[-1] == 1 else part
+        for name, part in zip(FEATURES, parts, strict=True)
+    }
+
+
+@dr.syntax
+def _first_surface(scene: mi.Scene, ray: mi.Ray3f) -> mi.SurfaceInteraction3f:
+    """Intersect rays with the first surface that is no mere boundary of a medium."""
+    si = scene.ray_intersect(ray)
+    passing = si.is_valid() & _has(si, "Null") & ~_has(si, *SCATTERING)
+    while passing:
+        ray[passing] = si.spawn_ray(ray.d)
+        si[passing] = scene.ray_intersect(ray, passing)
+        passing &= si.is_valid() & _has(si, "Null") & ~_has(si, *SCATTERING)
+    return si
+
+
+def _has(si: mi.SurfaceInteraction3f, *flags: str) -> mi.Bool:
+    """Whether BSDFs have any of some flags."""
+    own = si.bsdf().flags()
+    return reduce(or_, (mi.has_flag(own, getattr(mi.BSDFFlags, flag)) for flag in flags))

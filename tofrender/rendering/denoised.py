@@ -1,0 +1,69 @@
+"""Renders without noise: two halves of the samples, features of the first hits, and the filter."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..denoising.filtering import denoise_film
+from ..integrators.features import by_name, render_features
+from ..runtime.progress import status
+from .dataset import HALVES, check_dataset, components_of
+from .labels import labelled
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from .job import Job
+
+
+@status("Removing noise")
+def denoise(dataset: xr.Dataset) -> xr.Dataset:
+    """Remove noise from a render whose samples are known in two halves.
+
+    See also `denoise_film`, which has the method. Stokes components are mixed as S0 is. Errors
+    stay unknown: what the filter leaves of the noise cannot be told from the halves.
+
+    Args:
+        dataset: The result of `render` with `denoise`; its `raw` film is filtered again.
+
+    Returns:
+        The Dataset with `transient` and `steady` without much of their noise, and the same energy.
+        `raw` has the film as it was rendered, `half_difference` and `features` what the filter
+        goes by; `dataset.drop_vars(["raw", "half_difference", "features"])` saves their memory.
+
+    Raises:
+        ValueError: The Dataset has no halves or features, or values that are not finite; one line.
+
+    Example:
+        >>> import tofrender
+        >>> scene = tofrender.cornell_box(width=16, height=16, temporal_bins=60)
+        >>> once = tofrender.render(scene, spp=16, window="auto", denoise=True)
+        >>> denoise(once).identical(once)
+        True
+    """
+    for component in components_of(dataset):
+        check_dataset(component)
+    missing = [name for name in HALVES if name not in dataset]
+    if missing:
+        raise ValueError(f"dataset: has no {missing[0]}; must be of render(..., denoise=True)")
+    mean, noise = (
+        dataset[name].values.reshape(*dataset[name].shape[:3], -1)
+        for name in ("raw", "half_difference")
+    )
+    features = by_name(dataset["features"].values)
+    found = denoise_film(mean, noise, features, dataset.sizes["channel"])
+    earlier, steady = (dataset[name].variable for name in ("transient", "steady"))
+    change = np.ones(mean.shape[2], np.float32) @ (found - earlier.values.reshape(mean.shape))
+    variables = {
+        "transient": earlier.copy(data=found.reshape(earlier.shape)),
+        "steady": steady.copy(data=steady.values + change.reshape(steady.shape)),
+    }
+    return labelled(dataset.assign(variables).assign_attrs(denoised=1))
+
+
+def denoised(job: Job, dataset: xr.Dataset) -> xr.Dataset:
+    """Add the features of a job's camera to its Dataset, and remove noise."""
+    features = HALVES["features"], render_features(job.scene, job.camera, job.film)
+    return denoise(dataset.assign(raw=dataset["transient"].variable, features=features))
