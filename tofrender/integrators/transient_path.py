@@ -41,7 +41,7 @@ all further vertices connect to half as many, rounded up |
 
     With `guiding`, photons of a short pilot say where light arrives by mirrors and clear glass, and
     from which directions; paths there are sent to these with a probability of up to 0.85, see
-    `paths.guiding`. Films with time, phasors and gates do so, in scenes without media. Equal seeds
+    `paths.guiding`. Films with time bins and of phasors do so, in scenes without media. Equal seeds
     give equal films, and the expectation is that without guiding.
 
     The light's `pulse` can be set to any of `tofrender.signals.pulses`. Its energy in each bin is
