@@ -117,7 +117,7 @@ WRITTEN = {
 }
 READ = {
     **{"load_zarr": "a.zarr", "load_npz": "a.npz", "load_exr_stack": "a.exr"},
-    **{"load_capture": "a.h5", "from_file": "a.csv"},
+    **{"load_capture": "counts.npz", "from_file": "a.csv"},
 }
 """The file of each function that has a path."""
 
@@ -141,7 +141,7 @@ KINDS = {
     "lanes": "m n p sample v",
     "mapping": "attrs define parameters settings",
     "mapping but dict-1": "bounds expected_moments",
-    "metres": "energy_weight opl phase_offset start_opl target_time tilt",
+    "metres": "energy_weight opl phase_offset start_opl start_s target_time tilt",
     "object": "bsdf cases client emitter figure params record relay_wall_shapes shapes si verdict",
     "panel": "B0 B180 B270 B90 I Q amplitude amplitudes depth phase true_depth",
     "pair": "pixel uv",
@@ -149,8 +149,8 @@ KINDS = {
     "pixel": "x y",
     "place": "laser_origin sensor_origin",
     "point": "centre corner e0 e1 laser o point position v0 v1 v2 wi",
-    "positive": "bin_width bin_width_opl cycles distance exposure half_width learning_rate "
-    "period_ns range_m seconds side snr stops wavelength",
+    "positive": "bin_width bin_width_opl bin_width_s cycles distance exposure half_width "
+    "learning_rate period_ns range_m seconds side snr stops wall_size wavelength",
     "positive but 1e30, 2**40": "megabytes radius",
     "pulse-width": "pulse_width pulse_width_opl width_opl",
     "radius": "hole_width lamp_radius",
@@ -364,7 +364,9 @@ def saved(folder: Path, name: str) -> Path:
         return path
     if path.suffix == ".h5":
         return tofrender.save_capture(captured(), path)
-    if path.suffix == ".csv":
+    if name == "counts.npz":
+        np.savez(path, counts=np.ones((2, 3, 4)), bin_width_s=1e-10, wall_size=1.0)
+    elif path.suffix == ".csv":
         path.write_text("0.0,1\n0.1,2\n")
     elif path.suffix == ".zarr":
         tofrender.save_zarr(data(), path)
