@@ -136,19 +136,3 @@ def znlos(path: Path, mode: str, reverse: bool = False, **changes: Any) -> np.nd
         for name, value in fields.items():
             file[name] = np.transpose(value) if reverse else value
     return data[..., 1:, :, :].sum(axis=(-1, -3))
-
-
-def dirac(path: Path, **changes: Any) -> np.ndarray:
-    light = np.random.default_rng(2).uniform(size=(BINS, 4, 3)).astype(np.float32)
-    x, y = np.meshgrid(0.3 * np.arange(4), 0.2 * np.arange(3), indexing="ij")
-    fields = {
-        "data_t": light,
-        "xg": x,
-        "yg": y,
-        "da": 0.02 * np.arange(BINS),
-        "offset_laser": [1.0],
-    }
-    with h5py.File(path, "w") as file:
-        for name, value in (fields | changes).items():
-            file[name] = value
-    return light

@@ -207,7 +207,7 @@ def test_foreign_scene_info_and_missing_normals(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"H": "delete"}, "must hold H or data deltaT or data_t in HDF5"),
+        ({"H": "delete"}, "must hold H HDF5 or data deltaT HDF5"),
         ({"H": None}, "has nothing in the field H"),
         ({"H": np.ones((30, 5))}, r"H with shape \(30, 5\): must be T_Sx_Sy, as H_format says"),
         ({"H_format": np.int32([9])}, r"H_format = 9: must be one of 1 \(T_Sx_Sy\)"),

@@ -62,16 +62,7 @@ def test_znlos(tmp_path, mode, reverse):
     np.testing.assert_allclose(capture["laser_origin"], [-0.5, 0.1, 0.25])
 
 
-def test_dirac(tmp_path):
-    light = files.dirac(tmp_path / "a")
-    capture = load_capture(tmp_path / "a")
-    np.testing.assert_array_equal(capture["transient"].values[..., 0], light.transpose(2, 1, 0))
-    np.testing.assert_allclose(capture["sensor_grid"].values[2, 3], [0.9, 0.4, 0])
-    assert capture.attrs["bin_width_opl"] == 0.02
-    assert capture.attrs["quantity"] == "radiance per bin"
-
-
-@pytest.mark.parametrize("name", [*files.SCANS, "Z-NLOS", "NLOS-DIRAC"])
+@pytest.mark.parametrize("name", [*files.SCANS, "Z-NLOS"])
 def test_cut_files(tmp_path, name):
     """One clear line at every length."""
     path = tmp_path / "some.file"
@@ -80,7 +71,7 @@ def test_cut_files(tmp_path, name):
         written(name, tmp_path)
         options = files.SCANS[name].options
     else:
-        (files.dirac if name == "NLOS-DIRAC" else lambda p: files.znlos(p, "single"))(path)
+        files.znlos(path, "single")
     content, wrong = path.read_bytes(), {}
     lengths = range(0, len(content), max(1, len(content) // 60))
     for length in [*lengths, len(content) - 1]:
@@ -118,7 +109,10 @@ WRONG = {
     "lct negative": (lambda p: savemat(p, {"rect_data": -CUBE, "width": 1.0}), "counts = -1"),
     "lct NaN": (lambda p: savemat(p, {"rect_data": CUBE * np.nan, "width": 1.0}), "counts = nan"),
     "lct no wall": (lambda p: savemat(p, {"rect_data": CUBE, "width": -1.0}), "wall_size = -2"),
-    "no capture": (lambda p: savemat(p, {"a": 1}), "rect_data width or meas or cells in MATLAB"),
+    "no capture": (
+        lambda p: savemat(p, {"a": 1}),
+        "rect_data width MATLAB or meas MATLAB or cells MATLAB",
+    ),
     "f-k no tofgrid": (lambda p: savemat(p, {"meas": CUBE}), "lacks tofgrid"),
     "f-k frames": (lambda p: savemat(p, {"meas": CUBE[None]}), "meas with shape"),
     "f-k turned": (
@@ -136,7 +130,7 @@ WRONG = {
     "npz flat": (lambda p: as_npz(p, counts=CUBE[0], bin_width_s=1e-12), "counts with shape"),
     "npz no bin width": (lambda p: as_npz(p, counts=CUBE), "bin_width_s = None: must be given"),
     "npz pickle": (lambda p: as_npz(p, counts=OBJECTS, bin_width_s=1e-12), "must"),
-    "npz other": (lambda p: as_npz(p, a=CUBE), "must hold counts in NPZ"),
+    "npz other": (lambda p: as_npz(p, a=CUBE), "must hold counts NPZ"),
     "csv uneven": (lambda p: as_csv(p, "y,x,0,1e-12,3e-12", [[0, 0, 1, 1, 1]]), "equal steps"),
     "csv one bin": (lambda p: as_csv(p, "y,x,0", [[0, 0, 1]]), "2 or more"),
     "csv few": (lambda p: as_csv(p, lines=PIXELS[:-2] + PIXELS[-1:]), "each pixel of a grid once"),
@@ -150,9 +144,6 @@ WRONG = {
     ),
     "znlos bins": (lambda p: files.znlos(p, "confocal", t=7), "data with shape"),
     "znlos lacks": (lambda p: files.znlos(p, "confocal", deltaT="x"), "deltaT of type"),
-    "dirac legs": (lambda p: files.dirac(p, offset_laser=[0.0]), "offset_laser = 0.0"),
-    "dirac turned": (lambda p: files.dirac(p, data_t=np.ones((6, 3, 4))), "data_t with shape"),
-    "dirac uneven": (lambda p: files.dirac(p, da=np.arange(6.0) ** 2), "equal steps"),
 }
 
 
@@ -166,7 +157,7 @@ def _cells(value=1) -> np.ndarray:
 def test_wrong_files(tmp_path, name):
     write, message = WRONG[name]
     write(tmp_path / "a")
-    options = {} if name.split()[0] in ("lct", "znlos", "dirac") else {"wall_size": 1}
+    options = {} if name.split()[0] in ("lct", "znlos") else {"wall_size": 1}
     with refused(message) as caught:
         load_capture(tmp_path / "a", **options)
     assert not one_clear_line(caught.value, "path")
@@ -198,7 +189,7 @@ def test_pickles_are_not_read(tmp_path, name):
         cells[...] = np.frombuffer(pickle.dumps(trap), np.uint8).reshape(1, -1).tobytes()
         savemat(path, {"D": cells})
     else:
-        files.dirac(path, data_t=np.void(pickle.dumps(trap)))
+        files.znlos(path, "single", data=np.void(pickle.dumps(trap)))
     with refused("must") as caught:
         load_capture(path, **({} if name == "hdf5" else {"wall_size": 1}))
     assert str(path) in str(caught.value)

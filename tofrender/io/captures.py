@@ -13,9 +13,9 @@ import h5py
 from ..rendering.dataset import require_finite
 from ..runtime import checks
 from ..runtime.progress import status
+from . import measured, synthetic
 from .files import reading
 from .hdf5 import read_ytal
-from .measured import matlab, photons, synthetic
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -24,14 +24,13 @@ LAYOUTS: tuple[tuple[str, str, Callable[..., xr.Dataset]], ...] = (
     # container, variables, reader
     ("HDF5", "H", read_ytal),
     ("HDF5", "data deltaT", synthetic.read_znlos),
-    ("HDF5", "data_t", synthetic.read_dirac),
-    ("MATLAB", "rect_data width", matlab.read_lct),
-    ("MATLAB", "meas", matlab.read_fk),
-    ("MATLAB", "{}", matlab.read_cells),
-    ("NPZ", "counts", photons.read_npz),
-    ("CSV", "", photons.read_csv),
-    ("PTU", "", photons.read_ptu),
-    ("SDT", "", photons.read_sdt),
+    ("MATLAB", "rect_data width", measured.read_lct),
+    ("MATLAB", "meas", measured.read_fk),
+    ("MATLAB", "cells", measured.read_cells),
+    ("NPZ", "counts", measured.read_npz),
+    ("CSV", "", measured.read_csv),
+    ("PTU", "", measured.read_ptu),
+    ("SDT", "", measured.read_sdt),
 )
 """What `load_capture` reads; the first one whose variables a file has."""
 
@@ -47,14 +46,13 @@ def load_capture(
     """Read a capture that `save_capture` wrote, or one of other programs and measurements.
 
     The layout is recognised by what the file holds, whatever its name; no file can run code. All
-    but the first three are photon counts of confocal scans, rows downwards and columns to the right
+    but the first two are photon counts of confocal scans, rows downwards and columns to the right
     as seen from the wall, at z = 0 with the hidden scene at z > 0. See also `save_capture`.
 
     | layout | holds |
     |---|---|
     | HDF5 of y-tal | `H`; integers are photon counts |
     | HDF5 of Z-NLOS | `data`, `deltaT`; bounces from the third on are added |
-    | HDF5, NLOS-DIRAC | `data_t`, an older layout of y-tal's |
     | MATLAB, light-cone transform | `rect_data` (x, y, bins), `width`: half the wall's; 4 ps |
     | MATLAB, f-k migration | `meas` (rows, columns, bins), `tofgrid` there or in tof.mat; 32 ps |
     | MATLAB, photon times | cells (rows, columns) with numbers of bins |
@@ -74,9 +72,8 @@ def load_capture(
 
     Raises:
         FileNotFoundError: There is nothing at `path`.
-        ValueError: Another file, one that is cut short, with a field that is missing, of a wrong
-            shape or in another file, an unknown format or mode, values that are not finite; a
-            parameter that is missing, or not for this layout.
+        ValueError: Another file, one that is cut short, fields that are missing, of wrong shapes or
+            not finite; a parameter that is missing, or not for this layout.
         ImportError: The package that reads the file is missing.
         MemoryError: The capture does not fit into memory.
 
@@ -108,7 +105,7 @@ def _layout_of(file: Path) -> tuple[str, Callable[..., Any]]:
     with file.open("rb") as opened:
         head = opened.read(1024)
     if head.startswith(b"MATLAB"):
-        held, names = ["MATLAB", "HDF5"], matlab.names_of(file)
+        held, names = ["MATLAB", "HDF5"], measured.matlab_names(file)
     elif h5py.is_hdf5(file):
         with h5py.File(file) as opened:
             names = set(opened)
@@ -124,6 +121,5 @@ def _layout_of(file: Path) -> tuple[str, Callable[..., Any]]:
     for container, variables, read in known:
         if names.issuperset(variables.split()):
             return container, read
-    allowed = " or ".join(each.replace("{}", "cells") for _, each, _ in known)
-    allowed = f"{allowed} in {held[0]}" if known else "HDF5, MATLAB, NPZ, CSV, PTU or SDT"
+    allowed = " or ".join(f"{each} {kind}".strip() for kind, each, _ in known or LAYOUTS)
     raise ValueError(f"holds no capture that is known; must hold {allowed}")

@@ -16,15 +16,7 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
-from ..nlos.captures import (
-    COUNTS,
-    DEVICES,
-    MODES,
-    ON_WALL,
-    QUANTITIES,
-    check_capture,
-    make_capture,
-)
+from ..nlos.captures import COUNTS, DEVICES, MODES, ON_WALL, check_capture, make_capture
 from ..rendering.cubes import Cube
 from ..rendering.dataset import plain_attributes
 from ..rendering.labels import TIME, labelled, labels_of
@@ -174,7 +166,7 @@ def read_ytal(file: h5py.File) -> xr.Dataset:
     y-tal's wall, +z, if all points have the same z. The `scene_info` of other programs becomes an
     attribute of that name, as text. Integers in `H` are photon counts.
     """
-    return _restore(_read(file))
+    return restore(_read(file))
 
 
 def _read(file: h5py.File) -> dict[str, Any]:
@@ -208,7 +200,8 @@ def field_of(file: h5py.File, name: str) -> h5py.Dataset | None:
     return item if isinstance(item, h5py.Dataset) and item.shape is not None else None
 
 
-def _restore(fields: dict[str, Any]) -> xr.Dataset:
+def restore(fields: dict[str, Any]) -> xr.Dataset:
+    """Make a capture of the fields of y-tal."""
     axes = _code(fields, "H_format", _H_AXES)
     transient = _array(fields, "H")
     valid = transient.ndim == len(axes.split("_"))
@@ -221,15 +214,15 @@ def _restore(fields: dict[str, Any]) -> xr.Dataset:
     grids = {name: _grid(fields, name) for name in DEVICES}
     mode = "exhaustive" if transient.ndim == 5 else _mode(grids, about.get("mode"))
     channels = about.get("channel") or ["L"]
-    radiance = fields["H"].dtype.kind == "f"
-    attrs = {"quantity": next(iter(QUANTITIES)) if radiance else COUNTS} | about.get("attrs", {})
+    counts = {} if fields["H"].dtype.kind == "f" else {"quantity": COUNTS}
+    attrs = foreign | counts | about.get("attrs", {})
     are_names = isinstance(channels, list) and all(isinstance(name, str) for name in channels)
     checks.require("channel", channels, are_names, "a list of names")
     given = {"sensor_grid": grids["sensor"][0], "sensor_normals": grids["sensor"][1]}
     if mode != "confocal":
         given |= {"laser_grid": grids["laser"][0], "laser_normals": grids["laser"][1]}
     capture = make_capture(
-        _in_colour(transient, fields[_COLOURS], channels),
+        _in_colour(transient, fields.get(_COLOURS, {}), channels),
         mode=mode,
         start_opl=_number(fields, "t_start"),
         bin_width_opl=_number(fields, "delta_t"),
@@ -237,8 +230,8 @@ def _restore(fields: dict[str, Any]) -> xr.Dataset:
         laser_origin=_origin(fields, "laser_xyz"),
         counts_first_and_last_legs=_truth(fields, "t_accounts_first_and_last_bounces"),
         on_wall=_runs(about.get(ON_WALL), given["sensor_grid"].shape[:2]),
-        quantity=str(attrs["quantity"]),
-        attrs=foreign | attrs,
+        quantity=str(attrs.get("quantity", "radiance per bin")),
+        attrs=attrs,
         **given,
     )
     capture = capture.assign_coords(_pixels(about.get("pixels", {}), capture))

@@ -11,11 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-PARTS = 64
-"""Histograms are smoothed over this part of their bins."""
-
-SIGMAS, SHARE = 5.0, 0.02
-"""Light stands out by so many standard deviations, and by this share of the largest counts."""
+PARTS, SIGMAS, SHARE = 64, 5.0, 0.02
+"""Of histograms that are smoothed over a part of their bins, light stands out by so many standard
+deviations of dark counts, and by this share of the largest counts."""
 
 
 class Background(NamedTuple):

@@ -37,8 +37,8 @@ def light_cone_transform(
     """Albedo >= 0 (z, y, x) of a confocal capture on a lattice, without legs, and its grid.
 
     `snr` is the signal-to-noise ratio that the Wiener filter assumes: power of the mean frequency
-    of the transform over that of the noise. Less is smoother. None takes `SNR`, and of photon
-    counts also the ratio at each frequency along v, by the spectrum of their Poisson noise.
+    of the transform over that of the noise. Less is smoother. None is `SNR`, and of photon counts
+    also the ratio at each frequency along v, of which `noise_spectrum` is the noise.
     """
     grid = native_volume(measured)
     lattice = measured.lattice
@@ -63,7 +63,10 @@ def light_cone_transform(
     rest = np.float32(power.mean(dtype=np.float64) / (snr or SNR))
     if snr is None and measured.background is not None:
         noise = noise_spectrum(resampling, measured.background.variance)
-        rest = rest + _noise_over_light(spectrum, power, noise)
+        mean = np.mean([np.square(abs(row)).mean(axis=0) for row in spectrum], axis=0)
+        albedo = np.maximum(uniform_filter1d(mean - noise, 9), 1e-3 * noise)  # Times the kernel's
+        ratio = np.divide(noise, albedo, out=np.zeros(len(noise)), where=noise > 0)
+        rest = rest + (power.mean(axis=(0, 1), dtype=np.float64) * ratio).astype(np.float32)
     power += rest
     np.conjugate(kernel, out=kernel)
     kernel /= power
@@ -96,22 +99,11 @@ def squared_depth(grid: VolumeGrid, edges: np.ndarray, surface: str) -> sparse.c
     return sparse.csr_array((weights, (row, column)), shape=(len(count), bins))
 
 
-def _noise_over_light(spectrum: np.ndarray, power: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Power of noise over that of the albedo, by frequency along v, for the Wiener filter.
-
-    The rest of the light's power is that of the albedo times `power`, that of the kernel.
-    """
-    mean = np.mean([np.square(abs(row)).mean(axis=0) for row in spectrum], axis=0)
-    albedo = np.maximum(uniform_filter1d(mean - noise, 9), 1e-3 * noise)  # Times the kernel's
-    ratio = np.divide(noise, albedo, out=np.zeros(len(noise)), where=noise > 0)
-    return (power.mean(axis=(0, 1), dtype=np.float64) * ratio).astype(np.float32)
-
-
 def noise_spectrum(resampling: sparse.csr_array, variance: np.ndarray) -> np.ndarray:
-    """Power of the noise of counts by frequency along v, the same at all frequencies of the wall.
+    """Power of the noise of counts by frequency along v; along the wall it is white.
 
-    Counts are independent: it is the sum over bins of `variance`, added up over pixels, times the
-    power spectrum of the bin's column in `resampling`.
+    Counts are independent: the sum of bins' `variance` times the power spectra of the columns of
+    `resampling`.
     """
     noise, held = np.zeros(len(variance) + 1), np.flatnonzero(variance)
     columns = resampling.T.tocsr()
