@@ -85,15 +85,12 @@ def test_spectrum_of_noise(factor):
 
 @pytest.mark.parametrize("seed", range(2))
 def test_letters_are_found_without_tuning(seed):
-    """As well as with the best ratio; not where the wall's reflection and dark counts are left."""
+    """As well as with the best ratio; not if the wall's reflection and dark counts are left."""
     counts = noisy(seed)
     found = letter_found(capture(counts))
-    assert found > 0.6
-    assert (
-        found > max(letter_found(capture(counts), snr=snr) for snr in (1e-3, 0.1, 10, 1e3)) - 0.05
-    )
-    left = capture(counts, quantity="radiance per bin")
-    assert letter_found(left) < 0.4
+    best = max(letter_found(capture(counts), snr=snr) for snr in (1e-3, 0.1, 10, 1e3))
+    assert found > max(0.8, best - 0.04)
+    assert letter_found(capture(counts, quantity="radiance per bin")) < 0.6
 
 
 @pytest.mark.parametrize("method", ["bp", "fk", "phasor"])
