@@ -118,7 +118,7 @@ WRITTEN = {
 }
 READ = {
     **{"load_zarr": "a.zarr", "load_npz": "a.npz", "load_exr_stack": "a.exr"},
-    **{"load_capture": "a.h5", "from_file": "a.csv"},
+    **{"load_capture": "counts.npz", "from_file": "a.csv"},
 }
 """The file of each function that has a path."""
 
@@ -146,7 +146,7 @@ KINDS = {
     "lanes": "m n p sample v",
     "mapping": "attrs define parameters settings",
     "mapping but dict-1": "bounds expected_moments",
-    "metres": "energy_weight opl phase_offset start_opl target_time tilt",
+    "metres": "energy_weight opl phase_offset start_opl start_s target_time tilt",
     "object": "bsdf cases client emitter figure jitter params record relay_wall_shapes "
     "response shapes si verdict",
     "panel": "B0 B180 B270 B90 I Q amplitude amplitudes depth phase true_depth",
@@ -155,10 +155,10 @@ KINDS = {
     "pixel": "x y",
     "place": "laser_origin sensor_origin",
     "point": "centre corner e0 e1 laser o point position v0 v1 v2 wi",
-    "positive": "bin_width bin_width_opl cycles distance exposure f_number focal_length_m "
-    "full_well half_width lamp_power_w learning_rate mean_power_w period_ns pixel_pitch_m "
-    "pulse_energy_j range_m repetition_rate_hz seconds side snr stops tdc_lsb_s wavelength "
-    "wavelength_m",
+    "positive": "bin_width bin_width_opl bin_width_s cycles distance exposure f_number "
+    "focal_length_m full_well half_width lamp_power_w learning_rate mean_power_w period_ns "
+    "pixel_pitch_m pulse_energy_j range_m repetition_rate_hz seconds side snr stops tdc_lsb_s "
+    "wall_size wavelength wavelength_m",
     "positive but 1e30, 2**40": "megabytes radius",
     "pulse-width": "pulse_width pulse_width_opl sweep_opl width_opl",
     "radius": "hole_width lamp_radius",
@@ -412,7 +412,9 @@ def saved(folder: Path, name: str) -> Path:
         return path
     if path.suffix == ".h5":
         return tofrender.save_capture(captured(), path)
-    if path.suffix == ".csv":
+    if name == "counts.npz":
+        np.savez(path, counts=np.ones((2, 3, 4)), bin_width_s=1e-10, wall_size=1.0)
+    elif path.suffix == ".csv":
         path.write_text("0.0,1\n0.1,2\n")
     elif path.suffix == ".zarr":
         tofrender.save_zarr(data(), path)

@@ -98,7 +98,7 @@ def _facts(captured: xr.Dataset, out: Path) -> dict[str, Any]:
 
 
 def reconstruct(
-    source: Annotated[Path, opt.argument("FILE", "What `capture` has written.")],
+    source: Annotated[Path, opt.argument("FILE", "What `capture` wrote, or measured data.")],
     out: opt.Out,
     method: Annotated[str, opt.choice(METHODS, "How to reconstruct.")] = "lct",
     figure: opt.Figure = "png",

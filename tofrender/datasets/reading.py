@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..nlos import make_capture
 from ..rendering.films_on_disk import FILES, naming_files, require_whole, require_zarr
@@ -99,7 +99,7 @@ def capture_of(dataset: xr.Dataset, record: int) -> xr.Dataset:
     about = json.loads(str(one["made_with"].values))
     capture = about["capture"]
     names = [name for name in (*GEOMETRY, *ORIGINS) if f"capture_{name}" in one]
-    geometry = {name: one[f"capture_{name}"].values for name in names}
+    geometry: dict[str, Any] = {name: one[f"capture_{name}"].values for name in names}
     on_wall = one["capture_on_wall"].values
     return make_capture(
         one["capture"].values,

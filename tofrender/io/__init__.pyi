@@ -1,11 +1,12 @@
 from ..runtime.atomic import replacing as replacing
 from ..runtime.canvas import save_figure as save_figure
+from .captures import load_capture as load_capture
 from .exr import (
     load_exr_stack as load_exr_stack,
     save_exr_layers as save_exr_layers,
     save_exr_stack as save_exr_stack,
 )
-from .hdf5 import load_capture as load_capture, save_capture as save_capture
+from .hdf5 import save_capture as save_capture
 from .npz import load_npz as load_npz, save_npz as save_npz
 from .output import check_output as check_output, output_folder as output_folder
 from .pictures import save_png_frames as save_png_frames, save_video as save_video

@@ -71,11 +71,11 @@ def reading(path: str | os.PathLike, allowed: str) -> Iterator[Path]:
         try:
             _require_unbroken(file)
             yield file
-        except MemoryError:
+        except (MemoryError, ImportError):
             raise
         except Exception as error:
             reason = " ".join(str(error.args[-1] if error.args else error).split())[:300]
-            reason = reason or type(error).__name__
+            reason = reason or "cannot be read"
             required = "" if "must" in reason else f"; must be {allowed}"
             raise ValueError(f"{reason}{required}") from None
 

@@ -16,16 +16,16 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
-from ..nlos.captures import DEVICES, MODES, ON_WALL, check_capture, make_capture
+from ..nlos.captures import COUNTS, DEVICES, MODES, ON_WALL, check_capture, make_capture
 from ..rendering.cubes import Cube
-from ..rendering.dataset import plain_attributes, require_finite
+from ..rendering.dataset import plain_attributes
 from ..rendering.labels import TIME, labelled, labels_of
 from ..runtime import checks, memory
 from ..runtime.atomic import check_file, replacing
 from ..runtime.progress import status
 from ..signals.colour import luminance
 from .description import warn_not_finite
-from .files import reading, seal_file
+from .files import seal_file
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,7 +37,6 @@ _NAMES = (
     *("H", "H_format", "delta_t", "t_start", "t_accounts_first_and_last_bounces", "scene_info"),
     *(f"{d}_{what}" for d in DEVICES for what in ("xyz", *_GRIDS)),
 )
-_OTHERS = ("data", "data_t")  # of another layout of y-tal's
 _COPIES = 3  # Of H at a time, at most
 _OURS = "tofrender"  # Our part of scene_info
 _COLOURS = "tofrender_colours_"  # Attributes of H by their first bin, (bins, ..., channels)
@@ -73,6 +72,7 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
         >>> grid = {"sensor_grid": wall, "sensor_normals": np.broadcast_to([0, 0, 1], wall.shape)}
         >>> window = {"start_opl": 1.0, "bin_width_opl": 0.01}
         >>> capture = make_capture(np.ones((4, 4, 10)), mode="confocal", **window, **grid)
+        >>> from tofrender import load_capture
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     load_capture(save_capture(capture, folder + "/wall.h5")).identical(capture)
         True
@@ -159,36 +159,20 @@ def _yaml(value: Any) -> str:
     return text.replace("e", ".0e") if isinstance(value, float) and "." not in text else text
 
 
-@status("Reading HDF5")
-def load_capture(path: str | os.PathLike) -> xr.Dataset:
+def read_ytal(file: h5py.File) -> xr.Dataset:
     """Read a capture in the layout of y-tal, written by `save_capture`, y-tal or others.
 
     Lists of points (the formats T_Si, T_Li_Si, N_3) become one row. Missing normals are those of
     y-tal's wall, +z, if all points have the same z. The `scene_info` of other programs becomes an
-    attribute of that name, as text. See also `save_capture`.
-
-    Args:
-        path: An HDF5 file.
-
-    Returns:
-        A capture, as `make_capture` describes it, of one channel unless we wrote more.
-
-    Raises:
-        FileNotFoundError: There is nothing at `path`.
-        ValueError: Not HDF5, cut short, a field that is missing, of a wrong shape or in another
-            file, an unknown format or mode, or values that are not finite.
-        MemoryError: The capture does not fit into memory.
+    attribute of that name, as text. Integers in `H` are photon counts.
     """
-    with reading(path, "a whole HDF5 file") as found, h5py.File(found, "r") as file:
-        capture = _restore(_read(file))
-        require_finite(capture)
-    return capture
+    return restore(_read(file))
 
 
 def _read(file: h5py.File) -> dict[str, Any]:
     """Read the fields, None for empty ones."""
     names = set(file)
-    items = {name: _field_of(file, name) for name in _NAMES if name in names}
+    items = {name: field_of(file, name) for name in _NAMES if name in names}
     light = items.get("H")
     attrs = {} if light is None else light.attrs
     coloured = [name for name in attrs if name.startswith(_COLOURS)]
@@ -200,10 +184,10 @@ def _read(file: h5py.File) -> dict[str, Any]:
         memory.require_free(what, _COPIES * size * (4 if coloured else 1))
     found = {name: None if item is None else item[()] for name, item in items.items()}
     colours = {name.removeprefix(_COLOURS): attrs[name] for name in coloured}
-    return found | {_COLOURS: colours} | dict.fromkeys(names & set(_OTHERS))
+    return found | {_COLOURS: colours}
 
 
-def _field_of(file: h5py.File, name: str) -> h5py.Dataset | None:
+def field_of(file: h5py.File, name: str) -> h5py.Dataset | None:
     """Open a field, None if it is empty; a ValueError if it is in another file."""
     item = None
     if not isinstance(file.get(name, getlink=True), h5py.ExternalLink):
@@ -216,9 +200,8 @@ def _field_of(file: h5py.File, name: str) -> h5py.Dataset | None:
     return item if isinstance(item, h5py.Dataset) and item.shape is not None else None
 
 
-def _restore(fields: dict[str, Any]) -> xr.Dataset:
-    if "H" not in fields and {"data", "data_t"} & set(fields):
-        raise ValueError("holds another layout of y-tal's; must be converted with tal.io first")
+def restore(fields: dict[str, Any]) -> xr.Dataset:
+    """Make a capture of the fields of y-tal."""
     axes = _code(fields, "H_format", _H_AXES)
     transient = _array(fields, "H")
     valid = transient.ndim == len(axes.split("_"))
@@ -231,13 +214,15 @@ def _restore(fields: dict[str, Any]) -> xr.Dataset:
     grids = {name: _grid(fields, name) for name in DEVICES}
     mode = "exhaustive" if transient.ndim == 5 else _mode(grids, about.get("mode"))
     channels = about.get("channel") or ["L"]
+    counts = {} if fields["H"].dtype.kind == "f" else {"quantity": COUNTS}
+    attrs = foreign | counts | about.get("attrs", {})
     are_names = isinstance(channels, list) and all(isinstance(name, str) for name in channels)
     checks.require("channel", channels, are_names, "a list of names")
     given = {"sensor_grid": grids["sensor"][0], "sensor_normals": grids["sensor"][1]}
     if mode != "confocal":
         given |= {"laser_grid": grids["laser"][0], "laser_normals": grids["laser"][1]}
     capture = make_capture(
-        _in_colour(transient, fields[_COLOURS], channels),
+        _in_colour(transient, fields.get(_COLOURS, {}), channels),
         mode=mode,
         start_opl=_number(fields, "t_start"),
         bin_width_opl=_number(fields, "delta_t"),
@@ -245,7 +230,8 @@ def _restore(fields: dict[str, Any]) -> xr.Dataset:
         laser_origin=_origin(fields, "laser_xyz"),
         counts_first_and_last_legs=_truth(fields, "t_accounts_first_and_last_bounces"),
         on_wall=_runs(about.get(ON_WALL), given["sensor_grid"].shape[:2]),
-        attrs=foreign | about.get("attrs", {}),
+        quantity=str(attrs.get("quantity", "radiance per bin")),
+        attrs=attrs,
         **given,
     )
     capture = capture.assign_coords(_pixels(about.get("pixels", {}), capture))

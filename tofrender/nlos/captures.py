@@ -1,9 +1,9 @@
 """The capture Dataset: time-resolved light of a relay wall, with all geometry in world space.
 
-`transient` holds radiance per bin: `(y, x, opl, channel)` of a single or confocal capture,
-`(laser_y, laser_x, y, x, opl, channel)` of an exhaustive one. The points of the wall that sensor
-and laser are aimed at, and the wall's normals there, are variables too. Where some pixels do not
-look at the wall, `on_wall (y, x)` says which do; the others are dark.
+`transient` holds radiance per bin, or photon counts of a measurement: `(y, x, opl, channel)` of a
+single or confocal capture, `(laser_y, laser_x, y, x, opl, channel)` of an exhaustive one. The
+points of the wall that sensor and laser are aimed at, and the wall's normals there, are variables
+too. Where some pixels do not look at the wall, `on_wall (y, x)` says which do; the others are dark.
 """
 
 from __future__ import annotations
@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 MODES = ("single", "confocal", "exhaustive")
 """One laser spot for all pixels; one at each pixel's point; a grid of them for all pixels."""
 
+COUNTS = "photon counts per bin"
+QUANTITIES = {"radiance per bin": "W m^-2 sr^-1", COUNTS: "1"}
+"""What a capture may hold, and its units."""
+
 DEVICES = ("laser", "sensor")
 ON_WALL = "on_wall"
 _PIXELS, _LASERS = ("y", "x"), ("laser_y", "laser_x")
@@ -44,13 +48,15 @@ def make_capture(
     laser_origin: Any = None,
     counts_first_and_last_legs: bool = False,
     on_wall: Any = None,
+    quantity: str = "radiance per bin",
     attrs: Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
     """Make the Dataset of a capture, and check it.
 
     Args:
-        transient: Radiance per bin [W m^-2 sr^-1], (rows, columns, bins), exhaustive (laser rows,
-            laser columns, rows, columns, bins), with or without a last axis of 1 or 3 channels.
+        transient: Radiance per bin [W m^-2 sr^-1] or photon counts, (rows, columns, bins),
+            exhaustive (laser rows, laser columns, rows, columns, bins), with or without a last axis
+            of 1 or 3 channels.
         mode: "single", "confocal" or "exhaustive".
         start_opl: Path length where the first bin starts [m].
         bin_width_opl: Width of a bin [m].
@@ -63,6 +69,7 @@ def make_capture(
         laser_origin: Position of the laser [m], None if unknown.
         counts_first_and_last_legs: Whether lengths include laser to wall and wall to sensor.
         on_wall: Whether each pixel looks at the wall, bool (rows, columns). None if all do.
+        quantity: "radiance per bin" or "photon counts per bin".
         attrs: More attributes: text, ints and floats.
 
     Returns:
@@ -83,6 +90,7 @@ def make_capture(
     import xarray as xr
 
     checks.one_of("mode", mode, MODES)
+    checks.one_of("quantity", quantity, QUANTITIES)
     start = checks.metres("start_opl", start_opl)
     width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
     dims = dimensions(mode)["transient"]
@@ -140,8 +148,8 @@ def make_capture(
         "xyz": np.array(["x", "y", "z"]),
     }
     standard = {
-        "quantity": "radiance per bin",
-        "units": "W m^-2 sr^-1",
+        "quantity": quantity,
+        "units": QUANTITIES[quantity],
         "mode": mode,
         "start_opl": start,
         "bin_width_opl": width,

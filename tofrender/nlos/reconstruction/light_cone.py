@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
+from scipy.ndimage import uniform_filter1d
 
 from ...runtime.progress import ProgressBar
 from .fourier import fft, forward, inverse_sides, require_memory
@@ -26,14 +27,18 @@ from .volume import VolumeGrid, native_volume
 SURFACES = {"diffuse": 3, "retroreflective": 1}
 """Power of the distance in √v that undoes the falloff with it, by kind of hidden surface."""
 
+SNR = 10.0
+"""Signal-to-noise ratio of light without noise: what the transform itself leaves out."""
+
 
 def light_cone_transform(
-    measured: Measured, surface: str, snr: float, bar: ProgressBar
+    measured: Measured, surface: str, bar: ProgressBar, snr: float | None = None
 ) -> tuple[np.ndarray, VolumeGrid]:
     """Albedo >= 0 (z, y, x) of a confocal capture on a lattice, without legs, and its grid.
 
     `snr` is the signal-to-noise ratio that the Wiener filter assumes: power of the mean frequency
-    of the transform over that of the noise. Less is smoother.
+    of the transform over that of the noise. Less is smoother. None is `SNR`, and of photon counts
+    also the ratio at each frequency along v, of which `noise_spectrum` is the noise.
     """
     grid = native_volume(measured)
     lattice = measured.lattice
@@ -45,15 +50,24 @@ def light_cone_transform(
     width = (high - low) / bins  # of a bin of v: half a bin of path length at mid-depth
 
     # Resample light to bins of v, and transform it and the kernel
-    light = _to_squared_depth(measured.light(0), grid, low + width * np.arange(bins + 1), surface)
-    spectrum = forward(light, (*sides, lines))
+    resampling = squared_depth(grid, low + width * np.arange(bins + 1), surface)
+    flat = measured.light(0).reshape(-1, bins)
+    flat = np.ascontiguousarray((resampling @ np.ascontiguousarray(flat.T)).T)
+    spectrum = forward(flat.reshape(rows, columns, bins), (*sides, lines))
     bar.update()
     kernel = _kernel_spectrum(lattice, rows, columns, bins, width)
     bar.update()
 
     # Apply the Wiener filter, conj(kernel) / (|kernel|² + 1 / snr)
     power = np.square(kernel.real) + np.square(kernel.imag)
-    power += np.float32(power.mean(dtype=np.float64) / snr)
+    rest = np.float32(power.mean(dtype=np.float64) / (snr or SNR))
+    if snr is None and measured.background is not None:
+        noise = noise_spectrum(resampling, measured.background.variance)
+        mean = np.mean([np.square(abs(row)).mean(axis=0) for row in spectrum], axis=0)
+        albedo = np.maximum(uniform_filter1d(mean - noise, 9), 1e-3 * noise)  # Times the kernel's
+        ratio = np.divide(noise, albedo, out=np.zeros(len(noise)), where=noise > 0)
+        rest = rest + (power.mean(axis=(0, 1), dtype=np.float64) * ratio).astype(np.float32)
+    power += rest
     np.conjugate(kernel, out=kernel)
     kernel /= power
     del power
@@ -68,11 +82,9 @@ def light_cone_transform(
     return _to_depth(found, grid, low, width), grid
 
 
-def _to_squared_depth(
-    light: np.ndarray, grid: VolumeGrid, edges: np.ndarray, surface: str
-) -> np.ndarray:
-    """Average v^(p/2) H(2 √v) over each bin of v, of light (rows, columns, bins)."""
-    bins = light.shape[-1]
+def squared_depth(grid: VolumeGrid, edges: np.ndarray, surface: str) -> sparse.csr_array:
+    """Matrix (bins of v, bins) that averages v^(p/2) H(2 √v) over each bin of v."""
+    bins = grid.z[2]
     depth = np.sqrt(np.maximum(edges, 0))
     at = (depth - grid.z[0]) / grid.step("z")  # in bins of the capture
     first = np.clip(np.floor(at[:-1] + 1e-9), 0, bins - 1).astype(np.int64)
@@ -84,9 +96,21 @@ def _to_squared_depth(
     middle = (depth[1:] + depth[:-1]) / 2
     scale = middle ** SURFACES[surface] / np.maximum(at[1:] - at[:-1], 1e-12)
     weights = (np.maximum(overlap, 0) * scale[row]).astype(np.float32)
-    matrix = sparse.csr_array((weights, (row, column)), shape=(len(count), bins))
-    flat = matrix @ np.ascontiguousarray(light.reshape(-1, bins).T)
-    return np.ascontiguousarray(flat.T).reshape(light.shape)
+    return sparse.csr_array((weights, (row, column)), shape=(len(count), bins))
+
+
+def noise_spectrum(resampling: sparse.csr_array, variance: np.ndarray) -> np.ndarray:
+    """Power of the noise of counts by frequency along v; along the wall it is white.
+
+    Counts are independent: the sum of bins' `variance` times the power spectra of the columns of
+    `resampling`.
+    """
+    noise, held = np.zeros(len(variance) + 1), np.flatnonzero(variance)
+    columns = resampling.T.tocsr()
+    for part in np.array_split(held, len(held) // 256 + 1):
+        lines = fft.rfft(columns[part].toarray(), 2 * len(variance), axis=1)
+        noise += variance[part] @ np.square(abs(lines))
+    return noise
 
 
 def _kernel_spectrum(lattice: Lattice, rows: int, columns: int, bins: int, width: float) -> Any:

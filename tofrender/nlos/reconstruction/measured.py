@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...rendering.cubes import Cube
 from ...rendering.dataset import time_axis
-from ..captures import first_and_last_legs
+from ..captures import COUNTS, first_and_last_legs
+from .background import Background, find_background
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -79,6 +80,8 @@ class Measured:
     lasers: np.ndarray  # laser spots (lasers, 3); of a confocal capture as `sensors`
     frame: WallFrame
     lattice: Lattice | None  # None if the sensor's points are not even
+    counts: bool = False  # whether light is photon counts
+    background: Background | None = None  # subtracted by `light`
 
     @classmethod
     def of(cls, capture: xr.Dataset) -> Measured:
@@ -102,7 +105,20 @@ class Measured:
             sensors if mode == "confocal" else lasers.reshape(-1, 3),
             frame,
             _lattice(sensors),
+            capture.attrs.get("quantity") == COUNTS,
         )
+
+    def without_background(self) -> Measured:
+        """Subtract dark counts and omit bins without light of the hidden scene, of counts only."""
+        if not self.counts:
+            return self
+        lasers, rows, columns, bins = self.shape
+        total = np.zeros(bins)
+        for laser in range(lasers):
+            for block in self.blocks():
+                total += self.light(laser, block).sum(axis=(0, 1), dtype=np.float64)
+        zero = int(np.floor(-self.start / self.width + 1e-6))
+        return replace(self, background=find_background(total, lasers * rows * columns, zero))
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
@@ -117,7 +133,9 @@ class Measured:
     def light(self, laser: int, block: tuple[slice, ...] = ()) -> np.ndarray:
         """Luminance per bin of a block, (rows, columns, bins) float32; MemoryError if too large."""
         seen = self._of_laser(laser).view(block)
-        return seen.luminance("capture").astype(np.float32, copy=False)
+        light = seen.luminance("capture").astype(np.float32, copy=False)
+        known = self.background
+        return light if known is None else (light - np.float32(known.dark)) * known.kept
 
     def _of_laser(self, laser: int) -> Cube:
         """Light of one laser spot, (rows, columns, bins, channels)."""

@@ -15,7 +15,7 @@ from ...runtime.progress import ProgressBar
 from ..captures import check_capture, without_first_and_last_legs
 from .backprojection import WEIGHTINGS, backproject, sharpen
 from .fk import fk_migration
-from .light_cone import SURFACES, light_cone_transform
+from .light_cone import SNR, SURFACES, light_cone_transform
 from .measured import Measured
 from .phasor_field import default_wavelength, phasor_field
 from .volume import VolumeGrid, default_volume, resample, volume_dataset
@@ -31,7 +31,7 @@ _positive = partial(checks.number, positive=True)
 OPTIONS = {
     "weighting": (("bp", "fbp"), "r2", partial(checks.one_of, allowed=WEIGHTINGS)),
     "surface": (("lct", "fk"), "diffuse", partial(checks.one_of, allowed=SURFACES)),
-    "snr": (("lct",), 10.0, _positive),
+    "snr": (("lct",), None, _positive),
     "wavelength": (("phasor",), None, partial(_positive, unit="metres")),
     "cycles": (("phasor",), 5.0, _positive),
 }
@@ -62,7 +62,9 @@ def reconstruct(
     | `phasor` | all captures, even plane sensor grid | phasor field, Rayleigh-Sommerfeld |
 
     First and last legs are subtracted where the capture counts them. Of colours, the luminance is
-    used. See also `capture`, `depth_map`, `reconstruction_figure`.
+    used. Of photon counts, dark counts are subtracted, and only bins are used in which light of the
+    hidden scene stands out of them and comes after the wall's own reflection. See also `capture`,
+    `depth_map`, `reconstruction_figure`.
 
     Two methods err in depth by more than half a bin, by their nature:
 
@@ -86,7 +88,8 @@ def reconstruct(
         weighting: bp, fbp: "r2" (the default) multiplies light by the product of the distances to
             the laser spot and to the sensor's point, "uniform" does not.
         surface: lct, fk: falloff to undo, of "diffuse" (the default) or "retroreflective" surfaces.
-        snr: lct: signal-to-noise ratio that the Wiener filter assumes, above 0; 10 by default.
+        snr: lct: signal-to-noise ratio that the Wiener filter assumes, above 0. By default 10; of
+            photon counts, that and the spectrum of their Poisson noise.
         wavelength: phasor: of the virtual pulse [m]; by default the larger one of four bins and
             twice the grid's spacing, four times if confocal.
         cycles: phasor: wavelengths in the virtual pulse, above 0; 5 by default.
@@ -121,11 +124,16 @@ def reconstruct(
     Cube(capture["transient"]).require_finite("capture: transient")
     measured = Measured.of(capture)
     _check_method(method, measured)
+    if measured.legs.any() and (method in ("lct", "fk") or measured.counts):
+        measured = Measured.of(without_first_and_last_legs(capture))
+    if method == "lct" and not measured.counts:
+        options.setdefault("snr", SNR)
     if method in ("lct", "fk"):
-        values, grid = _in_frequencies(method, capture, measured, options, progress)
+        values, grid = _in_frequencies(method, measured, options, progress)
         if wanted is not None:
             values, grid = resample(values, grid, wanted), wanted
     else:
+        measured = measured.without_background()
         grid = wanted or default_volume(measured)
         if method == "phasor":
             options.setdefault("wavelength", default_wavelength(measured))
@@ -167,17 +175,15 @@ def _check_method(method: str, measured: Measured) -> None:
 
 
 def _in_frequencies(
-    method: str, capture: xr.Dataset, measured: Measured, options: dict[str, Any], progress: bool
+    method: str, measured: Measured, options: dict[str, Any], progress: bool
 ) -> tuple[np.ndarray, VolumeGrid]:
     """Run lct or fk, which need the same time axis in all pixels, from 0 or later on."""
-    if measured.legs.any():
-        capture = without_first_and_last_legs(capture)
-        measured = Measured.of(capture)
     early = int(np.ceil(-measured.start / measured.width - 1e-6))
     if early > 0:  # nothing comes back before 0
         start = measured.start + early * measured.width
         later = measured.cube.view(np.s_[..., early:, :])
         measured = replace(measured, start=start, cube=later)
+    measured = measured.without_background()
     run, steps = (light_cone_transform, 4) if method == "lct" else (fk_migration, 3)
     with ProgressBar(method, steps, unit="step", enabled=progress) as bar:
         return run(measured, bar=bar, **options)

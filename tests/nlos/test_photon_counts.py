@@ -1,0 +1,120 @@
+"""Photon counts of hidden scenes: what is not of the scene, and the noise of the rest."""
+
+import numpy as np
+import pytest
+from helpers.hidden_scenes import Wall, capture_of, letter_f, rectangle
+from helpers.refusals import refused
+from scipy.stats import norm
+
+from tofrender.nlos import make_capture, max_projection, reconstruct
+from tofrender.nlos.captures import COUNTS
+from tofrender.nlos.reconstruction.background import find_background
+from tofrender.nlos.reconstruction.fourier import forward
+from tofrender.nlos.reconstruction.light_cone import noise_spectrum, squared_depth
+from tofrender.nlos.reconstruction.volume import VolumeGrid
+
+BINS, WIDTH, DARK = 256, 0.02, 0.3
+ALPHA = 1e-4
+
+
+def expected(direct: float = 300.0) -> np.ndarray:
+    """Counts (rows, columns, bins): the wall's own reflection, dark counts, a hidden letter."""
+    letter = capture_of(letter_f(1.2), Wall(24), start=0, width=WIDTH, bins=BINS)
+    light = letter["transient"].values[..., 0]
+    wall = direct * np.exp(-np.arange(BINS) / 10.0)
+    return light * 2.0 / light.mean((0, 1)).max() + wall + DARK
+
+
+def capture(counts: np.ndarray, **changes) -> object:
+    grid = Wall(24).grid()
+    normals = np.broadcast_to([0.0, 0, 1], grid.shape)
+    given = {"mode": "confocal", "start_opl": 0, "bin_width_opl": WIDTH, "quantity": COUNTS}
+    return make_capture(counts, sensor_grid=grid, sensor_normals=normals, **given | changes)
+
+
+def noisy(seed: int, direct: float = 300.0) -> np.ndarray:
+    return np.random.default_rng(seed).poisson(expected(direct)).astype(np.float32)
+
+
+def letter_found(light, method="lct", **options) -> float:
+    """Correlation of what is seen from the front with the letter."""
+    volume = reconstruct(light, method, progress=False, **options)
+    seen = max_projection(volume).values
+    x, y = np.meshgrid(volume["x"].values, volume["y"].values)
+    letter = letter_f(1.2).points[:, :2]
+    near = np.hypot(x[..., None] - letter[:, 0], y[..., None] - letter[:, 1]).min(-1) < 0.06
+    return float(np.corrcoef(seen.ravel(), near.ravel())[0, 1])
+
+
+@pytest.mark.parametrize("direct", [0.0, 300.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_background(seed, direct):
+    """Bins after the wall's reflection, with light above a tenth of the largest, are kept."""
+    counts, true = noisy(seed, direct), expected(0.0).mean((0, 1)) - DARK
+    found = find_background(counts.sum((0, 1)), 24 * 24, 0)
+    assert abs(found.dark - DARK) < 0.03  # A low quantile of means of 576 pixels and 4 bins
+    assert found.kept[true > 0.1 * true.max()].all()
+    assert not found.kept[true < 1e-3 * true.max()].any()
+    np.testing.assert_array_equal(found.variance, counts.sum((0, 1)) * found.kept)
+
+
+def test_nothing_but_dark_counts_is_refused():
+    counts = np.random.default_rng(1).poisson(0.3, (24, 24, BINS))
+    with refused("capture: no light above 0.2"):
+        reconstruct(capture(counts), "lct")
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.1])
+def test_spectrum_of_noise(factor):
+    """Mean power of Poisson noise at each frequency along v; a factor of 1.1 is found.
+
+    Of 64 x 64 pixels, padded with zeros, a mean over the wall's frequencies has 4096 independent
+    squares, each of relative deviation 1 at most.
+    """
+    bins, pixels = 32, 64
+    rates = np.linspace(0.5, 20, bins)
+    grid = VolumeGrid((-1, 1, 2), (-1, 1, 2), (0.0, 1.0, bins))
+    matrix = squared_depth(grid, np.arange(bins + 1) / bins, "diffuse")
+    noise = np.random.default_rng(5).poisson(rates, (pixels, pixels, bins)) - rates
+    spectrum = forward((noise @ matrix.T.toarray()).astype(np.float32), (128, 128, 2 * bins))
+    mean = np.square(abs(spectrum)).mean((0, 1))
+    ratio = factor * mean / noise_spectrum(matrix, rates * pixels**2)
+    bound = norm.isf(ALPHA / 2 / len(ratio)) * np.sqrt(2) / pixels
+    assert (abs(ratio - 1).max() < bound) == (factor == 1.0), abs(ratio - 1).max() / bound
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_letters_are_found_without_tuning(seed):
+    """As well as with the best ratio; not if the wall's reflection and dark counts are left."""
+    counts = noisy(seed)
+    found = letter_found(capture(counts))
+    best = max(letter_found(capture(counts), snr=snr) for snr in (1e-3, 0.1, 10, 1e3))
+    assert found > max(0.8, best - 0.04)
+    assert letter_found(capture(counts, quantity="radiance per bin")) < 0.6
+
+
+@pytest.mark.parametrize("method", ["bp", "fk", "phasor"])
+def test_other_methods_use_counts_without_background(method):
+    """Nothing is found where the wall's reflection would put it; `phasor` finds nothing else."""
+    counts = np.random.default_rng(3).poisson(20 * expected())
+    assert letter_found(capture(counts), method) > 0.7
+
+    def near(light) -> float:
+        intensity = reconstruct(light, method, progress=False)["intensity"]
+        return float(intensity.sel(z=slice(0, 0.5)).max() / intensity.max())
+
+    assert near(capture(counts)) < 0.25
+    if method == "phasor":
+        assert near(capture(counts, quantity="radiance per bin")) == 1
+
+
+def test_legs_are_subtracted_first():
+    """The window starts before the first legs end, where no bin of the wall is cut."""
+    patch = rectangle((-0.2, 0.2), (-0.2, 0.2), 1.0, 0.05)
+    light = capture_of(patch, Wall(8), legs=True, width=0.02, start=0.5, bins=160)
+    values = light["transient"].values
+    counts = light.copy(deep=True).assign_attrs(quantity=COUNTS, units="1")
+    counts["transient"].values[:] = np.round(values * 1e3 / values.max())
+    for method in ("lct", "bp"):
+        volume = reconstruct(counts, method, progress=False)["intensity"]
+        assert abs(float(volume["z"][volume.argmax(...)["z"]]) - 1) < 0.08, method

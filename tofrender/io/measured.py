@@ -1,0 +1,199 @@
+"""Photon counts of confocal scans of a plane wall: MATLAB files, NumPy archives, CSV, PTU, SDT.
+
+SciPy reads files of MATLAB 5 to 7, h5py those of 7.3, which are HDF5. No reader runs a file's code.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from zipfile import ZipFile
+
+import h5py
+import numpy as np
+from scipy.io import loadmat, whosmat
+
+from ..nlos.captures import COUNTS, make_capture
+from ..runtime import checks, memory
+from ..runtime.archives import read_array
+from ..signals.units import SPEED_OF_LIGHT
+from .hdf5 import field_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+GIVEN = ("wall_size", "bin_width_s", "start_s")
+
+
+def scan(counts: Any, given: dict[str, Any], **known: Any) -> xr.Dataset:
+    """Make a confocal capture of counts (rows, columns, bins) on a plane wall.
+
+    Rows run down and columns to the right as one looks from the wall at the hidden scene. The wall
+    is at z = 0 with the scene at z > 0, so that columns run along -x and rows along -y. Parameters
+    of `load_capture` that are `given` replace those `known` from the file or its documentation.
+    """
+    known = {"start_s": 0.0} | known | given
+    for name in GIVEN:
+        checks.require(name, known.get(name), name in known, "given, as the file does not state it")
+    size = known["wall_size"]
+    sides = size if isinstance(size, tuple | list | np.ndarray) else (size, size)
+    sides = checks.items("wall_size", sides, 2, "a number of metres, or two: width and height")
+    width, height = (checks.metres("wall_size", side, positive=True) for side in sides)
+    bin_width = checks.number("bin_width_s", known["bin_width_s"], unit="s", positive=True)
+    start = checks.number("start_s", known["start_s"], unit="s")
+    values = checks.real_array("counts", counts, np.float32)
+    checks.shape("counts", values, values.ndim == 3 and values.size, "(rows, columns, bins)")
+    checks.require("counts", float(values.min()), values.min() >= 0, "0 or more")
+    y, x = (np.linspace(0.5, -0.5, n) if n > 1 else np.zeros(1) for n in values.shape[:2])
+    points = np.stack([*np.meshgrid(width * x, height * y), np.zeros(values.shape[:2])], axis=-1)
+    normals = np.broadcast_to([0.0, 0.0, 1.0], points.shape)
+    window = {"start_opl": start * SPEED_OF_LIGHT, "bin_width_opl": bin_width * SPEED_OF_LIGHT}
+    wall: Any = {"sensor_grid": points, "sensor_normals": normals}
+    return make_capture(values, mode="confocal", quantity=COUNTS, **window, **wall)
+
+
+def matlab_names(file: Path) -> set[str]:
+    """Names of all variables, and "cells" if one is an array of cells."""
+    if h5py.is_hdf5(file):
+        with h5py.File(file) as opened:
+            return set(opened)
+    found = whosmat(str(file))
+    return {str(name) for name, *_ in found} | {"cells" for *_, kind in found if kind == "cell"}
+
+
+def _variable(file: Path, name: str, axes: int) -> np.ndarray:
+    """Read real numbers with a number of axes, in MATLAB's order."""
+    if h5py.is_hdf5(file):
+        with h5py.File(file) as opened:
+            item = field_of(opened, name)
+            memory.require_free(name, 2 * (item.nbytes if item else 0))
+            values = np.asarray(item[()] if item else 0.0).T
+    else:
+        shape = next(shape for found, shape, _ in whosmat(str(file)) if found == name)
+        memory.require_free(name, 16 * math.prod(shape))
+        values = loadmat(str(file), variable_names=[name])[name]
+    checks.shape(name, values, values.ndim == axes and values.size, f"of {axes} axes")
+    return checks.real_array(name, values)
+
+
+def read_lct(file: Path, given: dict[str, Any]) -> xr.Dataset:
+    """Read `rect_data` (x, y, bins), x mirrored, and `width`, half the side of the wall [m].
+
+    Bins are of 4 ps from when light meets the wall, says cnlos_reconstruction.m of M. O'Toole et
+    al., Confocal non-line-of-sight imaging based on the light-cone transform, Nature 555 (2018).
+    """
+    counts = _variable(file, "rect_data", 3).transpose(1, 0, 2)[:, ::-1]
+    half = _variable(file, "width", 2)
+    checks.shape("width", half, half.size == 1, "one number")
+    return scan(counts, given, wall_size=2 * half.item(), bin_width_s=4e-12)
+
+
+def read_fk(file: Path, given: dict[str, Any]) -> xr.Dataset:
+    """Read `meas` (rows, columns, bins), and `tofgrid`, when light meets the wall [ps].
+
+    `tofgrid` is in the same file or in tof.mat beside it; with `start_s`, none is used. Pixels move
+    by whole bins, as in cnlos_reconstruction.m of D. Lindell et al., Wave-based non-line-of-sight
+    imaging using fast f-k migration, ACM ToG 38 (2019), whose README has 32 ps and a wall of 2 m;
+    bins that a pixel lacks then are left out.
+    """
+    counts = _variable(file, "meas", 3)
+    known = {"wall_size": 2.0, "bin_width_s": 32e-12}
+    if "start_s" in given:
+        return scan(counts, given, **known)
+    files = [each for each in (file, file.with_name("tof.mat")) if each.is_file()]
+    beside = next((each for each in files if "tofgrid" in matlab_names(each)), None)
+    if beside is None:
+        raise ValueError("lacks tofgrid; must be here or in tof.mat beside it, or start_s be given")
+    delay = checks.finite("tofgrid", _variable(beside, "tofgrid", 2))
+    checks.shape("tofgrid", delay, delay.shape == counts.shape[:2], f"{counts.shape[:2]}")
+    width = checks.number("bin_width_s", (known | given)["bin_width_s"], unit="s", positive=True)
+    first = np.floor(delay * 1e-12 / width).astype(np.int64)
+    bins = counts.shape[2] - first.max()
+    checks.require("tofgrid", delay, first.min() >= 0 and bins > 0, "within the bins, in ps")
+    moved = np.take_along_axis(counts, first[..., None] + np.arange(bins), axis=2)
+    return scan(moved, given, **known)
+
+
+def read_cells(file: Path, given: dict[str, Any]) -> xr.Dataset:
+    """Read cells (rows, columns), each with the bins of a pixel's photons: D if there are several.
+
+    As in data of D. Shin et al., Photon-efficient imaging with a single-photon camera, Nature
+    Communications 7 (2016), and of their other papers.
+    """
+    cells = [str(name) for name, _, kind in whosmat(str(file)) if kind == "cell"]
+    name = "D" if "D" in cells else cells[0]
+    checks.require("cells", cells, name == "D" or len(cells) == 1, "one array, or one called D")
+    held = loadmat(str(file), variable_names=[name])[name]
+    checks.shape(name, held, held.ndim == 2 and held.size, "(rows, columns)")
+    times = [checks.real_array(f"{name}: a cell", each).ravel() for each in held.ravel()]
+    at, pixel = np.concatenate(times), np.repeat(np.arange(held.size), [t.size for t in times])
+    valid = at.size and at.min() >= 0 and at.max() < checks.MAX_BINS and (at % 1 == 0).all()
+    checks.require(name, at, valid, f"numbers of bins, integers below {checks.MAX_BINS}")
+    bins = int(at.max()) + 1
+    memory.require_free(name, 12 * held.size * bins)
+    counts = np.bincount(pixel * bins + at.astype(np.int64), minlength=held.size * bins)
+    return scan(counts.reshape(*held.shape, bins), given)
+
+
+def read_npz(file: Path, given: dict[str, Any]) -> xr.Dataset:
+    """Read `counts` (rows, columns, bins), and parameters of `load_capture` by their names."""
+    with ZipFile(file) as archive:
+        names = [name for name in GIVEN if f"{name}.npy" in archive.namelist()]
+        arrays = {name: read_array(archive, name) for name in ("counts", *names)}
+    return scan(arrays.pop("counts"), given, **{k: v.tolist() for k, v in arrays.items()})
+
+
+def read_csv(file: Path, given: dict[str, Any]) -> xr.Dataset:
+    """Read lines of row, column and counts, below a line "y,x,..." with the bins' starts [s]."""
+    first, *lines = file.read_text("utf-8").splitlines(keepends=True)
+    if not lines or not lines[-1].endswith("\n"):
+        raise ValueError("is cut short; must have lines of counts, and end with a line")
+    try:
+        starts = np.array(first.split(",")[2:], float)
+        table = np.loadtxt(lines, delimiter=",", ndmin=2)
+    except ValueError:
+        raise ValueError("y,x,...: must head lines of numbers, equally many in each") from None
+    steps = np.diff(starts)
+    even = steps.size and steps[0] > 0 and np.allclose(steps, steps[0], rtol=1e-3, atol=0)
+    checks.require("starts of bins", starts, even, "2 or more, at equal steps [s]")
+    checks.shape("counts", table, table.shape[1] == len(starts) + 2, f"{len(starts)} of each pixel")
+    table = table[np.lexsort((table[:, 1], table[:, 0]))]
+    shape = tuple(int(number) for number in table[-1, :2] + 1)
+    whole = len(table) == math.prod(shape) and (table[:, :2] == [*np.ndindex(shape)]).all()
+    checks.require("y,x", table[:, :2], whole, "each pixel of a grid once, from 0,0")
+    known = {"bin_width_s": float(steps.mean()), "start_s": float(starts[0])}
+    return scan(table[:, 2:].reshape(*shape, -1), given, **known)
+
+
+def read_ptu(file: Path, given: dict[str, Any]) -> xr.Dataset:
+    """Read histograms of an image, a line or a point in T3 mode, of all channels and frames."""
+    with file.open("rb") as opened, _package("ptufile").PtuFile(opened) as ptu:
+        checks.require("mode", "T2", ptu.is_t3, "T3, with times since the laser's pulse")
+        whole = len(ptu.read_records()) == ptu.number_records
+        checks.require("records", ptu.number_records, whole, "in the file, which is cut short")
+        counts = ptu.decode_image(frame=-1, channel=-1, dtype=np.uint32)[0, ..., 0, :]
+        width = float(ptu.tcspc_resolution)
+    return scan(counts[(None,) * (3 - counts.ndim)], given, bin_width_s=width)
+
+
+def read_sdt(file: Path, given: dict[str, Any]) -> xr.Dataset:
+    """Read histograms of an image, a line or a point, the sum of all blocks, as of detectors."""
+    with file.open("rb") as opened, _package("sdtfile").SdtFile(opened) as sdt:
+        blocks, times, heads = sdt.data, sdt.times, sdt.block_headers
+    ends = [int(h.data_offs) + int(h.block_length) for h in heads if not h.block_type & 0x1000]
+    checks.require("blocks", ends, max(ends, default=0) <= file.stat().st_size, "in the file")
+    shapes = sorted({block.shape for block in blocks})
+    fits = len(shapes) == 1 and 1 <= len(shapes[0]) <= 3 and shapes[0][-1] == len(times[0]) > 1
+    checks.require("blocks", shapes, fits, "of one shape, (rows, columns, bins) or (bins,)")
+    counts = np.asarray(np.sum(blocks, axis=0, dtype=np.float64))
+    width = float(np.diff(times[0]).mean())
+    return scan(counts[(None,) * (3 - counts.ndim)], given, bin_width_s=width)
+
+
+def _package(name: str) -> Any:
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise ImportError(f"this file needs {name}: pip install 'tofrender[data]'") from None

@@ -1,0 +1,45 @@
+"""Bins of photon counts with light of the hidden scene, and the dark counts in all bins.
+
+A measured histogram starts with the reflection by the wall itself, which decays over hundreds of
+bins; then come dark and ambient counts alone, until light of the hidden scene arrives.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+PARTS, SIGMAS, SHARE = 64, 5.0, 0.02
+"""Of histograms that are smoothed over a part of their bins, light stands out by so many standard
+deviations of dark counts, and by this share of the largest counts."""
+
+
+class Background(NamedTuple):
+    """Counts that are not of the hidden scene."""
+
+    dark: float  # dark and ambient counts per bin and pixel
+    kept: np.ndarray  # float32 (bins,), 1 where the hidden scene's light stands out, else 0
+    variance: np.ndarray  # of the kept bins, summed over pixels: their counts
+
+
+def find_background(counts: np.ndarray, pixels: int, zero: int) -> Background:
+    """Find the background of histograms by their sum over pixels, (bins,).
+
+    `zero` is the bin of path length 0, where the wall's own reflection is the largest, if there is
+    one. It ends in the bin after which the smoothed histogram rises by the largest factor.
+    """
+    window = max(1, len(counts) // PARTS)
+    one = 1 / (pixels * window)
+    mean = uniform_filter1d(counts / pixels, window)
+    first = 0
+    if 0 <= zero <= window and abs(int(mean.argmax()) - zero) <= window:
+        later = np.maximum.accumulate(mean[::-1])[::-1]
+        first = int(np.argmax(later / np.maximum(mean, one)))
+    dark = float(np.quantile(mean[first:], 0.05))
+    least = max(SIGMAS * np.sqrt(max(dark, one) * one), SHARE * (mean[first:].max() - dark))
+    kept = (mean - dark > least) & (np.arange(len(mean)) >= first)
+    if not kept.any():
+        raise ValueError(f"capture: no light above {dark:.3g} counts a bin; must hold light")
+    return Background(dark, kept.astype(np.float32), counts * kept)
