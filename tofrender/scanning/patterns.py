@@ -1,0 +1,93 @@
+"""Scan patterns: the direction and the time of each shot of a lidar."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from ..runtime import checks
+
+PATTERNS = ("raster", "spinning", "rosette")
+GOLDEN = (5**0.5 - 1) / 2
+
+
+def scan_pattern(
+    kind: str | os.PathLike[str] = "raster",
+    *,
+    shots: Any = (64, 48),
+    fov_deg: Any = (40.0, 30.0),
+    rate_hz: float = 100e3,
+) -> xr.Dataset:
+    """Make the directions and times of a lidar's shots.
+
+    | kind | shots |
+    |---|---|
+    | raster | row by row from the upper left, in the middle of equal cells |
+    | spinning | column by column, as a head turns clockwise and fires all rings from the top |
+    | rosette | two prisms turn against each other, by rates in the golden ratio g (Risley) |
+    | a CSV file | by its columns azimuth_deg, elevation_deg and, if it has one, time_s |
+
+    Of N shots and n turns of the first prism, shot k of a rosette is at the azimuth and elevation
+    (cos f + cos g f, sin f - sin g f) / 2 of half the field of view, with f = 2 pi n k / N.
+
+    Args:
+        kind: Name, or path of a CSV file, whose shots do not depend on the other parameters.
+        shots: Columns and rows (rings; turns of the first prism).
+        fov_deg: Width and height of the field of view [degrees], up to 360 and 180.
+        rate_hz: Shots per second.
+
+    Returns:
+        A Dataset along "shot": `azimuth` from the sensor's axis to the left and `elevation` [rad],
+        `time` [s].
+
+    Raises:
+        ValueError: An unknown kind, a wrong file, or a value out of range; one line.
+
+    Example:
+        >>> pattern = scan_pattern(shots=(4, 2), fov_deg=(40, 10))
+        >>> np.rad2deg(pattern["azimuth"][:4]).values.round().tolist()
+        [15.0, 5.0, -5.0, -15.0]
+    """
+    two = "two numbers, of the width and the height"
+    sides = checks.items("shots", shots, 2, two)
+    columns, rows = (checks.integer("shots", n, 1, checks.MAX_SIZE) for n in sides)
+    limits = zip(checks.items("fov_deg", fov_deg, 2, two), (360, 180), strict=True)
+    fov = [checks.number("fov_deg", angle, positive=True, high=most) for angle, most in limits]
+    k = np.arange(columns * rows)
+    time = k / checks.number("rate_hz", rate_hz, positive=True)
+    if isinstance(kind, os.PathLike) or str(kind).lower().endswith(".csv"):
+        table = _read(checks.path("kind", kind))
+        kind, fov, time = str(kind), (2.0, 2.0), table.get("time_s", np.zeros(len(table)))
+        across, up = table["azimuth_deg"], table["elevation_deg"]
+    elif checks.one_of("kind", kind, PATTERNS) == "rosette":
+        f = 2 * np.pi * rows * k / k.size
+        across, up = (np.cos(f) + np.cos(GOLDEN * f)) / 2, (np.sin(f) - np.sin(GOLDEN * f)) / 2
+    else:
+        column, row = (k % columns, k // columns) if kind == "raster" else (k // rows, k % rows)
+        across, up = 1 - (2 * column + 1) / columns, 1 - (2 * row + 1) / rows
+    values = {"azimuth": np.deg2rad(fov[0] / 2 * across), "elevation": np.deg2rad(fov[1] / 2 * up)}
+    arrays = {name: ("shot", np.asarray(each), {"units": "rad"}) for name, each in values.items()}
+    arrays["time"] = "shot", np.asarray(time), {"units": "s"}
+    return xr.Dataset(arrays, attrs={"pattern": kind})
+
+
+def _read(path: Any) -> pd.DataFrame:
+    """Read and check a CSV file of shots."""
+    try:
+        table = pd.read_csv(path, skipinitialspace=True)
+    except (ValueError, OSError) as error:
+        reason = " ".join(str(error).split())
+        raise ValueError(f"kind = {path}: {reason}; must be a CSV file of shots") from None
+    needed = {"azimuth_deg", "elevation_deg"}
+    valid = needed <= set(table.columns) <= needed | {"time_s"} and len(table) > 0
+    allowed = "azimuth_deg, elevation_deg and perhaps time_s, with a shot or more"
+    checks.require(f"kind = {path}: columns", [*table.columns], valid, allowed)
+    for name, column in table.items():
+        checks.finite(f"{name} of {path}", checks.real_array(f"{name} of {path}", column))
+    most = table["elevation_deg"].abs().max()
+    checks.require(f"elevation_deg of {path}", most, most <= 90, "from -90 to 90")
+    return table
