@@ -1,25 +1,48 @@
-"""Beams of a lidar: their wavefronts at mirrors and glass, and connections to their light."""
+"""Plan of lidar shots: light that returns on its own way, and connections to the laser spot."""
 
 from __future__ import annotations
 
 import math
-from copy import copy
-from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
+from ..films.contribution import Contribution
 from ..integrators.plan import Plan
 from ..nlos.light.laser_spot import LaserSpot, Spot, scatter_beam
 from ..nlos.light.scan import Scan
-from ..paths.protocols import Endpoint, HistoryUpdates, Space
-from ..paths.records import BSDFSample, Connection, Limits, Path, Vertex
+from ..paths.protocols import Space
+from ..paths.records import Limits, Path
 from ..paths.scattering import Materials
-from ..paths.surfaces import has_lobes
+from ..paths.space import transmittance_between
+from ..paths.surfaces import has_lobes, materials
+from ..runtime import checks
 from ..signals.illuminants import white
 
-DELTA = (mi.BSDFFlags.DeltaReflection, mi.BSDFFlags.DeltaTransmission)
+MOST = 64  # Mirrors and glass surfaces of a way whose depth is unlimited
+
+
+def require_followed(scene: mi.Scene, space: Space) -> None:
+    """Refuse what shots cannot be followed through: one line says what."""
+    flags = mi.BSDFFlags
+    checks.require("index around the sensor", space.index, space.index == 1, "1, in air")
+    if space.scatters and has_lobes(scene, flags.DeltaReflection, flags.DeltaTransmission):
+        raise ValueError("scene: has media; must have none, or no mirrors and clear glass")
+    for bsdf in materials(scene):
+        glossy, smooth, delta, null = (
+            mi.has_flag(bsdf.flags(), lobe)
+            for lobe in (
+                flags.GlossyTransmission,
+                flags.Smooth,
+                flags.DeltaTransmission,
+                flags.Null,
+            )
+        )
+        if glossy or (smooth and (delta or null)):
+            raise ValueError(
+                f"bsdf {bsdf.id()!r}: is rough glass or a mask; must be clear or opaque"
+            )
 
 
 def sample_cone(axis: mi.Vector3f, u: mi.Point2f, half_angle: float) -> mi.Vector3f:
@@ -30,130 +53,86 @@ def sample_cone(axis: mi.Vector3f, u: mi.Point2f, half_angle: float) -> mi.Vecto
     return mi.Frame3f(axis).to_world(mi.Vector3f(across.x, across.y, 1 - 2 * r2))
 
 
-@dataclass
-class Wavefront:
-    """A beam along a path of delta lobes; `p`, `d` are derivatives by the first direction."""
+class LidarPlan(Plan):
+    """Laser and receiver with one cone, of the solid angle W, around each ray's `d_x`.
 
-    intact: mi.UInt32  # 1 while all vertices were delta lobes
-    weight: mi.UnpolarizedSpectrum  # throughput of the light
-    p1: mi.Vector3f  # of the last point [m]
-    p2: mi.Vector3f
-    d1: mi.Vector3f  # of the current direction
-    d2: mi.Vector3f
+    A pulse has 1/W of its energy per steradian. Its light that returns on its own way, from the
+    first vertex that is no delta lobe, contributes with the wavefront's area A per solid angle
 
+        W (1/W) f cos / A   [1/m^2 of the aperture],   A = r^2 on a straight way.
 
-class Wavefronts(HistoryUpdates[Wavefront]):
-    """Ray differentials (Igehy, SIGGRAPH 1999) of a beam at mirrors and clear glass."""
-
-    def __init__(self, scene: mi.Scene) -> None:
-        self.scene, self.bends = scene, has_lobes(scene, *DELTA)
-
-    def start(self) -> Wavefront:
-        """Return the wavefront at the lidar."""
-        return Wavefront(mi.UInt32(1), mi.UnpolarizedSpectrum(1), *[mi.Vector3f(0)] * 4)
-
-    def at_vertex(self, path: Path, vertex: Vertex, active: mi.Bool) -> Wavefront:
-        """Move the wavefront to the vertex."""
-        front, first, frame = path.history, path.depth == 0, mi.Frame3f(path.ray.d)
-        d1, d2 = dr.select(first, frame.s, front.d1), dr.select(first, frame.t, front.d2)
-        p1, p2 = dr.fma(d1, vertex.length, front.p1), dr.fma(d2, vertex.length, front.p2)
-        return replace(front, p1=p1, p2=p2, d1=d1, d2=d2)
-
-    def after_sample(self, path: Path, vertex: Vertex, bsdf_sample: BSDFSample) -> Wavefront:
-        """Reflect or refract the wavefront by a delta lobe."""
-        front, sample = copy(path.history), bsdf_sample
-        intact = (front.intact != 0) & sample.specular
-        front.intact = dr.select(intact, mi.UInt32(1), 0)
-        if self.bends:
-            # Light is not compressed as radiance is; both ways share one choice of the lobe
-            undone = dr.square(sample.η) * sample.pdf
-            front.weight = front.weight * mi.unpolarized_spectrum(sample.weight) * undone
-            flags, active = mi.RayFlags.All | mi.RayFlags.dNSdUV, intact & path.active
-            si = self.scene.ray_intersect(path.ray, flags, False, active)
-            front.p1, front.d1 = _bend(front.p1, front.d1, si, path.ray.d, sample)
-            front.p2, front.d2 = _bend(front.p2, front.d2, si, path.ray.d, sample)
-        return front
-
-
-def _bend(p: Any, v: Any, si: Any, d: mi.Vector3f, sample: BSDFSample) -> tuple[Any, Any]:
-    """Derivatives of point and direction behind a delta lobe, from those before it."""
-    # Move along the ray onto the surface, and find how its normal changes there
-    p = p - d * (dr.dot(p, si.n) / dr.dot(d, si.n))
-    uu, uv, vv = (dr.dot(a, b) for a, b in ((si.dp_du,) * 2, (si.dp_du, si.dp_dv), (si.dp_dv,) * 2))
-    pu, pv = dr.dot(p, si.dp_du), dr.dot(p, si.dp_dv)
-    dn = (si.dn_du * (vv * pu - uv * pv) + si.dn_dv * (uu * pv - uv * pu)) / (uu * vv - uv * uv)
-    side = -dr.sign(dr.dot(si.sh_frame.n, d))
-    n, dn = mi.Vector3f(si.sh_frame.n) * side, mi.Vector3f(dn) * side
-    # Differentiate d + 2 c n, or η d + (η c - c') n with the cosines c and c'
-    c, out, η = -dr.dot(d, n), -dr.dot(sample.ray.d, n), 1 / sample.η
-    dc = -dr.dot(v, n) - dr.dot(d, dn)
-    refracted = η * v + (η * c - out) * dn + η * dc * (1 - η * c / out) * n
-    return p, dr.select(out < 0, v + 2 * (dc * n + c * dn), refracted)
-
-
-class Beam(Endpoint):
-    """Connections to the light of a lidar's pulse.
-
-    Light that goes back on its own way, from the first vertex that is no delta lobe, is sent into
-    the receiver's cone of the solid angle W with 1/W of the pulse per steradian. It contributes
-
-        W f cos / (W A) = f cos / A   [1/m^2 of the aperture]
-
-    with the area A [m^2/sr] of the wavefront, r^2 on a straight way. All other light is found by
-    connections to laser spots of rays of the beam, times W.
+    All other light is found by connections to laser spots of rays of the beam, times W.
     """
 
     def __init__(self, scene: mi.Scene, space: Space, half_angle: float, max_depth: int) -> None:
-        self.half_angle, self.max_depth, self.history = half_angle, max_depth, Wavefronts(scene)
-        self.scattering = space.with_phase_functions(Materials(scene))
+        self.half_angle, self.depth = half_angle, max_depth - 1 if max_depth > 0 else -1
         self.scan = Scan(scene, space, [], [], None, False, -1, True, False)
-        self.ray: Any = None
-        self.laser: Any = None
-
-    def aimed(self, ray: mi.RayDifferential3f) -> Beam:
-        """Return the endpoint around rays, whose differential `d_x` is the beam's axis."""
-        other = copy(self)
-        other.ray, other.laser = ray, LaserSpot(self.scan, scatter_beam(self.scan, other._aim))
-        other.further = other if self.half_angle > 0 else None
-        return other
-
-    def connect(self, vertex: Any, path: Path, sampler: Any, active: mi.Bool) -> Connection:
-        """Connect to the light that has come along the path."""
-        front, d = path.history, path.ray.d
-        area = dr.abs(dr.dot(dr.cross(front.p1, front.p2), d))
-        active = active & (front.intact != 0)
-        weight = dr.select(active, white(path.ray.wavelengths) * front.weight / area, 0)
-        length = path.opl / path.η
-        return Connection(path.prev.p, -d, weight, length, active, unoccluded=mi.Bool(True))
-
-    def count(self, path: Path) -> mi.UInt32:
-        """Return 1 where a path with one segment more still counts, else 0."""
-        counts = mi.Bool(self.max_depth < 0) | (path.depth + 2 < self.max_depth)
-        return dr.select(counts, mi.UInt32(1), 0)
-
-    def sample(self, k: Any, first: Any, vertex: Any, path: Any, sampler: Any, active: Any) -> Any:
-        """Connect to the laser spot of a ray of the beam."""
-        connection = self.laser.unweighted(vertex, path, sampler, active)
-        η = path.η * self.scattering.eval_connection(vertex, connection).η
-        r = dr.norm(connection.point - vertex.si.p)
-        connection.length = r + (connection.length - r) / η  # The rest, of the beam, is in air
-        return connection
-
-    def _aim(self, sampler: mi.Sampler, active: mi.Bool) -> Spot:
-        """Sample a ray of the beam, of the power W."""
-        d = sample_cone(self.ray.d_x, sampler.next_2d(), self.half_angle)
-        ray = mi.Ray3f(self.ray.o, d, self.ray.time, self.ray.wavelengths)
-        power = white(ray.wavelengths) * (4 * math.pi * math.sin(self.half_angle / 2) ** 2)
-        return Spot(dr.zeros(mi.SurfaceInteraction3f), power, mi.Float(0), ray, ray.o)
-
-
-class LidarPlan(Plan):
-    """Plan of shots, each with a beam of its own."""
-
-    def __init__(self, scene: mi.Scene, space: Space, half_angle: float, limits: Limits) -> None:
-        beam = Beam(scene, space, half_angle, limits.max_depth)
-        super().__init__(scene, space, beam, beam.scattering, limits)
+        materials, endpoint = (
+            space.with_phase_functions(Materials(scene)),
+            LaserSpot(self.scan, None),
+        )
+        super().__init__(scene, space, endpoint, materials, Limits(self.depth))
 
     def illuminate(self, ray, origin, sampler, active):
-        """Return the beam around these rays."""
-        return self.endpoint.aimed(ray), []
+        """Return the laser spots of the beam around each ray, and light on the ray's own way."""
+        power = white(ray.wavelengths) * (4 * math.pi * math.sin(self.half_angle / 2) ** 2)
+
+        def beam(sampler: mi.Sampler, active: mi.Bool) -> Spot:
+            d = sample_cone(ray.d_x, sampler.next_2d(), self.half_angle)
+            aimed = mi.Ray3f(ray.o, d, ray.time, ray.wavelengths)
+            return Spot(dr.zeros(mi.SurfaceInteraction3f), power, mi.Float(0), aimed, origin)
+
+        spots = LaserSpot(self.scan, scatter_beam(self.scan, beam))
+        return spots, [self._returned(ray, origin, sampler, active)]
+
+    @dr.syntax
+    def _returned(self, ray: Any, origin: Any, sampler: Any, active: Any) -> Contribution:
+        """Light that returns on the rays' own ways, by mirrors and clear glass, too."""
+        space, scattering = self.space, self.scattering
+        path = Path.start(ray, origin, active, medium=space.medium_at_sensor(ray))
+        path, vertex = space.next_vertex(path, sampler)
+        path.opl, light = mi.Float(vertex.length), white(path.ray.wavelengths)
+        d1, d2 = (
+            mi.Vector3f(each) for each in (mi.Frame3f(path.ray.d).s, mi.Frame3f(path.ray.d).t)
+        )
+        p1, p2 = d1 * vertex.length, d2 * vertex.length
+        passing = path.active & vertex.valid & ~scattering.smooth(vertex)
+        while passing & (path.depth < (MOST if self.depth < 0 else self.depth - 1)):
+            _, sample = scattering.sample(vertex, None, sampler, passing)
+            # The light is not compressed as radiance is; both ways share one choice of the lobe
+            light = light * mi.unpolarized_spectrum(sample.weight) * (sample.pdf * sample.η**2)
+            p1, d1 = self._bend(p1, d1, path.ray, sample, passing)
+            p2, d2 = self._bend(p2, d2, path.ray, sample, passing)
+            path.β, path.η = path.β * sample.weight, path.η * sample.η
+            path.ray, path.prev = sample.ray, mi.Interaction3f(vertex.si)
+            path.depth, path.active = path.depth + 1, passing
+            path, vertex = space.next_vertex(path, sampler)
+            path.opl = dr.fma(path.η, vertex.length, path.opl)
+            p1, p2 = dr.fma(d1, vertex.length, p1), dr.fma(d2, vertex.length, p2)
+            passing = passing & vertex.valid & ~scattering.smooth(vertex)
+        d, active = path.ray.d, path.active & vertex.valid & ~passing
+        f = mi.unpolarized_spectrum(path.β * scattering.eval_pdf(vertex, -d, active).f)
+        if space.scatters:
+            f *= transmittance_between(space, vertex.si, origin, sampler, active)
+        return Contribution(light * f / dr.abs(dr.dot(dr.cross(p1, p2), d)), 2 * path.opl, active)
+
+    def _bend(self, p: Any, v: Any, ray: mi.Ray3f, sample: Any, active: mi.Bool) -> tuple[Any, Any]:
+        """Differentials of point and direction behind a delta lobe (Igehy, SIGGRAPH 1999)."""
+        flags, d = mi.RayFlags.All | mi.RayFlags.dNSdUV, ray.d
+        si = self.scene.ray_intersect(ray, flags, False, active)
+        # Move along the ray onto the surface, and find how its normal changes there
+        p = p - d * (dr.dot(p, si.n) / dr.dot(d, si.n))
+        uu, uv, vv = (
+            dr.squared_norm(si.dp_du),
+            dr.dot(si.dp_du, si.dp_dv),
+            dr.squared_norm(si.dp_dv),
+        )
+        pu, pv, area2 = dr.dot(p, si.dp_du), dr.dot(p, si.dp_dv), uu * vv - uv * uv
+        dn = (si.dn_du * (vv * pu - uv * pv) + si.dn_dv * (uu * pv - uv * pu)) / area2
+        side = -dr.sign(dr.dot(si.sh_frame.n, d))
+        n, dn = mi.Vector3f(si.sh_frame.n) * side, mi.Vector3f(dn) * side
+        # Differentiate d + 2 c n, or η d + (η c - c') n with the cosines c and c'
+        c, out, η = -dr.dot(d, n), -dr.dot(sample.ray.d, n), 1 / sample.η
+        dc = -dr.dot(v, n) - dr.dot(d, dn)
+        refracted = η * v + (η * c - out) * dn + η * dc * (1 - η * c / out) * n
+        return p, dr.select(out < 0, v + 2 * (dc * n + c * dn), refracted)

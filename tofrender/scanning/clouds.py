@@ -74,3 +74,16 @@ def point_cloud(
     }
     attrs = waveforms.attrs | {"quantity": "points", "units": "m", "pulses": pulses}
     return xr.Dataset(arrays, attrs=attrs)
+
+
+def true_points(waveforms: xr.Dataset) -> xr.Dataset:
+    """Points of the first surfaces on the shots' axes, with `shot`, `time` and `true_range`.
+
+    `waveforms` are a result of `lidar`; shots that meet nothing have no point.
+    """
+    found = waveforms[["direction", "time", "true_range"]].dropna("shot").rename(shot="point")
+    shot = np.flatnonzero(np.isfinite(waveforms["true_range"]))
+    points = waveforms["origin"] + found["direction"] * found["true_range"]
+    columns = {name: points.sel(axis=name, drop=True) for name in "xyz"}
+    columns |= {"time": found["time"], "true_range": found["true_range"], "shot": ("point", shot)}
+    return xr.Dataset(columns, attrs=waveforms.attrs | {"quantity": "points", "units": "m"})

@@ -24,18 +24,14 @@ def scan_pattern(
 ) -> xr.Dataset:
     """Make the directions and times of a lidar's shots.
 
-    | kind | shots |
-    |---|---|
-    | raster | row by row from the upper left, in the middle of equal cells |
-    | spinning | column by column, as a head turns clockwise and fires all rings from the top |
-    | rosette | two prisms turn against each other, by rates in the golden ratio g (Risley) |
-    | a CSV file | by its columns azimuth_deg, elevation_deg and, if it has one, time_s |
-
-    Of N shots and n turns of the first prism, shot k of a rosette is at the azimuth and elevation
-    (cos f + cos g f, sin f - sin g f) / 2 of half the field of view, with f = 2 pi n k / N.
+    A "raster" goes row by row from the upper left, "spinning" column by column, as a head turns
+    clockwise and fires all rings from the top. In a "rosette" two prisms (Risley) turn against each
+    other by rates in the golden ratio g. Of N shots and n turns of the first, shot k is at azimuth
+    and elevation (cos f + cos gf, sin f - sin gf) / 2 of half the field of view, f = 2 pi n k / N.
 
     Args:
-        kind: Name, or path of a CSV file, whose shots do not depend on the other parameters.
+        kind: Name, or path of a CSV file with the columns azimuth_deg, elevation_deg and, if there
+            are times, time_s; its shots do not depend on the other parameters.
         shots: Columns and rows (rings; turns of the first prism).
         fov_deg: Width and height of the field of view [degrees], up to 360 and 180.
         rate_hz: Shots per second.
@@ -82,12 +78,22 @@ def _read(path: Any) -> pd.DataFrame:
     except (ValueError, OSError) as error:
         reason = " ".join(str(error).split())
         raise ValueError(f"kind = {path}: {reason}; must be a CSV file of shots") from None
-    needed = {"azimuth_deg", "elevation_deg"}
-    valid = needed <= set(table.columns) <= needed | {"time_s"} and len(table) > 0
-    allowed = "azimuth_deg, elevation_deg and perhaps time_s, with a shot or more"
-    checks.require(f"kind = {path}: columns", [*table.columns], valid, allowed)
+    needed, names = {"azimuth_deg", "elevation_deg"}, {*table.columns}
+    if not (needed <= names <= needed | {"time_s"} and len(table)):
+        allowed = "must have azimuth_deg, elevation_deg and perhaps time_s, and a shot or more"
+        raise ValueError(f"kind = {path}: has {len(table)} rows of {sorted(names)}; {allowed}")
     for name, column in table.items():
-        checks.finite(f"{name} of {path}", checks.real_array(f"{name} of {path}", column))
+        checks.finite(f"{name} of kind {path}", checks.real_array(f"kind = {path}: {name}", column))
     most = table["elevation_deg"].abs().max()
-    checks.require(f"elevation_deg of {path}", most, most <= 90, "from -90 to 90")
+    checks.require(f"elevation_deg of kind {path}", most, most <= 90, "from -90 to 90")
     return table
+
+
+def directions(pattern: Any) -> np.ndarray:
+    """Unit vectors (shot, 3) in a sensor's space: x to the left, y up, z ahead."""
+    names, kind = ("azimuth", "elevation", "time"), (xr.Dataset, "a Dataset of scan_pattern")
+    found = [checks.instance("pattern", pattern, *kind).get(name) for name in names]
+    valid = all(each is not None and each.dims == ("shot",) and each.size for each in found)
+    checks.require("pattern", pattern, valid, "a Dataset of scan_pattern with a shot or more")
+    a, e, _ = (checks.finite("pattern", checks.real_array("pattern", each)) for each in found)
+    return np.stack([np.cos(e) * np.sin(a), np.sin(e), np.cos(e) * np.cos(a)], axis=1)

@@ -16,15 +16,14 @@ import xarray as xr
 from ..films.recording import warn_not_finite
 from ..integrators.passes import best_sampler, steps
 from ..integrators.running import UNIT, interrupted, run
-from ..paths.surfaces import first_surface, has_lobes
+from ..paths.surfaces import first_surface
 from ..rendering.window import warn_of_losses
 from ..runtime import backend, checks
 from ..scenes.checking import check_scene
 from ..scenes.loading import load_plugin, load_scene, require_sensor
-from ..scenes.media import media_of
 from ..signals.units import SPEED_OF_LIGHT
-from .beam import DELTA, LidarPlan, sample_cone
-from .patterns import scan_pattern
+from .beam import LidarPlan, require_followed, sample_cone
+from .patterns import directions, scan_pattern
 
 COLUMNS = 4096  # Of the film, whose pixels are the shots
 
@@ -79,8 +78,7 @@ def lidar(
         NaN for none; world `direction` (shot, axis), `origin` (axis); coordinate `opl` [m].
 
     Raises:
-        ValueError: A wrong scene, pattern or value, a lidar in water or glass, or media in a scene
-            with mirrors or clear glass; one line.
+        ValueError: A wrong scene, pattern or value, or materials that `require_followed` refuses.
 
     Example:
         >>> shots = lidar("cornell_box", scan_pattern(shots=(4, 4), fov_deg=(20, 20)), spp=4)
@@ -89,31 +87,29 @@ def lidar(
     """
     backend.require_vectorised()
     backend.require_unpolarised()
-    values: dict[str, Any] = {"photons": photons, "aperture_m": aperture_m}
-    values = {name: checks.number(name, each, positive=True) for name, each in values.items()}
+    photons = checks.number("photons", photons, positive=True)
+    area = math.pi / 4 * checks.number("aperture_m", aperture_m, positive=True) ** 2
     half_angle = checks.number("divergence_rad", divergence_rad, low=0, high=0.5)
-    background = checks.number("background_hz", background_hz, low=0) / SPEED_OF_LIGHT
     width = checks.width("bin_width_opl", bin_width_opl)
+    background = checks.number("background_hz", background_hz, low=0) * width / SPEED_OF_LIGHT
     kind = {"type": "transient_path", "max_depth": max_depth, "pulse_width_opl": pulse_width_opl}
     integrator, sampler = load_plugin("integrator", kind), best_sampler(spp)
     seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
     progress = checks.boolean("progress", progress)
     shots = pattern if isinstance(pattern, xr.Dataset) else scan_pattern(pattern)
-    local, named = _directions(shots), scene if isinstance(scene, str) else "scene"
+    local, attrs = directions(shots), {"scene": scene if isinstance(scene, str) else "scene"}
 
     # Place the lidar, and find the true distances
     scene = scene if isinstance(scene, mi.Scene) else load_scene(scene)
     camera = require_sensor(scene, sensor)
     check_scene(scene, camera, media=True)
     space = integrator.space(scene, camera)
-    checks.require("index around the sensor", space.index, space.index == 1, "1, in air")
-    if media_of(scene, camera) and has_lobes(scene, *DELTA):
-        raise ValueError("scene: has media; must have none, or no mirrors and clear glass")
+    require_followed(scene, space)
     pose = np.array(camera.world_transform().matrix, dtype=np.float64).reshape(4, 4)
     origin, axes = pose[:3, 3], local @ (pose[:3, :3] / np.linalg.norm(pose[:3, :3], axis=0)).T
-    start, directions = mi.Point3f(*origin.tolist()), mi.Vector3f(axes.T.copy())
+    start, directed = mi.Point3f(*origin.tolist()), mi.Vector3f(axes.T.copy())
     with backend.tracing_lock():
-        si = first_surface(scene, mi.Ray3f(start, directions))
+        si = first_surface(scene, mi.Ray3f(start, directed))
         distance = np.array(dr.select(si.is_valid(), dr.norm(si.p - start), dr.nan))
     if max_range is None:
         sphere = scene.bbox().bounding_sphere()
@@ -123,62 +119,43 @@ def lidar(
     bins = checks.integer("bins to max_range", math.ceil(end_opl / width), 1, checks.MAX_BINS)
 
     # Render each shot as a pixel
-    size = {"width": min(len(axes), COLUMNS), "height": math.ceil(len(axes) / COLUMNS)}
-    axis = {"temporal_bins": bins, "start_opl": 0.0, "bin_width_opl": width}
-    box = {"type": "transient_hdr_film", "rfilter": {"type": "box"}}
-    film = load_plugin("film", box | size | axis)
+    columns, rows = min(len(axes), COLUMNS), math.ceil(len(axes) / COLUMNS)
+    film = {"type": "transient_hdr_film", "rfilter": {"type": "box"}, "temporal_bins": bins}
+    film |= {"width": columns, "height": rows, "start_opl": 0.0, "bin_width_opl": width}
+    record = integrator.recording(load_plugin("film", film))
 
     def sample_ray(time: Any, sample1: Any, sample2: mi.Point2f, sample3: Any) -> Any:
-        x, y = mi.UInt32(sample2.x * size["width"]), mi.UInt32(sample2.y * size["height"])
-        shot = dr.minimum(y * size["width"] + x, len(axes) - 1)
-        axis = dr.gather(mi.Vector3f, directions, shot)
+        shot = mi.UInt32(sample2.y * rows) * columns + mi.UInt32(sample2.x * columns)
         wavelengths, weight = [], mi.Spectrum(1)
         if mi.is_spectral:
             wavelengths, weight = mi.sample_rgb_spectrum(mi.sample_shifted(sample1))
+        axis = dr.gather(mi.Vector3f, directed, dr.minimum(shot, len(axes) - 1))
         ray = mi.RayDifferential3f(start, sample_cone(axis, sample3, half_angle), time, wavelengths)
         ray.d_x = axis
         return ray, weight
 
-    scanner: Any = SimpleNamespace(  # What a sensor is for `steps`
-        looks_at_pixel_centres=True,
-        class_name=lambda: "Lidar",
-        needs_aperture_sample=lambda: True,
-        shutter_open=lambda: 0.0,
-        shutter_open_time=lambda: 0.0,
-        sample_ray_differential=sample_ray,
-    )
-    plan, record = (
-        LidarPlan(scene, space, half_angle, integrator.limits()),
-        integrator.recording(film),
-    )
+    scanner: Any = SimpleNamespace(looks_at_pixel_centres=True, sample_ray_differential=sample_ray)
+    scanner.shutter_open = scanner.shutter_open_time = lambda: 0.0
+    scanner.class_name, scanner.needs_aperture_sample = lambda: "Lidar", lambda: True
     record.require_memory(spp)
+    plan = LidarPlan(scene, space, half_angle, max_depth)
     done = run(steps(plan, record, scanner, sampler, seed), record, spp, progress=progress)
     if done < spp:
         raise KeyboardInterrupt(interrupted(done, spp, UNIT))
     warn_not_finite(record.not_finite)
     steady, transient = (
         each.reshape(-1, *each.shape[2:])[: len(axes)].mean(axis=-1, dtype=np.float64)
-        for each in film.take()
+        for each in record.film.take()
     )
     outside = max(0.0, 1 - transient.sum() / steady.sum()) if steady.any() else 0.0
-    warn_of_losses(film, outside, window_option="`max_range`", stacklevel=3)
+    warn_of_losses(record.film, outside, window_option="`max_range`", stacklevel=3)
 
-    rate = transient * (photons * np.pi * aperture_m**2 / 4) + background * width
-    arrays = {"rate": (("shot", "bin"), rate), "true_range": ("shot", distance, {"units": "m"})}
-    arrays |= {"background": ("shot", np.full(len(axes), background * width))}
+    arrays = {"rate": (("shot", "bin"), transient * (photons * area) + background)}
+    arrays |= {"background": ("shot", np.full(len(axes), background))}
+    arrays |= {"true_range": ("shot", distance, {"units": "m"})}
     arrays |= {"direction": (("shot", "axis"), axes), "origin": ("axis", origin, {"units": "m"})}
     opl = "bin", (np.arange(bins) + 0.5) * width, {"units": "m"}
-    attrs = {"scene": named, "quantity": "rate", "units": "1", "spp": spp, "seed": seed, **values}
-    attrs |= {"start_opl": 0.0, "bin_width_opl": width, "pulse_width_opl": pulse_width_opl}
-    attrs |= {"divergence_rad": half_angle, "energy_outside_window": outside}
+    attrs |= {"quantity": "rate", "units": "1", "divergence_rad": half_angle, "photons": photons}
+    attrs |= {"aperture_m": aperture_m, "start_opl": 0.0, "bin_width_opl": width, "spp": spp}
+    attrs |= {"pulse_width_opl": pulse_width_opl, "seed": seed, "energy_outside_window": outside}
     return shots.assign(arrays).assign_coords(opl=opl, axis=[*"xyz"]).assign_attrs(attrs)
-
-
-def _directions(pattern: xr.Dataset) -> np.ndarray:
-    """Unit vectors (shot, 3) in a sensor's space: x to the left, y up, z ahead."""
-    names = ("azimuth", "elevation", "time")
-    valid = set(names) <= set(pattern) and pattern.sizes.get("shot", 0) > 0
-    valid = valid and all(pattern[name].dims == ("shot",) for name in names)
-    checks.require("pattern", pattern, valid, "a Dataset of scan_pattern with a shot or more")
-    a, e, _ = (checks.finite(f"pattern {n}", checks.real_array(n, pattern[n])) for n in names)
-    return np.stack([np.cos(e) * np.sin(a), np.sin(e), np.cos(e) * np.cos(a)], axis=1)
