@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 from ..runtime import checks
 from . import options as opt
 from .answers import Json, answer
+
+HALF_ANGLE = partial(checks.number, low=0, high=0.5)
 
 
 def lidar(
@@ -18,7 +21,9 @@ def lidar(
     ] = "raster",
     shots: Annotated[opt.Size | None, opt.size("64x48", "Columns and rows or rings.")] = None,
     fov: Annotated[opt.Size | None, opt.size("40x30", "Field of view, degrees.")] = None,
-    divergence: Annotated[float, opt.real(0, "Half angle of the beam, radians.")] = 1e-3,
+    divergence: Annotated[
+        float, opt.checked(HALF_ANGLE, "Half angle of the beam, radians.", min=0, max=0.5)
+    ] = 1e-3,
     pulses: Annotated[int, opt.integer(1, checks.MAX_SEED >> 1, "Pulses per shot.")] = 1,
     max_depth: opt.MaxDepth = None,
     spp: opt.Spp = None,
@@ -33,8 +38,11 @@ def lidar(
     azimuth_deg and elevation_deg, times in time_s.
     """
     truth = out.with_stem(f"{out.stem}_truth")
+    from tofrender.io.point_clouds import SUFFIXES, require_laspy
+
     for file in (out, truth):
-        opt.check_file_out(file, ".ply", ".las", ".nc", overwrite=True)
+        opt.check_file_out(file, *SUFFIXES, overwrite=True)
+    require_laspy("out", out)
     opt.activate(variant)
 
     from tofrender import io, scanning

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import xarray as xr
 from ..runtime import checks
 from ..runtime.atomic import check_file, replacing
 
+SUFFIXES = (".ply", ".las", ".nc")
 PLY_TYPES = {"u": ("<u1", "uchar"), "i": ("<i4", "int"), "f": ("<f8", "double")}
 
 
@@ -41,11 +43,18 @@ def save_point_cloud(
     """
     whole = isinstance(cloud, xr.Dataset) and {*"xyz"} <= set(cloud)
     checks.require("cloud", cloud, whole, "a Dataset of point_cloud")
-    target = check_file(path, ".ply", ".las", ".nc", overwrite=overwrite)
+    target = check_file(path, *SUFFIXES, overwrite=overwrite, needed_bytes=cloud.nbytes)
+    require_laspy("path", target)
     write = {".ply": _write_ply, ".las": _write_las, ".nc": xr.Dataset.to_netcdf}
     with replacing(target) as temporary:
         write[target.suffix.lower()](cloud, temporary)
     return target
+
+
+def require_laspy(name: str, path: Path) -> None:
+    """Require laspy for a LAS file, a parameter of this name."""
+    needed = path.suffix.lower() == ".las" and find_spec("laspy") is None
+    checks.require(name, str(path), not needed, ".ply or .nc without laspy, see tofrender[lidar]")
 
 
 def _write_ply(cloud: xr.Dataset, path: Path) -> None:
@@ -59,12 +68,8 @@ def _write_ply(cloud: xr.Dataset, path: Path) -> None:
 
 
 def _write_las(cloud: xr.Dataset, path: Path) -> None:
-    try:
-        import laspy  # pyright: ignore[reportMissingImports]
-    except ImportError:
-        raise ValueError(
-            "path: needs laspy; must be .ply or .nc without tofrender[lidar]"
-        ) from None
+    import laspy  # pyright: ignore[reportMissingImports]
+
     header = laspy.LasHeader(point_format=6, version="1.4")
     header.scales, header.offsets = np.full(3, 1e-4), np.zeros(3)
     more = {"intensity": "photons", "true_range": "true_range"}

@@ -10,6 +10,7 @@ import xarray as xr
 from ..runtime import checks
 from ..sensors.estimators import echoes
 from ..sensors.rates import generator
+from ..sensors.spad import Spad
 from ..signals.pulses import GaussianPulse
 
 
@@ -49,8 +50,8 @@ def point_cloud(
         >>> bool(abs(first["range"] - first["true_range"]).max() < 0.1)
         True
     """
-    whole = isinstance(waveforms, xr.Dataset) and {"rate", "direction", "origin"} <= set(waveforms)
-    checks.require("waveforms", waveforms, whole, "a Dataset of lidar")
+    _require(waveforms)
+    checks.instance("detector", detector, Spad | None, "a Spad or None")
     most, random = checks.integer("max_returns", max_returns, 1, 15), generator(seed)
     pulses = checks.integer("pulses", pulses, 1, (1 << 31) - 1)
     film = waveforms[["rate", "background"]].rename(shot="y").expand_dims(x=1)
@@ -81,9 +82,16 @@ def true_points(waveforms: xr.Dataset) -> xr.Dataset:
 
     `waveforms` are a result of `lidar`; shots that meet nothing have no point.
     """
+    _require(waveforms)
     found = waveforms[["direction", "time", "true_range"]].dropna("shot").rename(shot="point")
     shot = np.flatnonzero(np.isfinite(waveforms["true_range"]))
     points = waveforms["origin"] + found["direction"] * found["true_range"]
     columns = {name: points.sel(axis=name, drop=True) for name in "xyz"}
     columns |= {"time": found["time"], "true_range": found["true_range"], "shot": ("point", shot)}
     return xr.Dataset(columns, attrs=waveforms.attrs | {"quantity": "points", "units": "m"})
+
+
+def _require(waveforms: Any) -> None:
+    """Refuse all but Datasets of `lidar`."""
+    whole = isinstance(waveforms, xr.Dataset) and {"rate", "direction", "origin"} <= set(waveforms)
+    checks.require("waveforms", waveforms, whole, "a Dataset of lidar")

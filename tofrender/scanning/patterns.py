@@ -16,7 +16,7 @@ GOLDEN = (5**0.5 - 1) / 2
 
 
 def scan_pattern(
-    kind: str | os.PathLike[str] = "raster",
+    pattern: str | os.PathLike[str] = "raster",
     *,
     shots: Any = (64, 48),
     fov_deg: Any = (40.0, 30.0),
@@ -30,8 +30,8 @@ def scan_pattern(
     and elevation (cos f + cos gf, sin f - sin gf) / 2 of half the field of view, f = 2 pi n k / N.
 
     Args:
-        kind: Name, or path of a CSV file with the columns azimuth_deg, elevation_deg and, if there
-            are times, time_s; its shots do not depend on the other parameters.
+        pattern: Name, or path of a CSV file with the columns azimuth_deg, elevation_deg and perhaps
+            time_s, whose shots do not depend on the other parameters.
         shots: Columns and rows (rings; turns of the first prism).
         fov_deg: Width and height of the field of view [degrees], up to 360 and 180.
         rate_hz: Shots per second.
@@ -41,7 +41,7 @@ def scan_pattern(
         `time` [s].
 
     Raises:
-        ValueError: An unknown kind, a wrong file, or a value out of range; one line.
+        ValueError: An unknown pattern, a wrong file, or a value out of range; one line.
 
     Example:
         >>> pattern = scan_pattern(shots=(4, 2), fov_deg=(40, 10))
@@ -55,20 +55,20 @@ def scan_pattern(
     fov = [checks.number("fov_deg", angle, positive=True, high=most) for angle, most in limits]
     k = np.arange(columns * rows)
     time = k / checks.number("rate_hz", rate_hz, positive=True)
-    if isinstance(kind, os.PathLike) or str(kind).lower().endswith(".csv"):
-        table = _read(checks.path("kind", kind))
-        kind, fov, time = str(kind), (2.0, 2.0), table.get("time_s", np.zeros(len(table)))
+    if isinstance(pattern, os.PathLike) or str(pattern).lower().endswith(".csv"):
+        table = _read(checks.path("pattern", pattern))
+        pattern, fov, time = str(pattern), (2.0, 2.0), table.get("time_s", np.zeros(len(table)))
         across, up = table["azimuth_deg"], table["elevation_deg"]
-    elif checks.one_of("kind", kind, PATTERNS) == "rosette":
+    elif checks.one_of("pattern", pattern, PATTERNS) == "rosette":
         f = 2 * np.pi * rows * k / k.size
         across, up = (np.cos(f) + np.cos(GOLDEN * f)) / 2, (np.sin(f) - np.sin(GOLDEN * f)) / 2
     else:
-        column, row = (k % columns, k // columns) if kind == "raster" else (k // rows, k % rows)
+        column, row = (k % columns, k // columns) if pattern == "raster" else (k // rows, k % rows)
         across, up = 1 - (2 * column + 1) / columns, 1 - (2 * row + 1) / rows
     values = {"azimuth": np.deg2rad(fov[0] / 2 * across), "elevation": np.deg2rad(fov[1] / 2 * up)}
     arrays = {name: ("shot", np.asarray(each), {"units": "rad"}) for name, each in values.items()}
     arrays["time"] = "shot", np.asarray(time), {"units": "s"}
-    return xr.Dataset(arrays, attrs={"pattern": kind})
+    return xr.Dataset(arrays, attrs={"pattern": pattern})
 
 
 def _read(path: Any) -> pd.DataFrame:
@@ -77,15 +77,17 @@ def _read(path: Any) -> pd.DataFrame:
         table = pd.read_csv(path, skipinitialspace=True)
     except (ValueError, OSError) as error:
         reason = " ".join(str(error).split())
-        raise ValueError(f"kind = {path}: {reason}; must be a CSV file of shots") from None
+        raise ValueError(f"pattern = {path}: {reason}; must be a CSV file of shots") from None
     needed, names = {"azimuth_deg", "elevation_deg"}, {*table.columns}
     if not (needed <= names <= needed | {"time_s"} and len(table)):
         allowed = "must have azimuth_deg, elevation_deg and perhaps time_s, and a shot or more"
-        raise ValueError(f"kind = {path}: has {len(table)} rows of {sorted(names)}; {allowed}")
+        raise ValueError(f"pattern = {path}: has {len(table)} rows of {sorted(names)}; {allowed}")
     for name, column in table.items():
-        checks.finite(f"{name} of kind {path}", checks.real_array(f"kind = {path}: {name}", column))
+        checks.finite(
+            f"{name} of pattern {path}", checks.real_array(f"pattern = {path}: {name}", column)
+        )
     most = table["elevation_deg"].abs().max()
-    checks.require(f"elevation_deg of kind {path}", most, most <= 90, "from -90 to 90")
+    checks.require(f"elevation_deg of pattern {path}", most, most <= 90, "from -90 to 90")
     return table
 
 

@@ -92,7 +92,11 @@ def lidar(
     half_angle = checks.number("divergence_rad", divergence_rad, low=0, high=0.5)
     width = checks.width("bin_width_opl", bin_width_opl)
     background = checks.number("background_hz", background_hz, low=0) * width / SPEED_OF_LIGHT
-    kind = {"type": "transient_path", "max_depth": max_depth, "pulse_width_opl": pulse_width_opl}
+    pulse, max_depth = (
+        checks.width("pulse_width_opl", pulse_width_opl),
+        checks.depth("max_depth", max_depth),
+    )
+    kind = {"type": "transient_path", "max_depth": max_depth, "pulse_width_opl": pulse}
     integrator, sampler = load_plugin("integrator", kind), best_sampler(spp)
     seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
     progress = checks.boolean("progress", progress)
@@ -110,7 +114,7 @@ def lidar(
     start, directed = mi.Point3f(*origin.tolist()), mi.Vector3f(axes.T.copy())
     with backend.tracing_lock():
         si = first_surface(scene, mi.Ray3f(start, directed))
-        distance = np.array(dr.select(si.is_valid(), dr.norm(si.p - start), dr.nan))
+        distance = np.array(dr.select(si.is_valid(), dr.norm(si.p - start), dr.nan), np.float64)
     if max_range is None:
         sphere = scene.bbox().bounding_sphere()
         max_range = float(np.linalg.norm(np.ravel(sphere.center) - origin) + 3 * sphere.radius)
@@ -157,5 +161,5 @@ def lidar(
     opl = "bin", (np.arange(bins) + 0.5) * width, {"units": "m"}
     attrs |= {"quantity": "rate", "units": "1", "divergence_rad": half_angle, "photons": photons}
     attrs |= {"aperture_m": aperture_m, "start_opl": 0.0, "bin_width_opl": width, "spp": spp}
-    attrs |= {"pulse_width_opl": pulse_width_opl, "seed": seed, "energy_outside_window": outside}
+    attrs |= {"pulse_width_opl": pulse, "seed": seed, "energy_outside_window": outside}
     return shots.assign(arrays).assign_coords(opl=opl, axis=[*"xyz"]).assign_attrs(attrs)
