@@ -241,8 +241,11 @@ def test_background_and_detectors():
 @pytest.mark.parametrize(
     ("bsdf", "said"),
     [
-        ({"type": "roughdielectric"}, "is rough glass or a mask; must be"),
-        ({"type": "mask", "opacity": 0.5, "bsdf": DIFFUSE}, "is rough glass or a mask; must be"),
+        ({"type": "roughdielectric"}, "is rough glass or a mask; must not be"),
+        (
+            {"type": "mask", "opacity": 0.5, "bsdf": DIFFUSE},
+            "is rough glass or a mask; must not be",
+        ),
     ],
 )
 def test_what_is_refused(bsdf, said):

@@ -46,18 +46,15 @@ def test_csv(tmp_path):
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ("azimuth_deg,pitch\n1,2\n", "must have azimuth_deg, elevation_deg"),
-        ("azimuth_deg,elevation_deg,more\n1,2,3\n", "must have azimuth_deg, elevation_deg"),
-        ("azimuth_deg,elevation_deg\n", "has 0 rows .*; must have .* a shot or more"),
-        ("azimuth_deg,elevation_deg\n1,\n", "elevation_deg of pattern .* not finite"),
-        ("azimuth_deg,elevation_deg\n1,up\n", "elevation_deg of .*: must hold real numbers"),
-        (
-            "azimuth_deg,elevation_deg\n1,91\n",
-            "elevation_deg of .* = .*91.*: must be from -90 to 90",
-        ),
-        ("", "must be a CSV file of shots"),
-        ("\0\xff\xfe\n" * 9, "pattern = "),
-        (None, "must be a CSV file of shots"),
+        ("azimuth_deg,pitch\n1,2\n", "has 1 rows of azimuth_deg, pitch; must be"),
+        ("azimuth_deg,elevation_deg,more\n1,2,3\n", "has 1 rows of .*more; must be"),
+        ("azimuth_deg,elevation_deg\n", "has 0 rows of"),
+        ("azimuth_deg,elevation_deg\n1,\n", "finite azimuth_deg"),
+        ("azimuth_deg,elevation_deg\n1,up\n", "finite azimuth_deg"),
+        ("azimuth_deg,elevation_deg\n1,91\n", "elevation_deg up to 90"),
+        ("", "must be a CSV file"),
+        ("\0\xff\xfe\n" * 9, "pattern = .*must be a CSV file"),
+        (None, "must be a CSV file"),
     ],
 )
 def test_wrong_csv(tmp_path, content, said):
@@ -131,7 +128,6 @@ def test_las(tmp_path):
     assert found.intensity.tolist() == [16384, 32768, 65535]
     assert np.asarray(found.return_number).tolist() == [1, 2, 1]
     assert found.gps_time.tolist() == [0.0, 0.5, 1.0]
-    assert found.photons.tolist() == [1.0, 2.0, 4.0]
 
 
 def test_las_without_laspy(tmp_path, monkeypatch, capsys):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -19,11 +20,9 @@ PLY_TYPES = {"u": ("<u1", "uchar"), "i": ("<i4", "int"), "f": ("<f8", "double")}
 def save_point_cloud(
     cloud: xr.Dataset, path: str | os.PathLike[str], *, overwrite: bool = False
 ) -> Path:
-    """Write a point cloud for other programs.
+    """Write a point cloud for other programs: all columns, in LAS (1.4, format 6) those it knows.
 
-    PLY and netCDF have all columns. LAS (1.4, point format 6, by `laspy`) has coordinates in steps
-    of 0.1 mm, times, returns, an intensity of 65535 for the brightest point, and as extra columns
-    `photons` and `true_range`.
+    LAS needs laspy. It has steps of 0.1 mm, and 65535 as the intensity of the brightest point.
 
     Args:
         cloud: A result of `point_cloud` or `true_points`.
@@ -45,7 +44,9 @@ def save_point_cloud(
     checks.require("cloud", cloud, whole, "a Dataset of point_cloud")
     target = check_file(path, *SUFFIXES, overwrite=overwrite, needed_bytes=cloud.nbytes)
     require_laspy("path", target)
-    write = {".ply": _write_ply, ".las": _write_las, ".nc": xr.Dataset.to_netcdf}
+    write: dict[str, Any] = dict(
+        zip(SUFFIXES, (_write_ply, _write_las, xr.Dataset.to_netcdf), strict=True)
+    )
     with replacing(target) as temporary:
         write[target.suffix.lower()](cloud, temporary)
     return target
@@ -59,7 +60,7 @@ def require_laspy(name: str, path: Path) -> None:
 
 def _write_ply(cloud: xr.Dataset, path: Path) -> None:
     kinds = {str(name): PLY_TYPES[cloud[name].dtype.kind] for name in cloud}
-    table = np.empty(cloud.sizes["point"], [(name, kind[0]) for name, kind in kinds.items()])
+    table = np.empty(cloud.sizes["point"], [(name, kind) for name, (kind, _) in kinds.items()])
     for name in kinds:
         table[name] = cloud[name]
     lines = ["ply", "format binary_little_endian 1.0", f"element vertex {table.size}"]
@@ -71,17 +72,10 @@ def _write_las(cloud: xr.Dataset, path: Path) -> None:
     import laspy  # pyright: ignore[reportMissingImports]
 
     header = laspy.LasHeader(point_format=6, version="1.4")
-    header.scales, header.offsets = np.full(3, 1e-4), np.zeros(3)
-    more = {"intensity": "photons", "true_range": "true_range"}
-    more = {name: given for given, name in more.items() if given in cloud}
-    header.add_extra_dims([laspy.ExtraBytesParams(name, np.float64) for name in more])
+    header.scales = np.full(3, 1e-4)
     las = laspy.LasData(header)
-    las.x, las.y, las.z = (cloud[name].values for name in "xyz")
-    las.gps_time = cloud["time"].values
-    for name in {"return_number", "number_of_returns"} & set(cloud):
-        las[name] = cloud[name].values
+    for name in {"x", "y", "z", "return_number", "number_of_returns", "time"} & set(cloud):
+        las["gps_time" if name == "time" else name] = cloud[name].values
     if "intensity" in cloud and cloud.sizes["point"]:
         las.intensity = np.rint(65535 * (cloud["intensity"] / cloud["intensity"].max()).values)
-    for name, given in more.items():
-        las[name] = cloud[given].values
     las.write(path)

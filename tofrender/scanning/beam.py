@@ -24,25 +24,16 @@ MOST = 64  # Mirrors and glass surfaces of a way whose depth is unlimited
 
 
 def require_followed(scene: mi.Scene, space: Space) -> None:
-    """Refuse what shots cannot be followed through: one line says what."""
-    flags = mi.BSDFFlags
+    """Refuse water around the lidar, fog with mirrors, rough glass, and masks."""
+    flags, has = mi.BSDFFlags, mi.has_flag
     checks.require("index around the sensor", space.index, space.index == 1, "1, in air")
     if space.scatters and has_lobes(scene, flags.DeltaReflection, flags.DeltaTransmission):
         raise ValueError("scene: has media; must have none, or no mirrors and clear glass")
     for bsdf in materials(scene):
-        glossy, smooth, delta, null = (
-            mi.has_flag(bsdf.flags(), lobe)
-            for lobe in (
-                flags.GlossyTransmission,
-                flags.Smooth,
-                flags.DeltaTransmission,
-                flags.Null,
-            )
-        )
-        if glossy or (smooth and (delta or null)):
-            raise ValueError(
-                f"bsdf {bsdf.id()!r}: is rough glass or a mask; must be clear or opaque"
-            )
+        each = bsdf.flags()
+        clear = has(each, flags.DeltaTransmission) or has(each, flags.Null)
+        if has(each, flags.GlossyTransmission) or (clear and has(each, flags.Smooth)):
+            raise ValueError(f"bsdf {bsdf.id()!r}: is rough glass or a mask; must not be")
 
 
 def sample_cone(axis: mi.Vector3f, u: mi.Point2f, half_angle: float) -> mi.Vector3f:

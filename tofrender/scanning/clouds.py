@@ -63,32 +63,35 @@ def point_cloud(
     pulse = GaussianPulse(waveforms.attrs["pulse_width_opl"]) if response is None else response
     found = echoes(counts, pulse, false_alarm).to_dataframe()
     found = found[found.groupby("y")["intensity"].rank("first", ascending=False) <= most]
-    shot, numbers = found["y"].to_numpy(), found.groupby("y")["number"]
-    points = waveforms["direction"].values[shot] * found[["depth"]].to_numpy()
-    columns: dict[str, Any] = dict(zip("xyz", (waveforms["origin"].values + points).T, strict=True))
-    columns |= {"range": found["depth"], "intensity": found["intensity"], "width": found["width"]}
+    numbers, shot = found.groupby("y")["number"], found["y"].to_numpy()
+    columns = {"range": found["depth"], "intensity": found["intensity"], "width": found["width"]}
     columns["return_number"] = (numbers.cumcount() + 1).astype(np.uint8)
     columns["number_of_returns"] = numbers.transform("size").astype(np.uint8)
-    columns |= {name: waveforms[name].values[shot] for name in ("time", "true_range")}
-    arrays = {
-        name: ("point", np.asarray(each)) for name, each in (columns | {"shot": shot}).items()
-    }
-    attrs = waveforms.attrs | {"quantity": "points", "units": "m", "pulses": pulses}
-    return xr.Dataset(arrays, attrs=attrs)
+    return _points(waveforms, shot, columns).assign_attrs(pulses=pulses)
 
 
 def true_points(waveforms: xr.Dataset) -> xr.Dataset:
-    """Points of the first surfaces on the shots' axes, with `shot`, `time` and `true_range`.
+    """Points of the first surfaces on the axes of those shots that meet one.
 
-    `waveforms` are a result of `lidar`; shots that meet nothing have no point.
+    Args:
+        waveforms: The result of `lidar`.
+
+    Returns:
+        A Dataset along "point": `x`, `y`, `z`, `range`, `true_range` [m], `time` [s], `shot`.
     """
     _require(waveforms)
-    found = waveforms[["direction", "time", "true_range"]].dropna("shot").rename(shot="point")
     shot = np.flatnonzero(np.isfinite(waveforms["true_range"]))
-    points = waveforms["origin"] + found["direction"] * found["true_range"]
-    columns = {name: points.sel(axis=name, drop=True) for name in "xyz"}
-    columns |= {"time": found["time"], "true_range": found["true_range"], "shot": ("point", shot)}
-    return xr.Dataset(columns, attrs=waveforms.attrs | {"quantity": "points", "units": "m"})
+    return _points(waveforms, shot, {"range": waveforms["true_range"].values[shot]})
+
+
+def _points(waveforms: xr.Dataset, shot: np.ndarray, columns: dict[str, Any]) -> xr.Dataset:
+    """Place points at the column "range" of shots, and add columns of the shots."""
+    arrays = {name: np.asarray(each) for name, each in columns.items()}
+    points = waveforms["direction"].values[shot] * arrays["range"][:, None]
+    arrays |= dict(zip("xyz", (waveforms["origin"].values + points).T, strict=True))
+    arrays |= {name: waveforms[name].values[shot] for name in ("time", "true_range")}
+    attrs = waveforms.attrs | {"quantity": "points", "units": "m"}
+    return xr.Dataset({k: ("point", v) for k, v in {**arrays, "shot": shot}.items()}, attrs=attrs)
 
 
 def _require(waveforms: Any) -> None:

@@ -74,28 +74,23 @@ def scan_pattern(
 def _read(path: Any) -> pd.DataFrame:
     """Read and check a CSV file of shots."""
     try:
-        table = pd.read_csv(path, skipinitialspace=True)
+        table = pd.read_csv(path, skipinitialspace=True).apply(pd.to_numeric, errors="coerce")
+        needed, names = {"azimuth_deg", "elevation_deg"}, {*table.columns}
+        valid = len(table) and needed <= names <= needed | {"time_s"} and np.isfinite(table.values)
+        if np.all(valid) and table["elevation_deg"].abs().max() <= 90:
+            return table
+        reason = f"has {len(table)} rows of {checks.join_names([*table.columns])}"
     except (ValueError, OSError) as error:
         reason = " ".join(str(error).split())
-        raise ValueError(f"pattern = {path}: {reason}; must be a CSV file of shots") from None
-    needed, names = {"azimuth_deg", "elevation_deg"}, {*table.columns}
-    if not (needed <= names <= needed | {"time_s"} and len(table)):
-        allowed = "must have azimuth_deg, elevation_deg and perhaps time_s, and a shot or more"
-        raise ValueError(f"pattern = {path}: has {len(table)} rows of {sorted(names)}; {allowed}")
-    for name, column in table.items():
-        checks.finite(
-            f"{name} of pattern {path}", checks.real_array(f"pattern = {path}: {name}", column)
-        )
-    most = table["elevation_deg"].abs().max()
-    checks.require(f"elevation_deg of pattern {path}", most, most <= 90, "from -90 to 90")
-    return table
+    allowed = "a CSV file of finite azimuth_deg, elevation_deg up to 90, and perhaps time_s"
+    raise ValueError(f"pattern = {path}: {reason}; must be {allowed}")
 
 
 def directions(pattern: Any) -> np.ndarray:
     """Unit vectors (shot, 3) in a sensor's space: x to the left, y up, z ahead."""
-    names, kind = ("azimuth", "elevation", "time"), (xr.Dataset, "a Dataset of scan_pattern")
-    found = [checks.instance("pattern", pattern, *kind).get(name) for name in names]
-    valid = all(each is not None and each.dims == ("shot",) and each.size for each in found)
+    valid, names = isinstance(pattern, xr.Dataset), ("azimuth", "elevation", "time")
+    valid = valid and all(name in pattern and pattern[name].dims == ("shot",) for name in names)
+    valid = valid and pattern.sizes["shot"] > 0
     checks.require("pattern", pattern, valid, "a Dataset of scan_pattern with a shot or more")
-    a, e, _ = (checks.finite("pattern", checks.real_array("pattern", each)) for each in found)
+    a, e, _ = (checks.finite("pattern", checks.real_array("pattern", pattern[n])) for n in names)
     return np.stack([np.cos(e) * np.sin(a), np.sin(e), np.cos(e) * np.cos(a)], axis=1)

@@ -83,7 +83,7 @@ def lidar(
     Example:
         >>> shots = lidar("cornell_box", scan_pattern(shots=(4, 4), fov_deg=(20, 20)), spp=4)
         >>> shots["rate"].dims, round(shots["true_range"].min().item(), 1)
-        (('shot', 'bin'), 3.7)
+        (('shot', 'bin'), 3.2)
     """
     backend.require_vectorised()
     backend.require_unpolarised()
