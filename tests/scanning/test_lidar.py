@@ -110,6 +110,17 @@ def test_a_mirror():
     assert not energy(shoot(scene={"mirror": mirror, "target": target}, max_depth=2)).any()
 
 
+def test_under_water():
+    """T^2 rho / (pi (n a + b)^2) from b below a surface at a: radiance in water is n^2 as high."""
+    n, a, b = 1.33, 3.0, 2.0
+    water = wall((0, 0, a), bsdf={"type": "dielectric", "int_ior": n, "ext_ior": 1.0})
+    shots = shoot(ONE, 1 << 12, scene={"water": water, "floor": wall((0, 0, a + b))}, max_depth=3)
+    transmitted = 1 - ((n - 1) / (n + 1)) ** 2
+    expected = transmitted**2 * RHO / (math.pi * (n * a + b) ** 2)
+    assert energy(shots) == pytest.approx([expected], rel=3e-3)
+    assert distance(shots) == pytest.approx([a + n * b], rel=1e-4)
+
+
 CENTRE = np.array([0, 0, 5.0])
 
 
