@@ -12,6 +12,7 @@ from . import (
     paths as paths,
     samplers as samplers,
     sampling as sampling,
+    scanning as scanning,
     scenes as scenes,
     sensors as sensors,
     signals as signals,
@@ -81,6 +82,7 @@ from .io import (
     save_exr_stack as save_exr_stack,
     save_npz as save_npz,
     save_png_frames as save_png_frames,
+    save_point_cloud as save_point_cloud,
     save_video as save_video,
 )
 from .nlos import (
@@ -120,6 +122,12 @@ from .runtime import backend as backend, doctor as doctor
 from .runtime.canvas import figure_style as figure_style, save_figure as save_figure
 from .runtime.checkpoints import Checkpoint as Checkpoint
 from .samplers.padded_sobol import PaddedSobolSampler as PaddedSobolSampler
+from .scanning import (
+    lidar as lidar,
+    point_cloud as point_cloud,
+    scan_pattern as scan_pattern,
+    true_points as true_points,
+)
 from .scenes import (
     brewster_window as brewster_window,
     bust_ao as bust_ao,

@@ -56,6 +56,8 @@ NO_PIXELS = make_dataset(2, 3, 3).isel(x=slice(0, 0))
 NONE_GOOD: dict[str, dict[str, Any]] = {
     # kind that nothing of ANY is good for: more that is bad
     **{kind: {} for kind in ("object", "address", "definition", "render")},
+    "angles": {"400": (400, 10), "0": (0, 10), "1 number": (40,), "nan": (40, np.nan)},
+    "returns": {"16": 16},
     "count": {"2.0": 2.0, "numpy-0": np.int64(0), "-2**40": -(1 << 40)},
     "share": {"1.0001": 1.0001},
     "chance": {"1": 1, "1.0": 1.0},
@@ -116,6 +118,7 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
         _NUMBERS - {"-1", "0"} | {"list-1", "array-1", "set"},
         {"a list with 0": [1e6, 0.0], "nested": [[1e6]]},
     ),
+    "half-angle": ({"0"}, {"0.51": 0.51, "-1e-9": -1e-9}),
     "boolean": ({"True", "numpy-True"}, {"1": 1, "no": "no"}),
     "name": (_TEXTS - {"nul", "lines"}, {}),
     "label": (_TEXTS, {}),

@@ -58,14 +58,19 @@ def seeded(seed: int) -> xr.Dataset:
     return data().assign_attrs(seed=seed, spp=1, complete=1, render_seconds=1.0)
 
 
+scan_shots = cached(lambda: tofrender.scan_pattern(shots=(2, 2)))
+shots = cached(lambda: tofrender.lidar("cornell_box", scan_shots(), **QUIET, spp=1))
+points = cached(lambda: tofrender.point_cloud(shots()))
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _made():
     """What takes work is made before the tests forbid it; no scene stays behind."""
-    for made in (pyramid, volume, verdict, halved):
+    for made in (pyramid, volume, verdict, halved, points):
         made()
     yield
     scenes = (box, wall, lamp, gated, modulated, halved)
-    for each in (*scenes, data, captured, volume, pyramid, verdict, record):
+    for each in (*scenes, data, captured, volume, pyramid, verdict, record, shots, points):
         each.cache_clear()
 
 
@@ -113,6 +118,7 @@ QUICK = {"progress": False, "spp": 1, "min_size": 4, "samples": 1000, "resolutio
 
 WRITTEN = {
     **{"Checkpoint": "a.npz", "save_npz": "a.npz", "save_video": "a.gif", "save_capture": "a.h5"},
+    **{"save_point_cloud": "a.ply"},
     **{"save_exr_layers": "a.exr", "save_zarr": "a.zarr", "save_figure": "a.png"},
     "report": "a.html",
 }
@@ -130,7 +136,7 @@ KINDS = {
     "boolean but 1, 0": "counts_first_and_last_legs",
     "choice": "domain integrator k kind layout light loss method mis mode optimizer "
     "precision quantity sampler scheduler shown spheres style subject surface theme view weighting",
-    "count": "adc_bits bins count height n_bits patience sample_dimension slit_rows "
+    "count": "adc_bits bins count height n_bits patience pulses sample_dimension slit_rows "
     "slit_width spp steps taps tdc_bits temporal_bins tests threads width workers",
     "cube": "data rendered target transient values",
     "dataset": "capture dataset pyramid resume where",
@@ -147,7 +153,7 @@ KINDS = {
     "mapping": "attrs define parameters settings",
     "mapping but dict-1": "bounds expected_moments",
     "metres": "energy_weight opl phase_offset start_opl start_s target_time tilt",
-    "object": "bsdf cases client emitter figure jitter params record relay_wall_shapes "
+    "object": "bsdf cases client detector emitter figure jitter params record relay_wall_shapes "
     "response shapes si verdict",
     "panel": "B0 B180 B270 B90 I Q amplitude amplitudes depth phase true_depth",
     "pair": "pixel uv",
@@ -258,6 +264,11 @@ OPTICS = {"lamp_power_w": 1.0, "pulse_energy_j": 1e-9, "wavelength_m": 1e-6, "f_
 OPTICS |= {"pixel_pitch_m": 1e-5}
 SPAD = {"mode": "multi_hit", "dead_time_s": 1e-9, "afterpulse_probability": 0.1}
 SPAD |= {"crosstalk_probability": 0.1, "macro_pixel": (2, 2), "hot_fraction": 0.1}
+PATTERN = {"pattern": "choice", "shots": "sizes", "fov_deg": "angles", "rate_hz": "positive"}
+SCANNED = {"scene": "source", "pattern": "choice", "divergence_rad": "half-angle"}
+SCANNED |= {"max_range": "positive? but 1e30, 2**40", "photons": "positive"}
+SCANNED |= {"aperture_m": "positive", "background_hz": "from 0", "sensor": "sensor"}
+SCANNED |= {"bin_width_opl": "pulse-width", "max_depth": "depth", "spp": "count", "seed": "seed"}
 TENT = {"sample": sampling.square_to_tent, "name": "a"}
 PIXELS = np.ones((2, 3, 3))
 FIRST_HITS = dict.fromkeys(("position", "normal", "albedo"), PIXELS)
@@ -359,6 +370,12 @@ TABLE = [
         dataset=data,
         photons_per_cycle=1.0,
     ),
+    # --------------------------------------------------------------------------------- scanning
+    row("scanning.scan_pattern", PATTERN, shots=(2, 2)),
+    row("scanning.lidar", SCANNED, pattern=scan_shots, max_range=10.0),
+    row("scanning.point_cloud", {"waveforms": "render", "max_returns": "returns"}, waveforms=shots),
+    row("scanning.true_points", {"waveforms": "render"}, waveforms=shots),
+    row("io.save_point_cloud", {"cloud": "render"}, cloud=points),
     # -------------------------------------------------------------------------------- sampling
     row("sampling.point_set"),
     alone("sampling.point_set", {"seed": "seed"}, kind="independent"),
@@ -476,7 +493,18 @@ def called(row: Row, out: Path, /, **changes: Any) -> Any:
 def public() -> set[str]:
     """Names in the stubs of the rooms, as the table calls them."""
     names = set()
-    for room in ("", "apps", "io", "vis", "analysis", "nlos", "sampling", "scenes", "sensors"):
+    for room in (
+        "",
+        "apps",
+        "io",
+        "vis",
+        "analysis",
+        "nlos",
+        "sampling",
+        "scenes",
+        "sensors",
+        "scanning",
+    ):
         stub = PACKAGE / room / "__init__.pyi"
         if not stub.exists():
             names |= {f"{room}.{name}" for name in function(room).__all__}

@@ -18,6 +18,7 @@ COMMANDS: dict[str, list[str]] = {
     "phasor": [*SCENE, "--freq", "2e7"],
     "gate": [*SCENE, "--at", "6"],
     "capture": ["nlos_plane", "--grid", "2x2", "--spp", "1"],
+    "lidar": ["cornell_box", "--shots", "2x2", "--spp", "1"],
     "reconstruct": ["wall.h5", "--method", "bp"],
     "merge": ["a", "b"],
     "warp": ["beckmann", "--alpha", "0.5", "--count", "4"],
@@ -35,12 +36,23 @@ COMMANDS: dict[str, list[str]] = {
     "new-term": ["a1"],
 }
 KINDS = {
-    "choice": "--figure --format --method --mode --only --points --precision --variant --wall "
-    "assignment name one",
-    "count": "--count --jobs --port --samples --seeds --wrong",
+    "choice": "--figure --format --method --mode --only --pattern --points --precision --variant "
+    "--wall assignment name one",
+    "count": "--count --jobs --port --pulses --samples --seeds --wrong",
     **{"file": "--module --submission", "positive": "--freq --megabytes --memory"},
-    **{"alpha": "--alpha", "dots": "--dpi", "from 0": "--at --checkpoint", "seed": "--term"},
-    **{"from 30": "--time-limit", "host": "--host", "render": "sources", "sizes": "--grid"},
+    **{
+        "alpha": "--alpha",
+        "dots": "--dpi",
+        "from 0": "--at --checkpoint",
+        "half-angle": "--divergence",
+        "seed": "--term",
+    },
+    **{
+        "from 30": "--time-limit",
+        "host": "--host",
+        "render": "sources",
+        "sizes": "--grid --shots --fov",
+    },
 }
 """The kind of each option and argument, see `bad_inputs.KINDS`."""
 OPTIONS = {name: kind for kind, names in KINDS.items() for name in names.split()}
@@ -65,7 +77,14 @@ ELSEWHERE = {
 }
 """Who tries other options."""
 TRIED = {name.replace(":", " ") for names in ELSEWHERE.values() for name in names.split()}
-SUFFIXES = {"capture": ".h5", "report": ".html", "warp": ".png", "warptest": ".png", "view": ".npz"}
+SUFFIXES = {
+    "capture": ".h5",
+    "lidar": ".ply",
+    "report": ".html",
+    "warp": ".png",
+    "warptest": ".png",
+    "view": ".npz",
+}
 COURSE = {"verify", "start", "submit", "grade", "gradescope", "similarity", "new-term"}
 WITHOUT_OUT = COURSE | {"compare"}
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 from helpers.bad_inputs import listing, one_clear_line
 from helpers.hidden_scenes import small_capture as captured
 from helpers.made_dataset import make_dataset
@@ -28,6 +29,7 @@ def picture():
 
 
 QUIET = {"progress": False}
+CLOUD = xr.Dataset({name: ("point", np.zeros(9)) for name in "xyz"})
 WRITERS = {
     "npz": (".npz", lambda path: io.save_npz(picture(), path)),
     "stack": ("", lambda path: io.save_exr_stack(picture(), path, **QUIET)),
@@ -36,6 +38,7 @@ WRITERS = {
     "gif": (".gif", lambda path: io.save_video(picture(), path, min_size=4, **QUIET)),
     "mp4": (".mp4", lambda path: io.save_video(picture(), path, min_size=4, **QUIET)),
     "capture": (".h5", lambda path: io.save_capture(captured(), path)),
+    "cloud": (".ply", lambda path: io.save_point_cloud(CLOUD, path)),
     "page": (".html", lambda path: report(picture(), path)),
     "layers": (".exr", lambda path: io.save_exr_layers(path, {"": np.ones((2, 3, 3))})),
 }
@@ -46,11 +49,12 @@ COMMANDS = {
     "phasor of a render": ("", ["phasor", "{render}", "--freq", "2e7"]),
     "gate": ("", ["gate", "cornell_box", *SCENE, "--at", "6"]),
     "capture": (".h5", ["capture", "nlos_plane", "--grid", "2x2", "--spp", "1"]),
+    "lidar": (".ply", ["lidar", "cornell_box", "--shots", "2x2", "--spp", "1"]),
     "reconstruct": ("", ["reconstruct", "{capture}", "--method", "bp"]),
     "report": (".html", ["report", "{render}"]),
     "warp": (".png", ["warp", "tent", "--count", "4"]),
 }
-REPLACES = {"gif", "mp4", "layers", "report", "warp"}
+REPLACES = {"gif", "mp4", "layers", "lidar", "report", "warp"}
 """Those that replace a file without being told to."""
 
 

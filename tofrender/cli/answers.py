@@ -33,6 +33,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
     "phasor": _PICTURE | {"source": str, "frequencies_hz": list[float]},
     "gate": _PICTURE | {"scene": str, "at": float, "pulse_width": float, **_SAMPLING},
     "capture": _BINNED | {"mode": str, "columns": int, "rows": int},
+    "lidar": _WRITTEN | {"scene": str, "shots": int, "points": int},
     "reconstruct": _WRITTEN | {"source": str, "method": str, "median_depth": float | None},
 }
 """Types of the values that each command's object has, in their order."""

@@ -1,0 +1,60 @@
+"""The command `tofrender lidar`."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+from ..runtime import checks
+from . import options as opt
+from .answers import Json, answer
+
+HALF_ANGLE = partial(checks.number, low=0, high=0.5)
+
+
+def lidar(
+    scene: opt.Scene,
+    out: Annotated[Path, opt.named("FILE", "Point cloud to write: .ply, .las or .nc.")],
+    pattern: Annotated[
+        str, opt.named("NAME|CSV", "raster, spinning, rosette, or a file.")
+    ] = "raster",
+    shots: Annotated[Any, opt.size("64x48", "Columns and rows or rings.")] = "64x48",
+    fov: Annotated[Any, opt.size("40x30", "Field of view, degrees.")] = "40x30",
+    divergence: Annotated[
+        float, opt.checked(HALF_ANGLE, "Half angle of the beam, radians.", min=0, max=0.5)
+    ] = 1e-3,
+    pulses: Annotated[int, opt.integer(1, checks.MAX_SEED >> 1, "Pulses per shot.")] = 1,
+    max_depth: Annotated[int, opt.setting("max_depth")] = 6,
+    spp: Annotated[int, opt.setting("spp")] = 64,
+    seed: opt.Seed = 0,
+    variant: opt.Variant = None,
+    as_json: Json = False,
+) -> None:
+    """Scan SCENE by a lidar in the place of its sensor.
+
+    FILE has the points of all echoes, with intensity, return number and time; beside it, the file
+    FILE_truth has those of the scene's first surfaces. A CSV file of shots has the columns
+    azimuth_deg and elevation_deg, and perhaps time_s.
+    """
+    from tofrender.io.point_clouds import SUFFIXES, require_laspy
+
+    truth = out.with_stem(f"{out.stem}_truth")
+    for file in (out, truth):
+        opt.check_file_out(file, *SUFFIXES, overwrite=True)
+    require_laspy("out", out)
+    opt.activate(variant)
+
+    from tofrender import io, scanning
+    from tofrender.scenes.loading import find_scene
+
+    of_shots = scanning.scan_pattern(pattern, shots=shots, fov_deg=fov)
+    sampling: dict[str, Any] = {"max_depth": max_depth, "spp": spp, "seed": seed}
+    found = scanning.lidar(find_scene(scene), of_shots, divergence_rad=divergence, **sampling)
+    cloud = scanning.point_cloud(found, pulses=pulses, seed=seed)
+    io.save_point_cloud(cloud, out, overwrite=True)
+    io.save_point_cloud(scanning.true_points(found), truth, overwrite=True)
+    facts = {"out": str(out), "files": [out.name, truth.name], "scene": scene}
+    facts |= {"shots": found.sizes["shot"], "points": cloud.sizes["point"]}
+    line = f"{out}: {facts['points']} points of {facts['shots']} shots; {truth.name}"
+    answer("lidar", as_json, facts, [line])

@@ -1,0 +1,96 @@
+"""Scan patterns: the direction and the time of each shot of a lidar."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from ..runtime import checks
+
+PATTERNS = ("raster", "spinning", "rosette")
+GOLDEN = (5**0.5 - 1) / 2
+
+
+def scan_pattern(
+    pattern: str | os.PathLike[str] = "raster",
+    *,
+    shots: Any = (64, 48),
+    fov_deg: Any = (40.0, 30.0),
+    rate_hz: float = 100e3,
+) -> xr.Dataset:
+    """Make the directions and times of a lidar's shots.
+
+    A "raster" goes row by row from the upper left, "spinning" column by column, as a head turns
+    clockwise and fires all rings from the top. In a "rosette" two prisms (Risley) turn against each
+    other by rates in the golden ratio g. Of N shots and n turns of the first, shot k is at azimuth
+    and elevation (cos f + cos gf, sin f - sin gf) / 2 of half the field of view, f = 2 pi n k / N.
+
+    Args:
+        pattern: Name, or path of a CSV file with the columns azimuth_deg, elevation_deg and perhaps
+            time_s, whose shots do not depend on the other parameters.
+        shots: Columns and rows (rings; turns of the first prism).
+        fov_deg: Width and height of the field of view [degrees], up to 360 and 180.
+        rate_hz: Shots per second.
+
+    Returns:
+        A Dataset along "shot": `azimuth` from the sensor's axis to the left and `elevation` [rad],
+        `time` [s].
+
+    Raises:
+        ValueError: An unknown pattern, a wrong file, or a value out of range; one line.
+
+    Example:
+        >>> pattern = scan_pattern(shots=(4, 2), fov_deg=(40, 10))
+        >>> np.rad2deg(pattern["azimuth"][:4]).values.round().tolist()
+        [15.0, 5.0, -5.0, -15.0]
+    """
+    two = "two numbers, of the width and the height"
+    sides = checks.items("shots", shots, 2, two)
+    columns, rows = (checks.integer("shots", n, 1, checks.MAX_SIZE) for n in sides)
+    limits = zip(checks.items("fov_deg", fov_deg, 2, two), (360, 180), strict=True)
+    fov = [checks.number("fov_deg", angle, positive=True, high=most) for angle, most in limits]
+    k = np.arange(columns * rows)
+    time = k / checks.number("rate_hz", rate_hz, positive=True)
+    if isinstance(pattern, os.PathLike) or str(pattern).lower().endswith(".csv"):
+        table = _read(checks.path("pattern", pattern))
+        pattern, fov, time = str(pattern), (2.0, 2.0), table.get("time_s", np.zeros(len(table)))
+        across, up = table["azimuth_deg"], table["elevation_deg"]
+    elif checks.one_of("pattern", pattern, PATTERNS) == "rosette":
+        f = 2 * np.pi * rows * k / k.size
+        across, up = (np.cos(f) + np.cos(GOLDEN * f)) / 2, (np.sin(f) - np.sin(GOLDEN * f)) / 2
+    else:
+        column, row = (k % columns, k // columns) if pattern == "raster" else (k // rows, k % rows)
+        across, up = 1 - (2 * column + 1) / columns, 1 - (2 * row + 1) / rows
+    values = {"azimuth": np.deg2rad(fov[0] / 2 * across), "elevation": np.deg2rad(fov[1] / 2 * up)}
+    arrays = {name: ("shot", np.asarray(each), {"units": "rad"}) for name, each in values.items()}
+    arrays["time"] = "shot", np.asarray(time), {"units": "s"}
+    return xr.Dataset(arrays, attrs={"pattern": pattern})
+
+
+def _read(path: Any) -> pd.DataFrame:
+    """Read and check a CSV file of shots."""
+    try:
+        table = pd.read_csv(path, skipinitialspace=True).apply(pd.to_numeric, errors="coerce")
+        needed, names = {"azimuth_deg", "elevation_deg"}, {*table.columns}
+        valid = len(table) and needed <= names <= needed | {"time_s"} and np.isfinite(table.values)
+        if np.all(valid) and table["elevation_deg"].abs().max() <= 90:
+            return table
+        reason = f"has {len(table)} rows of {checks.join_names([*table.columns])}"
+    except (ValueError, OSError) as error:
+        reason = " ".join(str(error).split())
+    allowed = "a CSV file of finite azimuth_deg, elevation_deg up to 90, and perhaps time_s"
+    raise ValueError(f"pattern = {path}: {reason}; must be {allowed}")
+
+
+def directions(pattern: Any) -> np.ndarray:
+    """Unit vectors (shot, 3) in a sensor's space: x to the left, y up, z ahead."""
+    valid, names = isinstance(pattern, xr.Dataset), ("azimuth", "elevation", "time")
+    valid = valid and all(name in pattern and pattern[name].dims == ("shot",) for name in names)
+    valid = valid and pattern.sizes["shot"] > 0
+    checks.require("pattern", pattern, valid, "a Dataset of scan_pattern with a shot or more")
+    a, e, _ = (checks.finite("pattern", checks.real_array("pattern", pattern[n])) for n in names)
+    return np.stack([np.cos(e) * np.sin(a), np.sin(e), np.cos(e) * np.cos(a)], axis=1)

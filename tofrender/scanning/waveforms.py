@@ -1,0 +1,165 @@
+"""Waveforms of a scanning lidar, and the scene's true distances beside them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from os import PathLike
+from types import SimpleNamespace
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import xarray as xr
+
+from ..films.recording import warn_not_finite
+from ..integrators.passes import best_sampler, steps
+from ..integrators.running import UNIT, interrupted, run
+from ..paths.surfaces import first_surface
+from ..rendering.window import warn_of_losses
+from ..runtime import backend, checks
+from ..scenes.checking import check_scene
+from ..scenes.loading import load_plugin, load_scene, require_sensor
+from ..signals.units import SPEED_OF_LIGHT
+from .beam import LidarPlan, require_followed, sample_cone
+from .patterns import directions, scan_pattern
+
+COLUMNS = 4096  # Of the film, whose pixels are the shots
+
+
+def lidar(
+    scene: mi.Scene | Mapping[str, object] | str | PathLike[str],
+    pattern: xr.Dataset | str | PathLike[str] = "raster",
+    *,
+    sensor: int = 0,
+    divergence_rad: float = 1e-3,
+    max_range: float | None = None,
+    pulse_width_opl: float = 0.06,
+    bin_width_opl: float = 0.03,
+    photons: float = 5e8,
+    aperture_m: float = 0.025,
+    background_hz: float = 0.0,
+    max_depth: int = 6,
+    spp: int = 64,
+    seed: int = 0,
+    progress: bool = True,
+) -> xr.Dataset:
+    """Render the waveform that a scanning lidar receives from each shot.
+
+    Laser and receiver are at one point and share a cone; the scene's lights are off. A diffuse
+    surface that fills the cone returns, of N photons to an aperture of the area A,
+
+        N A rho cos / (pi r^2)
+
+    Light also returns after several scatterings, and by mirrors and clear glass, there and back on
+    the same way: as from the mirrored distance. Left out are the mirror image of the lidar itself,
+    and light that passes a mirror or glass there only, back only, or on different ways.
+
+    Args:
+        scene: As for `render`.
+        pattern: A Dataset of `scan_pattern`, or a kind of it.
+        sensor: Number of the sensor in whose place the lidar is.
+        divergence_rad: Half angle of the cone [rad], from 0 to 0.5.
+        max_range: End of the waveform [m]; None for beyond the scene, where mirror images are.
+        pulse_width_opl: Standard deviation of the Gaussian pulse [m].
+        bin_width_opl: Width of the bins [m].
+        photons: Photons of a pulse, times all efficiencies, N.
+        aperture_m: Diameter of the aperture [m].
+        background_hz: Counts per second without the pulse.
+        max_depth: Longest path in segments, that from the laser to its spot included; -1 for any.
+        spp: Samples per shot.
+        seed: Seed of the random numbers.
+        progress: Show a bar for work that takes long.
+
+    Returns:
+        The pattern with `rate` (shot, bin), the expected counts per pulse with the `background` in
+        each bin; `true_range` [m] along the axis to the first surface, glass and mirrors included,
+        NaN for none; world `direction` (shot, axis), `origin` (axis); coordinate `opl` [m].
+
+    Raises:
+        ValueError: A wrong scene, pattern or value, or materials that `require_followed` refuses.
+
+    Example:
+        >>> shots = lidar("cornell_box", scan_pattern(shots=(4, 4), fov_deg=(20, 20)), spp=4)
+        >>> shots["rate"].dims, round(shots["true_range"].min().item(), 1)
+        (('shot', 'bin'), 3.2)
+    """
+    backend.require_vectorised()
+    backend.require_unpolarised()
+    photons = checks.number("photons", photons, positive=True)
+    area = math.pi / 4 * checks.number("aperture_m", aperture_m, positive=True) ** 2
+    half_angle = checks.number("divergence_rad", divergence_rad, low=0, high=0.5)
+    width = checks.width("bin_width_opl", bin_width_opl)
+    background = checks.number("background_hz", background_hz, low=0) * width / SPEED_OF_LIGHT
+    pulse, max_depth = (
+        checks.width("pulse_width_opl", pulse_width_opl),
+        checks.depth("max_depth", max_depth),
+    )
+    kind = {"type": "transient_path", "max_depth": max_depth, "pulse_width_opl": pulse}
+    integrator, sampler = load_plugin("integrator", kind), best_sampler(spp)
+    seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
+    progress = checks.boolean("progress", progress)
+    shots = pattern if isinstance(pattern, xr.Dataset) else scan_pattern(pattern)
+    local, attrs = directions(shots), {"scene": scene if isinstance(scene, str) else "scene"}
+
+    # Place the lidar, and find the true distances
+    scene = scene if isinstance(scene, mi.Scene) else load_scene(scene)
+    camera = require_sensor(scene, sensor)
+    check_scene(scene, camera, media=True)
+    space = integrator.space(scene, camera)
+    require_followed(scene, space)
+    pose = np.array(camera.world_transform().matrix, dtype=np.float64).reshape(4, 4)
+    origin, axes = pose[:3, 3], local @ (pose[:3, :3] / np.linalg.norm(pose[:3, :3], axis=0)).T
+    start, directed = mi.Point3f(*origin.tolist()), mi.Vector3f(axes.T.copy())
+    with backend.tracing_lock():
+        si = first_surface(scene, mi.Ray3f(start, directed))
+        distance = np.array(dr.select(si.is_valid(), dr.norm(si.p - start), dr.nan), np.float64)
+    if max_range is None:
+        sphere = scene.bbox().bounding_sphere()
+        max_range = float(np.linalg.norm(np.ravel(sphere.center) - origin) + 3 * sphere.radius)
+    end_opl = 2 * checks.number("max_range", max_range, positive=True, unit="metres")
+    checks.resolved("bin_width_opl", width, end_opl)
+    bins = checks.integer("bins to max_range", math.ceil(end_opl / width), 1, checks.MAX_BINS)
+
+    # Render each shot as a pixel
+    columns, rows = min(len(axes), COLUMNS), math.ceil(len(axes) / COLUMNS)
+    film = {"type": "transient_hdr_film", "rfilter": {"type": "box"}, "temporal_bins": bins}
+    film |= {"width": columns, "height": rows, "start_opl": 0.0, "bin_width_opl": width}
+    record = integrator.recording(load_plugin("film", film))
+
+    def sample_ray(time: Any, sample1: Any, sample2: mi.Point2f, sample3: Any) -> Any:
+        shot = mi.UInt32(sample2.y * rows) * columns + mi.UInt32(sample2.x * columns)
+        wavelengths, weight = [], mi.Spectrum(1)
+        if mi.is_spectral:
+            wavelengths, weight = mi.sample_rgb_spectrum(mi.sample_shifted(sample1))
+        axis = dr.gather(mi.Vector3f, directed, dr.minimum(shot, len(axes) - 1))
+        ray = mi.RayDifferential3f(start, sample_cone(axis, sample3, half_angle), time, wavelengths)
+        ray.d_x = axis
+        return ray, weight
+
+    scanner: Any = SimpleNamespace(looks_at_pixel_centres=True, sample_ray_differential=sample_ray)
+    scanner.shutter_open = scanner.shutter_open_time = lambda: 0.0
+    scanner.class_name, scanner.needs_aperture_sample = lambda: "Lidar", lambda: True
+    record.require_memory(spp)
+    plan = LidarPlan(scene, space, half_angle, max_depth)
+    done = run(steps(plan, record, scanner, sampler, seed), record, spp, progress=progress)
+    if done < spp:
+        raise KeyboardInterrupt(interrupted(done, spp, UNIT))
+    warn_not_finite(record.not_finite)
+    steady, transient = (
+        each.reshape(-1, *each.shape[2:])[: len(axes)].mean(axis=-1, dtype=np.float64)
+        for each in record.film.take()
+    )
+    outside = max(0.0, 1 - transient.sum() / steady.sum()) if steady.any() else 0.0
+    warn_of_losses(record.film, outside, window_option="`max_range`", stacklevel=3)
+
+    arrays = {"rate": (("shot", "bin"), transient * (photons * area) + background)}
+    arrays |= {"background": ("shot", np.full(len(axes), background))}
+    arrays |= {"true_range": ("shot", distance, {"units": "m"})}
+    arrays |= {"direction": (("shot", "axis"), axes), "origin": ("axis", origin, {"units": "m"})}
+    opl = "bin", (np.arange(bins) + 0.5) * width, {"units": "m"}
+    attrs |= {"quantity": "rate", "units": "1", "divergence_rad": half_angle, "photons": photons}
+    attrs |= {"aperture_m": aperture_m, "start_opl": 0.0, "bin_width_opl": width, "spp": spp}
+    attrs |= {"pulse_width_opl": pulse, "seed": seed, "energy_outside_window": outside}
+    return shots.assign(arrays).assign_coords(opl=opl, axis=[*"xyz"]).assign_attrs(attrs)
