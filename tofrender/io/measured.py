@@ -48,10 +48,10 @@ def scan(counts: Any, given: dict[str, Any], **known: Any) -> xr.Dataset:
     checks.require("counts", float(values.min()), values.min() >= 0, "0 or more")
     y, x = (np.linspace(0.5, -0.5, n) if n > 1 else np.zeros(1) for n in values.shape[:2])
     points = np.stack([*np.meshgrid(width * x, height * y), np.zeros(values.shape[:2])], axis=-1)
-    normals = np.broadcast_to([0.0, 0.0, 1.0], points.shape)
+    wall: Any = {"sensor_normals": np.broadcast_to([0.0, 0.0, 1.0], points.shape)}
     window = {"start_opl": start * SPEED_OF_LIGHT, "bin_width_opl": bin_width * SPEED_OF_LIGHT}
-    wall: Any = {"sensor_grid": points, "sensor_normals": normals}
-    return make_capture(values, mode="confocal", quantity=COUNTS, **window, **wall)
+    wall |= window | {"sensor_grid": points, "quantity": COUNTS}
+    return make_capture(values, mode="confocal", **wall)
 
 
 def matlab_names(file: Path) -> set[str]:
@@ -95,8 +95,7 @@ def read_fk(file: Path, given: dict[str, Any]) -> xr.Dataset:
 
     `tofgrid` is in the same file or in tof.mat beside it; with `start_s`, none is used. Pixels move
     by whole bins, as in cnlos_reconstruction.m of D. Lindell et al., Wave-based non-line-of-sight
-    imaging using fast f-k migration, ACM ToG 38 (2019), whose README has 32 ps and a wall of 2 m;
-    bins that a pixel lacks then are left out.
+    imaging using fast f-k migration, ACM ToG 38 (2019), with 32 ps and a wall of 2 m by its README.
     """
     counts = _variable(file, "meas", 3)
     known = {"wall_size": 2.0, "bin_width_s": 32e-12}
@@ -117,10 +116,9 @@ def read_fk(file: Path, given: dict[str, Any]) -> xr.Dataset:
 
 
 def read_cells(file: Path, given: dict[str, Any]) -> xr.Dataset:
-    """Read cells (rows, columns), each with the bins of a pixel's photons: D if there are several.
+    """Read cells (rows, columns) with the bins of pixels' photons, D if there are several.
 
-    As in data of D. Shin et al., Photon-efficient imaging with a single-photon camera, Nature
-    Communications 7 (2016), and of their other papers.
+    As in D. Shin et al., Photon-efficient imaging with a single-photon camera, Nat Commun 7 (2016).
     """
     cells = [str(name) for name, _, kind in whosmat(str(file)) if kind == "cell"]
     name = "D" if "D" in cells else cells[0]

@@ -12,8 +12,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 PARTS, SIGMAS, SHARE = 64, 5.0, 0.02
-"""Of histograms that are smoothed over a part of their bins, light stands out by so many standard
-deviations of dark counts, and by this share of the largest counts."""
+"""Histograms are smoothed over a 64th; light is above 5 sigma and this share of the largest."""
 
 
 class Background(NamedTuple):
