@@ -48,6 +48,7 @@ COMMANDS = {
     "capture": (".h5", ["capture", "nlos_plane", "--grid", "2x2", "--spp", "1"]),
     "reconstruct": ("", ["reconstruct", "{capture}", "--method", "bp"]),
     "report": (".html", ["report", "{render}"]),
+    "sense": ("", ["sense", "{render}", "--sensor", "itof"]),
     "warp": (".png", ["warp", "tent", "--count", "4"]),
 }
 REPLACES = {"gif", "mp4", "layers", "report", "warp"}

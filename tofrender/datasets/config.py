@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import date, time
@@ -19,8 +18,8 @@ from ..nlos.captures import MODES
 from ..rendering.settings import SETTINGS
 from ..runtime import checks
 from ..runtime.settings import CHECKS
+from ..runtime.tables import boolean, checked, known_keys, read_toml, table, text
 from .randomness import Source
-from .tables import boolean, checked, known_keys, table, text
 from .varied import REPEATABLE, Varied, parse_varied
 
 MAX_RECORDS = 10_000_000
@@ -126,17 +125,7 @@ def read_config(source: str | os.PathLike[str] | Mapping[str, Any] | Config) -> 
         return source
     if isinstance(source, Mapping):
         return parse_config(dict(source), Path.cwd())
-    path = checks.path("config", source)
-    try:
-        given = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise FileNotFoundError(f"config = {path}: does not exist; must be a TOML file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"config = {path}: cannot be read ({type(error).__name__})") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"config = {path}: {' '.join(str(error).split())}") from None
-    except RecursionError:
-        raise ValueError(f"config = {path}: is nested too deeply; must be flatter") from None
+    given, path = read_toml("config", source)
     return parse_config(given, path.absolute().parent)
 
 

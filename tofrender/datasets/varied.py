@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..runtime import checks
+from ..runtime.tables import boolean, known_keys, text, unknown
 from .distributions import KEYS, Distribution, parse_distribution
-from .tables import boolean, known_keys, text, unknown
 
 TARGETS: dict[str, tuple[str, ...]] = {
     "argument": (),
