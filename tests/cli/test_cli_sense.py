@@ -9,9 +9,7 @@ from helpers.made_dataset import make_dataset
 from test_cli import done, refused
 
 import tofrender
-from tofrender.cli import sense as command
 from tofrender.cli.answers import SCHEMAS
-from tofrender.sensors.config import FOLDER, PRESETS
 
 TOML = "cycles = 500\nphotons = { photons_per_cycle = 0.5 }\n[spad]\n"
 
@@ -59,8 +57,3 @@ def test_bad_sensors_are_one_line(tmp_path, capsys, render):
     assert "holds no render" in refused(capsys, "sense", tmp_path, *options[:-1], "/tmp/other")
     inside = ["--sensor", "itof", "--out", render / "a"]
     assert "must be apart" in refused(capsys, "sense", render, *inside)
-
-
-def test_presets_are_those_of_the_package():
-    assert command.PRESETS == PRESETS
-    assert all((FOLDER / f"{name}.toml").is_file() for name in PRESETS)

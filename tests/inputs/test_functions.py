@@ -352,7 +352,7 @@ TABLE = [
         photons_per_cycle=1.0,
     ),
     row("sensors.sense", {"sensor": "choice", "dataset": "dataset"}, dataset=data, sensor=COUNTER),
-    row("vis.measurement_figure", {"measured": "dataset", "pixel": "pair?"}, measured=counted),
+    row("vis.measurement_figure", {"measured": "dataset"}, measured=counted),
     # -------------------------------------------------------------------------------- sampling
     row("sampling.point_set"),
     alone("sampling.point_set", {"seed": "seed"}, kind="independent"),

@@ -25,7 +25,7 @@ def box():
 
 def fits(measured: xr.Dataset, expected: xr.DataArray) -> bool:
     """Whether sums of pixels are as noisy about their expectation as the model says."""
-    model = read_sensor(json.loads(measured.attrs["sensor"])).model
+    model = read_sensor(json.loads(measured.attrs["sensor"]))["model"]
     variance = expected * getattr(model, "excess_noise", 1.0)
     if isinstance(model, Spad) and model.mode == "first_photon":
         variance = expected * (1 - expected.sum("bin") / measured.attrs["cycles"])

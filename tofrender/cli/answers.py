@@ -34,7 +34,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
     "gate": _PICTURE | {"scene": str, "at": float, "pulse_width": float, **_SAMPLING},
     "sense": _WRITTEN
     | {"source": str, "sensor": str, "quantity": str, "seed": int, "cycles": int}
-    | {"total": float, "expected": float | None},
+    | {"expected": float | None, "total": float},
     "capture": _BINNED | {"mode": str, "columns": int, "rows": int},
     "reconstruct": _WRITTEN | {"source": str, "method": str, "median_depth": float | None},
 }

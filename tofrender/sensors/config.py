@@ -7,35 +7,24 @@ import json
 import os
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
+from ..rendering.dataset import check_dataset
 from ..runtime import checks
-from ..runtime.tables import known_keys, read_toml, table
+from ..runtime.tables import checked, known_keys, read_toml, table
 from .cameras import GatedCamera, StreakCamera
 from .itof import Itof
+from .presets import PRESETS
 from .radiometry import expected_photons
 from .response import Response
 from .spad import Spad
 
 FOLDER = Path(__file__).parent / "presets"
-PRESETS = ("flash_dtof", "scanning_dtof", "itof", "iccd_gate", "streak")
 MODELS = {"spad": Spad, "itof": Itof, "gated": GatedCamera, "streak": StreakCamera}
-KEYS = ("cycles", "pixels", "photons", *MODELS)
-
-
-@dataclass(frozen=True)
-class SensorConfig:
-    """A sensor, checked, with its exposure and the parameters of `expected_photons`."""
-
-    model: Any  # Of `MODELS`
-    cycles: int
-    photons: dict[str, Any]
-    pixels: tuple[int, int] | None  # Width and height; None for those of the film
-    given: dict[str, Any]  # As it was read
 
 
 def sense(dataset: xr.Dataset, sensor: Any, seed: int = 0) -> xr.Dataset:
@@ -65,10 +54,10 @@ def sense(dataset: xr.Dataset, sensor: Any, seed: int = 0) -> xr.Dataset:
         True
     """
     config = read_sensor(sensor)
-    model, cycles = config.model, config.cycles
-    if config.pixels is not None:
-        dataset = _with_pixels(dataset, *config.pixels)
-    rates = expected_photons(dataset, **config.photons)
+    model, cycles = config["model"], config["cycles"]
+    if "pixels" in config:
+        dataset = _with_pixels(dataset, config["pixels"])
+    rates = expected_photons(dataset, **config["photons"])
     is_spad = isinstance(model, Spad)
     found = (model.histogram if is_spad else model.frames)(rates, cycles, seed)
     if not (is_spad and model.interactions()):
@@ -77,64 +66,72 @@ def sense(dataset: xr.Dataset, sensor: Any, seed: int = 0) -> xr.Dataset:
             found["expected"] = model.expected(rates, cycles)[found.attrs["quantity"]]
     if isinstance(model, Itof):
         found["depth"] = model.depth(found)["depth"].assign_attrs(units="m")
-    return found.assign_attrs(sensor=json.dumps(config.given))
+    return found.assign_attrs(sensor=json.dumps(config["given"]))
 
 
-def read_sensor(sensor: Any) -> SensorConfig:
-    """Read and check a description of a sensor, with the arguments and errors of `sense`."""
-    if isinstance(sensor, SensorConfig):
-        return sensor
+def read_sensor(sensor: Any) -> dict[str, Any]:
+    """Read and check a description of a sensor, with the arguments and errors of `sense`.
+
+    Returns:
+        `cycles`, `photons` and `pixels` as given, the `model`, and the description as `given`.
+    """
     if not isinstance(sensor, Mapping):
         path = os.fspath(sensor) if isinstance(sensor, os.PathLike) else sensor
         if not str(path).endswith(".toml"):
             path = FOLDER / f"{checks.one_of('sensor', path, (*PRESETS, 'FILE.toml'))}.toml"
         sensor = read_toml("sensor", path)[0]
     given = table("sensor", sensor)
-    known_keys("sensor", given, KEYS)
+    known_keys("sensor", given, CHECKS)
     kinds = [kind for kind in MODELS if kind in given]
     checks.require("sensor", given, len(kinds) == 1, f"a table with one of {', '.join(MODELS)}")
     for key in ("cycles", "photons"):
         if key not in given:
             raise ValueError(f"sensor.{key}: must be given")
-    photons, pixels = table("sensor.photons", given["photons"]), given.get("pixels")
-    known_keys("sensor.photons", photons, inspect.getfullargspec(expected_photons).kwonlyargs)
-    if pixels is not None:
-        sides = checks.items("sensor.pixels", pixels, 2, "[width, height]")
-        wide, high = (checks.integer("sensor.pixels", n, 1, checks.MAX_SIZE) for n in sides)
-        pixels = wide, high
-    cycles = checks.integer("sensor.cycles", given["cycles"], 1, (1 << 31) - 1)
-    model = _model(f"sensor.{kinds[0]}", MODELS[kinds[0]], given[kinds[0]])
-    return SensorConfig(model, cycles, photons, pixels, given)
+    found = checked("sensor", given, CHECKS)
+    return found | {"model": found.pop(kinds[0]), "given": given}
 
 
-def _model(where: str, kind: Any, given: Any) -> Any:
+def _pixels(name: str, value: Any) -> list[int]:
+    sides = checks.items(name, value, 2, "[width, height]")
+    return [checks.integer(name, side, 1, checks.MAX_SIZE) for side in sides]
+
+
+def _photons(name: str, value: Any) -> dict[str, Any]:
+    known_keys(name, table(name, value), inspect.getfullargspec(expected_photons).kwonlyargs)
+    return value
+
+
+def _model(kind: Any, name: str, value: Any) -> Any:
     """Instance of a class from a table of its parameters."""
-    given = table(where, given)
-    parameters = inspect.signature(kind).parameters
-    known_keys(where, given, parameters)
-    for name, parameter in parameters.items():
-        if parameter.default is parameter.empty and name not in given:
-            raise ValueError(f"{where}.{name}: must be given")
+    given, parameters = table(name, value), inspect.signature(kind).parameters
+    known_keys(name, given, parameters)
+    for key, parameter in parameters.items():
+        if parameter.default is parameter.empty and key not in given:
+            raise ValueError(f"{name}.{key}: must be given")
     if "jitter" in given:
-        given["jitter"] = _model(f"{where}.jitter", Response, given["jitter"])
+        given["jitter"] = _model(Response, f"{name}.jitter", given["jitter"])
     try:
         return kind(**given)
     except ValueError as error:
-        raise ValueError(f"{where}.{error}") from None
+        raise ValueError(f"{name}.{error}") from None
 
 
-def _with_pixels(dataset: xr.Dataset, width: int, height: int) -> xr.Dataset:
+CHECKS: dict[str, Any] = {
+    "cycles": partial(checks.integer, low=1, high=(1 << 31) - 1),
+    **{"pixels": _pixels, "photons": _photons},
+    **{name: partial(_model, kind) for name, kind in MODELS.items()},
+}
+
+
+def _with_pixels(dataset: xr.Dataset, sides: list[int]) -> xr.Dataset:
     """A render of as many pixels, each the mean of some of the film's."""
-    whole = isinstance(dataset, xr.Dataset) and {"y", "x"} <= set(dataset.dims)
-    checks.require("dataset", dataset, whole and "transient" in dataset, "a Dataset of render")
-    film, given = (dataset.sizes["x"], dataset.sizes["y"]), [width, height]
-    fits = film[0] % width == film[1] % height == 0
+    check_dataset(dataset)
+    film = [dataset.sizes[axis] for axis in "xy"]
+    x, y = (n // side for n, side in zip(film, sides, strict=True))
     allowed = f"numbers that divide the film of {film[0]} x {film[1]} pixels"
-    checks.require("sensor.pixels", given, fits, allowed)
-    step = {"x": film[0] // width, "y": film[1] // height}
-    blocks = dataset[["transient"]].coarsen(step, coord_func="min")  # type: ignore[arg-type]
-    light: Any = blocks.mean(keep_attrs=True)
-    axes = {axis: (axis, light[axis].values // n) for axis, n in step.items()}
-    sizes = {"film_width": step["x"], "film_height": step["y"]}
-    attrs = {name: dataset.attrs[name] / n for name, n in sizes.items() if name in dataset.attrs}
-    return light.assign_coords(axes).assign_attrs(attrs)
+    checks.require("sensor.pixels", sides, film == [x * sides[0], y * sides[1]], allowed)
+    light: Any = dataset[["transient"]].coarsen({"x": x, "y": y}, coord_func="min")  # type: ignore
+    ends = ("film_width", film[0], x), ("film_height", film[1], y)
+    sizes = {name: dataset.attrs.get(name, n) / step for name, n, step in ends}
+    found = light.mean(keep_attrs=True).assign_attrs(sizes)
+    return found.assign_coords(x=found["x"] // x, y=found["y"] // y)
