@@ -10,8 +10,7 @@ from ..runtime.progress import deferred_stop
 from ..sensors.presets import PRESETS
 from . import checkpoints, completion, options as opt
 from .answers import Json, answer
-
-FILE = "sensed.nc"
+from .report import SENSED
 
 
 def sense(
@@ -43,13 +42,13 @@ def sense(
     read_sensor(sensor)
     measured = measure(opt.load_render(source, "DIR"), sensor, seed).load()
     opt.check_disk_space(out, measured.nbytes // 4)
-    files = [FILE, f"summary.{figure}"]
+    files = [SENSED, f"summary.{figure}"]
     with (
         checkpoints.exclusively(out),
         deferred_stop() as stop,
         io.output_folder(out, overwrite=True) as folder,
     ):
-        save_measurement(measured, folder / FILE)
+        save_measurement(measured, folder / SENSED)
         io.save_figure(vis.measurement_figure(measured), folder / files[1], **opt.dots(dpi))
     quantity, whole = measured.attrs["quantity"], 1 - measured.get("saturated", 0)
     names = {"total": quantity, "expected": "expected"}

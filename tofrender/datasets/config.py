@@ -19,6 +19,7 @@ from ..rendering.settings import SETTINGS
 from ..runtime import checks
 from ..runtime.settings import CHECKS
 from ..runtime.tables import boolean, checked, known_keys, read_toml, table, text
+from ..sensors.config import read_sensor
 from .randomness import Source
 from .varied import REPEATABLE, Varied, parse_varied
 
@@ -82,6 +83,7 @@ class Config:
     settings: dict[str, Any]
     window: tuple[float, float] | None
     sensor: int
+    sense: dict[str, Any] | None  # Description of a sensor, `[sensor]`
     outputs: Outputs
     materials: dict[str, dict[str, Any]]
     objects: dict[str, dict[str, Any]]
@@ -246,6 +248,7 @@ CONFIG: dict[str, Check] = {
     "parameters": _parameters,
     "render": _render,
     "outputs": _outputs,
+    "sensor": lambda _, value: value,  # Checked where its folder is known
     "materials": _plugins,
     "objects": _plugins,
     "vary": lambda name, value: {
@@ -255,7 +258,8 @@ CONFIG: dict[str, Check] = {
 """The check of each key."""
 
 REQUIRED = ("records", "scene", "outputs")
-DEFAULTS = {name: {} for name in CONFIG if name not in REQUIRED} | {"seed": 0, "retry": 0}
+DEFAULTS = {name: {} for name in CONFIG if name not in REQUIRED}
+DEFAULTS |= {"seed": 0, "retry": 0, "sensor": None}
 
 
 def parse_config(given: dict[str, Any], folder: Path) -> Config:
@@ -273,6 +277,10 @@ def parse_config(given: dict[str, Any], folder: Path) -> Config:
         scene = os.fspath(scene)
         scene = find_scene(str(folder / scene) if scene.lower().endswith(".xml") else scene)
     found["scene"] = scene
+    sense = found.pop("sensor")
+    if isinstance(sense, str) and sense.endswith(".toml"):
+        sense = folder / sense
+    sense = sense if sense is None else read_sensor(sense)["given"]
     built_in, is_xml = isinstance(scene, str), isinstance(scene, Path)
     if found["arguments"] and not built_in:
         raise ValueError("arguments: must be left out, only built-in scenes have them")
@@ -290,6 +298,7 @@ def parse_config(given: dict[str, Any], folder: Path) -> Config:
         settings={name: value for name, value in render.items() if name in CHECKS},
         window=render.get("window"),
         sensor=render.get("sensor", 0),
+        sense=sense,
         varied=varied,
         folder=folder,
         plain=_plain(given, scene),

@@ -13,12 +13,7 @@ from . import checks
 
 
 def read_toml(name: str, source: str | os.PathLike[str]) -> tuple[dict[str, Any], Path]:
-    """Content of a TOML file, a parameter of this name, and the file's path.
-
-    Raises:
-        FileNotFoundError: There is no such file; one line.
-        ValueError: It is no TOML file; one line.
-    """
+    """Content of a TOML file, a parameter of this name, and the file's path."""
     path = checks.path(name, source)
     try:
         return tomllib.loads(path.read_text(encoding="utf-8")), path

@@ -70,11 +70,7 @@ def sense(dataset: xr.Dataset, sensor: Any, seed: int = 0) -> xr.Dataset:
 
 
 def read_sensor(sensor: Any) -> dict[str, Any]:
-    """Read and check a description of a sensor, with the arguments and errors of `sense`.
-
-    Returns:
-        `cycles`, `photons` and `pixels` as given, the `model`, and the description as `given`.
-    """
+    """Read and check the argument of `sense`: its keys, the `model`, and the whole as `given`."""
     if not isinstance(sensor, Mapping):
         path = os.fspath(sensor) if isinstance(sensor, os.PathLike) else sensor
         if not str(path).endswith(".toml"):
