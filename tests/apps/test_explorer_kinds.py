@@ -23,6 +23,7 @@ from tofrender.apps.explorer.contents import contents_of
 from tofrender.apps.explorer.page import page_of
 from tofrender.cli.app import main
 from tofrender.io import save_exr_layers
+from tofrender.io.netcdf import save_measurement
 from tofrender.rendering.dataset import in_components
 from tofrender.signals.colour import LUMINANCE
 
@@ -251,3 +252,35 @@ def test_numbers_of_axes_are_short(tmp_path):
         numbers = [(size, x) for text, size, x in written if x == 57]
         assert len(numbers) >= 3
         assert max(size for size, _ in numbers) < 35  # The title ends at 20
+
+
+def test_counts_are_dots_beside_their_expectation(tmp_path):
+    sensor = {"cycles": 500, "photons": {"photons_per_cycle": 0.5}, "spad": {"mode": "multi_hit"}}
+    measured = tofrender.sensors.sense(moving(), sensor, seed=1)
+    contents = contents_of(measured, packed=True)
+    assert contents.header["quantity"] == "counts"
+    found = values_of(contents)[..., 0]
+    counts = measured["counts"].values
+    assert found[counts > 0] == pytest.approx(counts[counts > 0], rel=0.05)
+    y, x = (int(n) for n in np.unravel_index(counts.sum(axis=-1).argmax(), (HEIGHT, WIDE)))
+    with opened(tmp_path, contents) as page:
+        (curve,) = set_(page, pixels=[[x, y]])["curves"]
+        assert curve["values"] == pytest.approx(counts[y, x], rel=0.05, abs=0.05)
+        (line,) = curve["orders"]
+        expected = measured["expected"].values[y, x]
+        assert line["name"] == "expectation"
+        assert line["values"] == pytest.approx(expected, rel=0.05, abs=0.01 * expected.max())
+        legend = page.locator(".legend").inner_text()
+        assert "Dots are counts, the line is of pixel 1" in legend
+        assert page.evaluate(INK, ".plot") > 9 * np.unique(counts[y, x]).size  # Dots of 3 x 3
+
+
+@pytest.mark.parametrize("name", ["counts", "taps"])
+def test_a_measurement_is_reported(tmp_path, capsys, name):
+    model = {"spad": {}} if name == "counts" else {"itof": {"frequencies_hz": [2e7, 5e7]}}
+    sensor = {"cycles": 50, "photons": {"photons_per_cycle": 0.5}} | model
+    save_measurement(tofrender.sensors.sense(moving(), sensor), tmp_path / "sensed.nc")
+    for source in (tmp_path, tmp_path / "sensed.nc"):
+        status = main(["report", str(source), "-o", str(tmp_path / "a.html")])
+        assert status == (0 if name == "counts" else 2)
+        assert capsys.readouterr().err.count("\n") == (name == "taps")

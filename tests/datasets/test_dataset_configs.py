@@ -106,7 +106,13 @@ BAD = [
     ("outputs.capture", {"grid": 8}, r"outputs.capture.grid = 8: must be \[width, height\]"),
     ("outputs.capture", {"grid": [8, 0]}, "outputs.capture.grid = 0: must be an integer from 1"),
     ("outputs.capture", {"relay_wall": 3}, "outputs.capture.relay_wall = 3: must be text"),
+    # The sensor
+    ("sensor", "flash", "sensor = 'flash': did you mean 'flash_dtof'"),
+    ("sensor", "no.toml", "sensor = .*no.toml: does not exist; must be a TOML file"),
+    ("sensor", {}, "sensor = {}: must be a table with one of spad, itof"),
+    ("sensor", {"cycle": 1}, "sensor.cycle: is not known, did you mean cycles"),
     # What is varied
+    ("vary.sensor_counts", {"turn": "ball"}, "vary.sensor_counts: must have another name"),
     ("vary.a-b", {"turn": "ball"}, "vary.'a-b': must be a name of letters, digits and _"),
     ("vary.depth", {"turn": "ball"}, "vary.depth: must have another name"),
     ("vary.it", {"distribution": "uniform"}, "vary.it: says not what is varied; must have one of"),

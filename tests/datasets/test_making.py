@@ -515,3 +515,55 @@ def test_two_workers_make_the_same(made, tmp_path):
     with tofrender.local_workers(2) as client:
         found = make(CONFIG, tmp_path / "x.zarr", client=client)
     require_same(found, made[0])
+
+
+SPAD = {"cycles": 200, "pixels": [4, 3], "photons": {"photons_per_cycle": 0.5}, "spad": {}}
+
+
+def test_a_sensor_measures_each_record(tmp_path):
+    """Noisy counts with their expectation, on the sensor's own pixels, and the truth."""
+    config = CONFIG | {"records": 2, "outputs": {"transient": True, "depth": True}}
+    config |= {"sensor": SPAD, "vary": {}}
+    made = make(config, tmp_path / "counts.zarr")
+    axes = ("record", "sensor_y", "sensor_x", "sensor_bin")
+    assert made["sensor_counts"].dims == made["sensor_expected"].dims == axes
+    assert made["sensor_counts"].shape == (2, 3, 4, 60)
+    assert np.allclose(made["sensor_bin"], made["opl"])  # Metres
+    plan = str(datasets.plan_dataset(config))
+    assert "sensor_counts" in plan
+    for index in (0, 1):
+        about = told(made, index)
+        film = xr.Dataset({"transient": made["transient"].isel(record=index, drop=True)})
+        film = film.drop_vars(["time"], errors="ignore").load()
+        attrs = {"quantity": "radiance per bin", "units": "W m^-2 sr^-1"}
+        attrs |= {name: made.attrs[name] for name in ("start_opl", "bin_width_opl")}
+        film["steady"] = film["transient"].sum("opl")
+        film = xr.Dataset(
+            {name: film[name] for name in ("transient", "steady")},
+            {axis: film[axis] for axis in ("y", "x", "opl", "channel")},
+            attrs,
+        )
+        given = tofrender.sensors.sense(film, SPAD, about["sensor_seed"])
+        assert np.array_equal(made["sensor_counts"][index], given["counts"])
+        assert np.allclose(made["sensor_expected"][index], given["expected"])
+    assert told(made, 0)["sensor_seed"] != told(made, 1)["sensor_seed"]
+    with refused("sensor.pixels = .*: must be numbers that divide the film of 8 x 6"):
+        datasets.plan_dataset(config | {"sensor": SPAD | {"pixels": [5, 3]}})
+
+
+def test_a_sensor_in_a_file_beside_the_config(tmp_path):
+    lines = (
+        "cycles = 9\nphotons = { photons_per_cycle = 1.0 }\n[itof]\nfrequencies_hz = [2e7, 5e7]\n"
+    )
+    (tmp_path / "mine.toml").write_text(lines)
+    text = 'records = 1\nscene = "cornell_box"\nsensor = "mine.toml"\noutputs = { depth = true }\n'
+    text += "render = { width = 4, height = 4, spp = 4, temporal_bins = 60, window = [3, 15] }\n"
+    (tmp_path / "config.toml").write_text(text)
+    made = make(tmp_path / "config.toml", tmp_path / "a.zarr")
+    assert made["sensor_taps"].dims[1:3] == ("sensor_frequency", "sensor_tap")
+    assert made["sensor_frequency"].values.tolist() == [2e7, 5e7]
+    assert made["sensor_depth"].shape == made["depth"].shape
+    assert made["sensor_saturated"].dtype == bool
+    (tmp_path / "mine.toml").write_text(lines.replace("9", "8"))
+    with refused("is there, with another checksum"):
+        making.require_complete(tmp_path / "config.toml", tmp_path / "a.zarr")

@@ -24,7 +24,9 @@ import tofrender
 from tofrender import io
 from tofrender.io import exr
 from tofrender.io.files import _LENGTH as SEAL
+from tofrender.io.netcdf import load_measurement, save_measurement
 from tofrender.runtime import memory
+from tofrender.runtime.backend import versions
 
 
 class Kind(NamedTuple):
@@ -44,6 +46,11 @@ def picture() -> xr.Dataset:
 def captured() -> xr.Dataset:
     patch = rectangle((-0.1, 0.1), (-0.1, 0.1), 1.0, 0.1)
     return capture_of(patch, Wall(3), bins=8, width=0.2).assign_attrs(scene="wall", spp=4)
+
+
+def counted() -> xr.Dataset:
+    sensor = {"cycles": 9, "photons": {"photons_per_cycle": 0.1}, "spad": {}}
+    return tofrender.sensors.sense(picture(), sensor).assign_attrs(versions=versions())
 
 
 def save_stack(dataset: xr.Dataset, path: Path) -> Path:
@@ -70,6 +77,7 @@ KINDS = {
     **{"film": film_kind("zarr.json"), "list": film_kind("files.json")},
     "axis": film_kind("opl/c/0"),
     "tile": film_kind("transient/c/0/0/0/0", "film|path"),
+    "counts": Kind(counted, save_measurement, "a.nc", lambda p: load_measurement(p / "a.nc")),
     "capture": Kind(captured, io.save_capture, "a.h5", lambda p: io.load_capture(p / "a.h5")),
 }
 kinds = pytest.mark.parametrize("name", KINDS)

@@ -31,6 +31,7 @@ BOX = {"width": 4, "height": 4, "spp": 1, "max_depth": 2, **WINDOW}
 WALL = {"width": 2, "height": 2, "spp": 1, "optimize": False}
 PATCH = rectangle((-0.1, 0.1), (-0.1, 0.1), 1.0, 0.1)
 QUIET = {"progress": False}
+COUNTER = {"cycles": 9, "photons": {"photons_per_cycle": 0.1}, "spad": {}}
 
 cached = functools.cache
 box = cached(lambda: tofrender.load_scene("cornell_box", **BOX))
@@ -42,6 +43,7 @@ halved = cached(lambda: tofrender.render(box(), spp=2, denoise=True, **QUIET))
 captured = cached(lambda: capture_of(PATCH, Wall(4), bins=24, width=0.05))
 volume = cached(lambda: tofrender.reconstruct(captured(), "bp", **QUIET))
 pyramid = cached(lambda: tofrender.strategy_pyramid(box(), max_depth=2, spp=1, **QUIET))
+counted = cached(lambda: tofrender.sensors.sense(data(), COUNTER))
 verdict = cached(lambda: sampling.warp_case("tent").test(samples=2000, resolution=4))
 drawn = cached(lambda: tofrender.plot_pixel_transient(CUBE, 0, 0, 1.0, 0.1))
 record = cached(lambda: sampling.Sphere((0, 0, 1), 0.1).sample(mi.Point3f(0), mi.Point2f(0.5)))
@@ -376,6 +378,8 @@ TABLE = [
     row("scanning.point_cloud", {"waveforms": "render", "max_returns": "returns"}, waveforms=shots),
     row("scanning.true_points", {"waveforms": "render"}, waveforms=shots),
     row("io.save_point_cloud", {"cloud": "render"}, cloud=points),
+    row("sensors.sense", {"sensor": "choice", "dataset": "dataset"}, dataset=data, sensor=COUNTER),
+    row("vis.measurement_figure", {"measured": "dataset"}, measured=counted),
     # -------------------------------------------------------------------------------- sampling
     row("sampling.point_set"),
     alone("sampling.point_set", {"seed": "seed"}, kind="independent"),

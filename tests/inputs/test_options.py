@@ -21,6 +21,7 @@ COMMANDS: dict[str, list[str]] = {
     "lidar": ["cornell_box", "--shots", "2x2", "--spp", "1"],
     "reconstruct": ["wall.h5", "--method", "bp"],
     "merge": ["a", "b"],
+    "sense": ["render", "--sensor", "itof"],
     "warp": ["beckmann", "--alpha", "0.5", "--count", "4"],
     "warptest": ["beckmann", "--headless", "--alpha", "0.5", "--count", "4"],
     "view": ["cornell_box", "--live", "--size", "4x4", "--spp", "1", "--no-browser"],
@@ -59,6 +60,7 @@ OPTIONS = {name: kind for kind, names in KINDS.items() for name in names.split()
 OPTIONS |= {f"--{name.replace('_', '-')}": kind_of_setting(s) for name, s in SETTINGS.items()}
 OPTIONS |= {
     **{"-D": "definition", "scene": "source", "view source": "source", "phasor source": "render"},
+    **{"sense source": "render", "sense --sensor": "choice"},
     **{"reconstruct source": "file", "report source": "file", "submit folder": "file"},
     **{"grade --seed": "count", "gradescope --seed": "count", "gate --pulse-width": "positive"},
 }

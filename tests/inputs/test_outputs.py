@@ -52,6 +52,7 @@ COMMANDS = {
     "lidar": (".ply", ["lidar", "cornell_box", "--shots", "2x2", "--spp", "1"]),
     "reconstruct": ("", ["reconstruct", "{capture}", "--method", "bp"]),
     "report": (".html", ["report", "{render}"]),
+    "sense": ("", ["sense", "{render}", "--sensor", "itof"]),
     "warp": (".png", ["warp", "tent", "--count", "4"]),
 }
 REPLACES = {"gif", "mp4", "layers", "lidar", "report", "warp"}

@@ -161,6 +161,14 @@ KEY_NUMBERS = {
         assert 0.0995 < start_off < 0.1005, start_off
         assert place_error < 2e-3 and tilt_error < 0.2, (place_error, tilt_error)
     """,
+    "09_photons": """
+        assert 0.94 < chi_square < 1.06, chi_square
+        assert lost > 0.8 and abs(left) < 0.05, (lost, left)
+        ratios = np.array(errors) / bounds
+        assert ((0.9 < ratios) & (ratios < 1.4)).all(), ratios
+        assert abs(bias["SPAD"]) < 0.003 and bias["iToF"] > 0.02, bias
+        assert 0.98 < ratio < 1.02, ratio
+    """,
 }
 
 # Each warning that a notebook is to show, in order

@@ -104,6 +104,7 @@ def test_every_main_command(home):
     tofrender("render", "bust_ao", *SMALL, "--bins", "9", "--window", "auto", "--out", "bust")
     tofrender("render", "scenes/nlos/nlos_bunny.xml", *SMALL, "--out", "bunny")
     tofrender("phasor", "box0", "--freq", "2e7", "--out", "phasor")
+    tofrender("sense", "box0", "--sensor", "itof", "--out", "taps")
     tofrender("gate", "cornell_box", "--size", "6x5", "--spp", "1", "--at", "6", "--out", "gate")
     tofrender("capture", "nlos-z", "--grid", "3x3", "--spp", "1", "--out", "z.h5")
     tofrender("reconstruct", "z.h5", "--method", "lct", "--out", "z")

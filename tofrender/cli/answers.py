@@ -32,6 +32,9 @@ SCHEMAS: dict[str, dict[str, Any]] = {
     "render": _PICTURE | _BINNED | _RENDER,
     "phasor": _PICTURE | {"source": str, "frequencies_hz": list[float]},
     "gate": _PICTURE | {"scene": str, "at": float, "pulse_width": float, **_SAMPLING},
+    "sense": _WRITTEN
+    | {"source": str, "sensor": str, "quantity": str, "seed": int, "cycles": int}
+    | {"expected": float | None, "total": float},
     "capture": _BINNED | {"mode": str, "columns": int, "rows": int},
     "lidar": _WRITTEN | {"scene": str, "shots": int, "points": int},
     "reconstruct": _WRITTEN | {"source": str, "method": str, "median_depth": float | None},

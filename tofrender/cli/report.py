@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".html", ".htm")
 VOLUME = "volume.npz"  # As `tofrender reconstruct` writes it
+SENSED = "sensed.nc"  # As `tofrender sense` does
 GATE, PHASORS = "gate.exr", "phasor_*Hz.exr"  # As `tofrender gate` and `tofrender phasor` do
 MEGABYTES = partial(checks.number, low=0.1, high=1000)
 
@@ -25,8 +26,8 @@ def report(
         Path,
         opt.argument(
             "DIR|FILE",
-            "What `render`, `capture`, `reconstruct`, `phasor` or `gate` has written, or an .npz, "
-            ".exr, .zarr.",
+            "What `render`, `capture`, `reconstruct`, `phasor`, `gate` or `sense` (of a SPAD) has "
+            "written, or an .npz, .exr, .zarr, .nc.",
         ),
     ],
     out: Annotated[Path, opt.named("FILE", "HTML file to write.", "--out", "-o")],
@@ -67,10 +68,11 @@ def load_intensity(source: Path) -> xr.Dataset:
 def load_result(source: Path) -> xr.Dataset:
     """Load the Dataset of a folder or a file, with Stokes vectors if it has them."""
     from tofrender import io
+    from tofrender.io.netcdf import load_measurement
     from tofrender.rendering.films_on_disk import load_zarr
 
     loaders: dict[str, Any] = {".npz": io.load_npz, ".exr": io.load_exr_stack}
-    loaders |= dict.fromkeys((".h5", ".hdf5"), io.load_capture)
+    loaders |= dict.fromkeys((".h5", ".hdf5"), io.load_capture) | {".nc": load_measurement}
     suffix = source.suffix.lower()
     if source.suffix == ".zarr":
         return load_zarr(source)
@@ -78,6 +80,8 @@ def load_result(source: Path) -> xr.Dataset:
     if volume.name == VOLUME and volume.is_file():
         return _load_volume(volume)
     if source.is_dir():
+        if (source / SENSED).is_file():
+            return load_measurement(source / SENSED)
         if (source / GATE).is_file():
             return _load_gate(source / GATE)
         if phasors := sorted(source.glob(PHASORS)):
@@ -85,8 +89,8 @@ def load_result(source: Path) -> xr.Dataset:
         return opt.load_render(source, "DIR|FILE")
     if source.is_file() and suffix in loaders:
         return loaders[suffix](source)
-    commands = "`render`, `reconstruct`, `phasor` or `gate`"
-    allowed = f"a folder of {commands}, or an .npz, .exr, .zarr, .h5 or .hdf5"
+    commands = "`render`, `reconstruct`, `phasor`, `gate` or `sense`"
+    allowed = f"a folder of {commands}, or an .npz, .exr, .zarr, .h5, .hdf5 or .nc"
     problem = "is none of these" if source.exists() else "does not exist"
     raise ValueError(f"DIR|FILE = {checks.quote(str(source))}: {problem}; must be {allowed}")
 

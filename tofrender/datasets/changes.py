@@ -8,8 +8,8 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from ..runtime.tables import unknown
 from ..scenes.parts import Dict, ref, rgb
-from .tables import unknown
 from .varied import Varied
 
 CAMERAS = ("perspective", "thinlens", "orthographic", "radiancemeter", "irradiancemeter", "distant")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import date, time
@@ -19,8 +18,9 @@ from ..nlos.captures import MODES
 from ..rendering.settings import SETTINGS
 from ..runtime import checks
 from ..runtime.settings import CHECKS
+from ..runtime.tables import boolean, checked, known_keys, read_toml, table, text
+from ..sensors.config import read_sensor
 from .randomness import Source
-from .tables import boolean, checked, known_keys, table, text
 from .varied import REPEATABLE, Varied, parse_varied
 
 MAX_RECORDS = 10_000_000
@@ -83,6 +83,7 @@ class Config:
     settings: dict[str, Any]
     window: tuple[float, float] | None
     sensor: int
+    sense: dict[str, Any] | None  # Description of a sensor, `[sensor]`
     outputs: Outputs
     materials: dict[str, dict[str, Any]]
     objects: dict[str, dict[str, Any]]
@@ -126,17 +127,7 @@ def read_config(source: str | os.PathLike[str] | Mapping[str, Any] | Config) -> 
         return source
     if isinstance(source, Mapping):
         return parse_config(dict(source), Path.cwd())
-    path = checks.path("config", source)
-    try:
-        given = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise FileNotFoundError(f"config = {path}: does not exist; must be a TOML file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"config = {path}: cannot be read ({type(error).__name__})") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"config = {path}: {' '.join(str(error).split())}") from None
-    except RecursionError:
-        raise ValueError(f"config = {path}: is nested too deeply; must be flatter") from None
+    given, path = read_toml("config", source)
     return parse_config(given, path.absolute().parent)
 
 
@@ -257,6 +248,7 @@ CONFIG: dict[str, Check] = {
     "parameters": _parameters,
     "render": _render,
     "outputs": _outputs,
+    "sensor": lambda _, value: value,  # Checked where its folder is known
     "materials": _plugins,
     "objects": _plugins,
     "vary": lambda name, value: {
@@ -266,7 +258,8 @@ CONFIG: dict[str, Check] = {
 """The check of each key."""
 
 REQUIRED = ("records", "scene", "outputs")
-DEFAULTS = {name: {} for name in CONFIG if name not in REQUIRED} | {"seed": 0, "retry": 0}
+DEFAULTS = {name: {} for name in CONFIG if name not in REQUIRED}
+DEFAULTS |= {"seed": 0, "retry": 0, "sensor": None}
 
 
 def parse_config(given: dict[str, Any], folder: Path) -> Config:
@@ -284,6 +277,10 @@ def parse_config(given: dict[str, Any], folder: Path) -> Config:
         scene = os.fspath(scene)
         scene = find_scene(str(folder / scene) if scene.lower().endswith(".xml") else scene)
     found["scene"] = scene
+    sense = found.pop("sensor")
+    if isinstance(sense, str) and sense.endswith(".toml"):
+        sense = folder / sense
+    sense = sense if sense is None else read_sensor(sense)["given"]
     built_in, is_xml = isinstance(scene, str), isinstance(scene, Path)
     if found["arguments"] and not built_in:
         raise ValueError("arguments: must be left out, only built-in scenes have them")
@@ -301,6 +298,7 @@ def parse_config(given: dict[str, Any], folder: Path) -> Config:
         settings={name: value for name, value in render.items() if name in CHECKS},
         window=render.get("window"),
         sensor=render.get("sensor", 0),
+        sense=sense,
         varied=varied,
         folder=folder,
         plain=_plain(given, scene),

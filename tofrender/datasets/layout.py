@@ -12,9 +12,11 @@ import mitsuba as mi
 import numpy as np
 
 from ..films.image import time_bins
+from ..rendering.dataset import transient_dataset
 from ..rendering.window import windowed_film
 from ..runtime import atomic
 from ..scenes.loading import require_sensor
+from ..sensors import sense
 from .config import Config, Outputs
 from .scene import load, scene_of
 
@@ -108,7 +110,7 @@ def layout_of(config: Config, records: list[int]) -> Layout:
     width, height = (int(v) for v in film.crop_size())
     channels = 1 if mi.is_monochromatic else 3
     window, opl = None, np.zeros(0)
-    if outputs.rendered or outputs.noisy or capture:
+    if outputs.rendered or outputs.noisy or capture or config.sense is not None:
         if time_bins(film) is None:
             raise ValueError(
                 "render.temporal_bins: must be given, and window, as the scene has no time bins"
@@ -138,6 +140,18 @@ def layout_of(config: Config, records: list[int]) -> Layout:
             its = (*LASERS, *its)
         arrays.append(Array(name, its, tuple(len(coordinates[axis]) for axis in its), kind.dtype))
         axes |= {axis: coordinates[axis] for axis in its}
+    if config.sense is not None:  # Shapes are those of a dim film
+        dim = np.full(timed.shape, 1e-12, np.float32)
+        attrs = {"quantity": "radiance per bin"}
+        attrs |= {"start_opl": timed.start_opl, "bin_width_opl": timed.bin_width_opl}
+        film = transient_dataset({"transient": dim, "steady": dim[:, :, 0]}, timed, attrs)
+        measured = sense(film, config.sense)
+        for name, values in measured.items():
+            its = tuple(f"sensor_{axis}" for axis in values.dims)
+            dtype = "bool" if values.dtype == bool else "float32"
+            arrays.append(Array(f"sensor_{name}", its, values.shape, dtype))
+            places = {axis: measured["opl" if axis == "bin" else axis] for axis in values.dims}
+            axes |= {f"sensor_{axis}": each.values for axis, each in places.items()}
     return Layout(tuple(arrays), axes, window, scene.id())
 
 

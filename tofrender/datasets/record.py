@@ -20,6 +20,7 @@ from ..rendering.renderer import render
 from ..runtime import checks
 from ..runtime.backend import versions
 from ..scenes.fingerprint import fingerprint
+from ..sensors import sense
 from .config import Config
 from .layout import GEOMETRY, ORIGINS, Layout
 from .scene import load, scene_of
@@ -96,12 +97,16 @@ def _rendered(
         about["fingerprint"] = fingerprint(scene, camera, tracer)
     common: dict[str, Any] = {"sensor": config.sensor, "progress": False}
     sampler = config.settings.get("sampler")
-    if outputs.rendered:
+    if outputs.rendered or config.sense is not None:
         film = render(scene, spp=spp, seed=seed, sampler=sampler, **common)
         arrays |= {name: film[name].values for name in ("transient", "steady")}
         _require_whole(film.attrs)
         keep = ("spp", "integrator", "max_depth", "pulse", "sampler", "energy_outside_window")
         about |= {name: film.attrs[name] for name in keep}
+        if config.sense is not None:
+            about["sensor_seed"] = config.render_seed(record, attempt, "sensor")
+            measured = sense(film, config.sense, about["sensor_seed"])
+            arrays |= {f"sensor_{name}": each.values for name, each in measured.items()}
     if outputs.noisy:
         about["noise_seed"] = config.render_seed(record, attempt, "noise")
         film = render(scene, spp=outputs.noisy, seed=about["noise_seed"], sampler=sampler, **common)

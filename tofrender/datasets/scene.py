@@ -9,6 +9,7 @@ from typing import Any
 import mitsuba as mi
 
 from ..runtime import checks
+from ..runtime.tables import known_keys
 from ..scenes import BUILT_IN
 from ..scenes.as_dict import scene_as_dict
 from ..scenes.loading import load_scene
@@ -16,7 +17,6 @@ from ..scenes.parts import Dict, pose
 from ..scenes.transient_integrators import transient_integrator_for
 from .changes import change, copied
 from .config import Config
-from .tables import known_keys
 
 TO_WORLD = ("position", "axis", "angle", "scale")
 

@@ -20,12 +20,12 @@ import numpy as np
 from ..rendering.films_on_disk import require_zarr
 from ..rendering.store import BLOCK_BYTES, checksum, put_in_place, put_labels
 from ..runtime import atomic
-from .layout import KINDS, Array, Plan
+from .layout import KINDS, Array, Kind, Plan
 from .record import Receipt
 from .varied import Varied
 
 GROUP, RECEIPTS, PLAN = "set.zarr", "receipts", "plan.json"
-TIME_AXES = ("opl", "capture_opl")
+TIME_AXES = ("opl", "capture_opl", "sensor_bin")
 
 
 class Store:
@@ -216,5 +216,5 @@ def _create_array(group: Any, array: Array, count: int) -> None:
         fill_value=False if array.dtype == "bool" else float("nan"),
         dimension_names=("record", *array.axes),
     )
-    labels = KINDS[array.name]._asdict()
+    labels = KINDS.get(array.name, Kind(()))._asdict()
     made.attrs.update({name: labels[name] for name in ("units", "long_name") if labels[name]})

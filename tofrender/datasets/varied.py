@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..runtime import checks
+from ..runtime.tables import boolean, known_keys, text, unknown
 from .distributions import KEYS, Distribution, parse_distribution
-from .tables import boolean, known_keys, text, unknown
 
 TARGETS: dict[str, tuple[str, ...]] = {
     "argument": (),
@@ -36,7 +36,7 @@ RESERVED = (
     *("noisy", "phasor", "depth", "normals", "capture", "hidden_depth", "made_with", "attempt"),
     *("energy_outside_window", "render_seed"),
 )
-"""Names of arrays and axes that a quantity cannot have; neither can it begin with `capture_`."""
+"""Names of arrays and axes that a quantity cannot have, nor any with `capture_` or `sensor_`."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def parse_varied(name: str, given: Any) -> Varied:
     where = f"vary.{name}"
     if not NAME.fullmatch(name):
         raise ValueError(f"vary.{name!r}: must be a name of letters, digits and _")
-    if name in RESERVED or name.startswith("capture_"):
+    if name in RESERVED or name.startswith(("capture_", "sensor_")):
         raise ValueError(f"{where}: must have another name, which no array of the data set has")
     checks.require(where, given, isinstance(given, Mapping), "a table")
     targets = [target for target in TARGETS if target in given]

@@ -16,7 +16,7 @@ BYTES_PER_VALUE = {"half": 2, "float": 4}
 # Files with our mark in their first bytes; an output folder of ours holds at least one ...
 _MARKED = re.compile(
     r"(frame_\d{4,}|steady|phasor_[\w.+-]+|gate|brightness|depth)\.(exr|png)|stack\.exr|transient\.npz"
-    r"|transient\.zarr"
+    r"|transient\.zarr|sensed\.nc"
 )
 # ... and beside them only these. Nothing but such a folder is ever replaced.
 _UNMARKED = re.compile(

@@ -2,6 +2,7 @@ from .cameras import (
     GatedCamera as GatedCamera,
     StreakCamera as StreakCamera,
 )
+from .config import sense as sense
 from .estimators import (
     coates as coates,
     coates_variance as coates_variance,

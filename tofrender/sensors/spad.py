@@ -139,11 +139,16 @@ class Spad:
 
         Afterpulses, crosstalk and macro pixels have no closed form and are refused.
         """
-        for name in ("afterpulse_probability", "crosstalk_probability", "macro_pixel"):
-            value = getattr(self, name)
-            checks.require(name, value, value in (0, (1, 1)), "left out for expected")
+        for name, value in self.interactions().items():
+            checks.require(name, value, False, "left out for expected")
         readout = Readout(self, Rates(rates, cycles, bin_width_opl, MAX_RATE))
         return self._counts(readout, readout.expected, np.float64)
+
+    def interactions(self) -> dict[str, Any]:
+        """Parameters that are in use, and for which `expected` has no closed form."""
+        names = "afterpulse_probability", "crosstalk_probability", "macro_pixel"
+        given = {name: getattr(self, name) for name in names}
+        return {name: value for name, value in given.items() if value not in (0, (1, 1))}
 
     def photons(
         self, rates: Any, cycles: int, seed: int = 0, *, bin_width_opl: float | None = None

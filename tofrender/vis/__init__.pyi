@@ -13,6 +13,7 @@ from .polarisation import (
 )
 from .pyramid import pyramid_figure as pyramid_figure
 from .reconstructions import reconstruction_figure as reconstruction_figure
+from .sensing import measurement_figure as measurement_figure
 from .summary import summary_figure as summary_figure
 from .tone import (
     auto_exposure as auto_exposure,

@@ -102,6 +102,7 @@ def contents_of(
     header: dict[str, Any] = {
         "version": 1,
         **{"perMetre": False, "depth": "", "geometry": {}, "orders": [], "stokes": []},
+        **{"counts": False},
         **{"hatched": found.hatched, "warnings": found.warnings},
         "paths": path_lists(paths, found.header["kind"]),
         **found.header,

@@ -31,6 +31,7 @@ FACTS = {
     "mode": "Mode",
     "method": "Method",
     "spp": "Samples per pixel",
+    "cycles": "Laser cycles",
     "integrator": "Integrator",
     "pulse": "Pulse",
     "max_depth": "Longest path [segments]",
@@ -73,13 +74,18 @@ def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> Expl
     if kind != "transient":
         found = {"volume": _volume, "capture": _capture, "phasors": _phasors}[kind](data)
     else:
-        if "strategy" in data.dims:
+        counted, own = "counts" in data, None
+        if counted:
+            data, own = _counts(data)
+        elif "strategy" in data.dims:
             data, own = _strategies(data)
-            orders = own if orders is None else orders
+        orders = own if orders is None else orders
         light, *others = components_of(data)
         found = _transient(light, _orders(orders, light), distance_m)
         for name, each in zip(STOKES[1:], others, strict=False):
             found.layers[f"stokes {name}"] = Cube(each["transient"]), found.mode
+        if counted:
+            found.header |= {"quantity": "counts", "counts": True}
     _find_flaws(found)
     return found
 
@@ -251,6 +257,20 @@ def _strategies(data: xr.Dataset) -> tuple[xr.Dataset, dict[str, xr.Dataset]]:
         strategies = np.flatnonzero(length == vertices)
         orders[name] = weighted.isel(strategy=strategies).sum("strategy")
     return weighted.sum("strategy", keep_attrs=True), orders
+
+
+def _counts(data: xr.Dataset) -> tuple[xr.Dataset, dict[str, xr.Dataset]]:
+    """Counts of `sense` as a film of one channel, and their expectation as another."""
+    whole = data["counts"].dims == ("y", "x", "bin") and "opl" in data.coords
+    checks.require("data", data, whole, "counts as sense has them")
+    axes = {axis: np.arange(data.sizes[axis]) for axis in "yx"} | {"opl": data["opl"].values}
+    found = {}
+    for name, shown in {"counts": "counts", "expected": "expectation"}.items():
+        if name in data:
+            film = data[[name]].drop_vars([*data.coords]).rename({name: "transient", "bin": "opl"})
+            film = film.astype(np.float32).expand_dims(channel=["L"], axis=-1).assign_coords(axes)
+            found[shown] = film.assign_attrs(data.attrs, quantity=QUANTITIES[0])
+    return found.pop("counts"), found
 
 
 def _orders(orders: Any, data: xr.Dataset) -> dict[str, Cube]:

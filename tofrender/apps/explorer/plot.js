@@ -63,7 +63,7 @@ export class Axes {
 /**
  * Draw responses.
  *
- * @param curves {values, errors, style, faint} each; `style` is an index of STYLES.
+ * @param curves {values, errors, style, faint, dots} each; `style` is an index of STYLES.
  * @param marks {bin} or {gate: {first, count}}: what is shown now.
  * @param words {quantity, below, above}: titles of axes; `below` counts in ns unless `inMetres`.
  * @param range of values, if it is known beforehand.
@@ -155,10 +155,11 @@ function drawGrid(pen, axes, y, { low, high, log }, words, ink) {
   pen.restore();
 }
 
-function drawCurve(pen, axes, y, { values, errors, style, faint }, dark) {
+function drawCurve(pen, axes, y, { values, errors, style, faint, dots }, dark) {
   pen.strokeStyle = pen.fillStyle = colourOf(style, dark);
   const middle = (bin) => axes.x(axes.start + (bin + 0.5) * axes.width);
   if (errors) drawErrors(pen, middle, y, values, errors);
+  if (dots) return values.forEach((value, bin) => pen.fillRect(middle(bin) - 1.5, y(value) - 1.5, 3, 3));
   pen.globalAlpha = faint ? 0.75 : 1;
   pen.lineWidth = faint ? 1 : 1.75;
   pen.lineJoin = "round";

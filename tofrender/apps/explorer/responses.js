@@ -45,7 +45,7 @@ export class Responses {
       this.known.set(name, found);
     }
     const [x, y] = recording.place([column, row]);
-    return { ...this.known.get(name), x, y, style: Math.max(0, k) };
+    return { ...this.known.get(name), x, y, style: Math.max(0, k), dots: recording.about.counts };
   }
 
   /** Curves of all chosen pixels. */
@@ -77,7 +77,7 @@ export class Responses {
     const { name, unit, range, of } = STOKES[now.stokes];
     const active = curves[now.active];
     const orders = (active?.orders ?? []).map(({ values }, k) => ({
-      ...{ values, style: active.style, faint: DASHES[k % DASHES.length] },
+      ...{ values, style: active.style, faint: about.counts ? [] : DASHES[k % DASHES.length] },
     }));
     const marks = now.view === "gate" ? { gate: now.gate } : { bin: now.bin };
     const what = recording.unwarped ? about.axis.what.replace("included", "left out") : about.axis.what;
@@ -112,9 +112,12 @@ export class Responses {
   showLegend(active, dark) {
     const { parts, recording, now } = this.explorer;
     const words = recording.errors ? ["Bars and bands are one standard error."] : [];
-    if (active?.orders.length) words.push(`Thin lines are parts of pixel ${now.active + 1}:`);
+    const { counts } = recording.about;
+    if (active?.orders.length) {
+      words.push(`${counts ? "Dots are counts, the line is of" : "Thin lines are parts of"} pixel ${now.active + 1}:`);
+    }
     const keys = (active?.orders ?? []).map(({ name }, k) => {
-      const swatch = lineSwatch(DASHES[k % DASHES.length], colourOf(active.style, dark));
+      const swatch = lineSwatch(counts ? [] : DASHES[k % DASHES.length], colourOf(active.style, dark));
       return make("span", { className: "key" }, swatch, name);
     });
     parts.legend.hidden = !words.length;

@@ -1,12 +1,30 @@
-"""Checks of the tables of a config: their keys, and values that are no numbers."""
+"""TOML files, and checks of their tables: keys, and values that are no numbers."""
 
 from __future__ import annotations
 
+import os
+import tomllib
 from collections.abc import Callable, Collection, Mapping
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any
 
-from ..runtime import checks
+from . import checks
+
+
+def read_toml(name: str, source: str | os.PathLike[str]) -> tuple[dict[str, Any], Path]:
+    """Content of a TOML file, a parameter of this name, and the file's path."""
+    path = checks.path(name, source)
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8")), path
+    except FileNotFoundError:
+        raise FileNotFoundError(f"{name} = {path}: does not exist; must be a TOML file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"{name} = {path}: cannot be read ({type(error).__name__})") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{name} = {path}: {' '.join(str(error).split())}") from None
+    except RecursionError:
+        raise ValueError(f"{name} = {path}: is nested too deeply; must be flatter") from None
 
 
 def known_keys(where: str, given: Mapping[str, Any], allowed: Collection[str]) -> None:
