@@ -135,9 +135,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.denoising", description=__doc__)
     parser.add_argument("scenes", nargs="*", default=list(SCENES), help="by default all")
     parser.add_argument("--seeds", type=int, default=4, help="renders of each (4)")
-    parser.add_argument("--cache", type=Path, default=Path("/tmp/denoising"), help="references")
+    parser.add_argument("--cache", type=Path, required=True, help="folder for reference films")
     options = parser.parse_args()
-    options.cache.mkdir(exist_ok=True)
+    options.cache.mkdir(parents=True, exist_ok=True)
     warnings.simplefilter("ignore")  # Light outside of the window
     print("| scene | all | without lamps | at equal time | worst region | phasors | cost |")
     print("| --- | --- | --- | --- | --- | --- | --- |")

@@ -44,7 +44,7 @@ LEAST_ALBEDO = np.float32(0.05)
 """Light of darker surfaces is divided by this."""
 
 KINDS = {"scattering": 0, "emitter": 1, "specular": 2}
-"""What a pixel sees first: the latter two if any of its rays does."""
+"""Kinds of a pixel's first hits: one of the latter two if any of its rays has it."""
 
 FEATURES = {"position": 3, "normal": 3, "albedo": 3, "distance": 1, "kind": 1}
 """Features and their channels."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..denoising.filtering import FEATURES, KINDS
 from ..paths.camera import sample_camera, sampled_size
+from ..paths.surfaces import first_surface
 from ..runtime import plugins
 
 RAYS = 8
@@ -18,7 +19,6 @@ RAYS = 8
 
 SEED = 0x5EED
 SPECULAR = "DeltaReflection", "DeltaTransmission"
-SCATTERING = "Smooth", *SPECULAR
 
 
 def render_features(scene: mi.Scene, sensor: mi.Sensor, film: mi.Film) -> np.ndarray:
@@ -38,7 +38,7 @@ def render_features(scene: mi.Scene, sensor: mi.Sensor, film: mi.Film) -> np.nda
     lanes = columns * rows * RAYS
     sampler.seed(SEED, lanes)
     camera = sample_camera(sensor, film, sampler, dr.arange(mi.UInt32, lanes) // RAYS)
-    si = _first_surface(scene, mi.Ray3f(camera.ray))
+    si = first_surface(scene, mi.Ray3f(camera.ray))
     bsdf, hit = si.bsdf(), si.is_valid()
     emitter = hit & si.shape.is_emitter()
     kind = dr.select(emitter, KINDS["emitter"], mi.Float(KINDS["scattering"]))
@@ -65,18 +65,6 @@ def by_name(features: np.ndarray) -> dict[str, np.ndarray]:
         name: part[..., 0] if part.shape[-1] == 1 else part
         for name, part in zip(FEATURES, parts, strict=True)
     }
-
-
-@dr.syntax
-def _first_surface(scene: mi.Scene, ray: mi.Ray3f) -> mi.SurfaceInteraction3f:
-    """Intersect rays with the first surface that is no mere boundary of a medium."""
-    si = scene.ray_intersect(ray)
-    passing = si.is_valid() & _has(si, "Null") & ~_has(si, *SCATTERING)
-    while passing:
-        ray[passing] = si.spawn_ray(ray.d)
-        si[passing] = scene.ray_intersect(ray, passing)
-        passing &= si.is_valid() & _has(si, "Null") & ~_has(si, *SCATTERING)
-    return si
 
 
 def _has(si: mi.SurfaceInteraction3f, *flags: str) -> mi.Bool:

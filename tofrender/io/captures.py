@@ -32,7 +32,7 @@ LAYOUTS: tuple[tuple[str, str, Callable[..., xr.Dataset]], ...] = (
     ("PTU", "", measured.read_ptu),
     ("SDT", "", measured.read_sdt),
 )
-"""What `load_capture` reads; the first one whose variables a file has."""
+"""Formats of `load_capture`: the first one whose variables a file has is read."""
 
 
 @status("Reading a capture")

@@ -1,4 +1,4 @@
-"""What sensors measure, as NetCDF 3 files, which `xarray.load_dataset` opens as well."""
+"""NetCDF 3 files of sensors' measurements, which `xarray.load_dataset` opens as well."""
 
 from __future__ import annotations
 

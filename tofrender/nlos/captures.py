@@ -27,7 +27,7 @@ MODES = ("single", "confocal", "exhaustive")
 
 COUNTS = "photon counts per bin"
 QUANTITIES = {"radiance per bin": "W m^-2 sr^-1", COUNTS: "1"}
-"""What a capture may hold, and its units."""
+"""Quantities of captures, with their units."""
 
 DEVICES = ("laser", "sensor")
 ON_WALL = "on_wall"

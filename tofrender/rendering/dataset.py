@@ -39,7 +39,7 @@ HALVES = {
     "half_difference": DIMS["transient"],
     "features": ("y", "x", "feature"),
 }
-"""What a denoised render has besides: see `denoise`."""
+"""Variables that `denoise` needs, with their dimensions."""
 
 
 def coordinates(film: TransientHDRFilm) -> dict[str, np.ndarray]:

@@ -1,4 +1,4 @@
-"""What a SPAD array makes of blocks of rates: stamps with jitter and TDC, and their histograms."""
+"""Readout of SPAD arrays: time stamps with jitter and TDC codes, and their histograms."""
 
 from __future__ import annotations
 

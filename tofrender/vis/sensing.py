@@ -1,4 +1,4 @@
-"""What a sensor measures, on one page."""
+"""Figure of a sensor's measurement beside its expectation."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from abc import abstractmethod
 from collections.abc import Callable
 from concurrent.futures import Executor
 from typing import Any
@@ -47,9 +48,9 @@ class App(pn.custom.JSComponent):
         self._document: Any = None  # In a notebook it stays so
         self.param.watch(self.do_redraw, "chosen")
 
+    @abstractmethod
     async def draw(self) -> None:
         """Compute and show what is chosen."""
-        raise NotImplementedError
 
     async def refresh(self) -> None:
         """Look for what is new, each `PERIOD_MS` while the page is open."""

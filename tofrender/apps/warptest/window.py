@@ -154,7 +154,7 @@ class Tester(App):
 
 
 def _described() -> dict[str, dict[str, Any]]:
-    """What the page has to know about each subject."""
+    """Describe each subject for the page."""
     return {
         name: {
             "title": subject.title,
