@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
-from ..films.contribution import Contribution
 from ..integrators.plan import Plan
 from ..nlos.light.laser_spot import LaserSpot, Spot, scatter_beam
 from ..nlos.light.scan import Scan
-from ..paths.protocols import Space
-from ..paths.records import Limits, Path
+from ..paths.protocols import Endpoint, HistoryUpdates, Parts, Space
+from ..paths.records import BSDFEval, BSDFSample, Connection, Limits, Path, Vertex
 from ..paths.scattering import Materials
-from ..paths.space import transmittance_between
 from ..paths.surfaces import has_lobes, materials
+from ..paths.walk import walk
 from ..runtime import checks
 from ..signals.illuminants import white
 
-MOST = 64  # Mirrors and glass surfaces of a way whose depth is unlimited
+MOST = 64  # Segments of a way whose depth is unlimited
 
 
 def require_followed(scene: mi.Scene, space: Space) -> None:
@@ -44,73 +44,51 @@ def sample_cone(axis: mi.Vector3f, u: mi.Point2f, half_angle: float) -> mi.Vecto
     return mi.Frame3f(axis).to_world(mi.Vector3f(across.x, across.y, 1 - 2 * r2))
 
 
-class LidarPlan(Plan):
-    """Laser and receiver with one cone, of the solid angle W, around each ray's `d_x`.
+@dataclass
+class Wavefront:
+    """History of a beam on its way: its light, and its ray differentials to both sides."""
 
-    A pulse has 1/W of its energy per steradian. Its light that returns on its own way, from the
-    first vertex that is no delta lobe, contributes with the wavefront's area A per solid angle
+    light: mi.UnpolarizedSpectrum  # throughput of the way out, which shares the lobes chosen back
+    p1: mi.Vector3f  # differentials of the point by the direction at the start [m/rad]
+    p2: mi.Vector3f
+    d1: mi.Vector3f  # differentials of the direction
+    d2: mi.Vector3f
 
-        W (1/W) f cos / A   [1/m^2 of the aperture],   A = r^2 on a straight way.
 
-    All other light is found by connections to laser spots of rays of the beam, times W.
-    """
+class WavefrontUpdates(HistoryUpdates[Wavefront]):
+    """Ray differentials on straight ways and at delta lobes (Igehy, SIGGRAPH 1999)."""
 
-    def __init__(self, scene: mi.Scene, space: Space, half_angle: float, max_depth: int) -> None:
-        self.half_angle, self.depth = half_angle, max_depth - 1 if max_depth > 0 else -1
-        self.scan = Scan(scene, space, [], [], None, False, -1, True, False)
-        materials, endpoint = (
-            space.with_phase_functions(Materials(scene)),
-            LaserSpot(self.scan, None),
-        )
-        super().__init__(scene, space, endpoint, materials, Limits(self.depth))
+    def __init__(self, scene: mi.Scene, ray: mi.Ray3f) -> None:
+        self.scene, self.ray = scene, ray
 
-    def illuminate(self, ray, origin, sampler, active):
-        """Return the laser spots of the beam around each ray, and light on the ray's own way."""
-        power = white(ray.wavelengths) * (4 * math.pi * math.sin(self.half_angle / 2) ** 2)
+    def start(self) -> Wavefront:
+        """Create the wavefront at the start of the rays."""
+        across, zero = mi.Frame3f(self.ray.d), dr.zeros(mi.Vector3f, dr.width(self.ray))
+        light = white(self.ray.wavelengths) + dr.zeros(mi.Float, dr.width(self.ray))
+        return Wavefront(light, zero, mi.Vector3f(zero), across.s + zero, across.t + zero)
 
-        def beam(sampler: mi.Sampler, active: mi.Bool) -> Spot:
-            d = sample_cone(ray.d_x, sampler.next_2d(), self.half_angle)
-            aimed = mi.Ray3f(ray.o, d, ray.time, ray.wavelengths)
-            return Spot(dr.zeros(mi.SurfaceInteraction3f), power, mi.Float(0), aimed, origin)
+    def at_vertex(self, path: Path[Wavefront], vertex: Vertex, active: mi.Bool) -> Wavefront:
+        """Spread the wavefront over the segment to a vertex."""
+        front, length = path.history, vertex.length
+        p1, p2 = dr.fma(front.d1, length, front.p1), dr.fma(front.d2, length, front.p2)
+        return replace(front, p1=p1, p2=p2)
 
-        spots = LaserSpot(self.scan, scatter_beam(self.scan, beam))
-        return spots, [self._returned(ray, origin, sampler, active)]
+    def after_sample(
+        self, path: Path[Wavefront], vertex: Vertex, bsdf_sample: BSDFSample
+    ) -> Wavefront:
+        """Bend the wavefront at a delta lobe; light is not compressed as radiance is."""
+        front, sample = path.history, bsdf_sample
+        p1, d1 = self._bend(front.p1, front.d1, path, sample)
+        p2, d2 = self._bend(front.p2, front.d2, path, sample)
+        weight = mi.unpolarized_spectrum(sample.weight) * (sample.pdf * sample.η**2)
+        return Wavefront(front.light * weight, p1, p2, d1, d2)
 
-    @dr.syntax
-    def _returned(self, ray: Any, origin: Any, sampler: Any, active: Any) -> Contribution:
-        """Light that returns on the rays' own ways, by mirrors and clear glass, too."""
-        space, scattering = self.space, self.scattering
-        path = Path.start(ray, origin, active, medium=space.medium_at_sensor(ray))
-        path, vertex = space.next_vertex(path, sampler)
-        path.opl, light = mi.Float(vertex.length), white(path.ray.wavelengths)
-        d1, d2 = (
-            mi.Vector3f(each) for each in (mi.Frame3f(path.ray.d).s, mi.Frame3f(path.ray.d).t)
-        )
-        p1, p2 = d1 * vertex.length, d2 * vertex.length
-        passing = path.active & vertex.valid & ~scattering.smooth(vertex)
-        while passing & (path.depth < (MOST if self.depth < 0 else self.depth - 1)):
-            _, sample = scattering.sample(vertex, None, sampler, passing)
-            # The light is not compressed as radiance is; both ways share one choice of the lobe
-            light = light * mi.unpolarized_spectrum(sample.weight) * (sample.pdf * sample.η**2)
-            p1, d1 = self._bend(p1, d1, path.ray, sample, passing)
-            p2, d2 = self._bend(p2, d2, path.ray, sample, passing)
-            path.β, path.η = path.β * sample.weight, path.η * sample.η
-            path.ray, path.prev = sample.ray, mi.Interaction3f(vertex.si)
-            path.depth, path.active = path.depth + 1, passing
-            path, vertex = space.next_vertex(path, sampler)
-            path.opl = dr.fma(path.η, vertex.length, path.opl)
-            p1, p2 = dr.fma(d1, vertex.length, p1), dr.fma(d2, vertex.length, p2)
-            passing = passing & vertex.valid & ~scattering.smooth(vertex)
-        d, active = path.ray.d, path.active & vertex.valid & ~passing
-        f = mi.unpolarized_spectrum(path.β * scattering.eval_pdf(vertex, -d, active).f)
-        if space.scatters:
-            f *= transmittance_between(space, vertex.si, origin, sampler, active)
-        return Contribution(light * f / dr.abs(dr.dot(dr.cross(p1, p2), d)), 2 * path.opl, active)
-
-    def _bend(self, p: Any, v: Any, ray: mi.Ray3f, sample: Any, active: mi.Bool) -> tuple[Any, Any]:
-        """Differentials of point and direction behind a delta lobe (Igehy, SIGGRAPH 1999)."""
-        flags, d = mi.RayFlags.All | mi.RayFlags.dNSdUV, ray.d
-        si = self.scene.ray_intersect(ray, flags, False, active)
+    def _bend(
+        self, p: Any, v: Any, path: Path, sample: BSDFSample
+    ) -> tuple[mi.Vector3f, mi.Vector3f]:
+        """Return differentials of point and direction behind a delta lobe."""
+        flags, d = mi.RayFlags.All | mi.RayFlags.dNSdUV, path.ray.d
+        si = self.scene.ray_intersect(path.ray, flags, False, path.active)
         # Move along the ray onto the surface, and find how its normal changes there
         p = p - d * (dr.dot(p, si.n) / dr.dot(d, si.n))
         uu, uv, vv = (
@@ -127,3 +105,80 @@ class LidarPlan(Plan):
         dc = -dr.dot(v, n) - dr.dot(d, dn)
         refracted = η * v + (η * c - out) * dn + η * dc * (1 - η * c / out) * n
         return p, dr.select(out < 0, v + 2 * (dc * n + c * dn), refracted)
+
+
+class Receiver(Endpoint):
+    """Lidar's receiver: the first vertex that is no delta lobe is seen on the light's own way.
+
+    The way back has the length, the lobes and, but for media, the transmittance of the way there.
+    """
+
+    history: WavefrontUpdates
+
+    def __init__(self, scene: mi.Scene, ray: mi.Ray3f, origin: mi.Point3f, blocked: bool) -> None:
+        self.history, self.origin, self.blocked = WavefrontUpdates(scene, ray), origin, blocked
+
+    def connect(
+        self, vertex: Vertex, path: Path[Wavefront], sampler: mi.Sampler, active: mi.Bool
+    ) -> Connection:
+        """Connect a vertex to the receiver, with light over the wavefront's area."""
+        front, d = path.history, path.ray.d
+        area = dr.abs(dr.dot(dr.cross(front.p1, front.p2), d))
+        back = Connection(self.origin, -d, front.light / area, path.opl / path.η, active)
+        back.unoccluded = mi.Bool(not self.blocked)
+        return back
+
+
+class MirrorsAndGlass(Materials):
+    """Materials whose paths end at the first vertex that is no delta lobe."""
+
+    def sample(
+        self, vertex: Vertex, connection: Connection | None, sampler: mi.Sampler, active: mi.Bool
+    ) -> tuple[BSDFEval | None, BSDFSample]:
+        """Sample delta lobes, and evaluate a connection if there is one."""
+        _, sample = super().sample(vertex, None, sampler, active & ~self.smooth(vertex))
+        return self.eval_connection(vertex, connection), sample
+
+
+class LidarPlan(Plan):
+    """Laser and receiver with one cone, of the solid angle W, around each ray's `d_x`.
+
+    A pulse has 1/W of its energy per steradian. Its light that returns on its own way, from the
+    first vertex that is no delta lobe, contributes with the wavefront's area A per solid angle
+
+        W (1/W) f cos / A   [1/m^2 of the aperture],   A = r^2 on a straight way.
+
+    All other light is found by connections to laser spots of rays of the beam, times W.
+    """
+
+    def __init__(self, scene: mi.Scene, space: Space, half_angle: float, max_depth: int) -> None:
+        self.half_angle = half_angle
+        self.scan = Scan(scene, space, [], [], None, False, -1, True, False)
+        surfaces = space.with_phase_functions(Materials(scene))
+        self.own_way = space.with_phase_functions(MirrorsAndGlass(scene))
+        depth = MOST if max_depth < 0 else max_depth
+        self.own_depth = min(depth, 2) if space.scatters else depth  # Fog excludes mirrors
+        limits = Limits(max_depth - 1 if max_depth > 0 else max_depth)
+        super().__init__(scene, space, LaserSpot(self.scan, None), surfaces, limits)
+
+    def illuminate(self, ray, origin, sampler, active):
+        """Return the laser spots of the beam around each ray, and light on the ray's own way."""
+        power = white(ray.wavelengths) * (4 * math.pi * math.sin(self.half_angle / 2) ** 2)
+
+        def beam(sampler: mi.Sampler, active: mi.Bool) -> Spot:
+            d = sample_cone(ray.d_x, sampler.next_2d(), self.half_angle)
+            aimed = mi.Ray3f(ray.o, d, ray.time, ray.wavelengths)
+            return Spot(dr.zeros(mi.SurfaceInteraction3f), power, mi.Float(0), aimed, origin)
+
+        spots = LaserSpot(self.scan, scatter_beam(self.scan, beam))
+        return spots, []
+
+    def connect_camera(self, endpoint, ray, origin, sampler, measurement, active):
+        """Add the light that returns on the rays' own ways, by mirrors and clear glass, too."""
+        receiver = Receiver(self.scene, ray, origin, self.space.scatters)
+        limits = Limits(self.own_depth, rr_depth=MOST)
+        parts = Parts(self.space, receiver, self.own_way, limits)
+        history, medium = receiver.history.start(), self.space.medium_at_sensor(ray)
+        path = Path.start(ray, origin, active, history, medium=medium)
+        measurement, path = walk(sampler, path, parts, measurement)
+        return measurement, path.not_finite
