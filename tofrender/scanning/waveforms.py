@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from os import PathLike
-from types import SimpleNamespace
 from typing import Any
 
 import drjit as dr
@@ -22,8 +21,9 @@ from ..runtime import backend, checks
 from ..scenes.checking import check_scene
 from ..scenes.loading import load_plugin, load_scene, require_sensor
 from ..signals.units import SPEED_OF_LIGHT
-from .beam import LidarPlan, require_followed, sample_cone
+from .beam import LidarPlan, require_followed
 from .patterns import directions, scan_pattern
+from .scanner import Scanner
 
 COLUMNS = 4096  # Of the film, whose pixels are the shots
 
@@ -92,10 +92,8 @@ def lidar(
     half_angle = checks.number("divergence_rad", divergence_rad, low=0, high=0.5)
     width = checks.width("bin_width_opl", bin_width_opl)
     background = checks.number("background_hz", background_hz, low=0) * width / SPEED_OF_LIGHT
-    pulse, max_depth = (
-        checks.width("pulse_width_opl", pulse_width_opl),
-        checks.depth("max_depth", max_depth),
-    )
+    pulse = checks.width("pulse_width_opl", pulse_width_opl)
+    max_depth = checks.depth("max_depth", max_depth)
     kind = {"type": "transient_path", "max_depth": max_depth, "pulse_width_opl": pulse}
     integrator, sampler = load_plugin("integrator", kind), best_sampler(spp)
     seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
@@ -127,20 +125,7 @@ def lidar(
     film = {"type": "transient_hdr_film", "rfilter": {"type": "box"}, "temporal_bins": bins}
     film |= {"width": columns, "height": rows, "start_opl": 0.0, "bin_width_opl": width}
     record = integrator.recording(load_plugin("film", film))
-
-    def sample_ray(time: Any, sample1: Any, sample2: mi.Point2f, sample3: Any) -> Any:
-        shot = mi.UInt32(sample2.y * rows) * columns + mi.UInt32(sample2.x * columns)
-        wavelengths, weight = [], mi.Spectrum(1)
-        if mi.is_spectral:
-            wavelengths, weight = mi.sample_rgb_spectrum(mi.sample_shifted(sample1))
-        axis = dr.gather(mi.Vector3f, directed, dr.minimum(shot, len(axes) - 1))
-        ray = mi.RayDifferential3f(start, sample_cone(axis, sample3, half_angle), time, wavelengths)
-        ray.d_x = axis
-        return ray, weight
-
-    scanner: Any = SimpleNamespace(looks_at_pixel_centres=True, sample_ray_differential=sample_ray)
-    scanner.shutter_open = scanner.shutter_open_time = lambda: 0.0
-    scanner.class_name, scanner.needs_aperture_sample = lambda: "Lidar", lambda: True
+    scanner: Any = Scanner(start, axes, half_angle, (columns, rows))  # No plugin of Mitsuba's
     record.require_memory(spp)
     plan = LidarPlan(scene, space, half_angle, max_depth)
     done = run(steps(plan, record, scanner, sampler, seed), record, spp, progress=progress)
