@@ -9,7 +9,7 @@ import pytest
 from helpers.support import refused
 
 import tofrender
-from tofrender.denoising import denoise_film, filtering
+from tofrender.denoising import denoise_film, filtering, kernels
 
 SHAPE = (24, 24, 32, 3)
 Y, X = np.mgrid[:24, :24]
@@ -126,6 +126,25 @@ def test_lamps_and_mirrors_are_not_mixed(kind):
         np.testing.assert_allclose(found[:, :12], mean[:, :12], rtol=1e-6)
     else:
         assert found[:, :12].std() < 0.8 * mean[:, :12].std()
+
+
+@pytest.mark.parametrize("step", [1, 2])
+@pytest.mark.parametrize("kind", [1, 2])
+def test_pixels_of_other_kinds_have_no_weights(kind, step):
+    """Inside of blocks, too: column 10 is the last of the kind."""
+    weights = kernels.pixel_weights(wall(kind=np.where(X < 11, kind, 0)), step)
+    across = np.array([right for _, right in kernels.NEIGHBOURS])
+    assert not weights[:, :11].any()
+    assert not weights[:, 11 : 11 + step][..., across < 0].any()
+    assert (weights[step:-step, 11 + step : -step] > 0).all()
+
+
+@pytest.mark.statistical
+def test_weak_light_stays():
+    """A checkerboard at a third of the noise: with noise taken for twice, it would be removed."""
+    weak = 0.3 * SIGMA * (CHECKED - 1)
+    found = np.mean([denoise_film(*halves(1 + weak, seed), wall()) for seed in range(4)], axis=0)
+    assert ((found - 1) * weak).mean() > 0.9 * (weak**2).mean()
 
 
 @pytest.mark.parametrize("feature", ["normal", "albedo", "position"])
