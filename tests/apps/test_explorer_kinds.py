@@ -265,7 +265,9 @@ def test_counts_are_dots_beside_their_expectation(tmp_path):
     y, x = (int(n) for n in np.unravel_index(counts.sum(axis=-1).argmax(), (HEIGHT, WIDE)))
     with opened(tmp_path, contents) as page:
         (curve,) = set_(page, pixels=[[x, y]])["curves"]
-        assert curve["values"] == pytest.approx(counts[y, x], rel=0.05, abs=0.05)
+        small = counts[y, x] < 20
+        assert np.array(curve["values"])[small].tolist() == counts[y, x][small].tolist()
+        assert curve["values"] == pytest.approx(counts[y, x], rel=0.05)
         (line,) = curve["orders"]
         expected = measured["expected"].values[y, x]
         assert line["name"] == "expectation"

@@ -10,12 +10,13 @@ export const SPEED_OF_LIGHT = 299_792_458; // m/s
 
 /** Codes and the values that they stand for. */
 class Layer {
-  constructor(about, codes) {
+  constructor(about, codes, whole = false) {
     const { name, bins, channels, height, width, least, ratio, signed } = about;
     Object.assign(this, { name, bins, channels, height, width });
     this.pixels = height * width;
     this.codes = about.packed ? unpacked(about, codes) : codes;
-    const value = (q) => q && least * ratio ** (q - 1);
+    const size = (q) => q && least * ratio ** (q - 1);
+    const value = (q) => (whole ? Math.round(size(q)) : size(q)); // Counts are whole numbers
     this.values = Float32Array.from({ length: 256 }, (_, q) =>
       signed && q >= 128 ? -value(q - 128) : value(q),
     );
@@ -82,7 +83,8 @@ export class Recording {
   }
 
   layer(about) {
-    return new Layer(about, this.part(about.part));
+    const whole = this.about.counts && about.part === "light" && this.about.grid.step === 1;
+    return new Layer(about, this.part(about.part), whole);
   }
 
   choose({ laser = this.laser, unwarped = this.unwarped }) {
