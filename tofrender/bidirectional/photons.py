@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..films.contribution import Contribution
+from ..films.sums import Radiance
 from ..paths.protocols import Endpoint, Parts
 from ..paths.records import Connection, Limits, Path, Vertex
 from ..paths.scattering import Materials
@@ -42,13 +42,13 @@ def trace_photons(scene: mi.Scene, sensor: mi.Sensor, count: int, seed: int = 0)
     """Trace `count` photons from emitters that paths can hit, by one or more delta lobes."""
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, count)
-    ray = sensor.sample_ray(0.0, 0.5, mi.Point2f(0.5), mi.Point2f(0.5))[0]
-    emission = Emission(scene, sensor)
-    emitted = emission.sample(sampler, dr.select(dr.full(mi.Bool, True, count), ray, ray))
+    ray = mi.Ray3f(sensor.sample_ray(0.0, 0.5, mi.Point2f(0.5), mi.Point2f(0.5))[0])
+    ray.o += dr.zeros(mi.Float, count)  # As many rays as photons
+    emitted = Emission(scene, sensor).sample(sampler, ray)
     photons = _Recorder(emitted, count)
     path = Path.start(emitted.ray, emitted.origin, emitted.active & ~emitted.delta)
     parts = Parts(Vacuum(scene), photons, DeltaLobes(scene), Limits(MAX_LOBES, MAX_LOBES))
-    walk(sampler, path, parts, _Nothing())
+    walk(sampler, path, parts, Radiance.zero())
     weight = dr.select(emitted.active & ~emitted.delta, dr.mean(emitted.weight), 0)
     dr.eval(photons.records, weight)
     rows = np.array([np.array(each) for each in photons.records])
@@ -83,13 +83,3 @@ class _Recorder(Endpoint):
         for record, value in zip(self.records, [*p, *n, *d, power], strict=True):
             dr.scatter(record, value, lane, active & (path.depth > 0))
         return Connection.to_point(p, d, mi.Float(0), False)
-
-
-@dataclass
-class _Nothing:
-    """Measurement that adds nothing."""
-
-    unused: mi.Float = field(default_factory=lambda: mi.Float(0))
-
-    def add(self, contribution: Contribution) -> None:
-        """Ignore the contribution."""
