@@ -26,7 +26,7 @@ COMMANDS: dict[str, list[str]] = {
     "warptest": ["beckmann", "--headless", "--alpha", "0.5", "--count", "4"],
     "view": ["cornell_box", "--live", "--size", "4x4", "--spp", "1", "--no-browser"],
     "compare": ["veach", "--no-browser"],
-    "report": ["render.npz"],
+    "report": ["wall.h5"],
     "release": ["a1"],
     "verify": ["a1"],
     "start": ["a1", "folder"],
@@ -40,7 +40,7 @@ KINDS = {
     "choice": "--figure --format --method --mode --only --pattern --points --precision --variant "
     "--wall assignment name one",
     "count": "--count --jobs --port --pulses --samples --seeds --wrong",
-    **{"file": "--module --submission", "positive": "--freq --megabytes --memory"},
+    **{"file": "--module --submission --capture", "positive": "--freq --megabytes --memory"},
     **{
         "alpha": "--alpha",
         "dots": "--dpi",
@@ -64,7 +64,7 @@ OPTIONS |= {
     **{"reconstruct source": "file", "report source": "file", "submit folder": "file"},
     **{"grade --seed": "count", "gradescope --seed": "count", "gate --pulse-width": "positive"},
 }
-SAID = {"--wall": "relay_wall", "-D": "", "--submission": ""}
+SAID = {"--wall": "relay_wall", "--capture": "path", "-D": "", "--submission": ""}
 """What a message names for an option, where that is not the option; no argument is named."""
 ELSEWHERE = {
     "test_outputs.py has the places": "--out",
