@@ -234,7 +234,8 @@ def shares(
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})
     sampler.seed(0, paths.lanes)
     ray = mi.Ray3f(paths.lens, paths.at(paths.d, mi.UInt32(0)))
-    plan.trace(sampler, ray, paths.lens, Nowhere(), paths.complete)
+    with dr.suspend_grad():  # As in renders: calls trace materials of other tests' scenes, too
+        plan.trace(sampler, ray, paths.lens, Nowhere(), paths.complete)
     return np.array(sharing.shares, float).reshape(paths.lanes, LONGEST + 1)
 
 
