@@ -1,6 +1,10 @@
-"""Every test starts under `llvm_ad_rgb` and leaves no other variant behind."""
+"""Every test starts under one variant, `llvm_ad_rgb`, and leaves no other behind.
+
+`TOFRENDER_TEST_VARIANT=cuda_ad_rgb` runs the tests on a GPU, save those that name a variant.
+"""
 
 import math
+import os
 
 import mitsuba as mi
 import pytest
@@ -9,9 +13,10 @@ from hypothesis import HealthCheck, settings
 
 import tofrender  # Picks the variant and registers the plugins
 
-VARIANT = "llvm_ad_rgb"
+VARIANT = os.environ.get("TOFRENDER_TEST_VARIANT", "llvm_ad_rgb")
 
 tofrender.integrators.passes.STEP_S = math.inf  # Steps are as many on a slow machine
+tofrender.integrators.passes.CUDA_STEP = 1  # ... and on a GPU
 
 settings.register_profile(
     "same on all machines",

@@ -43,7 +43,7 @@ SCENES = {
 def test_each_step_has_one_large_kernel(name, monkeypatch):
     monkeypatch.setattr(passes, "FIRST_SAMPLES", 1 << 9)
     monkeypatch.setattr(passes, "STEP_SAMPLES", 1 << 9)
-    monkeypatch.setattr(passes, "LANES", {"llvm": 1 << 8})
+    monkeypatch.setattr(passes, "LANES", {"llvm": 1 << 8, "cuda": 1 << 8})
     scene, steps = SCENES[name](), []
     take_step = passes._step
 
@@ -59,3 +59,11 @@ def test_each_step_has_one_large_kernel(name, monkeypatch):
         dr.eval(mi.render(scene, spp=64))
     assert len(steps) > 2
     assert [sum(count > LARGE for count in each) for each in steps] == [1] * len(steps), steps
+
+
+def test_a_step_on_a_gpu_adds_no_more_than_single_precision_can(monkeypatch):
+    sampler = passes.best_sampler(1 << 20)
+    monkeypatch.setattr(mi, "variant", lambda: "cuda_ad_rgb")
+    lanes, most, private = passes._lanes(sampler, 1, 1 << 20)
+    assert (lanes, most, private) == (passes.MAX_ADDED, 1, False)
+    assert passes._lanes(sampler, 256 * 256, 64) == (16, 4, False)

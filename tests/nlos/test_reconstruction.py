@@ -389,7 +389,7 @@ def test_captures_that_a_method_does_not_allow():
 
 @pytest.mark.parametrize("method", ["lct", "fk", "phasor"])
 def test_too_little_memory(monkeypatch, method):
-    monkeypatch.setattr(memory, "available", lambda: 1 << 10)
+    monkeypatch.setattr(memory, "free_on_host", lambda: 1 << 10)
     with pytest.raises(MemoryError, match=f"^method = '{method}': takes .*is free; must be"):
         run(BASE, method)
 

@@ -150,18 +150,20 @@ def test_activate_switches_and_keeps_the_active_variant():
 
 @pytest.mark.parametrize("variant", ["llvm_rgb", "", 5])
 def test_unknown_variant(variant):
+    before = mi.variant()
     with pytest.raises(ValueError, match="ust be one of scalar_rgb") as error:
         backend.activate(variant)
     assert str(error.value).startswith(f"variant = {variant!r}: ")
     assert "\n" not in str(error.value)
-    assert mi.variant() == "llvm_ad_rgb"
+    assert mi.variant() == before
 
 
 def test_cuda_without_a_device(monkeypatch):
+    before = mi.variant()
     monkeypatch.setattr(backend, "cuda_works", lambda: False)
     with pytest.raises(BackendError, match="variant = 'cuda_ad_rgb': no CUDA device or driver"):
         backend.activate("cuda_ad_rgb")
-    assert mi.variant() == "llvm_ad_rgb"
+    assert mi.variant() == before
 
 
 KINDS = ("Integrator", "Film", "Sampler", "Emitter", "BSDF", "Sensor")

@@ -1,5 +1,6 @@
 """The memory plan: its arithmetic, and that what it offers instead fits."""
 
+import ctypes
 import re
 import sys
 
@@ -125,7 +126,42 @@ def test_control_groups_limit(monkeypatch, tmp_path, membership, files, groups, 
         (tmp_path / name).write_text(str(value))
     monkeypatch.setattr(memory, "ROOT", tmp_path)
     monkeypatch.setattr(psutil, "virtual_memory", lambda: type("V", (), {"available": 8 * GIB}))
-    assert memory.available() == free * GIB
+    assert memory.free_on_host() == free * GIB
+
+
+class Driver:
+    """A CUDA driver that answers within a context only; `failing` names a call that fails."""
+
+    def __init__(self, failing: str) -> None:
+        self.failing, self.current, self.held = failing, 0, 0
+
+    def cuDevicePrimaryCtxRetain(self, context, device):
+        self.held += self.failing != "retain"
+        return self.failing == "retain"
+
+    def cuDevicePrimaryCtxRelease_v2(self, device):
+        self.held -= 1
+
+    def cuCtxPushCurrent_v2(self, context):
+        self.current += 1
+
+    def cuCtxPopCurrent_v2(self, context):
+        self.current -= 1
+
+    def cuMemGetInfo_v2(self, free, total):
+        free._obj.value = 5 * GIB
+        return 0 if self.current and self.failing != "info" else 201  # Invalid context
+
+
+@pytest.mark.parametrize(
+    ("failing", "free"), [("", 5 * GIB), ("retain", memory.UNLIMITED), ("info", memory.UNLIMITED)]
+)
+def test_a_gpu_is_asked_in_its_context(monkeypatch, failing, free):
+    driver = Driver(failing)
+    monkeypatch.setattr(ctypes, "CDLL", lambda name: driver)
+    monkeypatch.setattr(mi, "variant", lambda: "cuda_ad_rgb")
+    assert memory.available() == free
+    assert (driver.current, driver.held) == (0, 0)
 
 
 needs_linux = pytest.mark.skipif(sys.platform != "linux", reason="ulimit -v counts on Linux")

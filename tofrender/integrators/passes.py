@@ -31,6 +31,7 @@ from .visible_emitters import VisibleEmitters
 
 STEP_SAMPLES, FIRST_SAMPLES = 1 << 22, 1 << 20  # Camera rays of one kernel launch: most, first
 STEP_S = 1.0  # Time that a step should take [s]; progress, stops and checkpoints come in between
+CUDA_STEP = 16  # Times as many on a GPU, where tracing the kernel takes longer than running it
 
 LANES = {"llvm": 1 << 12, "cuda": 1 << 20}
 """Lanes that keep a device busy; in films with fewer pixels, many lanes share one."""
@@ -158,7 +159,8 @@ def steps(
     if emitters is not None:
         apart = _EmitterPixels(emitters, record, sensor, spp, seed, samples)
 
-    flushed, per_step = done, min(most, max(1, FIRST_SAMPLES // (width * height * lanes)))
+    first = FIRST_SAMPLES * (CUDA_STEP if _on_gpu() else 1)
+    flushed, per_step = done, min(most, max(1, first // (width * height * lanes)))
     while done < spp:
         start, count = time.perf_counter(), min(per_step, (spp - done) // lanes)
         record.set_one_writer(private)
@@ -257,17 +259,24 @@ def _around(pixels: np.ndarray, film: mi.Film) -> mi.UInt32:
 
 def _lanes(sampler: mi.Sampler, pixels: int, spp: int) -> tuple[int, int, bool]:
     """Return lanes per pixel, most samples of each in a step, and whether pixels are private."""
-    most = max(1, min(STEP_SAMPLES // pixels, MAX_ADDED))
-    if not {sampler.class_name(), type(sampler).__name__} & {*LOOPING_SAMPLERS}:
+    looping = {sampler.class_name(), type(sampler).__name__} & {*LOOPING_SAMPLERS}
+    step = STEP_SAMPLES * (CUDA_STEP if looping and _on_gpu() else 1)
+    most = max(1, min(step // pixels, MAX_ADDED))
+    if not looping:
         return _divisor(spp, most), 1, False
-    if (mi.variant() or "").startswith("cuda"):
-        lanes, private = _divisor(spp, LANES["cuda"] // pixels), False
+    if _on_gpu():
+        lanes, private = _divisor(spp, min(LANES["cuda"] // pixels, most)), False
     elif pixels * PRIVATE_LANES < LANES["llvm"]:
         lanes, private = _divisor(spp, LANES["llvm"] // pixels), False
     else:
         # One channel is added by a whole vector at once, whose lanes must be of different pixels
         lanes, private = 1 if mi.is_monochromatic else math.gcd(spp, PRIVATE_LANES), True
     return lanes, max(1, most // lanes), private
+
+
+def _on_gpu() -> bool:
+    """Whether the active variant renders on a GPU."""
+    return str(mi.variant()).startswith("cuda")
 
 
 def _divisor(number: int, bound: int) -> int:

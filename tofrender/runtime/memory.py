@@ -99,17 +99,25 @@ def _part_that_fits(size: int, copies: float) -> float:
 
 
 def _cuda_free() -> int:
-    """Free memory of the CUDA device [bytes], from the driver."""
+    """Free memory of the CUDA device that Dr.Jit uses, the first one [bytes], from the driver."""
     import ctypes
     import os
 
-    free, total = ctypes.c_size_t(), ctypes.c_size_t()
+    free, total, context = ctypes.c_size_t(), ctypes.c_size_t(), ctypes.c_void_p()
     try:
         driver = ctypes.CDLL("nvcuda.dll" if os.name == "nt" else "libcuda.so.1")
-        status = driver.cuMemGetInfo_v2(ctypes.byref(free), ctypes.byref(total))
     except OSError:
-        status = -1
-    return free.value if status == 0 else UNLIMITED
+        return UNLIMITED
+    # Dr.Jit makes its context current only while it works
+    if driver.cuDevicePrimaryCtxRetain(ctypes.byref(context), 0):
+        return UNLIMITED
+    try:
+        driver.cuCtxPushCurrent_v2(context)
+        failed = driver.cuMemGetInfo_v2(ctypes.byref(free), ctypes.byref(total))
+        driver.cuCtxPopCurrent_v2(ctypes.byref(context))
+    finally:
+        driver.cuDevicePrimaryCtxRelease_v2(0)
+    return UNLIMITED if failed else free.value
 
 
 def _free_in_cgroups() -> list[int]:

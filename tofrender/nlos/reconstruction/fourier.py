@@ -17,7 +17,7 @@ fft: Any = scipy.fft
 
 def require_memory(method: str, shape: Sequence[int], copies: float) -> None:
     """Refuse work on complex arrays that do not fit."""
-    needed, free = copies * 8 * math.prod(shape), memory.available()
+    needed, free = copies * 8 * math.prod(shape), memory.free_on_host()
     if needed > free:
         sizes = f"takes {needed / 2**30:.1f} GiB, {free / 2**30:.1f} GiB is free"
         mend = "must be a capture of fewer points or bins, or method 'bp'"
