@@ -1,6 +1,7 @@
 """Tests side by side, `pytest -n auto`: how many processes, and how many threads in each."""
 
 import gc
+import itertools
 import os
 import signal
 
@@ -12,6 +13,8 @@ from tofrender.runtime import backend, memory
 WORKER_BYTES = 2 << 30
 """Memory of a process with tests and of what it starts [bytes]."""
 
+FULL_COLLECTION = 10  # Tests from one full garbage collection to the next
+_tests = itertools.count(1)
 MOST = 8
 """With more of them, the longest test of all decides."""
 
@@ -29,9 +32,19 @@ def pytest_xdist_auto_num_workers() -> int:
 
 
 def pytest_collection_finish() -> None:
-    """Spare the garbage collector what collecting tests has made, .1 s at each full collection."""
+    """Collect garbage between tests only, and spare the collector what collecting tests has made.
+
+    Tests trace kernels of their own: a scene that is collected between two virtual calls of one
+    kernel ends the process, see `backend.tracing_lock`.
+    """
     gc.collect()
     gc.freeze()
+    gc.disable()
+
+
+def pytest_runtest_logfinish() -> None:
+    """Collect what the test has left, now and then all garbage."""
+    gc.collect(2 if next(_tests) % FULL_COLLECTION == 0 else 1)
 
 
 def pytest_sessionstart() -> None:

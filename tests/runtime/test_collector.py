@@ -27,6 +27,14 @@ TRACED = {
 }
 
 
+@pytest.fixture(autouse=True)
+def _collector():
+    """Turn the collector on, which the tests otherwise only run between two of them."""
+    gc.enable()
+    yield
+    gc.disable()
+
+
 @pytest.fixture
 def seen(monkeypatch):
     """Calls of a scene's parts, and those of them during which scenes might be collected."""
@@ -205,3 +213,15 @@ def test_threads_render_what_one_renders():
     with ThreadPoolExecutor(6) as threads:
         for seed, together in enumerate(threads.map(phasors, 4 * list(range(6)))):
             np.testing.assert_allclose(together, alone[seed % 6], rtol=1e-4, atol=1e-6)
+
+
+def test_a_scene_that_is_dropped_while_a_kernel_is_traced_stays_until_the_end():
+    with backend.tracing_lock():
+        living = len(backend._scenes)
+    scene = tofrender.load_scene("cornell_box")
+    with backend.tracing_lock():
+        del scene
+        gc.collect()
+        assert len(backend._scenes) == living + 1
+    with backend.tracing_lock():
+        assert len(backend._scenes) == living

@@ -36,7 +36,7 @@ def tracing_lock() -> Iterator[None]:
     parts of all living scenes: if one is collected in the middle, equal functions of one kernel are
     called in two ways, written twice, and LLVM aborts the process ("invalid redefinition"). If one
     is loaded in the middle, unfinished parts are called. So threads trace one after the other, and
-    scenes that another thread has dropped are freed in between.
+    scenes that were dropped are freed in between.
 
     Also a decorator, and used for loading, too. One thread may enter it several times.
     """
@@ -56,14 +56,13 @@ def tracing_lock() -> Iterator[None]:
 
 
 _tracing_lock, _tracing_depth = threading.RLock(), 0
-_scenes: list[Any] = []  # Loaded by threads beside the main one
+_scenes: list[Any] = []  # Loaded, and not yet dropped by all others
 atexit.register(_scenes.clear)
 
 
 def keep_alive(scene: Any) -> None:
-    """Keep a scene alive that a second thread has loaded, until no kernel is traced."""
-    if threading.current_thread() is not threading.main_thread():
-        _scenes.append(scene)
+    """Keep a loaded scene alive until no kernel is traced, whatever thread drops it last."""
+    _scenes.append(scene)
 
 
 def _free_unused_scenes() -> None:
