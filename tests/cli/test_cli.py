@@ -80,6 +80,23 @@ def test_help_imports_nothing_heavy():
     assert in_a_new_process(code).splitlines()[-1] == "[]"
 
 
+MODULES = 1065
+"""Modules that a small render needs beside those of Python, and 5 % more for later versions."""
+
+
+def test_a_render_imports_no_more_than_it_needs(tmp_path):
+    words = "render cornell_box --size 8x6 --bins 20 --window 3,15 --spp 4 --out"
+    arguments = [*words.split(), str(tmp_path / "out")]
+    listed = (
+        "print(*{n for n in sys.modules if n.partition('.')[0] not in sys.stdlib_module_names})"
+    )
+    imported = set(in_a_new_process(f"main({arguments!r})\n{listed}").splitlines()[-2].split())
+    assert {"matplotlib.figure", "xarray", "tofrender.io.exr"} <= imported
+    unused = {"dask", "distributed", "h5py", "rich", "scipy", "tqdm", "zarr", "matplotlib.pyplot"}
+    assert not imported & unused
+    assert len(imported) < MODULES
+
+
 def test_bare_command_shows_help(capsys):
     out, _ = done(capsys)
     for command in ("render", "scenes", "doctor"):

@@ -39,6 +39,36 @@ def test_a_hidden_letter_is_found(captured, tmp_path, method, capsys):
     assert letter.min() > 0.3 > notch.max()
 
 
+def test_measured_data_that_state_no_geometry(tmp_path, capsys):
+    """A point in front of the middle of a wall of 0.7 x 0.5 m."""
+    path, out, point_m, bin_s, start_s = (
+        tmp_path / "scan.npz",
+        tmp_path / "out",
+        0.42,
+        64e-12,
+        -5e-9,
+    )
+    y, x = np.meshgrid(np.linspace(-0.25, 0.25, 16), np.linspace(-0.35, 0.35, 16), indexing="ij")
+    there_and_back_s = 2 * np.sqrt(x**2 + y**2 + point_m**2) / tofrender.SPEED_OF_LIGHT
+    bins = np.floor((there_and_back_s - start_s) / bin_s).astype(int)
+    np.savez(path, counts=100 * (bins[..., None] == np.arange(200)))
+
+    command, size = (
+        ("reconstruct", path, "--method", "bp", "--out", out),
+        ("--wall-size", "0.7,0.5"),
+    )
+    said = f"path = {path}: wall_size = None: must be given by --wall-size, as the file does not"
+    assert refused(capsys, *command).startswith(said)
+    assert "must be given by --bin-width-s" in refused(capsys, *command, *size)
+    status, _, err = run(capsys, *command, *size, "--bin-width-s", bin_s, "--start-s", start_s)
+    assert (status, err) == (0, "")
+    with np.load(out / "volume.npz") as volume:
+        assert [np.ptp(volume[axis]) for axis in "xy"] == pytest.approx([0.7, 0.5])
+        found = np.unravel_index(volume["intensity"].argmax(), volume["intensity"].shape)
+        at = [volume[axis][k] for axis, k in zip("zyx", found, strict=True)]
+        assert at == pytest.approx([point_m, 0, 0], abs=0.03)
+
+
 def test_a_file_that_exists_is_refused_before_work_starts(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("tofrender.nlos.capture", None)
     out = tmp_path / "mine.h5"

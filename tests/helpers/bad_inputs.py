@@ -112,6 +112,7 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
     "seed": ({"0"}, {"2**32": 1 << 32, "numpy-2.0": np.float64(2)}),
     "metres": (_NUMBERS, {"numpy-nan": np.float32("nan")}),
     "positive": (_NUMBERS - {"-1", "0"}, {"-0.0": -0.0, "numpy-nan": np.float32("nan")}),
+    "sides": (_NUMBERS - {"-1", "0"} | {"a list"}, {}),
     "pulse-width": ({"1.5"}, {"-0.0": -0.0, "1e-30": 1e-30}),
     "fraction": ({"0"}, {"1.0001": 1.0001, "-1e-9": -1e-9}),
     "frequencies": (

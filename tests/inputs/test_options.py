@@ -40,7 +40,10 @@ KINDS = {
     "choice": "--figure --format --method --mode --only --pattern --points --precision --variant "
     "--wall assignment name one",
     "count": "--count --jobs --port --pulses --samples --seeds --wrong",
-    **{"file": "--module --submission --capture", "positive": "--freq --megabytes --memory"},
+    "file": "--module --submission --capture",
+    "positive": "--freq --megabytes --memory --bin-width-s",
+    "metres": "--start-s",
+    "sides": "--wall-size",
     **{
         "alpha": "--alpha",
         "dots": "--dpi",

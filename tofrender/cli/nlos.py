@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ..runtime import backend
+from ..runtime import backend, checks
 from ..runtime.progress import EVERY_S, deferred_stop
 from . import checkpoints, completion, options as opt
 from .answers import Json, answer, dataset_facts
@@ -101,6 +101,13 @@ def reconstruct(
     source: Annotated[Path, opt.argument("FILE", "What `capture` wrote, or measured data.")],
     out: opt.Out,
     method: Annotated[str, opt.choice(METHODS, "How to reconstruct.")] = "lct",
+    wall_size: Annotated[
+        Any, opt.checked(opt.sides, "Sides of the scanned wall [m].", metavar="SIDE|WIDTH,HEIGHT")
+    ] = None,
+    bin_width_s: Annotated[float | None, opt.positive("s", "Width of a bin [s].")] = None,
+    start_s: Annotated[
+        float | None, opt.checked(checks.number, "Start of the first bin [s].", metavar="<float>")
+    ] = None,
     figure: opt.Figure = "png",
     dpi: opt.Dpi = 150,
     workers: opt.Workers = None,
@@ -109,7 +116,9 @@ def reconstruct(
 ) -> None:
     """Reconstruct the hidden scene of a capture.
 
-    DIR gets volume.npz, brightness and depth as EXR files, and a picture of the volume.
+    DIR gets volume.npz, brightness and depth as EXR files, and a picture of the volume. Of measured
+    data whose files do not state them, the options say the sides of the wall, from the first to the
+    last point, and times, which begin when light has met the wall.
     """
     opt.check_client(workers, scheduler)
     opt.check_out(out)
@@ -123,7 +132,9 @@ def reconstruct(
 
     from tofrender import io, nlos, vis
 
-    captured = io.load_capture(source)
+    captured = io.load_capture(
+        source, wall_size=wall_size, bin_width_s=bin_width_s, start_s=start_s
+    )
     opt.check_disk_space(out, captured["transient"].size)
     with opt.client_of(workers, scheduler) as client:
         volume = nlos.reconstruct(captured, method, client=client)

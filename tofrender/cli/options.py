@@ -169,6 +169,16 @@ def span(name: str, value: Any) -> str | tuple[float, float]:
     return checks.interval(name, ends)
 
 
+def sides(name: str, value: Any) -> tuple[float, float]:
+    """Check the sides of a wall [m]: one of a square, or width and height."""
+    found = [number(side) for side in str(value).split(",")]
+    if any(isinstance(side, str) for side in found) or len(found) > 2:
+        allowed = "metres, or width,height in metres, like 0.7,0.5"
+        raise ValueError(f"{name} = {checks.quote(value)}: must be {allowed}")
+    width, height = found[0], found[-1]
+    return checks.metres(name, width, positive=True), checks.metres(name, height, positive=True)
+
+
 def definition(name: str, value: Any) -> tuple[str, str]:
     """Split a name and its value."""
     key, separator, text = str(value).partition("=")

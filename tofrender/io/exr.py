@@ -250,7 +250,8 @@ class _Stack:
         colours = dict.fromkeys(name.rpartition(".")[2] for name in names)
         checks.one_of("channel", "".join(colours), ("RGB", "L"))
         self.channels = [name.replace("L", "Y") for name in names]
-        self.bins = dataset.sizes["opl"]
+        self.opl = dataset["opl"].values
+        self.bins = len(self.opl)
         self.digits = max(LEAST_DIGITS, len(str(self.bins - 1)))
         attributes = plain_attributes(dataset)
         self.header = {k: _native(v) for k, v in attributes.items() if k not in _RESERVED}
@@ -270,7 +271,7 @@ class _Stack:
         else:
             start, width = (self.dataset.attrs[key] for key in ("start_opl", "bin_width_opl"))
             header["bin_index"] = index
-            header["opl_center"] = _double(self.dataset["opl"].values[index])
+            header["opl_center"] = _double(self.opl[index])
             header["opl_start"] = _double(start + index * width)
             header["opl_stop"] = _double(start + (index + 1) * width)
         channels = {}

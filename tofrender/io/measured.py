@@ -36,7 +36,8 @@ def scan(counts: Any, given: dict[str, Any], **known: Any) -> xr.Dataset:
     """
     known = {"start_s": 0.0} | known | given
     for name in GIVEN:
-        checks.require(name, known.get(name), name in known, "given, as the file does not state it")
+        allowed = f"given by `{name}`, as the file does not state it"
+        checks.require(name, known.get(name), name in known, allowed)
     size = known["wall_size"]
     sides = size if isinstance(size, tuple | list | np.ndarray) else (size, size)
     sides = checks.items("wall_size", sides, 2, "a number of metres, or two: width and height")

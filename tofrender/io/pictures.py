@@ -26,6 +26,7 @@ from .output import check_output, output_folder
 
 if TYPE_CHECKING:
     import xarray as xr
+    from PIL.Image import Image
 
 _LONGEST_SIDE = 4096
 _PICTURE = 1 << 10  # Least size of a picture [bytes]
@@ -74,7 +75,7 @@ def save_png_frames(
     with output_folder(path, overwrite=overwrite) as folder:
 
         def write(index: int) -> None:
-            write_png(frames.draw(index), folder / f"frame_{index:0{digits}d}.png")
+            _save_png(frames.draw(index), folder / f"frame_{index:0{digits}d}.png")
 
         for_each(write, range(frames.count), "Writing PNG", progress=progress)
     return Path(path)
@@ -82,11 +83,17 @@ def save_png_frames(
 
 def write_png(picture: np.ndarray, path: Path) -> None:
     """Write uint8 (height, width, 3), with the mark that identifies outputs of this package."""
-    from PIL import Image, PngImagePlugin
+    from PIL import Image
+
+    _save_png(Image.fromarray(picture), path)
+
+
+def _save_png(picture: Image, path: Path) -> None:
+    from PIL import PngImagePlugin
 
     mark = PngImagePlugin.PngInfo()
     mark.add_text("Software", "tofrender")
-    Image.fromarray(picture).save(path, pnginfo=mark)
+    picture.save(path, pnginfo=mark)
 
 
 def save_video(
@@ -161,19 +168,20 @@ class _Frames:
         sides = max(self.width, int(self.font.getlength(label)) + size), self.height + 2 * size
         self.canvas_width, self.canvas_height = (side + side % 2 for side in sides)
 
-    def draw(self, index: int) -> np.ndarray:
-        """Frame `index`, uint8 (height, width, 3), both sides even."""
+    def draw(self, index: int) -> Image:
+        """Draw frame `index`, in colour and with even sides."""
         from PIL import Image, ImageDraw
 
         linear = self.sequence.values.frame(index)
         picture = tonemap(linear, exposure=self.gains[index], shadows=self.lift)
-        picture = picture.repeat(self.scale, axis=0).repeat(self.scale, axis=1)
+        size, nearest = (self.width, self.height), Image.Resampling.NEAREST
+        enlarged = Image.fromarray(picture).resize(size, nearest)
         image = Image.new("RGB", (self.canvas_width, self.canvas_height), _BACKGROUND)
-        image.paste(Image.fromarray(picture), ((self.canvas_width - self.width) // 2, 0))
+        image.paste(enlarged, ((self.canvas_width - self.width) // 2, 0))
         middle = (self.canvas_width // 2, (self.height + self.canvas_height) // 2)
         label = self._label(index)
         ImageDraw.Draw(image).text(middle, label, fill=_TEXT, font=self.font, anchor="mm")
-        return np.asarray(image)
+        return image
 
     def _label(self, index: int) -> str:
         """Time of a bin, and the exposure relative to the first frame."""

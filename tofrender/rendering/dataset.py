@@ -16,6 +16,7 @@ from ..runtime import checks
 from ..signals.polarisation import STOKES
 from .cubes import Cube
 from .labels import TIME, check_time, labelled
+from .lazy_dask import defer_dask
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -69,6 +70,7 @@ def transient_dataset(
     """Make the Dataset of what a film has collected, with attributes that say how it was made."""
     import xarray as xr
 
+    defer_dask()
     size = {"film_width": int(film.size().x), "film_height": int(film.size().y)}
     count = film_stokes(film)
     variables = {}

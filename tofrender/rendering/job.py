@@ -23,7 +23,6 @@ from ..runtime.settings import SAMPLERS
 from ..scenes.fingerprint import fingerprint
 from .arrivals import LAST_OPL, Arrivals, find_arrivals
 from .dataset import check_dataset, components_of, coordinates, require_finite, transient_dataset
-from .denoised import denoised
 from .errors import batches_of
 from .settings import RenderSettings, is_auto
 from .window import WINDOW_OPTION, check_window, warn_of_losses, windowed_film
@@ -201,7 +200,11 @@ def dataset_of(job: Job, result: WorkResult, resume: xr.Dataset | None = None) -
     }
     warn_of_missing(job, attrs, stacklevel=4)
     dataset = transient_dataset(arrays, job.film, attrs)
-    return denoised(job, dataset) if job.settings.denoise else dataset
+    if not job.settings.denoise:
+        return dataset
+    from .denoised import denoised  # Imports much of SciPy
+
+    return denoised(job, dataset)
 
 
 def render_attributes(job: Job, steady: float, transient: float) -> dict[str, Any]:

@@ -86,7 +86,16 @@ def generator(seed: int, *key: int) -> np.random.Generator:
 
 
 def rebin(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Sums of (..., bin) between edges in bins, each bin being spread evenly over its width."""
+    """Sums of (..., bin) between edges in bins, each bin being spread evenly over its width.
+
+    Example:
+        >>> values = np.array([1.0, 2.0, 4.0])
+        >>> [rebin(values, np.array(edges)).tolist() for edges in ([0.5, 2, 3], [1.0, 2, 3])]
+        [[2.5, 4.0], [2.0, 4.0]]
+    """
+    first, codes = int(edges[0]), edges.size - 1
+    if np.array_equal(edges, np.arange(first, first + codes + 1)):  # Bins themselves
+        return values[..., first : first + codes]
     sums = np.zeros((*values.shape[:-1], values.shape[-1] + 1))
     np.cumsum(values, axis=-1, out=sums[..., 1:])
     low = np.floor(edges).astype(int)

@@ -95,9 +95,10 @@ class Readout:
         if layout.dead is None:
             return rng.poisson(self._probabilities(rates) * layout.cycles)
         if self.spad.mode == "first_photon":
-            p = self._probabilities(rates)
-            p = np.append(p, np.maximum(1 - p.sum(axis=1, keepdims=True), 0), axis=1)
-            return rng.multinomial(layout.cycles, p / p.sum(axis=1, keepdims=True))[:, :-1]
+            p = np.pad(self._probabilities(rates), ((0, 0), (0, 1)))
+            p[:, -1] = np.maximum(1 - p.sum(axis=1), 0)  # Cycles without a stamp
+            p /= p.sum(axis=1, keepdims=True)
+            return rng.multinomial(layout.cycles, p)[:, :-1]
         counts = sample_counts(rng, rates, layout.cycles, layout.dead)
         if self.masses is None and not self.spad.tdc_dnl:
             return rebin(counts, self.edges).astype(np.int64)

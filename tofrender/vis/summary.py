@@ -18,6 +18,7 @@ from .transient import Transient, explain_hatch, map_axes, picture_aspect, pixel
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -54,27 +55,21 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
     except ValueError as error:
         raise ValueError(f"pixels: {error}") from None
 
+    dark = np.isnan(peak_ns)
     width = figure_width(7.0)
     narrow = width < COLUMN
-    pictures = 0.42 * width * picture_aspect(*sequence.size, low=0.4, high=2.0)
-    pictures += 1.1 if narrow else 0.7
-    below = 1.0 + 0.2 * width
-    figure = new_figure(width, pictures + below + 0.5)
-    grid = figure.add_gridspec(2, 2, height_ratios=[pictures, below])
-    steady = figure.add_subplot(grid[0, 0])
-    peak = figure.add_subplot(grid[0, 1], sharex=steady, sharey=steady)
-    plot = figure.add_subplot(grid[1, :])
+    title = wrap_text(_title(dataset), width)
+    figure, steady, peak, plot, bar = _panels(
+        width, picture_aspect(*sequence.size, low=0.4, high=2.0), title, bool(dark.any())
+    )
     steady.imshow(tonemap(dataset["steady"].values, percentile=98), extent=sequence.extent)
     steady.set_title("steady image")
     first, last, beyond = percentile_range(peak_ns)
     times = {"cmap": "viridis", "vmin": first, "vmax": last}
     shown = map_axes(peak, peak_ns, extent=sequence.extent, **times)
     peak.set_title("brightest bin" if narrow else "time of the brightest bin")
-    if narrow:
-        label = "time of the brightest bin [ns]"
-        colour_bar(shown, [steady, peak], label, below=True, extend=beyond, aspect=30)
-    else:
-        colour_bar(shown, peak, "time [ns]", extend=beyond)
+    label = "time of the brightest bin [ns]" if narrow else "time [ns]"
+    colour_bar(shown, cax=bar, label=label, below=narrow, extend=beyond)
     pixel_axes(steady)
     peak.set_ylabel("")
     peak.tick_params(labelleft=False)
@@ -86,12 +81,50 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
             axes.plot(x, y, mark, mfc=color, mec="white", ms=6, mew=1)
     plot.legend(title="pixel", frameon=False)
     time_axes(plot, sequence)
+    explain_hatch(figure, dark)
+    return figure
+
+
+def _title(dataset: xr.Dataset) -> str:
+    """Scene, samples, and the energy that the window misses."""
     outside = f"{100 * dataset.attrs['energy_outside_window']:.1f} % of the energy outside"
     title = f"{dataset.attrs['scene']}, {dataset.attrs['spp']} spp, {outside} the render's window"
-    title += "" if dataset.attrs["complete"] else " (interrupted)"
-    figure.suptitle(wrap_text(title, width))
-    explain_hatch(figure, np.isnan(peak_ns))
-    return figure
+    return title if dataset.attrs["complete"] else f"{title} (interrupted)"
+
+
+def _panels(
+    width: float, aspect: float, title: str, hatched: bool
+) -> tuple[Figure, Axes, Axes, Axes, Axes]:
+    """Figure with the axes of both pictures, of their colour bar, and of the responses [inches].
+
+    Their places are fixed: a layout by Matplotlib draws everything twice.
+    """
+    narrow = width < COLUMN
+    left, right = (0.7, 0.12) if narrow else (0.6, 0.14)
+    gap, beside = 0.12, 0.0 if narrow else 0.62  # The colour bar with its numbers
+    wide = (width - left - gap - beside - right) / 2
+    top = 0.1 + 0.155 * (title.count("\n") + 1) + 0.21
+    high = aspect * wide
+    below = top + high + 0.36
+    bar_top = below + 0.06
+    plot_top = below + (0.85 if narrow else 0.45)
+    plot_high = 0.6 + 0.2 * width
+    height = plot_top + plot_high + 0.4 + 0.2 * hatched
+    figure = new_figure(width, height, layout=None)
+    figure.suptitle(title, y=1 - 0.07 / height, va="top")
+
+    def add(x: float, y: float, across: float, down: float, **options: Any) -> Axes:
+        box = (x / width, 1 - (y + down) / height, across / width, down / height)
+        return figure.add_axes(box, **options)
+
+    steady = add(left, top, wide, high)
+    peak = add(left + wide + gap, top, wide, high, sharex=steady, sharey=steady)
+    plot = add(left, plot_top, width - left - right, plot_high)
+    if narrow:
+        bar = add(left, bar_top, 2 * wide + gap, 0.08)
+    else:
+        bar = add(left + 2 * wide + gap + 0.1, top, 0.12, high)
+    return figure, steady, peak, plot, bar
 
 
 def _pairs(pixels: Any) -> list[tuple[Any, Any]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -151,8 +152,6 @@ def tonemap(
         >>> tonemap(np.array([[0.0, 0.5, 1.0]]), exposure=1)[..., 0]
         array([[  0, 188, 255]], dtype=uint8)
     """
-    from scipy.special import lambertw
-
     given = checks.real_array("values", values)
     linear = given[..., None] if given.ndim == 2 else given
     valid = linear.ndim == 3 and linear.shape[2] in (1, 3)
@@ -166,8 +165,7 @@ def tonemap(
     with np.errstate(over="ignore"):
         shown = np.clip(np.nan_to_num(linear * np.float32(exposure), nan=0), 0, 1)
     if shadows:
-        slope = 2**shadows  # k / log(1 + k) for this k, by Lambert's W function
-        k = max(1e-12, float(-slope * lambertw(-math.exp(-1 / slope) / slope, k=-1).real - 1))
+        k = _curve_of_slope(2**shadows)
         value = shown.max(axis=2, keepdims=True)
         lifted = np.log1p(k * value) / math.log1p(k)
         shown = shown * np.divide(lifted, value, out=np.zeros_like(value), where=value > 0)
@@ -177,3 +175,12 @@ def tonemap(
         rows, columns = np.nonzero(unfinished)
         picture[rows, columns] = np.where((rows + columns) % 8 < 4, 38, 58)[:, None]
     return picture
+
+
+@cache
+def _curve_of_slope(slope: float) -> float:
+    """Solve k / log(1 + k) = `slope` for k by Newton's method, which comes from above."""
+    k, least = 2 * slope * math.log(2 * slope), 1e-9
+    while k > least and (less := k - (k - slope * math.log1p(k)) / (1 - slope / (1 + k))) < k:
+        k = less
+    return max(least, k)
