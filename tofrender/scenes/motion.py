@@ -222,7 +222,7 @@ def take_motions(state: Any) -> dict[str, Motion]:
     found: dict[str, Motion] = {}
     for number, node in enumerate(state.nodes):
         props, names = node.props, [each.name for each in fields(Motion)]
-        if not {"velocity", "angular_velocity"} & set(props.keys()):
+        if "velocity" not in props and "angular_velocity" not in props:
             continue
         if not any(is_kind(node, kind) for kind in KINDS):
             raise ValueError(
