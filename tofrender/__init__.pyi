@@ -8,6 +8,7 @@ from . import (
     fitting as fitting,
     integrators as integrators,
     io as io,
+    motion as motion,
     nlos as nlos,
     paths as paths,
     samplers as samplers,
@@ -84,6 +85,11 @@ from .io import (
     save_png_frames as save_png_frames,
     save_point_cloud as save_point_cloud,
     save_video as save_video,
+)
+from .motion import (
+    doppler as doppler,
+    doppler_rate as doppler_rate,
+    range_rate as range_rate,
 )
 from .nlos import (
     capture as capture,
@@ -165,6 +171,12 @@ from .scenes import (
     wall_box_spheres_nlos as wall_box_spheres_nlos,
 )
 from .scenes.loading import load_scene as load_scene
+from .scenes.motion import (
+    Motion as Motion,
+    motions_of as motions_of,
+    moving as moving,
+    posed as posed,
+)
 from .signals.modulations import (
     AMCWPulse as AMCWPulse,
     HamiltonianCode as HamiltonianCode,

@@ -31,13 +31,16 @@ class StoredVertex:
     a: mi.Float  # partial MIS sums of the path, see `PartialSums`
     b: mi.Float
     medium: mi.MediumPtr | None  # scatters there, null on surfaces; None in scenes without media
+    rate: mi.Float | None  # of `opl`, and velocity of the vertex [m/s]; None without rates
+    velocity: mi.Vector3f | None
 
     @classmethod
-    def allocate(cls, count: int, in_media: bool) -> dr.Local:
+    def allocate(cls, count: int, in_media: bool, moves: bool) -> dr.Local:
         """Allocate lane memory for stored vertices."""
         si, β, zero = dr.zeros(mi.SurfaceInteraction3f), dr.zeros(mi.Spectrum), mi.Float(0)
         medium = dr.zeros(mi.MediumPtr) if in_media else None
-        return tape(cls(si, mi.UInt32(0), β, zero, zero, zero, zero, medium), count)
+        rates = (mi.Float(0), dr.zeros(mi.Vector3f)) if moves else (None, None)
+        return tape(cls(si, mi.UInt32(0), β, zero, zero, zero, zero, medium, *rates), count)
 
     def vertex(self, length: mi.Float, active: mi.Bool) -> Vertex:
         """Return it as a vertex at the end of a ray."""
@@ -59,7 +62,8 @@ class LightPath:
 class LightPathHistory(HistoryUpdates[LightPath]):
     """Updates partial MIS sums of paths from lights, and stores vertices for camera paths.
 
-    `capacity` is the number of stored vertices; with `in_media` they may be points of media.
+    `capacity` is the number of stored vertices; with `in_media` they may be points of media, with
+    `moves` they have rates.
     """
 
     def __init__(
@@ -71,14 +75,17 @@ class LightPathHistory(HistoryUpdates[LightPath]):
         mis: BidirectionalMIS,
         capacity: int,
         in_media: bool,
+        moves: bool = False,
     ) -> None:
         self.scene, self.emission, self.emitted = scene, emission, emitted
         self.scattering, self.mis = scattering, mis
-        self.capacity, self.in_media = capacity, in_media
+        self.capacity, self.in_media, self.moves = capacity, in_media, moves
 
     def start(self) -> LightPath:
         """Create the history of a path without vertices."""
-        vertices = StoredVertex.allocate(self.capacity, self.in_media) if self.capacity else None
+        vertices = None
+        if self.capacity:
+            vertices = StoredVertex.allocate(self.capacity, self.in_media, self.moves)
         return LightPath(PartialSums(mi.Float(0), mi.Float(0)), mi.UInt32(0), vertices)
 
     def at_vertex(self, path: Path[LightPath], vertex: Vertex, active: mi.Bool) -> LightPath:
@@ -92,6 +99,7 @@ class LightPathHistory(HistoryUpdates[LightPath]):
             record = StoredVertex(
                 *(vertex.si, path.depth, path.β, path.η, path.opl, sums.a, sums.b),
                 vertex.medium_point.medium if self.in_media else None,
+                *(path.rate, path.velocity),
             )
             history.vertices.write(packed(record), dr.select(store, count, 0), store)
             count = count + dr.select(store, mi.UInt32(1), 0)
@@ -183,6 +191,7 @@ class Camera(Endpoint):
             position=lens_sample.position,
             frame=sensor_frame(self.lens.sensor, mi.Ray3f(si.p, -lens_sample.direction)),
             medium_length=lens_sample.distance,
+            rate=mi.Float(0) if self.camera_unwarp else None,
             lens_sample=lens_sample,
         )
 

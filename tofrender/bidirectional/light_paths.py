@@ -88,7 +88,8 @@ class StoredVertices:
         # Read the vertex
         active = active & (k < self.stored_count)
         record = self.stored.read(dr.select(active, k, 0), active)
-        stored = StoredVertex(**{"medium": None} | vars(record))
+        absent = dict.fromkeys(("medium", "rate", "velocity"))
+        stored = StoredVertex(**absent | vars(record))
         # Lane memory that was never written has invalid pointers, which must not be called
         stored.si.shape = dr.select(active, stored.si.shape, dr.zeros(mi.ShapePtr))
         stored.si.instance = dr.select(active, stored.si.instance, dr.zeros(mi.ShapePtr))
@@ -103,9 +104,14 @@ class StoredVertices:
         bsdf_eval = self.adjoint.eval_pdf(there, -d, active)
         weight = apply_light_path(self.weight, stored.β, bsdf_eval.f) / d2
         weight = dr.select(active, weight, 0)
-        length = distance + stored.opl / (stored.η * bsdf_eval.η)
+        η = stored.η * bsdf_eval.η
+        length, rate = distance + stored.opl / η, None
+        if path.velocity is not None and stored.velocity is not None:
+            assert stored.rate is not None
+            rate = dr.dot(stored.velocity - path.velocity, d) + stored.rate / η
         return VertexConnection(
             *(stored.si.p, d, weight, length, active, bsdf_eval.pdf),
+            rate=rate,
             stored=stored,
             vertex=there,
             pdf_reverse=bsdf_eval.pdf_reverse,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import drjit as dr
@@ -11,8 +11,10 @@ import mitsuba as mi
 
 from ..signals.polarisation import no_light
 from ..signals.units import SPEED_OF_LIGHT
-from .contribution import Contribution
+from .contribution import Contribution, rate_of
 from .sums import Radiance, Splat
+
+Factor = Callable[[int, mi.Float], tuple[mi.Float, mi.Float]]
 
 
 @dataclass
@@ -22,22 +24,32 @@ class PhasorSum(Radiance):
     real: list[mi.Spectrum] = field(default_factory=list)
     imaginary: list[mi.Spectrum] = field(default_factory=list)
     turns_per_metre: tuple[float, ...] = ()  # f / c [1/m]
+    # complex factor of phasor k of light whose length changes at a rate [m/s], by k and rate
+    factor: Factor | None = None
 
     @classmethod
-    def zero(cls, frequencies_hz: Sequence[float], splat: Splat | None = None) -> PhasorSum:
+    def zero(
+        cls,
+        frequencies_hz: Sequence[float],
+        splat: Splat | None = None,
+        factor: Factor | None = None,
+    ) -> PhasorSum:
         """Create empty sums."""
         zeros = [[no_light() for _ in frequencies_hz] for _ in range(2)]
         turns = tuple(frequency / SPEED_OF_LIGHT for frequency in frequencies_hz)
-        return cls(no_light(), splat, *zeros, turns)
+        return cls(no_light(), splat, *zeros, turns, factor)
 
     def add(self, contribution: Contribution) -> None:
         """Add a contribution."""
         spectrum = dr.select(contribution.active, contribution.spectrum, 0)
         opl = dr.select(contribution.active, contribution.opl, 0)
         real, imaginary = [], []
-        for turns in self.turns_per_metre:
+        for k, turns in enumerate(self.turns_per_metre):
             phase = opl * turns
             sine, cosine = dr.sincos(2 * math.pi * (phase - dr.round(phase)))
+            if self.factor is not None:
+                re, im = self.factor(k, rate_of(contribution))
+                cosine, sine = cosine * re - sine * im, sine * re + cosine * im
             real.append(spectrum * cosine)
             imaginary.append(spectrum * sine)
         if contribution.position is not None:

@@ -67,6 +67,7 @@ class Recording:
     weight: Weight | None = None  # By length, None if light of any length counts alike
     width_opl: float | None = None  # Length that the film resolves [m]; None without time bins
     splat_images = 1  # Images that splats go to, colours counted as one
+    needs_rates = False  # Whether contributions must have rates of change
 
     def __init__(self, film: mi.Film, exposure: Exposure) -> None:
         if self.kind is not None and self.kind not in exposure.onto:

@@ -163,7 +163,7 @@ def render_amcw_phasor(
     check_view(scene, sensor, **follows(integrator))
     tracer = integrator
     if tracer is None:
-        tracer = _in_time(scene.integrator())
+        tracer = in_time(scene.integrator())
         require_modelled(scene, sensor, **follows(tracer))
     plugin = plugins.qualified_name("phasor_hdr_film")
     described = {"type": plugin, "frequencies_hz": ", ".join(map(repr, frequencies))}
@@ -186,7 +186,7 @@ def render_amcw_phasor(
     return (I, Q, *phasor_parts(I, Q, frequencies))
 
 
-def _in_time(own: mi.Integrator) -> TransientIntegrator:
+def in_time(own: mi.Integrator) -> TransientIntegrator:
     """Return a scene's integrator, or one that stores phasors of the same paths."""
     traits = getattr(own, "traits", None)
     if traits is None:

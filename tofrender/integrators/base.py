@@ -13,6 +13,7 @@ from ..films.sums import Radiance
 from ..media.space import Media
 from ..paths.endpoints import EmitterHits, SceneLights
 from ..paths.endpoints.scene_lights import checked_count
+from ..paths.motion import Velocities
 from ..paths.protocols import Endpoint, Scattering, Space
 from ..paths.records import Limits
 from ..paths.refraction import index_around
@@ -23,6 +24,7 @@ from ..runtime import checks
 from ..runtime.settings import parameter
 from ..scenes.checking import check_scene
 from ..scenes.media import beyond, media_of
+from ..scenes.motion import motions_of
 from ..signals.polarisation import to_spectrum
 from ..signals.pulses import GaussianPulse, Pulse
 from .derivatives import Derivative, replaced
@@ -235,7 +237,10 @@ class TransientIntegrator(mi.SamplingIntegrator):
         """Return the plan, or a tracer that calls the `sample` of a user-defined subclass."""
         if is_user_defined(self):
             return UserDefinedTracer(self, scene, record, *self.sample_arguments())
-        return self.plan(scene, sensor, record.weight)
+        plan = self.plan(scene, sensor, record.weight)
+        if record.needs_rates and motions_of(scene):
+            return plan.with_motion(Velocities(scene, sensor))
+        return plan
 
     def sample_arguments(self) -> tuple[Any, ...]:
         """Return further arguments of a user-defined subclass's `sample`."""

@@ -88,6 +88,7 @@ class BidirectionalPlan(Plan):
         if self.from_camera:
             endpoint = self.light_paths.for_paths(ray.d, light, weight)
             camera_plan = Plan(self.scene, self.space, endpoint, self.scattering, self.limits)
+            camera_plan = camera_plan.with_motion(self.motion)
             measurement, path = camera_plan.trace(sampler, ray, origin, measurement, active, frame)
         else:
             path = Path.start(ray, origin, False)
@@ -100,7 +101,7 @@ class BidirectionalPlan(Plan):
         """Trace light paths, and connect their vertices to the lens."""
         history = LightPathHistory(
             *(self.scene, self.emission, emitted, self.adjoint, self.mis),
-            *(self.stored_vertices, self.space.scatters),
+            *(self.stored_vertices, self.space.scatters, self.motion is not None),
         )
         camera = Camera(
             *(self.scene, self.lens, emitted, self.mis, history, self.splats),
@@ -108,8 +109,16 @@ class BidirectionalPlan(Plan):
         )
         limits = Limits(self.limits.max_depth, self.limits.rr_depth)
         active, medium = mi.Bool(active) & emitted.active, self.space.medium_at(emitted.ray)
-        path = Path.start(emitted.ray, emitted.origin, active, history.start(), medium=medium)
-        return walk(sampler, path, Parts(self.space, camera, self.adjoint, limits), measurement)
+        velocity = None
+        if self.motion is not None:
+            velocity = self.motion.at_lamp(emitted.emitter, emitted.origin)
+        path = Path.start(
+            *(emitted.ray, emitted.origin, active, history.start()),
+            medium=medium,
+            velocity=velocity,
+        )
+        parts = Parts(self.space, camera, self.adjoint, limits).with_motion(self.motion)
+        return walk(sampler, path, parts, measurement)
 
     def _connect_emitters(self, sampler, ray, origin, measurement, active):
         """Connect the lens to emitters of some extent: the strategy (1, 1)."""
@@ -134,11 +143,16 @@ class BidirectionalPlan(Plan):
         x = self.mis.power(ratio) if self.mis.exponent else mi.Float(0)
         mis_weight = self.mis.weight(x, 1, 1)
         weight = lens_sample.density * mis_weight * transmittance
+        rate = None
+        if self.motion is not None:
+            between = self.motion.at_lamp(ds.emitter, ds.p) - self.motion.at_sensor(at.p)
+            rate = dr.dot(between, ds.d) * (0.0 if self.limits.camera_unwarp else self.space.index)
         contribution = Contribution(
             spectrum=unpolarised(mi.unpolarized_spectrum(radiance) * weight),
             opl=mi.Float(0) if self.limits.camera_unwarp else length * self.space.index,
             active=active & (mis_weight > 0),
             position=lens_sample.position,
+            rate=rate,
         )
         return measurement, accumulate(measurement, contribution)
 

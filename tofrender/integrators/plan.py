@@ -83,7 +83,10 @@ class Plan(Parts):
             ray = behind_emitters(self.scene, ray)
         history = None if endpoint.history is None else endpoint.history.start()
         guide, medium = self.scattering.guide(), self.space.medium_at_sensor(ray)
-        return Path.start(ray, origin, active, history, guide, medium, frame, self.space.index)
+        velocity = None if self.motion is None else self.motion.at_sensor(origin)
+        return Path.start(
+            ray, origin, active, history, guide, medium, frame, self.space.index, velocity
+        )
 
     @tracing_lock()
     def trace(

@@ -26,12 +26,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from copy import copy
-from typing import Generic, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Generic, Protocol, Self, TypeVar
 
 import mitsuba as mi
 
 from ..films.contribution import Contribution
 from .records import BSDFEval, BSDFSample, Connection, Hit, Limits, Path, Vertex
+
+if TYPE_CHECKING:
+    from .motion import Velocities
 
 H = TypeVar("H")
 T = TypeVar("T", bound="Target")
@@ -274,9 +277,16 @@ class Parts:
     ) -> None:
         self.space, self.endpoint = space, endpoint
         self.scattering, self.limits = scattering, limits
+        self.motion: Velocities | None = None  # set if rates of change are wanted
 
     def with_endpoint(self, endpoint: Endpoint) -> Self:
         """Return the parts with another endpoint."""
         other = copy(self)
         other.endpoint = endpoint
+        return other
+
+    def with_motion(self, motion: Velocities | None) -> Self:
+        """Return the parts with velocities, for contributions with rates of change."""
+        other = copy(self)
+        other.motion = motion
         return other

@@ -51,6 +51,9 @@ class Path(Generic[H]):
     active_flag: mi.UInt32  # masks as integers, see the properties of the same names
     valid_ray_flag: mi.UInt32
     specular_flag: mi.UInt32
+    # rate of change of `opl`, and velocity of the last vertex [m/s]; None where no rates are wanted
+    rate: mi.Float | None = None
+    velocity: mi.Vector3f | None = None
 
     @classmethod
     def start(
@@ -63,12 +66,14 @@ class Path(Generic[H]):
         medium: mi.MediumPtr | None = None,
         frame: mi.Spectrum | None = None,
         η: float = 1.0,
+        velocity: mi.Vector3f | None = None,
     ) -> Path[H]:
         """Create a path that has no vertex yet.
 
         Lengths are measured from `origin`, e.g. on the lens, by default the ray's origin. History,
         guide and medium are as from `HistoryUpdates.start`, `Scattering.guide` and
-        `Space.medium_at`, `frame` is the Mueller matrix into the sensor's frame.
+        `Space.medium_at`, `frame` is the Mueller matrix into the sensor's frame; `velocity` that of
+        the origin [m/s], if rates are wanted.
         """
         zero, no = dr.zeros(mi.Float, dr.width(ray)), dr.zeros(mi.UInt32, dr.width(ray))
         ray = mi.Ray3f(ray)
@@ -91,6 +96,8 @@ class Path(Generic[H]):
             active_flag=dr.select(mi.Bool(active), mi.UInt32(1), no),
             valid_ray_flag=mi.UInt32(no),
             specular_flag=1 + no,
+            rate=None if velocity is None else mi.Float(zero),
+            velocity=None if velocity is None else velocity + zero,
         )
 
     active = _mask("active_flag", "lanes whose path goes on")
@@ -177,6 +184,8 @@ class Connection:
     frame: mi.Spectrum | None = None  # Mueller matrix at the connection's end, None for none
     # length over which media attenuate, if not the distance to `point` [m]
     medium_length: mi.Float | None = None
+    emitter: mi.EmitterPtr | None = None  # where it ends; None for the sensor
+    rate: mi.Float | None = None  # of `length` [m/s], if it is not that of its two ends
 
     @classmethod
     def to_point(

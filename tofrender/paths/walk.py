@@ -152,12 +152,14 @@ def add_emission(path: Path, vertex: Vertex, parts: Parts, measurement: Measurem
     hit = parts.endpoint.hit(vertex, path)
     length = dr.select(path.depth == 0, 0, hit.length) if limits.camera_unwarp else hit.length
     path.opl = dr.fma(path.η, length, path.opl)
+    if parts.motion is not None:
+        parts.motion.extend(path, vertex, (path.depth > 0) | (not limits.camera_unwarp))
     active = hit.active
     if limits.skip_first_hit:  # `step` sets `valid_ray` after the first hit
         active = active & (path.valid_ray | ~vertex.valid)
     emitted = apply_throughput(path.β * hit.mis_weight, hit.radiance)
     end = dr.select(vertex.valid, vertex.si.p, path.prev.p + path.ray.d * hit.length)
-    contribution = Contribution(emitted, path.opl, active, end=end)
+    contribution = Contribution(emitted, path.opl, active, end=end, rate=path.rate)
     path.not_finite = path.not_finite + accumulate(measurement, contribution)
     return path
 
@@ -257,9 +259,15 @@ def _contribution(
     spectrum = apply_throughput(throughput, connection.weight)
     η = path.η * bsdf_eval.η
     opl = dr.fma(η, connection.length, path.opl)
+    rate = path.rate
+    if parts.motion is not None:
+        rate = dr.fma(η, parts.motion.of_connection(connection, path), rate)
     if endpoint.importance:  # η is relative to that around the light, the sensor's is known
         opl = opl / η * parts.space.index
-    return Contribution(spectrum, opl, connection.active, connection.position, connection.point)
+        rate = None if rate is None else rate / η * parts.space.index
+    return Contribution(
+        spectrum, opl, connection.active, connection.position, connection.point, rate
+    )
 
 
 def accumulate(measurement: Measurement, contribution: Contribution) -> mi.UInt32:

@@ -19,6 +19,7 @@ import mitsuba as mi
 import numpy as np
 
 from .files import resolved_path
+from .motion import moved
 from .nodes import NAMELESS, is_kind
 
 RULE = "2-"
@@ -41,8 +42,8 @@ def fingerprint(scene: mi.Scene, sensor: mi.Sensor, integrator: Any) -> str:
     names of parts and files do not, but for ids that the integrator refers to. Returns "2-" and
     twelve hexadecimal digits.
     """
-    described = scene.id() if scene.id().startswith(DESCRIPTION) else ""
-    graph, film = _Graph(described == ""), sensor.film()
+    described = scene.id() if scene.id().startswith(DESCRIPTION) else moved(scene)
+    graph, film = _Graph(not described.startswith(DESCRIPTION)), sensor.film()
     parts = [described, graph.digest(scene), graph.digest(sensor)]
     parts += [str(film.rfilter()), str(film.sample_border())]
     own = {"hide_emitters": None, **getattr(integrator, "__dict__", {})}  # Mitsuba keeps the first

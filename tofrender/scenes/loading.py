@@ -27,6 +27,7 @@ from .compatibility import translate_names
 from .editing import STEADY_FILM, change, name_shapes, qualify_plugins
 from .files import require_indices, require_readable_dict, require_shallow_xml
 from .fingerprint import describe, remember_description
+from .motion import moving, take_motions
 from .nodes import is_kind
 from .numbers import is_transform
 
@@ -108,6 +109,9 @@ def load_scene(
             if sum(is_kind(node, mi.ObjectType.Emitter) for node in state.nodes) > 1:
                 config.merge_meshes = False  # leaves shapes, and so their lamps, in random order
             description = describe(state)  # Of all files as they are loaded
+            motions = take_motions(state)
+            if motions:
+                config.merge_equivalent = config.merge_meshes = False
             parser.transform_all(config, state)
             scene = parser.instantiate(config, state)
             keep_alive(scene)
@@ -116,7 +120,7 @@ def load_scene(
     if not isinstance(scene, mi.Scene):
         raise ValueError(f"scene: its outermost part is a {type(scene).__name__}, must be a scene")
     remember_description(scene, description)
-    return scene
+    return moving(scene, motions) if motions else scene
 
 
 def parse_file_of(path: Any, parameters: Mapping[str, Any]) -> Any:

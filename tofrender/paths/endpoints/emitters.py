@@ -109,7 +109,8 @@ class EmitterEndpoint(Endpoint):
             distant = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.Infinite)
             length = dr.select(distant, self.sphere.length(p, ds.d), length)
         radiance, active = mi.unpolarized_spectrum(weight), active & (ds.pdf != 0)
-        return Connection(ds.p, ds.d, radiance, length, active, ds.pdf, ds.delta)
+        ends = ds.pdf, ds.delta
+        return Connection(ds.p, ds.d, radiance, length, active, *ends, emitter=ds.emitter)
 
     def sample_emitter(self, vertex: Vertex, u: mi.Point2f, active: mi.Bool) -> Connection:
         """Sample a connection to an emitter by two random numbers."""

@@ -1,0 +1,130 @@
+"""Light by path length and by its rate of change, of which FMCW lidars see beats."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from os import PathLike
+from typing import TYPE_CHECKING, Unpack
+
+import mitsuba as mi
+import numpy as np
+
+from ..films.rates import Axis, RateRecording, rate_film
+from ..integrators.running import render_all
+from ..rendering.dataset import LOST_ENERGY
+from ..rendering.labels import labelled
+from ..rendering.window import windowed_film
+from ..runtime import checks
+from ..scenes.motion import motions_of
+from .opening import MovingSettings, open_moving, separated
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+RATES = 64  # Default number of bins of the rate
+MAX_RATE = 1e9  # Largest rate of an axis [m/s]
+
+
+def range_rate(
+    scene: mi.Scene | Mapping[str, object] | str | PathLike[str],
+    *,
+    bins: int | None = None,
+    window: tuple[float, float] | None = None,
+    rate_bins: int = RATES,
+    rates: tuple[float, float] | None = None,
+    **settings: Unpack[MovingSettings],
+) -> xr.Dataset:
+    """Render light by path length and by the rate at which that changes.
+
+    Args:
+        scene: As for `render`; its parts move as the scene says, or `moving`.
+        bins: Number of bins of path length; by default those of the scene's film.
+        window: Start and stop of path lengths [m]; by default those of the scene's film.
+        rate_bins: Number of bins of the rate.
+        rates: Start and stop of the rates [m/s], positive for growing lengths; by default four
+            times the largest speed of a part to both sides, 1 m/s at rest.
+        **settings: As for `doppler`.
+
+    Returns:
+        A Dataset with `radiance (y, x, opl, rate, channel)`, of each bin, and `steady (y, x,
+        channel)` [W m^-2 sr^-1]; `opl` [m] and `rate` [m/s] are the bins' centres.
+
+    Raises:
+        ValueError: An argument or the scene is wrong.
+        MemoryError: The bins do not fit.
+        KeyboardInterrupt: The render was stopped; one line.
+
+    Warns:
+        UserWarning: More than 1 % of the energy is outside the bins.
+
+    Example:
+        >>> import tofrender
+        >>> scene = tofrender.load_scene("cornell_box", width=8, height=8, optimize=False)
+        >>> scene = tofrender.moving(scene, {"small-box": tofrender.Motion(velocity=(0, 0, 10))})
+        >>> light = range_rate(scene, bins=50, window=(3.5, 15), rate_bins=9, spp=4, progress=False)
+        >>> dict(light["radiance"].sizes)
+        {'y': 8, 'x': 8, 'opl': 50, 'rate': 9, 'channel': 3}
+    """
+    import xarray as xr
+
+    wanted, keeping = separated(scene, settings, bins=bins, window=window)
+    count = checks.integer("rate_bins", rate_bins, 1, checks.MAX_BINS)
+    span = rates if rates is None else checks.interval("rates", rates, "(start, stop) in m/s")
+    loaded, camera, tracer, spp = open_moving(wanted)
+    window_of = windowed_film(camera.film(), *wanted.time_axis)
+    opl = Axis(window_of.temporal_bins, window_of.start_opl, window_of.bin_width_opl)
+    if span is None:
+        most = 4 * _fastest(loaded) or 1.0
+        span = -most, most
+    low, high = span
+    rate = Axis(count, low, (high - low) / count)
+    film = rate_film(camera.film(), opl, rate)
+    record = RateRecording(film, opl, rate)
+    record.require_memory(spp)
+    plan = tracer.tracer(loaded, camera, record)
+    identity = {"rates": [low, high], "rate_bins": count}
+    render_all(loaded, tracer, camera, plan, record, spp, *keeping.of_part(), **identity)
+    steady, bins_of_rates = film.take()
+    height, width = steady.shape[:2]
+    light = bins_of_rates.reshape(height, width, opl.count, rate.count, -1)
+    steady = steady[:, :, : light.shape[-1]]
+    inside = float(light.sum(dtype=float)) / (float(steady.sum(dtype=float)) or 1.0)
+    if steady.any() and 1 - inside > LOST_ENERGY:
+        warnings.warn(f"{1 - inside:.1%} of the energy is outside the bins", stacklevel=2)
+    y, x = (int(v) for v in np.array(camera.film().crop_offset())[::-1])
+    centres = {
+        name: each.start + (np.arange(each.count) + 0.5) * each.width
+        for name, each in (("opl", opl), ("rate", rate))
+    }
+    return labelled(
+        xr.Dataset(
+            {
+                "radiance": (("y", "x", "opl", "rate", "channel"), light),
+                "steady": (("y", "x", "channel"), steady),
+            },
+            coords={
+                **{"y": y + np.arange(height), "x": x + np.arange(width)},
+                "opl": centres["opl"],
+                "rate": ("rate", centres["rate"], {"units": "m/s", "long_name": "rate of length"}),
+                "channel": ["L"] if light.shape[-1] == 1 else ["R", "G", "B"],
+            },
+            attrs={
+                **{"scene": wanted.scene_label, "spp": spp, "seed": wanted.seed},
+                "energy_outside_window": min(max(1 - inside, 0.0), 1.0),
+            },
+        )
+    )
+
+
+def _fastest(scene: mi.Scene) -> float:
+    """Return the largest speed of a corner of a moving part's bounding box [m/s]."""
+    found, motions = 0.0, motions_of(scene)
+    for part in [*scene.shapes(), *scene.sensors(), *scene.emitters()]:
+        if part.id() not in motions:
+            continue
+        box = mi.ScalarBoundingBox3f(part.bbox())
+        a, spin = motions[part.id()].affine()
+        corners = [np.array(box.corner(k)) for k in range(8)] if box.valid() else [np.zeros(3)]
+        found = max(found, *(float(np.linalg.norm(a + np.cross(spin, c))) for c in corners))
+    return found
