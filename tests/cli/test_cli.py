@@ -172,7 +172,7 @@ NUMBERS = {
     "warp": ["--alpha", "--count", "--seed"],
     "verify": ["--seeds"],
     "grade": ["--time-limit", "--memory", "--jobs"],
-    "gradescope": ["--time-limit", "--memory"],
+    **{key: ["--time-limit", "--memory"] for key in ("gradescope", "prairielearn", "classroom50")},
     "new-term": ["--term"],
 }
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import mitsuba as mi
 import pytest
+from helpers.processes import says
 
 from tofrender.course import rubric
 from tofrender.course.judge import forbidden
@@ -19,12 +20,6 @@ USES = {
         "import mitsuba as mi\nw = getattr(mi, 'warp')",
         "import importlib\nw = importlib.import_module('mitsuba.warp')",
     ],
-    "Mitsuba's integrator 'path'": [
-        "x = {'type': 'path', 'max_depth': 4}",
-        "x = {'integrator': {'max_depth': 4, 'type': 'path'}}",
-        "x = dict(type='path')",
-    ],
-    "mi.ad": ["import mitsuba as mi\nB = mi.ad.common.ADIntegrator", "from mitsuba.ad import x"],
     "sample_emitter_direction": ["def f(scene): return scene.sample_emitter_direction(1, 2)"],
     "pdf_direction": ["def f(x): return getattr(x, 'pdf_direction')(1)"],
 }
@@ -71,10 +66,46 @@ def test_a_name_put_together_is_refused_when_it_is_used(tmp_path, monkeypatch):
     theirs, ours = {}, {}
     exec(compile(code, str(tmp_path / "tent.py"), "exec"), theirs)
     exec(compile(code, str(Path(__file__)), "exec"), ours)
-    forbidden.guard(tmp_path)
+    forbidden.guard(tmp_path, ["warps"])
     assert callable(ours["f"]())
     with pytest.raises(forbidden.Forbidden, match="is not allowed in this assignment"):
         theirs["f"]()
+
+
+WAYS = {
+    "load_dict": "mi.load_dict({'type': 'pa' + 'th'})",
+    "exec": "eval(\"mi.load_dict({'type': 'pa' + 'th'})\")",
+    "load_string": "mi.load_string('<integrator version=\"3.0.0\" type=\"$t\"/>', t='path')",
+    "manager": "mi.PluginManager.instance().create_object(mi.Properties('pa' + 'th'))",
+    "scene": "mi.load_dict({'type': 'scene', 'i': {'type': 'pa' + 'th'}}).integrator()",
+    "derivatives": "mi.load_dict({'type': 'pr' + 'b'})",
+    "its class": "sys.modules[AD + '.prb'].PRBIntegrator(mi.Properties())",
+}
+GUARDED = """
+import sys
+from pathlib import Path
+import mitsuba as mi
+mi.set_variant("llvm_ad_rgb")
+from tofrender.course.judge import forbidden
+forbidden.guard(Path("/student"), ["integrators"])
+def run(text, file):
+    space = {"mi": mi, "sys": sys, "AD": "mitsuba.python.ad.integrators"}
+    exec(compile(text, file, "exec"), space)
+    try:
+        return str(space["f"]())[:0] or "allowed"
+    except Exception as error:
+        return "refused" if "integrators are not allowed" in str(error) else repr(error)
+"""
+
+
+def test_mitsubas_integrators_are_refused_however_they_are_loaded():
+    calls = [f"print(run('f = lambda: ' + {way!r}, '/student/a.py'))" for way in WAYS.values()]
+    calls += [f"print(run('f = lambda: ' + {way!r}, '/ours/a.py'))" for way in WAYS.values()]
+    own = "class Own(mi.SamplingIntegrator): pass\nmi.register_integrator('own', Own)\n"
+    own += "f = lambda: [mi.load_dict({'type': each}) for each in ('own', 'sphere')] != []"
+    calls += [f"print(run({own!r}, '/student/a.py'))"]
+    told = says(GUARDED + "\n".join(calls))
+    assert told == ["refused"] * len(WAYS) + ["allowed"] * (len(WAYS) + 1)
 
 
 def test_the_rubric_knows_the_words(tmp_path):

@@ -154,10 +154,16 @@ def test_a_table_of_answers_meets_other_numbers_and_the_results_name_their_seed(
 
 def test_seeds_of_a_class(assignment, tmp_path):
     """A drawn seed is another each time; what was graded before says which a class has."""
-    drawn = {grading.drawn_seed(assignment) for _ in range(5)}
+    drawn = {grading.seed_of(assignment) for _ in range(5)}
     assert len(drawn) == 5
     assert 0 not in drawn
-    assert grading.drawn_seed(assignment, 7) == 7
+    assert grading.seed_of(assignment, 7) == 7
+    staff = tiny_assignment.sums(tmp_path / "a0", {"seed.txt": "8\n"})
+    assert grading.seed_of(staff, 7) == 8
+    for text in ("", "0", "x", "1.0", str(1 << 31)):
+        (staff.folder / "seed.txt").write_text(text)
+        with pytest.raises(ValueError, match=r"seed\.txt: .*: must be an integer from 1 to"):
+            grading.seed_of(staff)
     (tmp_path / "a.json").write_text("junk")
     assert classes.seed_of_before(tmp_path) == 0
     Results(assignment.rubric, seed=9).write(tmp_path / "b.json")
@@ -165,6 +171,44 @@ def test_seeds_of_a_class(assignment, tmp_path):
     content = json.loads((tmp_path / "b.json").read_text())  # All is zero at first
     assert (content["score"], len(content["tests"])) == (0, 5)
     assert not content["extra_data"]["complete"]
+
+
+SEED = 1_987_654_321
+SEEKS = """
+import glob, os, pathlib
+here = pathlib.Path(__file__)
+
+def add0(a, b):
+    paths = ["@CLONE@", "@LOG@", *glob.glob("/proc/[0-9]*/cmdline")]
+    paths += glob.glob("/proc/[0-9]*/environ")
+    paths += [os.path.join(at, n) for at, _, names in os.walk(here.parents[1]) for n in names]
+    found = []
+    for path in paths:
+        try:
+            text = pathlib.Path(path).read_bytes()
+        except OSError:
+            continue
+        if path != str(here) and (b"@SEED@" in text or path in ("@CLONE@", "@LOG@")):
+            found.append(path)
+    assert not found, found
+    return a + b
+"""
+
+
+@pytest.mark.skipif(sandbox.landlock_version() < 6, reason="this machine protects from less")
+def test_a_submission_reads_no_seed_no_clone_and_no_log(tmp_path, home):
+    clone, log = tmp_path / "clone" / "solutions.py", tmp_path / "runner.log"
+    tiny_assignment.write(tmp_path, {"clone/solutions.py": "x", "runner.log": "x"})
+    staff = tiny_assignment.sums(tmp_path / "a0", {"seed.txt": str(SEED)})
+    text = SEEKS.replace("@CLONE@", str(clone)).replace("@LOG@", str(log))
+    text = text.replace("@SEED@", str(SEED))
+    student = tiny_assignment.write(tmp_path / "student", {"p0.py": text})
+    out = tmp_path / "results.json"
+    words = ["grade", str(staff.folder), "--submission", str(student), "-o", str(out)]
+    subprocess.run([sys.executable, "-m", "tofrender", *words], check=True)
+    content = json.loads(out.read_text())
+    assert content["extra_data"]["seed"] == SEED
+    assert content["score"] == 1, content["tests"][0]["output"]
 
 
 BOMB = f"""
@@ -407,6 +451,63 @@ def test_folder_with_links_and_pipes(tmp_path):
     os.mkfifo(folder / "pipe.py")
     taken = unpacking.extract(folder, ["*.py", "deliverables/*"], tmp_path / "taken")
     assert taken == ["add.py", "mean.py"]
+
+
+NESTED = {
+    "Ada_12_assignsubmission_file/my-a0.zip": {"p0.py": ADD0},
+    "Ada_12_assignsubmission_file/a0/my-a0.zip": {"my-a0/p0.py": ADD0},
+    "my-a0/p0.py": ADD0,
+    "mine/my-a0/p0.py": ADD0,
+    "README.md": "# mine",
+    "notes.py": "1 / 0",
+    "old/notes/p0.pdf": "",
+}
+LAYOUTS = {
+    "Moodle's folder with a zip": (0,),
+    "a zip in two folders": (1,),
+    "a README beside the folder": (2, 4),
+    "two folders": (3,),
+    "another program beside the folder": (2, 5),
+    "more beside two folders": (3, 4, 5, 6),
+}
+
+
+@pytest.mark.parametrize("kind", ["folder", "zip"])
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_files_are_found_where_platforms_put_them(layout, kind, tmp_path):
+    names = [list(NESTED)[number] for number in LAYOUTS[layout]]
+    top = tmp_path / "class" / "ada"
+    for name in names:
+        content = NESTED[name]
+        if isinstance(content, dict):
+            (top / name).parent.mkdir(parents=True)
+            zipped(top / name, content)
+        else:
+            tiny_assignment.write(top, {name: content})
+    if kind == "zip":
+        if any(name.endswith(".zip") for name in names):
+            pytest.skip("a platform that packs a zip again is not known")
+        top = zipped(tmp_path / "ada.zip", {name: NESTED[name] for name in names})
+    unpacking.extract(top, ["*.py"], tmp_path / "taken", ["p0.py"])
+    assert (tmp_path / "taken" / "p0.py").read_text() == ADD0
+
+
+def test_files_in_two_folders_are_refused(tmp_path):
+    path = zipped(tmp_path / "x.zip", {"a/p0.py": "1", "b/p0.py": "2"})
+    refused(path, "has its files in two folders, 'a' and 'b'")
+
+
+def test_a_class_without_files_gets_one_warning(tmp_path, home):
+    for name in ("ada", "ben"):
+        tiny_assignment.write(tmp_path / "class" / name, {f"{name}.docx": "", "x/y/z/p0.py": ""})
+    said = []
+    with grading.open_grader(tiny_assignment.sums(tmp_path / "a0")) as grader:
+        table = grade_class(grader, tmp_path / "class", tmp_path / "out", said.append)
+    assert [row["total"] for row in table] == ["0", "0"]
+    told = "2 of 2 submissions are empty: ada: the submission has none of p0.py; has ada.docx"
+    assert [line for line in said if "warning" in line] == [
+        line for line in said[:1] if told in line
+    ]
 
 
 def test_folder_that_cannot_be_listed(tmp_path, monkeypatch):

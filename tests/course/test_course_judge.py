@@ -300,8 +300,8 @@ def test_a_factor_is_named_hints_and_leaves_a_part():
         failure = fails(expect.close, came, right, ratios=ratios)
         assert "which is" not in str(failure)
         assert failure.fraction == 0
-    for came, share in ((2.0, 0), (np.pi, 0.5)):  # in one number, 2 may be chance
-        assert fails(expect.close, came, 1.0, says="which is: ").fraction == share
+    for wanted in (1.0, np.ones(5), np.array([1.0, 2.0, 2.0, 0.0])):  # less than three numbers
+        assert fails(expect.close, wanted * np.pi, wanted, says="which is: π").fraction == 0
     # a bound so wide that several fit
     assert fails(expect.close, right * 2, right, rtol=0.4).fraction == 0
 
@@ -310,9 +310,15 @@ def test_a_factor_is_named_hints_and_leaves_a_part():
 def test_a_factor_is_found_through_noise():
     expect.configure(comparisons=10)
     noise = np.random.default_rng(3).normal(1, 0.05, (32, 6))
-    for compare, wanted in ((expect.estimate, 1.0), (expect.same, noise[::-1])):
-        assert fails(compare, noise * np.pi, wanted, says="which is: π times").fraction == 0.5
+    far, near = np.arange(1.0, 7), np.linspace(1, 1.05, 6)
+    for numbers, share in ((far, 0.5), (near, 0)):  # numbers that noise does not keep apart
+        right = noise * numbers
+        for compare, wanted in ((expect.estimate, numbers), (expect.same, right[::-1])):
+            failure = fails(compare, right * np.pi, wanted, says="which is: π times")
+            assert failure.fraction == share
     assert fails(expect.estimate, noise * 1.2, 1.0).fraction == 0
+    one = noise[:, 0] * np.pi
+    assert fails(expect.estimate, one, 1.0, says="which is: π times").fraction == 0
 
 
 @pytest.mark.statistical

@@ -1,14 +1,8 @@
 """What a teacher does with a class: rosters, sheets, pages, autograders, new terms, similarity."""
 
-import json
-import os
 import re
-import shutil
-import stat
 import subprocess
-import sys
 import threading
-import zipfile
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -27,12 +21,13 @@ from tofrender.course.assignments import Assignment, find
 from tofrender.course.author import release
 from tofrender.course.grade import (
     classes,
-    gradescope,
+    feedback,
     grading,
     overview,
     roster,
     similarity,
 )
+from tofrender.course.grade.results import Grade, Results
 from tofrender.course.grade.roster import Marks, Member
 from tofrender.course.judge import running, sandbox
 from tofrender.course.judge.inputs import Inputs
@@ -208,8 +203,18 @@ def test_class_with_roster_sheet_pages_and_jobs(staff, tmp_path, monkeypatch, ca
     assert "It came 3 days late, 1 of which cost nothing: 2.5 points" in ada
     assert "it does not notice: " in ada.replace("\n", " ")
     class_page = (tmp_path / "pages" / "overview.md").read_text()
-    assert "4 of 5 handed in" in class_page
+    assert "4 of 5 handed in. Points, of 15: mean" in class_page  # with 4 by hand
     assert "| `takes_the_difference` | It subtracts. | 1: Ben |" in class_page
+
+    canvas = ["Student=name", "ID=id", "Section=section", "A0 (17)=total", "Sum=a0.add"]
+    of_canvas = [word for name in canvas for word in ("--columns", name)]
+    assert (
+        cli.main([*words[:4], "--csv", str(tmp_path / "canvas.csv"), *of_canvas, *words[6:]]) == 0
+    )
+    assert capsys.readouterr().out.count("graded before") == 0  # other results
+    table = rows(tmp_path / "canvas.csv")
+    assert list(table[0]) == [text.partition("=")[0] for text in canvas]
+    assert list(table[0].values()) == ["Ada L.", "ada", "1", "10", "3"]
 
     before = {path: path.read_bytes() for path in (tmp_path / "pages").rglob("*.md")}
     assert cli.main(words) == 0
@@ -416,6 +421,21 @@ def test_pages_show_what_students_wrote_as_text(tmp_path):
     assert '<html lang="en">' in page
 
 
+def test_a_page_says_a_missing_file_and_a_day_once(tmp_path):
+    tests = tuple(GradedTest(f"test_a.py::test_{name}", 2) for name in "xyz")
+    problem = Problem("a0.a", "A", tests, file="a.py")
+    toys = Rubric("a0", "Toys", (problem,), late=Late(0, 0.1))
+    text = "problem a0.a, a.py\nTest of {}.\na.py is missing (problem a0.a)"
+    missing = {test: Grade(False, text.format(test)) for test in toys.problem_by_test}
+    content = Results(toys, missing).gradescope()
+    found = {test["extra_data"]["test"]: test for test in content["tests"]}
+    standing = roster.Standing(toys, Member("ada", None), content, Marks({"a0.a": 4}, 1))
+    page = feedback.page(standing, found, tmp_path)
+    assert page.count("`a.py` is missing, which fails `test_x`, `test_y`, `test_z`.") == 1
+    assert page.count("is missing") == 1
+    assert "It came 1 day late: 0.4 points are taken off." in page
+
+
 def test_overview_names_the_likeliest_mutant(staff):
     problem = staff.rubric.problems[0]
     known = mutants.read(staff)
@@ -433,57 +453,6 @@ def test_items_that_separate():
     assert np.isnan(separates[2])
 
 
-def unpacked(archive: Path, target: Path) -> None:
-    """As Gradescope does: the zip's files with their modes, and the folders beside."""
-    with zipfile.ZipFile(archive) as file:
-        for entry in file.infolist():
-            path = Path(file.extract(entry, target / "source"))
-            path.chmod(stat.S_IMODE(entry.external_attr >> 16))
-    shutil.copy(target / "source" / "run_autograder", target)
-    for name in ("submission", "results"):
-        (target / name).mkdir()
-
-
-def test_autograder_in_a_stand_in_of_the_harness(staff, tmp_path, monkeypatch):
-    archive, root = tmp_path / "autograder.zip", tmp_path / "autograder"
-    assert cli.main(["gradescope", str(staff.folder), "-o", str(archive)]) == 0
-    unpacked(archive, root)
-    source = root / "source"
-    names = {p.relative_to(source).as_posix() for p in source.rglob("*") if p.is_file()}
-    assert {"setup.sh", "run_autograder", "course/.ci/setup", "course/pyproject.toml"} <= names
-    assert os.access(root / "run_autograder", os.X_OK)
-    inside = "course/assignment/a0_sums/"
-    assert f"{inside}tests/test_mean_staff.py" in names
-    assert f"{inside}solutions/add.py" in names  # which students' tests are tried on
-    assert f"{inside}solutions/mean.py" not in names
-    assert not any(name.startswith("course/tofrender/integrators") for name in names)
-    python = root / "source" / "course" / ".venv" / "bin" / "python"  # as setup.sh makes it
-    python.parent.mkdir(parents=True)
-    python.write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
-    python.chmod(0o755)
-    tiny_assignment.write(root / "submission", RIGHT | {"check.py": FILES["solutions/check.py"]})
-    subprocess.run(["bash", "-n", root / "source" / "setup.sh"], check=True)
-
-    def results() -> dict:
-        options = {"cwd": root, "env": os.environ | {"AUTOGRADER": str(root)}}
-        done = subprocess.run(["./run_autograder"], **options, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        return json.loads((root / "results" / "results.json").read_text())
-
-    content = results()
-    assert content["score"] == content["extra_data"]["max_score"] == 11
-    for path in (root / "submission").iterdir():
-        path.unlink()
-    content = results()
-    assert (content["score"], content["extra_data"]["complete"]) == (0, True)
-
-
-def test_equal_autograders_are_equal(staff, tmp_path):
-    for name in ("a.zip", "b.zip"):
-        gradescope.write(staff, tmp_path / name, seed=5)
-    assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
-
-
 def test_programs_are_put_where_jplag_looks(staff, tmp_path, capsys):
     there = tmp_path / "class"
     zips(there, "ada.zip")
@@ -498,7 +467,7 @@ def test_programs_are_put_where_jplag_looks(staff, tmp_path, capsys):
         *("base/add.py", "base/check.py", "base/mean.py"),
         *("submissions/ada/add.py", "submissions/ada/mean.py", "submissions/ada_1/add.py"),
     }
-    assert "'empty.zip': has no programs" in shown.err
+    assert "'empty.zip': has none of *.py; has notes.txt" in shown.err
     assert f"-l python3 -bc {out}/base -r {out}/result {out}/submissions" in shown.out
     assert cli.main(words) == 2
     assert "exists; must be a new folder" in capsys.readouterr().err
@@ -536,12 +505,15 @@ def test_a_new_term_draws_other_inputs(tmp_path, capsys):
         ("grade a0 --all . --csv x.csv --jobs 200", "--jobs = 200: must be "),
         *(
             (f"grade a0 --submission . -o r --{name} 2", f"--{name} = 2: must be left out")
-            for name in ("csv", "jobs", "roster", "sheet", "feedback")
+            for name in ("csv", "jobs", "roster", "sheet", "feedback", "columns")
         ),
         ("grade a2 --all @ --csv x.csv --roster no.csv", "--roster = no.csv: must be a CSV file"),
         ("grade a2 --all @ --csv x.csv --sheet no.csv", "--sheet = no.csv: must be a CSV file"),
         ("gradescope a2 -o .", "--out = .: is a folder"),
-        ("gradescope a2 -o x.tar", "--out = x.tar: must end in .zip"),
+        ("prairielearn a2 -o x.tar", "--out = x.tar: must end in .zip"),
+        ("grade a2 --all @ --csv x.csv --columns x", "--columns = x: must be NAME=FIELD"),
+        ("grade a2 --all @ --csv x.csv --columns x=y", "--columns = x=y: must be NAME=FIELD"),
+        ("grade a2 --all @ --csv x.csv --format junit", "--format = junit: must be left out"),
         ("similarity a2 --all no -o x", "--all = no: is no folder"),
         ("similarity a2 --all . -o x", "--all = .: holds no folders and no zips"),
     ],

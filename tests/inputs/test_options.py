@@ -32,7 +32,7 @@ COMMANDS: dict[str, list[str]] = {
     "start": ["a1", "folder"],
     "submit": ["a1", "folder"],
     "grade": ["a1", "--submission", "folder"],
-    "gradescope": ["a1", "-o", "a.zip"],
+    **{key: ["a1", "-o", "a.zip"] for key in ("gradescope", "prairielearn", "classroom50")},
     "similarity": ["a1", "--all", "folder", "-o", "x"],
     "new-term": ["a1"],
 }
@@ -65,7 +65,7 @@ OPTIONS |= {
     **{"-D": "definition", "scene": "source", "view source": "source", "phasor source": "render"},
     **{"sense source": "render", "sense --sensor": "choice"},
     **{"reconstruct source": "file", "report source": "file", "submit folder": "file"},
-    **{"grade --seed": "count", "gradescope --seed": "count", "gate --pulse-width": "positive"},
+    **{"gate --pulse-width": "positive"},
 }
 SAID = {"--wall": "relay_wall", "--capture": "path", "-D": "", "--submission": ""}
 """What a message names for an option, where that is not the option; no argument is named."""
@@ -73,7 +73,7 @@ ELSEWHERE = {
     "test_outputs.py has the places": "--out",
     "a switch": "--video --pdf --resume --errors --denoise --json --browser --headless --live "
     "--progress dataset:plan",
-    "the course's tests": "--csv --all --roster --sheet --feedback start:folder",
+    "the course's tests": "--csv --all --roster --sheet --feedback --columns start:folder",
     "test_warp_images": "--image",
     "any text": "report:title",
     "as of others": "warp:parameters warptest:host compare:two dataset:workers dataset:scheduler",
@@ -90,7 +90,8 @@ SUFFIXES = {
     "warptest": ".png",
     "view": ".npz",
 }
-COURSE = {"verify", "start", "submit", "grade", "gradescope", "similarity", "new-term"}
+COURSE = {"verify", "start", "submit", "grade", "gradescope", "prairielearn", "classroom50"}
+COURSE |= {"similarity", "new-term"}
 WITHOUT_OUT = COURSE | {"compare"}
 
 

@@ -150,7 +150,7 @@ SHOWN = (
 for command in (
     *SHOWN,
     *(course.start, course.submit, course.release, course.verify, grade.grade),
-    *(grade.gradescope, grade.similarity, grade.new_term),
+    *(grade.gradescope, grade.prairielearn, grade.classroom50, grade.similarity, grade.new_term),
     *(warp.warptest, view.view, view.compare),
 ):
     app.command(cls=Command)(command)

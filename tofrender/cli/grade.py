@@ -11,7 +11,7 @@ from ..course.assignments import find
 from ..course.rubric import MAX_SEED
 from ..runtime import checks
 from .course import Name
-from .options import integer, named, note, real, say
+from .options import choice, integer, named, note, real, say
 
 if TYPE_CHECKING:
     from ..course.grade.classes import Class
@@ -25,14 +25,14 @@ SHEET = (
     "With --all, CSV of manual entries: id, and late_days, note, ids of problems (points instead "
     "of the tests') and of what is graded by hand."
 )
-SEED = (
-    "Seed of the tests that students do not have; else the rubric's, or a drawn one. The results "
-    "name it."
+COLUMNS = (
+    'With --all, a column of --csv, as "SIS Login ID=email"; repeatable. FIELD is id, name, email, '
+    "section, submission, total, a problem's id, late_days, lost_late, note or reason."
 )
+FORMATS = ("gradescope", "prairielearn", "classroom50", "junit")
 
 TimeLimit = Annotated[float, real(30, "Seconds for one submission.")]
 Memory = Annotated[float, real(1, "GiB of memory for one submission.")]
-TestSeed = Annotated[int | None, integer(1, MAX_SEED, SEED)]
 
 
 def grade(
@@ -43,6 +43,7 @@ def grade(
     ] = None,
     out: Annotated[Path | None, named("FILE|DIR", RESULTS, "--out", "-o")] = None,
     csv: Annotated[Path | None, named("FILE", "With --all, one row per student.")] = None,
+    columns: Annotated[list[str] | None, named("NAME=FIELD", COLUMNS)] = None,
     jobs: Annotated[int, integer(1, MAX_JOBS, "With --all, submissions at a time.")] = 1,
     roster: Annotated[Path | None, named("FILE", ROSTER)] = None,
     sheet: Annotated[Path | None, named("FILE", SHEET)] = None,
@@ -51,20 +52,24 @@ def grade(
     ] = None,
     time_limit: TimeLimit = 540,
     memory: Memory = 4,
-    seed: TestSeed = None,
+    format: Annotated[str, choice(FORMATS, "Of --out, without --all.")] = "gradescope",
 ) -> None:
     """Grade a submission, or a class, with all tests.
 
-    The results are in Gradescope's format. Grading a class can be interrupted and resumed: finished
-    results are kept, unless the submission or the tests have changed. A sheet can be added later.
+    Grading a class can be interrupted and resumed: finished results are kept, unless the submission
+    or the tests have changed. A sheet can be added later. The seed of the tests that students do
+    not have is drawn, unless seed.txt in the assignment's folder has one; the results name it.
     """
     if (submission is None) == (everyone is None):
         raise ValueError("--submission and --all: must be exactly one of them")
     of_class = {"--csv": csv, "--roster": roster, "--sheet": sheet, "--feedback": feedback}
+    of_class |= {"--columns": columns[0] if columns else None}
     if submission is not None:
         out = _check_one(submission, out, of_class, jobs)
     else:
         assert everyone is not None
+        if format != "gradescope":
+            raise ValueError(f"--format = {format}: must be left out with --all")
         out, csv = _check_class(everyone, out, csv, feedback, jobs)
 
     from ..course.grade import classes, grading, roster as rosters
@@ -77,15 +82,15 @@ def grade(
         those = classes.submissions_in(everyone, out, *([feedback] if feedback else []))
         members, unknown = rosters.members(those, roster)
         marks = None if sheet is None else rosters.marks(sheet, found.rubric, members)
+    shown = rosters.columns(columns or [], found.rubric)
     for risk in sandbox.missing_protections():
         note(f"warning: this machine cannot keep a submission from {risk}")
     for name in unknown:
         note(f"warning: --roster = {roster}: {name!a} is nobody's")
     try:
-        if seed is None and submission is None and not found.rubric.seed:
-            seed = classes.seed_of_before(out)  # those that are graded stay as they are
-        limits = {"time_limit_s": time_limit, "memory_gib": memory}
-        with grading.open_grader(found, seed or 0, **limits) as grader:
+        before = classes.seed_of_before(out) if submission is None else 0
+        more = {"time_limit_s": time_limit, "memory_gib": memory, "format": format}
+        with grading.open_grader(found, before, **more) as grader:
             if submission is not None:
                 _grade_one(grader, submission, out)
             elif everyone is not None and csv is not None:
@@ -93,6 +98,7 @@ def grade(
                 class_ = classes.Class(
                     grader, everyone, members, csv, out, marks, roster is not None, jobs, private
                 )
+                class_.columns = shown
                 class_.grade(say)
                 say(f"{csv}: written")
                 if feedback is not None:
@@ -161,26 +167,49 @@ def _check_class(
     return out, csv
 
 
+Archive = Annotated[Path, named("FILE", "Zip to write: autograder.zip.", "--out", "-o")]
+
+
 def gradescope(
-    assignment: Name,
-    out: Annotated[Path, named("FILE", "Zip to write: autograder.zip.", "--out", "-o")],
-    time_limit: TimeLimit = 540,
-    memory: Memory = 4,
-    seed: TestSeed = None,
+    assignment: Name, out: Archive, time_limit: TimeLimit = 540, memory: Memory = 4
 ) -> None:
     """Make an autograder for Gradescope: setup.sh, run_autograder, and all that they need.
 
     Upload it as it is. Choose the largest container, and there a limit above --time-limit.
     """
+    _archive("gradescope", assignment, out, time_limit, memory)
+
+
+def prairielearn(
+    assignment: Name, out: Archive, time_limit: TimeLimit = 540, memory: Memory = 4
+) -> None:
+    """Make an external grader for PrairieLearn: Dockerfile, grade.sh, and all that they need.
+
+    Build the image, and copy info.json into that of the question. It needs no network.
+    """
+    _archive("prairielearn", assignment, out, time_limit, memory)
+
+
+def classroom50(
+    assignment: Name, out: Archive, time_limit: TimeLimit = 540, memory: Memory = 4
+) -> None:
+    """Make an autograder for Classroom 50 on GitHub Actions: autograder.py, and all that it needs.
+
+    Unpack it in CLASSROOM/autograders/ASSIGNMENT/. Classroom 50 publishes what is there.
+    """
+    _archive("classroom50", assignment, out, time_limit, memory)
+
+
+def _archive(platform: str, assignment: str, out: Path, time_limit: float, memory: float) -> None:
     if out.is_dir():
         raise ValueError(f"--out = {out}: is a folder; must be a file")
     if out.suffix.lower() != ".zip":
         raise ValueError(f"--out = {out}: must end in .zip")
-    from ..course.grade import gradescope
+    from ..course.grade import autograders
 
     found = find(assignment)
     limits = {"time_limit_s": time_limit, "memory_gib": memory}
-    names = gradescope.write(found, out, **limits, seed=seed or 0)
+    names = autograders.write(found, out, platform, **limits)
     size = out.stat().st_size / 2**20
     say(f"{out}: {len(names)} files, {size:.1f} MiB; {found.rubric.points:g} points")
 

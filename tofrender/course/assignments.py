@@ -11,6 +11,7 @@ from ..runtime import checks
 from . import rubric as rubrics
 
 PACKAGE = Path(__file__).parents[1]
+SEED = "seed.txt"  # file of an assignment's folder: the seed of the staff's tests, if it is fixed
 MATERIAL = PACKAGE / "course" / "material"  # of a student edition: the released assignment
 
 

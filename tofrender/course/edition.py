@@ -13,9 +13,13 @@ from contextlib import suppress
 from importlib.util import resolve_name
 from pathlib import Path
 
-from . import material
+from . import material, toml
 from .assignments import PACKAGE, Assignment
 from .rubric import Rubric
+
+DESCRIPTION = "Light in flight on Mitsuba 3: the student edition"
+SAME = ("name", "license", "license-files", "requires-python", "dependencies")
+"""Keys of the checkout's `pyproject.toml` that the edition has, too."""
 
 
 def copy(assignment: Assignment, folder: Path) -> None:
@@ -59,6 +63,25 @@ def of_grading(assignment: Assignment, folder: Path) -> None:
     shutil.copytree(PACKAGE, folder / "tofrender", ignore=ignored)
     scenes = PACKAGE.parent / material.SCENES
     material.write_scenes(scenes, folder / material.SCENES, ["__init__.py"])
+
+
+def make_installable(folder: Path, rubric: Rubric) -> None:
+    """Write the checkout's licence, and a `pyproject.toml` with its dependencies."""
+    checkout = PACKAGE.parent
+    if not (checkout / "pyproject.toml").is_file():
+        raise ValueError(f"{checkout}: has no pyproject.toml; must be the course's checkout")
+    shutil.copyfile(checkout / "LICENSE", folder / "LICENSE")
+    given = toml.read(checkout / "pyproject.toml")
+    project = given["project"]
+    content = {
+        "build-system": given["build-system"],
+        "project": {name: project[name] for name in SAME}
+        | {"version": version(rubric), "description": DESCRIPTION},
+        "project.optional-dependencies": {"course": project["optional-dependencies"]["course"]},
+        "project.scripts": project["scripts"],
+        "tool.hatch.build.targets.wheel": {"packages": ["tofrender"]},
+    }
+    (folder / "pyproject.toml").write_text(toml.text(content), encoding="utf-8")
 
 
 def version(rubric: Rubric) -> str:

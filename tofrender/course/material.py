@@ -101,7 +101,7 @@ def points_text(points: float) -> str:
 
 
 def visible(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Content of a rubric without seed and non-visible tests, whose points are summed."""
+    """Content of a rubric without non-visible tests, whose points are summed."""
     problems = []
     for problem in content["problem"]:
         seen = [t for t in problem["tests"] if t.get("visibility", "visible") == "visible"]
@@ -109,5 +109,4 @@ def visible(content: Mapping[str, Any]) -> dict[str, Any]:
         others += problem.get("other_points", 0)
         more = {"other_points": others} if others else {}
         problems.append(problem | more | {"tests": seen})
-    head = {name: value for name, value in content["assignment"].items() if name != "seed"}
-    return {**content, "assignment": head, "problem": problems}
+    return {**content, "problem": problems}

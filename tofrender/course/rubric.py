@@ -103,7 +103,6 @@ class Rubric:
     keeps: tuple[str, ...] = ()  # modules that students get although their package is withheld
     submit: tuple[str, ...] = ("*.py",)  # patterns of the files that are handed in
     forbids: tuple[str, ...] = ()  # of `FORBIDDEN`, in all problems
-    seed: int = 0  # of the staff's tests; 0 draws one for each grading. Not in released rubrics
     term: int = 0  # chooses the numbers of the public tests, see `tofrender new-term`
     by_hand: tuple[ByHand, ...] = ()
     late: Late = Late()
@@ -177,9 +176,8 @@ def _faults(rubric: Rubric) -> Iterator[str]:
             yield f"{kind} {name!r} is there more than once"
     if not rubric.problems:
         yield "has no [[problem]]"
-    for name, value in (("term", rubric.term), ("seed", rubric.seed)):
-        if not isinstance(value, int) or not 0 <= value <= MAX_TERM:
-            yield f"{name} = {value}: must be an integer from 0 to {MAX_TERM}"
+    if not isinstance(rubric.term, int) or not 0 <= rubric.term <= MAX_TERM:
+        yield f"term = {rubric.term}: must be an integer from 0 to {MAX_TERM}"
     late = rubric.late
     if not 0 <= late.free_days < math.inf:
         yield f"[late]: free_days = {late.free_days}: must be a number from 0"

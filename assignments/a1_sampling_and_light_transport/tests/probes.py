@@ -13,14 +13,22 @@ import numpy as np
 
 def warp(theirs, name, points, parameters=()):
     """Warped points, shape (n, 2 or 3), from points of shape (n, 2); arrays are Dr.Jit floats."""
-    return _rows(getattr(theirs, name)(_point2(points), *_floats(parameters)), len(points))
+    p = _of_drjit(name, getattr(theirs, name)(_point2(points), *_floats(parameters)))
+    return _rows(p, len(points))
 
 
 def warp_pdf(theirs, name, points, parameters=()):
     """A warp's density at points of shape (n, 2 or 3)."""
     points = np.asarray(points)
     p = _point2(points) if points.shape[1] == 2 else _vector3(points)
-    return _lanes(getattr(theirs, name)(p, *_floats(parameters)), len(points))
+    return _lanes(_of_drjit(name, getattr(theirs, name)(p, *_floats(parameters))), len(points))
+
+
+def _of_drjit(name, values):
+    """Refuse what no kernel can hold."""
+    if isinstance(values, np.ndarray | np.generic):
+        raise TypeError(f"{name} gave a NumPy {type(values).__name__}, must be one of Dr.Jit")
+    return values
 
 
 def triangle(theirs, corners, points):

@@ -74,8 +74,8 @@ def test_closed_box(submission):
     d = np.array([[1, 0.2, 0.1], [0.1, -1, 0.3], [0.2, 0.3, 1]])
     came = look(submission, scenes.scene(box=box), o, d, spp=64)
     hint = (
-        "is the direction turned into the surface's frame? "
-        "the shadow ray has no end; it starts just off the surface (si.spawn_ray)"
+        "the shadow ray has no end, and starts just off the surface (si.spawn_ray); "
+        "is the direction turned into the surface's frame?"
     )
     expect.close(came, 0.0, "openness inside of a box", atol=2e-3, hint=hint)
 

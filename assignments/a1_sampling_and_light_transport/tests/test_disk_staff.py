@@ -17,6 +17,8 @@ def test_regular_numbers(submission):
     p = drawn.asked_twice(submission, "warp", what, square, name="square_to_uniform_disk")
     r2 = np.sum(p**2, axis=1)
     expect.true(r2.max() <= 1 + 1e-5, f"all points must lie in the disk; one has r² = {r2.max():g}")
+    hint = "radii from 0 to 1"
+    expect.true(r2.min() < 5e-4, f"points near the middle: none has r² < {r2.min():g}", hint=hint)
     polar = np.stack([np.minimum(r2, 1), formulas.azimuth(p)], axis=1)
     drawn.even(formulas.cells(polar, (0, 0), (1, 1), (8, 16)), np.full((8, 16), 1 / 128), what)
     one = submission.ask("warp", name="square_to_uniform_disk", points=square[:1])

@@ -182,7 +182,7 @@ def test_group(submission):
     hint = "the mean over all lights that could have sent the sample there, 0 for those it misses"
     wanted = np.array([a + b, a + b, b, c, 0, 0]) / 3
     expect.close(came["pdf"], wanted, "pdf of a group", rtol=1e-3, hint=hint)
-    hint = "what is seen is the nearest light, whichever was picked"
+    hint = "what is seen is the nearest light, not the first in the list that the ray meets"
     expect.close(came["radiance"][:, 0], [1, 1, 7, 3, 0, 0], "radiance of a group", hint=hint)
     record = sampled(submission, group, zero, shift=1)
     check_points(record, zero, "a group")

@@ -123,27 +123,34 @@ def test_from_the_other_side(submission):
 
 def test_drawn_shadows(submission):
     """Whatever lies between makes a shadow, close to the surface or close to the light."""
+    check_shadows(submission, 1.0)
+    check_shadows(submission, submission.random.uniform(20, 200))
+
+
+def check_shadows(submission, scale):
+    """Screens in a scene of some size [m]."""
     random = submission.random
-    light = np.append(random.uniform(-0.5, 0.5, 2), random.uniform(1.5, 3))
+    light = np.append(random.uniform(-0.5, 0.5, 2), random.uniform(1.5, 3)) * scale
     grid = np.stack([each.ravel() for each in np.mgrid[-2:3, -2:3]], axis=1)
-    x = np.append(0.8 * grid[random.permutation(25)[:16]], np.zeros((16, 1)), axis=1)
+    x = np.append(0.8 * grid[random.permutation(25)[:16]], np.zeros((16, 1)), axis=1) * scale
     share = np.concatenate([random.uniform(0.02, 0.1, 3), random.uniform(0.1, 0.96, 4)])
     share = np.append(share, random.uniform(0.97, 0.985))
     share = np.append(share, random.uniform(1.05, 1.3, 8))  # Behind the light
     materials = [scenes.BLACK, GLASS, MIRROR, {"type": "null"}]
-    parts = {"floor": scenes.floor(0.5, 3.0)}
+    parts = {"floor": scenes.floor(0.5, 3.0 * scale)}
     for k in range(16):
         middle = x[k] + share[k] * (light - x[k])
-        size = 0.05 * abs(1 - share[k])
+        size = 0.05 * scale * abs(1 - share[k])
         emitter = {"emitter": scenes.lamp(1.0)} if k == 1 else {}
         material = scenes.BLACK if k == 1 else materials[k % 4]
         side = light - x[k] if random.random() < 0.5 else x[k] - light
         parts[f"screen{k}"] = scenes.rectangle(middle, side, size, material, **emitter)
     d = np.tile(-UP, (16, 1))
-    came, met, _ = ask(submission, scenes.scene(**parts), light, 30.0, x, d)
+    energy = 30.0 * scale**2
+    came, met, _ = ask(submission, scenes.scene(**parts), light, energy, x, d)
     hint = "one shadow ray from the point to the light; all surfaces stop it, glass and lamps too"
     expect.close(came[:8], 0.0, "radiance behind screens between point and light", hint=hint)
-    wanted = wanted_of(light, 30.0, x[8:], np.tile(UP, (8, 1)))
+    wanted = wanted_of(light, energy, x[8:], np.tile(UP, (8, 1)))
     hint = "what is behind the light makes no shadow: the shadow ray ends at the light"
     expect.close(came[8:], wanted, "radiance with screens behind the light", rtol=3e-3, hint=hint)
     expect.close(met, 1.0, "lanes that met a surface, those in shadow included")

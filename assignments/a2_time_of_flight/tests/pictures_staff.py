@@ -9,11 +9,13 @@ from tofrender.course.judge import expect
 
 
 def drawn_view(random):
-    """A camera over the plane, colours of plane and lamp, and what pixels see.
+    """A camera over the plane with a crop, colours of plane and lamp, and what pixels see.
 
     The last takes a function of (light, length) and gives its means, shape (height, width, 3).
     """
     width, height = (int(n) for n in random.permutation([2, 3, 4, 5])[:2])
+    left, above, right, below = (int(n) for n in random.integers(0, 3, 4))
+    whole = (left + width + right, above + height + below + 1)
     fov, over = float(random.uniform(40, 65)), formulas.OVER
     colours = random.uniform(0.3, 1.0, (2, 3))
 
@@ -22,18 +24,19 @@ def drawn_view(random):
             lambda x, y: weight(*formulas.lamp(x, y, over["origin"])),
             over["origin"],
             fov,
-            width,
-            height,
-        )
+            *whole,
+        )[..., above : above + height, left : left + width]
         return means[..., None] * colours.prod(axis=0)
 
     near = float(random.uniform(0.2, 0.6))
-    return over | {"fov": fov, "size": (width, height), "near_clip": near}, colours, value
+    crop = (left, above, width, height)
+    view = {"fov": fov, "size": whole, "crop": crop, "near_clip": near}
+    return over | view, colours, value
 
 
-def expect_pictures(came, wanted, what, most, is_single=True):
+def expect_pictures(came, wanted, what, most, is_single=True, hint=""):
     """Right on average, no noisier than so many samples are, and the same again."""
-    hint = "(height, width, ..., channels): rows are y, columns x; each channel for itself"
+    own, hint = hint, "(height, width, ..., channels): rows are y; each channel for itself"
     expect.shape(came["values"][0], wanted.shape, what, hint=hint)
     if is_single:
         text = f"{what}: expected ndarray of float32, came {came['kind']}"
@@ -47,7 +50,9 @@ def expect_pictures(came, wanted, what, most, is_single=True):
     lit = wanted > 0.02 * wanted.max()
     dark = came["values"][:, ~lit]
     if dark.size:
-        expect.close(dark.mean(0), wanted[~lit], f"{what}, dark", rtol=0, atol=0.02 * scale)
+        more = {"rtol": 0, "atol": 0.02 * scale, "hint": own}
+        expect.close(dark.mean(0), wanted[~lit], f"{what}, dark", **more)
+    hint = own or hint
     expect.estimate(came["values"][:, lit], wanted[lit], what, rounding=5e-3, hint=hint)
     hint = "do all of the spp samples of a pixel count?"
     expect.noise(came["values"] / scale, most, f"{what}, over its maximum", hint=hint)

@@ -80,4 +80,5 @@ def test_pictures(submission):
 
     expect_pictures(came["one"], value(at(time)), "picture of render_at_time", 0.016)
     wanted = np.stack([value(at(t)) for t in times], axis=2)
-    expect_pictures(came["many"], wanted, "cube of render_transient", 0.016)
+    hint = "a path at opl reaches gates from opl + support[0] to opl + support[1]: both ends count"
+    expect_pictures(came["many"], wanted, "cube of render_transient", 0.016, hint=hint)

@@ -60,6 +60,14 @@ def test_amplitude_and_phase(submission):
             expect.close(came[name], value, f"{name}, opl = {opl:.2f}", rtol=1e-4, hint=hint)
 
 
+def test_phase_of_half_a_wave(submission):
+    """The interval (-π, π] has π and not -π."""
+    real, zero = -np.array([[[1.0, 2.0]]]), np.zeros((1, 1, 2))
+    came = submission.ask("summed_channels", I=real, Q=zero, frequency_hz=20e6)
+    hint = "atan2(0, -1) is π; the interval is (-π, π]"
+    expect.close(came[3], np.full((1, 1, 1), np.pi), "phase of -3 + 0i", rtol=1e-4, hint=hint)
+
+
 def test_depth_is_never_negative(submission):
     """Half the path length, wrapped to [0, c/2f)."""
     frequency = 30e6

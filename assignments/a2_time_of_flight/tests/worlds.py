@@ -132,10 +132,15 @@ def looking(origin, target, up=(0, 1, 0)):
     return mi.ScalarTransform4f().look_at(list(origin), list(target), list(up))
 
 
-def camera(origin, target, fov=0.01, near_clip=1e-4, size=(1, 1), bins=None, up=(0, 1, 0)):
-    """A pinhole; `bins` is (number, start, width) for a film with time."""
+def camera(
+    origin, target, fov=0.01, near_clip=1e-4, size=(1, 1), bins=None, up=(0, 1, 0), crop=None
+):
+    """A pinhole; `bins` is (number, start, width) for a film with time, `crop` (x, y, w, h)."""
     film = {"type": "hdrfilm", "width": size[0], "height": size[1], "rfilter": {"type": "box"}}
     film |= {"pixel_format": "rgb", "component_format": "float32"}
+    if crop is not None:
+        names = ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height")
+        film |= {name: int(value) for name, value in zip(names, crop, strict=True)}
     if bins is not None:
         names = ("temporal_bins", "start_opl", "bin_width_opl")
         time = dict(zip(names, (int(bins[0]), float(bins[1]), float(bins[2])), strict=True))

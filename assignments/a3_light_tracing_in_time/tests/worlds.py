@@ -17,14 +17,16 @@ class MitsubasLens:
 
     def __init__(self, sensor):
         self.sensor = sensor
-        self.position = sensor.world_transform() @ mi.Point3f(0)
+        middle = sensor.world_transform() @ mi.Point3f(0)
         axis = dr.normalize(sensor.world_transform() @ mi.Vector3f(0, 0, 1))
         parameters = mi.traverse(sensor)
         self.axis, self.near = axis, parameters["near_clip"]
         self.radius = None
         if "aperture_radius" in parameters:
             self.radius = parameters["aperture_radius"]
-        self.straight = self.arrive(self.position + axis, self.position).density
+        if self.radius is None:  # else no single point is the lens's
+            self.position = middle
+        self.straight = self.arrive(middle + axis, middle).density
 
     def sample(self, sampler):
         if self.radius is None:

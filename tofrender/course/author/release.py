@@ -12,23 +12,18 @@ import tempfile
 from pathlib import Path
 
 from ...runtime.atomic import replacing
-from .. import edition, pages, rubric as rubrics, toml
+from .. import edition, pages, rubric as rubrics
 from ..assignments import PACKAGE, Assignment
-from ..rubric import Rubric
 from .leaks import leaks, smoke_test
 
 PACKAGE_FOLDER = "package"
-DESCRIPTION = "Light in flight on Mitsuba 3: the student edition"
-EXTRAS = ("course",)
-SAME = ("name", "license", "license-files", "requires-python", "dependencies")
-"""Keys of the checkout's `pyproject.toml` that the edition has, too."""
 PAGES = ("README.md", "exercises.md")  # read before anything is installed; also as HTML
 REPOSITORY = {
     "tests.yml": ".github/workflows/tests.yml",
     "devcontainer.json": ".devcontainer/devcontainer.json",
     "gitignore": ".gitignore",
 }
-"""Files of `author/repository/`, and their paths in what is released."""
+"""Files of `.ci/repository/`, and their paths in what is released."""
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 PRINTING_S = 120.0
 TERM = re.compile(r"^term *= *\d+ *$", re.MULTILINE)
@@ -56,7 +51,7 @@ def release(assignment: Assignment, out: Path, *, pdf: bool = False) -> Path:
     with replacing(target, folder=True) as folder:
         package = folder / PACKAGE_FOLDER
         edition.copy(assignment, package)
-        _make_installable(package, assignment.rubric)
+        edition.make_installable(package, assignment.rubric)
         _refuse([*leaks(assignment, package), *smoke_test(assignment, package)])
         inside = package / "tofrender" / "course" / "material" / assignment.name
         if (inside / "figures").is_dir():
@@ -72,7 +67,7 @@ def release(assignment: Assignment, out: Path, *, pdf: bool = False) -> Path:
                 if pdf:
                     _print(page, page.with_suffix(".pdf"))
         for name, path in REPOSITORY.items():
-            text = (Path(__file__).parent / "repository" / name).read_text(encoding="utf-8")
+            text = (PACKAGE.parent / ".ci" / "repository" / name).read_text(encoding="utf-8")
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             text = text.replace('"@TITLE@"', json.dumps(assignment.rubric.title))
             (folder / path).write_text(text, encoding="utf-8")
@@ -85,26 +80,6 @@ def release(assignment: Assignment, out: Path, *, pdf: bool = False) -> Path:
 def _refuse(reasons: list[str]) -> None:
     if reasons:
         raise Leak("\n".join(reasons))
-
-
-def _make_installable(package: Path, rubric: Rubric) -> None:
-    """Write the checkout's licence, and a `pyproject.toml` with its dependencies."""
-    checkout = PACKAGE.parent
-    if not (checkout / "pyproject.toml").is_file():
-        raise ValueError(f"{checkout}: has no pyproject.toml; release needs the course's checkout")
-    shutil.copyfile(checkout / "LICENSE", package / "LICENSE")
-    given = toml.read(checkout / "pyproject.toml")
-    project = given["project"]
-    own = {"version": edition.version(rubric), "description": DESCRIPTION}
-    extras = project["optional-dependencies"]
-    content = {
-        "build-system": given["build-system"],
-        "project": {name: project[name] for name in SAME} | own,
-        "project.optional-dependencies": {name: extras[name] for name in EXTRAS},
-        "project.scripts": project["scripts"],
-        "tool.hatch.build.targets.wheel": {"packages": ["tofrender"]},
-    }
-    (package / "pyproject.toml").write_text(toml.text(content), encoding="utf-8")
 
 
 def _browser() -> str:

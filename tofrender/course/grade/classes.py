@@ -10,7 +10,7 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -41,6 +41,7 @@ class Class:
     roster: bool = False  # whether the members are those of a roster
     jobs: int = 1  # submissions that are graded at a time
     private: Sequence[Path] = ()  # not readable by submissions, besides the class and its results
+    columns: Mapping[str, str] = field(default_factory=dict)  # of the CSV, see `roster.columns`
     # results by the member's id, without the tests
     content: dict[str, dict[str, Any]] = field(default_factory=dict)
     _processes: list[subprocess.Popen] = field(default_factory=list)
@@ -54,6 +55,10 @@ class Class:
         """
         self.out.mkdir(parents=True, exist_ok=True)
         work = [(m, self._extract(m)) for m in self.members if m.submission is not None]
+        empty = [(m, f) for m, f in work if isinstance(f, Extracted) and f.empty]
+        if empty:
+            shown = "; ".join(f"{printable(m.id, 80)}: {f.error}" for m, f in empty[:3])
+            say(f"warning: {len(empty)} of {len(work)} submissions are empty: {shown}")
         with (
             ThreadPoolExecutor(self.jobs) as pool,
             ProgressBar("Grading", len(work), unit="submission") as bar,
@@ -85,7 +90,8 @@ class Class:
         """Write the CSV file: members that are graded, and those without a submission."""
         done = [m for m in self.members if m.submission is None or m.id in self.content]
         class_ = map(self.standing, done)
-        write_csv(self.csv, self.rubric, class_, self.roster, sheet=self.marks is not None)
+        sheet = self.marks is not None
+        write_csv(self.csv, self.rubric, class_, self.roster, sheet, self.columns)
 
     @property
     def rubric(self) -> Rubric:

@@ -39,15 +39,13 @@ def page(standing: Standing, tests: Mapping[str, Mapping[str, Any]], folder: Pat
     """Page of a student, as Markdown; `folder` holds the pictures of the tests' results."""
     rubric, marks = standing.rubric, standing.marks
     by_hand = [each for each in rubric.by_hand if each.id in marks.points]
-    most = rubric.points + sum(each.points for each in by_hand)
-    total = f"**{points_text(standing.total)} of {points_text(most)} points**"
+    total = f"**{points_text(standing.total)} of {points_text(standing.most)} points**"
     parts = [f"# {pages.plain(rubric.title)}: {pages.plain(standing.member.name)}", total]
     if standing.lost:
-        days = points_text(marks.late_days)
-        parts.append(
-            f"It came {days} days late, {points_text(rubric.late.free_days)} of which cost "
-            f"nothing: {points_text(standing.lost)} points are taken off."
-        )
+        days, free = points_text(marks.late_days), points_text(rubric.late.free_days)
+        text = f"It came {days} {'day' if days == '1' else 'days'} late"
+        text += f", {free} of which cost nothing" if rubric.late.free_days else ""
+        parts.append(f"{text}: {points_text(standing.lost)} points are taken off.")
     if marks.note:
         parts.append(f"> {pages.plain(marks.note)}")
     if standing.content is None:
@@ -85,6 +83,10 @@ def _problem(
     passed = [f"`{name_of(test.id)}`" for test, result in judged if result["status"] == "passed"]
     if passed:
         yield f"Passed: {', '.join(passed)}."
+    if problem.file and all(f"{problem.file} is missing" in each["output"] for _, each in failed):
+        names = ", ".join(f"`{name_of(test.id)}`" for test, _ in failed)
+        yield f"`{problem.file}` is missing, which fails {names}."
+        return
     shown = ""
     for test, result in failed:
         name = name_of(test.id)

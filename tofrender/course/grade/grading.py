@@ -37,7 +37,7 @@ from typing import Any
 
 from ...runtime.atomic import replacing
 from .. import edition, mutants
-from ..assignments import PACKAGE, Assignment
+from ..assignments import PACKAGE, SEED, Assignment
 from ..judge import processes, running, sandbox
 from ..material import copy_file
 from ..rubric import MAX_SEED, STAFF_TEST, Problem
@@ -61,6 +61,7 @@ class Extracted:
 
     folder: Path  # holds them, for this grader alone to change
     error: str = ""  # why there are none, "" if there are
+    empty: bool = False  # whether the submission has none that were asked for
 
 
 @dataclass(frozen=True)
@@ -72,15 +73,19 @@ class Grader:
     time_limit_s: float = TIME_LIMIT_S  # for a submission [s]
     memory_gib: float = MEMORY_GIB  # for a submission [GiB]
     seed: int = 0  # of the staff's tests, the same for all submissions
+    format: str = "gradescope"  # of the results file, of `formats.FORMATS`
 
     def extract(self, submission: Path) -> Extracted:
         """Copy the files of a submission, and given ones that it lacks."""
         folder = Path(tempfile.mkdtemp(dir=self.scratch / CLASS)) / "submission"
+        rubric = self.assignment.rubric
+        names = list(dict.fromkeys(problem.file for problem in rubric.problems if problem.file))
         try:
-            unpacking.extract(submission, self.assignment.rubric.submit, folder)
+            unpacking.extract(submission, rubric.submit, folder, names)
         except unpacking.BadSubmission as error:
             remove(folder.parent)
-            return Extracted(folder, f"the submission {error}")
+            empty = isinstance(error, unpacking.Nothing)
+            return Extracted(folder, f"the submission {error}", empty)
         for name in self.assignment.given:
             if not (folder / name).exists():
                 shutil.copyfile(self.assignment.starter / name, folder / name)
@@ -93,13 +98,14 @@ class Grader:
         hidden: Sequence[Path] = (),
         pictures: Path | None = None,
     ) -> Results:
-        """Grade a folder, zip or copy by `extract`, which is used up; write Gradescope's `out`.
+        """Grade a folder, zip or copy by `extract`, which is used up; write the results to `out`.
 
         Call it from a thread that stays: the processes end with that thread. The submission cannot
         read solutions and `hidden` paths. `pictures` is the folder to make of pictures of failures.
         """
         begin = time.monotonic()
         results = Results(self.assignment.rubric, fingerprint=self.fingerprint, seed=self.seed)
+        results.format = self.format
         results.missing_protections = sandbox.missing_protections()
         results.remarks = ["grading was interrupted"]
         results.write(out)
@@ -140,8 +146,8 @@ class Grader:
         if not sandbox.protects_files():  # a submission might change what the next one gets
             package = shutil.copytree(package, folder / "edition")
         # The judge, too, works with the student edition, without the solutions
-        hidden = [PACKAGE, PACKAGE.parent / ".git", self.assignment.folder, *hidden]
-        hidden += [self.scratch, *map(Path, sandbox.home())]
+        hidden = [PACKAGE, PACKAGE.parent, self.assignment.folder, *hidden]
+        hidden += [self.scratch, *map(Path, sandbox.private())]
         with sandbox.own_user() as uid:
             for number, problem in enumerate(problems):
                 left = self.time_limit_s - (time.monotonic() - begin)
@@ -150,7 +156,7 @@ class Grader:
                     results.grades |= grades_of(problem, [], reason)
                     continue
                 later = sum(2 * other.takes_s + 5 for other in problems[number + 1 :])
-                whole = START_S + problem.timeout_s + 4 * problem.takes_s
+                whole = START_S + 4 * (problem.timeout_s + problem.takes_s)
                 timeout_s = min(max(LEAST_S, min(whole, left - later)), left + BEYOND_S)
                 results.grades |= self._judge(problem, folder, package, hidden, timeout_s, uid)
 
@@ -217,9 +223,12 @@ class Grader:
 
 
 @contextmanager
-def open_grader(assignment: Assignment, seed: int = 0, **limits: float) -> Iterator[Grader]:
-    """Grader with a scratch folder and edition; `limits` are `time_limit_s`, `memory_gib`."""
-    seed = drawn_seed(assignment, seed)
+def open_grader(assignment: Assignment, seed_before: int = 0, **more: Any) -> Iterator[Grader]:
+    """Grader with a scratch folder and edition; `more` are `time_limit_s`, `memory_gib`, `format`.
+
+    `seed_before` is the seed of earlier results of the class, 0 if there are none.
+    """
+    seed = seed_of(assignment, seed_before)
     scratch = Path(tempfile.mkdtemp(prefix="tofrender-grade-")).resolve()
     try:
         scratch.chmod(0o711)
@@ -227,14 +236,23 @@ def open_grader(assignment: Assignment, seed: int = 0, **limits: float) -> Itera
         edition.of_grading(assignment, scratch / "edition")
         compileall.compile_dir(scratch / "edition", quiet=1)
         make_readable(scratch / "edition")
-        yield Grader(assignment, scratch, **limits, seed=seed)
+        yield Grader(assignment, scratch, **more, seed=seed)
     finally:
         remove(scratch)
 
 
-def drawn_seed(assignment: Assignment, seed: int = 0) -> int:
-    """Seed of the staff's tests: the one given, else the rubric's, else a drawn one."""
-    return seed or assignment.rubric.seed or 1 + secrets.randbelow(MAX_SEED)
+def seed_of(assignment: Assignment, before: int = 0) -> int:
+    """Seed of the staff's tests: that of the file, else that of before, else a drawn one.
+
+    All users can read a command's arguments, and submissions the rubric.
+    """
+    path = assignment.folder / SEED
+    if not path.is_file():
+        return before or 1 + secrets.randbelow(MAX_SEED)
+    text = path.read_text(encoding="utf-8", errors="replace").strip()
+    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= MAX_SEED):
+        raise ValueError(f"{path}: {text[:20]!r}: must be an integer from 1 to {MAX_SEED}")
+    return int(text)
 
 
 def remove(folder: Path) -> None:
@@ -302,7 +320,7 @@ def main(request: dict[str, Any]) -> None:
     paths = {name: Path(settings[name]) for name in ("assignment", "scratch")}
     grader = Grader(**settings | paths | {"assignment": Assignment(paths["assignment"])})
     hidden = [Path(path) for path in request["hidden"]]
-    submission = Extracted(Path(files["folder"]), files["error"])
+    submission = Extracted(**files | {"folder": Path(files["folder"])})
     grader.grade(submission, Path(request["out"]), hidden, Path(request["pictures"]))
 
 

@@ -55,9 +55,10 @@ def page(assignment: Assignment, standings: Sequence[Standing], results: Sequenc
     """Overview as Markdown, from the points of all members and the tests of all submissions."""
     rubric = assignment.rubric
     totals = np.array([each.total for each in standings] or [0.0])
+    most = max((each.most for each in standings), default=rubric.points)
     parts = [
         f"# {pages.plain(rubric.title)}: the class",
-        f"{len(results)} of {len(standings)} handed in. Points, of {points_text(rubric.points)}: "
+        f"{len(results)} of {len(standings)} handed in. Points, of {points_text(most)}: "
         f"mean {totals.mean():.1f}, median {np.median(totals):.1f}, "
         f"from {totals.min():.1f} to {totals.max():.1f}.",
         "## Problems",

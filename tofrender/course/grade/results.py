@@ -12,6 +12,7 @@ from typing import Any
 from ...runtime.atomic import replacing
 from ..judge.expect import PICTURE
 from ..rubric import MAX_SEED, GradedTest, Problem, Rubric, name_of
+from .formats import FORMATS
 
 KEPT_TEXT = 6000  # characters of a test's text
 
@@ -39,6 +40,7 @@ class Results:
     complete: bool = False  # whether grading has ended
     seed: int = 0  # of the staff's tests
     missing_protections: list[str] = field(default_factory=list)  # of the sandbox
+    format: str = "gradescope"  # of the file, of `formats.FORMATS`
 
     def grade(self, test: GradedTest) -> Grade:
         """Grade of a test."""
@@ -108,10 +110,10 @@ class Results:
         }
 
     def write(self, path: Path) -> None:
-        """Write `results.json`, whole or not at all."""
-        text = json.dumps(self.gradescope(), indent=1, allow_nan=False)
+        """Write the results file, whole or not at all."""
+        text = FORMATS[self.format](self.gradescope())
         with replacing(path) as temporary:
-            temporary.write_text(text + "\n", encoding="utf-8")
+            temporary.write_text(text, encoding="utf-8")
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:

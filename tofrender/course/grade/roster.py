@@ -164,15 +164,43 @@ class Standing:
         return round(self.before - self.lost, 4)
 
     @property
+    def most(self) -> float:
+        """Points that can be reached: those of the tests, and of parts that were graded by hand."""
+        by_hand = (each.points for each in self.rubric.by_hand if each.id in self.marks.points)
+        return self.rubric.points + math.fsum(by_hand)
+
+    @property
     def reason(self) -> str:
         """Why points were lost."""
         return NOTHING if self.content is None else self.content["extra_data"]["summary"]
 
 
+def columns(texts: Iterable[str], rubric: Rubric) -> dict[str, str]:
+    """Fields by the names of their columns, of texts as "SIS Login ID=email"."""
+    known = [*COLUMNS, "total", *(part.id for part in (*rubric.problems, *rubric.by_hand))]
+    known += ["late_days", "lost_late", "note", "reason"]
+    found = {}
+    for text in texts:
+        name, _, kind = text.rpartition("=")
+        if not name or kind not in known or name in found:
+            told = f"must be NAME=FIELD, each name once, with FIELD one of {', '.join(known)}"
+            raise ValueError(f"--columns = {text[: checks.LONGEST]}: {told}")
+        found[name] = kind
+    return found
+
+
 def write_csv(
-    path: Path, rubric: Rubric, class_: Iterable[Standing], roster: bool, sheet: bool
+    path: Path,
+    rubric: Rubric,
+    class_: Iterable[Standing],
+    roster: bool,
+    sheet: bool,
+    columns: Mapping[str, str] | None = None,
 ) -> None:
-    """Write a line for each member; `roster` adds ids and names, `sheet` late days and notes."""
+    """Write a line for each member; `roster` adds ids and names, `sheet` late days and notes.
+
+    `columns` are the only ones, if there are any: fields by the names of their columns.
+    """
     class_ = list(class_)
     about = [
         name
@@ -182,15 +210,16 @@ def write_csv(
     rows = []
     for standing in class_:
         member, marks = standing.member, standing.marks
-        row: dict[str, str | float | None] = {"id": member.id} if roster else {}
+        row: dict[str, str | float | None] = {"id": member.id} if roster or columns else {}
         row |= {name: member.about.get(name, "") for name in about}
         row["submission"] = member.submission.name if member.submission else ""
         row["total"] = standing.total
         row |= {problem.id: standing.points(problem) for problem in rubric.problems}
         row |= {part.id: marks.points.get(part.id) for part in rubric.by_hand}
-        if sheet:
+        if sheet or columns:
             row |= {"late_days": marks.late_days, "lost_late": standing.lost, "note": marks.note}
-        rows.append(row | {"reason": standing.reason})
+        row["reason"] = standing.reason
+        rows.append({name: row.get(kind) for name, kind in columns.items()} if columns else row)
     lines = [[*rows[0]], *(map(_cell, row.values()) for row in rows)]
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows(lines)

@@ -15,6 +15,7 @@ from typing import IO
 
 MAX_BYTES = 512 << 20  # of all files together, as they really are
 MAX_FILES = 2000
+LEVELS = 2  # folders around the files
 MAX_NAME = 250  # with its folders [bytes]
 MAX_DIRECTORY = 1 << 20  # of a zip: what it says of its files [bytes]
 # Names of files that configure the judge, in no folder of a submission. All others may be helpers,
@@ -31,11 +32,18 @@ class BadSubmission(ValueError):
     """A submission cannot be extracted; one line for the student."""
 
 
-def extract(source: Path, patterns: Sequence[str], target: Path) -> list[str]:
+class Nothing(BadSubmission):
+    """A submission has none of the files that were asked for."""
+
+
+def extract(
+    source: Path, patterns: Sequence[str], target: Path, names: Sequence[str] = ()
+) -> list[str]:
     """Copy matching files of a submission into a new folder; returns their names, sorted.
 
-    A single folder at the top is looked through, if nothing outside matches. Links in a folder are
-    passed over. `BadSubmission` for too many or too large files, or a broken or dangerous zip.
+    They may lie up to two folders deep, or in the only zip of a folder: those are copied that lie
+    with most of `names`, which are matching files. Links in a folder are passed over.
+    `BadSubmission` for too many or too large files, or a broken or dangerous zip.
 
     Example:
         >>> import tempfile
@@ -44,12 +52,15 @@ def extract(source: Path, patterns: Sequence[str], target: Path) -> list[str]:
         >>> extract(top, ["*.py"], top / "taken")
         ['pulse.py']
     """
-    with _open_files(source, 1 + max(len(pattern.split("/")) for pattern in patterns)) as files:
-        chosen = {name: name for name in files if matches(name, patterns)}  # and new names
+    depth = LEVELS + max(len(pattern.split("/")) for pattern in patterns)
+    with _open_files(source, depth) as files:
+        chosen = _chosen(files, patterns, names)
         if not chosen:
-            inner = {name: name.partition("/")[2] for name in files if not name.startswith(".")}
-            if len({name.partition("/")[0] for name in inner}) == 1:
-                chosen = {name: it for name, it in inner.items() if matches(it, patterns)}
+            zips = [name for name in files if name.lower().endswith(".zip")]
+            if source.is_dir() and len(zips) == 1:
+                return extract(source / zips[0], patterns, target, names)
+            shown = ", ".join(sorted(files)[:3]) + ", ..." * (len(files) > 3)
+            raise Nothing(f"has none of {', '.join(names or patterns)}; has {shown or 'no files'}")
         if len(chosen) > MAX_FILES:
             raise BadSubmission(f"has {len(chosen)} files, more than {MAX_FILES}")
         folders = {str(up) for name in chosen.values() for up in PurePosixPath(name).parents}
@@ -67,6 +78,27 @@ def extract(source: Path, patterns: Sequence[str], target: Path) -> list[str]:
                         raise BadSubmission(f"unpacks to more than {MAX_BYTES >> 20} MiB")
                     outgoing.write(chunk)
     return sorted(chosen.values())
+
+
+def _chosen(files: Iterable[str], patterns: Sequence[str], names: Sequence[str]) -> dict[str, str]:
+    """New names of the files of one folder, by their names."""
+    found: dict[str, dict[str, str]] = {}
+    for name in files:
+        parts = name.split("/")
+        for level in range(min(LEVELS + 1, len(parts))):
+            inner = "/".join(parts[level:])
+            if matches(inner, patterns) and not any(part.startswith(".") for part in parts[:level]):
+                found.setdefault("/".join(parts[:level]), {})[name] = inner
+    if not found:
+        return {}
+
+    def rank(folder: str) -> tuple[int, int]:
+        return len({*found[folder].values()} & {*names}), -len([*filter(None, folder.split("/"))])
+
+    first, *others = sorted(found, key=rank, reverse=True)
+    if others and rank(others[0]) == rank(first):
+        raise BadSubmission(f"has its files in two folders, {first!a} and {others[0]!a}")
+    return found[first]
 
 
 def matches(name: str, patterns: Iterable[str]) -> bool:

@@ -70,7 +70,8 @@ def close(
         return bool(np.all(np.abs(actual - other) <= atol + rtol * np.abs(other)))
 
     if not np.all(excess <= 0):
-        factor = factors.find(expected, agrees, compared.ratios)
+        tolerance = atol + rtol * float(np.max(np.abs(expected)))
+        factor = factors.find(expected, agrees, compared.ratios, expected, tolerance)
         compared.fail_at(int(np.argmax(excess)), actual, expected, factor)
 
 
@@ -170,9 +171,9 @@ def _compare_means(samples, reference, compared: _Compared, rounding: float) -> 
         return bool(p_values(samples, other, rounding=rounding).min() >= least)
 
     if not p.min() >= least:
-        factor = factors.find(reference, agrees, compared.ratios)
         shown = reference if reference.ndim < samples.ndim else reference.mean(0)
         error = samples.std(axis=0, ddof=1) / len(samples) ** 0.5
+        factor = factors.find(reference, agrees, compared.ratios, shown, 6 * float(error.max()))
         worst = int(np.argmin(p))
         about = f" (mean of {len(samples)} renders, ± {_number(error.reshape(-1)[worst])})"
         named = replace(compared, what=compared.what + about)

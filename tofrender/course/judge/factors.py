@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 FRACTION = 0.5  # fraction of a test's points for such an answer
-LEAST = 3  # different numbers that are off by the same rational factor, for it to be one mistake
+LEAST = 3  # numbers, farther apart than the noise, that are off by a factor for it to be sure
 # Constants that are forgotten, or counted twice
 FACTORS = {
     "-1": -1.0,
@@ -40,9 +40,16 @@ Ratios = Mapping[str, str | Ratio]
 
 
 def find(
-    wanted: np.ndarray, agrees: Callable[[Any], bool], ratios: Ratios | None
+    wanted: np.ndarray,
+    agrees: Callable[[Any], bool],
+    ratios: Ratios | None,
+    means: np.ndarray,
+    tolerance: float,
 ) -> tuple[str, str, float] | None:
-    """Name, hint and fraction of the points of the only factor with which `wanted` agrees."""
+    """Name, hint and fraction of the points of the only factor with which `wanted` agrees.
+
+    `means` are those of `wanted` over seeds; noise or rounding explains differences of `tolerance`.
+    """
     ratios = ratios or {}
     own = {name: each.values for name, each in ratios.items() if isinstance(each, Ratio)}
     with np.errstate(all="ignore"):
@@ -50,7 +57,6 @@ def find(
     if len(names) != 1:
         return None
     name, hint = names[0], ratios.get(names[0], "")
-    # 2 may be chance in one number, π is not
-    sure = any(sign in name for sign in "π√") or np.unique(wanted[wanted != 0]).size >= LEAST
-    fraction = FRACTION if sure and name not in own else 0.0
+    apart = np.diff(np.sort(means[np.abs(means) > tolerance])) > tolerance
+    fraction = FRACTION if apart.sum() + 1 >= LEAST and name not in own else 0.0
     return name, hint.hint if isinstance(hint, Ratio) else hint, fraction

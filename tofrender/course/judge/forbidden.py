@@ -5,32 +5,30 @@
 | word | not allowed |
 |---|---|
 | `warps` | `mi.warp` |
-| `integrators` | Mitsuba's integrators: as plugins, and those in `mi.ad.integrators` |
+| `integrators` | Mitsuba's integrators, see `guard` |
 | `light sampling` | Mitsuba's sampling of emitters and shapes, and its densities |
 
 This reads the problem's file and those of its folder that it imports. Methods that these define
 may have the names of Mitsuba's. A name that is put together when the program runs is not seen
-here; `mi.warp` refuses then, too (`guard`).
+here; `guard` lets `mi.warp` and what loads integrators refuse then.
 """
 
 from __future__ import annotations
 
 import ast
+import importlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-INTEGRATORS = frozenset(
-    "path direct volpath volpathmis ptracer aov moment stokes depth prb prb_basic prbvolpath "  # noqa: SIM905
-    "prb_threepoint direct_projective prb_projective emission_projective".split()
-)
 LIGHT_SAMPLING = frozenset(
     "sample_emitter sample_emitter_ray sample_emitter_direction pdf_emitter sample_position "  # noqa: SIM905
     "pdf_emitter_direction sample_ray sample_direction pdf_direction pdf_position".split()
 )
+LOADERS = {"load_dict", "load_string", "load_file"}
 MITSUBA = ("mi", "mitsuba")
 
 
@@ -76,12 +74,6 @@ def _forbidden(node: ast.AST, words: frozenset[str], own: set[str]) -> str:
     """Forbidden feature that a syntax node uses, "" if none; the submission defines `own` names."""
     if "warps" in words and (_imports(node, "mitsuba.warp") or _names(node, "warp", of=MITSUBA)):
         return "mi.warp"
-    if "integrators" in words:
-        if _imports(node, "mitsuba.ad") or _names(node, "ad", of=MITSUBA):
-            return "mi.ad"
-        kind = _plugin(node)
-        if kind in INTEGRATORS:
-            return f"Mitsuba's integrator {kind!r}"
     if "light sampling" in words:
         for name in LIGHT_SAMPLING - own:
             if _names(node, name):
@@ -113,34 +105,50 @@ def _names(node: ast.AST, name: str, of: tuple[str, ...] = ()) -> bool:
     return False
 
 
-def _plugin(node: ast.AST) -> str:
-    """Type in a dict for `mi.load_dict`, "" for any other expression."""
-    if isinstance(node, ast.Dict):
-        for key, value in zip(node.keys, node.values, strict=True):
-            if isinstance(key, ast.Constant) and key.value == "type":
-                return str(value.value) if isinstance(value, ast.Constant) else ""
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "dict":
-        for word in node.keywords:
-            if word.arg == "type" and isinstance(word.value, ast.Constant):
-                return str(word.value.value)
-    return ""
-
-
 class Forbidden(Exception):
     """A submission has used a forbidden feature; one line."""
 
 
-def guard(folder: Path) -> None:
-    """Let `mi.warp` refuse calls from files of a folder."""
+def guard(folder: Path, words: Collection[str]) -> None:
+    """Let Mitsuba refuse what `words` forbid to files of a folder, however they come by it."""
     import mitsuba as mi
 
-    warp = mi.warp
+    def is_mitsubas(found: Any) -> bool:
+        return isinstance(found, mi.Integrator) and type(found).__module__.startswith("mitsuba")
 
-    def attribute(name: str) -> Any:
-        if sys._getframe(1).f_code.co_filename.startswith(str(folder)):
-            raise Forbidden(f"{warp.__name__}.{name} is not allowed in this assignment")
-        return getattr(warp, name)
+    if "integrators" in words:
+        for module in [m for name, m in sys.modules.items() if name.startswith("mitsuba")]:
+            for name in LOADERS & vars(module).keys():
+                _check_results(module, name, folder, is_mitsubas)
+        _check_results(mi.PluginManager, "create_object", folder, is_mitsubas)
+        _check_results(mi.Scene, "integrator", folder, is_mitsubas)
+        common = importlib.import_module("mitsuba.python.ad.integrators.common")
+        _check_results(common.ADIntegrator, "__init__", folder, lambda _: True)
+    if "warps" in words:
+        warp = mi.warp
 
-    guarded = ModuleType(warp.__name__)
-    vars(guarded)["__getattr__"] = attribute
-    mi.warp = sys.modules["mitsuba.warp"] = guarded
+        def attribute(name: str) -> Any:
+            if sys._getframe(1).f_code.co_filename.startswith(str(folder)):
+                raise Forbidden(f"{warp.__name__}.{name} is not allowed in this assignment")
+            return getattr(warp, name)
+
+        guarded = ModuleType(warp.__name__)
+        vars(guarded)["__getattr__"] = attribute
+        mi.warp = sys.modules["mitsuba.warp"] = guarded
+
+
+def _check_results(owner: Any, name: str, folder: Path, refuses: Callable[[Any], bool]) -> None:
+    """Let a function refuse results that files of a folder ask for, directly or not."""
+    function = getattr(owner, name)
+
+    def checked(*arguments: Any, **keywords: Any) -> Any:
+        found = function(*arguments, **keywords)
+        if refuses(found):
+            frame = sys._getframe(1)
+            while frame is not None:
+                if frame.f_code.co_filename.startswith(str(folder)):
+                    raise Forbidden("Mitsuba's integrators are not allowed in this assignment")
+                frame = frame.f_back
+        return found
+
+    setattr(owner, name, checked)

@@ -76,6 +76,14 @@ class Supervised:
         self._reader.join(wait_s)
         return self._printed.decode(errors="replace")
 
+    def processor_s(self) -> float:
+        """Processor time of all processes, and of those below them that have ended [s]."""
+        used = 0.0
+        for process in self._descendants():
+            with suppress(psutil.Error):
+                used += sum(process.cpu_times()[:4])
+        return used
+
     def excess(self, memory_bytes: int | None, folder: Path | None = None) -> str:
         """Limit that is exceeded, "" if none: disk in `folder`, processes, memory together."""
         if folder is not None and self._fills_disk(folder):

@@ -57,6 +57,8 @@ KEPT_BY_JUDGE = KEPT | {CHOWN, KILL, SETGID, SETUID, SETPCAP, SYS_PTRACE}
 """Also those to start a submission as another user, to measure it and to end it."""
 SPARE_USERS = range(61184, 65520)  # range of unused users; systemd's dynamic users are there too
 MAX_TASKS = 4096  # threads of a user of its own
+SYSTEM = frozenset("bin dev etc lib lib32 lib64 libx32 nix proc sbin sys usr".split())  # noqa: SIM905
+"""Folders of the root that hold programs, libraries and their settings."""
 DEVICES = ("null", "zero", "full", "random", "urandom")
 
 
@@ -226,15 +228,9 @@ def python_folders() -> list[str]:
     return sorted(path for path in found if os.path.isdir(path))
 
 
-def home() -> list[str]:
-    """Home of the user, which holds private files, if there is one."""
-    try:
-        import pwd
-
-        path = os.path.realpath(pwd.getpwuid(os.getuid()).pw_dir)
-    except (ImportError, KeyError):
-        return []
-    return [path] if path != "/" and os.path.isdir(path) else []
+def private() -> list[str]:
+    """Folders that hold no part of the system: homes, other clones, logs of a platform."""
+    return [entry.path for entry in os.scandir("/") if entry.name not in SYSTEM]
 
 
 def _limit(memory_bytes: int | None, uid: int | None) -> None:

@@ -3,15 +3,7 @@
 In the rubric, `tests_of = "a2.gaussian_pulse"` makes a problem one. Its file defines one function,
 which gets a solution of that other problem and raises if it is wrong. The right solution is that of
 `solutions/`, the wrong ones are those of `mutants.toml`; the points are the fraction of wrong ones
-that the student's test finds, and none unless right ones pass::
-
-    def test_share(submission):  # in a staff's test
-        trials.share_found(submission, "try_pulse")
-
-
-    def try_pulse(theirs, name, text):  # in probes.py
-        made = trials.load(name, text).GaussianPulse(width_opl=0.05)
-        return trials.verdict(theirs.check_pulse, made)
+that the student's test finds, and none unless right ones pass (`share_found`).
 
 Nobody gets the messages of the student's test, since they may quote these solutions.
 """

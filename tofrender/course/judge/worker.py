@@ -107,8 +107,7 @@ def main(configuration: str) -> None:
     probes = _load_apart(Path(settings["probes"]))
     if folder:
         sys.path.insert(0, str(folder))
-        if "warps" in rubric.forbids:
-            forbidden.guard(folder)
+        forbidden.guard(folder, rubric.forbids)
     names = SubmittedNames(rubric, folder)
     wire.write(answers / "0.npz", {"ready": True})
     for number in map(int, numbers):
