@@ -2,4 +2,5 @@ from .doppler import (
     doppler as doppler,
     doppler_rate as doppler_rate,
 )
+from .fmcw import Fmcw as Fmcw
 from .range_rate import range_rate as range_rate
