@@ -63,16 +63,28 @@ def seeded(seed: int) -> xr.Dataset:
 scan_shots = cached(lambda: tofrender.scan_pattern(shots=(2, 2)))
 shots = cached(lambda: tofrender.lidar("cornell_box", scan_shots(), **QUIET, spp=1))
 points = cached(lambda: tofrender.point_cloud(shots()))
+by_rates = cached(lambda: tofrender.range_rate(box(), spp=1, rate_bins=3, **QUIET))
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _made():
     """What takes work is made before the tests forbid it; no scene stays behind."""
-    for made in (pyramid, volume, verdict, halved, points):
+    for made in (pyramid, volume, verdict, halved, points, by_rates):
         made()
     yield
     scenes = (box, wall, lamp, gated, modulated, halved)
-    for each in (*scenes, data, captured, volume, pyramid, verdict, record, shots, points):
+    for each in (
+        *scenes,
+        data,
+        captured,
+        volume,
+        pyramid,
+        verdict,
+        record,
+        shots,
+        points,
+        by_rates,
+    ):
         each.cache_clear()
 
 
@@ -271,6 +283,8 @@ SCANNED = {"scene": "source", "pattern": "choice", "divergence_rad": "half-angle
 SCANNED |= {"max_range": "positive? but 1e30, 2**40", "photons": "positive"}
 SCANNED |= {"aperture_m": "positive", "background_hz": "from 0", "sensor": "sensor"}
 SCANNED |= {"bin_width_opl": "pulse-width", "max_depth": "depth", "spp": "count", "seed": "seed"}
+CHIRPS = {"bandwidth_hz": "positive but 1e30", "chirp_s": "positive", "window": "choice"}
+CHIRPS |= {"looks": "seed", "photons": "positive?", "sample_rate_hz": "positive?"}
 TENT = {"sample": sampling.square_to_tent, "name": "a"}
 PIXELS = np.ones((2, 3, 3))
 FIRST_HITS = dict.fromkeys(("position", "normal", "albedo"), PIXELS)
@@ -380,6 +394,10 @@ TABLE = [
     row("io.save_point_cloud", {"cloud": "render"}, cloud=points),
     row("sensors.sense", {"sensor": "choice", "dataset": "dataset"}, dataset=data, sensor=COUNTER),
     row("vis.measurement_figure", {"measured": "dataset"}, measured=counted),
+    # ---------------------------------------------------------------------------------- motion
+    row("Fmcw", CHIRPS, bandwidth_hz=1e7, chirp_s=1e-5, wavelength_m=1e-6, photons=1.0),
+    row("vis.range_velocity_map", {"film": "render", "lidar": "object?"}, film=by_rates),
+    row("vis.velocity_map", {"rate": "object"}, rate=xr.DataArray(PICTURE, dims=("y", "x"))),
     # -------------------------------------------------------------------------------- sampling
     row("sampling.point_set"),
     alone("sampling.point_set", {"seed": "seed"}, kind="independent"),

@@ -72,7 +72,7 @@ def doppler(
     loaded, sensor, samples = load(scene, spp, size, max_depth, variant)
     from tofrender import io, vis
     from tofrender.io.netcdf import save_measurement
-    from tofrender.motion.doppler import doppler as measure, doppler_rate
+    from tofrender.motion.doppler_camera import doppler as measure, doppler_rate
 
     opt.check_disk_space(out, 2 * 6 * values(sensor))
     modulation: dict[str, Any] = {"frequency_hz": freq, "exposure_s": exposure, "cycles": cycles}
@@ -157,7 +157,7 @@ def fmcw(
     from tofrender import io, vis
     from tofrender.io.netcdf import save_measurement
     from tofrender.motion.fmcw import Fmcw
-    from tofrender.motion.range_rate import default_rates, range_rate
+    from tofrender.motion.range_rate_film import default_rates, range_rate
 
     chirps: Any = {"bandwidth_hz": bandwidth, "chirp_s": chirp, "wavelength_m": wavelength}
     lidar = Fmcw(**chirps, window=window_function, looks=looks, photons=photons)

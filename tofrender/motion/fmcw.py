@@ -47,7 +47,7 @@ class Fmcw:
         photons: Detected photons of a chirp in the mean over pixels, for spectra in photons with
             the shot noise of the local oscillator, of which each bin has 1 in the mean; None for
             spectra in the units of the film, without noise.
-        excess_noise: Noise in units of shot noise, from 1 to 1000.
+        excess_noise: Noise in units of shot noise, from 1 to 100.
         sample_rate_hz: Samples of I and Q per second; by default as many as the film's beats need.
 
     Raises:
@@ -76,7 +76,7 @@ class Fmcw:
         checks.integer("looks", self.looks, 0, MAX_LOOKS)
         if self.photons is not None:
             checks.number("photons", self.photons, positive=True, high=1e15)
-        checks.number("excess_noise", self.excess_noise, low=1, high=1000)
+        checks.number("excess_noise", self.excess_noise, low=1, high=100)
         noise = self.excess_noise
         checks.require("excess_noise", noise, noise == 1 or self.photons, "1 without photons")
         if self.sample_rate_hz is not None:
