@@ -40,7 +40,8 @@ def range_velocity_map(
 
     Example:
         >>> import tofrender
-        >>> light = tofrender.range_rate("cornell_box", size=(8, 8), spp=4, progress=False)
+        >>> quick = {"size": (8, 8), "spp": 4, "bins": 50, "window": (3, 60), "progress": False}
+        >>> light = tofrender.range_rate("cornell_box", **quick)
         >>> range_velocity_map(light).axes[0].get_ylabel()
         'velocity, half the rate [m/s]'
     """
