@@ -87,6 +87,7 @@ from .io import (
     save_video as save_video,
 )
 from .motion import (
+    Fmcw as Fmcw,
     doppler as doppler,
     doppler_rate as doppler_rate,
     range_rate as range_rate,
@@ -203,10 +204,12 @@ from .vis import (
     polarisation_figure as polarisation_figure,
     polarisation_picture as polarisation_picture,
     pyramid_figure as pyramid_figure,
+    range_velocity_map as range_velocity_map,
     reconstruction_figure as reconstruction_figure,
     summary_figure as summary_figure,
     tonemap as tonemap,
     unwarp_camera as unwarp_camera,
+    velocity_map as velocity_map,
     visualize_transient as visualize_transient,
 )
 

@@ -87,6 +87,7 @@ NONE_GOOD: dict[str, dict[str, Any]] = {
     "samples": {"999": 999, "2000.0": 2000.0},
     "resolution": {"1": 1, "513": 513},
     "light-samples": {"65": 65, "2.0": 2.0},
+    "span": {"backwards": (5.0, 3.0)},
     "window": {"backwards": (5.0, 3.0), "empty": (3.0, 3.0), "one": (1,), "all": "all"},
     "config": {"no-bins": {"start_opl": 1.0, "bin_width_opl": 1.0}, "more": FILM | {"a": 1}},
     "shape": {"3 numbers": (1, 2, 3), "negative": (1, 2, 3, -1), "fraction": (1, 2, 3, 1.5)},
@@ -188,6 +189,7 @@ LONG, SURROGATE = "x" * 3000, "\udcff"
 
 MORE_TEXTS: dict[str, list[str]] = {
     "pulse-width": ["AUTO"],
+    "span": ["3", "1,2,3", "6,-6", "3,3", "3,nan", "a,b"],
     "window": ["3", "1,2,3", "15,3", "3,3", "AUTO", "3,nan", "0,1e13", "a,b"],
     "sizes": ["0x8", "8x", "8x8x8", "-8x8", "8.5x8", "70000x8", "nanx8", "8  8"],
     "address": [

@@ -65,15 +65,16 @@ shots = cached(lambda: tofrender.lidar("cornell_box", scan_shots(), **QUIET, spp
 points = cached(lambda: tofrender.point_cloud(shots()))
 apart = cached(lambda: tofrender.load_scene("cornell_box", **BOX, optimize=False))
 heard = cached(lambda: tofrender.doppler(apart(), spp=1, **QUIET))
+by_rates = cached(lambda: tofrender.range_rate(box(), spp=1, rate_bins=3, **QUIET))
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _made():
     """What takes work is made before the tests forbid it; no scene stays behind."""
-    for made in (pyramid, volume, verdict, halved, points, heard):
+    for made in (pyramid, volume, verdict, halved, points, heard, by_rates):
         made()
     yield
-    scenes = (box, wall, lamp, gated, modulated, halved, apart, heard)
+    scenes = (box, wall, lamp, gated, modulated, halved, apart, heard, by_rates)
     for each in (*scenes, data, captured, volume, pyramid, verdict, record, shots, points):
         each.cache_clear()
 
@@ -277,6 +278,8 @@ SCANNED = {"scene": "source", "pattern": "choice", "divergence_rad": "half-angle
 SCANNED |= {"max_range": "positive? but 1e30, 2**40", "photons": "positive"}
 SCANNED |= {"aperture_m": "positive", "background_hz": "from 0", "sensor": "sensor"}
 SCANNED |= {"bin_width_opl": "pulse-width", "max_depth": "depth", "spp": "count", "seed": "seed"}
+CHIRPS = {"bandwidth_hz": "positive but 1e30", "chirp_s": "positive", "window": "choice"}
+CHIRPS |= {"looks": "seed", "photons": "positive?", "sample_rate_hz": "positive?"}
 TENT = {"sample": sampling.square_to_tent, "name": "a"}
 PIXELS = np.ones((2, 3, 3))
 FIRST_HITS = dict.fromkeys(("position", "normal", "albedo"), PIXELS)
@@ -392,6 +395,9 @@ TABLE = [
     row("range_rate", MOVING | {"rates": "window?", "rate_bins": "count"}, scene=apart),
     row("doppler", MOVING | DOPPLER, scene=apart),
     row("doppler_rate", {"measured": "render"}, measured=heard),
+    row("Fmcw", CHIRPS, bandwidth_hz=1e7, chirp_s=1e-5, wavelength_m=1e-6, photons=1.0),
+    row("vis.range_velocity_map", {"film": "render", "lidar": "object?"}, film=by_rates),
+    row("vis.velocity_map", {"rate": "object"}, rate=xr.DataArray(PICTURE, dims=("y", "x"))),
     # -------------------------------------------------------------------------------- sampling
     row("sampling.point_set"),
     alone("sampling.point_set", {"seed": "seed"}, kind="independent"),

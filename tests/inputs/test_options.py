@@ -17,6 +17,8 @@ COMMANDS: dict[str, list[str]] = {
     "render": [*SCENE, "--bins", "4", "--bin-width", "4"],
     "phasor": [*SCENE, "--freq", "2e7"],
     "gate": [*SCENE, "--at", "6"],
+    "doppler": SCENE,
+    "fmcw": SCENE,
     "capture": ["nlos_plane", "--grid", "2x2", "--spp", "1"],
     "lidar": ["cornell_box", "--shots", "2x2", "--spp", "1"],
     "reconstruct": ["wall.h5", "--method", "bp"],
@@ -38,18 +40,21 @@ COMMANDS: dict[str, list[str]] = {
 }
 KINDS = {
     "choice": "--figure --format --method --mode --only --pattern --points --precision --variant "
-    "--wall assignment name one",
-    "count": "--count --jobs --port --pulses --samples --seeds --wrong",
-    "file": "--module --submission --capture",
-    "positive": "--freq --megabytes --memory --bin-width-s",
-    "metres": "--start-s",
-    "sides": "--wall-size",
+    "--waveform --wall --window-function assignment name one",
+    "count": "--count --cycles --jobs --port --pulses --samples --seeds --wrong",
+    **{
+        "file": "--module --submission --capture",
+        "positive": "--bandwidth --bin-width-s --chirp --exposure --freq --megabytes --memory "
+        "--photons --wavelength",
+    },
+    **{"metres": "--start-s", "sides": "--wall-size"},
     **{
         "alpha": "--alpha",
         "dots": "--dpi",
         "from 0": "--at --checkpoint",
         "half-angle": "--divergence",
-        "seed": "--term",
+        "seed": "--looks --rate-bins --term",
+        "span": "--rates",
     },
     **{
         "from 30": "--time-limit",

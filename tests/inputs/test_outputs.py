@@ -48,6 +48,8 @@ COMMANDS = {
     "phasor": ("", ["phasor", "cornell_box", *SCENE, "--freq", "2e7"]),
     "phasor of a render": ("", ["phasor", "{render}", "--freq", "2e7"]),
     "gate": ("", ["gate", "cornell_box", *SCENE, "--at", "6"]),
+    "doppler": ("", ["doppler", "cornell_box", *SCENE]),
+    "fmcw": ("", ["fmcw", "cornell_box", *SCENE]),
     "capture": (".h5", ["capture", "nlos_plane", "--grid", "2x2", "--spp", "1"]),
     "lidar": (".ply", ["lidar", "cornell_box", "--shots", "2x2", "--spp", "1"]),
     "reconstruct": ("", ["reconstruct", "{capture}", "--method", "bp"]),

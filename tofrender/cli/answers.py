@@ -32,6 +32,12 @@ SCHEMAS: dict[str, dict[str, Any]] = {
     "render": _PICTURE | _BINNED | _RENDER,
     "phasor": _PICTURE | {"source": str, "frequencies_hz": list[float]},
     "gate": _PICTURE | {"scene": str, "at": float, "pulse_width": float, **_SAMPLING},
+    "doppler": _PICTURE
+    | {"scene": str, "frequency_hz": float, "exposure": float, "cycles": int, "waveform": str}
+    | _SAMPLING,
+    "fmcw": _PICTURE
+    | {"scene": str, "resolution": float, "rate_resolution": float, "bins": int}
+    | {"rate_bins": int, **_SAMPLING, "energy_outside_window": float},
     "sense": _WRITTEN
     | {"source": str, "sensor": str, "quantity": str, "seed": int, "cycles": int}
     | {"expected": float | None, "total": float},

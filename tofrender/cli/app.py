@@ -19,7 +19,21 @@ from typer.core import TyperCommand
 from ..runtime import doctor as diagnosis
 from ..runtime.checks import printable
 from ..runtime.progress import Terminated, ended_by_signals, status, without_bars
-from . import course, dataset, grade, lidar, nlos, render, report, sense, time, view, warp, writing
+from . import (
+    course,
+    dataset,
+    grade,
+    lidar,
+    moving,
+    nlos,
+    render,
+    report,
+    sense,
+    time,
+    view,
+    warp,
+    writing,
+)
 from .answers import Json, answer
 from .messages import set_command, with_option_names
 from .options import BAD_INPUT, FAILURE, INTERRUPTED, note
@@ -143,6 +157,7 @@ def doctor(as_json: Json = False) -> None:
 
 SHOWN = (
     *(time.phasor, time.gate, nlos.capture, nlos.reconstruct, warp.warp, report.report),
+    *(moving.doppler, moving.fmcw),
     *(render.render, lidar.lidar, writing.merge, sense.sense, dataset.dataset),
 )
 """Commands with a status line; the others print each thing that they have done."""

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..runtime.atomic import DISK_FULL, locked, remove, remove_leftovers, sibling
+from ..runtime.atomic import (
+    DISK_FULL,
+    locked,
+    part_path,
+    remove,
+    remove_leftovers,
+    sibling,
+)
 from ..runtime.progress import Stop
 from . import options as opt
 
@@ -20,6 +27,7 @@ Seconds = Annotated[float, opt.real(0, "Seconds of work between checkpoints; 0: 
 Resume = Annotated[bool, opt.switch("--resume", "Continue a stopped or killed run, up to --spp.")]
 
 NEVER_S = 1e9
+PARTS = 2  # Poses of `tofrender doppler`
 AGAIN = "the same command with --resume goes on"
 
 
@@ -34,14 +42,15 @@ def checkpointed(out: Path, seconds: float, resume: bool) -> Iterator[Checkpoint
 
     with exclusively(out):
         path = checkpoint_path(out)
-        remove_leftovers(path)
+        for each in _files(out):
+            remove_leftovers(each)
         unfinished = unfinished_work(out)
         if unfinished is not None and not resume:
             raise ValueError(
                 f"--out = {out}: {unfinished} is of a stopped run; {AGAIN}, or remove it"
             )
         checkpoint = None
-        if seconds or (resume and path.exists()):
+        if seconds or (resume and unfinished is not None):
             checkpoint = Checkpoint(path, seconds or NEVER_S, opt.note, AGAIN, resume)
         try:
             yield checkpoint
@@ -49,7 +58,8 @@ def checkpointed(out: Path, seconds: float, resume: bool) -> Iterator[Checkpoint
             if error.errno not in DISK_FULL or not is_begun(path, film_path(out)):
                 raise
             raise OSError(f"{error}; with more room, {AGAIN}") from None
-        path.unlink(missing_ok=True)
+        for each in _files(out):
+            each.unlink(missing_ok=True)
         remove(film_path(out))
 
 
@@ -85,6 +95,12 @@ def checkpoint_path(out: Path) -> Path:
     return sibling(out, ".checkpoint.npz")
 
 
+def _files(out: Path) -> list[Path]:
+    """Checkpoints that a command that writes `out` may have: one, or one of each pose."""
+    path = checkpoint_path(out)
+    return [path, *(part_path(path, number) for number in range(PARTS))]
+
+
 def film_path(out: Path) -> Path:
     """Hidden film on the disk, beside `out`."""
     return sibling(out, ".zarr")
@@ -96,7 +112,7 @@ def unfinished_work(out: Path) -> Path | None:
     folder = sibling(film, ".film")
     if any(folder.glob("receipts/tile *")):
         return folder
-    return next((each for each in (checkpoint_path(out), film) if each.exists()), None)
+    return next((each for each in (*_files(out), film) if each.exists()), None)
 
 
 def is_begun(*begun: Path) -> bool:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 SUFFIXES = (".html", ".htm")
 VOLUME = "volume.npz"  # As `tofrender reconstruct` writes it
 SENSED = "sensed.nc"  # As `tofrender sense` does
+RANGE_RATE = "range_rate.nc"  # As `tofrender fmcw` does
 GATE, PHASORS = "gate.exr", "phasor_*Hz.exr"  # As `tofrender gate` and `tofrender phasor` do
 MEGABYTES = partial(checks.number, low=0.1, high=1000)
 
@@ -26,8 +27,8 @@ def report(
         Path,
         opt.argument(
             "DIR|FILE",
-            "What `render`, `capture`, `reconstruct`, `phasor`, `gate` or `sense` (of a SPAD) has "
-            "written, or an .npz, .exr, .zarr, .nc.",
+            "What `render`, `capture`, `reconstruct`, `phasor`, `gate`, `fmcw` or `sense` (of a "
+            "SPAD) has written, or an .npz, .exr, .zarr, .nc.",
         ),
     ],
     out: Annotated[Path, opt.named("FILE", "HTML file to write.", "--out", "-o")],
@@ -80,8 +81,9 @@ def load_result(source: Path) -> xr.Dataset:
     if volume.name == VOLUME and volume.is_file():
         return _load_volume(volume)
     if source.is_dir():
-        if (source / SENSED).is_file():
-            return load_measurement(source / SENSED)
+        for name in (SENSED, RANGE_RATE):
+            if (source / name).is_file():
+                return load_measurement(source / name)
         if (source / GATE).is_file():
             return _load_gate(source / GATE)
         if phasors := sorted(source.glob(PHASORS)):
@@ -89,7 +91,7 @@ def load_result(source: Path) -> xr.Dataset:
         return opt.load_render(source, "DIR|FILE")
     if source.is_file() and suffix in loaders:
         return loaders[suffix](source)
-    commands = "`render`, `reconstruct`, `phasor`, `gate` or `sense`"
+    commands = "`render`, `reconstruct`, `phasor`, `gate`, `fmcw` or `sense`"
     allowed = f"a folder of {commands}, or an .npz, .exr, .zarr, .h5, .hdf5 or .nc"
     problem = "is none of these" if source.exists() else "does not exist"
     raise ValueError(f"DIR|FILE = {checks.quote(str(source))}: {problem}; must be {allowed}")

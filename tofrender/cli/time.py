@@ -67,10 +67,10 @@ def phasor(
         with checkpoints.exclusively(out), deferred_stop() as stop:
             files = _write_phasors(out, freq, parts, source, figure, dpi)
     else:
-        loaded, sensor, samples = _load(source, spp, size, max_depth, variant)
+        loaded, sensor, samples = load(source, spp, size, max_depth, variant)
         from tofrender.integrators.amcw import render_amcw_phasor
 
-        opt.check_disk_space(out, len(LAYERS) * len(freq) * _values(sensor))
+        opt.check_disk_space(out, len(LAYERS) * len(freq) * values(sensor))
         with checkpoints.checkpointed(out, checkpoint, resume) as file:
             checkpoints.require_begun(resume, file and file.path, out)
             parts = render_amcw_phasor(loaded, sensor, freq, samples, seed, checkpoint=file)
@@ -108,11 +108,11 @@ def gate(
     picture.png, labelled with time and brightness.
     """
     opt.check_out(out)
-    loaded, sensor, samples = _load(scene, spp, size, max_depth, variant)
+    loaded, sensor, samples = load(scene, spp, size, max_depth, variant)
     from tofrender import io, vis
     from tofrender.integrators.time_gated import render_at_time
 
-    opt.check_disk_space(out, _values(sensor))
+    opt.check_disk_space(out, values(sensor))
     integrator = _gated(loaded.integrator(), pulse_width)
     width: float = integrator.pulse.width_opl
     with checkpoints.checkpointed(out, checkpoint, resume) as file:
@@ -133,7 +133,7 @@ def gate(
     checkpoints.end_if_stopped(stop)
 
 
-def _load(
+def load(
     source: str, spp: int | None, size: opt.Size | None, max_depth: int | None, variant: str | None
 ) -> tuple[Any, Any, int]:
     """Load a scene with a transient integrator, its sensor, and samples per pixel."""
@@ -173,7 +173,7 @@ def _gated(own: Any, pulse_width: float | None) -> Any:
     return own
 
 
-def _values(sensor: Any) -> int:
+def values(sensor: Any) -> int:
     """Number of values of the sensor's picture, in three channels at most."""
     width, height = sensor.film().crop_size()
     return 3 * int(width) * int(height)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import drjit as dr
 import mitsuba as mi
 
+from ..runtime import checks
 from .contribution import CameraRays, Contribution, rate_of
 from .exposure import Exposure
 from .image import transient_film
@@ -49,7 +50,13 @@ class RateBins(TimeBins):
 
 def rate_film(film: mi.Film, opl: Axis, rate: Axis) -> TransientHDRFilm:
     """Return a film with bins of all rates for each length, for the pixels of another film."""
-    return transient_film(film, opl.count * rate.count, 0.0, 1.0)
+    count = opl.count * rate.count
+    if count > checks.MAX_BINS:
+        raise ValueError(
+            f"bins = {opl.count}, rate_bins = {rate.count}: must be at most {checks.MAX_BINS} "
+            "in all"
+        )
+    return transient_film(film, count, 0.0, 1.0)
 
 
 class RateRecording(BinRecording):

@@ -1,4 +1,4 @@
-"""NetCDF 3 files of sensors' measurements, which `xarray.load_dataset` opens as well."""
+"""NetCDF 3 files of measurements, which `xarray.load_dataset` opens as well."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MAX = np.iinfo(np.int32).max  # NetCDF 3 has no larger integers, and none withou
 
 
 def save_measurement(measured: xr.Dataset, path: Path) -> None:
-    """Write a result of `sense`, with a seal; integers become int32, or float64 if too large."""
+    """Write a Dataset with a `quantity` and a seal; integers become int32, large ones float64."""
     attrs: dict[str, Any] = {"versions": versions()}
     for name, value in measured.attrs.items():  # With bools
         attrs[name] = (int if value <= MAX else float)(value) if isinstance(value, int) else value
@@ -32,7 +32,7 @@ def save_measurement(measured: xr.Dataset, path: Path) -> None:
 
 def load_measurement(path: Path) -> xr.Dataset:
     """Read a file of `save_measurement`; one that is damaged or something else is a ValueError."""
-    with reading(path, "a file that `tofrender sense` wrote") as file:
+    with reading(path, "a file that `tofrender sense` or `tofrender fmcw` wrote") as file:
         found = xr.load_dataset(file, engine="scipy")
         checks.require("its quantity", None, found.attrs.get("quantity") in found, "there")
     return found

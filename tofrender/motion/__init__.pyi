@@ -1,5 +1,6 @@
-from .doppler import (
+from .doppler_camera import (
     doppler as doppler,
     doppler_rate as doppler_rate,
 )
-from .range_rate import range_rate as range_rate
+from .fmcw import Fmcw as Fmcw
+from .range_rate_film import range_rate as range_rate

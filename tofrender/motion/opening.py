@@ -13,6 +13,7 @@ from ..integrators.base import TransientIntegrator
 from ..rendering.renderer import open_scene
 from ..rendering.settings import RenderSettings
 from ..runtime import checks
+from ..runtime.atomic import part_path
 from ..runtime.checkpoints import Checkpoint
 
 FOLLOW = ("TransientPath", "TransientVolpath", "TransientLightTracer", "TransientBDPT")
@@ -29,7 +30,7 @@ class MovingSettings(TypedDict, total=False):
     integrator: str | Mapping[str, object] | mi.Integrator | None
     sensor: int
     define: Mapping[str, object] | None
-    checkpoint: str | PathLike[str] | None
+    checkpoint: Checkpoint | str | PathLike[str] | None
     progress: bool
 
 
@@ -54,15 +55,15 @@ class Keeping:
 
     def __init__(self, seed: int, checkpoint: Any, progress: bool) -> None:
         self.seed, self.progress = seed, checks.boolean("progress", progress)
-        self.path = None if checkpoint is None else checks.path("checkpoint", checkpoint)
-        self.of_part()  # Refuses a wrong name
+        self.checkpoint = Checkpoint.of(checkpoint)
 
     def of_part(self, number: int | None = None) -> tuple[int, Checkpoint | None, bool]:
         """Return them; one of several renders has its number in the checkpoint's name."""
-        path = self.path
-        if path is not None and number is not None:
-            path = path.with_suffix(f".{number}{path.suffix}")
-        return self.seed, None if path is None else Checkpoint(path), self.progress
+        own = self.checkpoint
+        if own is not None and number is not None:
+            path = part_path(own.path, number)
+            own = Checkpoint(path, own.seconds, own.tell, own.again, own.resume)
+        return self.seed, own, self.progress
 
 
 def separated(

@@ -76,6 +76,11 @@ def sibling(path: str | os.PathLike, ending: str) -> Path:
     return target.with_name(f"{TEMPORARY_PREFIX}{digest}{ending}")
 
 
+def part_path(path: Path, number: int) -> Path:
+    """Return the file of one of several renders, for a checkpoint of them all."""
+    return path.with_suffix(f".{number}{path.suffix}")
+
+
 def remove_leftovers(path: str | os.PathLike) -> None:
     """Remove temporary files of killed writers of `path`, and restore a folder moved aside.
 

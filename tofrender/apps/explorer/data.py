@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...motion.fmcw import checked_film
 from ...nlos.captures import ON_WALL, check_capture
 from ...nlos.reconstruction.depths import check_volume, depth_map
 from ...nlos.reconstruction.measured import WallFrame
@@ -62,10 +63,15 @@ class ExplorerData:
 
 
 def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> ExplorerData:
-    """Check a Dataset of `render`, `capture`, `strategy_pyramid` or `reconstruct`."""
+    """Check a Dataset of `render`, `capture`, `range_rate`, `strategy_pyramid` or `reconstruct`."""
     import xarray as xr
 
     checks.require("data", data, isinstance(data, xr.Dataset), "an xarray.Dataset")
+    rates = None
+    if "rate" in data.dims:
+        distances = "None, as data is of range_rate"
+        checks.require("distance_m", distance_m, distance_m is None, distances)
+        data, rates = _range_rate(data)
     kinds = {"intensity": "volume", "sensor_grid": "capture", "I": "phasors"}
     kind = next((kinds[name] for name in kinds if name in data), "transient")
     for name, value in (("orders", orders), ("distance_m", distance_m)):
@@ -84,6 +90,8 @@ def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> Expl
         found = _transient(light, _orders(orders, light), distance_m)
         for name, each in zip(STOKES[1:], others, strict=False):
             found.layers[f"stokes {name}"] = Cube(each["transient"]), found.mode
+        if rates is not None:
+            found.layers["rates"], found.header["rateAxis"] = rates
         if counted:
             found.header |= {"quantity": "counts", "counts": True}
     _find_flaws(found)
@@ -271,6 +279,18 @@ def _counts(data: xr.Dataset) -> tuple[xr.Dataset, dict[str, xr.Dataset]]:
             film = film.astype(np.float32).expand_dims(channel=["L"], axis=-1).assign_coords(axes)
             found[shown] = film.assign_attrs(data.attrs, quantity=QUANTITIES[0])
     return found.pop("counts"), found
+
+
+def _range_rate(data: xr.Dataset) -> tuple[xr.Dataset, Any]:
+    """Light of all rates as a film, and a layer (rate, y, x, bins, 1) with its axis."""
+    light, opl, rate = checked_film(data, "data")
+    kept = [name for name in ("radiance", "steady") if name in data]
+    film = data[kept].rename(radiance="transient")
+    film = film.assign(transient=film["transient"].sum("rate", dtype=np.float32)).drop_vars("rate")
+    about = {"quantity": QUANTITIES[0], "units": "W m^-2 sr^-1", "bin_width_opl": opl.width}
+    layer = Cube(np.moveaxis(light, 3, 0)[..., None]), "sum"
+    axis = {"start": rate.start, "width": rate.width, "count": rate.count}
+    return film.assign_attrs(about), (layer, axis)
 
 
 def _orders(orders: Any, data: xr.Dataset) -> dict[str, Cube]:

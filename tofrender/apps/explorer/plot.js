@@ -88,6 +88,16 @@ export function drawCurves(canvas, axis, curves, marks, words, { log, range, dar
   pen.restore();
 }
 
+/** Draw an image over path length and what lies between `low` and `high`. */
+export function drawMap(canvas, axis, { low, high }, image, words, ink) {
+  const pen = sharp(canvas);
+  const axes = new Axes(canvas, axis);
+  const tall = axes.bottom - axes.top;
+  drawGrid(pen, axes, (value) => axes.bottom - ((value - low) / (high - low)) * tall, { low, high }, words, ink);
+  pen.imageSmoothingEnabled = false;
+  pen.drawImage(image, axes.left, axes.top, axes.right - axes.left, tall);
+}
+
 function drawMarks(pen, axes, { bin, gate }, ink) {
   const edge = (k) => axes.x(axes.start + k * axes.width);
   if (gate) {

@@ -64,6 +64,7 @@ export class Recording {
     this.errors = header.errors && this.layer(header.errors);
     this.orders = header.orders.map((about) => this.layer(about));
     this.stokes = [this.light, ...header.stokes.map((about) => this.layer(about))];
+    this.rates = header.rates && this.layer(header.rates);
     this.distances = header.parts.distance && this.part("distance");
     this.weights = header.weights;
     this.isVolume = header.kind === "volume";
@@ -213,6 +214,17 @@ export class Recording {
       const early = Math.floor(place);
       const share = place - early;
       return (1 - share) * (own[early] ?? 0) + share * (own[early + 1] ?? 0);
+    });
+  }
+
+  /** Light of a pixel, or of all of them, by rate of change and bin; the highest rate first. */
+  byRates(pixel) {
+    const { bins, codes, pixels, values } = this.rates;
+    const { count } = this.about.rateAxis;
+    const [first, last] = pixel === undefined ? [0, pixels] : [pixel, pixel + 1];
+    return Float64Array.from({ length: count * bins }, (_, i) => {
+      const from = this.rates.at((count - 1 - Math.floor(i / bins)) * bins + (i % bins), 0);
+      return codes.subarray(from + first, from + last).reduce((sum, code) => sum + values[code], 0);
     });
   }
 

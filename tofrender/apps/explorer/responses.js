@@ -1,15 +1,17 @@
 /** Responses and phasors of the chosen pixels: curves, tables and what is read out. */
 
 import { fill, lineSwatch, make } from "../ui/parts.js";
-import { hasPixels } from "./frame.js";
+import { canvasOf, hasPixels } from "./frame.js";
 import { removePixel } from "./input.js";
-import { colourOf, drawCurves, drawPhasors } from "./plot.js";
+import { paintMap } from "./paint.js";
+import { colourOf, drawCurves, drawMap, drawPhasors } from "./plot.js";
 import { SPEED_OF_LIGHT } from "./recording.js";
 import { STOKES } from "./stokes.js";
-import { hertz, named, nanoseconds, short, signed, when } from "./words.js";
+import { hertz, named, nanoseconds, raised, short, signed, when } from "./words.js";
 
 const DASHES = [[4, 2], [1, 2], [8, 2, 2, 2], [2, 4], [10, 4], [1, 5]]; // of bounce orders
 const MOST_CURVES = 200; // that are remembered
+const RATE_DECADES = 4; // of the colours of light by rates
 
 /** What pixels show of an explorer: its now, recording, parts, set. */
 export class Responses {
@@ -65,9 +67,10 @@ export class Responses {
   // --------------------------------------------------------------------------------- drawing
 
   draw(dark, ink) {
-    const { hasTimes, hasPhasors } = this.explorer.recording;
+    const { hasTimes, hasPhasors, rates } = this.explorer.recording;
     if (hasTimes) this.drawCurves(dark, ink);
     if (hasPhasors) this.drawPhasors(dark, ink);
+    if (rates) this.drawRates(ink);
   }
 
   drawCurves(dark, ink) {
@@ -135,6 +138,29 @@ export class Responses {
     fill(parts.phasors, [["", "amplitude", "phase", ambiguous], ...rows]);
     const said = phasors.map(({ phase }, k) => `${k + 1}: ${signed(phase.toFixed(2))} rad`).join(", ");
     parts.plane.setAttribute("aria-label", `Phasors of pixels in their plane, phases ${said}`);
+  }
+
+  /** The range-velocity map of the active pixel, or of all pixels if none is chosen. */
+  drawRates(ink) {
+    const { now, parts, recording } = this.explorer;
+    const { axis, rateAxis } = recording.about;
+    const chosen = now.pixels[now.active];
+    const pixel = chosen && chosen[1] * recording.light.width + chosen[0];
+    const key = `rates ${pixel}`;
+    if (!this.known.has(key)) {
+      const light = recording.byRates(pixel);
+      const top = Math.log10(light.reduce((a, b) => Math.max(a, b)) || 1);
+      const look = { low: top - RATE_DECADES, high: top, map: recording.part("map false"), width: axis.count };
+      this.known.set(key, { top, image: canvasOf(paintMap(light.map(Math.log10), look), axis.count, rateAxis.count) });
+    }
+    const { top, image } = this.known.get(key);
+    const range = { start: axis.start / 2, width: axis.width / 2, count: axis.count };
+    const [low, high] = [0, rateAxis.count].map((bin) => (rateAxis.start + bin * rateAxis.width) / 2);
+    const words = { quantity: "velocity, half the rate [m/s]", below: "range, half the path length [m]", inMetres: true };
+    drawMap(parts.rates, range, { low, high }, image, words, ink);
+    const of = chosen ? `Pixel ${named(recording, chosen)}` : "All pixels";
+    parts.ratesOf.textContent = `${of}: up to ${short(10 ** top)}, black below 10${raised(-RATE_DECADES)} of that.`;
+    parts.rates.setAttribute("aria-label", `Light over range and velocity. ${parts.ratesOf.textContent}`);
   }
 
   chip(k, dark) {

@@ -22,8 +22,8 @@ from .opening import MovingSettings, open_moving, separated
 if TYPE_CHECKING:
     import xarray as xr
 
-RATES = 64  # Default number of bins of the rate
-MAX_RATE = 1e9  # Largest rate of an axis [m/s]
+RATES = 65  # Default number of bins of the rate; odd, so that rest is in the middle of one
+RADIANCE = {"units": "W m^-2 sr^-1", "long_name": "radiance per bin"}
 
 
 def range_rate(
@@ -74,10 +74,7 @@ def range_rate(
     loaded, camera, tracer, spp = open_moving(wanted)
     window_of = windowed_film(camera.film(), *wanted.time_axis)
     opl = Axis(window_of.temporal_bins, window_of.start_opl, window_of.bin_width_opl)
-    if span is None:
-        most = 4 * _fastest(loaded) or 1.0
-        span = -most, most
-    low, high = span
+    low, high = default_rates(loaded) if span is None else span
     rate = Axis(count, low, (high - low) / count)
     film = rate_film(camera.film(), opl, rate)
     record = RateRecording(film, opl, rate)
@@ -100,7 +97,7 @@ def range_rate(
     return labelled(
         xr.Dataset(
             {
-                "radiance": (("y", "x", "opl", "rate", "channel"), light),
+                "radiance": (("y", "x", "opl", "rate", "channel"), light, RADIANCE),
                 "steady": (("y", "x", "channel"), steady),
             },
             coords={
@@ -111,14 +108,15 @@ def range_rate(
             },
             attrs={
                 **{"scene": wanted.scene_label, "spp": spp, "seed": wanted.seed},
+                "quantity": "radiance",
                 "energy_outside_window": min(max(1 - inside, 0.0), 1.0),
             },
         )
     )
 
 
-def _fastest(scene: mi.Scene) -> float:
-    """Return the largest speed of a corner of a moving part's bounding box [m/s]."""
+def default_rates(scene: mi.Scene) -> tuple[float, float]:
+    """Return rates of four times the largest speed of a corner of a part's box to both sides."""
     found, motions = 0.0, motions_of(scene)
     for part in [*scene.shapes(), *scene.sensors(), *scene.emitters()]:
         if part.id() not in motions:
@@ -127,4 +125,5 @@ def _fastest(scene: mi.Scene) -> float:
         a, spin = motions[part.id()].affine()
         corners = [np.array(box.corner(k)) for k in range(8)] if box.valid() else [np.zeros(3)]
         found = max(found, *(float(np.linalg.norm(a + np.cross(spin, c))) for c in corners))
-    return found
+    most = 4 * found or 1.0
+    return -most, most

@@ -34,17 +34,14 @@ from ..rendering.labels import labelled
 from ..runtime import checks, plugins
 from ..scenes.motion import posed
 from ..signals.units import SPEED_OF_LIGHT, check_frequency
+from .choices import MAX_CYCLES, WAVEFORMS
 from .opening import MovingSettings, open_moving, separated
 
 if TYPE_CHECKING:
     import xarray as xr
 
-WAVEFORMS = {"sine": 0, "triangle": 2, "rectangle": 1}
-"""Correlation of light and sensor by the power with which its odd harmonics k fall off."""
-
 HARMONICS = 4  # Odd harmonics of waveforms other than the sine
 POSES = (-0.25, 0.25)  # Times of the poses, from the middle of the exposure, over the exposure
-MAX_CYCLES = 1000
 SMALL = 0.05  # Phase below which the integrals are series [rad]
 
 
@@ -106,6 +103,8 @@ def doppler(
             identity = {"exposure_s": exposure, "cycles": cycles, "waveform": waveform}
             keep = keeping.of_part(number)
             render_all(loaded, tracer, camera, plan, record, spp, *keep, **identity)
+            if keep[1] is not None:  # Stopped in the next pose, this one is not rendered again
+                keep[1].save(spp, spp, record.state())
             picture, phasors = (np.array(each) for each in film.develop())
         height, width = picture.shape[:2]
         pictures.append(picture[:, :, : film.base_channels_count()])

@@ -1,0 +1,78 @@
+"""`tofrender doppler` and `tofrender fmcw`: what they write, what they refuse, their page."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+from test_cli import done, refused
+
+import tofrender
+from tofrender.apps.explorer.contents import contents_of
+from tofrender.cli.answers import SCHEMAS
+from tofrender.cli.report import load_result
+from tofrender.io.exr import load_exr_layers
+
+BOX = ["cornell_box_flash", "--size", "6x5", "--spp", 8, "--seed", 3]
+
+
+def test_doppler_writes_what_the_function_measures(tmp_path, capsys):
+    out = tmp_path / "a"
+    facts = json.loads(done(capsys, "doppler", *BOX, "--cycles", 2, "--out", out, "--json")[0])
+    assert list(facts) == ["command", "version", *SCHEMAS["doppler"]]
+    assert sorted(path.name for path in out.iterdir()) == sorted(facts["files"])
+    scene = tofrender.load_scene("cornell_box_flash", width=6, height=5)
+    given = tofrender.doppler(scene, cycles=2, spp=8, seed=3, progress=False)
+    measured = xr.load_dataset(out / "doppler.nc")
+    layers, _ = load_exr_layers(out / "doppler.exr")
+    assert np.allclose(measured["homodyne"], given["homodyne"], rtol=1e-4)
+    assert np.array_equal(layers["homodyne.Q"], measured["homodyne"].values[:, :, 1])
+    assert np.array_equal(layers["rate"][..., 0], measured["rate"].astype(np.float32))
+    assert abs(measured["rate"]).max() < 1e-3  # Nothing moves
+    out = tmp_path / "b"
+    done(capsys, "doppler", *BOX, "--waveform", "triangle", "--out", out)
+    assert sorted(path.name for path in out.iterdir()) == ["doppler.exr", "doppler.nc"]
+    said = refused(
+        capsys, "doppler", *BOX, "--waveform", "triangle", "--dpi", 99, "--out", tmp_path / "c"
+    )
+    assert "must be sine" in said
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # Energy outside the bins
+def test_fmcw_writes_film_spectra_and_estimates(tmp_path, capsys):
+    out = tmp_path / "a"
+    options = ["--looks", 2, "--photons", 500, "--bandwidth", 5e8, "--rates=-1,1"]
+    facts = json.loads(done(capsys, "fmcw", *BOX, *options, "--out", out, "--json")[0])
+    assert list(facts) == ["command", "version", *SCHEMAS["fmcw"]]
+    assert sorted(path.name for path in out.iterdir()) == sorted(facts["files"])
+    names = ("range_rate", "spectra", "estimates")
+    film, spectra, estimates = (xr.load_dataset(out / f"{name}.nc") for name in names)
+    lidar = tofrender.Fmcw(
+        bandwidth_hz=5e8, chirp_s=1e-5, wavelength_m=1.55e-6, looks=2, photons=500
+    )
+    again = lidar.spectra(film, 3)
+    assert np.array_equal(again["down"], spectra["down"])
+    assert np.allclose(lidar.estimates(again)["opl"], estimates["opl"])
+    assert abs(estimates["rate"]).median() < 0.02  # Nothing moves; some pixels are dark
+    at_rest = film["radiance"].sum(("y", "x", "opl", "channel"))
+    assert at_rest.sel(rate=0, method="nearest") == pytest.approx(at_rest.sum().item())
+    contents = contents_of(load_result(out))
+    shown, axis = contents.layer(contents.header["rates"]), contents.header["rateAxis"]
+    assert shown.shape == (facts["rate_bins"], facts["bins"], 1, 5, 6)
+    assert axis["start"] == pytest.approx(-1)
+    assert axis["width"] * axis["count"] == pytest.approx(2)
+    light = film["radiance"].sum("channel").transpose("rate", "opl", "y", "x").values[:, :, None]
+    assert shown.sum() == pytest.approx(light.sum(), rel=0.02)
+    done(capsys, "report", out, "--out", tmp_path / "a.html")
+
+
+def test_fmcw_refuses_before_it_renders(tmp_path, capsys):
+    for options, said in (
+        (["--rate-bins", 5], "film with bins of rate 0.4 wide: must be at most as wide as"),
+        (["--window", "scene"], "--window = 'scene': must be auto or start,stop"),
+        (["--rates", "3,1"], "must end after it starts"),
+        (["--bandwidth", 1e12], "must be at most 1048576 in all"),
+        (["--resume"], "no run that writes"),
+    ):
+        assert said in refused(capsys, "fmcw", *BOX, *options, "--out", tmp_path / "a")
+        assert not (tmp_path / "a").exists()

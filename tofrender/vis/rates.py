@@ -1,0 +1,133 @@
+"""Figures of moving scenes: light over range and velocity, and maps of velocities."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..motion.fmcw import Fmcw, checked_film
+from ..runtime import checks
+from ..runtime.canvas import figure_width, in_style, new_figure
+from ..runtime.plots import colour_bar, fit_height, wrap_text
+from .transient import explain_hatch, map_axes, picture_aspect, typeset
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+DECADES = 4  # Of the colours of light
+
+
+@in_style()
+def range_velocity_map(
+    film: xr.Dataset,
+    *,
+    lidar: Fmcw | None = None,
+    pixel: tuple[int, int] | None = None,
+    title: str | None = None,
+) -> Figure:
+    """Draw light over range, half the path length, and velocity, half its rate of change.
+
+    Args:
+        film: A Dataset of `range_rate`; of some pixels, `film.isel(x=..., y=...)`.
+        lidar: FMCW lidar whose resolution is drawn as a rectangle; None for none.
+        pixel: Column and row, in the Dataset's coordinates; by default, all pixels are added.
+        title: Title of the figure; by default the scene.
+
+    Raises:
+        ValueError: A Dataset of another kind, or a pixel outside.
+
+    Example:
+        >>> import tofrender
+        >>> quick = {"size": (8, 8), "spp": 4, "bins": 50, "window": (3, 60), "progress": False}
+        >>> light = tofrender.range_rate("cornell_box", **quick)
+        >>> range_velocity_map(light).axes[0].get_ylabel()
+        'velocity, half the rate [m/s]'
+    """
+    from matplotlib.colors import LogNorm
+    from matplotlib.patches import Rectangle
+
+    light, *axes_of_film = checked_film(film)
+    checks.instance("lidar", lidar, Fmcw | None, "an Fmcw or None")
+    title = checks.text("title", title)
+    if pixel is None:
+        values = light.sum(axis=(0, 1))
+    else:
+        places = [film[axis].values for axis in "xy"]
+        found = checks.items("pixel", pixel, 2, "column and row")
+        column, row = (
+            checks.integer("pixel", each, int(place[0]), int(place[-1])) - int(place[0])
+            for each, place in zip(found, places, strict=True)
+        )
+        values = light[row, column]
+    wide = figure_width(5.5)
+    figure = new_figure(wide, 0.75 * wide)
+    axes = figure.add_subplot()
+    (left, right), (low, high) = (
+        (each.start / 2, (each.start + each.count * each.width) / 2) for each in axes_of_film
+    )
+    most = float(values.max()) or 1.0
+    scale: Any = {"cmap": "inferno", "norm": LogNorm(most / 10**DECADES, most, clip=True)}
+    extent = (left, right, low, high)
+    shown = axes.imshow(values.T, origin="lower", aspect="auto", extent=extent, **scale)
+    if lidar is not None:
+        along, across = (each / 2 for each in lidar.resolution)
+        corner = left + 0.03 * (right - left), low + 0.03 * (high - low)
+        cell = Rectangle(corner, along, across, fc="none", ec="white", label="resolution cell")
+        axes.add_patch(cell)
+        axes.legend(loc="upper right", labelcolor="white", facecolor="black", framealpha=0.5)
+    axes.set(xlabel="range, half the path length [m]", ylabel="velocity, half the rate [m/s]")
+    bar = figure.colorbar(shown, ax=axes, extend="min", aspect=22, pad=0.02)
+    bar.set_label(f"radiance per bin [{typeset(film['radiance'].attrs.get('units', '1'))}]")
+    seen = "all pixels" if pixel is None else f"pixel ({pixel[0]}, {pixel[1]})"
+    name = str(film.attrs.get("scene", "")) if title is None else title
+    axes.set_title(wrap_text(", ".join(filter(None, [name, seen])), wide))
+    return figure
+
+
+@in_style()
+def velocity_map(rate: xr.DataArray, *, title: str | None = None) -> Figure:
+    """Draw the velocity of each pixel, half the rate of change of its path length.
+
+    Pixels without light are hatched; the fastest five percent are clipped.
+
+    Args:
+        rate: Result of `doppler_rate`, or `rate` of `Fmcw.estimates`, (y, x) [m/s].
+        title: Title of the figure; None for none.
+
+    Raises:
+        ValueError: Something else.
+
+    Example:
+        >>> import xarray as xr
+        >>> velocity_map(xr.DataArray(np.ones((4, 6)), dims=("y", "x"))).axes[0].get_title()
+        'receding (red), approaching (blue)'
+    """
+    import xarray as xr
+
+    checks.instance("rate", rate, xr.DataArray, "a DataArray of doppler_rate")
+    valid = rate.dims == ("y", "x") and rate.size and rate.dtype.kind == "f"
+    checks.require("rate", rate, valid, "numbers with the dimensions y, x")
+    title = checks.text("title", title)
+    velocity = rate.values / 2
+    known = np.abs(velocity[np.isfinite(velocity)])
+    fastest = float(np.percentile(known, 95)) if known.any() else 0.0
+    fastest = fastest or float(known.max(initial=0.0)) or 1.0
+    wide = figure_width(4.6)
+    figure = new_figure(
+        wide, wide * picture_aspect(*rate.shape, low=0.4, high=2.0) + 1.0, "compressed"
+    )
+    axes = figure.add_subplot()
+    x, y = (float(rate[axis][0]) if axis in rate.coords else 0.0 for axis in "xy")
+    extent = (x - 0.5, x + rate.shape[1] - 0.5, y + rate.shape[0] - 0.5, y - 0.5)
+    colours: Any = {"cmap": "RdBu_r", "vmin": -fastest, "vmax": fastest, "extent": extent}
+    shown = map_axes(axes, velocity, **colours)
+    axes.set_title("receding (red), approaching (blue)")
+    beyond = "both" if (known > fastest).any() else "neither"
+    colour_bar(shown, axes, "velocity, half the rate [m/s]", extend=beyond)
+    if title is not None:
+        figure.suptitle(wrap_text(title, wide))
+    explain_hatch(figure, np.isnan(velocity))
+    fit_height(figure)
+    return figure
