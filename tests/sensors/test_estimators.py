@@ -14,7 +14,8 @@ from tofrender.sensors import (
     echoes,
     estimate_depth,
 )
-from tofrender.sensors.response import distribution, kernel
+from tofrender.sensors.jitter import kernel
+from tofrender.sensors.response import distribution
 from tofrender.signals.units import SPEED_OF_LIGHT
 
 WIDTH = 0.02
