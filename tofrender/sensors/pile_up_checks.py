@@ -22,9 +22,12 @@ def check_pile_up(pile_up: Any) -> None:
         >>> from tofrender.sensors import pile_up
         >>> check_pile_up(pile_up)
     """
-    found = np.asarray(pile_up.first_photon(RATES.copy()))
+    given = RATES.copy()
+    found = np.asarray(pile_up.first_photon(given))
     assert found.shape == RATES.shape, "a probability for each rate"
     assert np.all((found >= 0) & (found <= 1)), "probabilities are from 0 to 1"
+    faint = np.asarray(pile_up.first_photon(np.array([1e-12, 1e-11])))
+    assert np.allclose(faint, [1e-12, 1e-11], rtol=1e-6, atol=0), "first_photon of faint light"
     rng = np.random.default_rng(1)
     for rates, p in zip(RATES, found, strict=True):
         armed, counts = np.full(PIXELS, CYCLES), np.zeros((PIXELS, rates.size), np.int64)
@@ -40,6 +43,13 @@ def check_pile_up(pile_up: Any) -> None:
         ratio = corrected.var(axis=0) / np.where(rates > 0, variance, 1)
         scatter = FAR * np.sqrt(2 / PIXELS)
         assert np.all(np.abs(ratio - 1)[rates > 0] < scatter), "coates_variance"
+        few = counts[:3].astype(np.uint16)
+        same = np.asarray(pile_up.coates(few, CYCLES))
+        assert np.allclose(same, corrected[:3]), "coates of unsigned integers"
+    both = np.asarray(pile_up.coates_variance(given, CYCLES))
+    assert both.shape == RATES.shape, "a variance for each rate"
+    assert np.allclose(both[1], variance), "coates_variance of two pixels"
+    assert np.array_equal(given, RATES), "rates are changed"
     blind = np.asarray(pile_up.coates(np.array([3, 7, 0]), 10))
     assert np.isinf(blind[1]), "coates, where all that are left detect"
 
