@@ -55,5 +55,5 @@ def test_any_lags(submission):
     counts = np.bincount(lags + reach, minlength=masses.size)
     expect.histogram(counts, masses, f"drawn lags, {-reach} to {reach} bins")
     away = lags - masses @ np.arange(-reach, reach + 1)
-    products = (away[1:] * away[:-1])[:, None]
+    products = formulas.in_groups((away[1:-1] * away[:-2])[:29_950, None])
     expect.estimate(products, 0.0, "covariance of a lag and the next", hint="each is independent")
