@@ -38,7 +38,7 @@ test-inputs: setup ## try every bad input and thousands of damaged files; make t
 	.venv/bin/python -m pytest -n auto --dist worksteal --all-inputs tests/inputs $(ARGS)
 
 verify: setup ## check all assignments with all of their wrong solutions
-	for a in a1 a2 a3; do .venv/bin/tofrender verify $$a $(ARGS) || exit 1; done
+	for a in a1 a2 a3 a4; do .venv/bin/tofrender verify $$a $(ARGS) || exit 1; done
 
 lint: setup ## check style, types, and that packages import downwards only
 	.venv/bin/ruff check .

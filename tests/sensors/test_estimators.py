@@ -1,5 +1,7 @@
 """Estimators against their bounds: pile-up, depth, echoes and false alarms."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from helpers.support import agree, refused
@@ -13,8 +15,11 @@ from tofrender.sensors import (
     depth_bound,
     echoes,
     estimate_depth,
+    pile_up,
 )
-from tofrender.sensors.response import distribution, kernel
+from tofrender.sensors.jitter import kernel
+from tofrender.sensors.pile_up_checks import check_pile_up
+from tofrender.sensors.response import distribution
 from tofrender.signals.units import SPEED_OF_LIGHT
 
 WIDTH = 0.02
@@ -163,3 +168,19 @@ def test_false_alarms(background):
 )
 def test_bad_input(call, text):
     refused(text, call)
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong"),
+    [
+        ("first_photon", lambda rates: -np.expm1(-rates)),
+        ("coates", lambda counts, cycles: counts / cycles),
+        ("coates_variance", lambda rates, cycles: rates / cycles),
+    ],
+)
+def test_check_of_pile_up(name, wrong):
+    """The check passes the package's functions, and none that forgets pile-up."""
+    right = {each: getattr(pile_up, each) for each in ("first_photon", "coates", "coates_variance")}
+    check_pile_up(SimpleNamespace(**right))
+    with pytest.raises(AssertionError):
+        check_pile_up(SimpleNamespace(**right | {name: wrong}))

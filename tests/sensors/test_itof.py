@@ -9,6 +9,7 @@ from helpers.support import agree, refused
 from scipy.special import erfc
 
 from tofrender.sensors import Itof
+from tofrender.sensors.correlation import multipath_error, phase_deviation
 from tofrender.signals.units import SPEED_OF_LIGHT
 
 WIDTH = 0.05
@@ -49,6 +50,7 @@ def test_noise_of_the_phase(taps, sigma):
     to_phase = 4 * np.pi * F / SPEED_OF_LIGHT
     bound = np.sqrt(2 * (6000 + 2000 + taps * 15**2)) / (6000 * 0.7)
     assert bound == pytest.approx(sigma, abs=5e-8)
+    assert phase_deviation(6000, 2000, 0.7, taps, 15.0) == pytest.approx(bound)
     depth = camera.depth(camera.frames(rates, 1, seed=taps))["depth"].values.ravel()
     assert agree(depth, np.array(opl / 2))
     square = (depth - opl / 2) ** 2 * to_phase**2
@@ -81,6 +83,7 @@ def test_two_returns():
     frames = camera.expected(rates, bin_width_opl=width)
     phase = camera.depth(frames)["phase"].item() - 2 * np.pi * 5000.5 / 20000
     assert phase == pytest.approx(0.357422, abs=1e-4)
+    assert phase == pytest.approx(multipath_error(0.35, 1.9), abs=1e-4)
 
 
 @pytest.mark.statistical

@@ -8,8 +8,10 @@ from helpers.support import agree, refused
 from scipy.special import erfc
 
 from tofrender.sensors import Response, Spad
-from tofrender.sensors.response import distribution, kernel
-from tofrender.sensors.synchronous import armed_detections, first_photon
+from tofrender.sensors.dead_time import armed_detections
+from tofrender.sensors.jitter import kernel
+from tofrender.sensors.pile_up import first_photon
+from tofrender.sensors.response import distribution
 from tofrender.signals.pulses import SampledPulse
 from tofrender.signals.units import SPEED_OF_LIGHT
 

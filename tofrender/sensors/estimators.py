@@ -1,4 +1,4 @@
-"""Estimators of rates, depths and echoes from histograms of photons, and their bounds."""
+"""Estimators of depths and echoes from histograms of photons."""
 
 from __future__ import annotations
 
@@ -10,79 +10,13 @@ import xarray as xr
 from scipy import ndimage, signal as filters, stats
 
 from ..runtime import checks
+from .bounds import depth_bound
+from .jitter import kernel
 from .rates import at_least_0
-from .response import distribution, kernel
+from .response import distribution
 
 METHODS = ("matched", "log_matched", "centroid", "ml")
 TAIL = 1e-3  # Of the response, at each end, that no return includes
-
-
-def coates(counts: Any, cycles: int) -> np.ndarray:
-    """Estimate rates from a histogram of first photons, which pile-up distorts.
-
-        rate_k = -ln(1 - N_k / (cycles - sum of N before k))
-
-    for counts N (..., bin) of so many cycles, in photons per cycle (..., bin): infinite where all
-    that are left detect, NaN after that. The likeliest (Coates 1968), see `coates_variance`.
-
-    Example:
-        >>> coates([393469, 238651], 1_000_000).round(4).tolist()
-        [0.5, 0.5]
-    """
-    counts = at_least_0("counts", counts)
-    checks.shape("counts", counts, counts.ndim and counts.size, "(..., bin)")
-    cycles, most = checks.integer("cycles", cycles, 1, checks.MAX_SEED), counts.sum(axis=-1).max()
-    checks.require("cycles", cycles, most <= cycles, f"at least the counts of a pixel, {most:g}")
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return -np.log1p(-counts / (cycles - (np.cumsum(counts, axis=-1) - counts)))
-
-
-def coates_variance(rates: Any, cycles: int) -> np.ndarray:
-    """Variance of `coates`, which attains the bound, for rates (..., bin) per cycle, at least 0.
-
-        (exp(rate_k) - 1) / (cycles exp(-sum of rates before k))
-
-    Example:
-        >>> coates_variance([0.5, 0.5], 1000).round(6).tolist()
-        [0.000649, 0.00107]
-    """
-    rates = at_least_0("rates", rates)
-    checks.shape("rates", rates, rates.ndim, "(..., bin)")
-    cycles = checks.integer("cycles", cycles, 1, checks.MAX_SEED)
-    return np.expm1(rates) * np.exp(np.cumsum(rates, axis=-1) - rates) / cycles
-
-
-def depth_bound(signal: Any, background: Any, response: Any, bin_width_opl: float) -> np.ndarray:
-    """Least standard deviation of a depth [m] from counts in bins, of a known response.
-
-        1 / (2 sqrt(I)),    I = sum over bins of (S dP_k/dt)^2 / (S P_k + b)
-
-    P_k(t) is the part of the signal in bin k, for light at the path length t, a bin's centre. A
-    Gaussian without background has sigma / (2 sqrt(S)), to which bins of width w add about w^2 /
-    (24 sigma^2) of it; with much background b per metre, I = S^2 / (4 sqrt(pi) sigma^3 b).
-
-    Args:
-        signal: Expected counts S of the signal, at least 0, any shape.
-        background: Expected counts b per bin, at least 0, of a shape that broadcasts to that.
-        response: Of pulse and detector together, as for `estimate_depth`.
-        bin_width_opl: Width of the bins [m].
-
-    Example:
-        >>> from tofrender import GaussianPulse
-        >>> depth_bound(100, 0, GaussianPulse(0.3), 0.03).round(4).item()  # 0.3 / 20
-        0.015
-    """
-    signal, background = at_least_0("signal", signal), at_least_0("background", background)
-    shape, width = distribution("response", response), checks.width("bin_width_opl", bin_width_opl)
-    reach = kernel(shape, width).size // 2
-    edges = (np.arange(-reach, reach + 2) - 0.5) * width
-    masses, slopes = (np.diff(each(edges)) for each in (shape.cdf, shape.pdf))
-    information: Any = 0.0
-    for mass, slope in zip(masses, slopes, strict=True):
-        mean = signal * mass + background
-        information = information + (signal * slope) ** 2 / np.where(mean > 0, mean, 1)
-    with np.errstate(divide="ignore"):
-        return 0.5 / np.sqrt(information)
 
 
 class _Histogram:

@@ -12,6 +12,7 @@ from ..analysis.unwrapping import unwrap
 from ..runtime import checks
 from ..signals.units import SPEED_OF_LIGHT, check_below_limit, check_frequencies
 from .cameras import Camera
+from .correlation import correlation, demodulate, sample_taps
 from .rates import Rates
 
 
@@ -61,7 +62,8 @@ class Itof(Camera):
         harmonics = checks.finite("harmonics", checks.real_array("harmonics", self.harmonics))
         checks.shape("harmonics", harmonics, harmonics.ndim == 1, "(n,)")
         object.__setattr__(self, "harmonics", tuple(harmonics.tolist()))
-        bright = self.correlation(np.linspace(0, 2 * np.pi, 721)).min() >= -1e-9
+        sensitivity = correlation(np.linspace(0, 2 * np.pi, 721), self.contrast, self.harmonics)
+        bright = sensitivity.min() >= -1e-9
         checks.require("harmonics", self.harmonics, bright, "so small that no light is negative")
         checks.number("read_noise", self.read_noise, unit="electrons", low=0, high=1e9)
         if self.full_well is not None:
@@ -70,17 +72,13 @@ class Itof(Camera):
             checks.integer("adc_bits", self.adc_bits, 1, 32)
             checks.require("full_well", None, self.full_well is not None, "given with adc_bits")
 
-    def correlation(self, angle: Any) -> np.ndarray:
-        """Relative sensitivity g of a tap at a phase difference [rad], of any shape."""
-        waves = [a * np.cos(h * angle) for h, a in enumerate((1.0, *self.harmonics), 1)]
-        return 1 + self.contrast * np.sum(waves, axis=0)
-
     def _expected(self, rates: Rates) -> xr.Dataset:
         check_below_limit(self.frequencies_hz, rates.width)
         centres = rates.edges[:-1] + rates.width / 2
         phases = 2 * np.pi / SPEED_OF_LIGHT * np.outer(self.frequencies_hz, centres)
         steps = 2 * np.pi * np.arange(self.taps) / self.taps
-        waves = self.correlation(phases[:, None] - steps[:, None])
+        angles = phases[:, None] - steps[:, None]
+        waves = correlation(angles, self.contrast, self.harmonics)
         ambient = rates.dataset["background"].values
         modulated = np.asarray(rates.values) - ambient[..., None]
         taps = np.tensordot(waves, modulated, axes=(2, 2)) + ambient * centres.size
@@ -89,10 +87,9 @@ class Itof(Camera):
 
     def _noisy(self, rng: np.random.Generator, expected: xr.Dataset) -> xr.Dataset:
         means = expected["taps"].values
-        taps = rng.poisson(means) + rng.normal(0, self.read_noise, means.shape)
         full = np.inf if self.full_well is None else self.full_well
+        taps = sample_taps(rng, means, self.read_noise, full)
         saturated = (taps >= full).any(axis=(0, 1))
-        taps = np.minimum(taps, full)
         if self.adc_bits is not None:
             step = full / ((1 << self.adc_bits) - 1)
             taps = np.rint(taps / step) * step
@@ -112,11 +109,10 @@ class Itof(Camera):
         own = isinstance(frames, xr.Dataset) and "taps" in frames and frames["taps"].ndim == 4
         own = own and frames["taps"].shape[:2] == shape
         checks.require("frames", frames, own, f"a Dataset with {shape} frames and taps")
-        turns = np.exp(2j * np.pi * np.arange(self.taps) / self.taps)
-        phasor = np.tensordot(frames["taps"].values, turns, axes=(1, 0))
+        taps = frames["taps"].values.astype(np.float64)
         if "saturated" in frames:
-            phasor[:, frames["saturated"].values] = np.nan
-        amplitude, phase = 2 * np.abs(phasor) / self.contrast, np.angle(phasor) % (2 * np.pi)
+            taps[:, :, frames["saturated"].values] = np.nan
+        amplitude, phase = demodulate(taps.swapaxes(0, 1), self.contrast)
         depth = phase[0] * SPEED_OF_LIGHT / (4 * np.pi * self.frequencies_hz[0]), 0 * phase[0]
         if len(self.frequencies_hz) > 1:
             lit = np.nan_to_num(amplitude)

@@ -5,14 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.ndimage import convolve1d
 
 from ..runtime import checks
 from ..signals.units import SPEED_OF_LIGHT
+from .dead_time import armed_detections, sample_counts
 from .events import Layout, detections
+from .jitter import add_jitter, kernel, sample_jitter
+from .pile_up import first_photon
 from .rates import Block, Rates, generator, rebin
-from .response import distribution, kernel
-from .synchronous import armed_detections, first_photon, sample_counts
+from .response import distribution
 
 if TYPE_CHECKING:
     from .spad import Spad
@@ -86,7 +87,7 @@ class Readout:
         elif dead is not None:
             found = armed_detections(rates, dead, self.spad.paralysable, free)
         if self.masses is not None:
-            found = convolve1d(found, self.masses, axis=1, mode="wrap" if free else "constant")
+            found = add_jitter(found, self.masses, free)
         return rebin(found, self.edges)
 
     def _counts(self, rates: np.ndarray, row: int) -> np.ndarray:
@@ -117,8 +118,7 @@ class Readout:
     def _read_out(self, rng: Any, pixel: Any, cycle: Any, bins: Any) -> tuple[np.ndarray, ...]:
         """Pixel, cycle and TDC code of detections: jitter, then the TDC."""
         if self.masses is not None:
-            moved = np.searchsorted(np.cumsum(self.masses), rng.random(bins.size), side="right")
-            bins = bins + np.minimum(moved, self.masses.size - 1) - self.masses.size // 2
+            bins = bins + sample_jitter(rng, self.masses, bins.size)
             if self.layout.free:
                 cycle = (cycle + bins // self.layout.bins) % self.layout.cycles
                 bins %= self.layout.bins

@@ -27,9 +27,8 @@ class Response:
         tail_s: Time constant a of the tail, towards later stamps [s]; 0 for none.
 
     Example:
-        >>> masses = kernel(distribution("jitter", Response(40e-12, tail_s=60e-12)), 0.015)
-        >>> lags = np.arange(masses.size) - masses.size // 2
-        >>> round(masses @ lags * 0.015 / 299792458 * 1e12)  # ps
+        >>> delays = distribution("jitter", Response(40e-12, tail_s=60e-12))
+        >>> round(delays.mean() / 299792458 * 1e12)  # ps
         60
     """
 
@@ -53,14 +52,3 @@ def distribution(name: str, response: Any) -> Any:
     if tail < 1e-3 * sigma:  # Differs by less than 1e-6 of the variance; avoids overflow
         return stats.norm(tail, sigma)
     return stats.exponnorm(tail / sigma, 0, sigma)
-
-
-def kernel(response: Any, width: float, tail: float = 1e-6) -> np.ndarray:
-    """Probabilities that stamps move by k = -n to n bins of a width [m] from a bin's centre.
-
-    They are cdf((k + 1/2) width) - cdf((k - 1/2) width), without a `tail` at each end; sum 1.
-    """
-    ends = response.ppf([tail, 1 - tail])
-    reach = max(1, int(np.rint(np.abs(ends).max() / width)))
-    masses = np.diff(response.cdf((np.arange(-reach, reach + 2) - 0.5) * width))
-    return masses / masses.sum()

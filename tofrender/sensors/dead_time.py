@@ -1,18 +1,6 @@
-"""Detection probabilities and counts of a SPAD bin by bin, p_k = 1 - exp(-rate_k) if armed."""
+"""Detections of a SPAD with a dead time, bin by bin: p_k = 1 - exp(-rate_k) if it is armed."""
 
 import numpy as np
-
-
-def first_photon(rates: np.ndarray) -> np.ndarray:
-    """Probability P_k = exp(-sum of rates before k) (1 - exp(-rate_k)) of a cycle's first photon.
-
-    Coates, "The correction for photon 'pile-up'", J. Phys. E 1 (1968), for rates (..., bin).
-
-    Example:
-        >>> first_photon(np.array([0.05, 0.3, 1.2, 0.4, 0.1])).round(6).tolist()
-        [0.048771, 0.246541, 0.49244, 0.069974, 0.013539]
-    """
-    return np.exp(rates - np.cumsum(rates, axis=-1)) * -np.expm1(-rates)
 
 
 def armed_detections(rates: np.ndarray, dead: int, paralysable: bool, periodic: bool) -> np.ndarray:

@@ -1,0 +1,33 @@
+"""Problem a4.depth_map: depth from histograms of photons."""
+
+# ruff: noqa: F401 (imported for what you will write)
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tofrender.sensors.response import distribution
+
+
+def estimate_depth(
+    counts: np.ndarray, response: Any, method: str = "ml", *, bin_width_opl: float
+) -> dict[str, np.ndarray]:
+    """Estimate the depth of the strongest return in each pixel.
+
+    Args:
+        counts: Counts per bin, at least 0, shape (y, x, bin); the first bin starts at the path
+            length 0. Rates that `coates` has corrected, times the cycles, are no integers.
+        response: Pulse and jitter together, as for `depth_bound`. No return is within its length
+            of the first or the last bin.
+        method: "matched", the maximum of the matched filter, refined by a parabola, or "ml", the
+            greatest likelihood.
+        bin_width_opl: Width of the bins [m of path].
+
+    Returns:
+        Arrays of shape (y, x): `depth` [m], half the path length of the light itself, without the
+        mean delay of the response; `depth_std` [m], `depth_bound` for the estimated signal and
+        background. Without counts they are NaN and infinite.
+    """
+    raise NotImplementedError("a4.depth_map: estimate_depth")

@@ -1,0 +1,148 @@
+"""What the tests ask of a submission; runs in the submission's process."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tofrender.course.judge import trials
+from tofrender.sensors.response import Response, distribution
+
+
+def kept(function, *arrays, **options):
+    """Result of a function, and whether its arrays are as they were."""
+    before = [array.copy() for array in arrays]
+    found = np.asarray(function(*arrays, **options))
+    same = all(np.array_equal(a, b) for a, b in zip(arrays, before, strict=True))
+    return {"found": found, "kept": same}
+
+
+# ----------------------------------------------------------------------------------- pile-up
+
+
+def first_photon(theirs, rates):
+    return kept(theirs.first_photon, rates)
+
+
+def coates(theirs, counts, cycles):
+    return kept(theirs.coates, counts, cycles=cycles)
+
+
+def coates_variance(theirs, rates, cycles):
+    return kept(theirs.coates_variance, rates, cycles=cycles)
+
+
+def defines(theirs, name):
+    """Load it, or say why not."""
+    getattr(theirs, name)
+
+
+def try_pile_up(theirs, name, text):
+    """What their test says of a solution of a4.pile_up."""
+    return trials.verdict(theirs.check_pile_up, trials.load(name, text))
+
+
+# --------------------------------------------------------------------------------- dead time
+
+
+def armed_detections(theirs, rates, dead, paralysable, periodic):
+    return kept(
+        theirs.armed_detections, rates, dead=dead, paralysable=paralysable, periodic=periodic
+    )
+
+
+def sample_counts(theirs, rates, cycles, dead, seed):
+    """Counts, and whether the same random numbers give them again, and others other ones."""
+    before = rates.copy()
+    first, again, other = (
+        np.asarray(theirs.sample_counts(np.random.default_rng(s), rates, cycles, dead))
+        for s in (seed, seed, seed + 1)
+    )
+    return {
+        "found": first,
+        "kept": np.array_equal(rates, before),
+        "whole": first.dtype.kind in "iu",
+        "repeats": np.array_equal(first, again) and not np.array_equal(first, other),
+    }
+
+
+# ------------------------------------------------------------------------------------ jitter
+
+
+def delays(sigma_s, tail_s):
+    return distribution("response", Response(sigma_s, tail_s))
+
+
+def kernel(theirs, sigma_s, tail_s, width, **tail):
+    return np.asarray(theirs.kernel(delays(sigma_s, tail_s), width, **tail))
+
+
+def add_jitter(theirs, detections, masses, periodic):
+    return kept(theirs.add_jitter, detections, masses, periodic=periodic)
+
+
+def sample_jitter(theirs, masses, size, seed):
+    first, again, other = (
+        np.asarray(theirs.sample_jitter(np.random.default_rng(s), masses, size))
+        for s in (seed, seed, seed + 1)
+    )
+    return {
+        "found": first,
+        "whole": first.dtype.kind in "iu",
+        "repeats": np.array_equal(first, again) and not np.array_equal(first, other),
+    }
+
+
+# ------------------------------------------------------------------------------------- depth
+
+
+def depth_bound(theirs, signal, background, sigma_s, tail_s, width):
+    response = Response(sigma_s, tail_s)
+    return np.asarray(theirs.depth_bound(signal, background, response, width))
+
+
+def estimate_depth(theirs, counts, sigma_s, tail_s, method, width):
+    """Depth and its standard deviation."""
+    before, given = counts.copy(), {} if method is None else {"method": method}
+    response = Response(sigma_s, tail_s)
+    found = theirs.estimate_depth(counts, response, bin_width_opl=width, **given)
+    names = ("depth", "depth_std")
+    arrays = {name: np.asarray(found[name], np.float64) for name in names}
+    return arrays | {"kept": np.array_equal(counts, before)}
+
+
+# -------------------------------------------------------------------------------------- iToF
+
+
+def expected_taps(theirs, signal, background, phase, contrast, **options):
+    return np.asarray(theirs.expected_taps(signal, background, phase, contrast, **options))
+
+
+def sample_taps(theirs, means, seed, **options):
+    before = means.copy()
+    first, again, other = (
+        np.asarray(theirs.sample_taps(np.random.default_rng(s), means, **options))
+        for s in (seed, seed, seed + 1)
+    )
+    return {
+        "found": first,
+        "kept": np.array_equal(means, before),
+        "repeats": np.array_equal(first, again) and not np.array_equal(first, other),
+    }
+
+
+def demodulate(theirs, taps, contrast):
+    before = taps.copy()
+    amplitude, phase = theirs.demodulate(taps, contrast)
+    return {
+        "amplitude": np.asarray(amplitude),
+        "phase": np.asarray(phase),
+        "kept": np.array_equal(taps, before),
+    }
+
+
+def phase_deviation(theirs, signal, background, contrast, **options):
+    return np.asarray(theirs.phase_deviation(signal, background, contrast, **options))
+
+
+def multipath_error(theirs, ratio, difference):
+    return np.asarray(theirs.multipath_error(ratio, difference))

@@ -1,0 +1,86 @@
+"""Depth maps of drawn returns."""
+
+import formulas_staff as formulas
+import numpy as np
+import pytest
+
+from tofrender.course.judge import expect
+
+pytestmark = pytest.mark.a4_depth_map
+
+
+def drawn(random):
+    """Bins, their width [m], and a response of a few bins."""
+    bins, width = int(random.integers(180, 240)), random.uniform(0.01, 0.05)
+    sigma = random.uniform(2.0, 3.5) * width / formulas.SPEED_OF_LIGHT
+    return bins, width, sigma, random.choice([0.0, 1.0]) * sigma
+
+
+def ask(submission, counts, sigma, tail_s, method, width):
+    came = submission.ask(
+        "estimate_depth", counts=counts, sigma_s=sigma, tail_s=tail_s, method=method, width=width
+    )
+    for name in ("depth", "depth_std"):
+        expect.shape(came[name], counts.shape[:2], f"{name} ({method})")
+    return came
+
+
+def test_any_returns(submission):
+    """Drawn signal and background, without noise; the counts stay as they are."""
+    random = submission.random
+    bins, width, sigma, _ = drawn(random)
+    shape = tuple(int(n) for n in random.integers(2, 6, 2))
+    for tail_s in (0.0, sigma):
+        opl = random.uniform(0.4, 0.6, shape) * bins * width
+        signal, background = np.exp(random.uniform(3, 8, shape)), random.uniform(0.05, 2.0, shape)
+        counts = formulas.returns(opl, signal, background, sigma, tail_s, width, bins)
+        for method, most in (("matched", 0.2), ("ml", 0.05)):
+            came = ask(submission, counts, sigma, tail_s, method, width)
+            off = (2 * came["depth"] - opl) / width
+            expect.close(off, 0 * opl, f"error in bins, {method}", atol=most)
+            wanted = formulas.depth_bound(signal, background, sigma, tail_s, width)
+            expect.close(came["depth_std"], wanted, f"depth_std [m], {method}", rtol=0.1)
+            text = "counts after the call of estimate_depth: as they were"
+            expect.true(came["kept"], text)
+
+
+def test_any_noise(submission):
+    """Errors over the bound, for drawn signal, background and response."""
+    random = submission.random
+    bins, width, sigma, tail_s = drawn(random)
+    signal, background = random.uniform(150, 600), random.uniform(0.0, 0.02)
+    opl = random.uniform(0.4, 0.6, (25, 40)) * bins * width
+    counts = random.poisson(formulas.returns(opl, signal, background, sigma, tail_s, width, bins))
+    came = ask(submission, counts, sigma, tail_s, "ml", width)
+    least = formulas.depth_bound(np.array(signal), background, sigma, tail_s, width)
+    off = ((came["depth"] - opl / 2) / least).reshape(-1, 1)
+    # The likeliest depth of few counts has a bias far below its error
+    expect.close(off.mean(), 0.0, "mean error over the bound", atol=0.25)
+    expect.noise(off, 1.14, "errors over the bound", hint="the likelihood of all bins around")
+
+
+def test_strong_background(submission):
+    """Returns that are found by all of their bins, not by the brightest."""
+    random = submission.random
+    bins, width = 160, 0.02
+    sigma = 4.0 * width / formulas.SPEED_OF_LIGHT
+    opl = random.uniform(0.4, 0.6, (20, 20)) * bins * width
+    counts = random.poisson(formulas.returns(opl, 70.0, 8.0, sigma, 0.0, width, bins))
+    for method in ("matched", "ml"):
+        came = ask(submission, counts, sigma, 0.0, method, width)
+        far = np.abs(2 * came["depth"] - opl) > 4 * width
+        what = f"part of the pixels that are off by more than 4 bins, {method}"
+        expect.close(far.mean(), 0.0, what, atol=0.03, hint="correlate, then take the maximum")
+
+
+def test_matched_noise(submission):
+    """The matched filter of noisy counts, which is not their likeliest depth."""
+    random = submission.random
+    bins, width, sigma, tail_s = drawn(random)
+    opl = random.uniform(0.4, 0.6, (12, 12)) * bins * width
+    counts = random.poisson(formulas.returns(opl, 150.0, 0.2, sigma, tail_s, width, bins))
+    came = ask(submission, counts, sigma, tail_s, "matched", width)
+    off = (came["depth"] - formulas.matched(counts, sigma, tail_s, width)) * 2 / width
+    hint = "correlation of the counts with the masses of the response, and its greatest value"
+    typical = np.sqrt(np.mean(off**2))
+    expect.close(typical, 0.0, "distance from the matched filter [bins]", atol=0.04, hint=hint)

@@ -1,0 +1,84 @@
+"""Taps of a correlation camera: expectation, noise, phase and its errors."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+
+def correlation(angle: Any, contrast: float, harmonics: Any = ()) -> np.ndarray:
+    """Relative sensitivity of a tap at a phase difference [rad], of any shape.
+
+    g(a) = 1 + contrast (cos a + sum of a_h cos(h a)), for harmonics a_2, a_3, ...
+    """
+    waves = [a * np.cos(h * angle) for h, a in enumerate((1.0, *harmonics), 1)]
+    return 1 + contrast * np.sum(waves, axis=0)
+
+
+def expected_taps(
+    signal: Any, background: Any, phase: Any, contrast: float, taps: int = 4, harmonics: Any = ()
+) -> np.ndarray:
+    """Expected photoelectrons (tap, ...) of a signal S (...) with a phase (...), and background B.
+
+    m_k = S / N g(phase - 2 pi k / N) + B / N, for N taps and g of `correlation`.
+
+    Example:
+        >>> expected_taps(4000, 400, 0.0, 0.5).round(9).tolist()
+        [1600.0, 1100.0, 600.0, 1100.0]
+    """
+    light, ambient, phase = np.broadcast_arrays(signal, background, phase)
+    steps = (2 * np.pi / taps * np.arange(taps)).reshape(-1, *[1] * phase.ndim)
+    return (light * correlation(phase - steps, contrast, harmonics) + ambient) / taps
+
+
+def sample_taps(
+    rng: np.random.Generator, means: Any, read_noise: float = 0.0, full_well: float = np.inf
+) -> np.ndarray:
+    """Simulate taps [electrons]: shot noise, read noise, and then saturation at the full well."""
+    means = np.asarray(means)
+    taps = rng.poisson(means) + rng.normal(0, read_noise, means.shape)
+    return np.minimum(taps, full_well)
+
+
+def demodulate(taps: Any, contrast: float) -> tuple[np.ndarray, np.ndarray]:
+    """Amplitude [electrons] and phase in [0, 2 pi) of taps (tap, ...).
+
+    They are 2 |P| / contrast and the angle of P = sum over k of m_k exp(+2 pi i k / N).
+
+    Example:
+        >>> amplitude, phase = demodulate([1100.0, 1600.0, 1100.0, 600.0], 0.5)
+        >>> round(float(amplitude), 6), round(float(phase), 6)
+        (4000.0, 1.570796)
+    """
+    taps = np.asarray(taps, np.float64)
+    turns = np.exp(2j * np.pi * np.arange(len(taps)) / len(taps))
+    phasor = np.tensordot(turns, taps, axes=(0, 0))
+    return 2 * np.abs(phasor) / contrast, np.angle(phasor) % (2 * np.pi)
+
+
+def phase_deviation(
+    signal: Any, background: Any, contrast: float, taps: int = 4, read_noise: float = 0.0
+) -> np.ndarray:
+    """Standard deviation of the phase [rad] by noise of four taps or more, much below 1.
+
+    sqrt(2 (S + B + N read_noise²)) / (S contrast) (Lange and Seitz 2001).
+
+    Example:
+        >>> phase_deviation(6000, 2000, 0.7, 4, 15).round(7).item()
+        0.0317659
+    """
+    signal = np.asarray(signal, np.float64)
+    return np.sqrt(2 * (signal + background + taps * read_noise**2)) / (signal * contrast)
+
+
+def multipath_error(ratio: Any, difference: Any) -> np.ndarray:
+    """Error of the phase [rad] by a second return, arg(1 + ratio exp(i difference)).
+
+    Its amplitude is `ratio` times that of the first, its phase greater by `difference` [rad].
+
+    Example:
+        >>> multipath_error(0.35, 1.9).round(6).item()
+        0.357422
+    """
+    return np.angle(1 + np.asarray(ratio) * np.exp(1j * np.asarray(difference)))
