@@ -157,7 +157,7 @@ def posed(scene: mi.Scene, time_s: float) -> Iterator[mi.Scene]:
         >>> scene = tofrender.load_scene("cornell_box", width=8, height=8, optimize=False)
         >>> scene = moving(scene, {"small-box": Motion(velocity=(0, 0, 1))})
         >>> with posed(scene, 0.1):
-        ...     later = tofrender.render(scene, spp=1)
+        ...     later = tofrender.render(scene, spp=1, window=(3.5, 15.0))
     """
     time_s = checks.number("time_s", time_s, unit="seconds")
     motions, before = motions_of(scene), scene.id()

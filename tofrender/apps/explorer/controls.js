@@ -145,14 +145,13 @@ export function layout(parts, { about, isVolume, hasTimes, hasPhasors }, level) 
   const phasor = panel("Phasors", heading("Phasors", parts.phasorView), parts.frequency.element, plane);
   phasor.hidden = !hasPhasors;
   const rates = panel("Range and velocity", heading("Range and velocity"), parts.rates, parts.ratesOf);
-  rates.hidden = !about.rateAxis;
   const notes = make("ul", {}, ...about.notes.map((note) => make("li", {}, note)));
   const more = make("details", {}, make("summary", {}, "Contents and precision"), notes);
   more.append(make("dl", {}, ...terms(about.facts)), make("p", {}, KEYS));
   const [, size] = about.facts[0];
   const header = make("header", {}, make(`h${level}`, {}, about.title), make("p", {}, size), parts.saves);
   header.append(...about.warnings.map((warning) => make("p", { className: "warning" }, warning)));
-  return [header, group("stage", left, group("right", response, rates, phasor)), more, parts.spoken];
+  return [header, group("stage", left, group("right", response, ...(about.rateAxis ? [rates] : []), phasor)), more, parts.spoken];
 }
 
 /** Have the controls say what is shown now. */
