@@ -269,7 +269,12 @@ SPAD |= {"crosstalk_probability": 0.1, "macro_pixel": (2, 2), "hot_fraction": 0.
 PATTERN = {"pattern": "choice", "shots": "sizes", "fov_deg": "angles", "rate_hz": "positive"}
 SCANNED = {"scene": "source", "pattern": "choice", "divergence_rad": "half-angle"}
 SCANNED |= {"max_range": "positive? but 1e30, 2**40", "photons": "positive"}
-SCANNED |= {"aperture_m": "positive", "background_hz": "from 0", "sensor": "sensor"}
+SCANNED |= {
+    "pose_time_s": "positive",
+    "aperture_m": "positive",
+    "background_hz": "from 0",
+    "sensor": "sensor",
+}
 SCANNED |= {"bin_width_opl": "pulse-width", "max_depth": "depth", "spp": "count", "seed": "seed"}
 TENT = {"sample": sampling.square_to_tent, "name": "a"}
 PIXELS = np.ones((2, 3, 3))
@@ -280,7 +285,7 @@ CHI_SQUARE = {"samples": "samples", "resolution": "resolution", "seed": "seed"}
 IN_BINS = (
     *("caustic", "cornell_box_fog", "headlight_in_fog", "lamp_in_milk", "smoke_corridor"),
     *("brewster_window", "strained_mirror_corridor", "lamp_in_fixture", "light_through_hole"),
-    "mirror_and_glass",
+    *("mirror_and_glass", "fan", "corridor", "moving_mirror"),
 )
 PEERS = (
     *("ourbox_confocal", "wall_box_behind", "wall_box_hi_nlos", "wall_box_sphere_nlos"),

@@ -39,12 +39,15 @@ COMMANDS: dict[str, list[str]] = {
 KINDS = {
     "choice": "--figure --format --method --mode --only --pattern --points --precision --variant "
     "--wall assignment name one",
-    "count": "--count --jobs --port --pulses --samples --seeds --wrong",
-    **{"file": "--module --submission --capture", "positive": "--freq --megabytes --memory"},
+    "count": "--count --frames --poses --jobs --port --pulses --samples --seeds --wrong",
+    **{
+        "file": "--module --submission --capture",
+        "positive": "--freq --frame-time --pose-time --rate --megabytes --memory",
+    },
     **{
         "alpha": "--alpha",
         "dots": "--dpi",
-        "from 0": "--at --checkpoint",
+        "from 0": "--at --checkpoint --exposure --row-time",
         "half-angle": "--divergence",
         "seed": "--term",
     },
