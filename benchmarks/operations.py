@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Mapping
 
 import drjit as dr
@@ -15,6 +16,7 @@ TOLERANCE = 0.02  # Deviation of operations from which on measured times are tho
 
 def operations(scene: mi.Scene) -> list[int]:
     """Return the operations of each large kernel in a render of one step."""
+    gc.collect()  # Virtual calls have the parts of all living scenes
     dr.kernel_history_clear()
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
         tofrender.render(scene, spp=1, progress=False)

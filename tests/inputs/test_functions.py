@@ -63,15 +63,17 @@ def seeded(seed: int) -> xr.Dataset:
 scan_shots = cached(lambda: tofrender.scan_pattern(shots=(2, 2)))
 shots = cached(lambda: tofrender.lidar("cornell_box", scan_shots(), **QUIET, spp=1))
 points = cached(lambda: tofrender.point_cloud(shots()))
+apart = cached(lambda: tofrender.load_scene("cornell_box", **BOX, optimize=False))
+heard = cached(lambda: tofrender.doppler(apart(), spp=1, **QUIET))
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _made():
     """What takes work is made before the tests forbid it; no scene stays behind."""
-    for made in (pyramid, volume, verdict, halved, points):
+    for made in (pyramid, volume, verdict, halved, points, heard):
         made()
     yield
-    scenes = (box, wall, lamp, gated, modulated, halved)
+    scenes = (box, wall, lamp, gated, modulated, halved, apart, heard)
     for each in (*scenes, data, captured, volume, pyramid, verdict, record, shots, points):
         each.cache_clear()
 
@@ -107,7 +109,7 @@ CONSTANTS: dict[str, Any] = {
     **{"k": 3, "n_bits": 4, "count": 4, "kind": "grid", "mode": "confocal", "name": "tent"},
     **{"v0": (0, 0, 0), "v1": (1, 0, 0), "v2": (0, 1, 0), "alpha": 0.3, "cos_theta_max": 0.5},
     **{"corner": (0, 0, 0), "e0": (1, 0, 0), "e1": (0, 1, 0), "o": (0, 0, 4), "wi": (0, 0, 1)},
-    **{"source": "cornell_box", "film_config": FILM, "method": "bp", "offset": 4.0},
+    **{"time_s": 0.1, "source": "cornell_box", "film_config": FILM, "method": "bp", "offset": 4.0},
     **{"gate": lambda opl: opl, "pdf": sampling.square_to_tent_pdf, "domain": "plane"},
     **{"sensor_grid": POINTS, "sensor_normals": np.broadcast_to([0.0, 0, 1], POINTS.shape)},
     **{"transient": np.ones((2, 2, 4)), "layers": {"": np.ones((2, 3, 1))}},
@@ -154,7 +156,7 @@ KINDS = {
     "lanes": "m n p sample v",
     "mapping": "attrs define parameters settings",
     "mapping but dict-1": "bounds expected_moments",
-    "metres": "energy_weight opl phase_offset start_opl start_s target_time tilt",
+    "metres": "energy_weight opl phase_offset start_opl start_s target_time tilt time_s",
     "object": "bsdf cases client detector emitter figure jitter params record relay_wall_shapes "
     "response shapes si verdict",
     "panel": "B0 B180 B270 B90 I Q amplitude amplitudes depth phase true_depth",
@@ -162,7 +164,7 @@ KINDS = {
     "picture": "distance_m laser_grid laser_normals sensor_grid sensor_normals truth",
     "pixel": "x y",
     "place": "laser_origin sensor_origin",
-    "point": "centre corner e0 e1 laser o point position v0 v1 v2 wi",
+    "point": "angular_velocity centre corner e0 e1 laser o point position v0 v1 v2 velocity wi",
     "positive": "bin_width bin_width_opl bin_width_s cycles distance exposure f_number "
     "focal_length_m full_well half_width lamp_power_w learning_rate mean_power_w period_ns "
     "pixel_pitch_m pulse_energy_j range_m repetition_rate_hz seconds side snr stops tdc_lsb_s "
@@ -241,6 +243,10 @@ WAVE = {"frequency_hz": "positive"}
 CASE = {"sample": "function", "expected_moments": "mapping? but dict-1"}
 RENDERED = {"spp": "count?", "seed": "seed", "integrator": "choice?", "sensor": "sensor"}
 RENDERED |= {"progress": "boolean"}
+MOVING = RENDERED | {"scene": "source", "max_depth": "depth?", "size": "sizes?"}
+MOVING |= {"checkpoint": "checkpoint?"}
+DOPPLER = {"frequency_hz": "positive", "exposure_s": "positive", "cycles": "count"}
+DOPPLER |= {"waveform": "choice"}
 SIZE = {"width": "count", "height": "count", "spp": "count"}
 BINNED = SIZE | {"temporal_bins": "count", "bin_width_opl": "positive", "start_opl": FAR}
 BINNED |= {"max_depth": "depth", "integrator": "choice"}
@@ -385,6 +391,12 @@ TABLE = [
     row("io.save_point_cloud", {"cloud": "render"}, cloud=points),
     row("sensors.sense", {"sensor": "choice", "dataset": "dataset"}, dataset=data, sensor=COUNTER),
     row("vis.measurement_figure", {"measured": "dataset"}, measured=counted),
+    # ---------------------------------------------------------------------------------- motion
+    row("moving", {"scene": "scene", "motions": "mapping?"}, scene=apart, motions={}),
+    *(row(name, {"scene": "scene"}, scene=apart) for name in ("motions_of", "posed")),
+    row("range_rate", MOVING | {"rates": "window?", "rate_bins": "count"}, scene=apart),
+    row("doppler", MOVING | DOPPLER, scene=apart),
+    row("doppler_rate", {"measured": "render"}, measured=heard),
     # -------------------------------------------------------------------------------- sampling
     row("sampling.point_set"),
     alone("sampling.point_set", {"seed": "seed"}, kind="independent"),
@@ -423,6 +435,9 @@ SAID = {
     "render_amcw_phasor frequency_hz": "frequencies_hz",
 }
 """What messages call a parameter, where that is not its name."""
+
+CONTEXTS = ("io.output_folder", "io.replacing", "local_workers", "posed", "vis.figure_style")
+"""Calls that are entered."""
 
 LEFT_OUT = {
     *("MultipathError", "DepthError", "Fit", "Moment", "Verdict", "SuiteVerdict", "EmitterRecord"),
@@ -493,7 +508,7 @@ def arguments(row: Row, out: Path) -> dict[str, Any]:
 def called(row: Row, out: Path, /, **changes: Any) -> Any:
     """The result of a call; what is a context is entered."""
     result = function(row.name)(**arguments(row, out) | changes)
-    if row.name in ("io.output_folder", "io.replacing", "local_workers", "vis.figure_style"):
+    if row.name in CONTEXTS:
         with result as inner:
             return not isinstance(inner, Path) or inner.exists() or inner.touch()
     return result

@@ -223,16 +223,11 @@ def _factor(
         sign = -1.0 if (k * n) % 2 else 1.0
         y = rate * per_rate
         sine, cosine = dr.sincos(k * y)
-        if n:
-            u = k * (math.pi * n + y)
-            j0 = sign * sine / u  # sin u, which is exactly 0 at rest
-            j1 = (j0 - sign * cosine) / (2 * u)
-        else:
-            u = k * y
-            small = dr.abs(u) < SMALL
-            safe = dr.select(small, 1, u)
-            j0 = dr.select(small, 1 - u * u / 6, sine / safe)
-            j1 = dr.select(small, u / 6 - u**3 / 60, (sine / safe - cosine) / (2 * safe))
+        u = k * (math.pi * n + y)
+        small = dr.abs(u) < SMALL
+        safe = dr.select(small, 1, u)
+        j0 = dr.select(small, 1 - u * u / 6, sign * sine / safe)  # sin u is exactly 0 at rest
+        j1 = dr.select(small, u / 6 - u**3 / 60, (j0 - sign * cosine) / (2 * safe))
         re, im = sign * 0.5 * j0, sign * 8 * pose * j1
         turned_sine, turned_cosine = dr.sincos(-2 * k * pose * y)
         return re * turned_cosine - im * turned_sine, re * turned_sine + im * turned_cosine

@@ -70,7 +70,11 @@ class Velocities:
     def extend(self, path: Path, vertex: Vertex, counts: mi.Bool | bool = True) -> None:
         """Add the segment to a vertex to the rate of a path, unless its length does not count."""
         velocity = dr.select(vertex.valid, self.at_vertex(vertex), 0)
-        rate = dr.dot(velocity - path.velocity, path.ray.d)
+        # From point to point, not along the ray, which starts beside: rigid motion then gives 0
+        segment = vertex.si.p - path.prev.p
+        along = vertex.valid & (dr.squared_norm(segment) > 0)
+        d = dr.select(along, dr.normalize(segment), path.ray.d)
+        rate = dr.dot(velocity - path.velocity, d)
         path.rate = dr.fma(path.η, dr.select(counts, rate, 0), path.rate)
         path.velocity = velocity
 

@@ -10,7 +10,7 @@ Mitsuba's objects have no place for it, so the scene's id stores it, behind the 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
@@ -111,9 +111,21 @@ def moving(scene: mi.Scene, motions: Mapping[str, Motion]) -> mi.Scene:
         checks.instance(f"motions[{name!r}]", motion, Motion, "a Motion")
         _require_movable(name, motion, known)
     stored = {name: asdict(motion) for name, motion in given.items() if motion.moves}
+    if stored:
+        _invert_again(scene, stored)
     base = scene.id().partition(MOTIONS)[0]
     scene.set_id(base + (MOTIONS + json.dumps(stored, sort_keys=True) if stored else ""))
     return scene
+
+
+def _invert_again(scene: mi.Scene, names: Iterable[str]) -> None:
+    """Let Mitsuba invert transforms as it does at the end of a pose, which then changes no bit."""
+    params = mi.traverse(scene)
+    with tracing_lock():
+        for key in (f"{name}.to_world" for name in names):
+            if key in params:
+                params.set_dirty(key)
+        params.update()
 
 
 def moved(scene: mi.Scene) -> str:
@@ -123,6 +135,7 @@ def moved(scene: mi.Scene) -> str:
 
 def motions_of(scene: mi.Scene) -> dict[str, Motion]:
     """Return the motions of a scene's parts at the time of its pose, by id; empty if at rest."""
+    checks.instance("scene", scene, mi.Scene, "a loaded scene")
     text, _, time = scene.id().partition(MOTIONS)[2].partition(TIME)
     found = {name: Motion(**each) for name, each in json.loads(text or "{}").items()}
     seconds = float(time or 0)
@@ -209,7 +222,7 @@ def take_motions(state: Any) -> dict[str, Motion]:
     found: dict[str, Motion] = {}
     for number, node in enumerate(state.nodes):
         props, names = node.props, [each.name for each in fields(Motion)]
-        if not {"velocity", "angular_velocity"} & set(props.keys()):
+        if "velocity" not in props and "angular_velocity" not in props:
             continue
         if not any(is_kind(node, kind) for kind in KINDS):
             raise ValueError(
