@@ -2,8 +2,8 @@
 A fan and its velocities
 ========================
 
-A spinning fan, exposed for 3 ms in each frame, and the radial velocities that a Doppler
-time-of-flight camera sees: red comes nearer, blue goes away.
+A spinning fan, exposed for 3 ms in each frame, and the radial velocities of what
+pixels see: red comes nearer, blue goes away.
 """
 
 import base64
@@ -21,6 +21,7 @@ SIZE = 160
 still = tofrender.scenes.fan(width=SIZE, height=SIZE, max_depth=2)
 spin = tofrender.Motion(angular_velocity=(0, 0, 40))
 times = np.linspace(0, 2 * np.pi / 5 / 40, 12, endpoint=False)  # until the next blade is there
+axes_of_rates = {"spp": 64, "bins": 1, "window": (3, 12), "rate_bins": 81, "rates": (-40, 40)}
 more = {"spp": 64, "bins": 1, "start_opl": 3.0, "bin_width": 9.0}
 film = tofrender.render_frames(still, times, exposure_s=3e-3, poses=16, **more)
 frames = []
@@ -31,9 +32,11 @@ for time, picture in zip(times, film["steady"].values, strict=True):
         for name, part in still.items()
         if name.startswith("blade")
     }
-    measured = tofrender.doppler(still | blades, spp=32, exposure_s=0.2e-3)
-    velocity = tofrender.doppler_rate(measured).values / 2
-    colours = plt.colormaps["RdBu"](velocity / 30 + 0.5)[..., :3]
+    light = tofrender.range_rate(still | blades, **axes_of_rates)["radiance"].sum("channel")
+    velocity = (
+        (light * light["rate"]).sum(("opl", "rate")) / light.sum(("opl", "rate"))
+    ).values / 2
+    colours = plt.colormaps["RdBu"](velocity.values / 30 + 0.5)[..., :3]
     both = np.concatenate([tofrender.tonemap(picture, exposure=3.0) / 255, colours], axis=1)
     frames.append(Image.fromarray(np.rint(255 * np.nan_to_num(both)).astype(np.uint8)))
 

@@ -198,7 +198,8 @@ PARAMETERS = {name: kind for kind, names in KINDS.items() for name in names.spli
     },
     **{"phases": "panel but array-nan", "points": "picture but array-nan"},
     **{"transient_data": "cube but dataset without pixels"},
-    **{"needed_bytes": "seed but 2**40, 2**32"},
+    **{"needed_bytes": "seed but 2**40, 2**32", "swing": "from 0 but 1e30, 2**40"},
+    **dict.fromkeys(("speed", "angular_speed"), "metres but 1e30, 2**40"),
 }
 
 
@@ -282,6 +283,7 @@ SCANNED |= {
     "sensor": "sensor",
 }
 SCANNED |= {"bin_width_opl": "pulse-width", "max_depth": "depth", "spp": "count", "seed": "seed"}
+FRAMES = {"scene": "source", "times_s": "times", "exposure_s": "from 0", "row_time_s": "from 0"}
 TENT = {"sample": sampling.square_to_tent, "name": "a"}
 PIXELS = np.ones((2, 3, 3))
 FIRST_HITS = dict.fromkeys(("position", "normal", "albedo"), PIXELS)
@@ -392,6 +394,7 @@ TABLE = [
     row("sensors.sense", {"sensor": "choice", "dataset": "dataset"}, dataset=data, sensor=COUNTER),
     row("vis.measurement_figure", {"measured": "dataset"}, measured=counted),
     # ---------------------------------------------------------------------------------- motion
+    row("render_frames", {"poses": "count?"} | FRAMES, scene=apart, times_s=[0.1], exposure_s=0.1),
     row("moving", {"scene": "scene", "motions": "mapping?"}, scene=apart, motions={}),
     *(row(name, {"scene": "scene"}, scene=apart) for name in ("motions_of", "posed")),
     row("range_rate", MOVING | {"rates": "window?", "rate_bins": "count"}, scene=apart),

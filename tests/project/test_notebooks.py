@@ -172,7 +172,7 @@ KEY_NUMBERS = {
     "10_motion": """
         assert 20 < fastest < 31, fastest
         assert peaks[2 * SPEED] > 3 * peaks[0] > 0 and peaks[4 * SPEED] > 0, peaks
-        assert error < 0.6 and still < 0.01, (error, still)
+        assert typical > 10 and error < 0.3 and still < 0.01, (typical, error, still)
         assert rest == 0, rest
         assert 1 < float(np.abs(rolling - sharp.isel(frame=[0]))["steady"].max()) * 20
     """,

@@ -118,7 +118,7 @@ def render(
         from tofrender.motion.frames import Shutter, open_frames
 
         shutter, times = Shutter(exposure, poses, row_time), [k * frame_time for k in range(frames)]
-        job = open_frames(settings, times, shutter)
+        job, shutter = open_frames(settings, times, shutter)
         _report_time(settings, job)
         animation.render_frames(job, times, shutter, options)
         return

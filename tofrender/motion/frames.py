@@ -37,8 +37,8 @@ class Shutter:
 
     Args:
         exposure_s: Exposure of each row [s].
-        poses: Poses of the scene in an exposure, at the middles of equal parts; by default 8, and 1
-            without an exposure.
+        poses: Poses of the scene in an exposure, at the middles of equal parts; by default 8, or as
+            many as there are samples, and 1 without an exposure.
         row_time_s: Time from the start of a row to that of the next one below [s], 0 for all at
             once.
     """
@@ -51,13 +51,17 @@ class Shutter:
         for name in ("exposure_s", "row_time_s"):
             seconds = checks.number(name, getattr(self, name), low=0, unit="seconds")
             object.__setattr__(self, name, seconds)
-        poses = self.poses
-        if poses is None:
-            poses = POSES if self.exposure_s else 1
-        poses = checks.integer("poses", poses, 1, MAX_POSES)
-        alone = poses == 1 or self.exposure_s > 0
-        checks.require("poses", poses, alone, "1 or left out without exposure_s")
-        object.__setattr__(self, "poses", poses)
+        if self.poses is not None:
+            poses = checks.integer("poses", self.poses, 1, MAX_POSES)
+            alone = poses == 1 or self.exposure_s > 0
+            checks.require("poses", poses, alone, "1 or left out without exposure_s")
+
+    def of_samples(self, count: int) -> Shutter:
+        """Return the shutter with a number of poses, for a number of samples per pixel."""
+        if self.poses is None:
+            return replace(self, poses=min(POSES, count) if self.exposure_s else 1)
+        checks.require("poses", self.poses, self.poses <= count, f"at most spp, {count}")
+        return self
 
     def parts(self, item: WorkItem, time_s: float, row: int) -> Iterator[tuple[float, WorkItem]]:
         """Return times of poses and what is seen in each, of a frame whose first row is `row`.
@@ -96,7 +100,7 @@ def render_frames(
         times_s: Times at which the frames start [s].
         exposure_s: Exposure of each row [s]; 0 shows the scene in one pose.
         poses: Poses of the scene in an exposure, 1 to 4096, which share the samples of a pixel; by
-            default 8. Too few show as separate pictures.
+            default 8, at most `spp`. Too few show as separate pictures.
         row_time_s: Time from the start of a row to that of the next one below [s], of a rolling
             shutter; 0 starts all at once.
         progress: Show a bar for work that takes long.
@@ -132,7 +136,7 @@ def render_frames(
     for name in settings:
         if name not in known:
             raise TypeError(f"{name}: is no argument; must be one of {checks.join_names(known)}")
-    job = open_frames(RenderSettings(scene, **settings), times_s, shutter)
+    job, shutter = open_frames(RenderSettings(scene, **settings), times_s, shutter)
     times = np.asarray(times_s, dtype=float)
     memory.require_film(*job.film.shape, copies=2.0 * len(times) + 1)
     done: list[xr.Dataset] = []
@@ -156,29 +160,29 @@ def render_frames(
     return joined.assign_attrs(attrs)
 
 
-def open_frames(settings: RenderSettings, times_s: Any, shutter: Shutter) -> Job:
+def open_frames(settings: RenderSettings, times_s: Any, shutter: Shutter) -> tuple[Job, Shutter]:
     """Check everything, load the scene, and find one window for all frames."""
     times = checks.finite("times_s", checks.real_array("times_s", times_s, float))
     checks.require(
         "times_s", times_s, times.ndim == 1 and times.size, "times in seconds, 1 or more"
     )
     job = make_job(settings)
-    count, poses = whole(job).count, shutter.poses or 1
-    checks.require("poses", poses, poses <= count, f"at most spp, {count}")
+    shutter = shutter.of_samples(whole(job).count)
     if shutter.row_time_s and job.plan.splats:
         raise ValueError(
             f"row_time_s = {shutter.row_time_s}: must be 0 with {type(job.integrator).__name__}, "
             "whose light lands on any row"
         )
     if not is_auto(job.settings.window):
-        return job
+        return job, shutter
     films = [job.film]
     for time in (times[0], times[-1]):
         with posed(job.scene, float(time)):
             films.append(_posed_job(job, found=False).film)
     start, stop = min(each.start_opl for each in films), max(each.end_opl() for each in films)
     bins = job.film.temporal_bins
-    return replace(job, film=transient_film(job.camera.film(), bins, start, (stop - start) / bins))
+    film = transient_film(job.camera.film(), bins, start, (stop - start) / bins)
+    return replace(job, film=film), shutter
 
 
 def render_frame(job: Job, time_s: float, shutter: Shutter) -> xr.Dataset:
@@ -200,7 +204,7 @@ def render_frame(job: Job, time_s: float, shutter: Shutter) -> xr.Dataset:
             seconds += result.seconds
     not_finite = int(arrays.pop("not_finite")[0])
     result = WorkResult(arrays, whole(job).count, not_finite, seconds)
-    if shutter != Shutter():
+    if shutter != Shutter(poses=1):
         digest = hashlib.sha256(about.encode()).hexdigest()[:12]
         frame.recipe["fingerprint"] = f"{frame.recipe['fingerprint'][:2]}{digest}"
     found = dataset_of(frame, result).assign_attrs(time_s=time_s, **vars(shutter))
