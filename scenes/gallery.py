@@ -128,6 +128,11 @@ PICTURES: dict[str, tuple[Panel, ...]] = {
         _polarised("strained_mirror_corridor", "angle", "angle", ONE_BIN | {"angle": 20.0}),
         _polarised("strained_mirror_corridor", "circular", "circular"),
     ),
+    "moving": (
+        Panel("fan", "fan", ONE_BIN, exposure=2.5),
+        Panel("corridor", "corridor", ONE_BIN, 1024),
+        Panel("moving_mirror", "mirror and glass", ONE_BIN, 2048),
+    ),
 }
 """What each rendered file `pictures/NAME.png` shows, from left to right."""
 

@@ -91,6 +91,7 @@ from .motion import (
     doppler as doppler,
     doppler_rate as doppler_rate,
     range_rate as range_rate,
+    render_frames as render_frames,
 )
 from .nlos import (
     capture as capture,
@@ -146,11 +147,14 @@ from .scenes import (
     cornell_box_glass as cornell_box_glass,
     cornell_box_mirror as cornell_box_mirror,
     cornell_box_steady_state as cornell_box_steady_state,
+    corridor as corridor,
+    fan as fan,
     headlight_in_fog as headlight_in_fog,
     lamp_in_fixture as lamp_in_fixture,
     lamp_in_milk as lamp_in_milk,
     light_through_hole as light_through_hole,
     mirror_and_glass as mirror_and_glass,
+    moving_mirror as moving_mirror,
     nlos_behind_fog as nlos_behind_fog,
     nlos_bunny as nlos_bunny,
     nlos_patch as nlos_patch,

@@ -156,6 +156,7 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
     "mask": ({"True", "numpy-True"}, {"too small": np.zeros((1, 1), bool)}),
     "lanes": (_NUMBERS | {"nan", "inf", "-inf", "list-1", "array-1"}, {}),
     "from 0": (_NUMBERS - {"-1"}, {}),
+    "times": ({"list-1", "array-1"}, {"nested": [[0.0]], "nan in it": [0.0, np.nan]}),
     "series": ({"list", "list-1", "array-empty", "array-1"}, {"nan in it": [1.0, np.nan]}),
     "amounts": (
         _ARRAYS - {"array-nan"} | {"list", "list-1"} | _NUMBERS - {"-1"},

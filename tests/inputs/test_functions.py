@@ -199,7 +199,8 @@ PARAMETERS = {name: kind for kind, names in KINDS.items() for name in names.spli
     },
     **{"phases": "panel but array-nan", "points": "picture but array-nan"},
     **{"transient_data": "cube but dataset without pixels"},
-    **{"needed_bytes": "seed but 2**40, 2**32"},
+    **{"needed_bytes": "seed but 2**40, 2**32", "swing": "from 0 but 1e30, 2**40"},
+    **dict.fromkeys(("speed", "angular_speed"), "metres but 1e30, 2**40"),
 }
 
 
@@ -276,10 +277,16 @@ SPAD |= {"crosstalk_probability": 0.1, "macro_pixel": (2, 2), "hot_fraction": 0.
 PATTERN = {"pattern": "choice", "shots": "sizes", "fov_deg": "angles", "rate_hz": "positive"}
 SCANNED = {"scene": "source", "pattern": "choice", "divergence_rad": "half-angle"}
 SCANNED |= {"max_range": "positive? but 1e30, 2**40", "photons": "positive"}
-SCANNED |= {"aperture_m": "positive", "background_hz": "from 0", "sensor": "sensor"}
+SCANNED |= {
+    "pose_time_s": "positive",
+    "aperture_m": "positive",
+    "background_hz": "from 0",
+    "sensor": "sensor",
+}
 SCANNED |= {"bin_width_opl": "pulse-width", "max_depth": "depth", "spp": "count", "seed": "seed"}
 CHIRPS = {"bandwidth_hz": "positive but 1e30", "chirp_s": "positive", "window": "choice"}
 CHIRPS |= {"looks": "seed", "photons": "positive?", "sample_rate_hz": "positive?"}
+FRAMES = {"scene": "source", "times_s": "times", "exposure_s": "from 0", "row_time_s": "from 0"}
 TENT = {"sample": sampling.square_to_tent, "name": "a"}
 PIXELS = np.ones((2, 3, 3))
 FIRST_HITS = dict.fromkeys(("position", "normal", "albedo"), PIXELS)
@@ -289,7 +296,7 @@ CHI_SQUARE = {"samples": "samples", "resolution": "resolution", "seed": "seed"}
 IN_BINS = (
     *("caustic", "cornell_box_fog", "headlight_in_fog", "lamp_in_milk", "smoke_corridor"),
     *("brewster_window", "strained_mirror_corridor", "lamp_in_fixture", "light_through_hole"),
-    "mirror_and_glass",
+    *("mirror_and_glass", "fan", "corridor", "moving_mirror"),
 )
 PEERS = (
     *("ourbox_confocal", "wall_box_behind", "wall_box_hi_nlos", "wall_box_sphere_nlos"),
@@ -390,6 +397,7 @@ TABLE = [
     row("sensors.sense", {"sensor": "choice", "dataset": "dataset"}, dataset=data, sensor=COUNTER),
     row("vis.measurement_figure", {"measured": "dataset"}, measured=counted),
     # ---------------------------------------------------------------------------------- motion
+    row("render_frames", {"poses": "count?"} | FRAMES, scene=apart, times_s=[0.1], exposure_s=0.1),
     row("moving", {"scene": "scene", "motions": "mapping?"}, scene=apart, motions={}),
     *(row(name, {"scene": "scene"}, scene=apart) for name in ("motions_of", "posed")),
     row("range_rate", MOVING | {"rates": "window?", "rate_bins": "count"}, scene=apart),

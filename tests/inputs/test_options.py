@@ -41,17 +41,17 @@ COMMANDS: dict[str, list[str]] = {
 KINDS = {
     "choice": "--figure --format --method --mode --only --pattern --points --precision --variant "
     "--waveform --wall --window-function assignment name one",
-    "count": "--count --cycles --jobs --port --pulses --samples --seeds --wrong",
+    "count": "--count --cycles --frames --jobs --port --poses --pulses --samples --seeds --wrong",
     **{
         "file": "--module --submission --capture",
-        "positive": "--bandwidth --bin-width-s --chirp --exposure --freq --megabytes --memory "
-        "--photons --wavelength",
+        "positive": "--bandwidth --bin-width-s --chirp --frame-time --freq --megabytes --memory "
+        "--photons --pose-time --rate --wavelength",
     },
     **{"metres": "--start-s", "sides": "--wall-size"},
     **{
         "alpha": "--alpha",
         "dots": "--dpi",
-        "from 0": "--at --checkpoint",
+        "from 0": "--at --checkpoint --exposure --row-time",
         "half-angle": "--divergence",
         "seed": "--looks --rate-bins --term",
         "span": "--rates",
@@ -71,6 +71,7 @@ OPTIONS |= {
     **{"sense source": "render", "sense --sensor": "choice"},
     **{"reconstruct source": "file", "report source": "file", "submit folder": "file"},
     **{"gate --pulse-width": "positive"},
+    **{"doppler --exposure": "positive"},
 }
 SAID = {"--wall": "relay_wall", "--capture": "path", "-D": "", "--submission": ""}
 """What a message names for an option, where that is not the option; no argument is named."""

@@ -169,6 +169,13 @@ KEY_NUMBERS = {
         assert abs(bias["SPAD"]) < 0.003 and bias["iToF"] > 0.02, bias
         assert 0.98 < ratio < 1.02, ratio
     """,
+    "10_motion": """
+        assert 20 < fastest < 31, fastest
+        assert peaks[2 * SPEED] > 3 * peaks[0] > 0 and peaks[4 * SPEED] > 0, peaks
+        assert typical > 10 and error < 0.3 and still < 0.01, (typical, error, still)
+        assert rest == 0, rest
+        assert 1 < float(np.abs(rolling - sharp.isel(frame=[0]))["steady"].max()) * 20
+    """,
 }
 
 # Each warning that a notebook is to show, in order

@@ -40,8 +40,13 @@ DENSEST = {
     "headlight_in_fog": fog.MAX_ROAD_FOG,
 }
 ANGLES = {"brewster_window": "polariser", "strained_mirror_corridor": "angle"}
-FOG, POLARISED = list(DENSEST), list(ANGLES)
-WITH_INTEGRATOR = [*CAUSTICS, *FOG, *POLARISED]
+SPEEDS = {
+    "fan": {"angular_speed": -3.0},
+    "corridor": {"speed": -2.0, "swing": 4.0},
+    "moving_mirror": {"speed": -5.0},
+}
+FOG, POLARISED, MOVING = list(DENSEST), list(ANGLES), list(SPEEDS)
+WITH_INTEGRATOR = [*CAUSTICS, *FOG, *POLARISED, *MOVING]
 BUSTS = ["bust_simple", "bust_ao"]
 RECTANGLES = ["rectangle_light_quad", "rectangle_light_triangles"]
 TRACED = ["veach", *(f"sphere_light_{size}" for size in SPHERE_LIGHT_RADII), *RECTANGLES]
@@ -54,6 +59,7 @@ FOLDERS = {
     "fog": FOG,
     "nlos": [*NLOS, "nlos_behind_fog"],
     "polarised": POLARISED,
+    "moving": MOVING,
 }
 FILES = {
     name: ROOT / "scenes" / f / f"{name}.xml" for f, names in FOLDERS.items() for name in names
@@ -88,6 +94,7 @@ def changes_of(name: str) -> dict:
         **({"sigma_t": 0.4} if name in (*FOG, "nlos_behind_fog") else {}),
         **({ANGLES[name]: 30.0} if name in POLARISED else {}),
         **({"spheres": "mirror_glass"} if name == "small_box" else {}),
+        **SPEEDS.get(name, {}),
     }
 
 
@@ -282,7 +289,7 @@ def test_windows_end_when_most_light_has_come(name):
     assert light[0] > 0.85 * light.sum()
 
 
-@pytest.mark.parametrize("name", [*FOG, *POLARISED])
+@pytest.mark.parametrize("name", [*FOG, *POLARISED, *MOVING])
 def test_windows_hold_the_light(name):
     """A warning would fail the test."""
     found = tofrender.render(BUILT_IN[name](width=32, height=32), spp=64, progress=False)
@@ -351,6 +358,8 @@ BAD = [
         for name, m in DENSEST.items()
     ),
     *((name, a, 200, rf"{FINITE} of degrees from -180 to 180\Z") for name, a in ANGLES.items()),
+    *((name, s, 2e5, rf"{FINITE} of .*/s from") for name, of in SPEEDS.items() for s in of),
+    ("corridor", "swing", -1.0, rf"{FINITE} of rad/s from 0 to 100000\Z"),
     ("nlos_z", "device", (0, 0, 0), "must be before the wall, z above 0"),
     ("nlos_z", "device", (0, 0), "must be 3 finite numbers of metres"),
     ("nlos_z", "target", (0, 2), "must be on the wall, from -1 to 1"),

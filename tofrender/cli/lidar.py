@@ -25,6 +25,10 @@ def lidar(
         float, opt.checked(HALF_ANGLE, "Half angle of the beam, radians.", min=0, max=0.5)
     ] = 1e-3,
     pulses: Annotated[int, opt.integer(1, checks.MAX_SEED >> 1, "Pulses per shot.")] = 1,
+    rate: Annotated[float, opt.positive("Hz", "Shots per second.")] = 100e3,
+    pose_time: Annotated[
+        float, opt.positive("seconds", "Seconds that shots share a pose of a moving scene.")
+    ] = 1e-3,
     max_depth: Annotated[int, opt.setting("max_depth")] = 6,
     spp: Annotated[int, opt.setting("spp")] = 64,
     seed: opt.Seed = 0,
@@ -48,8 +52,9 @@ def lidar(
     from tofrender import io, scanning
     from tofrender.scenes.loading import find_scene
 
-    of_shots = scanning.scan_pattern(pattern, shots=shots, fov_deg=fov)
+    of_shots = scanning.scan_pattern(pattern, shots=shots, fov_deg=fov, rate_hz=rate)
     sampling: dict[str, Any] = {"max_depth": max_depth, "spp": spp, "seed": seed}
+    sampling["pose_time_s"] = pose_time
     found = scanning.lidar(find_scene(scene), of_shots, divergence_rad=divergence, **sampling)
     cloud = scanning.point_cloud(found, pulses=pulses, seed=seed)
     io.save_point_cloud(cloud, out, overwrite=True)

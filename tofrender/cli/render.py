@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from ..rendering.settings import RenderSettings
 from ..runtime import atomic
 from ..runtime.progress import EVERY_S, deferred_stop
-from . import checkpoints, options as opt
+from . import checkpoints, frames as animation, options as opt
 from .answers import Json, answer, render_facts
 from .writing import write
 
@@ -57,6 +57,13 @@ def render(
     dpi: opt.Dpi = None,
     errors: Annotated[bool, opt.setting("errors")] = False,
     denoise: Annotated[bool, opt.setting("denoise")] = False,
+    frames: Annotated[
+        int | None, opt.integer(1, 10_000, "Number of frames of a moving scene.")
+    ] = None,
+    frame_time: Annotated[float | None, opt.positive("seconds", "Seconds between frames.")] = None,
+    exposure: Annotated[float, opt.real(0, "Seconds that each row is exposed.")] = 0.0,
+    poses: Annotated[int | None, opt.integer(1, 4096, "Poses in an exposure; default 8.")] = None,
+    row_time: Annotated[float, opt.real(0, "Seconds from a row's start to the next one's.")] = 0.0,
     workers: opt.Workers = None,
     scheduler: opt.Scheduler = None,
     checkpoint: checkpoints.Seconds = EVERY_S,
@@ -82,6 +89,9 @@ def render(
     video, PNG frames and summary show S0, and a second figure the polarisation.
 
     With --denoise, --format npz keeps the film with its noise, too.
+
+    With --frames, DIR gets folders frame_0000, ..., each with what a render writes, steady.npy with
+    the steady pictures of all frames, and their video. Frame k starts at k times --frame-time.
     """
     options = locals().copy()
 
@@ -90,7 +100,9 @@ def render(
     opt.check_client(workers, scheduler)
     if denoise and (workers or scheduler or format == "zarr"):
         raise ValueError("--denoise: must be left out with --workers, --scheduler, --format zarr")
-    opt.check_out(out)
+    animation.check(options)
+    if frames is None:
+        opt.check_out(out)
     opt.activate(variant, polarised=True)
 
     from tofrender.rendering.collecting import collect
@@ -102,6 +114,14 @@ def render(
     options |= {"scene": find_scene(scene), "define": dict(define or ())}
     names = {field.name for field in fields(RenderSettings)}
     settings = _with_time({name: options[name] for name in names & options.keys()})
+    if frames is not None and frame_time is not None:
+        from tofrender.motion.frames import Shutter, open_frames
+
+        shutter, times = Shutter(exposure, poses, row_time), [k * frame_time for k in range(frames)]
+        job, shutter = open_frames(settings, times, shutter)
+        _report_time(settings, job)
+        animation.render_frames(job, times, shutter, options)
+        return
     job = make_job(settings)
     _report_time(settings, job)
     height, width, count, channels = job.film.shape

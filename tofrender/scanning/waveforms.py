@@ -20,6 +20,7 @@ from ..rendering.window import warn_of_losses
 from ..runtime import backend, checks
 from ..scenes.checking import check_scene
 from ..scenes.loading import load_plugin, load_scene, require_sensor
+from ..scenes.motion import motions_of, posed
 from ..signals.units import SPEED_OF_LIGHT
 from .beam import LidarPlan, require_followed
 from .patterns import directions, scan_pattern
@@ -41,6 +42,7 @@ def lidar(
     aperture_m: float = 0.025,
     background_hz: float = 0.0,
     max_depth: int = 6,
+    pose_time_s: float = 1e-3,
     spp: int = 64,
     seed: int = 0,
     progress: bool = True,
@@ -68,6 +70,8 @@ def lidar(
         aperture_m: Diameter of the aperture [m].
         background_hz: Counts per second without the pulse.
         max_depth: Longest path in segments, that from the laser to its spot included; -1 for any.
+        pose_time_s: Longest time between shots that see one pose of a moving scene, that of their
+            mean time [s]; other scenes have one pose.
         spp: Samples per shot.
         seed: Seed of the random numbers.
         progress: Show a bar for work that takes long.
@@ -75,7 +79,8 @@ def lidar(
     Returns:
         The pattern with `rate` (shot, bin), the expected counts per pulse with the `background` in
         each bin; `true_range` [m] along the axis to the first surface, glass and mirrors included,
-        NaN for none; world `direction` (shot, axis), `origin` (axis); coordinate `opl` [m].
+        NaN for none; world `direction` (shot, axis), `origin` (axis; of a sensor that moves,
+        shot, axis); coordinate `opl` [m].
 
     Raises:
         ValueError: A wrong scene, pattern or value, or materials that `require_followed` refuses.
@@ -99,52 +104,84 @@ def lidar(
     seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
     progress = checks.boolean("progress", progress)
     shots = pattern if isinstance(pattern, xr.Dataset) else scan_pattern(pattern)
+    pose_time_s = checks.number("pose_time_s", pose_time_s, positive=True, unit="seconds")
     local, attrs = directions(shots), {"scene": scene if isinstance(scene, str) else "scene"}
 
-    # Place the lidar, and find the true distances
+    # Place the lidar, and find how far it sees
     scene = scene if isinstance(scene, mi.Scene) else load_scene(scene)
     camera = require_sensor(scene, sensor)
     check_scene(scene, camera, media=True)
-    space = integrator.space(scene, camera)
-    require_followed(scene, space)
-    pose = np.array(camera.world_transform().matrix, dtype=np.float64).reshape(4, 4)
-    origin, axes = pose[:3, 3], local @ (pose[:3, :3] / np.linalg.norm(pose[:3, :3], axis=0)).T
-    start, directed = mi.Point3f(*origin.tolist()), mi.Vector3f(axes.T.copy())
-    with backend.tracing_lock():
-        si = first_surface(scene, mi.Ray3f(start, directed))
-        distance = np.array(dr.select(si.is_valid(), dr.norm(si.p - start), dr.nan), np.float64)
+    require_followed(scene, integrator.space(scene, camera))
+    groups = _poses(shots, pose_time_s if motions_of(scene) else math.inf)
     if max_range is None:
-        sphere = scene.bbox().bounding_sphere()
-        max_range = float(np.linalg.norm(np.ravel(sphere.center) - origin) + 3 * sphere.radius)
+        max_range = 0.0
+        for time in {min(groups), max(groups)}:
+            with posed(scene, time):
+                sphere, middle = scene.bbox().bounding_sphere(), _place(camera)[0]
+                middle -= np.ravel(sphere.center)
+                max_range = max(max_range, float(np.linalg.norm(middle)) + 3 * sphere.radius)
     end_opl = 2 * checks.number("max_range", max_range, positive=True, unit="metres")
     checks.resolved("bin_width_opl", width, end_opl)
     bins = checks.integer("bins to max_range", math.ceil(end_opl / width), 1, checks.MAX_BINS)
 
-    # Render each shot as a pixel
-    columns, rows = min(len(axes), COLUMNS), math.ceil(len(axes) / COLUMNS)
+    # Find the true distances, and render each shot as a pixel; shots of a pose together
+    count, not_finite = len(local), 0
+    axes, origins, transient = (np.zeros((count, n)) for n in (3, 3, bins))
+    distance, steady = np.zeros(count), np.zeros(count)
     film = {"type": "transient_hdr_film", "rfilter": {"type": "box"}, "temporal_bins": bins}
-    film |= {"width": columns, "height": rows, "start_opl": 0.0, "bin_width_opl": width}
-    record = integrator.recording(load_plugin("film", film))
-    scanner: Any = Scanner(start, axes, half_angle, (columns, rows))  # No plugin of Mitsuba's
-    record.require_memory(spp)
-    plan = LidarPlan(scene, space, half_angle, max_depth)
-    done = run(steps(plan, record, scanner, sampler, seed), record, spp, progress=progress)
-    if done < spp:
-        raise KeyboardInterrupt(interrupted(done, spp, UNIT))
-    warn_not_finite(record.not_finite)
-    steady, transient = (
-        each.reshape(-1, *each.shape[2:])[: len(axes)].mean(axis=-1, dtype=np.float64)
-        for each in record.film.take()
-    )
+    film |= {"start_opl": 0.0, "bin_width_opl": width}
+    for time, group in groups.items():
+        columns, rows = min(len(group), COLUMNS), math.ceil(len(group) / COLUMNS)
+        size = {"width": columns, "height": rows}
+        record = integrator.recording(load_plugin("film", film | size))
+        record.require_memory(spp)
+        with posed(scene, time):
+            origins[group], rotation = _place(camera)
+            axes[group] = local[group] @ rotation.T
+            start, directed = mi.Point3f(*origins[group[0]].tolist()), axes[group]
+            with backend.tracing_lock():
+                si = first_surface(scene, mi.Ray3f(start, mi.Vector3f(directed.T.copy())))
+                hit = dr.select(si.is_valid(), dr.norm(si.p - start), dr.nan)
+                distance[group] = np.array(hit, np.float64)
+            scanner: Any = Scanner(start, directed, half_angle, (columns, rows))  # No plugin
+            plan = LidarPlan(scene, integrator.space(scene, camera), half_angle, max_depth)
+            done = run(steps(plan, record, scanner, sampler, seed), record, spp, progress=progress)
+        if done < spp:
+            raise KeyboardInterrupt(interrupted(done, spp, UNIT))
+        not_finite += record.not_finite
+        steady[group], transient[group] = (
+            each.reshape(-1, *each.shape[2:])[: len(group)].mean(axis=-1, dtype=np.float64)
+            for each in record.film.take()
+        )
+    warn_not_finite(not_finite)
     outside = max(0.0, 1 - transient.sum() / steady.sum()) if steady.any() else 0.0
     warn_of_losses(record.film, outside, window_option="`max_range`", stacklevel=3)
 
-    arrays = {"rate": (("shot", "bin"), transient * (photons * area) + background)}
-    arrays |= {"background": ("shot", np.full(len(axes), background))}
+    arrays: dict[str, Any] = {}
+    arrays["rate"] = ("shot", "bin"), transient * (photons * area) + background
+    arrays |= {"background": ("shot", np.full(count, background))}
     arrays |= {"true_range": ("shot", distance, {"units": "m"})}
-    arrays |= {"direction": (("shot", "axis"), axes), "origin": ("axis", origin, {"units": "m"})}
+    rests = bool((origins == origins[0]).all())
+    origin = ("axis", origins[0]) if rests else (("shot", "axis"), origins)
+    arrays |= {"direction": (("shot", "axis"), axes), "origin": (*origin, {"units": "m"})}
     opl = "bin", (np.arange(bins) + 0.5) * width, {"units": "m"}
     attrs |= {"quantity": "rate", "units": "1", "divergence_rad": half_angle, "photons": photons}
     attrs |= {"aperture_m": aperture_m, "start_opl": 0.0, "bin_width_opl": width, "spp": spp}
     attrs |= {"pulse_width_opl": pulse, "seed": seed, "energy_outside_window": outside}
     return shots.assign(arrays).assign_coords(opl=opl, axis=[*"xyz"]).assign_attrs(attrs)
+
+
+def _poses(shots: xr.Dataset, pose_time_s: float) -> dict[float, np.ndarray]:
+    """Return the shots of each pose by the pose's time [s]; all in that of 0 if it is infinite."""
+    time = np.asarray(shots["time"].values, np.float64)
+    if not math.isfinite(pose_time_s):
+        return {0.0: np.arange(time.size)}
+    number = np.floor((time - time.min()) / pose_time_s)
+    groups = [np.flatnonzero(number == each) for each in np.unique(number)]
+    return {float(time[group].mean()): group for group in groups}
+
+
+def _place(camera: mi.Sensor) -> tuple[np.ndarray, np.ndarray]:
+    """Return the origin and the rotation of a sensor."""
+    pose = np.array(camera.world_transform().matrix, dtype=np.float64).reshape(4, 4)
+    return pose[:3, 3], pose[:3, :3] / np.linalg.norm(pose[:3, :3], axis=0)

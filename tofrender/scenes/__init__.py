@@ -33,6 +33,7 @@ from .light_transport import (
     sphere_light_small,
     veach,
 )
+from .moving import corridor, fan, moving_mirror
 from .nlos import nlos_behind_fog, nlos_bunny, nlos_patch, nlos_plane, nlos_z
 from .parts import SAMPLER, Dict
 from .polarised import brewster_window, strained_mirror_corridor
@@ -47,6 +48,7 @@ BUILT_IN: dict[str, Callable[..., Dict]] = {
         *(caustic, mirror_and_glass, lamp_in_fixture, light_through_hole),
         *(cornell_box_fog, lamp_in_milk, smoke_corridor, headlight_in_fog),
         *(brewster_window, strained_mirror_corridor),
+        *(fan, corridor, moving_mirror),
         *(nlos_z, nlos_bunny, nlos_patch, nlos_plane, nlos_behind_fog),
         *(wall_box_sphere_nlos, wall_box_spheres_nlos, wall_box_hi_nlos, wall_box_behind),
         ourbox_confocal,

@@ -1,0 +1,152 @@
+"""Frames of an animation, for `tofrender render --frames`."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..runtime import atomic
+from ..runtime.progress import EVERY_S, ProgressBar, deferred_stop
+from . import options as opt
+from .answers import answer, render_facts
+from .checkpoints import AGAIN, end_if_stopped, exclusively
+from .writing import write
+
+if TYPE_CHECKING:
+    from ..motion.frames import Shutter
+    from ..rendering.job import Job
+
+LIST, STEADY, VIDEO = "frames.json", "steady.npy", "video.mp4"
+OWN = re.compile(rf"frame_\d+|{LIST}|{STEADY}|{VIDEO}")
+ONE_FRAME = ("workers", "scheduler", "errors", "denoise")  # Options without --frames only
+FPS = 10
+
+
+def check(options: dict[str, Any]) -> None:
+    """Refuse options that do not suit --frames, or that need it."""
+    of_frames = {"frame_time": None, "exposure": 0.0, "poses": None, "row_time": 0.0}
+    if options["frames"] is None:
+        for name, default in of_frames.items():
+            if options[name] != default:
+                raise ValueError(f"--{name.replace('_', '-')}: must be left out without --frames")
+        return
+    if options["frame_time"] is None:
+        raise ValueError("--frame-time: must be given with --frames, the seconds between them")
+    wrong = [name for name in ONE_FRAME if options[name]]
+    wrong += ["checkpoint"] * (options["checkpoint"] != EVERY_S)
+    if wrong:
+        raise ValueError(f"--{wrong[0]}: must be left out with --frames")
+    if options["format"] == "zarr":
+        raise ValueError("--format = zarr: must be another one with --frames")
+    out = options["out"]
+    foreign = out.is_dir() and [p.name for p in out.iterdir() if not OWN.fullmatch(p.name)]
+    if foreign or out.is_file():
+        what = f"holds other content ({foreign[0]})" if foreign else "is a file"
+        raise ValueError(f"--out = {out}: {what}; must be a new folder, or one of frames")
+    opt.check_out(out / "frame_0000")
+
+
+def render_frames(job: Job, times: list[float], shutter: Shutter, options: dict[str, Any]) -> None:
+    """Render frames into folders of `out`, from the first one on that is not there."""
+    from ..integrators.running import interrupted
+    from ..motion.frames import render_frame
+    from ..rendering.dataset import components_of
+    from ..rendering.work_items import whole
+
+    out: Path = options["out"]
+    files = {k: options[k] for k in ("format", "precision", "video", "figure", "dpi")}
+    recipe = job.full_recipe | {"spp": whole(job).count, "times_s": times, **vars(shutter)}
+    recipe = json.loads(json.dumps(recipe | files, default=str))
+    with exclusively(out):
+        earlier = json.loads((out / LIST).read_text()) if (out / LIST).exists() else {}
+        shape = (len(times), *job.film.shape[:2], job.film.base_channels_count())
+        if not options["resume"]:
+            _start_anew(out, earlier, recipe, shape)
+        elif not earlier:
+            raise ValueError(f"--resume: {out} holds no frames; must be left out")
+        else:
+            _require_same(out, earlier["recipe"], recipe)
+            if "facts" in earlier:
+                lines = [f"{out}: already complete, {len(times)} frames"]
+                answer("render", options["as_json"], earlier["facts"], lines)
+                return
+        steady = np.lib.format.open_memmap(out / STEADY, mode="r+")
+        left = [k for k in range(len(times)) if np.isnan(steady[k]).any()]
+        facts: dict[str, Any] = {}
+        with ProgressBar("Rendering", len(times)) as bar:
+            bar.update(len(times) - len(left))
+            for k in left:
+                try:
+                    frame = render_frame(job, times[k], shutter)
+                except KeyboardInterrupt:
+                    done = interrupted(bar.n, len(times), "frames", AGAIN)
+                    raise KeyboardInterrupt(done) from None
+                with deferred_stop() as stop:
+                    write(frame, out / f"frame_{k:04d}", **files)
+                    steady[k] = components_of(frame)[0]["steady"].values
+                    steady.flush()
+                    facts = render_facts(frame, out, [])
+                if k != left[-1]:
+                    end_if_stopped(stop)
+                bar.update()
+        if options["video"]:
+            save_video(np.asarray(steady), out / VIDEO)
+        facts["files"] = sorted(path.name for path in out.iterdir())
+        _store(out / LIST, {"recipe": recipe, "facts": facts})
+    frames = f"frame_0000 ... frame_{len(times) - 1:04d}"
+    lines = [f"{out}: {frames}" + f", {VIDEO}" * options["video"]]
+    answer("render", options["as_json"], facts, lines)
+
+
+def _start_anew(
+    out: Path, earlier: dict[str, Any], recipe: dict[str, Any], shape: tuple[int, ...]
+) -> None:
+    """Replace finished frames of an earlier run, and say what is to be made."""
+    if earlier and "facts" not in earlier:
+        raise ValueError(f"--out = {out}: holds frames of a stopped run; {AGAIN}, or remove it")
+    out.mkdir(parents=True, exist_ok=True)
+    for each in out.iterdir():
+        atomic.remove(each)
+    np.lib.format.open_memmap(out / STEADY, "w+", np.float32, shape)[:] = np.nan
+    _store(out / LIST, {"recipe": recipe})
+
+
+def _require_same(out: Path, earlier: dict[str, Any], recipe: dict[str, Any]) -> None:
+    """Refuse to go on with frames of another kind."""
+    for name, value in recipe.items():
+        if earlier.get(name) != value:
+            raise ValueError(
+                f"--resume: frames in {out} have {name} = {opt.checks.quote(earlier.get(name))}; "
+                f"must be {opt.checks.quote(value)}"
+            )
+
+
+def _store(path: Path, content: dict[str, Any]) -> None:
+    with atomic.replacing(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=1))
+
+
+def save_video(steady: np.ndarray, path: Path) -> None:
+    """Write a video of pictures (frame, height, width, channel), all of one exposure."""
+    import imageio_ffmpeg
+
+    from ..vis import tonemap
+
+    count, height, width, channels = steady.shape
+    pictures = tonemap(steady.reshape(count * height, width, channels))
+    scale = max(1, -(-384 // min(height, width)))
+    pictures = pictures.reshape(count, height, width, 3).repeat(scale, 1).repeat(scale, 2)
+    pictures = np.pad(
+        pictures, ((0, 0), (0, pictures.shape[1] % 2), (0, pictures.shape[2] % 2), (0, 0))
+    )
+    with atomic.replacing(path) as temporary:
+        size = pictures.shape[2], pictures.shape[1]
+        pipe = imageio_ffmpeg.write_frames(str(temporary), size, fps=FPS, macro_block_size=2)
+        pipe.send(None)
+        for picture in pictures:
+            pipe.send(np.ascontiguousarray(picture))
+        pipe.close()

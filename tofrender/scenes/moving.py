@@ -1,0 +1,171 @@
+"""Scenes with parts that move: a fan, a walking figure, a mirror behind glass. Metres, y up.
+
+They load by `tofrender.load_scene`; Mitsuba's own loader does not know velocities.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Unpack
+
+from ..runtime import checks
+from .motion import FASTEST
+from .parts import (
+    Dict,
+    TransientOptions,
+    X,
+    Y,
+    area_light,
+    cylinder,
+    diffuse,
+    pose,
+    rgb,
+    shape,
+    sphere,
+    transient_scene,
+)
+
+HUB = [0.0, 0.0, 0.0]
+"""Centre of the fan [m]; it turns about the axis z."""
+TIP = 0.62
+"""Radius of the fan [m]."""
+
+FIGURE = {
+    "body": ([0.0, 1.14, 0.0], [0.19, 0.3, 0.11]),
+    "head": ([0.0, 1.6, 0.0], [0.09, 0.12, 0.1]),
+}
+"""Middle and half sizes of the walking figure's boxes at rest to each other [m]."""
+LIMBS = {
+    "left-leg": ([0.1, 0.84, 0.0], 0.42, 20.0, 1.0),
+    "right-leg": ([-0.1, 0.84, 0.0], 0.42, -20.0, -1.0),
+    "left-arm": ([0.25, 1.4, 0.0], 0.34, -20.0, -1.0),
+    "right-arm": ([-0.25, 1.4, 0.0], 0.34, 20.0, 1.0),
+}
+"""Joint [m], half length [m], angle about x [degrees] and sense of the swing of each limb."""
+
+
+def _speed(name: str, value: float, low: float = -FASTEST / 10, unit: str = "m/s") -> float:
+    return checks.number(name, value, low=low, high=FASTEST / 10, unit=unit)
+
+
+def _flash(position: Sequence[float], intensity: float) -> Dict:
+    return {"type": "point", "position": [*position], "intensity": rgb([intensity] * 3)}
+
+
+def fan(*, angular_speed: float = 40.0, **options: Unpack[TransientOptions]) -> Dict:
+    """A spinning fan before a wall, lit by a flash at the camera.
+
+    The camera looks from the side of the fan's axis, so that blades on one side come nearer and
+    those on the other go away, by up to 15 m/s.
+
+    Args:
+        angular_speed: Of the blades about the axis z [rad/s], -1e5 to 1e5.
+        **options: As for `caustic`; by default `start_opl` is 5, `bin_width_opl` 0.02 and
+            `max_depth` 4.
+
+    Example:
+        >>> fan(angular_speed=10)["blade-0"]["angular_velocity"]
+        [0.0, 0.0, 10]
+    """
+    eye = [-1.7, 0.5, 2.4]
+    spin = {"angular_velocity": [0.0, 0.0, _speed("angular_speed", angular_speed, unit="rad/s")]}
+    scene = transient_scene(eye, HUB, 30, options, start_opl=5.0, max_depth=4)
+    for k in range(5):
+        place = pose(HUB, [0, 0, 1], 72.0 * k + 10, [1, 1, 1]) @ pose(
+            [0, (TIP + 0.12) / 2, 0], Y, 25, [0.15, (TIP - 0.12) / 2, 0.006]
+        )
+        scene[f"blade-{k}"] = shape("cube", place, "blue") | spin | {"centre": HUB.copy()}
+    return scene | {
+        "white": diffuse([0.8, 0.78, 0.74]),
+        "grey": diffuse([0.3, 0.3, 0.3]),
+        "blue": diffuse([0.1, 0.3, 0.6]),
+        "flash": _flash(eye, 12.0),
+        "wall": shape("rectangle", pose([0, 0, -0.8], Y, 0, [4, 4, 1]), "white"),
+        "hub": sphere(HUB, 0.13, "grey") | spin | {"centre": HUB.copy()},
+        "stand": cylinder(0.0, -0.2, [-1.5, 0.0], 0.03, "grey"),
+        "motor": shape("cube", pose([0, 0, -0.18], Y, 0, [0.07, 0.07, 0.1]), "grey"),
+    }
+
+
+def corridor(
+    *, speed: float = 1.4, swing: float = 2.5, **options: Unpack[TransientOptions]
+) -> Dict:
+    """A corridor with a figure of boxes that walks towards the camera.
+
+    Body and head move with one velocity; arms and legs swing about shoulders and hips as well, as
+    at one moment of a step. A flash at the camera lights them.
+
+    Args:
+        speed: Of the figure towards the camera [m/s], -1e5 to 1e5.
+        swing: Angular speed of arms and legs [rad/s], 0 to 1e5.
+        **options: As for `caustic`; by default `start_opl` is 6.5, `bin_width_opl` 0.06 and
+            `max_depth` 4.
+
+    Example:
+        >>> corridor(swing=3)["right-leg"]["angular_velocity"]
+        [-3, 0.0, 0.0]
+    """
+    eye = [0.0, 1.4, 5.0]
+    walk = {"velocity": [0.0, 0.0, _speed("speed", speed)]}
+    turning, window = _speed("swing", swing, 0, "rad/s"), {"start_opl": 6.5, "bin_width_opl": 0.06}
+    scene = transient_scene(eye, [0, 1.1, 0], 40, options, **window, max_depth=4)
+    for name, (middle, half) in FIGURE.items():
+        scene[name] = shape("cube", pose(middle, Y, 0, half), "cloth") | walk
+    for name, (joint, half, angle, sense) in LIMBS.items():
+        place = pose(joint, X, angle, [1, 1, 1]) @ pose([0, -half, 0], X, 0, [0.055, half, 0.065])
+        swinging = {"angular_velocity": [sense * turning, 0.0, 0.0], "centre": joint.copy()}
+        scene[name] = shape("cube", place, "cloth") | walk | swinging
+
+    def wall(position: list[float], axis: list[int], angle: float, half: list[float]) -> Dict:
+        return shape("rectangle", pose(position, axis, angle, half), "white")
+
+    return scene | {
+        "white": diffuse([0.7, 0.68, 0.64]),
+        "wood": diffuse([0.4, 0.28, 0.18]),
+        "cloth": diffuse([0.7, 0.35, 0.15]),
+        "flash": _flash(eye, 40.0),
+        "floor": shape("rectangle", pose([0, 0, 0], X, -90, [1.2, 6, 1]), "wood"),
+        "ceiling": wall([0, 2.6, 0], X, 90, [1.2, 6, 1]),
+        "left": wall([-1.2, 1.3, 0], Y, 90, [6, 1.3, 1]),
+        "right": wall([1.2, 1.3, 0], Y, -90, [6, 1.3, 1]),
+        "end": wall([0, 1.3, -6], Y, 0, [1.2, 1.3, 1]),
+    }
+
+
+def moving_mirror(*, speed: float = 10.0, **options: Unpack[TransientOptions]) -> Dict:
+    """A mirror that moves away behind a pane of glass, and what they reflect.
+
+    The camera sees the wall behind it twice: dimly in the glass, by paths whose length stays, and
+    later in the mirror, by paths that grow by nearly twice the mirror's speed.
+
+    Args:
+        speed: Of the mirror, away from the camera [m/s], -1e5 to 1e5.
+        **options: As for `caustic`; by default `start_opl` is 3.6, `bin_width_opl` 0.03 and
+            `max_depth` 12.
+
+    Example:
+        >>> moving_mirror(speed=2)["mirror"]["velocity"]
+        [0.0, 0.0, 2]
+    """
+    window = {"start_opl": 3.6, "bin_width_opl": 0.03}
+    scene = transient_scene([0, 0, 0], [0, 0, 1], 40, options, **window, max_depth=12)
+
+    def disk(x: float, y: float, radius: float, bsdf: str) -> Dict:
+        return shape("disk", pose([x, y, -0.49], Y, 0, [radius, radius, 1]), bsdf)
+
+    return scene | {
+        "black": diffuse([0, 0, 0]),
+        "white": diffuse([0.8, 0.78, 0.74]),
+        "orange": diffuse([0.75, 0.3, 0.08]),
+        "blue": diffuse([0.1, 0.25, 0.6]),
+        "silver": {"type": "conductor", "material": "none"},
+        "glass": {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0},
+        "mirror": shape("rectangle", pose([0, 0, 2], Y, 180, [0.5, 0.5, 1]), "silver")
+        | {"velocity": [0.0, 0.0, _speed("speed", speed)]},
+        "pane": shape("cube", pose([0, 0, 1.01], Y, 0, [0.5, 0.5, 0.01]), "glass"),
+        "wall": shape("rectangle", pose([0, 0, -0.5], Y, 0, [2, 2, 1]), "white"),
+        "orange-disk": disk(-0.6, 0.2, 0.4, "orange"),
+        "blue-disk": disk(0.5, -0.3, 0.5, "blue"),
+        "lamp": shape("rectangle", pose([0, 1.6, 0.5], X, 140, [0.4, 0.2, 1]), "black")
+        | {"emitter": area_light([25.0] * 3)},
+    }
