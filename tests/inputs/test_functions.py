@@ -405,7 +405,11 @@ TABLE = [
     row("doppler_rate", {"measured": "render"}, measured=heard),
     row("Fmcw", CHIRPS, bandwidth_hz=1e7, chirp_s=1e-5, wavelength_m=1e-6, photons=1.0),
     row("vis.range_velocity_map", {"film": "render", "lidar": "object?"}, film=by_rates),
-    row("vis.velocity_map", {"rate": "object"}, rate=xr.DataArray(PICTURE, dims=("y", "x"))),
+    row(
+        "vis.velocity_map",
+        {"limit_m_s": "positive?", "rate": "object"},
+        rate=xr.DataArray(PICTURE, dims=("y", "x")),
+    ),
     # -------------------------------------------------------------------------------- sampling
     row("sampling.point_set"),
     alone("sampling.point_set", {"seed": "seed"}, kind="independent"),

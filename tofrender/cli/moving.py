@@ -92,7 +92,7 @@ def doppler(
                 measured["rate"] = doppler_rate(measured)
                 layers["rate"] = measured["rate"].values[..., None]
                 files.append(f"velocity.{figure}")
-                drawn = vis.velocity_map(measured["rate"], title=scene)
+                drawn = vis.velocity_map(measured["rate"], **limit_of(loaded), title=scene)
                 io.save_figure(drawn, folder / files[-1], **opt.dots(dpi))
             save_measurement(measured, folder / files[0])
             io.save_exr_layers(folder / files[1], layers, modulation)
@@ -184,7 +184,9 @@ def fmcw(
         estimates = lidar.estimates(spectra)
         drawn = {
             f"range_velocity.{figure}": vis.range_velocity_map(film, lidar=lidar),
-            f"velocity.{figure}": vis.velocity_map(estimates["rate"], title=scene),
+            f"velocity.{figure}": vis.velocity_map(
+                estimates["rate"], **limit_of(loaded), title=scene
+            ),
         }
         saved = {RANGE_RATE: film, "spectra.nc": spectra, "estimates.nc": estimates}
         with deferred_stop() as stop, io.output_folder(out, overwrite=True) as folder:
@@ -225,3 +227,11 @@ def _axis(span: tuple[float, float], bins: int | None, resolution: float) -> Axi
     start, stop = span
     count = bins or math.ceil(2 * (stop - start) / resolution * (1 - 1e-9)) + 1 | 1
     return Axis(checks.integer("bins", count, 2, checks.MAX_BINS), start, (stop - start) / count)
+
+
+def limit_of(scene: Any) -> dict[str, float]:
+    """Limit of a velocity map: the speed of the scene's fastest part, if one moves."""
+    from tofrender.motion.range_rate_film import fastest
+
+    speed = fastest(scene)
+    return {"limit_m_s": speed} if speed else {}

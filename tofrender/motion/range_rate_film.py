@@ -116,7 +116,13 @@ def range_rate(
 
 
 def default_rates(scene: mi.Scene) -> tuple[float, float]:
-    """Return rates of four times the largest speed of a corner of a part's box to both sides."""
+    """Return rates of four times the largest speed to both sides, 1 m/s at rest."""
+    most = 4 * fastest(scene) or 1.0
+    return -most, most
+
+
+def fastest(scene: mi.Scene) -> float:
+    """Return the largest speed of a corner of a moving part's bounding box [m/s]."""
     found, motions = 0.0, motions_of(scene)
     for part in [*scene.shapes(), *scene.sensors(), *scene.emitters()]:
         if part.id() not in motions:
@@ -125,5 +131,4 @@ def default_rates(scene: mi.Scene) -> tuple[float, float]:
         a, spin = motions[part.id()].affine()
         corners = [np.array(box.corner(k)) for k in range(8)] if box.valid() else [np.zeros(3)]
         found = max(found, *(float(np.linalg.norm(a + np.cross(spin, c))) for c in corners))
-    most = 4 * found or 1.0
-    return -most, most
+    return found

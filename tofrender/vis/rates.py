@@ -87,13 +87,17 @@ def range_velocity_map(
 
 
 @in_style()
-def velocity_map(rate: xr.DataArray, *, title: str | None = None) -> Figure:
+def velocity_map(
+    rate: xr.DataArray, *, limit_m_s: float | None = None, title: str | None = None
+) -> Figure:
     """Draw the velocity of each pixel, half the rate of change of its path length.
 
-    Pixels without light are hatched; the fastest five percent are clipped.
+    Pixels without light are hatched; faster ones than the limit are clipped.
 
     Args:
         rate: Result of `doppler_rate`, or `rate` of `Fmcw.estimates`, (y, x) [m/s].
+        limit_m_s: Velocity at the ends of the scale [m/s], e.g. the fastest of the scene; by
+            default, five percent of the pixels are faster.
         title: Title of the figure; None for none.
 
     Raises:
@@ -112,8 +116,11 @@ def velocity_map(rate: xr.DataArray, *, title: str | None = None) -> Figure:
     title = checks.text("title", title)
     velocity = rate.values / 2
     known = np.abs(velocity[np.isfinite(velocity)])
-    fastest = float(np.percentile(known, 95)) if known.any() else 0.0
-    fastest = fastest or float(known.max(initial=0.0)) or 1.0
+    if limit_m_s is not None:
+        fastest = checks.number("limit_m_s", limit_m_s, unit="m/s", positive=True)
+    else:
+        fastest = float(np.percentile(known, 95)) if known.any() else 0.0
+        fastest = fastest or float(known.max(initial=0.0)) or 1.0
     wide = figure_width(4.6)
     figure = new_figure(
         wide, wide * picture_aspect(*rate.shape, low=0.4, high=2.0) + 1.0, "compressed"
