@@ -19,6 +19,7 @@ from .case_first_film import first_film
 from .case_fog import fog, gates_in_fog
 from .case_gradients import gradients
 from .case_lights import camera_connections, light_samples, lights
+from .case_motion import motion
 from .case_nlos import nlos
 from .case_photons import photons
 from .case_polarised import polarised
@@ -277,6 +278,7 @@ CASES = {
     "nlos": nlos,
     "reconstruction": reconstruction,
     "photons": photons,
+    "motion": motion,
     "warps": warps,
     "gradients": gradients,
 }

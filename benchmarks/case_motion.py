@@ -1,0 +1,79 @@
+"""The case `motion`: heterodyne light beside naive sampling of the exposure; cost of rates."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import mitsuba as mi
+import numpy as np
+
+import tofrender
+
+from .timing import Row, in_turn
+
+FREQUENCY_HZ, EXPOSURE_S, TIMES = 30e6, 1.5e-3, 16
+MOTIONS = {"small-box": tofrender.Motion(velocity=(5.0, 0.0, 10.0))}
+
+
+def box(size: int, moves: bool) -> mi.Scene:
+    """Cornell box whose small box moves, or is at rest."""
+    described = tofrender.cornell_box(width=size, height=size, temporal_bins=64)
+    scene = tofrender.load_scene(described, optimize=False)
+    return tofrender.moving(scene, MOTIONS) if moves else scene
+
+
+def naive(scene: mi.Scene, spp: int, seed: int) -> np.ndarray:
+    """Heterodyne light at random times of the exposure, by samples of their own."""
+    total, sensor = 0.0, scene.sensors()[0]
+    for k, t in enumerate(np.random.default_rng(seed).random(TIMES)):
+        with tofrender.posed(scene, t * EXPOSURE_S):
+            i, q, *_ = tofrender.render_amcw_phasor(
+                scene, sensor, FREQUENCY_HZ, spp // TIMES, seed * TIMES + k, progress=False
+            )
+        total = total + (i + 1j * q) * np.exp(2j * np.pi * t) / TIMES
+    return np.asarray(total)
+
+
+def ours(scene: mi.Scene, spp: int, seed: int) -> np.ndarray:
+    """Heterodyne light by `doppler`, with half of the samples in each pose."""
+    found = tofrender.doppler(
+        scene,
+        frequency_hz=FREQUENCY_HZ,
+        exposure_s=EXPOSURE_S,
+        spp=spp // 2,
+        seed=seed,
+        progress=False,
+    )["heterodyne"].values
+    return found[:, :, 0] + 1j * found[:, :, 1]
+
+
+def variance_by_time(function: Callable[[int], np.ndarray], runs: int) -> float:
+    """Mean variance of a picture over seeds, times the processor time of one."""
+    function(0)
+    start = time.process_time()
+    pictures = [function(seed) for seed in range(1, runs + 1)]
+    seconds = (time.process_time() - start) / runs
+    return float(np.var(pictures, axis=0, ddof=1).mean()) * seconds
+
+
+def motion(runs: int, quick: bool) -> list[Row]:
+    """Variance times processor time over `doppler`'s; time of rates over that at rest."""
+    size, spp = (16, 32) if quick else (64, 256)
+    moves, rest = box(size, True), box(size, False)
+    seeds = max(runs, 4)
+    by_naive, by_poses = (
+        variance_by_time(lambda seed, each=each: each(moves, spp, seed), seeds)
+        for each in (naive, ours)
+    )
+    settings = {"spp": spp, "rates": (-60.0, 60.0), "rate_bins": 5, "progress": False}
+    settings |= {"window": (3.5, 60.0)}
+    times = in_turn(
+        {
+            "moves": lambda: tofrender.range_rate(moves, **settings),
+            "rest": lambda: tofrender.range_rate(rest, **settings),
+        },
+        runs,
+    )
+    rows: list[Row] = [("heterodyne, variance x time, naive over ours", by_naive / by_poses, 100)]
+    return rows + times["moves"].rows(times["rest"], "range_rate, moving over rest", None, 1.25)
