@@ -32,11 +32,10 @@ for time, picture in zip(times, film["steady"].values, strict=True):
         for name, part in still.items()
         if name.startswith("blade")
     }
-    light = tofrender.range_rate(still | blades, **axes_of_rates)["radiance"].sum("channel")
-    velocity = (
-        (light * light["rate"]).sum(("opl", "rate")) / light.sum(("opl", "rate"))
-    ).values / 2
-    colours = plt.colormaps["RdBu"](velocity.values / 30 + 0.5)[..., :3]
+    light = tofrender.range_rate(still | blades, **axes_of_rates)["radiance"]
+    light = light.sum(("opl", "channel"))
+    velocity = ((light * light["rate"] / 2).sum("rate") / light.sum("rate")).values
+    colours = plt.colormaps["RdBu"](velocity / 30 + 0.5)[..., :3]
     both = np.concatenate([tofrender.tonemap(picture, exposure=3.0) / 255, colours], axis=1)
     frames.append(Image.fromarray(np.rint(255 * np.nan_to_num(both)).astype(np.uint8)))
 
