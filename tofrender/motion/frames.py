@@ -124,10 +124,10 @@ def render_frames(
 
     Example:
         >>> import tofrender
-        >>> size = {"size": (8, 8), "bins": 10, "spp": 4, "progress": False}
+        >>> size = {"size": (8, 8), "bins": 350, "spp": 8, "progress": False}
         >>> film = render_frames("fan", [0, 0.01, 0.02], exposure_s=0.005, **size)
         >>> dict(film["transient"].sizes)
-        {'frame': 3, 'y': 8, 'x': 8, 'opl': 10, 'channel': 3}
+        {'frame': 3, 'y': 8, 'x': 8, 'opl': 350, 'channel': 3}
     """
     import xarray as xr
 

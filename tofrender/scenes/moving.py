@@ -65,7 +65,7 @@ def fan(*, angular_speed: float = 40.0, **options: Unpack[TransientOptions]) -> 
 
     Example:
         >>> fan(angular_speed=10)["blade-0"]["angular_velocity"]
-        [0.0, 0.0, 10]
+        [0.0, 0.0, 10.0]
     """
     eye = [-1.7, 0.5, 2.4]
     spin = {"angular_velocity": [0.0, 0.0, _speed("angular_speed", angular_speed, unit="rad/s")]}
@@ -103,7 +103,7 @@ def corridor(
 
     Example:
         >>> corridor(swing=3)["right-leg"]["angular_velocity"]
-        [-3, 0.0, 0.0]
+        [-3.0, 0.0, 0.0]
     """
     eye = [0.0, 1.4, 5.0]
     walk = {"velocity": [0.0, 0.0, _speed("speed", speed)]}
@@ -145,7 +145,7 @@ def moving_mirror(*, speed: float = 10.0, **options: Unpack[TransientOptions]) -
 
     Example:
         >>> moving_mirror(speed=2)["mirror"]["velocity"]
-        [0.0, 0.0, 2]
+        [0.0, 0.0, 2.0]
     """
     window = {"start_opl": 3.6, "bin_width_opl": 0.03}
     scene = transient_scene([0, 0, 0], [0, 0, 1], 40, options, **window, max_depth=12)
