@@ -144,9 +144,11 @@ def doppler_rate(measured: xr.Dataset) -> xr.DataArray:
     """Return the rate of change of path lengths that a Doppler measurement tells.
 
     From the real part r of heterodyne over homodyne, as complex numbers I + i Q of the sum of all
-    channels: V = 2 c n π r / (ω T (1 - r)). Where light and camera coincide, the radial velocity is
-    V/2; where several paths add up, it is a mean. What changes the amplitude only is in the
-    imaginary part, and left out.
+    channels: V = 2 c n π r / (ω T (1 - r)). Where light and camera coincide, distances change
+    by V/2; where several paths add up, V is a mean. It is that at a fixed pixel: a tilted surface
+    that slides along itself has 0, unlike in `range_rate`, whose rates are the material's. What
+    changes the amplitude alone is in the imaginary part, and left out; at edges that cross a pixel
+    within the exposure, V means nothing.
 
     Args:
         measured: A Dataset of `doppler`, of the waveform "sine".
