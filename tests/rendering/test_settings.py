@@ -25,6 +25,9 @@ RECORD = {field.name: field.default for field in fields(RenderSettings)}
 FILES = {"format", "precision", "video", "figure", "dpi", "as_json"}
 """What becomes of the files: in Python, `save_exr_stack` and others are told."""
 
+FRAMES = {"frames", "frame_time", "exposure", "poses", "row_time"}
+"""An animation: in Python, `render_frames` is told."""
+
 OBJECTS = {"client", "params", "settings", "temporal_bins"}
 """What a command cannot be given, and old names."""
 
@@ -43,7 +46,7 @@ def test_render_has_the_settings_of_the_table():
 
 def test_the_command_has_the_settings_of_the_table():
     ours, its = (inspect.signature(each).parameters for each in (render, command))
-    assert set(its) - set(ours) == FILES | {"variant"}  # In Python, `mitsuba.set_variant`
+    assert set(its) - set(ours) == FILES | FRAMES | {"variant"}  # In Python, `mitsuba.set_variant`
     assert set(ours) - set(its) == OBJECTS
     for name in set(SETTINGS) & set(its):
         assert its[name].default == ours[name].default

@@ -7,8 +7,6 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ..runtime import atomic
 from ..runtime.progress import EVERY_S, ProgressBar, deferred_stop
 from . import options as opt
@@ -17,6 +15,8 @@ from .checkpoints import AGAIN, end_if_stopped, exclusively
 from .writing import write
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from ..motion.frames import Shutter
     from ..rendering.job import Job
 
@@ -52,6 +52,8 @@ def check(options: dict[str, Any]) -> None:
 
 def render_frames(job: Job, times: list[float], shutter: Shutter, options: dict[str, Any]) -> None:
     """Render frames into folders of `out`, from the first one on that is not there."""
+    import numpy as np
+
     from ..integrators.running import interrupted
     from ..motion.frames import render_frame
     from ..rendering.dataset import components_of
@@ -106,6 +108,8 @@ def _start_anew(
     out: Path, earlier: dict[str, Any], recipe: dict[str, Any], shape: tuple[int, ...]
 ) -> None:
     """Replace finished frames of an earlier run, and say what is to be made."""
+    import numpy as np
+
     if earlier and "facts" not in earlier:
         raise ValueError(f"--out = {out}: holds frames of a stopped run; {AGAIN}, or remove it")
     out.mkdir(parents=True, exist_ok=True)
@@ -133,6 +137,7 @@ def _store(path: Path, content: dict[str, Any]) -> None:
 def save_video(steady: np.ndarray, path: Path) -> None:
     """Write a video of pictures (frame, height, width, channel), all of one exposure."""
     import imageio_ffmpeg
+    import numpy as np
 
     from ..vis import tonemap
 

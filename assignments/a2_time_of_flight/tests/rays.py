@@ -161,7 +161,7 @@ def _package(integrator, scene, ray, given, seed, after):
         answer[name] = mi.Color3f(total.total)
     answer["steady"] = answer["light"]
     answer["late"] = answer["light"]
-    return answer | {"valid": _mask(path.covered), "extra": 0}
+    return answer | {"valid": _mask(path.valid_ray), "extra": 0}
 
 
 def _sampler(ray, seed):
