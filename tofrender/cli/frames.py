@@ -136,22 +136,18 @@ def _store(path: Path, content: dict[str, Any]) -> None:
 
 def save_video(steady: np.ndarray, path: Path) -> None:
     """Write a video of pictures (frame, height, width, channel), all of one exposure."""
-    import imageio_ffmpeg
-    import numpy as np
+    from PIL import Image
 
+    from ..io.pictures import encode_video
     from ..vis import tonemap
 
     count, height, width, channels = steady.shape
     pictures = tonemap(steady.reshape(count * height, width, channels))
-    scale = max(1, -(-384 // min(height, width)))
-    pictures = pictures.reshape(count, height, width, 3).repeat(scale, 1).repeat(scale, 2)
-    pictures = np.pad(
-        pictures, ((0, 0), (0, pictures.shape[1] % 2), (0, pictures.shape[2] % 2), (0, 0))
+    scale = 2 * -(-192 // min(height, width))  # To an even size of at least 384 pixels
+    size = scale * width, scale * height
+    enlarged = (
+        Image.fromarray(each).resize(size, Image.Resampling.NEAREST)
+        for each in pictures.reshape(count, height, width, 3)
     )
     with atomic.replacing(path) as temporary:
-        size = pictures.shape[2], pictures.shape[1]
-        pipe = imageio_ffmpeg.write_frames(str(temporary), size, fps=FPS, macro_block_size=2)
-        pipe.send(None)
-        for picture in pictures:
-            pipe.send(np.ascontiguousarray(picture))
-        pipe.close()
+        encode_video(enlarged, count, size, temporary, path.suffix, FPS)

@@ -25,6 +25,8 @@ from .files import for_each
 from .output import check_output, output_folder
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     import xarray as xr
     from PIL.Image import Image
 
@@ -139,7 +141,10 @@ def save_video(
     frames = _Frames(dataset, exposure, min_size)
     with replacing(path) as temporary:
         bins = slice(0, frames.count) if all_bins else lit_bins(frames.sequence.values)
-        _encode(frames, bins, temporary, kind, fps, progress)
+        indices = range(frames.count)[bins]
+        size = frames.canvas_width, frames.canvas_height
+        pictures = (frames.draw(index) for index in indices)
+        encode_video(pictures, len(indices), size, temporary, kind, fps, progress)
     return target
 
 
@@ -191,15 +196,34 @@ class _Frames:
         return f"{label}   +{np.log2(self.gains[index] / self.gains[0]):.1f} stops"
 
 
-def _encode(
-    frames: _Frames, bins: slice, target: Path, kind: str, fps: float, progress: bool
+def encode_video(
+    pictures: Iterable[Image | np.ndarray],
+    count: int,
+    size: tuple[int, int],
+    target: Path,
+    kind: str,
+    fps: float,
+    progress: bool = True,
 ) -> None:
-    """Pipe the frames of bins to ffmpeg."""
+    """Pipe pictures in colour, of a width and height that are even, to ffmpeg.
+
+    `kind` is ".mp4" or ".gif"; a full disk is an OSError.
+    """
     import imageio_ffmpeg
 
-    size = f"{frames.canvas_width}x{frames.canvas_height}"
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-hide_banner", "-loglevel", "error", "-nostdin"]
-    command += ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", str(fps), "-i", "pipe:0"]
+    command += [
+        "-f",
+        "rawvideo",
+        "-pix_fmt",
+        "rgb24",
+        "-s",
+        "{}x{}".format(*size),
+        "-r",
+        str(fps),
+        "-i",
+        "pipe:0",
+    ]
     command += _FORMATS[kind] + ["-y", str(target)]
     with tempfile.TemporaryFile() as log:
         # In a session of its own, so that Ctrl-C reaches this process and not ffmpeg
@@ -208,10 +232,9 @@ def _encode(
         )
         pipe = cast(BinaryIO, process.stdin)
         try:
-            indices = range(frames.count)[bins]
-            with ProgressBar("Writing video", len(indices), enabled=progress) as bar:
-                for index in indices:
-                    pipe.write(frames.draw(index).tobytes())
+            with ProgressBar("Writing video", count, enabled=progress) as bar:
+                for picture in pictures:
+                    pipe.write(picture.tobytes())
                     bar.update()
         except BrokenPipeError:
             pass  # ffmpeg gave up; its log says why

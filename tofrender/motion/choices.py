@@ -1,7 +1,7 @@
 """Names that functions and options of commands choose from. Nothing here imports Mitsuba."""
 
-WAVEFORMS = {"sine": 0, "triangle": 2, "rectangle": 1}
-"""Correlation of light and sensor by the power with which its odd harmonics k fall off."""
+WAVEFORMS = ("sine", "triangle", "rectangle")
+"""Correlations of light and sensor over their phase."""
 
 WINDOWS = {"hann": "hann", "rectangular": "boxcar", "hamming": "hamming", "blackman": "blackman"}
 """SciPy's names of windows."""

@@ -91,7 +91,7 @@ def doppler(
     exposure = checks.number("exposure_s", exposure_s, unit="seconds", positive=True)
     cycles = checks.integer("cycles", cycles, 1, MAX_CYCLES)
     weights = _harmonics(checks.one_of("waveform", waveform, WAVEFORMS))
-    wanted, keeping = separated(scene, settings)
+    wanted, checkpoint, progress = separated(scene, settings)
     loaded, camera, tracer, spp = open_moving(wanted)
     pictures, sums = [], []
     for number, pose in enumerate(POSES):
@@ -101,22 +101,23 @@ def doppler(
             record = DopplerRecording(film, tracer.exposure(), factor)
             plan = tracer.tracer(loaded, camera, record)
             identity = {"exposure_s": exposure, "cycles": cycles, "waveform": waveform}
-            keep = keeping.of_part(number)
+            own = None if checkpoint is None else checkpoint.of_part(number)
+            keep = wanted.seed, own, progress
             render_all(loaded, tracer, camera, plan, record, spp, *keep, **identity)
-            if keep[1] is not None:  # Stopped in the next pose, this one is not rendered again
-                keep[1].save(spp, spp, record.state())
+            if own is not None:  # Stopped in the next pose, this one is not rendered again
+                own.save(spp, spp, record.state())
             picture, phasors = (np.array(each) for each in film.develop())
         height, width = picture.shape[:2]
         pictures.append(picture[:, :, : film.base_channels_count()])
         sums.append(_complex(phasors.reshape(height, width, 2, len(weights), 2, -1)))
     steady, total = np.mean(pictures, axis=0), np.sum(sums, axis=0)
-    quadratures = {
-        "I": sum(w * total[:, :, :, i].real for i, w in enumerate(weights.values())),
-        "Q": sum(
-            w * (total[:, :, :, i] * (-1j) ** k).real for i, (k, w) in enumerate(weights.items())
-        ),
-    }
-    parts = np.stack(list(quadratures.values()), axis=3)
+    parts = np.stack(
+        [
+            sum(w * (total[:, :, :, i] * lag**k).real for i, (k, w) in enumerate(weights.items()))
+            for lag in (1, -1j)  # Of "I" and "Q"
+        ],
+        axis=3,
+    )
     y, x = (int(v) for v in np.array(camera.film().crop_offset())[::-1])
     names = ["L"] if parts.shape[-1] == 1 else ["R", "G", "B"]
     dims = ("y", "x", "part", "channel")

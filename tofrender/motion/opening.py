@@ -13,7 +13,6 @@ from ..integrators.base import TransientIntegrator
 from ..rendering.renderer import open_scene
 from ..rendering.settings import RenderSettings
 from ..runtime import checks
-from ..runtime.atomic import part_path
 from ..runtime.checkpoints import Checkpoint
 
 FOLLOW = ("TransientPath", "TransientVolpath", "TransientLightTracer", "TransientBDPT")
@@ -50,32 +49,14 @@ def open_moving(settings: RenderSettings) -> tuple[mi.Scene, mi.Sensor, Transien
     return scene, sensor, tracer, spp
 
 
-class Keeping:
-    """Seed, checkpoint and progress bar of a render, as `render_all` takes them."""
-
-    def __init__(self, seed: int, checkpoint: Any, progress: bool) -> None:
-        self.seed, self.progress = seed, checks.boolean("progress", progress)
-        self.checkpoint = Checkpoint.of(checkpoint)
-
-    def of_part(self, number: int | None = None) -> tuple[int, Checkpoint | None, bool]:
-        """Return them; one of several renders has its number in the checkpoint's name."""
-        own = self.checkpoint
-        if own is not None and number is not None:
-            path = part_path(own.path, number)
-            own = Checkpoint(path, own.seconds, own.tell, own.again, own.resume)
-        return self.seed, own, self.progress
-
-
 def separated(
     scene: object, settings: Mapping[str, Any], **more: Any
-) -> tuple[RenderSettings, Keeping]:
-    """Check settings, and return those of the render and those of its progress."""
+) -> tuple[RenderSettings, Checkpoint | None, bool]:
+    """Check settings; returns those of the render, its checkpoint, and whether to show a bar."""
     unknown = [name for name in settings if name not in NAMES]
     if unknown:
         raise TypeError(f"{unknown[0]}: is no argument; must be one of {checks.join_names(NAMES)}")
-    own = {
-        name: value for name, value in settings.items() if name not in ("checkpoint", "progress")
-    }
-    wanted = RenderSettings(scene, **own, **more)
-    progress = settings.get("progress", True)
-    return wanted, Keeping(wanted.seed, settings.get("checkpoint"), progress)
+    own = dict(settings)
+    checkpoint = Checkpoint.of(own.pop("checkpoint", None))
+    progress = checks.boolean("progress", own.pop("progress", True))
+    return RenderSettings(scene, **own, **more), checkpoint, progress

@@ -68,7 +68,7 @@ def range_rate(
     """
     import xarray as xr
 
-    wanted, keeping = separated(scene, settings, bins=bins, window=window)
+    wanted, checkpoint, progress = separated(scene, settings, bins=bins, window=window)
     count = checks.integer("rate_bins", rate_bins, 1, checks.MAX_BINS)
     span = rates if rates is None else checks.interval("rates", rates, "(start, stop) in m/s")
     loaded, camera, tracer, spp = open_moving(wanted)
@@ -81,7 +81,8 @@ def range_rate(
     record.require_memory(spp)
     plan = tracer.tracer(loaded, camera, record)
     identity = {"rates": [low, high], "rate_bins": count}
-    render_all(loaded, tracer, camera, plan, record, spp, *keeping.of_part(), **identity)
+    keep = wanted.seed, checkpoint, progress
+    render_all(loaded, tracer, camera, plan, record, spp, *keep, **identity)
     steady, bins_of_rates = film.take()
     height, width = steady.shape[:2]
     light = bins_of_rates.reshape(height, width, opl.count, rate.count, -1)

@@ -15,7 +15,7 @@ from zipfile import BadZipFile, ZipFile
 import numpy as np
 
 from . import checks
-from .atomic import check_file, remove_leftovers, replacing
+from .atomic import check_file, part_path, remove_leftovers, replacing
 from .progress import EVERY_S
 
 COST = 0.02  # Part of the time that saving may take
@@ -78,6 +78,11 @@ class Checkpoint:
         self._began = self._saved = time.monotonic()
         self._cost = self._before = 0.0
         self._warned = False
+
+    def of_part(self, number: int) -> Checkpoint:
+        """Return the checkpoint of one of several renders, whose file has its number."""
+        path = part_path(self.path, number)
+        return Checkpoint(path, self.seconds, self.tell, self.again, self.resume)
 
     @classmethod
     def of(cls, given: Checkpoint | str | os.PathLike | None) -> Checkpoint | None:
