@@ -195,3 +195,6 @@ def test_fingerprints():
             found.append(print_of(moving))
     assert len({resting, *found}) == 5
     assert print_of(moving) == found[0]
+    for each in (MOTION, Motion((0, 0, 1))):  # Mitsuba's loader leaves no description
+        found.append(print_of(tofrender.moving(mi.load_dict(described), {"part": each})))
+    assert len({resting, *found}) == 7
