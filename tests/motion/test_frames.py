@@ -67,6 +67,19 @@ def test_an_exposure_is_the_mean_of_poses():
     assert column(blurred).sum() == pytest.approx(column(sharp).sum(), rel=0.01)
 
 
+def test_poses_are_in_the_middles_of_their_parts():
+    """One pose of an exposure from -.4 s to .4 s is that of 0 s, two are those of -.2 s and .2 s."""
+    scene = square(speed=1.0, half=0.3)
+
+    def seen(start: float, exposure: float, poses: int) -> np.ndarray:
+        more = {"exposure_s": exposure, "poses": poses, "spp": 16, "progress": False}
+        return column(render_frames(scene, [start], **more).isel(frame=0)) > 1e-3
+
+    still = {time: np.abs(0.95 - 0.1 * np.arange(20) - time) < 0.3 for time in (-0.2, 0.0, 0.2)}
+    assert (seen(-0.4, 0.8, 1) == still[0.0]).all()
+    assert (seen(-0.4, 0.8, 2) == (still[-0.2] | still[0.2])).all()
+
+
 def test_an_exposure_spreads_over_bins():
     """A wall that comes 0.6 m nearer is in all bins between, alike."""
     described = {"type": "scene", "i": {"type": "transient_path", "max_depth": 2}}
