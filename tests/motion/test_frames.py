@@ -68,7 +68,7 @@ def test_an_exposure_is_the_mean_of_poses():
 
 
 def test_poses_are_in_the_middles_of_their_parts():
-    """One pose of an exposure from -.4 s to .4 s is that of 0 s, two are those of -.2 s and .2 s."""
+    """One pose of an exposure from -.4 to .4 s is that of 0 s, two are those of -.2 and .2 s."""
     scene = square(speed=1.0, half=0.3)
 
     def seen(start: float, exposure: float, poses: int) -> np.ndarray:
