@@ -250,7 +250,7 @@ save("depth.npz", counted=maps["counts"], corrected=maps["corrected"], depth_std
 # %% [solution] itof.py
 
 # %%
-from itof import demodulate, expected_taps, multipath_error, phase_deviation, sample_taps
+from itof import demodulate, expected_taps, multipath_phase_error, phase_deviation, sample_taps
 
 FREQUENCY, CONTRAST, FRAMES = 20e6, 0.6, 20_000  # modulation, and cycles of the exposure
 phase_of_bin = 2 * np.pi * FREQUENCY * opl / SPEED_OF_LIGHT
@@ -268,7 +268,7 @@ print(f"median error {1000 * np.nanmedian(depth - truth):.0f} mm: multi-path lig
 turn = np.linspace(0, 2 * np.pi, 200)
 figure, axes = plt.subplots(1, 2, figsize=(10, 3.8), layout="constrained")
 for ratio in (0.1, 0.35, 0.8):
-    axes[0].plot(turn, multipath_error(ratio + 0 * turn, turn), label=f"ratio {ratio}")
+    axes[0].plot(turn, multipath_phase_error(ratio + 0 * turn, turn), label=f"ratio {ratio}")
 axes[0].set(xlabel="phase of the second return [rad]", ylabel="error of the phase [rad]")
 axes[0].legend(frameon=False)
 shown = axes[1].imshow(1000 * (depth - truth), cmap="RdBu", vmin=-600, vmax=600)

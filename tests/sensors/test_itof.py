@@ -9,7 +9,7 @@ from helpers.support import agree, refused
 from scipy.special import erfc
 
 from tofrender.sensors import Itof
-from tofrender.sensors.correlation import multipath_error, phase_deviation
+from tofrender.sensors.correlation import multipath_phase_error, phase_deviation
 from tofrender.signals.units import SPEED_OF_LIGHT
 
 WIDTH = 0.05
@@ -83,7 +83,7 @@ def test_two_returns():
     frames = camera.expected(rates, bin_width_opl=width)
     phase = camera.depth(frames)["phase"].item() - 2 * np.pi * 5000.5 / 20000
     assert phase == pytest.approx(0.357422, abs=1e-4)
-    assert phase == pytest.approx(multipath_error(0.35, 1.9), abs=1e-4)
+    assert phase == pytest.approx(multipath_phase_error(0.35, 1.9), abs=1e-4)
 
 
 @pytest.mark.statistical

@@ -72,13 +72,13 @@ def phase_deviation(
     return np.sqrt(2 * (signal + background + taps * read_noise**2)) / (signal * contrast)
 
 
-def multipath_error(ratio: Any, difference: Any) -> np.ndarray:
+def multipath_phase_error(ratio: Any, difference: Any) -> np.ndarray:
     """Error of the phase [rad] by a second return, arg(1 + ratio exp(i difference)).
 
     Its amplitude is `ratio` times that of the first, its phase greater by `difference` [rad].
 
     Example:
-        >>> multipath_error(0.35, 1.9).round(6).item()
+        >>> multipath_phase_error(0.35, 1.9).round(6).item()
         0.357422
     """
     return np.angle(1 + np.asarray(ratio) * np.exp(1j * np.asarray(difference)))

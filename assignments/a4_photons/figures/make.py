@@ -19,7 +19,7 @@ from tofrender.sensors import (
     estimate_depth,
     expected_photons,
 )
-from tofrender.sensors.correlation import multipath_error
+from tofrender.sensors.correlation import multipath_phase_error
 from tofrender.sensors.dead_time import sample_counts
 from tofrender.sensors.response import distribution
 
@@ -138,7 +138,7 @@ def multipath():
     turn = np.linspace(0, 2 * np.pi, 400)
     figure, ax = plt.subplots(figsize=(5.5, 3.2), layout="constrained")
     for ratio in (0.1, 0.35, 0.8):
-        ax.plot(turn, multipath_error(ratio, turn), label=f"r = {ratio}")
+        ax.plot(turn, multipath_phase_error(ratio, turn), label=f"r = {ratio}")
     ax.set(xlabel=r"phase of the second return, $\Delta$ [rad]", ylabel="error of the phase [rad]")
     ax.legend()
     return figure

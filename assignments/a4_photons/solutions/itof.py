@@ -46,7 +46,7 @@ def phase_deviation(signal, background, contrast, taps=4, read_noise=0.0):
     return np.sqrt(((means + read_noise**2) * slopes**2).sum(axis=0))
 
 
-def multipath_error(ratio, difference):
+def multipath_phase_error(ratio, difference):
     """Angle of the sum of two arrows."""
     ratio = np.asarray(ratio, np.float64)
     return np.arctan2(ratio * np.sin(difference), 1 + ratio * np.cos(difference))

@@ -81,7 +81,7 @@ def phase_deviation(
     raise NotImplementedError("a4.itof: phase_deviation")
 
 
-def multipath_error(ratio: Any, difference: Any) -> np.ndarray:
+def multipath_phase_error(ratio: Any, difference: Any) -> np.ndarray:
     """Error of the phase [rad] that a second return causes.
 
     Args:
@@ -92,4 +92,4 @@ def multipath_error(ratio: Any, difference: Any) -> np.ndarray:
     Returns:
         Phase of both together less that of the first, in (-π, π], of the shape of `ratio`.
     """
-    raise NotImplementedError("a4.itof: multipath_error")
+    raise NotImplementedError("a4.itof: multipath_phase_error")

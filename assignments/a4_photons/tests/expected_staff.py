@@ -75,7 +75,7 @@ def itof():
         found[f"deviation_{taps}"] = deviation
     wave = formulas.expected_taps(1e4, 0.0, t.PHASES, t.CONTRAST, 4, t.HARMONICS)
     found["taps_with_harmonics"] = wave
-    found["multipath"] = formulas.multipath_error(t.RATIOS, t.DIFFERENCES)
+    found["multipath"] = formulas.multipath_phase_error(t.RATIOS, t.DIFFERENCES)
     return found
 
 

@@ -172,6 +172,6 @@ def phase_deviation(signal, background, contrast, taps, read_noise):
     return np.sqrt(2 * (signal + background + taps * read_noise**2)) / (signal * contrast)
 
 
-def multipath_error(ratio, difference):
+def multipath_phase_error(ratio, difference):
     """Angle of 1 + ratio exp(i difference)."""
     return np.angle(1 + np.asarray(ratio) * np.exp(1j * np.asarray(difference)))

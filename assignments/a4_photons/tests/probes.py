@@ -144,5 +144,5 @@ def phase_deviation(theirs, signal, background, contrast, **options):
     return np.asarray(theirs.phase_deviation(signal, background, contrast, **options))
 
 
-def multipath_error(theirs, ratio, difference):
-    return np.asarray(theirs.multipath_error(ratio, difference))
+def multipath_phase_error(theirs, ratio, difference):
+    return np.asarray(theirs.multipath_phase_error(ratio, difference))

@@ -95,7 +95,7 @@ def test_phase_deviation(submission):
 
 def test_multipath(submission):
     """arg(1 + r exp(i Δ))."""
-    came = submission.ask("multipath_error", ratio=RATIOS, difference=DIFFERENCES)
+    came = submission.ask("multipath_phase_error", ratio=RATIOS, difference=DIFFERENCES)
     wanted = formulas.expected("multipath")
     hint = "phasors add, phases do not; atan2 knows all quadrants"
     expect.close(came, wanted, "error of the phase [rad]", atol=1e-9, hint=hint)

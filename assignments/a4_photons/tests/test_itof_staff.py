@@ -76,6 +76,6 @@ def test_any_multipath(submission):
     """Errors of drawn returns, the stronger one the second or the first."""
     random = submission.random
     ratio, difference = random.uniform(0, 3, (3, 4)), random.uniform(-9, 9, (3, 4))
-    came = submission.ask("multipath_error", ratio=ratio, difference=difference)
-    wanted = formulas.multipath_error(ratio, difference)
+    came = submission.ask("multipath_phase_error", ratio=ratio, difference=difference)
+    wanted = formulas.multipath_phase_error(ratio, difference)
     expect.close(came, wanted, "error of the phase [rad]", rtol=1e-6, atol=1e-9)
