@@ -1,5 +1,6 @@
 """A lidar whose shots see a moving scene at their times."""
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -57,3 +58,13 @@ def test_a_moving_sensor_has_an_origin_for_each_shot():
     still = lidar(scene(), PATTERN, **QUIET)
     assert still["origin"].dims == ("axis",)
     assert still["true_range"].values[0] == pytest.approx(shots["true_range"].values[0], abs=3e-3)
+
+
+def test_poses_share_kernels():
+    """A scan with 48 poses compiles the kernels of one, but not one for each."""
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+        dr.kernel_history_clear()
+        lidar(scene(sensor=Motion((1.1, 0, 0))), PATTERN, pose_time_s=3e-3, **QUIET)
+        kernels = dr.kernel_history([dr.KernelType.JIT])
+    assert len(kernels) > 48
+    assert sum(not each["cache_hit"] for each in kernels) < 24

@@ -139,6 +139,7 @@ def lidar(
             origins[group], rotation = _place(camera)
             axes[group] = local[group] @ rotation.T
             start, directed = mi.Point3f(*origins[group[0]].tolist()), axes[group]
+            dr.make_opaque(start)  # One kernel for all poses
             with backend.tracing_lock():
                 si = first_surface(scene, mi.Ray3f(start, mi.Vector3f(directed.T.copy())))
                 hit = dr.select(si.is_valid(), dr.norm(si.p - start), dr.nan)

@@ -190,6 +190,7 @@ def _moved(params: Any, name: str, change: np.ndarray) -> Iterator[tuple[str, An
     """Return parameters of a part that a transform of the world changes, by key."""
     transform: Any = mi.Transform4f
     matrix = transform(mi.Matrix4f(change.tolist()))
+    dr.make_opaque(matrix)  # One kernel for all poses
     key = f"{name}.to_world"
     if key in params:
         kind: Any = type(params[key])
