@@ -379,7 +379,10 @@ TABLE = [
     row("sensors.Response", sigma_s=1e-9),
     row("sensors.coates", {"counts": "amounts", "cycles": "count"}, counts=[1, 2], cycles=9),
     row("sensors.coates_variance", {"rates": "amounts", "cycles": "count"}, rates=[1.0], cycles=9),
-    row("sensors.depth_bound", signal=9.0, background=1.0, response=GAUSS, bin_width_opl=0.1),
+    *(
+        row(f"sensors.{name}", signal=9.0, background=1.0, response=GAUSS, bin_width_opl=0.1)
+        for name in ("depth_bound", "echo_bounds")
+    ),
     *(row(f"sensors.{name}", COUNTED, **HISTOGRAM) for name in ("estimate_depth", "echoes")),
     row("sensors.expected_photons", {"dataset": "dataset"}, dataset=data, **OPTICS),
     alone(

@@ -13,6 +13,7 @@ from tofrender.sensors import (
     coates,
     coates_variance,
     depth_bound,
+    echo_bounds,
     echoes,
     estimate_depth,
     pile_up,
@@ -143,12 +144,47 @@ def test_echoes():
     assert (found["number"].values <= 3).all()
 
 
+@pytest.mark.parametrize("response", [GAUSS, LATE])
+def test_bounds_of_echoes(response):
+    """Against a Fisher matrix by finite differences; b = 0: s/2 sqrt S, sqrt S, s/sqrt(2 S)."""
+    shape, b, h = distribution("response", response), 0.7, 1e-4
+    edges = (np.arange(-80, 82) - 0.5) * WIDTH
+
+    def means(t, s, a):
+        middle = shape.mean()
+        return s * np.diff(shape.cdf((edges - t - middle) / (1 + a) + middle)) + b
+
+    steps = np.diag([WIDTH, 50.0, 1.0]) * h
+    at = np.array([0.0, 50.0, 0.0])
+    slopes = [(means(*(at + d)) - means(*(at - d))) / (2 * d.sum()) for d in steps]
+    exact = np.sqrt(np.diag(np.linalg.inv(np.array(slopes) / means(*at) @ np.array(slopes).T)))
+    found = echo_bounds([50.0, 0.0], b, response, WIDTH)
+    expected = exact * (0.5, 1, shape.std())
+    assert [bound[0] for bound in found.values()] == pytest.approx(expected, rel=1e-3)
+    assert all(np.isinf(bound[1]) for bound in found.values())
+    clear = echo_bounds(100.0, 0.0, GAUSS, WIDTH / 20).values()
+    assert list(clear) == pytest.approx([SIGMA / 20, 10, SIGMA / np.sqrt(200)], rel=2e-3)
+
+
 @pytest.mark.statistical
-@pytest.mark.parametrize("background", [0.05, 2.0])
+@pytest.mark.parametrize("background", [0.0, 0.02])
+def test_echoes_reach_their_bounds(background):
+    """Errors of intensity, width and depth lie between their bounds and 1.2 times these."""
+    counts, position = histograms(GAUSS, 300, background)
+    found = echoes(counts, GAUSS, bin_width_opl=WIDTH)
+    assert found.sizes["echo"] == 2000  # Background near a return is no echo, if hardly known
+    errors = {"depth": position / 2, "intensity": 300.0, "width": np.median(found["width"])}
+    for name, bound in echo_bounds(300.0, background, GAUSS, WIDTH).items():
+        rms = np.sqrt(np.mean((found[name].values - errors[name]) ** 2))
+        assert 0.9 < rms / bound < 1.2, name
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("background", [0.2, 2.0])
 def test_false_alarms(background):
     """No more pixels than asked for have a false return, and with more allowed, some have."""
     counts = np.random.default_rng(3).poisson(background, (100, 100, BINS))
-    for allowed, least in ((1e-3, 0.0), (0.05, 1e-4), (0.5, 1e-2)):
+    for allowed, least in ((1e-3, 0.0), (0.05, 1e-4), (0.5, 5e-3)):
         found = echoes(counts, GAUSS, allowed, bin_width_opl=WIDTH)
         pixels = len(set(zip(found["y"].values, found["x"].values, strict=True))) / 1e4
         assert least <= pixels <= allowed

@@ -1,4 +1,4 @@
-from .bounds import depth_bound as depth_bound
+from .bounds import depth_bound as depth_bound, echo_bounds as echo_bounds
 from .cameras import (
     GatedCamera as GatedCamera,
     StreakCamera as StreakCamera,

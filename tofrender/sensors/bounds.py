@@ -1,4 +1,4 @@
-"""Cramér-Rao bound of a depth from counts in bins."""
+"""Cramér-Rao bounds of depths and echoes from counts in bins."""
 
 from __future__ import annotations
 
@@ -34,8 +34,7 @@ def depth_bound(signal: Any, background: Any, response: Any, bin_width_opl: floa
     """
     signal, background = at_least_0("signal", signal), at_least_0("background", background)
     shape, width = distribution("response", response), checks.width("bin_width_opl", bin_width_opl)
-    reach = kernel(shape, width).size // 2
-    edges = (np.arange(-reach, reach + 2) - 0.5) * width
+    edges = _edges(shape, width)
     masses, slopes = (np.diff(each(edges)) for each in (shape.cdf, shape.pdf))
     information: Any = 0.0
     for mass, slope in zip(masses, slopes, strict=True):
@@ -43,3 +42,52 @@ def depth_bound(signal: Any, background: Any, response: Any, bin_width_opl: floa
         information = information + (signal * slope) ** 2 / np.where(mean > 0, mean, 1)
     with np.errstate(divide="ignore"):
         return 0.5 / np.sqrt(information)
+
+
+def echo_bounds(
+    signal: Any, background: Any, response: Any, bin_width_opl: float
+) -> dict[str, np.ndarray]:
+    """Least standard deviations of an echo's depth, intensity and width, if none is known.
+
+    The roots of the diagonal of the inverse Fisher matrix
+
+        I_ij = sum over bins of (dm_k/di) (dm_k/dj) / m_k,    m_k = S P_k(t, a) + b
+
+    for the path length t, the signal S and the factor a by which the response is wider, about its
+    mean. A Gaussian without background has sigma / (2 sqrt(S)), sqrt(S) and sigma / sqrt(2 S).
+
+    Arguments are those of `depth_bound`.
+
+    Returns:
+        Arrays by name, as in `echoes`: "depth" [m], "intensity" (counts) and "width" [m], the
+        standard deviation of the echo along the path.
+
+    Example:
+        >>> from tofrender import GaussianPulse
+        >>> found = echo_bounds(200, 0, GaussianPulse(0.3), 0.01)
+        >>> {name: round(bound.item(), 4) for name, bound in found.items()}
+        {'depth': 0.0106, 'intensity': 14.1421, 'width': 0.015}
+    """
+    signal, background = at_least_0("signal", signal), at_least_0("background", background)
+    shape, width = distribution("response", response), checks.width("bin_width_opl", bin_width_opl)
+    signal, background = np.broadcast_arrays(signal, background)
+    edges = _edges(shape, width)
+    density, lit = shape.pdf(edges), signal > 0
+    changes = (
+        np.diff(each) for each in (-density, shape.cdf(edges), (shape.mean() - edges) * density)
+    )
+    information = np.zeros((*signal.shape, 3, 3))
+    for slope, mass, spread in zip(*changes, strict=True):
+        mean = signal * mass + background
+        change = np.stack([signal * slope, np.full_like(mean, mass), signal * spread], axis=-1)
+        change = change / np.sqrt(np.where(mean > 0, mean, 1))[..., None]
+        information += change[..., :, None] * change[..., None, :]
+    least = np.linalg.inv(np.where(lit[..., None, None], information, np.eye(3)))
+    std = np.where(lit[..., None], np.sqrt(np.diagonal(least, axis1=-2, axis2=-1)), np.inf)
+    return {"depth": std[..., 0] / 2, "intensity": std[..., 1], "width": std[..., 2] * shape.std()}
+
+
+def _edges(shape: Any, width: float) -> np.ndarray:
+    """Edges [m] of the bins that a response reaches, around the middle of its own bin."""
+    reach = kernel(shape, width).size // 2
+    return (np.arange(-reach, reach + 2) - 0.5) * width

@@ -148,9 +148,11 @@ def echoes(
     """Find all returns of each pixel, with intensity and width.
 
     A return is a maximum of the counts' correlation with the response, under which lie more counts
-    than the background explains, by a Poisson tail that is `false_alarm` for all bins (Šidák): the
-    probability of a false return in a pixel stays below, from above 0 to 0.5. Other arguments and
-    errors are as for `estimate_depth`.
+    than the background explains: with N counts in the m bins without returns, those in L bins of
+    background alone are negative binomial, of N + 1 successes with probability m / (m + L). Its
+    tail is `false_alarm` for all bins (Šidák): the probability of a false return in a pixel stays
+    below, from above 0 to 0.5. Other arguments and errors are as for `estimate_depth`; errors of
+    what is found have the bounds `echo_bounds`.
 
     Returns:
         A Dataset along "echo": pixel indices `y`, `x`, `number` from 1 by path length, `opl` and
@@ -169,11 +171,12 @@ def echoes(
     lags = data.lags
     score, sums = data.correlate(data.masses), data.correlate(np.ones(lags.size))
     alpha = -np.expm1(np.log1p(-false_alarm) / data.n.shape[2])
-    above = np.zeros(data.n.shape, bool)
+    above, background = np.zeros(data.n.shape, bool), np.zeros(data.n.shape[:2])
     for _ in range(4):  # The background is that of bins without returns
         quiet = ndimage.maximum_filter1d(above, lags.size) == 0
-        background = (data.n * quiet).sum(axis=-1) / np.maximum(quiet.sum(axis=-1), 1)
-        above = sums > stats.poisson.isf(alpha, background * lags.size)[..., None] + 0.5
+        number, bins = (data.n * quiet).sum(axis=-1), np.maximum(quiet.sum(axis=-1), 1)
+        most = stats.nbinom.isf(alpha, number + 1, bins / (bins + lags.size))
+        above, background = sums > most[..., None] + 0.5, number / bins
     rows = []
     for y, x in np.argwhere(above.any(axis=-1)):
         peaks = filters.find_peaks(np.pad(score[y, x], 1), distance=lags.size)[0] - 1
