@@ -9,6 +9,7 @@ from test_cli import done, refused
 
 import tofrender
 from tofrender.apps.explorer.contents import contents_of
+from tofrender.cli import moving
 from tofrender.cli.answers import SCHEMAS
 from tofrender.cli.report import load_result
 from tofrender.io.exr import load_exr_layers
@@ -64,6 +65,17 @@ def test_fmcw_writes_film_spectra_and_estimates(tmp_path, capsys):
     light = film["radiance"].sum("channel").transpose("rate", "opl", "y", "x").values[:, :, None]
     assert shown.sum() == pytest.approx(light.sum(), rel=0.02)
     done(capsys, "report", out, "--out", tmp_path / "a.html")
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # Energy outside the bins
+def test_fmcw_without_a_size_chooses_one_that_fits(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(moving, "MOST", 1 << 20)
+    options = ["--spp", 1, "--bandwidth", 5e8, "--rates=-1,1", "--out", tmp_path / "a", "--json"]
+    printed, said = done(capsys, "fmcw", BOX[0], *options)
+    facts = json.loads(printed)
+    values = 3 * facts["width"] * facts["height"] * facts["bins"] * facts["rate_bins"]
+    assert 0.5 < values / (1 << 18) <= 1
+    assert f"note: {facts['width']}x{facts['height']} pixels" in said
 
 
 def test_fmcw_refuses_before_it_renders(tmp_path, capsys):

@@ -163,8 +163,13 @@ def fmcw(
     lidar = Fmcw(**chirps, window=window_function, looks=looks, photons=photons)
     opl = _axis(_span(loaded, window), bins, lidar.resolution[0])
     rate = _axis(rates or default_rates(loaded), rate_bins, lidar.resolution[1])
-    of_pixels = values(sensor)
-    sizes = of_pixels * opl.count * rate.count, of_pixels * lidar.samples(opl, rate)
+    of_pixel = opl.count * rate.count, lidar.samples(opl, rate)
+    if size is None and values(sensor) * max(of_pixel) > MOST // 4:
+        shrink = math.sqrt(MOST / 4 / values(sensor) / max(of_pixel))
+        size = opt.Size(*(max(int(n * shrink), 1) for n in sensor.film().crop_size()))
+        opt.note(f"note: {size} pixels, for a film of half a gigabyte; --size takes others")
+        loaded, sensor, samples = load(scene, spp, size, max_depth, variant)
+    sizes = tuple(values(sensor) * each for each in of_pixel)
     if max(sizes) > MOST:
         raise ValueError(
             f"film of {opl.count} x {rate.count} bins with {max(sizes):,} values: must be at most "
