@@ -17,6 +17,7 @@ from tofrender.io.exr import load_exr_layers
 BOX = ["cornell_box_flash", "--size", "6x5", "--spp", 8, "--seed", 3]
 
 
+@pytest.mark.essential
 def test_doppler_writes_what_the_function_measures(tmp_path, capsys):
     out = tmp_path / "a"
     facts = json.loads(done(capsys, "doppler", *BOX, "--cycles", 2, "--out", out, "--json")[0])

@@ -59,6 +59,7 @@ def by_call(command: str, path: Path, parameters: dict) -> np.ndarray:
 OPTIONS = {"gate": ["--at", 3], "phasor": ["--freq", "20e6"]}
 
 
+@pytest.mark.essential
 @pytest.mark.parametrize(
     ("command", "integrator"), [("phasor", OURS), ("gate", MITSUBAS), ("gate", OURS)]
 )

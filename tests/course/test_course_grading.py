@@ -119,6 +119,7 @@ def test_right_submission(grade, tmp_path):
     assert content["extra_data"]["summary"] == ""
 
 
+@pytest.mark.essential
 def test_bonus_comes_on_top_of_a_zip_with_a_folder(grade, tmp_path):
     np.savez(tmp_path / "x.npz", x=[1.0, 2.0])
     files: dict = RIGHT | {"deliverables/x.npz": (tmp_path / "x.npz").read_bytes()}

@@ -135,6 +135,7 @@ def test_formats_of_a_results_file(staff, tmp_path, monkeypatch):
     assert "a secret" not in formats.junit(content) + formats.prairielearn(content)
 
 
+@pytest.mark.essential
 def test_an_archive_holds_what_it_needs_and_no_more(staff, tmp_path):
     (staff.folder / "seed.txt").write_text("5\n")
     for name in ("a.zip", "b.zip"):

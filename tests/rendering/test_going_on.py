@@ -267,6 +267,7 @@ def in_variant(name: str, make: Callable) -> Callable:
     return make()
 
 
+@pytest.mark.essential
 @pytest.mark.parametrize(
     ("make", "after", "options"),
     [

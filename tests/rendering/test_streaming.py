@@ -144,6 +144,7 @@ def test_however_it_is_cut(tmp_path, monkeypatch, whole, rows):
     check_same(render(box(), out=tmp_path / "film.zarr"), whole)
 
 
+@pytest.mark.essential
 @pytest.mark.parametrize(
     ("described", "options"),
     [

@@ -43,6 +43,7 @@ def fits(measured: xr.Dataset, expected: xr.DataArray) -> bool:
     return min(p) > smallest_allowed(smallest_allowed(ALPHA, COMPARISONS), 2)
 
 
+@pytest.mark.essential
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", PRESETS)
 def test_presets_measure_what_they_expect(box, name):
