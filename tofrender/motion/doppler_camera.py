@@ -30,6 +30,7 @@ from ..films.image import pixels_of
 from ..films.phasor_sum import Factor
 from ..films.rates import DopplerRecording
 from ..integrators.running import render_all
+from ..rendering.dataset import pixels_and_channels
 from ..rendering.labels import labelled
 from ..runtime import checks, plugins
 from ..scenes.motion import posed
@@ -118,8 +119,6 @@ def doppler(
         ],
         axis=3,
     )
-    y, x = (int(v) for v in np.array(camera.film().crop_offset())[::-1])
-    names = ["L"] if parts.shape[-1] == 1 else ["R", "G", "B"]
     dims = ("y", "x", "part", "channel")
     return labelled(
         xr.Dataset(
@@ -128,10 +127,7 @@ def doppler(
                 "heterodyne": (dims, parts[:, :, 1]),
                 "steady": (("y", "x", "channel"), steady),
             },
-            coords={
-                **{"y": y + np.arange(parts.shape[0]), "x": x + np.arange(parts.shape[1])},
-                **{"part": ["I", "Q"], "channel": names},
-            },
+            coords=pixels_and_channels(film, parts.shape[-1]) | {"part": ["I", "Q"]},
             attrs={
                 **{"scene": wanted.scene_label, "spp": spp, "seed": wanted.seed},
                 **{"frequency_hz": frequency, "exposure_s": exposure, "cycles": cycles},

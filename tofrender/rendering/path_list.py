@@ -23,7 +23,7 @@ from ..paths.walk import step
 from ..paths.window import KINDS, Window
 from ..runtime import backend, checks
 from ..scenes.checking import check_view
-from ..scenes.loading import load_plugin, load_scene
+from ..scenes.loading import load_plugin, load_scene, require_sensor
 from ..signals.polarisation import components, scaled
 
 if TYPE_CHECKING:
@@ -86,8 +86,7 @@ def paths_of(
         low, high = (checks.metres("opl", each) for each in checks.items("opl", opl, 2, "lengths"))
         checks.require("opl", (low, high), low < high, "(least, greatest), least below greatest")
     loaded = scene if isinstance(scene, mi.Scene) else load_scene(scene, optimize=False)
-    sensors = loaded.sensors()
-    camera = sensors[checks.integer("sensor", sensor, 0, len(sensors) - 1)]
+    camera = require_sensor(loaded, sensor)
     index = _index_of(pixel, camera.film())
     plan = _plan(loaded, camera)
     with backend.tracing_lock(), dr.suspend_grad():
