@@ -306,8 +306,6 @@ def _raise(future: Future) -> None:
     raise RuntimeError(f"a worker failed: {type(error).__name__}: {error}")
 
 
-# ------------------------------------------------------------------------------- in a worker
-
 _START = """
 refused = None
 try:

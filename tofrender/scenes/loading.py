@@ -171,9 +171,6 @@ def require_light(scene: mi.Scene) -> None:
         raise ValueError("scene: has no light; it must have an emitter, for example a point light")
 
 
-# ----------------------------------------------------------------------------------- sources
-
-
 def find_scene(name: str) -> str | Path:
     """Find a built-in scene (hyphens count as underscores; a str) or an XML file (a Path).
 

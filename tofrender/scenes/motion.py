@@ -217,9 +217,6 @@ def _moved(params: Any, name: str, change: np.ndarray) -> Iterator[tuple[str, An
             yield key, moved
 
 
-# ------------------------------------------------------------------------------- scene files
-
-
 def take_motions(state: Any) -> dict[str, Motion]:
     """Remove motions from a parsed scene, whose plugins do not know them, and return them by id.
 
