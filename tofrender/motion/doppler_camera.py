@@ -20,11 +20,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any, Unpack
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+import xarray as xr
 
 from ..films.image import pixels_of
 from ..films.phasor_sum import Factor
@@ -37,9 +38,6 @@ from ..scenes.motion import posed
 from ..signals.units import SPEED_OF_LIGHT, check_frequency
 from .choices import MAX_CYCLES, WAVEFORMS
 from .opening import MovingSettings, open_moving, separated
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 HARMONICS = 4  # Odd harmonics of waveforms other than the sine
 POSES = (-0.25, 0.25)  # Times of the poses, from the middle of the exposure, over the exposure
@@ -86,8 +84,6 @@ def doppler(
         >>> dict(measured["heterodyne"].sizes)
         {'y': 8, 'x': 8, 'part': 2, 'channel': 3}
     """
-    import xarray as xr
-
     frequency = check_frequency("frequency_hz", frequency_hz)
     exposure = checks.number("exposure_s", exposure_s, unit="seconds", positive=True)
     cycles = checks.integer("cycles", cycles, 1, MAX_CYCLES)
@@ -156,8 +152,6 @@ def doppler_rate(measured: xr.Dataset) -> xr.DataArray:
     Raises:
         ValueError: The Dataset is of another kind or waveform.
     """
-    import xarray as xr
-
     checks.instance("measured", measured, xr.Dataset, "a Dataset of doppler")
     known = {"homodyne", "heterodyne"} <= set(measured.data_vars)
     checks.require("measured", sorted(map(str, measured.data_vars)), known, "a Dataset of doppler")

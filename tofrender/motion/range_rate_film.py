@@ -5,10 +5,11 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from os import PathLike
-from typing import TYPE_CHECKING, Unpack
+from typing import Unpack
 
 import mitsuba as mi
 import numpy as np
+import xarray as xr
 
 from ..films.rates import Axis, RateRecording, rate_film
 from ..integrators.running import render_all
@@ -18,9 +19,6 @@ from ..rendering.window import windowed_film
 from ..runtime import checks
 from ..scenes.motion import motions_of
 from .opening import MovingSettings, open_moving, separated
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 RATES = 65  # Default number of bins of the rate; odd, so that rest is in the middle of one
 RADIANCE = {"units": "W m^-2 sr^-1", "long_name": "radiance per bin"}
@@ -66,8 +64,6 @@ def range_rate(
         >>> dict(light["radiance"].sizes)
         {'y': 8, 'x': 8, 'opl': 50, 'rate': 9, 'channel': 3}
     """
-    import xarray as xr
-
     wanted, checkpoint, progress = separated(scene, settings, bins=bins, window=window)
     count = checks.integer("rate_bins", rate_bins, 1, checks.MAX_BINS)
     span = rates if rates is None else checks.interval("rates", rates, "(start, stop) in m/s")

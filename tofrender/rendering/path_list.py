@@ -5,11 +5,12 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass, field
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+import xarray as xr
 
 from ..films.colours import kept, to_rgb
 from ..films.contribution import Contribution
@@ -25,9 +26,6 @@ from ..runtime import backend, checks
 from ..scenes.checking import check_view
 from ..scenes.loading import load_plugin, load_scene, require_sensor
 from ..signals.polarisation import components, scaled
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 MOST_PATHS = 10_000
 
@@ -189,8 +187,6 @@ class _Found:
 
     def chosen(self, scene: mi.Scene, count: int, seed: int) -> xr.Dataset:
         """Dataset of a random choice of the paths, in proportion to their radiance."""
-        import xarray as xr
-
         light = self.radiance.sum(axis=1)
         rows = np.arange(light.size)
         if light.size > count:
