@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from ..films.phasor import parse_frequencies
 from ..nlos.captures import MODES
 from ..rendering.settings import SETTINGS
 from ..runtime import checks
@@ -151,6 +150,8 @@ def _only(key: str, check: Check) -> Check:
 
 
 def _frequencies(name: str, value: Any) -> tuple[float, ...]:
+    from ..films.phasor import parse_frequencies
+
     if not isinstance(value, list | tuple) or not value:
         raise ValueError(f"{name} = {value!r}: must be a list of one frequency or more, in hertz")
     for each in value:

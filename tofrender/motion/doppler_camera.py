@@ -106,7 +106,8 @@ def doppler(
             picture, phasors = (np.array(each) for each in film.develop())
         height, width = picture.shape[:2]
         pictures.append(picture[:, :, : film.base_channels_count()])
-        sums.append(_complex(phasors.reshape(height, width, 2, len(weights), 2, -1)))
+        phasors = phasors.reshape(height, width, 2, len(weights), 2, -1)
+        sums.append(phasors[..., 0, :] + 1j * phasors[..., 1, :])
     steady, total = np.mean(pictures, axis=0), np.sum(sums, axis=0)
     parts = np.stack(
         [
@@ -190,11 +191,6 @@ def _film(sensor: mi.Sensor, frequencies: list[float]) -> mi.Film:
     film: Any = mi.load_dict(kind | pixels_of(sensor.film()))
     film.frequencies_hz = tuple(frequencies)
     return film
-
-
-def _complex(parts: np.ndarray) -> np.ndarray:
-    """Return I + i Q of an array with the parts along the last axis but one."""
-    return parts[..., 0, :] + 1j * parts[..., 1, :]
 
 
 def _factor(
