@@ -72,24 +72,15 @@ def move_patch(params, values):
 
 @dataclass
 class Problem:
-    """A scene to find.
+    """A scene to find."""
 
-    Attributes:
-        scene: Makes it of values.
-        apply: Writes values into it.
-        values: Name -> true value, where the fit starts, learning rate, how far from the truth it
-            may end.
-        spp: Samples per pixel.
-        of_target: Those of what was measured.
-        bounds: Those of the values.
-    """
-
-    scene: Callable[..., mi.Scene]
-    apply: Callable[[mi.SceneParameters, dict[str, Any]], None]
+    scene: Callable[..., mi.Scene]  # makes it of values
+    apply: Callable[[mi.SceneParameters, dict[str, Any]], None]  # writes values into it
+    # name -> true value, where the fit starts, learning rate, how far from the truth it may end
     values: dict[str, tuple[Any, Any, float, float]]
-    spp: int
-    of_target: int = 1024
-    bounds: dict[str, Any] = field(default_factory=dict)
+    spp: int  # samples per pixel
+    of_target: int = 1024  # those of what was measured
+    bounds: dict[str, Any] = field(default_factory=dict)  # those of the values
 
     def __post_init__(self) -> None:
         self.true, self.start, self.rates, self.within = (

@@ -22,37 +22,23 @@ PULSE_KEY = "pulse_width_opl"
 
 @dataclass(frozen=True)
 class Case:
-    """A scene with a parameter θ.
+    """A scene with a parameter θ."""
 
-    Attributes:
-        row: The parameter, as the table calls it.
-        scene: What is seen, in words.
-        describe: Makes the scene, for `tofrender.load_scene`.
-        key: The parameter of the scene that θ moves, as `mi.traverse` calls it.
-        value: θ (a number, or a Dr.Jit float with a gradient) -> that parameter.
-        theta: Where the derivative is taken.
-        step: Half the distance of the renders that differences are taken of.
-        form: The closed form: complex θ -> light and lengths of paths.
-        seen: What the scene measures of them.
-        spp: Samples of each pixel for half a percent.
-        of_pulse: Whether θ is the pulse's width, which no path depends on.
-        sampling: How directions are differentiated, the integrator's `gradient_sampling`.
-        until: Length of the last light that counts in sum and moment [m].
-    """
-
-    row: str
-    scene: str
-    describe: Callable[[], dict]
-    key: str
-    value: Callable[[Any], Any]
-    theta: float
-    step: float
+    row: str  # the parameter, as the table calls it
+    scene: str  # what is seen, in words
+    describe: Callable[[], dict]  # makes the scene, for `tofrender.load_scene`
+    key: str  # the parameter of the scene that θ moves, as `mi.traverse` calls it
+    value: Callable[[Any], Any]  # θ (a number, or a Dr.Jit float with a gradient) -> that parameter
+    theta: float  # where the derivative is taken
+    step: float  # half the distance of the renders that differences are taken of
+    # the closed form: complex θ -> light and lengths of paths
     form: Callable[[Any], tuple[Any, Any]]
-    seen: Any
-    spp: int = 1 << 12
-    of_pulse: bool = False
+    seen: Any  # what the scene measures of them
+    spp: int = 1 << 12  # samples of each pixel for half a percent
+    of_pulse: bool = False  # whether θ is the pulse's width, which no path depends on
+    # how directions are differentiated, the integrator's `gradient_sampling`
     sampling: str = "detached"
-    until: float = math.inf
+    until: float = math.inf  # length of the last light that counts in sum and moment [m]
 
     @property
     def name(self) -> str:

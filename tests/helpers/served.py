@@ -13,17 +13,11 @@ from dataclasses import dataclass, field
 
 @dataclass
 class Served:
-    """A command that serves.
+    """A command that serves."""
 
-    Attributes:
-        process: The command.
-        url: Where its page is.
-        line: What it has said.
-    """
-
-    process: subprocess.Popen
-    url: str
-    line: str
+    process: subprocess.Popen  # the command
+    url: str  # where its page is
+    line: str  # what it has said
     errors: str = field(default="", init=False)
 
     @property

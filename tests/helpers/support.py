@@ -198,15 +198,10 @@ def path_image(description: dict, spp: int = 16, seed: int = 0, **changes: Any) 
 
 @dataclass
 class Arrivals:
-    """A measurement that writes down every contribution of every path.
+    """A measurement that writes down every contribution of every path."""
 
-    Attributes:
-        count: Contributions of each lane so far.
-        store: Where they are written.
-    """
-
-    count: Any
-    store: Store
+    count: Any  # contributions of each lane so far
+    store: Store  # where they are written
 
     @classmethod
     def of(cls, lanes: int, slots: int) -> Arrivals:

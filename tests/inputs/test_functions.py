@@ -205,18 +205,13 @@ PARAMETERS = {name: kind for kind, names in KINDS.items() for name in names.spli
 
 
 class Row(NamedTuple):
-    """A call, where it is more than the function with a good value for all it must be given.
+    """A call, where it is more than the function with a good value for all it must be given."""
 
-    Attributes:
-        name: The function or class, as found in `tofrender`.
-        good: Other arguments with which it works.
-        kinds: Kinds of parameters that differ from KINDS, or are not in the signature.
-        alone: Whether it has bad values for these parameters alone, other rows for the rest.
-    """
-
-    name: str
-    good: Callable[[], dict[str, Any]] = dict
+    name: str  # the function or class, as found in `tofrender`
+    good: Callable[[], dict[str, Any]] = dict  # other arguments with which it works
+    # kinds of parameters that differ from KINDS, or are not in the signature
     kinds: dict[str, str] = {}  # noqa: RUF012
+    # whether it has bad values for these parameters alone, other rows for the rest
     alone: bool = False
 
 

@@ -33,23 +33,14 @@ LIMIT_S = 900
 
 @dataclass(frozen=True)
 class Bug:
-    """A planted bug.
+    """A planted bug."""
 
-    Attributes:
-        name: Its name.
-        file: The file of the package that has it.
-        wrong: What a user would notice.
-        before: Text that occurs once in the file.
-        after: What replaces it.
-        tests: Node ids of tests that must fail.
-    """
-
-    name: str
-    file: str
-    wrong: str
-    before: str
-    after: str
-    tests: tuple[str, ...]
+    name: str  # its name
+    file: str  # the file of the package that has it
+    wrong: str  # what a user would notice
+    before: str  # text that occurs once in the file
+    after: str  # what replaces it
+    tests: tuple[str, ...]  # node ids of tests that must fail
 
 
 def bugs() -> list[Bug]:

@@ -24,15 +24,10 @@ C = 299_792_458.0
 
 @dataclass
 class Light:
-    """Light in the mean of a film.
+    """Light in the mean of a film."""
 
-    Attributes:
-        value: Values that add up to the mean, shape (n,).
-        opl: The path length of each [m], shape (n,).
-    """
-
-    value: np.ndarray
-    opl: np.ndarray
+    value: np.ndarray  # values that add up to the mean, shape (n,)
+    opl: np.ndarray  # the path length of each [m], shape (n,)
 
     @classmethod
     def of(cls, value, opl) -> Light:
@@ -160,17 +155,11 @@ def reflectance(cosine, index: float) -> np.ndarray:
 
 @dataclass
 class Caustic:
-    """Light from a point on the floor's axis that arrives in rings, by the angle it leaves under.
+    """Light from a point on the floor's axis that arrives in rings, by the angle it starts at."""
 
-    Attributes:
-        power: Power of each ring.
-        r: Where it meets the floor, distance to the axis [m].
-        opl: Path length up to there [m].
-    """
-
-    power: np.ndarray
-    r: np.ndarray
-    opl: np.ndarray
+    power: np.ndarray  # power of each ring
+    r: np.ndarray  # where it meets the floor, distance to the axis [m]
+    opl: np.ndarray  # path length up to there [m]
 
     def seen(self, view: View, albedo: float, unwarp: bool = True) -> Light:
         """What the film's mean has of it: (ρ / π) P / (A H²), whatever the place.

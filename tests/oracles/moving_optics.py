@@ -13,18 +13,12 @@ STEP_S = 1e-4
 
 @dataclass
 class Surface:
-    """A plane through `point`, or a sphere around it, that reflects or refracts.
+    """A plane through `point`, or a sphere around it, that reflects or refracts."""
 
-    Attributes:
-        point: Point of the plane, or centre of the sphere.
-        normal: Normal of the plane; None for a sphere.
-        radius: Radius of the sphere.
-        indices: Index of refraction before and behind; None for a mirror.
-    """
-
-    point: Any
-    normal: Any = None
-    radius: float = 0.0
+    point: Any  # point of the plane, or centre of the sphere
+    normal: Any = None  # normal of the plane; None for a sphere
+    radius: float = 0.0  # radius of the sphere
+    # index of refraction before and behind; None for a mirror
     indices: tuple[float, float] | None = None
 
     def meet(self, o: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

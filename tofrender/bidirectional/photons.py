@@ -21,21 +21,13 @@ MAX_LOBES = 16  # Reflections and refractions of a photon at most
 
 @dataclass
 class Photons:
-    """Photons where their first smooth lobe would scatter them; arrays have a row for each.
+    """Photons where their first smooth lobe would scatter them; arrays have a row for each."""
 
-    Attributes:
-        p: Positions [m], shape (n, 3).
-        n: Normals, shape (n, 3).
-        d: Unit vectors to where they have come from, shape (n, 3).
-        power: Power over the number of photons that were sent [W], shape (n,).
-        emitted: Power of all emitters that were sampled [W].
-    """
-
-    p: np.ndarray
-    n: np.ndarray
-    d: np.ndarray
-    power: np.ndarray
-    emitted: float
+    p: np.ndarray  # positions [m], shape (n, 3)
+    n: np.ndarray  # normals, shape (n, 3)
+    d: np.ndarray  # unit vectors to where they have come from, shape (n, 3)
+    power: np.ndarray  # power over the number of photons that were sent [W], shape (n,)
+    emitted: float  # power of all emitters that were sampled [W]
 
 
 def trace_photons(scene: mi.Scene, sensor: mi.Sensor, count: int, seed: int = 0) -> Photons:

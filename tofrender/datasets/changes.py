@@ -40,9 +40,6 @@ def change(scene: Dict, sensor: int, varied: Iterable[Varied], drawn: Mapping[st
                 del scene[name]
 
 
-# ---------------------------------------------------------------------------- values, materials
-
-
 def _set_path(scene: Dict, varied: Varied, value: Any) -> None:
     where, (*parents, last) = f"vary.{varied.name}.path", varied.part.split(".")
     part: Any = scene
@@ -86,9 +83,6 @@ def _set_material(scene: Dict, varied: Varied, value: str) -> None:
         if name == "bsdf" or (_is_reference(part) and name not in ("emitter", "sensor")):
             del shape[name]
     shape["bsdf"] = ref(value)
-
-
-# ----------------------------------------------------------------------------- poses and camera
 
 
 def _set_pose(scene: Dict, varied: Varied, value: Any) -> None:
@@ -151,9 +145,6 @@ def _set_camera(scene: Dict, sensor: int, changes: list[tuple[Varied, Any]]) -> 
 SETTERS = {"path": _set_path, "reflectance": _set_reflectance, "material": _set_material}
 SETTERS |= dict.fromkeys(("scale", "turn", "position", "move"), _set_pose)
 """Functions that change a scene, in the order in which they are called."""
-
-
-# ------------------------------------------------------------------------------- parts of scenes
 
 
 def copied(value: Any) -> Any:

@@ -19,6 +19,7 @@ from ..rendering.settings import SETTINGS
 from ..runtime import checks
 from ..runtime.settings import CHECKS
 from ..runtime.tables import boolean, checked, known_keys, read_toml, table, text
+from ..scenes.loading import find_scene
 from ..sensors.config import read_sensor
 from .randomness import Source
 from .varied import REPEATABLE, Varied, parse_varied
@@ -129,9 +130,6 @@ def read_config(source: str | os.PathLike[str] | Mapping[str, Any] | Config) -> 
         return parse_config(dict(source), Path.cwd())
     given, path = read_toml("config", source)
     return parse_config(given, path.absolute().parent)
-
-
-# ------------------------------------------------------------------------------ checks of its keys
 
 
 def _grid(name: str, value: Any) -> Any:
@@ -264,8 +262,6 @@ DEFAULTS |= {"seed": 0, "retry": 0, "sensor": None}
 
 def parse_config(given: dict[str, Any], folder: Path) -> Config:
     """The config of a mapping, whose names of files start in `folder`."""
-    from ..scenes.loading import find_scene
-
     known_keys("", given, CONFIG)
     for name in REQUIRED:
         if name not in given:
@@ -317,9 +313,6 @@ def _require_once(varied: Mapping[str, Varied], fixed: Mapping[str, Mapping[str,
         if each.target not in REPEATABLE and part in owners:
             raise ValueError(f"{where}: vary.{owners[part]} has it too; must be in one of both")
         owners[part] = name
-
-
-# ----------------------------------------------------------------------------- as text, to compare
 
 
 def _plain(given: Mapping[str, Any], scene: Any) -> dict[str, Any]:

@@ -37,9 +37,6 @@ def parse_distribution(where: str, table: Table) -> Distribution:
     return parse(where, table)
 
 
-# ------------------------------------------------------------------- uniform, log_uniform, normal
-
-
 def _uniform(where: str, table: Table) -> Distribution:
     ranges, single = _ranges(where, table)
     return _of_entries(lambda u, a, b: a + u * (b - a), ranges, ranges, single)
@@ -102,9 +99,6 @@ def _of_entries(
     return Distribution(draw, 0 if single else len(parameters), bounds)
 
 
-# ------------------------------------------------------------------------ choice, fixed, subset
-
-
 def _choice(where: str, table: Table) -> Distribution:
     given = table.get("values")
     if not isinstance(given, list | tuple) or not given:
@@ -157,9 +151,6 @@ def _subset(where: str, table: Table) -> Distribution:
     return Distribution(draw)
 
 
-# --------------------------------------------------------------------------------- on_sphere
-
-
 def _on_sphere(where: str, table: Table) -> Distribution:
     """A point on a sphere or on a cap of it, uniform by area; its radius is uniform, too."""
     center = checks.point(f"{where}.center", table.get("center", [0.0, 0.0, 0.0]))
@@ -209,9 +200,6 @@ _KINDS: dict[str, tuple[Callable[[str, Table], Distribution], tuple[str, ...]]] 
 }
 KEYS = {name: keys for name, (_, keys) in _KINDS.items()}
 """The keys of each distribution."""
-
-
-# ---------------------------------------------------------------------------- values of the keys
 
 
 def _ranges(where: str, table: Table) -> tuple[list[tuple[float, float]], bool]:

@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..films.image import time_bins
-from ..rendering.dataset import transient_dataset
+from ..rendering.dataset import pixels_and_channels, transient_dataset
 from ..rendering.window import windowed_film
 from ..runtime import atomic
 from ..scenes.loading import require_sensor
@@ -99,13 +99,7 @@ class Layout:
 def layout_of(config: Config, records: list[int]) -> Layout:
     """The arrays of a data set, by the first of its scenes that can be loaded."""
     scene = _first_scene(config, records)
-    require_sensor(scene)
-    sensors = scene.sensors()
-    if config.sensor >= len(sensors):
-        raise ValueError(
-            f"render.sensor = {config.sensor}: must be an integer from 0 to {len(sensors) - 1}"
-        )
-    film: Any = sensors[config.sensor].film()
+    film: Any = require_sensor(scene, config.sensor, "render.sensor").film()
     outputs, capture = config.outputs, config.outputs.capture
     width, height = (int(v) for v in film.crop_size())
     channels = 1 if mi.is_monochromatic else 3
@@ -119,12 +113,10 @@ def layout_of(config: Config, records: list[int]) -> Layout:
         height, width, bins, channels = timed.shape
         window = float(timed.start_opl), float(timed.bin_width_opl)
         opl = window[0] + (np.arange(bins) + 0.5) * window[1]
-    x, y = (int(v) for v in film.crop_offset())
     single = capture is not None and capture.mode == "single"
     coordinates = {
-        **{"y": np.arange(y, y + height), "x": np.arange(x, x + width)},
+        **pixels_and_channels(film, channels),
         **{"opl": opl, "capture_opl": opl},
-        "channel": np.array(["R", "G", "B"] if channels == 3 else ["L"]),
         "xyz": np.array(["x", "y", "z"]),
         "frequency": np.array(outputs.phasor, float),
         "part": np.array(["I", "Q"]),

@@ -5,16 +5,15 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import xarray as xr
 
 from ..nlos import make_capture
 from ..rendering.films_on_disk import FILES, naming_files, require_whole, require_zarr
 from ..rendering.labels import labelled, labels_of
 from ..runtime import checks
 from .layout import GEOMETRY, ORIGINS
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 KIND = "tofrender data set"
 
@@ -38,8 +37,6 @@ def load_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
             one line.
         ImportError: The packages zarr and dask are missing; one line.
     """
-    import xarray as xr
-
     folder = checks.path("path", path)
     if not folder.exists():
         raise FileNotFoundError(f"path = {path}: does not exist; must be a data set on disk")

@@ -19,23 +19,18 @@ class CameraRays(Protocol):
 
 @dataclass
 class Contribution:
-    """Light that one path carries from an emitter to the sensor.
+    """Light that one path carries from an emitter to the sensor."""
 
-    Attributes:
-        spectrum: Radiance, in polarised variants a Stokes vector, of type `mi.SpectrumEntry`; the
-            weight of the camera ray is not in it.
-        opl: Optical path length from the emitter to the sensor [m].
-        active: Lanes that have such a contribution.
-        position: Position on the film [pixels] of a splat; None for that of the camera ray.
-        end: Where the path ends, on the emitter or, from lights, on the lens [m]; None if unknown.
-        rate: Rate of change of `opl` [m/s]; None unless it was asked for, and in scenes at rest.
-    """
-
+    # radiance, in polarised variants a Stokes vector, of type `mi.SpectrumEntry`; the weight of the
+    # camera ray is not in it
     spectrum: mi.Spectrum
-    opl: mi.Float
-    active: mi.Bool
+    opl: mi.Float  # optical path length from the emitter to the sensor [m]
+    active: mi.Bool  # lanes that have such a contribution
+    # position on the film [pixels] of a splat; None for that of the camera ray
     position: mi.Point2f | None = None
+    # where the path ends, on the emitter or, from lights, on the lens [m]; None if unknown
     end: mi.Point3f | None = None
+    # rate of change of `opl` [m/s]; None unless it was asked for, and in scenes at rest
     rate: mi.Float | None = None
 
 

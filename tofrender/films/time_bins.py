@@ -24,15 +24,12 @@ PutAt = Callable[[mi.Spectrum, mi.Float, mi.Point2f, mi.Bool], None]
 
 @dataclass
 class TimeBins(Radiance):
-    """Adds contributions to the time bins of a film, and sums them as a steady camera does.
+    """Adds contributions to the time bins of a film, and sums them as a steady camera does."""
 
-    Attributes:
-        put: Adds a contribution to the bins. A function hides the film from the path loop, which
-            would otherwise carry a copy of all bins as its state.
-        splat_bins: Adds a contribution that has a position, to the bins and to the steady image.
-    """
-
+    # adds a contribution to the bins. A function hides the film from the path loop, which would
+    # otherwise carry a copy of all bins as its state
     put: Put | None = None
+    # adds a contribution that has a position, to the bins and to the steady image
     splat_bins: PutAt | None = None
 
     @classmethod

@@ -44,19 +44,15 @@ LOOPING_SAMPLERS = ("IndependentSampler", "PaddedSobolSampler")
 
 @dataclass(frozen=True)
 class SampleRange:
-    """Range of samples and pixels that a render takes, by default all of them.
+    """Range of samples and pixels that a render takes, by default all of them."""
 
-    Attributes:
-        first: Samples per pixel of an earlier render with the same seed, whose point set
-            `padded_sobol` goes on with; other samplers start another one.
-        tile: Where the film's pixels are in the sensor's film, if that has more. `padded_sobol`
-            takes the same points as for the whole, other samplers take others.
-        saved: State of a render of this range that was stopped.
-    """
-
+    # samples per pixel of an earlier render with the same seed, whose point set `padded_sobol` goes
+    # on with; other samplers start another one
     first: int = 0
+    # where the film's pixels are in the sensor's film, if that has more. `padded_sobol` takes the
+    # same points as for the whole, other samplers take others
     tile: Tile | None = None
-    saved: SavedState | None = None
+    saved: SavedState | None = None  # state of a render of this range that was stopped
 
     @property
     def done(self) -> int:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import OpenEXR
 
 from ..rendering.cubes import Cube
 from ..rendering.dataset import DIMS, check_dataset, in_channels, plain_attributes, require_finite
@@ -180,8 +181,6 @@ def save_exr_layers(
         ...     file.name
         'a.exr'
     """
-    import OpenEXR
-
     attrs = checks.mapping("attrs", attrs)
     arrays: dict[str, np.ndarray] = {}
     for name, values in checks.mapping("layers", layers).items():
@@ -262,8 +261,6 @@ class _Stack:
 
     def part(self, index: int) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Header and channels of frame `index`, or of the steady image (-1)."""
-        import OpenEXR
-
         header = self.header | {"compression": OpenEXR.ZIP_COMPRESSION}
         header["type"] = OpenEXR.scanlineimage
         if index < 0:
@@ -285,8 +282,6 @@ class _Stack:
 
         In memory because OpenEXR hides errors, such as a full disk, while it closes a file.
         """
-        import OpenEXR
-
         stream = io.BytesIO()
         OpenEXR.File(*self.part(index), num_threads=0).write(stream)
         return stream.getvalue()
@@ -324,8 +319,6 @@ def _windows(dataset: xr.Dataset) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 def _read(file: Path) -> list[Any]:
     """Read all parts of an EXR file."""
-    import OpenEXR
-
     with reading(file, "a readable EXR file as it was saved"):
         parts = OpenEXR.File(str(file), header_only=True).parts
         memory.require_free(f"path = {file}", sum(map(_size, parts)))

@@ -11,10 +11,11 @@ import json
 import math
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import h5py
 import numpy as np
+import xarray as xr
 
 from ..nlos.captures import COUNTS, DEVICES, MODES, ON_WALL, check_capture, make_capture
 from ..rendering.cubes import Cube
@@ -26,9 +27,6 @@ from ..runtime.progress import status
 from ..signals.colour import luminance
 from .description import warn_not_finite
 from .files import seal_file
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 _GRIDS = ("grid_xyz", "grid_normals", "grid_format")
 _GRID_AXES = {1: "N_3", 2: "X_Y_3"}

@@ -8,11 +8,12 @@ from __future__ import annotations
 import importlib
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from zipfile import ZipFile
 
 import h5py
 import numpy as np
+import xarray as xr
 from scipy.io import loadmat, whosmat
 
 from ..nlos.captures import COUNTS, make_capture
@@ -20,9 +21,6 @@ from ..runtime import checks, memory
 from ..runtime.archives import read_array
 from ..signals.units import SPEED_OF_LIGHT
 from .hdf5 import field_of
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 GIVEN = ("wall_size", "bin_width_s", "start_s")
 

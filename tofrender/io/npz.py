@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 from zipfile import ZipFile
 
 import numpy as np
+import xarray as xr
 from numpy.lib import format as npy
 
 from ..rendering.cubes import Cube
@@ -19,9 +19,6 @@ from ..runtime.progress import status
 from .description import describe, parse, restore, shapes_of, warn_not_finite
 from .files import reading
 from .output import check_output, stack_bytes
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 _ARRAYS = ("transient", "steady", "y", "x", "opl")
 

@@ -10,11 +10,15 @@ import errno
 import os
 import subprocess
 import tempfile
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, cast
+from typing import BinaryIO, cast
 
+import imageio_ffmpeg
 import numpy as np
+import xarray as xr
+from PIL import Image, ImageDraw, ImageFont, PngImagePlugin
 
 from ..rendering.dataset import check_dataset
 from ..runtime import checks
@@ -23,12 +27,6 @@ from ..runtime.progress import ProgressBar
 from ..vis import Transient, growing_exposure, lit_bins, tonemap
 from .files import for_each
 from .output import check_output, output_folder
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    import xarray as xr
-    from PIL.Image import Image
 
 _LONGEST_SIDE = 4096
 _PICTURE = 1 << 10  # Least size of a picture [bytes]
@@ -85,14 +83,10 @@ def save_png_frames(
 
 def write_png(picture: np.ndarray, path: Path) -> None:
     """Write uint8 (height, width, 3), with the mark that identifies outputs of this package."""
-    from PIL import Image
-
     _save_png(Image.fromarray(picture), path)
 
 
-def _save_png(picture: Image, path: Path) -> None:
-    from PIL import PngImagePlugin
-
+def _save_png(picture: Image.Image, path: Path) -> None:
     mark = PngImagePlugin.PngInfo()
     mark.add_text("Software", "tofrender")
     picture.save(path, pnginfo=mark)
@@ -152,8 +146,6 @@ class _Frames:
     """Pictures of bins: tone-mapped, enlarged, with the time in a strip below."""
 
     def __init__(self, dataset: xr.Dataset, exposure: float | None, min_size: int):
-        from PIL import ImageFont
-
         checks.integer("min_size", min_size, 1, _LONGEST_SIDE)
         check_dataset(dataset)
         self.sequence = Transient.of(dataset)
@@ -173,10 +165,8 @@ class _Frames:
         sides = max(self.width, int(self.font.getlength(label)) + size), self.height + 2 * size
         self.canvas_width, self.canvas_height = (side + side % 2 for side in sides)
 
-    def draw(self, index: int) -> Image:
+    def draw(self, index: int) -> Image.Image:
         """Draw frame `index`, in colour and with even sides."""
-        from PIL import Image, ImageDraw
-
         linear = self.sequence.values.frame(index)
         picture = tonemap(linear, exposure=self.gains[index], shadows=self.lift)
         size, nearest = (self.width, self.height), Image.Resampling.NEAREST
@@ -197,7 +187,7 @@ class _Frames:
 
 
 def encode_video(
-    pictures: Iterable[Image | np.ndarray],
+    pictures: Iterable[Image.Image | np.ndarray],
     count: int,
     size: tuple[int, int],
     target: Path,
@@ -209,8 +199,6 @@ def encode_video(
 
     `kind` is ".mp4" or ".gif"; a full disk is an OSError.
     """
-    import imageio_ffmpeg
-
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-hide_banner", "-loglevel", "error", "-nostdin"]
     command += [
         "-f",

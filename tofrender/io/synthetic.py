@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import h5py
 import numpy as np
+import xarray as xr
 
 from ..runtime import checks, memory
 from .hdf5 import field_of, restore
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 DEVICES = {"sensor": "camera", "laser": "laser"}
 

@@ -22,14 +22,10 @@ EVEN = 100.0  # largest A - 1; directions are nearly uniform there
 
 
 class SampledGate(Protocol):
-    """A gate that can be sampled.
+    """A gate that can be sampled."""
 
-    Attributes:
-        opens, closes: Shortest and greatest length that it sees [m].
-    """
-
-    opens: mi.Float
-    closes: mi.Float
+    opens: mi.Float  # shortest length that it sees [m]
+    closes: mi.Float  # greatest one [m]
 
     def __call__(self, opl: mi.Float) -> mi.Float:
         """Return the weight of a path length [1/m]."""

@@ -20,25 +20,24 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any, Unpack
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+import xarray as xr
 
 from ..films.image import pixels_of
 from ..films.phasor_sum import Factor
 from ..films.rates import DopplerRecording
 from ..integrators.running import render_all
+from ..rendering.dataset import pixels_and_channels
 from ..rendering.labels import labelled
 from ..runtime import checks, plugins
 from ..scenes.motion import posed
 from ..signals.units import SPEED_OF_LIGHT, check_frequency
 from .choices import MAX_CYCLES, WAVEFORMS
 from .opening import MovingSettings, open_moving, separated
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 HARMONICS = 4  # Odd harmonics of waveforms other than the sine
 POSES = (-0.25, 0.25)  # Times of the poses, from the middle of the exposure, over the exposure
@@ -85,8 +84,6 @@ def doppler(
         >>> dict(measured["heterodyne"].sizes)
         {'y': 8, 'x': 8, 'part': 2, 'channel': 3}
     """
-    import xarray as xr
-
     frequency = check_frequency("frequency_hz", frequency_hz)
     exposure = checks.number("exposure_s", exposure_s, unit="seconds", positive=True)
     cycles = checks.integer("cycles", cycles, 1, MAX_CYCLES)
@@ -110,7 +107,8 @@ def doppler(
             picture, phasors = (np.array(each) for each in film.develop())
         height, width = picture.shape[:2]
         pictures.append(picture[:, :, : film.base_channels_count()])
-        sums.append(_complex(phasors.reshape(height, width, 2, len(weights), 2, -1)))
+        phasors = phasors.reshape(height, width, 2, len(weights), 2, -1)
+        sums.append(phasors[..., 0, :] + 1j * phasors[..., 1, :])
     steady, total = np.mean(pictures, axis=0), np.sum(sums, axis=0)
     parts = np.stack(
         [
@@ -119,8 +117,6 @@ def doppler(
         ],
         axis=3,
     )
-    y, x = (int(v) for v in np.array(camera.film().crop_offset())[::-1])
-    names = ["L"] if parts.shape[-1] == 1 else ["R", "G", "B"]
     dims = ("y", "x", "part", "channel")
     return labelled(
         xr.Dataset(
@@ -129,10 +125,7 @@ def doppler(
                 "heterodyne": (dims, parts[:, :, 1]),
                 "steady": (("y", "x", "channel"), steady),
             },
-            coords={
-                **{"y": y + np.arange(parts.shape[0]), "x": x + np.arange(parts.shape[1])},
-                **{"part": ["I", "Q"], "channel": names},
-            },
+            coords=pixels_and_channels(film, parts.shape[-1]) | {"part": ["I", "Q"]},
             attrs={
                 **{"scene": wanted.scene_label, "spp": spp, "seed": wanted.seed},
                 **{"frequency_hz": frequency, "exposure_s": exposure, "cycles": cycles},
@@ -161,8 +154,6 @@ def doppler_rate(measured: xr.Dataset) -> xr.DataArray:
     Raises:
         ValueError: The Dataset is of another kind or waveform.
     """
-    import xarray as xr
-
     checks.instance("measured", measured, xr.Dataset, "a Dataset of doppler")
     known = {"homodyne", "heterodyne"} <= set(measured.data_vars)
     checks.require("measured", sorted(map(str, measured.data_vars)), known, "a Dataset of doppler")
@@ -201,11 +192,6 @@ def _film(sensor: mi.Sensor, frequencies: list[float]) -> mi.Film:
     film: Any = mi.load_dict(kind | pixels_of(sensor.film()))
     film.frequencies_hz = tuple(frequencies)
     return film
-
-
-def _complex(parts: np.ndarray) -> np.ndarray:
-    """Return I + i Q of an array with the parts along the last axis but one."""
-    return parts[..., 0, :] + 1j * parts[..., 1, :]
 
 
 def _factor(

@@ -12,17 +12,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from ..films.rates import Axis
 from ..runtime import checks, memory
 from ..signals.units import SPEED_OF_LIGHT
 from .choices import MAX_LOOKS, WINDOWS
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 FINE = 8  # Steps of the grid of frequencies in one bin of a spectrum
 MAX_SAMPLES = 1 << 20
@@ -146,8 +144,6 @@ class Fmcw:
             >>> round(found["opl"].item(), 2), round(found["rate"].item(), 2)
             (5.1, 0.1)
         """
-        import xarray as xr
-
         seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
         light, opl, rate = checked_film(film)
         count = self.samples(opl, rate)
@@ -194,8 +190,6 @@ class Fmcw:
         Raises:
             ValueError: `spectra` are not from this lidar's `spectra`.
         """
-        import xarray as xr
-
         checks.instance("spectra", spectra, xr.Dataset, "a Dataset of Fmcw.spectra")
         own = {"up", "down", "beat"} <= set(spectra.variables) and all(
             spectra.attrs.get(name) == getattr(self, name)
@@ -298,8 +292,6 @@ def _splitter(pixel: np.ndarray, beats: np.ndarray, shape: tuple[int, int], near
 
 def checked_film(film: Any, name: str = "film") -> tuple[np.ndarray, Axis, Axis]:
     """Return radiance (y, x, opl, rate) and the axes of a Dataset of `range_rate`."""
-    import xarray as xr
-
     checks.instance(name, film, xr.Dataset, "a Dataset of range_rate")
     dims = ("y", "x", "opl", "rate", "channel")
     known = "radiance" in film and film["radiance"].dims == dims and {*dims[2:4]} <= {*film.coords}

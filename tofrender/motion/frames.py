@@ -7,10 +7,11 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
+import xarray as xr
 
 from ..films.image import transient_film
 from ..integrators.running import interrupted
@@ -22,9 +23,6 @@ from ..rendering.work_items import WorkItem, WorkResult, render_item, whole
 from ..runtime import checks, memory
 from ..runtime.progress import ProgressBar, deferred_stop
 from ..scenes.motion import posed
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 POSES = 8  # Default number of poses in an exposure
 MAX_POSES = 4096
@@ -129,8 +127,6 @@ def render_frames(
         >>> dict(film["transient"].sizes)
         {'frame': 3, 'y': 8, 'x': 8, 'opl': 350, 'channel': 3}
     """
-    import xarray as xr
-
     shutter = Shutter(exposure_s, poses, row_time_s)
     known = [each.name for each in fields(RenderSettings) if each.name not in NOT_OF_FRAMES]
     for name in settings:

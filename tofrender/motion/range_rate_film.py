@@ -5,22 +5,20 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from os import PathLike
-from typing import TYPE_CHECKING, Unpack
+from typing import Unpack
 
 import mitsuba as mi
 import numpy as np
+import xarray as xr
 
 from ..films.rates import Axis, RateRecording, rate_film
 from ..integrators.running import render_all
-from ..rendering.dataset import LOST_ENERGY
+from ..rendering.dataset import LOST_ENERGY, pixels_and_channels
 from ..rendering.labels import labelled
 from ..rendering.window import windowed_film
 from ..runtime import checks
 from ..scenes.motion import motions_of
 from .opening import MovingSettings, open_moving, separated
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 RATES = 65  # Default number of bins of the rate; odd, so that rest is in the middle of one
 RADIANCE = {"units": "W m^-2 sr^-1", "long_name": "radiance per bin"}
@@ -66,8 +64,6 @@ def range_rate(
         >>> dict(light["radiance"].sizes)
         {'y': 8, 'x': 8, 'opl': 50, 'rate': 9, 'channel': 3}
     """
-    import xarray as xr
-
     wanted, checkpoint, progress = separated(scene, settings, bins=bins, window=window)
     count = checks.integer("rate_bins", rate_bins, 1, checks.MAX_BINS)
     span = rates if rates is None else checks.interval("rates", rates, "(start, stop) in m/s")
@@ -90,7 +86,6 @@ def range_rate(
     inside = float(light.sum(dtype=float)) / (float(steady.sum(dtype=float)) or 1.0)
     if steady.any() and 1 - inside > LOST_ENERGY:
         warnings.warn(f"{1 - inside:.1%} of the energy is outside the bins", stacklevel=2)
-    y, x = (int(v) for v in np.array(camera.film().crop_offset())[::-1])
     centres = {
         name: each.start + (np.arange(each.count) + 0.5) * each.width
         for name, each in (("opl", opl), ("rate", rate))
@@ -101,11 +96,10 @@ def range_rate(
                 "radiance": (("y", "x", "opl", "rate", "channel"), light, RADIANCE),
                 "steady": (("y", "x", "channel"), steady),
             },
-            coords={
-                **{"y": y + np.arange(height), "x": x + np.arange(width)},
+            coords=pixels_and_channels(film, light.shape[-1])
+            | {
                 "opl": centres["opl"],
                 "rate": ("rate", centres["rate"], {"units": "m/s", "long_name": "rate of length"}),
-                "channel": ["L"] if light.shape[-1] == 1 else ["R", "G", "B"],
             },
             attrs={
                 **{"scene": wanted.scene_label, "spp": spp, "seed": wanted.seed},
@@ -128,8 +122,5 @@ def fastest(scene: mi.Scene) -> float:
     for part in [*scene.shapes(), *scene.sensors(), *scene.emitters()]:
         if part.id() not in motions:
             continue
-        box = mi.ScalarBoundingBox3f(part.bbox())
-        a, spin = motions[part.id()].affine()
-        corners = [np.array(box.corner(k)) for k in range(8)] if box.valid() else [np.zeros(3)]
-        found = max(found, *(float(np.linalg.norm(a + np.cross(spin, c))) for c in corners))
+        found = max(found, motions[part.id()].speed_at(part.bbox()))
     return found

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+import xarray as xr
 
 from ..paths.surfaces import is_on
 from ..runtime.backend import tracing_lock
 from ..scenes.loading import load_scene
 from .device.relay_wall import DEFAULT_ID, find_shapes
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 LAYERS = 256  # most surfaces that a ray passes on its way to a hidden one
 
@@ -52,8 +50,6 @@ def hidden_depth(
         >>> depth.values.round(6).tolist()
         [[1.0, 1.0], [1.0, 1.0]]
     """
-    import xarray as xr
-
     points, normals = _rays(where)
     if not isinstance(scene, mi.Scene):
         scene = load_scene(scene, optimize=False)
@@ -78,8 +74,6 @@ def hidden_depth(
 
 def _rays(where: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return points of the wall and its normals there, both (rows, columns, 3)."""
-    import xarray as xr
-
     names = set(where.data_vars) if isinstance(where, xr.Dataset) else set()
     if {"frame_axes", "frame_origin"} <= names:
         x, y = np.meshgrid(where["x"].values, where["y"].values)

@@ -12,21 +12,16 @@ from ..signals.polarisation import sensor_frame
 
 @dataclass
 class CameraSample:
-    """Rays through random points of given pixels, an array of any width.
+    """Rays through random points of given pixels, an array of any width."""
 
-    Attributes:
-        ray: Rays in world space; they start at the near plane.
-        origin: Where lengths start: the sensor's position, or the point on its lens [m].
-        weight: Importance of each ray over its density, of type `mi.UnpolarizedSpectrum`.
-        position: Position on the film [pixels], crop offset included; the pixel's corner if the
-            film has a box filter, so that rounding cannot move a sample to the next pixel.
-        frame: Matrix that turns polarised light of each ray into the sensor's frame, or None.
-    """
-
-    ray: mi.Ray3f
-    origin: mi.Point3f
+    ray: mi.Ray3f  # rays in world space; they start at the near plane
+    origin: mi.Point3f  # where lengths start: the sensor's position, or the point on its lens [m]
+    # importance of each ray over its density, of type `mi.UnpolarizedSpectrum`
     weight: mi.UnpolarizedSpectrum
+    # position on the film [pixels], crop offset included; the pixel's corner if the film has a box
+    # filter, so that rounding cannot move a sample to the next pixel
     position: mi.Point2f
+    # matrix that turns polarised light of each ray into the sensor's frame, or None
     frame: mi.Spectrum | None = None
 
 

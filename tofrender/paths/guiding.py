@@ -30,23 +30,14 @@ FACES = 6  # Axes that a normal is closest to, with their signs
 
 @dataclass
 class DirectionTable:
-    """Histograms of directions by cell, as NumPy arrays.
+    """Histograms of directions by cell, as NumPy arrays."""
 
-    Attributes:
-        low: Corner of the grid [m], shape (3,).
-        size: Edges of the grid [m], shape (3,).
-        rows: Row of each cell in the tables, 0 for cells that are not guided.
-        α: Probability of guiding by row.
-        slots: Numbers of bins by row, shape (rows, SLOTS).
-        pdf: Density by row and bin [1/sr], shape (rows, BINS).
-    """
-
-    low: np.ndarray
-    size: np.ndarray
-    rows: np.ndarray
-    α: np.ndarray
-    slots: np.ndarray
-    pdf: np.ndarray
+    low: np.ndarray  # corner of the grid [m], shape (3,)
+    size: np.ndarray  # edges of the grid [m], shape (3,)
+    rows: np.ndarray  # row of each cell in the tables, 0 for cells that are not guided
+    α: np.ndarray  # probability of guiding by row
+    slots: np.ndarray  # numbers of bins by row, shape (rows, SLOTS)
+    pdf: np.ndarray  # density by row and bin [1/sr], shape (rows, BINS)
 
     @classmethod
     def of_photons(

@@ -19,25 +19,15 @@ KINDS = {"PerspectiveCamera": "perspective", "ThinLensCamera": "thinlens"}
 
 @dataclass
 class Arrival:
-    """Connection of a point to the lens, one for each lane.
+    """Connection of a point to the lens, one for each lane."""
 
-    Attributes:
-        lens: The point on the lens [m].
-        near: Where the camera's ray to the point starts: nothing before it is seen [m].
-        direction: Unit vector from the point to the lens.
-        distance: Between point and lens [m].
-        density: p(ω) of the camera's ray to the point [1/sr], 0 outside of the window.
-        position: Position on the film [pixels].
-        seen: Whether the point is in the window, and between near and far clip.
-    """
-
-    lens: mi.Point3f
-    near: mi.Point3f
-    direction: mi.Vector3f
-    distance: mi.Float
-    density: mi.Float
-    position: mi.Point2f
-    seen: mi.Bool
+    lens: mi.Point3f  # the point on the lens [m]
+    near: mi.Point3f  # where the camera's ray to the point starts: nothing before it is seen [m]
+    direction: mi.Vector3f  # unit vector from the point to the lens
+    distance: mi.Float  # between point and lens [m]
+    density: mi.Float  # p(ω) of the camera's ray to the point [1/sr], 0 outside of the window
+    position: mi.Point2f  # position on the film [pixels]
+    seen: mi.Bool  # whether the point is in the window, and between near and far clip
 
 
 class Window:

@@ -53,17 +53,11 @@ class ArrivalHistogram:
 
 @dataclass
 class Arrivals:
-    """Energy over path length.
+    """Energy over path length."""
 
-    Attributes:
-        edges: Edges of the bins [m], shape (n + 1,), in powers of a common ratio.
-        energy: Energy in each bin, in arbitrary units, shape (n,).
-        hits: Number of contributions in each bin, shape (n,).
-    """
-
-    edges: np.ndarray
-    energy: np.ndarray
-    hits: np.ndarray
+    edges: np.ndarray  # edges of the bins [m], shape (n + 1,), in powers of a common ratio
+    energy: np.ndarray  # energy in each bin, in arbitrary units, shape (n,)
+    hits: np.ndarray  # number of contributions in each bin, shape (n,)
 
     @property
     def any(self) -> bool:

@@ -19,6 +19,7 @@ from .labels import TIME, check_time, labelled
 from .lazy_dask import defer_dask
 
 if TYPE_CHECKING:
+    import mitsuba as mi
     import xarray as xr
 
     from ..films.transient import TransientHDRFilm
@@ -45,16 +46,16 @@ HALVES = {
 
 def coordinates(film: TransientHDRFilm) -> dict[str, np.ndarray]:
     """Pixels, bin centres [m], Stokes components and channels of a film's crop window."""
-    height, width, bins, channels = film.shape
-    x, y = (int(v) for v in film.crop_offset())
+    opl = film.start_opl + (np.arange(film.shape[2]) + 0.5) * film.bin_width_opl
     polarised = {"stokes": np.array(STOKES)} if film_stokes(film) > 1 else {}
-    channels //= film_stokes(film)
-    return polarised | {
-        "y": np.arange(y, y + height),
-        "x": np.arange(x, x + width),
-        "opl": film.start_opl + (np.arange(bins) + 0.5) * film.bin_width_opl,
-        "channel": np.array(["L"] if channels == 1 else ["R", "G", "B"]),
-    }
+    return polarised | pixels_and_channels(film, film.base_channels_count()) | {"opl": opl}
+
+
+def pixels_and_channels(film: mi.Film, channels: int) -> dict[str, np.ndarray]:
+    """Rows and columns of a film's crop window, and the names of its channels."""
+    (x, y), (width, height) = (map(int, each) for each in (film.crop_offset(), film.crop_size()))
+    names = np.array(["L"] if channels == 1 else ["R", "G", "B"])
+    return {"y": np.arange(y, y + height), "x": np.arange(x, x + width), "channel": names}
 
 
 def channel_coordinates(film: TransientHDRFilm) -> dict[str, np.ndarray]:

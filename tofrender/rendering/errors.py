@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -32,8 +33,6 @@ def batches_of(spp: int) -> int:
 
 def seed_of(seed: int, first: int, batch: int) -> mi.UInt32:
     """Seed of a batch of the samples that come after the `first` ones."""
-    import drjit as dr
-
     own = mix(mix(mi.UInt32(seed), mi.UInt32(first)), mi.UInt32(batch + 1))
     dr.make_opaque(own)  # One kernel for all seeds
     return own

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from ..runtime import checks
 from ..runtime.progress import status
 from .dataset import DIMS, ERRORS, HALVES, check_dataset, components_of, require_finite
 from .labels import labelled
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 OWN = {
     *("seed", "spp", "render_seconds", "energy_outside_window", "complete"),

@@ -5,11 +5,12 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass, field
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+import xarray as xr
 
 from ..films.colours import kept, to_rgb
 from ..films.contribution import Contribution
@@ -23,11 +24,8 @@ from ..paths.walk import step
 from ..paths.window import KINDS, Window
 from ..runtime import backend, checks
 from ..scenes.checking import check_view
-from ..scenes.loading import load_plugin, load_scene
+from ..scenes.loading import load_plugin, load_scene, require_sensor
 from ..signals.polarisation import components, scaled
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 MOST_PATHS = 10_000
 
@@ -86,8 +84,7 @@ def paths_of(
         low, high = (checks.metres("opl", each) for each in checks.items("opl", opl, 2, "lengths"))
         checks.require("opl", (low, high), low < high, "(least, greatest), least below greatest")
     loaded = scene if isinstance(scene, mi.Scene) else load_scene(scene, optimize=False)
-    sensors = loaded.sensors()
-    camera = sensors[checks.integer("sensor", sensor, 0, len(sensors) - 1)]
+    camera = require_sensor(loaded, sensor)
     index = _index_of(pixel, camera.film())
     plan = _plan(loaded, camera)
     with backend.tracing_lock(), dr.suspend_grad():
@@ -190,8 +187,6 @@ class _Found:
 
     def chosen(self, scene: mi.Scene, count: int, seed: int) -> xr.Dataset:
         """Dataset of a random choice of the paths, in proportion to their radiance."""
-        import xarray as xr
-
         light = self.radiance.sum(axis=1)
         rows = np.arange(light.size)
         if light.size > count:

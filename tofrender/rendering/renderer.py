@@ -324,14 +324,12 @@ def open_scene(settings: RenderSettings) -> tuple[mi.Scene, TransientIntegrator]
             raise
         if isinstance(integrator, str | Mapping):
             integrator = None  # It is the scene's now
-    require_sensor(scene)
-    sensors = scene.sensors()
-    checks.integer("sensor", settings.sensor, 0, len(sensors) - 1)
+    camera = require_sensor(scene, settings.sensor)
     own = None if integrator is None else _integrator(scene, integrator)
     follows = scene.integrator() if own is None else own
     does = {name: getattr(follows, f"follows_{name}", True) for name in ("media", "polarisation")}
-    check_scene(scene, sensors[settings.sensor], **does)  # Those of others are refused later
-    windowed_film(sensors[settings.sensor].film(), *settings.time_axis)  # Refuses a wrong window
+    check_scene(scene, camera, **does)  # Those of others are refused later
+    windowed_film(camera.film(), *settings.time_axis)  # Refuses a wrong window
     own = _integrator(scene, own)
     if own.needs_lights:
         require_light(scene)

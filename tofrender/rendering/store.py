@@ -37,20 +37,13 @@ BLOCK_BYTES = 4 << 20
 
 @dataclass
 class Receipt:
-    """Checksums and sums of a tile on disk.
+    """Checksums and sums of a tile on disk."""
 
-    Attributes:
-        files: CRC-32C of each file, by its name.
-        steady, transient: Sums of all values.
-        not_finite: Contributions that were left out.
-        seconds: Time that it took [s].
-    """
-
-    files: dict[str, int]
-    steady: float
-    transient: float
-    not_finite: int
-    seconds: float
+    files: dict[str, int]  # CRC-32C of each file, by its name
+    steady: float  # sum of all values
+    transient: float  # sum of all values
+    not_finite: int  # contributions that were left out
+    seconds: float  # time that it took [s]
 
 
 class Store:

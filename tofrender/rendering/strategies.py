@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import mitsuba as mi
 import numpy as np
+import xarray as xr
 
 from ..films.recording import recording, warn_not_finite
 from ..integrators.passes import steps
@@ -23,8 +24,6 @@ from .settings import RenderSettings, either
 from .window import check_window, windowed_film
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from ..films.transient import TransientHDRFilm
     from ..integrators.base import TransientIntegrator
 
@@ -91,8 +90,6 @@ def strategy_pyramid(
         >>> [str(name) for name in pyramid.strategy.values]
         ['0,2', '1,1', '0,3', '1,2', '2,1']
     """
-    import xarray as xr
-
     backend.require_vectorised()
     backend.require_unpolarised()
     bins = either("bins", bins, temporal_bins)

@@ -28,21 +28,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, order=True)
 class WorkItem:
-    """Some samples of some pixels.
+    """Some samples of some pixels."""
 
-    Attributes:
-        y, x: First row and column of the pixels in the film's crop window.
-        height, width: Rows and columns.
-        first: Samples per pixel before the first of these.
-        count: Samples per pixel.
-    """
-
-    y: int
-    x: int
-    height: int
-    width: int
-    first: int
-    count: int
+    y: int  # first row of the pixels in the film's crop window
+    x: int  # first column
+    height: int  # rows
+    width: int  # columns
+    first: int  # samples per pixel before the first of these
+    count: int  # samples per pixel
 
     def pixels(self, array: np.ndarray) -> np.ndarray:
         """The item's pixels of an array of the whole film, (height, width, ...), as a view."""
@@ -51,20 +44,14 @@ class WorkItem:
 
 @dataclass
 class WorkResult:
-    """Result of a work item.
+    """Result of a work item."""
 
-    Attributes:
-        arrays: `transient` (height, width, temporal_bins, channels), `steady` (height, width,
-            channels), and their standard errors, `transient_error` and `steady_error`, if wanted.
-        done: Samples per pixel that were taken: fewer than the item's if it was stopped.
-        not_finite: Contributions that were left out.
-        seconds: Time that it took [s].
-    """
-
+    # `transient` (height, width, temporal_bins, channels), `steady` (height, width, channels), and
+    # their standard errors, `transient_error` and `steady_error`, if wanted
     arrays: dict[str, np.ndarray]
-    done: int
-    not_finite: int = 0
-    seconds: float = 0.0
+    done: int  # samples per pixel that were taken: fewer than the item's if it was stopped
+    not_finite: int = 0  # contributions that were left out
+    seconds: float = 0.0  # time that it took [s]
 
 
 def whole(job: Job, first: int = 0) -> WorkItem:

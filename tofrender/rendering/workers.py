@@ -54,25 +54,16 @@ THREADS = "TOFRENDER_THREADS"
 
 @dataclass(frozen=True)
 class Order:
-    """All that a worker needs to make the same job.
+    """All that a worker needs to make the same job."""
 
-    Attributes:
-        make: Makes a job of `arguments`; found by its name in the worker's own package.
-        arguments: Plain values, by name.
-        variant: Mitsuba's variant.
-        axis: Number of the bins, their start and width [m].
-        fingerprint: Of scene, sensor and integrator.
-        folder: A film on disk that workers write to; without, results are sent back.
-        key: Tells orders apart.
-    """
-
+    # makes a job of `arguments`; found by its name in the worker's own package
     make: Callable[..., Job]
-    arguments: Mapping[str, object]
-    variant: str
-    axis: tuple[int, float, float]
-    fingerprint: str
-    folder: str | None
-    key: str
+    arguments: Mapping[str, object]  # plain values, by name
+    variant: str  # Mitsuba's variant
+    axis: tuple[int, float, float]  # number of the bins, their start and width [m]
+    fingerprint: str  # of scene, sensor and integrator
+    folder: str | None  # a film on disk that workers write to; without, results are sent back
+    key: str  # tells orders apart
 
     @classmethod
     def of(cls, job: Job, folder: Path | None) -> Order:
@@ -305,8 +296,6 @@ def _raise(future: Future) -> None:
         raise error
     raise RuntimeError(f"a worker failed: {type(error).__name__}: {error}")
 
-
-# ------------------------------------------------------------------------------- in a worker
 
 _START = """
 refused = None

@@ -22,9 +22,6 @@ FIGURE_SUFFIXES = (".png", ".pdf", ".svg")
 STYLE_SHEET = Path(__file__).with_name("figures.mplstyle")
 
 
-# ------------------------------------------------------------------------------------ style
-
-
 @dataclass(frozen=True)
 class Palette:
     """Colours of a theme; those of text have a contrast to `paper` of 4.5 and more."""
@@ -192,8 +189,6 @@ def new_figure(width: float, height: float, layout: Any = "constrained") -> Figu
     Canvas(figure)
     return figure
 
-
-# ----------------------------------------------------------------------------------- saving
 
 # Text stays text, and identifiers inside of files stay the same
 _SAVED: dict[Any, Any] = {"svg.fonttype": "none", "pdf.fonttype": 42, "svg.hashsalt": "tofrender"}

@@ -31,9 +31,6 @@ LONGEST = 80  # Characters of a value that a message shows
 LISTED = 400  # Characters of the allowed names that a message lists
 
 
-# ----------------------------------------------------------------------------------- messages
-
-
 def quote(value: Any) -> str:
     """`repr` for messages: in one line, cut if it is long; arrays by type and shape."""
     if isinstance(value, int) and value.bit_length() > 200:
@@ -61,9 +58,6 @@ def join_names(names: Collection[str]) -> str:
     first = [each for each, end in zip(texts, ends, strict=True) if end <= LISTED]
     more = len(texts) - len(first)
     return ", ".join(first) + (f", or {more} more" if more else "")
-
-
-# -------------------------------------------------------------------------------------- kinds
 
 
 def require(name: str, value: Any, valid: Any, allowed: str) -> Any:
@@ -134,9 +128,6 @@ def one_of(name: str, value: Any, allowed: Collection[str]) -> str:
 def _is_bool(value: Any) -> bool:
     """Whether a value is a bool of Python's or NumPy's."""
     return type(value).__name__ in ("bool", "bool_")
-
-
-# ------------------------------------------------------------------------------------ numbers
 
 
 def integer(name: str, value: Any, low: int, high: int) -> int:
@@ -255,9 +246,6 @@ def point(name: str, value: Any, count: int = 3) -> list[float]:
     return numbers
 
 
-# ---------------------------------------------------------------------- paths and addresses
-
-
 def path(name: str, value: Any) -> Path:
     """Require a path; a number is refused, which `open` would take for an open file, and close."""
     allowed = "must be text or an os.PathLike, the name of a file or folder"
@@ -279,9 +267,6 @@ def address(name: str, value: Any) -> str:
     found = re.fullmatch(r"((tcp|tls|ws|wss|ucx)://)?(\[[\w:%.]+\]|[^\s/:]+):(\d{1,5})", str(value))
     valid = isinstance(value, str) and found is not None and 0 < int(found[4]) < 1 << 16
     return require(name, value, valid, "an address like tcp://10.0.0.1:8786")
-
-
-# ------------------------------------------------------------------------------------- arrays
 
 
 def real_array(name: str, values: Any, dtype: Any = None) -> np.ndarray:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
+import os
 from pathlib import Path, PurePosixPath
 
 RESERVE = 300 << 20  # Bytes of a render besides its film: Mitsuba, kernels, rays
@@ -100,9 +102,6 @@ def _part_that_fits(size: int, copies: float) -> float:
 
 def _cuda_free() -> int:
     """Free memory of the CUDA device that Dr.Jit uses, the first one [bytes], from the driver."""
-    import ctypes
-    import os
-
     free, total, context = ctypes.c_size_t(), ctypes.c_size_t(), ctypes.c_void_p()
     try:
         driver = ctypes.CDLL("nvcuda.dll" if os.name == "nt" else "libcuda.so.1")

@@ -22,9 +22,6 @@ HATCH: dict[str, Any] = {"facecolor": "0.62", "edgecolor": "0.45", "hatch": "///
 DARK_HATCH: dict[str, Any] = {"facecolor": (38 / 255,) * 3, "edgecolor": "0.45", "hatch": "/////"}
 
 
-# -------------------------------------------------------------------------- ticks and scales
-
-
 def few_ticks(axes: Axes, **options: Any) -> None:
     """Limit the ticks on both axes to those that fit."""
     axes.locator_params(nbins=5, steps=[1, 2, 5, 10], **options)
@@ -99,9 +96,6 @@ def _ticks(low: float, high: float, most: int) -> list[float]:
     return [float(tick) for tick in found if low - tolerance <= tick <= high + tolerance]
 
 
-# ----------------------------------------------------------------------- text and the hatch
-
-
 def wrap_text(text: str, width: float, size: float = 9) -> str:
     """Wrap text to a width [inches] at a font size [points]."""
     most = max(12, int(width * 72 / (0.56 * size)))
@@ -121,8 +115,6 @@ def fit_height(figure: Figure) -> None:
         figure.draw_without_rendering()
         figure.set_figheight(max(1.0, figure.get_tightbbox().height + 2 * PAD))
 
-
-# ------------------------------------------------------------------------- grids of pictures
 
 LEFT, RIGHT, GAP, EDGE = 0.5, 0.14, 0.17, 0.07
 TITLE, LINE, TICKS, LABEL, BAR = 0.22, 0.125, 0.17, 0.16, 0.07

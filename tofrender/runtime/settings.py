@@ -28,20 +28,14 @@ def unchecked(name: str, value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Setting:
-    """Description of a setting, which annotates the field that has its name, type and default.
+    """Description of a setting, which annotates the field that has its name, type and default."""
 
-    Attributes:
-        help: What it sets, and in which unit: for `--help` and `render`'s documentation.
-        check: Refuses bad values of a parameter of this name, in one line.
-        low, high: Least and largest integer.
-        choices: All names that are allowed; in Python, objects are, too.
-    """
-
-    help: str
+    help: str  # what it sets, and in which unit: for `--help` and `render`'s documentation
+    # refuses bad values of a parameter of this name, in one line
     check: Callable[[str, Any], Any] = unchecked
-    low: int | None = None
-    high: int | None = None
-    choices: tuple[str, ...] = ()
+    low: int | None = None  # least integer
+    high: int | None = None  # largest integer
+    choices: tuple[str, ...] = ()  # all names that are allowed; in Python, objects are, too
 
 
 def integer(help: str, low: int, high: int) -> Setting:

@@ -87,16 +87,13 @@ def true_points(waveforms: xr.Dataset) -> xr.Dataset:
 def _points(waveforms: xr.Dataset, shot: np.ndarray, columns: dict[str, Any]) -> xr.Dataset:
     """Place points at the column "range" of shots, and add columns of the shots."""
     arrays = {name: np.asarray(each) for name, each in columns.items()}
-    points = waveforms["direction"].values[shot] * arrays["range"][:, None]
-    arrays |= dict(zip("xyz", (_origins(waveforms)[shot] + points).T, strict=True))
+    ways = waveforms["direction"].values
+    origins = np.broadcast_to(waveforms["origin"].values, ways.shape)
+    points = origins[shot] + ways[shot] * arrays["range"][:, None]
+    arrays |= dict(zip("xyz", points.T, strict=True))
     arrays |= {name: waveforms[name].values[shot] for name in ("time", "true_range")}
     attrs = waveforms.attrs | {"quantity": "points", "units": "m"}
     return xr.Dataset({k: ("point", v) for k, v in {**arrays, "shot": shot}.items()}, attrs=attrs)
-
-
-def _origins(waveforms: xr.Dataset) -> np.ndarray:
-    """Return where each shot starts [m], (shot, 3)."""
-    return np.broadcast_to(waveforms["origin"].values, (waveforms.sizes["shot"], 3))
 
 
 def _require(waveforms: Any) -> None:

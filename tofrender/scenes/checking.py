@@ -34,22 +34,15 @@ to .5 %, measured in a diffuse sphere and the Cornell box by all integrators."""
 SENSOR = "a sensor of the scene, as scene.sensors()[0]"
 
 
-def check_scene(
-    scene: mi.Scene,
-    sensor: mi.Sensor | None = None,
-    *,
-    media: bool = False,
-    polarisation: bool = False,
-) -> None:
+def check_scene(scene: mi.Scene, sensor: mi.Sensor | None = None, **supported: bool) -> None:
     """Refuse a scene whose picture would be silently wrong or black.
 
-    None stands for all of the scene's sensors. `media` and `polarisation` tell whether the
-    integrator supports them.
+    None stands for all of the scene's sensors. `supported` is what `require_modelled` has.
     """
-    require_modelled(scene, sensor, media=media, polarisation=polarisation)
+    require_modelled(scene, sensor, **supported)
     require_sound(scene, sensor)
     require_extent(scene)
-    if media:
+    if supported.get("media"):
         require_sound_media(scene, sensor)
 
 

@@ -157,21 +157,18 @@ def load_plugin(what: str, description: Mapping[str, Any], kind: type = object) 
     return plugin
 
 
-def require_sensor(scene: mi.Scene, number: Any = 0) -> mi.Sensor:
+def require_sensor(scene: mi.Scene, number: Any = 0, name: str = "sensor") -> mi.Sensor:
     """Return a scene's sensor of a number; refuse a scene without sensors."""
     sensors = scene.sensors()
     if not sensors:
         raise ValueError("scene: has no sensor; it must have one, for example a perspective camera")
-    return sensors[checks.integer("sensor", number, 0, len(sensors) - 1)]
+    return sensors[checks.integer(name, number, 0, len(sensors) - 1)]
 
 
 def require_light(scene: mi.Scene) -> None:
     """Refuse a scene without a light; its picture would be black."""
     if not scene.emitters():
         raise ValueError("scene: has no light; it must have an emitter, for example a point light")
-
-
-# ----------------------------------------------------------------------------------- sources
 
 
 def find_scene(name: str) -> str | Path:

@@ -110,9 +110,6 @@ def _merged(defaults: Dict, options: Mapping[str, Any]) -> Dict:
     return defaults | dict(options)
 
 
-# ------------------------------------------------------------------------------ materials, media
-
-
 def ref(name: str) -> Dict:
     """A reference to another part of the scene."""
     return {"type": "ref", "id": name}
@@ -137,9 +134,6 @@ def medium(sigma_t: float, albedo: list[float], g: float) -> Dict:
     """A homogeneous medium of an extinction [1/m] and an HG phase function."""
     phase = {"type": "hg", "g": g}
     return {"type": "homogeneous", "sigma_t": sigma_t, "albedo": rgb(albedo), "phase": phase}
-
-
-# ----------------------------------------------------------------------------- shapes and lights
 
 
 def pose(
@@ -183,9 +177,6 @@ def ball_light(
     radiance = power / (4 * pi**2 * radius**2)
     light = {"emitter": area_light([radiance * channel for channel in colour])}
     return sphere(center, radius, "black") | light
-
-
-# ------------------------------------------------------------------------------ camera and films
 
 
 def camera(

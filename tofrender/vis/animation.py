@@ -6,18 +6,18 @@ import base64
 import io
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
+from matplotlib.animation import FFMpegWriter, FuncAnimation
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from ..runtime.canvas import figure_width, in_style, new_figure, palette
 from ..signals.units import opl_to_ns
 from .tone import auto_exposure, tonemap
 from .transient import Transient, picture_aspect, pixel_axes, time_axes
-
-if TYPE_CHECKING:
-    from matplotlib.animation import FuncAnimation
-    from matplotlib.figure import Figure
 
 _INTERVAL_MS = 50
 _PLAYER_FRAMES, _PLAYER_DPI = 100, 108
@@ -50,8 +50,6 @@ def visualize_transient(
         >>> animation._repr_html_()[:15]
         '<video controls'
     """
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
     sequence = Transient.of(data, start_opl, bin_width_opl)
     exposure = auto_exposure(sequence.values)
     wide = figure_width(4.0)
@@ -85,8 +83,6 @@ def _brightest_frame(sequence: Transient, exposure: float) -> int:
 
 def _playback(figure: Figure, update: Any, bins: int, first: int) -> FuncAnimation:
     """An animation of `bins` frames; a notebook shows the `first`, and the others as a video."""
-    from matplotlib import rc_context
-    from matplotlib.animation import FFMpegWriter, FuncAnimation
 
     class Playback(FuncAnimation):
         stride = 1

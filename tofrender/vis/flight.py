@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.figure import Figure
 
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure
@@ -15,9 +18,6 @@ from ..signals.units import opl_to_ns
 from .colours import hue_map, time_map
 from .tone import auto_exposure, tonemap
 from .transient import Transient, explain_hatch, picture_aspect, pixel_axes
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 STYLES = {"arrival": "arrival time", "peak": "peak time", "rainbow": "isochrones"}
 """Titles by style."""
@@ -138,9 +138,6 @@ def _rainbow(sequence: Transient, period_ns: float | None) -> tuple[np.ndarray, 
 
 def _scale(low: float, high: float, colours: Any) -> Any:
     """Colours of numbers for a colour bar."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
     return ScalarMappable(Normalize(low, high, clip=True), colours)
 
 
@@ -184,8 +181,6 @@ def gate_figure(
         >>> figure.axes[0].get_title()
         't = 19.68 ± 0.10 ns, OPL = 5.900 ± 0.030 m'
     """
-    from matplotlib.colors import ListedColormap
-
     opl = checks.metres("opl", opl)
     width = checks.metres("pulse_width_opl", pulse_width_opl, positive=True)
     checks.text("title", title)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from ..analysis.unwrapping import unambiguous_range, unwrap
 from ..runtime import checks
@@ -14,10 +16,6 @@ from ..runtime.plots import COLUMN, NO_VALUE, PictureGrid, percentile_range
 from ..signals.units import SPEED_OF_LIGHT, check_frequencies
 from .colours import phase_map
 from .transient import map_axes, picture_aspect
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 MAX_WRAPS = 128  # Largest unambiguous range that is unwrapped, in wraps of the highest frequency
 

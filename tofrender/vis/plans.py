@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ..runtime import checks
@@ -15,10 +17,6 @@ from ..runtime.backend import tracing_lock
 from ..runtime.canvas import figure_width, in_style, new_figure, palette
 from ..runtime.plots import few_ticks, fit_height, wrap_text
 from .transient import picture_aspect
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from matplotlib import colormaps
+from matplotlib.figure import Figure
 
 from ..analysis.polarisation import (
     angle_of_linear_polarisation,
@@ -19,9 +22,6 @@ from ..runtime.plots import COLUMN, PictureGrid
 from .colours import from_srgb, hue_map, phase_map
 from .tone import auto_exposure, tonemap
 from .transient import map_axes, picture_aspect
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 MIN_DEGREE = 0.01  # Least degree of linear polarisation whose angle is shown
 
@@ -53,8 +53,6 @@ def polarisation_picture(
         >>> polarisation_picture(light, "degree").shape
         (4, 6, 3)
     """
-    from matplotlib import colormaps
-
     values, light, gain = _checked(stokes, exposure)
     checks.one_of("shown", shown, SHOWN)
     if shown == "intensity":
@@ -80,8 +78,6 @@ def polarisation_picture(
 
 def _checked(stokes: Any, exposure: float | None) -> tuple[np.ndarray, np.ndarray, float]:
     """Stokes vectors (height, width, 4, channels), their mean over channels, and the gain."""
-    import xarray as xr
-
     dims = stokes.dims if isinstance(stokes, xr.DataArray) else None
     values = checks.real_array("stokes", stokes, np.float64)
     named = dims in (None, ("y", "x", "stokes", "channel"))

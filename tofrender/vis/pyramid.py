@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import xarray as xr
+from matplotlib.figure import Figure
 
 from ..rendering.dataset import time_axis
 from ..runtime import checks
@@ -10,10 +13,6 @@ from ..runtime.canvas import figure_width, in_style, new_figure
 from ..runtime.plots import wrap_text
 from .tone import auto_exposure, tonemap
 from .transient import picture_aspect
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 _WIDTH, _LEAST, _WITH_TITLE, _GAP, _ABOVE = 1.2, 0.42, 0.8, 0.07, 0.2
 """Widths of a picture: usual, least, least with a full title; gaps [inches]."""

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from ..motion.fmcw import Fmcw, checked_film
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure
 from ..runtime.plots import colour_bar, fit_height, wrap_text
 from .transient import explain_hatch, map_axes, picture_aspect, typeset
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 DECADES = 4  # Of the colours of light
 
@@ -45,9 +45,6 @@ def range_velocity_map(
         >>> range_velocity_map(light).axes[0].get_ylabel()
         'velocity, half the rate [m/s]'
     """
-    from matplotlib.colors import LogNorm
-    from matplotlib.patches import Rectangle
-
     light, *axes_of_film = checked_film(film)
     checks.instance("lidar", lidar, Fmcw | None, "an Fmcw or None")
     title = checks.text("title", title)
@@ -108,8 +105,6 @@ def velocity_map(
         >>> velocity_map(xr.DataArray(np.ones((4, 6)), dims=("y", "x"))).axes[0].get_title()
         'receding (red), approaching (blue)'
     """
-    import xarray as xr
-
     checks.instance("rate", rate, xr.DataArray, "a DataArray of doppler_rate")
     valid = rate.dims == ("y", "x") and rate.size and rate.dtype.kind == "f"
     checks.require("rate", rate, valid, "numbers with the dimensions y, x")

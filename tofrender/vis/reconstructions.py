@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from ..nlos.reconstruction.depths import check_volume, depth_map
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style
 from ..runtime.plots import COLUMN, HATCH, PictureGrid, few_ticks
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 
 @in_style()
@@ -42,8 +41,6 @@ def reconstruction_figure(
         >>> [each.get_title() for each in reconstruction_figure(volume).axes[:4]]
         ['front', 'side', 'top', 'depth']
     """
-    from matplotlib.patches import Rectangle
-
     checks.text("title", title)
     values = check_volume(volume)
     depth = depth_map(volume, threshold).values

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
 
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure, palette
 from ..runtime.plots import colour_bar, percentile_range, wrap_text
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 AXES = {"opl": "optical path length [m]", "delay_opl": "delay of the gate [m]"}
 AXES |= {"sweep": "path length along the sweep [m]"}

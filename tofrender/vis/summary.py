@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from ..rendering.dataset import check_dataset
 from ..runtime import checks
@@ -15,11 +18,6 @@ from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
 from .tone import tonemap
 from .transient import Transient, explain_hatch, map_axes, picture_aspect, pixel_axes, time_axes
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 @status("Drawing the summary")

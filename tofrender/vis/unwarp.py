@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from ..rendering.cubes import Cube
 from ..rendering.dataset import DIMS, check_dataset, time_axis
 from ..rendering.labels import TIME, labelled
 from ..runtime import checks, memory
 from ..runtime.progress import status
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 @status("Unwarping")

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style
 from ..runtime.plots import PictureGrid, few_ticks
 from ..sampling.verdicts import Verdict, caption, density_panels
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 @in_style()

@@ -12,6 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from ...runtime import checks
+from ...signals.colour import luminance
 from ...vis.transient import Transient
 
 if TYPE_CHECKING:
@@ -117,8 +118,6 @@ class Pair:
         """Luminance of a pixel of both over the clock, without one nothing."""
         if self.clock is None:
             return []
-        from ...signals.colour import luminance
-
         opl = self.clock.start + (np.arange(self.clock.count) + 0.5) * self.clock.width
         films = zip(self._films, self._factors, strict=True)
         return [

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from ...motion.fmcw import checked_film
 from ...nlos.captures import ON_WALL, check_capture
@@ -22,9 +23,6 @@ from ...signals.units import ns_to_opl
 from ...vis.transient import Transient, typeset
 from ...vis.unwarp import checked_distances
 from .compression import Mode
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 PIXELS = {"transient": "pixels", "capture": "points", "volume": "columns", "phasors": "pixels"}
 
@@ -64,8 +62,6 @@ class ExplorerData:
 
 def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> ExplorerData:
     """Check a Dataset of `render`, `capture`, `range_rate`, `strategy_pyramid` or `reconstruct`."""
-    import xarray as xr
-
     checks.require("data", data, isinstance(data, xr.Dataset), "an xarray.Dataset")
     rates = None
     if "rate" in data.dims:

@@ -11,16 +11,15 @@ import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import xarray as xr
 
 from ...runtime import checks
 from ...runtime.atomic import check_file, check_writable, replacing
 from ..ui.bundle import text_of
 from .contents import Contents, contents_of
 from .module import javascript, style
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 def report(

@@ -9,9 +9,10 @@ import warnings
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mitsuba as mi
+import xarray as xr
 
 from ...io import save_npz
 from ...rendering.renderer import render
@@ -19,9 +20,6 @@ from ...rendering.settings import RenderSettings
 from ...runtime import backend
 from ...scenes.loading import load_scene
 from ..explorer.paths import path_tracer
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 STEP_S = 4.0  # Time between two updates of a render [s], once it is under way
 

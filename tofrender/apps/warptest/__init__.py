@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import atexit
 from typing import Any
 
 from ...runtime import checks
@@ -52,8 +53,6 @@ def warptest(subject: str = "tent", *, module: Any = None, **parameters: Any) ->
 
 def application(subject: str = "tent", *, module: Any = None, **parameters: Any) -> tuple[Any, Any]:
     """A function that makes a reader's page, for `serving.serve`, and the engine of all readers."""
-    import atexit
-
     from ..ui.serving import require_panel
     from .subjects import SUBJECTS
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from ...runtime import checks
 from ...sampling import domains, images
+from ...signals.colour import luminance
 
 Lookup = Callable[[str], Any]
 Functions = tuple[Callable[[Any], Any], Callable[[Any], Any]]
@@ -76,8 +77,6 @@ class Subject:
 
 def density_of(image: Any) -> np.ndarray:
     """Luminance of an image (path, bitmap, array) on 2^M x 2^M pixels, at most 512 x 512."""
-    from ...signals.colour import luminance
-
     weights = luminance(images.read_image(image))
     side = min(images.power_of_two(max(weights.shape)), MAX_SIDE)
     return weights if weights.shape == (side, side) else images.resized(weights, side)

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from ...runtime import checks
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 def check_volume(volume: Any) -> np.ndarray:
     """Return the finite intensities (z, y, x) of a result of `reconstruct`."""
-    import xarray as xr
-
     if not isinstance(volume, xr.Dataset) or volume.get("intensity", np.array(0)).ndim != 3:
         raise ValueError(f"volume = {type(volume).__name__}: must be a result of reconstruct()")
     intensity = volume["intensity"]
@@ -52,8 +48,6 @@ def depth_map(volume: xr.Dataset, threshold: float = 0.2) -> xr.DataArray:
     Raises:
         ValueError: Not a result of `reconstruct`, or a threshold out of range.
     """
-    import xarray as xr
-
     values = check_volume(volume)
     threshold = checks.number("threshold", threshold, low=0, high=1)
     z = volume["z"].values

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from ...rendering.labels import labelled
 from ...runtime import checks
 from .measured import Measured, WallFrame
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 MAX_VOXELS = 1 << 30
 
@@ -146,8 +144,6 @@ def volume_dataset(
     values: np.ndarray, grid: VolumeGrid, frame: WallFrame, attrs: dict[str, str | int | float]
 ) -> xr.Dataset:
     """Make the Dataset of intensities (z, y, x)."""
-    import xarray as xr
-
     names = {"z": "distance from the wall", "y": "along the wall's rows", "x": "along its columns"}
     dataset = xr.Dataset(
         {
