@@ -76,7 +76,7 @@ def differences(film: Any, whole: Any) -> dict[str, float]:
         one, other = film[name].values, whole[name].values
         assert one.shape == other.shape
         assert one.dtype == other.dtype
-        largest = np.abs(one - other).max() / np.abs(other).max()
+        largest = np.abs(one - other).max() / (np.abs(other).max() or 1.0)
         found[name] = float(largest) if np.isfinite(largest) else 1.0
     return found
 

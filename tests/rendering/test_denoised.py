@@ -42,6 +42,36 @@ def test_the_raw_film_is_that_of_a_plain_render(box, found):
     np.testing.assert_allclose(found["steady"] - plain["steady"], change, atol=1e-4 * top)
 
 
+@pytest.mark.filterwarnings("ignore::UserWarning")  # Light outside of the window
+def test_direct_light_of_points_has_more_samples():
+    """Paths of two segments and longer ones add up; the former are those of four times `spp`."""
+    scene, few = tofrender.load_scene("cornell_box_flash", width=12, height=9), {"spp": 64}
+    kind = {"type": "transient_path", "max_depth": 2}
+    found = render(scene, denoise=True, **few)
+    direct = render(scene, spp=256, integrator=kind)
+    top = float(direct["transient"].max())
+    np.testing.assert_allclose(found["direct"], direct["transient"], atol=1e-5 * top)
+    rest = render(scene, **few)["transient"] - render(scene, **few, integrator=kind)["transient"]
+    np.testing.assert_allclose(found["raw"] - found["direct"], rest, atol=1e-5 * top)
+    again = denoise(found)
+    assert float(again["transient"].sum()) == pytest.approx(float(found["raw"].sum()), rel=1e-4)
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # Light outside of the window
+def test_single_scattering_is_apart():
+    """Light that is scattered once and more often add up to that of one render."""
+    scene = tofrender.load_scene("cornell_box_fog", width=6, height=6)
+    found, whole = render(scene, spp=256, denoise=True), render(scene, spp=1024)
+    direct = render(scene, spp=1024, integrator={"type": "transient_volpath", "max_depth": 2})
+    top = float(direct["transient"].max())
+    np.testing.assert_allclose(found["direct"], direct["transient"], atol=1e-5 * top)
+    assert float(found["raw"].sum()) == pytest.approx(float(whole["transient"].sum()), rel=0.1)
+
+
+def test_lamps_with_an_area_have_no_direct_light_apart(found):
+    assert float(abs(found["direct"]).max()) == 0
+
+
 def test_it_is_nearer_to_the_truth():
     scene = tofrender.load_scene(small_box(24, 24, bin_width_opl=0.1, temporal_bins=120))
     found, truth = render(scene, spp=16, denoise=True), render(scene, spp=1024, seed=1)

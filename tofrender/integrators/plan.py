@@ -40,6 +40,8 @@ class Plan(Parts):
 
     def visible_emitters(self) -> Sequence[mi.Emitter]:
         """Return emitters that camera rays may hit first, whose light may be sampled apart."""
+        if self.limits.min_depth > 1:
+            return ()
         return self.endpoint.visible_emitters()
 
     def for_bin_width(self, width_opl: float | None) -> Self:
@@ -53,6 +55,21 @@ class Plan(Parts):
         other = self.with_endpoint(self.endpoint.attached())
         other.space = self.space.attached()
         return other
+
+    def by_depth(self, longest: int) -> tuple[Self, Self] | None:
+        """Return plans of paths with up to `longest` segments, and with more; None if it cannot.
+
+        It cannot unless its paths start at the camera, or if there are no longer ones.
+        """
+        limits = self.limits
+        if type(self) is not Plan or self.endpoint.importance:
+            return None
+        if limits.bounded and limits.max_depth <= longest:
+            return None
+        short, long = copy(self), copy(self)
+        short.limits, long.limits = copy(limits), copy(limits)
+        short.limits.max_depth, long.limits.min_depth = longest, longest + 1
+        return short, long
 
     def without_first_hit(self) -> Self:
         """Return the plan without emission at the first surface."""

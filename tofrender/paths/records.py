@@ -238,6 +238,7 @@ class Limits:
         max_opl: Optical path length beyond which no contribution counts [m], None if all do.
         camera_unwarp: Leave out the segment from the sensor to the first vertex.
         skip_first_hit: Drop emission at the first surface, which `VisibleEmitters` samples.
+        min_depth: Shortest path in segments: 3 leaves out emitters and direct light.
         ignore_null: Null interactions change neither depth nor MIS weights, as in Mitsuba's
             `volpath`. Space and endpoint must pass through null surfaces (`transient_volpath`).
     """
@@ -250,10 +251,16 @@ class Limits:
         camera_unwarp: bool = False,
         skip_first_hit: bool = False,
         ignore_null: bool = False,
+        min_depth: int = 0,
     ) -> None:
+        self.min_depth = min_depth
         self.max_depth, self.rr_depth, self.max_opl = max_depth, rr_depth, max_opl
         self.camera_unwarp, self.skip_first_hit = camera_unwarp, skip_first_hit
         self.ignore_null = ignore_null
+
+    def long_enough(self, segments: mi.UInt32) -> mi.Bool | bool:
+        """Return where paths are not too short to count."""
+        return segments >= self.min_depth if self.min_depth > 0 else True
 
     @property
     def bounded(self) -> bool:

@@ -88,7 +88,8 @@ def step(sampler: mi.Sampler, path: Path, parts: Parts, measurement: Measurement
         path.history = endpoint.history.at_vertex(path, vertex, active)
     if endpoint.connects:
         # Delta lobes reflect no connection
-        connects = below_max_depth & active & scattering.smooth(vertex)
+        connects = below_max_depth & active & limits.long_enough(path.depth + 2)
+        connects &= scattering.smooth(vertex)
         connection = endpoint.connect(vertex, path, sampler, connects)
         _attenuate(connection, path, vertex, parts, sampler)
         bsdf_eval, bsdf_sample = scattering.sample(vertex, connection, sampler, active)
@@ -157,6 +158,7 @@ def add_emission(path: Path, vertex: Vertex, parts: Parts, measurement: Measurem
     active = hit.active
     if limits.skip_first_hit:  # `step` sets `valid_ray` after the first hit
         active = active & (path.valid_ray | ~vertex.valid)
+    active = active & limits.long_enough(path.depth + 1)
     emitted = apply_throughput(path.β * hit.mis_weight, hit.radiance)
     end = dr.select(vertex.valid, vertex.si.p, path.prev.p + path.ray.d * hit.length)
     contribution = Contribution(emitted, path.opl, active, end=end, rate=path.rate)
@@ -199,6 +201,7 @@ def _connect_medium(
     """Connect a point of a medium along the path's ray; returns how many were not finite."""
     if parts.limits.bounded:
         active = active & (path.depth + 1 < parts.limits.max_depth)
+    active = active & parts.limits.long_enough(path.depth + 2)
     target = in_media.prepare(path, sampler, active) if target is None else target
     path, vertex, connection = in_media.connect(path, target, sampler)
     _attenuate(connection, path, vertex, parts, sampler)

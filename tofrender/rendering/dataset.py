@@ -39,6 +39,7 @@ ERRORS = {f"{name}_error": dims for name, dims in DIMS.items()}
 HALVES = {
     "raw": DIMS["transient"],
     "half_difference": DIMS["transient"],
+    "direct": DIMS["transient"],
     "features": ("y", "x", "feature"),
 }
 """Variables that `denoise` needs, with their dimensions."""

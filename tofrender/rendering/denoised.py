@@ -30,8 +30,9 @@ def denoise(dataset: xr.Dataset) -> xr.Dataset:
 
     Returns:
         The Dataset with `transient` and `steady` without much of their noise, and the same energy.
-        `raw` has the film as it was rendered, `half_difference` and `features` what the filter
-        goes by; `dataset.drop_vars(["raw", "half_difference", "features"])` saves their memory.
+        `raw` has the film as it was rendered, `direct` its part that the filter leaves, and
+        `half_difference` and `features` what that goes by; `dataset.drop_vars(["raw", "direct",
+        "half_difference", "features"])` saves their memory.
 
     Raises:
         ValueError: The Dataset has no halves or features, or values that are not finite; one line.
@@ -48,12 +49,12 @@ def denoise(dataset: xr.Dataset) -> xr.Dataset:
     missing = [name for name in HALVES if name not in dataset]
     if missing:
         raise ValueError(f"dataset: has no {missing[0]}; must be of render(..., denoise=True)")
-    mean, noise = (
+    mean, noise, direct = (
         dataset[name].values.reshape(*dataset[name].shape[:3], -1)
-        for name in ("raw", "half_difference")
+        for name in ("raw", "half_difference", "direct")
     )
     features = by_name(dataset["features"].values)
-    found = denoise_film(mean, noise, features, dataset.sizes["channel"])
+    found = direct + denoise_film(mean - direct, noise, features, dataset.sizes["channel"])
     earlier, steady = (dataset[name].variable for name in ("transient", "steady"))
     change = np.ones(mean.shape[2], np.float32) @ (found - earlier.values.reshape(mean.shape))
     variables = {

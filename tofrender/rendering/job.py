@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 DEFAULT_SAMPLER = "padded_sobol"
 
-DENOISING = 6
+DENOISING = 7
 """Films that the filter works on besides the one that is rendered."""
 
 ARRIVALS_SEED = 0

@@ -15,7 +15,9 @@ import numpy as np
 
 from ..films.image import pixels_of, transient_film
 from ..integrators.passes import SampleRange, steps
+from ..integrators.plan import Plan
 from ..integrators.running import UNIT, interrupted, run
+from ..media.space import Media
 from ..paths.camera import Tile
 from ..runtime.checkpoints import Checkpoint, SavedState, SubCheckpoint
 from ..runtime.progress import deferred_stop
@@ -24,6 +26,9 @@ from .errors import Halves, Scatter, batches_of, seed_of
 if TYPE_CHECKING:
     from ..films.transient import TransientHDRFilm
     from .job import Job
+
+DIRECT, DIRECT_SAMPLES = 2, 4
+"""Segments of paths that a render with `denoise` renders apart, and with how many times `spp`."""
 
 
 @dataclass(frozen=True, order=True)
@@ -126,9 +131,19 @@ def _render_in_batches(
 ) -> WorkResult:
     """Render in batches, whose scatter gives the standard errors, or in halves of one point set.
 
-    Batches have points of their own. The mean of the halves is what a render without halves gives.
+    Batches have points of their own. The mean of the halves is what a render without halves gives,
+    but for direct light, which is rendered apart, with more samples.
     """
-    halves = job.settings.denoise
+    halves, direct = job.settings.denoise, None
+    again = checkpoint.again if checkpoint else ""
+    plans = _by_depth(job.plan) if halves and isinstance(job.plan, Plan) else None
+    if plans is not None:  # Direct light is soon rendered, so checkpoints leave it out
+        many = replace(item, count=DIRECT_SAMPLES * item.count)
+        samples = _Samples(replace(job, plan=plans[0]), many, job.settings.seed, None)
+        direct = samples.result(run(samples.steps, samples.record, many.count, progress=progress))
+        if direct.done < many.count:
+            raise KeyboardInterrupt(interrupted(0, 2, "halves", again))
+        job = replace(job, plan=plans[1])
     kind, batches = (Halves, 2) if halves else (Scatter, batches_of(item.count))
     count = item.count // batches
     scatter = kind.restored(saved.arrays) if saved else None
@@ -168,11 +183,29 @@ def _render_in_batches(
             else:
                 scatter.add(result.arrays)
     if scatter is None or scatter.count < 2:
-        again = checkpoint.again if checkpoint else ""
         finished = scatter.count if scatter else 0
         unit = "halves" if halves else "batches"
         raise KeyboardInterrupt(interrupted(finished, batches, unit, again))
-    return WorkResult(scatter.means | scatter.errors(), scatter.count * count, not_finite)
+    arrays = scatter.means | scatter.errors()
+    if halves:
+        arrays["direct"] = np.zeros_like(arrays["transient"])
+    if direct is not None:
+        arrays["direct"], not_finite = direct.arrays["transient"], not_finite + direct.not_finite
+        for name, array in direct.arrays.items():
+            arrays[name] += array
+    return WorkResult(arrays, scatter.count * count, not_finite)
+
+
+def _by_depth(plan: Plan) -> tuple[Plan, Plan] | None:
+    """Split a plan into direct light and longer paths, if noise of the former stays in a filter.
+
+    It does where light arrives in one or two bins of a pixel, from points, and in media.
+    """
+    at_points = mi.EmitterFlags.DeltaPosition
+    flags = [emitter.flags() for emitter in plan.scene.emitters()]
+    if isinstance(plan.space, Media) or all(mi.has_flag(each, at_points) for each in flags):
+        return plan.by_depth(DIRECT)
+    return None
 
 
 def _film_of(film: TransientHDRFilm, item: WorkItem) -> tuple[TransientHDRFilm, Tile | None]:
