@@ -154,7 +154,7 @@ def render(
         errors: Estimate standard errors: the samples are taken in 16 batches (8 or 4 where `spp`
             is no multiple of 16), each with points of its own, whose scatter tells.
         denoise: Remove noise by what two halves of the samples tell, see `denoise`: `spp` must be
-            even, and six films more fit into memory. `raw` has the film with its noise.
+            even, and seven films more fit into memory. `raw` has the film with its noise.
         resume: A Dataset of the same render with fewer samples, stopped or complete, to go on
             from: only the samples that are missing are taken. `padded_sobol` goes on in the same
             point set.
