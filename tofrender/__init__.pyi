@@ -27,6 +27,7 @@ from .analysis import (
     four_bucket as four_bucket,
     from_four_bucket as from_four_bucket,
     multipath_error as multipath_error,
+    rebin as rebin,
     sum_channels as sum_channels,
     transient_to_phasor as transient_to_phasor,
     true_depth as true_depth,
