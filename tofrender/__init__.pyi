@@ -176,6 +176,7 @@ from .scenes import (
     wall_box_sphere_nlos as wall_box_sphere_nlos,
     wall_box_spheres_nlos as wall_box_spheres_nlos,
 )
+from .scenes.angular_area import AngularArea as AngularArea
 from .scenes.loading import load_scene as load_scene
 from .scenes.motion import (
     Motion as Motion,
