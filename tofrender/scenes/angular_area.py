@@ -38,7 +38,7 @@ class AngularArea(mi.Emitter):
         self.cutoff = checks.number("cutoff_angle", cutoff, positive=True, unit=unit, high=90)
         beam: Any = props.get("beam_width", self.cutoff)
         self.beam = checks.number("beam_width", beam, unit=unit, low=0, high=self.cutoff)
-        self.radiance = props.get_emissive_texture("radiance", 1.0)
+        self.radiance: Any = props.get_emissive_texture("radiance", 1.0)
         values = [np.ravel(np.array(value)) for _, value in mi.traverse(self.radiance)]
         for least in (each.min() for each in values if each.size and each.dtype.kind == "f"):
             checks.number("radiance", float(least), low=0)
@@ -46,7 +46,7 @@ class AngularArea(mi.Emitter):
         if self.radiance.is_spatially_varying():
             self.m_flags |= mi.EmitterFlags.SpatiallyVarying
 
-    def _emitted(self, si: mi.SurfaceInteraction3f, cos: mi.Float, active: mi.Bool) -> Any:
+    def _emitted(self, si: mi.SurfaceInteraction3f, cos: Any, active: mi.Bool) -> Any:
         """Radiance from a point at an angle of this cosine to the normal."""
         cutoff, beam = math.radians(self.cutoff), math.radians(self.beam)
         falling = (cutoff - dr.safe_acos(cos)) / max(cutoff - beam, 1e-9)
@@ -59,21 +59,17 @@ class AngularArea(mi.Emitter):
 
     def sample_direction(self, it: mi.Interaction3f, sample: mi.Point2f, active: Any = True) -> Any:
         """Sample a point of the shape by area; weight is radiance over density."""
-        ds = self.get_shape().sample_direction(it, sample, active)
+        ds: Any = self.get_shape().sample_direction(it, sample, active)
         active = mi.Bool(active) & (dr.dot(ds.d, ds.n) < 0) & (ds.pdf > 0)
         ds.emitter = mi.EmitterPtr(self)
         return ds, dr.select(active, self.eval_direction(it, ds, active) / ds.pdf, 0)
 
-    def pdf_direction(
-        self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: Any = True
-    ) -> Any:
+    def pdf_direction(self, it: mi.Interaction3f, ds: Any, active: Any = True) -> Any:
         """Density of `sample_direction` by solid angle."""
         facing = mi.Bool(active) & (dr.dot(ds.d, ds.n) < 0)
         return dr.select(facing, self.get_shape().pdf_direction(it, ds, facing), 0)
 
-    def eval_direction(
-        self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: Any = True
-    ) -> Any:
+    def eval_direction(self, it: mi.Interaction3f, ds: Any, active: Any = True) -> Any:
         """Radiance along a sampled direction."""
         si = mi.SurfaceInteraction3f(ds, it.wavelengths)
         return self._emitted(si, -dr.dot(ds.d, ds.n), mi.Bool(active))
