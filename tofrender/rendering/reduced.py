@@ -20,16 +20,6 @@ def relabelled(dataset: Any) -> Any:
 
     Raises:
         ValueError: Bins that may be means instead of sums, or standard errors of coarser values.
-
-    Example:
-        >>> import tofrender
-        >>> scene = tofrender.cornell_box(width=8, height=8, temporal_bins=60, bin_width_opl=0.2)
-        >>> dataset = tofrender.render(scene, spp=4).coarsen(opl=4, y=2).sum().sum("channel")
-        >>> made = relabelled(dataset)
-        >>> made["y"].values.tolist(), made["channel"].values.tolist()
-        ([0, 1, 2, 3], ['L'])
-        >>> round(made.attrs["bin_width_opl"], 9)
-        0.8
     """
     if not set(DIMS) <= set(getattr(dataset, "data_vars", ())) or "opl" not in dataset.coords:
         return dataset
@@ -46,10 +36,12 @@ def relabelled(dataset: Any) -> Any:
             size = dataset.attrs.get(f"film_{side}", 0)
             dataset = dataset.assign_attrs({f"film_{side}": int(size // step)} if size else {})
     dataset = _in_time(dataset)
-    if dataset is not before and len(dataset.data_vars) > len(DIMS):
+    wider = dataset.attrs.get("bin_width_opl") != before.attrs.get("bin_width_opl")
+    wider |= not dataset.coords.equals(before.coords)
+    if wider and len(dataset.data_vars) > len(DIMS):
         more = [name for name in dataset.data_vars if name not in DIMS]
         rule = f"must be left out, dataset.drop_vars({more}), as they do not add"
-        raise ValueError(f"dataset with {', '.join(map(str, more))}, coarsened or cut: {rule}")
+        raise ValueError(f"dataset with {', '.join(map(str, more))}, coarsened: {rule}")
     return dataset
 
 

@@ -16,8 +16,7 @@ class AngularArea(mi.Emitter):
     """Area light that shines into a cone about its normal (plugin `angulararea`, of mitransient).
 
     Radiance is that of `area` within `beam_width` of the normal, and 0 beyond `cutoff_angle`; it
-    falls linearly with the angle in between. See also `TransientPath`. `transient_light_tracer` and
-    `transient_bdpt` refuse the emitter.
+    falls linearly with the angle between them. Paths from lights (`transient_bdpt`) refuse it.
 
     | parameter | default | meaning |
     |---|---|---|
@@ -27,8 +26,8 @@ class AngularArea(mi.Emitter):
 
     Example:
         >>> lamp = {"type": "angulararea", "cutoff_angle": 35.0, "beam_width": 20.0}
-        >>> mi.load_dict({"type": "rectangle", "emitter": lamp}).emitter()
-        AngularArea[cutoff_angle = 35, beam_width = 20]
+        >>> mi.load_dict({"type": "rectangle", "emitter": lamp}).emitter().beam
+        20.0
     """
 
     def __init__(self, props: mi.Properties) -> None:
@@ -81,7 +80,3 @@ class AngularArea(mi.Emitter):
     def traverse(self, callback: Any) -> None:
         """Expose the radiance, as `area` does."""
         callback.put("radiance", self.radiance, mi.ParamFlags.Differentiable)
-
-    def to_string(self) -> str:
-        """Both angles [degrees]."""
-        return f"AngularArea[cutoff_angle = {self.cutoff:g}, beam_width = {self.beam:g}]"
