@@ -240,10 +240,11 @@ def check_commands(
     wheel: Path, python: str, version: str, commands: list[list[str]], folder: Path
 ) -> None:
     """Run the README's commands in an empty environment, then again with the extras."""
-    work = folder / "work"
-    (work / "submissions").mkdir(parents=True)
+    folder.mkdir()
     subprocess.run([python, "-m", "venv", str(folder / "venv")], check=True)
     for extras in ("", f"[{EXTRAS}]"):
+        shutil.rmtree(folder / "work", ignore_errors=True)
+        (folder / "work/submissions").mkdir(parents=True)
         install(folder / "venv", [f"{wheel}{extras}"])
         for command in commands:
             outcome(folder, command, bool(extras))

@@ -62,6 +62,8 @@ def rebin(dataset: xr.Dataset, bins: int, window: Sequence[float] | None = None)
     checks.require("bins", bins, bins <= most, allowed)
 
     edges = np.clip((first - start + wide * np.arange(bins + 1)) / width, 0, dataset.sizes["opl"])
+    whole = np.round(edges)
+    edges = np.where(np.abs(edges - whole) < ROUNDING, whole, edges)
     light = dataset["transient"]
     per_metre = dataset.attrs.get("quantity") == QUANTITIES[1]
     scale = width / wide if per_metre else 1.0
@@ -109,11 +111,10 @@ def sums_between(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
         >>> [sums_between(values, np.array(e)).tolist() for e in ([0.5, 2, 3], [1.0, 2, 3])]
         [[2.5, 4.0], [2.0, 4.0]]
     """
-    first, codes = int(edges[0]), edges.size - 1
-    if np.array_equal(edges, np.arange(first, first + codes + 1)):  # Bins themselves
-        return values[..., first : first + codes]
+    low = np.floor(edges).astype(int)
+    if np.array_equal(edges, low):  # Sums of whole bins, without cancellation
+        return np.add.reduceat(values[..., : low[-1]], low[:-1], axis=-1, dtype=np.float64)
     sums = np.zeros((*values.shape[:-1], values.shape[-1] + 1))
     np.cumsum(values, axis=-1, out=sums[..., 1:])
-    low = np.floor(edges).astype(int)
     high = np.minimum(low + 1, values.shape[-1])
     return np.diff(sums[..., low] + (edges - low) * (sums[..., high] - sums[..., low]), axis=-1)
