@@ -43,7 +43,7 @@ def file(tmp_path):
 def test_the_floor_is_lit_by_its_closed_form(file, kind):
     """Emitter samples, hits of the lamp, and both; each of 64 pixels within 5 standard errors."""
     settings = {"integrator": kind, "max_depth": 2, "errors": True, "progress": False}
-    found = tofrender.render(file, spp=4096, **settings)
+    found = tofrender.render(file, spp=1024, **settings)
     fine = (np.arange(64) + 0.5) / 64 * 1.8 - 0.9  # Each pixel by 8 x 8 points
     pixels = on_floor(*np.meshgrid(fine, fine)).reshape(8, 8, 8, 8).mean((1, 3))
     for channel, radiance in enumerate((1, 2, 3)):

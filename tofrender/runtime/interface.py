@@ -61,14 +61,16 @@ def make_mesh(
     properties: mi.Properties | None = None,
 ) -> Any:
     """A mesh of vertices, (n, 3), and indices of corners, (faces, 3)."""
-    more = {} if properties is None else {"props": properties}
-    smooth = {} if normals is None else {"normals": mi.TensorXf(np.float32(normals))}
     untyped: Any = mi.Mesh
+    tensor: Any = mi.TensorXf
+    indices: Any = mi.TensorXu
+    more: dict[str, Any] = {} if properties is None else {"props": properties}
+    smooth = {} if normals is None else {"normals": tensor(np.float32(normals))}
     try:
         mesh = untyped(name, len(points), len(faces), **more, has_vertex_normals=bool(smooth))
     except TypeError:  # Since 3.10
-        tensors = {"positions": mi.TensorXf(np.float32(points)), **smooth}
-        return untyped(name, faces=mi.TensorXu(np.uint32(faces)), **tensors, **more)
+        tensors = {"positions": tensor(np.float32(points)), **smooth}
+        return untyped(name, faces=indices(np.uint32(faces)), **tensors, **more)
     params = mi.traverse(mesh)
     params["faces"] = np.uint32(faces).ravel()
     for names, values in ((POSITIONS, points), (NORMALS, normals)):
