@@ -37,7 +37,7 @@ SMALL = {
     "phasor": "--size 8x8 --spp 4",
     "gate": "--size 8x8 --spp 4",
     "capture": "--grid 8x8 --spp 4",
-    "dataset": "--only 0",
+    "dataset": "--plan",
     "view": "--size 8x8 --spp 1 --no-browser",
     "warptest": "--no-browser",
 }
