@@ -1,11 +1,11 @@
 # Every target but help and clean sets up .venv first, which takes a minute once and nothing later.
 .DEFAULT_GOAL := help
-.PHONY: help setup render notebook docs test test-all durations mutants test-kills test-inputs verify lint bench bench-full bench-lost clean
+.PHONY: help setup render notebook docs test test-all durations mutants test-kills test-inputs verify lint bench bench-full bench-lost release-check test-versions clean
 
 OUT ?= out/cornell_box
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: ## create .venv, install the package, find or install LLVM
 	@sh .ci/setup
@@ -54,6 +54,12 @@ bench-full: setup ## error at equal time, scene by scene, in about ten minutes; 
 
 bench-lost: setup ## cost of checkpoints, films on disk, workers, in about ten minutes; writes docs/nothing_lost.md
 	.venv/bin/python -m benchmarks.lost $(ARGS)
+
+release-check: setup ## build twice, compare, install on three Pythons, run the README's commands there
+	.venv/bin/python .ci/release.py $(ARGS)
+
+test-versions: setup ## run a selection of tests on three Pythons, and with the oldest packages
+	.venv/bin/python .ci/versions.py $(ARGS)
 
 clean: ## remove out/, caches and builds (not .venv)
 	rm -rf out build dist .pytest_cache .ruff_cache

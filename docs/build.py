@@ -43,6 +43,7 @@ def places() -> dict[str, Path]:
     found["scenes/README.md"] = SOURCE / "scenes/README.md"
     found["assignments/README.md"] = SOURCE / "guides/teacher.md"
     found["CHANGELOG.md"] = SOURCE / "changelog.md"
+    found["SECURITY.md"] = SOURCE / "security.md"
     found["CONTRIBUTING.md"] = SOURCE / "contributing.md"
     return found
 

@@ -27,6 +27,7 @@ from .analysis import (
     four_bucket as four_bucket,
     from_four_bucket as from_four_bucket,
     multipath_error as multipath_error,
+    rebin as rebin,
     sum_channels as sum_channels,
     transient_to_phasor as transient_to_phasor,
     true_depth as true_depth,
@@ -175,6 +176,7 @@ from .scenes import (
     wall_box_sphere_nlos as wall_box_sphere_nlos,
     wall_box_spheres_nlos as wall_box_spheres_nlos,
 )
+from .scenes.angular_area import AngularArea as AngularArea
 from .scenes.loading import load_scene as load_scene
 from .scenes.motion import (
     Motion as Motion,

@@ -18,8 +18,8 @@ from helpers.films_in_parts import names
 import tofrender
 from tofrender.apps.warptest.engine import POINT_SETS
 from tofrender.apps.warptest.subjects import SUBJECTS
-from tofrender.cli import nlos as cli_nlos, warp as cli_warp
-from tofrender.cli.app import app, main
+from tofrender.cli import nlos as cli_nlos, options as opt, warp as cli_warp
+from tofrender.cli.app import GROUPS, app, main
 from tofrender.runtime.atomic import sibling
 
 ROOT = Path(__file__).parents[2]
@@ -101,6 +101,49 @@ def test_bare_command_shows_help(capsys):
     out, _ = done(capsys)
     for command in ("render", "scenes", "doctor"):
         assert command in out
+
+
+def test_help_lists_every_command_in_one_group(capsys):
+    listed = [name for names in GROUPS.values() for name in names]
+    assert sorted(listed) == sorted(typer.main.get_command(app).commands)
+    out, _ = done(capsys)
+    for heading in GROUPS:
+        assert f"\n{heading}:\n" in out
+
+
+def test_every_command_can_hide_its_bars(monkeypatch, capsys, tmp_path):
+    for name, command in typer.main.get_command(app).commands.items():
+        options = {option for each in command.params for option in each.secondary_opts}
+        assert ("--no-progress" in options) == (name not in ("scenes", "doctor"))
+    monkeypatch.setattr("tofrender.runtime.progress.is_watched", lambda: True)
+    monkeypatch.setattr("tofrender.runtime.progress.DELAY_S", 1e-4)
+    for option, shown in (("--progress", True), ("--no-progress", False)):
+        arguments = ["warp", "tent", "--count", "16", "--out", str(tmp_path / "a.png"), option]
+        assert main(arguments) == 0
+        assert ("tofrender warp ..." in capsys.readouterr().err) == shown
+
+
+@pytest.mark.parametrize(
+    ("text", "hertz"),
+    [("20MHz", 20e6), ("20 MHz", 20e6), ("1.5kHz", 1500.0), ("2e-3GHz", 2e6), ("50Hz", 50.0)],
+)
+def test_frequencies_have_units(text, hertz):
+    assert opt.hertz("", text) == opt.hertz("", hertz) == hertz
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("20mhz", " = '20mhz': must be hertz, or like 20MHz"),
+        ("MHz", " = 'MHz': must be hertz, or like 20MHz"),
+        ("-1MHz", " = -1000000.0: must be a finite number of hertz"),
+        ("1e12GHz", " = 1e+21: must be a finite number of hertz"),
+    ],
+)
+def test_frequencies_without_sense(text, said):
+    with pytest.raises(ValueError, match="must be") as error:
+        opt.hertz("", text)
+    assert str(error.value).startswith(said)
 
 
 def test_version(capsys):

@@ -349,6 +349,7 @@ TABLE = [
     # -------------------------------------------------------------------------------- analysis
     row("analysis.unwrap", {"max_depth": "positive?"}, **PHASES),
     *rows("analysis.true_normals", "analysis.true_depth", scene="source"),
+    row("analysis.rebin", {"bins": "count", "window": "window?"}, bins=2),
     # ------------------------------------------------------------------------ around the corner
     *(row(f"nlos.{name}", {"scene": "source"}, scene=wall) for name in ("capture", "hidden_depth")),
     alone("nlos.focus_laser", FOCUSED, scene=wall, pixel=(0, 0)),

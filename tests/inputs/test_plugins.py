@@ -52,6 +52,9 @@ KINDS: list[tuple[set[str], str]] = [
     ({"empty-text"}, "temporal_filter strategy"),
     (TEXTS, "relay_wall hidden_shapes"),
     ({"0", "object"}, "reflectance"),
+    (NUMBERS - {"-1"} | {"vector", "object"} | WHOLE, "radiance"),
+    ({"1.5"} | WHOLE, "cutoff_angle"),
+    ({"0", "1.5", "2.0"}, "beam_width"),
     ({"transform", "array-object"}, "frame"),
     (set(), "gradient_sampling mis grid_spacing pulse_type rfilter"),
     (set(), "spot_positions spot_sigmas spot_intensities ao.max_depth"),
@@ -79,6 +82,10 @@ def with_projector(projector: dict) -> dict[str, Any]:
     described = tofrender.nlos_plane(width=4, height=4, spp=1)
     plain = {"type": "confocal_transient_path", "confocal_projector": projector}
     return described | {"integrator": plain}
+
+
+def with_lamp(lamp: dict) -> dict[str, Any]:
+    return room(lamp={"type": "rectangle", "emitter": lamp})
 
 
 FOLLOWS = "max_depth rr_depth hide_emitters camera_unwarp discard_direct_light "
@@ -129,6 +136,7 @@ TABLE = [
     of_camera("film", "phasor_hdr_film", FILM + "frequencies_hz wl_mean wl_sigma", **PHASORS),
     of_camera("sampler", "padded_sobol", "sample_count seed"),
     Plugin("retroreflector", lambda bsdf: material(**bsdf), {}, "reflectance lobe_exponent"),
+    Plugin("angulararea", with_lamp, {}, "radiance cutoff_angle beam_width"),
     Plugin("nlos_capture_meter", with_meter, {"sensor_origin": [-0.5, 0, 1]}, METER),
     Plugin("confocal_projector", with_projector, {}, SPOTS),
 ]

@@ -21,6 +21,7 @@ from PIL import Image, ImageSequence
 
 from tofrender import io, save_zarr
 from tofrender.io import exr, npz, pictures
+from tofrender.rendering.labels import labelled
 from tofrender.runtime import atomic
 
 
@@ -52,6 +53,17 @@ def test_round_trip_is_exact(tmp_path, layout, channels):
     assert save(dataset, path, layout) == path
     assert_same(load(path, layout), dataset)
     assert os.listdir(tmp_path) == [path.name]
+
+
+@layouts
+@pytest.mark.parametrize("channels", ["RGB", "L"])
+def test_round_trip_of_standard_errors(tmp_path, layout, channels):
+    dataset = make_dataset(channels=channels)
+    for name in ("transient", "steady"):
+        values = dataset[name].values / 7
+        dataset[f"{name}_error"] = dataset[name].dims, values, dict(dataset[name].attrs)
+    path = save(dataset, target(tmp_path, layout), layout)
+    assert_same(load(path, layout), labelled(dataset))
 
 
 @layouts

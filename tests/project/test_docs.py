@@ -197,6 +197,9 @@ def test_the_site_is_searched_without_a_network():
         "no light in my window": "faq.html",
         "unambiguous range": "glossary.html",
         "without root": "install.html",
+        "Colab": "install.html",
+        "macOS": "install.html",
+        "cite": "cite.html",
     }
     with browser.page(offline=True) as page:
         for words, target in sought.items():

@@ -17,6 +17,7 @@ from .polarisation import (
     degree_of_linear_polarisation as degree_of_linear_polarisation,
     degree_of_polarisation as degree_of_polarisation,
 )
+from .rebinning import rebin as rebin
 from .unwrapping import (
     unambiguous_range as unambiguous_range,
     unwrap as unwrap,

@@ -26,6 +26,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..paths.surfaces import EmitterNormals, Wavefronts, number_of, table_of
+from ..runtime.interface import pose
 
 CONES = {"PointLight": "point", "SpotLight": "spot", "Projector": "projector"}
 SHAPES = {"AreaLight": "area"}
@@ -330,7 +331,7 @@ def _cones(emitters: list[mi.Emitter]) -> mi.Float:
     rows = np.zeros((len(emitters), 7))
     for row, emitter in zip(rows, emitters, strict=True):
         if emitter.class_name() in CONES:
-            frame = np.array(emitter.world_transform().matrix, dtype=float).reshape(4, 4)
+            frame = pose(emitter)
             parameters = mi.traverse(emitter)
             apex = parameters["position"] if "position" in parameters else frame[:3, 3]
             axis = frame[:3, 2] / np.linalg.norm(frame[:3, 2])

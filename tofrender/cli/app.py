@@ -14,7 +14,7 @@ from dataclasses import asdict
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperGroup
 
 from ..runtime import doctor as diagnosis
 from ..runtime.checks import printable
@@ -36,9 +36,23 @@ from . import (
 )
 from .answers import Json, answer
 from .messages import set_command, with_option_names
-from .options import BAD_INPUT, FAILURE, INTERRUPTED, note
+from .options import BAD_INPUT, FAILURE, INTERRUPTED, note, with_progress
+
+
+class Groups(TyperGroup):
+    """The command, whose help lists its commands in `GROUPS`."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write a section for each group."""
+        space = formatter.width - 6 - max(map(len, self.commands))
+        for title, names in GROUPS.items():
+            with formatter.section(title):
+                lines = [(n, self.commands[n].get_short_help_str(space)) for n in names]
+                formatter.write_dl(lines)
+
 
 app = typer.Typer(
+    cls=Groups,
     help="Renders light in flight: transient images of Mitsuba scenes.",
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -106,7 +120,7 @@ class Command(TyperCommand):
     def invoke(self, ctx: Any) -> Any:
         """Call the command."""
         set_command(ctx)
-        is_hidden = not ctx.params.get("progress", True)
+        is_hidden = not ctx.params["progress"]
         has_status = self.name in {each.__name__ for each in SHOWN}
         try:
             with without_bars(is_hidden), status(f"tofrender {self.name}", has_status):
@@ -162,10 +176,23 @@ SHOWN = (
 )
 """Commands with a status line; the others print each thing that they have done."""
 
+_TEACHERS = ("release", "verify", "grade", "gradescope", "prairielearn", "classroom50")
+
+GROUPS = {
+    "Render": ("render", "gate", "phasor", "doppler", "fmcw", "lidar", "dataset", "merge"),
+    "Around the corner": ("capture", "reconstruct"),
+    "Measure and look": ("sense", "report", "view", "compare"),
+    "Learn sampling": ("warp", "warptest"),
+    "Students": ("start", "submit"),
+    "Teachers": (*_TEACHERS, "similarity", "new-term"),
+    "This installation": ("scenes", "doctor"),
+}
+"""Names of the commands by the headings under which --help lists them."""
+
 for command in (
     *SHOWN,
     *(course.start, course.submit, course.release, course.verify, grade.grade),
     *(grade.gradescope, grade.prairielearn, grade.classroom50, grade.similarity, grade.new_term),
     *(warp.warptest, view.view, view.compare),
 ):
-    app.command(cls=Command)(command)
+    app.command(cls=Command)(with_progress(command))

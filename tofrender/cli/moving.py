@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 from ..motion.choices import MAX_CYCLES, MAX_LOOKS, WAVEFORMS, WINDOWS
 from ..runtime import checks
 from ..runtime.progress import EVERY_S, deferred_stop
-from ..signals.units import check_frequency
 from . import checkpoints, options as opt
 from .answers import Json, answer
 from .report import RANGE_RATE
@@ -40,7 +39,7 @@ def doppler(
     out: opt.Out,
     freq: Annotated[
         float,
-        opt.checked(check_frequency, "Modulation frequency, hertz.", metavar="<float above 0>"),
+        opt.frequency("Modulation frequency"),
     ] = 30e6,
     exposure: Annotated[float, opt.positive("seconds", "Exposure, seconds.")] = 1.5e-3,
     cycles: Annotated[

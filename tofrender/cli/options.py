@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
-from functools import partial
+from functools import partial, wraps
+from inspect import Parameter, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -20,6 +21,7 @@ from ..rendering.settings import SETTINGS
 from ..runtime import backend, checks
 from ..runtime.atomic import check_file, check_writable
 from ..runtime.progress import bars_cleared
+from ..signals.units import check_frequency
 from . import completion
 
 if TYPE_CHECKING:
@@ -97,6 +99,11 @@ def positive(unit: str, help: str) -> Any:
     """An option that is a finite number of some unit above 0."""
     check = partial(checks.number, positive=True, unit=unit)
     return checked(check, help, metavar="<float above 0>")
+
+
+def frequency(help: str) -> Any:
+    """An option that is a frequency."""
+    return checked(hertz, f"{help}, hertz or like 20MHz.", metavar="FREQUENCY")
 
 
 def choice(names: Iterable[str], help: str, **info: Any) -> Any:
@@ -179,6 +186,18 @@ def sides(name: str, value: Any) -> tuple[float, float]:
     return checks.metres(name, width, positive=True), checks.metres(name, height, positive=True)
 
 
+def hertz(name: str, value: Any) -> float:
+    """Check a frequency, in hertz or with a unit [Hz]."""
+    text, factor = str(value), 1.0
+    for unit, size in (("GHz", 1e9), ("MHz", 1e6), ("kHz", 1e3), ("Hz", 1.0)):
+        if text.endswith(unit):
+            text, factor = text.removesuffix(unit).strip(), size
+            break
+    found = number(text)
+    checks.require(name, value, not isinstance(found, str), "hertz, or like 20MHz")
+    return check_frequency(name, found * factor)
+
+
 def definition(name: str, value: Any) -> tuple[str, str]:
     """Split a name and its value."""
     key, separator, text = str(value).partition("=")
@@ -228,7 +247,6 @@ Variant = Annotated[
 ]
 Workers = Annotated[int | None, setting("workers")]
 Scheduler = Annotated[str | None, setting("scheduler")]
-Progress = Annotated[bool, typer.Option(help=f"{SETTINGS['progress'].help}.")]
 Format = Annotated[str, choice(FILES, "How to store the transient.")]
 Precision = Annotated[str, choice(("half", "float"), "Numbers in the EXR files.")]
 Video = Annotated[bool, typer.Option(help="Write video.mp4 as well.")]
@@ -236,6 +254,20 @@ Figure = Annotated[
     str, choice(("png", "pdf", "svg"), "File of the figure; pdf and svg are vectors.")
 ]
 Dpi = Annotated[int | None, integer(20, 2400, "Dots per inch of the figure's pixels.")]
+
+
+def with_progress(command: Callable[..., None]) -> Callable[..., None]:
+    """A command that also has --no-progress, which `app.Command` obeys."""
+
+    @wraps(command)
+    def call(progress: bool, **options: Any) -> None:
+        command(**options)
+
+    shown = Annotated[bool, typer.Option(help=f"{SETTINGS['progress'].help}.")]
+    last = Parameter("progress", Parameter.KEYWORD_ONLY, default=True, annotation=shown)
+    own = signature(command, eval_str=True)
+    call.__signature__ = own.replace(parameters=[*own.parameters.values(), last])  # type: ignore
+    return call
 
 
 def activate(variant: str | None = None, polarised: bool = False) -> None:

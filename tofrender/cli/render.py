@@ -68,7 +68,6 @@ def render(
     scheduler: opt.Scheduler = None,
     checkpoint: checkpoints.Seconds = EVERY_S,
     resume: checkpoints.Resume = False,
-    progress: opt.Progress = True,
     as_json: Json = False,
 ) -> None:
     """Render SCENE in time.

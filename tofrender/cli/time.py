@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ..runtime.progress import EVERY_S, deferred_stop
-from ..signals.units import check_frequency
 from . import checkpoints, options as opt
 from .answers import Json, answer
 
@@ -28,9 +27,7 @@ def phasor(
     out: opt.Out,
     freq: Annotated[
         list[float],
-        opt.checked(
-            check_frequency, "Modulation frequency, hertz; repeatable.", metavar="<float above 0>"
-        ),
+        opt.frequency("Modulation frequency, repeatable"),
     ],
     spp: opt.Spp = None,
     size: opt.Pixels = None,

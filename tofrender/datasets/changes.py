@@ -8,6 +8,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from ..runtime.interface import NORMALS, POSITIONS, rows, set_rows
 from ..runtime.tables import unknown
 from ..scenes.parts import Dict, ref, rgb
 from .varied import Varied
@@ -228,12 +229,10 @@ def _transform_mesh(mesh: Any, matrix: np.ndarray) -> None:
     """Transform a ready-made mesh, which nobody else may hold."""
     parameters = mi.traverse(mesh)
     linear, shift = matrix[:3, :3], matrix[:3, 3]
-    points = np.array(parameters["vertex_positions"], dtype=np.float64).reshape(-1, 3)
-    parameters["vertex_positions"] = mi.Float((points @ linear.T + shift).ravel())
-    if "vertex_normals" in parameters:
-        normals = np.array(parameters["vertex_normals"], dtype=np.float64).reshape(-1, 3)
-        if normals.size:
-            turned = normals @ np.linalg.inv(linear)
-            turned /= np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-30)
-            parameters["vertex_normals"] = mi.Float(turned.ravel())
+    set_rows(parameters, POSITIONS, rows(parameters, POSITIONS) @ linear.T + shift)
+    normals = rows(parameters, NORMALS)
+    if normals.size:
+        turned = normals @ np.linalg.inv(linear)
+        turned /= np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-30)
+        set_rows(parameters, NORMALS, turned)
     parameters.update()

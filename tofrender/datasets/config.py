@@ -128,6 +128,10 @@ def read_config(source: str | os.PathLike[str] | Mapping[str, Any] | Config) -> 
         return source
     if isinstance(source, Mapping):
         return parse_config(dict(source), Path.cwd())
+    if isinstance(source, str | Path) and not os.path.exists(source):
+        from ..scenes.loading import packaged  # With Mitsuba
+
+        source = packaged(os.fspath(source)) or source
     given, path = read_toml("config", source)
     return parse_config(given, path.absolute().parent)
 

@@ -17,11 +17,12 @@ from ..paths.refraction import index_around
 from ..paths.scattering import BLEND, MASK
 from ..paths.surfaces import Boundaries, bsdfs_in, flat_twin, materials
 from ..runtime import checks
+from ..runtime.interface import POSITIONS, name_of
 from ..scenes.media import media_of
 from ..signals.pulses import GaussianPulse, Pulse
 
 MOVING = (
-    *("to_world", "vertex_positions", "position", "direction", "control_points", "centers"),
+    *("to_world", *POSITIONS, "position", "direction", "control_points", "centers"),
     *("x_fov", "principal_point_offset_x", "principal_point_offset_y", "aperture_radius"),
     *("focus_distance", "near_clip", "far_clip", "cutoff_angle", "beam_width"),
     *("eta", "int_ior", "ext_ior"),
@@ -162,8 +163,8 @@ def _motion_reasons(
             "must be coefficients, materials or power"
         )
     for shape in scene.shapes():
-        corners = f"{shape.id()}.vertex_positions"
-        if shape.is_emitter() and corners in names and flat_twin(shape) is not None:
+        corners = name_of(dict.fromkeys(names), POSITIONS, f"{shape.id()}.")
+        if shape.is_emitter() and corners is not None and flat_twin(shape) is not None:
             yield (
                 f"{corners}: has no derivative, the lamp's normals are smooth; must be a mesh with "
                 "face_normals"

@@ -15,6 +15,7 @@ import OpenEXR
 
 from ..rendering.cubes import Cube
 from ..rendering.dataset import DIMS, check_dataset, in_channels, plain_attributes, require_finite
+from ..rendering.reduced import relabelled
 from ..runtime import checks, memory
 from ..runtime.atomic import check_file, replacing
 from ..signals.polarisation import STOKES
@@ -90,7 +91,7 @@ def save_exr_stack(
     checks.one_of("layout", layout, ("frames", "multipart"))
     checks.boolean("progress", progress)
     checks.one_of("precision", precision, BYTES_PER_VALUE)
-    dataset = in_channels(dataset)
+    dataset = in_channels(relabelled(dataset))
     stack = _Stack(dataset, precision)
     shape = dataset["transient"].shape
     target = check_output(path, shape, layout=layout, precision=precision, overwrite=overwrite)
@@ -378,12 +379,17 @@ def _assemble(steady: Any, count: int, frame: Callable[[int], Any]) -> xr.Datase
 def _pixels(part: Any, layer: str = "") -> np.ndarray:
     """Values of an image, or of its standard errors, (height, width, channels)."""
     channels = part.channels
-    found = [kinds for kinds in _READ if f"{layer}{kinds[0]}" in channels]
-    names = [[f"{layer}{kind}" for kind in kinds] for kinds in found]
-    known = ({f"{each}{kind}" for each in ("", LAYER) for kind in kinds} for kinds in _READ)
+    read = [[_name(layer, kind) for kind in kinds] for kinds in _READ]
+    names = [each for each in read if each[0] in channels]
+    known = ({_name(each, kind) for each in ("", LAYER) for kind in kinds} for kinds in _READ)
     if len(names) != 1 or not any({*names[0]} <= {*channels} <= kinds for kinds in known):
         shown = ", ".join(channels)
         raise ValueError(f"has the channels {shown}; must be RGB or Y, or those of S0 to S3")
     images = [np.atleast_3d(channels[name].pixels) for name in names[0]]
     pixels = images[0] if len(images) == 1 else np.concatenate(images, axis=-1)
     return pixels.astype(np.float32, copy=False)
+
+
+def _name(layer: str, kind: str) -> str:
+    """Name under which OpenEXR reads channels of a layer; R, G and B of one have its name."""
+    return layer.rstrip(".") if layer and kind == "RGB" else f"{layer}{kind}"

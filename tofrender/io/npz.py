@@ -13,6 +13,7 @@ from numpy.lib import format as npy
 
 from ..rendering.cubes import Cube
 from ..rendering.dataset import ERRORS, HALVES, check_dataset, in_channels, require_finite
+from ..rendering.reduced import relabelled
 from ..runtime.archives import read_array
 from ..runtime.atomic import replacing
 from ..runtime.progress import status
@@ -51,7 +52,7 @@ def save_npz(dataset: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = 
         ...     save_npz(dataset, folder + "/box.npz").name
         'box.npz'
     """
-    dataset = in_channels(dataset, halves=True)
+    dataset = in_channels(relabelled(dataset), halves=True)
     check_dataset(dataset)
     shape = dataset["transient"].shape
     target = check_output(path, shape, layout="npz", overwrite=overwrite)

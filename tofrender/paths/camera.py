@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from ..runtime.interface import world_transform
 from ..signals.polarisation import sensor_frame
 
 
@@ -100,7 +101,7 @@ def ray_origin(sensor: mi.Sensor, ray: mi.Ray3f) -> mi.Point3f:
     """
     if not isinstance(sensor, mi.ProjectiveCamera):
         return mi.Point3f(ray.o)
-    axis = sensor.world_transform() @ mi.Vector3f(0, 0, 1)  # Scaled as near_clip is
+    axis = world_transform(sensor) @ mi.Vector3f(0, 0, 1)  # Scaled as near_clip is
     near_clip = mi.traverse(sensor)["near_clip"]
     return ray.o - ray.d * (near_clip * dr.squared_norm(axis) / dr.dot(ray.d, axis))
 

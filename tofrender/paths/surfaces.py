@@ -9,6 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..runtime.interface import NORMALS, POSITIONS, make_mesh, rows, world_transform
 from ..scenes.media import BOUNDARY, PLATES
 
 NORMAL_TOLERANCE = 1e-6  # 1 less the cosine between normals that count as the same
@@ -193,20 +194,16 @@ def flat_twin(shape: mi.Shape | None) -> mi.Mesh | None:
     if shape is None or not shape.is_mesh():
         return None
     own = mi.traverse(shape)
-    normals = np.array(own["vertex_normals"]).reshape(-1, 3) if "vertex_normals" in own else []
+    normals = rows(own, NORMALS)
     if not len(normals):
         return None
-    points, faces = (np.array(own[name]).reshape(-1, 3) for name in ("vertex_positions", "faces"))
+    points, faces = rows(own, POSITIONS), np.array(own["faces"]).reshape(-1, 3)
     a, b, c = points[faces.T]
     flat = np.cross(b - a, c - a)
     flat /= np.maximum(np.linalg.norm(flat, axis=1), 1e-30)[:, None]
     if np.allclose(np.abs(np.einsum("fkx,fx->fk", normals[faces], flat)), 1, atol=NORMAL_TOLERANCE):
         return None
-    twin = mi.Mesh("twin", len(points), len(faces))
-    parameters = mi.traverse(twin)
-    parameters["vertex_positions"], parameters["faces"] = own["vertex_positions"], own["faces"]
-    parameters.update()
-    return twin
+    return make_mesh("twin", points, faces)
 
 
 def changing(value: mi.Float, active: mi.Bool) -> mi.Float:
@@ -240,7 +237,7 @@ class Wavefronts:
         """Return those of the sphere around a scene, and the sensor's position if there is one."""
         box = scene.bbox()
         if sensor is not None:
-            position = sensor.world_transform() @ mi.Point3f(0)
+            position = world_transform(sensor) @ mi.Point3f(0)
             box.expand(mi.ScalarPoint3f([float(x[0]) for x in position]))
         sphere = box.bounding_sphere()
         centre, radius = mi.Point3f(sphere.center), mi.Float(sphere.radius)

@@ -12,6 +12,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..runtime.interface import pose
 from .camera import sampled_size
 
 KINDS = {"PerspectiveCamera": "perspective", "ThinLensCamera": "thinlens"}
@@ -60,7 +61,7 @@ class Window:
         parameters = mi.traverse(sensor)
 
         # Frame and position
-        to_world = np.array(sensor.world_transform().matrix, dtype=float).reshape(4, 4)
+        to_world = pose(sensor)
         scale = float(np.linalg.norm(to_world[:3, 2]))
         frame = to_world[:3, :3] / np.linalg.norm(to_world[:3, :3], axis=0)
         self.right, self.up, self.axis = (mi.Vector3f(*frame[:, k].tolist()) for k in range(3))

@@ -23,6 +23,7 @@ from ..runtime.progress import status
 from .dataset import DIMS, ERRORS, check_dataset, in_channels, of_intensity, plain_attributes
 from .films_on_disk import checksum, list_files, load_zarr, require_zarr
 from .labels import TIME, labels_of
+from .reduced import relabelled
 from .tiling import tile_size
 from .work_items import WorkItem, WorkResult
 
@@ -220,7 +221,7 @@ def save_zarr(dataset: xr.Dataset, path: str | os.PathLike[str]) -> xr.Dataset:
         >>> film.sizes["opl"]
         50
     """
-    dataset = in_channels(dataset)
+    dataset = in_channels(relabelled(dataset))
     check_dataset(dataset)
     target = check_film(path, "path")
     shape: Any = dataset["transient"].shape

@@ -11,7 +11,7 @@ from __future__ import annotations
 import importlib
 import re
 import sys
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,6 +29,7 @@ class Plugin(NamedTuple):
 # Modules whose classes derive from Mitsuba's, each after those that it builds on: module below
 # `tofrender`, and class, name and kind of its plugin, if it has one
 _TABLE = (
+    ("scenes.angular_area", "AngularArea", "angulararea", "emitter"),
     ("samplers.padded_sobol", "PaddedSobolSampler", "padded_sobol", "sampler"),
     ("films.transient", "TransientHDRFilm", "transient_hdr_film", "film"),
     ("films.phasor", "PhasorHDRFilm", "phasor_hdr_film", "film"),
@@ -70,6 +71,8 @@ therefore registered as "tofrender_..." too, and `qualified_name` returns the na
 
 # Modules whose `maker` turns the class of a plugin into its factory, which chooses among classes
 _MAKERS = {"transient_path": "tofrender.nlos.light.confocal"}
+
+PEER_DEPTH = 6  # Default of max_depth in mitransient's volumetric integrators
 
 _classes: dict[str, dict[str, type]] = {}  # variant -> class name -> class
 
@@ -162,6 +165,20 @@ def register(variant: str) -> None:
                 continue
         for name in (each.name, f"tofrender_{each.name}"):
             getattr(mi, f"register_{each.kind}")(name, factory)
+        if each.name == "transient_volpath":
+            mi.register_integrator("transient_prbvolpath", partial(_of_peer, factory))
+
+
+def _of_peer(factory: Any, props: Any) -> Any:
+    """Make our integrator of mitransient's properties, whose depth has another default."""
+    limit_depth(props)
+    return factory(props)
+
+
+def limit_depth(props: Any) -> None:
+    """Set mitransient's default of the depth, unless there is one."""
+    if not {"max_depth", "max_bounces"} & set(props.keys()):
+        props["max_depth"] = PEER_DEPTH
 
 
 def _refuse(_: Any) -> Any:

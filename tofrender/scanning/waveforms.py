@@ -18,6 +18,7 @@ from ..integrators.running import UNIT, interrupted, run
 from ..paths.surfaces import first_surface
 from ..rendering.window import warn_of_losses
 from ..runtime import backend, checks
+from ..runtime.interface import pose
 from ..scenes.checking import check_scene
 from ..scenes.loading import load_plugin, load_scene, require_sensor
 from ..scenes.motion import motions_of, posed
@@ -184,5 +185,5 @@ def _poses(shots: xr.Dataset, pose_time_s: float) -> dict[float, np.ndarray]:
 
 def _place(camera: mi.Sensor) -> tuple[np.ndarray, np.ndarray]:
     """Return the origin and the rotation of a sensor."""
-    pose = np.array(camera.world_transform().matrix, dtype=np.float64).reshape(4, 4)
-    return pose[:3, 3], pose[:3, :3] / np.linalg.norm(pose[:3, :3], axis=0)
+    to_world = pose(camera)
+    return to_world[:3, 3], to_world[:3, :3] / np.linalg.norm(to_world[:3, :3], axis=0)

@@ -6,6 +6,7 @@ import warnings
 from typing import Any
 
 from ..runtime import checks
+from ..runtime.plugins import limit_depth
 
 TIME_SAMPLINGS = ("stratified", "random")
 
@@ -22,15 +23,10 @@ def translate_names(state: Any) -> None:
         if name == "timegated_transient_path":
             _gate_all_bins(node.props)
         elif name == "transient_prbvolpath":
-            _limit_depth(node.props)
+            limit_depth(node.props)
             node.props.set_plugin_name("transient_volpath")
         elif name == "transient_nlos_path" and "nlos_confocal" in node.props:
             _set_capture_type(node.props)
-        elif name == "angulararea":
-            raise ValueError(
-                "emitter = 'angulararea': is not known here; must be another emitter, e.g. area, "
-                "or spot, which has a cutoff_angle and a beam_width too"
-            )
 
 
 def _gate_all_bins(props: Any) -> None:
@@ -44,13 +40,8 @@ def _gate_all_bins(props: Any) -> None:
         del props["time_sampling"]
         text = f"time_sampling = {given!r}: has no effect; every path counts in all bins"
         warnings.warn(text, stacklevel=5)
-    _limit_depth(props)
+    limit_depth(props)
     props.set_plugin_name("transient_path")
-
-
-def _limit_depth(props: Any) -> None:
-    if not {"max_depth", "max_bounces"} & set(props.keys()):
-        props["max_depth"] = 6
 
 
 def _set_capture_type(props: Any) -> None:

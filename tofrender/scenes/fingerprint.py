@@ -18,6 +18,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..runtime.interface import POSITIONS, rows
 from .files import resolved_path
 from .motion import moved
 from .nodes import NAMELESS, is_kind
@@ -171,19 +172,19 @@ def _without_order(mesh: dict[str, Any]) -> dict[str, Any]:
     Meshes that Mitsuba merges come in any order, and number their vertices by it.
     """
     faces = np.array(mesh["faces"]).reshape(-1, 3)
-    count = np.array(mesh["vertex_positions"]).size // 3
-    rest, rows = {}, []
+    count = len(rows(mesh, POSITIONS))
+    rest, corners = {}, []
     for name, value in mesh.items():
         attribute = name.startswith(("vertex_", "face_")) and dr.is_array_v(value) and len(faces)
         if name.startswith("vertex_") and attribute:
             at = np.array(value).reshape(count, -1)
-            rows.append(at[faces].reshape(len(faces), -1))
+            corners.append(at[faces].reshape(len(faces), -1))
         elif attribute:
-            rows.append(np.array(value).reshape(len(faces), -1))
+            corners.append(np.array(value).reshape(len(faces), -1))
         elif name != "faces":
             rest[name] = value
-    if rows:
-        table = np.ascontiguousarray(np.hstack(rows), np.float32).view(np.uint32)
+    if corners:
+        table = np.ascontiguousarray(np.hstack(corners), np.float32).view(np.uint32)
         random = hashlib.shake_128(b"corners").digest(8 * table.shape[1])
         numbers = table.astype(np.uint64) @ (np.frombuffer(random, np.uint64) | np.uint64(1))
         rest["faces"] = _hash(np.sort(numbers))

@@ -33,6 +33,9 @@ from .numbers import is_transform
 
 parser: Any = mi.parser
 
+PACKAGED = {"scenes": "scenes/xml", "docs/datasets": "datasets/examples"}
+"""Folders of a checkout, and where the package has their files."""
+
 LONGEST = 500
 """Most characters of an error of Mitsuba's in a message."""
 
@@ -182,7 +185,7 @@ def find_scene(name: str) -> str | Path:
     path = checks.path("scene", name) if name else Path(name)
     if path.is_file():
         return path
-    own = _packaged(name)
+    own = packaged(name)
     if own is not None:
         return own
     if path.suffix.lower() == ".xml" or path.name != name:
@@ -196,14 +199,19 @@ def find_scene(name: str) -> str | Path:
     raise ValueError(f"scene = {name!r}: {what}, or a Mitsuba XML file")
 
 
-def _packaged(name: str) -> Path | None:
-    """An XML file that comes with the package, or lies in a checkout, by its name."""
+def packaged(name: str) -> Path | None:
+    """A scene or data set that comes with the package, or lies in a checkout, by its name there."""
     path, package = PurePosixPath(name), Path(__file__).parents[1]
-    if path.parts[:1] != ("scenes",) or path.suffix != ".xml" or ".." in path.parts:
-        return None
-    folders = (package / "scenes" / "xml", package.parent / "scenes")
-    files = (folder.joinpath(*path.parts[1:]).resolve() for folder in folders)
-    return next((file for file in files if file.is_file()), None)
+    for folder, inside in PACKAGED.items():
+        if path.suffix not in (".xml", ".toml") or not path.is_relative_to(folder):
+            continue
+        files = (
+            root / path.relative_to(folder) for root in (package / inside, package.parent / folder)
+        )
+        found = next((file.resolve() for file in files if file.is_file()), None)
+        if found is not None and ".." not in path.parts:
+            return found
+    return None
 
 
 def _resolved(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:

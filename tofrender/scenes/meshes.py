@@ -9,6 +9,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from ..runtime.interface import make_mesh
 from .parts import Dict
 
 FILE = Path(__file__).with_suffix(".npz")
@@ -97,12 +98,4 @@ def _mesh(
     properties = mi.Properties()
     for part, description in parts.items():
         properties[part] = mi.load_dict(description)
-    smooth = normals is not None
-    mesh = mi.Mesh(name, len(vertices), len(faces), properties, has_vertex_normals=smooth)
-    parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = vertices.astype(np.float32).ravel()
-    parameters["faces"] = faces.astype(np.uint32).ravel()
-    if normals is not None:
-        parameters["vertex_normals"] = normals.astype(np.float32).ravel()
-    parameters.update()
-    return mesh
+    return make_mesh(name, vertices, faces, normals, properties)

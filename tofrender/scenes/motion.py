@@ -21,6 +21,7 @@ import numpy as np
 
 from ..runtime import checks
 from ..runtime.backend import tracing_lock
+from ..runtime.interface import NORMALS, POSITIONS, like, name_of, pose_name, vectors
 from .nodes import is_kind
 
 FASTEST = 1e6  # largest speed [m/s]; relativistic terms, of (v / c)², are left out
@@ -209,10 +210,10 @@ def _moved(params: Any, name: str, change: np.ndarray) -> Iterator[tuple[str, An
         moved = matrix @ mi.Point3f(params[key])
         dr.make_opaque(moved)
         yield key, moved
-    for part, kind in (("vertex_positions", mi.Point3f), ("vertex_normals", mi.Normal3f)):
-        key = f"{name}.{part}"
-        if key in params and dr.width(params[key]):
-            moved = dr.ravel(matrix @ dr.unravel(kind, params[key]))
+    for names, kind in ((POSITIONS, mi.Point3f), (NORMALS, mi.Normal3f)):
+        key = name_of(params, names, f"{name}.")
+        if key is not None and dr.width(params[key]):
+            moved = like(params[key], dr.ravel(matrix @ vectors(params[key], kind)))
             dr.make_opaque(moved)
             yield key, moved
 
@@ -263,7 +264,7 @@ def _require_movable(name: str, motion: Motion, known: Mapping[str, Any]) -> Non
         on_shape = mi.has_flag(flags, mi.EmitterFlags.Surface)
         checks.require("motions", name, not on_shape, "the shape of that lamp")
     params = mi.traverse(part)
-    has_pose = any(each in params for each in ("to_world", "position", "vertex_positions"))
+    has_pose = pose_name(params) or name_of(params, ("position", *POSITIONS))
     checks.require("motions", name, has_pose, f"no {part.class_name()}, whose pose is fixed")
     if isinstance(part, mi.Shape):
         medium = part.interior_medium()

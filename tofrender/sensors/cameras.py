@@ -10,9 +10,10 @@ import xarray as xr
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 from scipy.special import erf
 
+from ..analysis.rebinning import sums_between
 from ..runtime import checks
 from ..signals.units import SPEED_OF_LIGHT
-from .rates import Rates, generator, rebin
+from .rates import Rates, generator
 
 
 class Camera:
@@ -156,7 +157,7 @@ class StreakCamera(Multiplier):
         bins, step = rates.values.shape[2], self.sweep_opl / rates.width
         checks.require("sweep_opl", self.sweep_opl, step <= bins, "at most the window")
         edges = np.minimum(np.arange(int(bins / step + 1e-9) + 1) * step, bins)
-        light: Any = rebin(np.asarray(rates.values), edges).transpose(0, 2, 1) * rates.cycles
+        light: Any = sums_between(np.asarray(rates.values), edges).transpose(0, 2, 1) * rates.cycles
         light = uniform_filter1d(light, self.slit_rows, axis=0, mode="constant") * self.slit_rows
         light = uniform_filter1d(light, self.slit_width, axis=1, mode="constant")
         for spread, along in ((self.spread_sweep, 1), (self.spread_slit, 2)):

@@ -85,24 +85,6 @@ def generator(seed: int, *key: int) -> np.random.Generator:
     return np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=key)))
 
 
-def rebin(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Sums of (..., bin) between edges in bins, each bin being spread evenly over its width.
-
-    Example:
-        >>> values = np.array([1.0, 2.0, 4.0])
-        >>> [rebin(values, np.array(edges)).tolist() for edges in ([0.5, 2, 3], [1.0, 2, 3])]
-        [[2.5, 4.0], [2.0, 4.0]]
-    """
-    first, codes = int(edges[0]), edges.size - 1
-    if np.array_equal(edges, np.arange(first, first + codes + 1)):  # Bins themselves
-        return values[..., first : first + codes]
-    sums = np.zeros((*values.shape[:-1], values.shape[-1] + 1))
-    np.cumsum(values, axis=-1, out=sums[..., 1:])
-    low = np.floor(edges).astype(int)
-    high = np.minimum(low + 1, values.shape[-1])
-    return np.diff(sums[..., low] + (edges - low) * (sums[..., high] - sums[..., low]), axis=-1)
-
-
 class Block(NamedTuple):
     """Rates of some rows of a film, `inner`, and of neighbours; `first` is the first row of all."""
 

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..analysis.rebinning import sums_between
 from ..runtime import checks
 from ..signals.units import SPEED_OF_LIGHT
 from .dead_time import armed_detections, sample_counts
 from .events import Layout, detections
 from .jitter import add_jitter, kernel, sample_jitter
 from .pile_up import first_photon
-from .rates import Block, Rates, generator, rebin
+from .rates import Block, Rates, generator
 from .response import distribution
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ class Readout:
             found = armed_detections(rates, dead, self.spad.paralysable, free)
         if self.masses is not None:
             found = add_jitter(found, self.masses, free)
-        return rebin(found, self.edges)
+        return sums_between(found, self.edges)
 
     def _counts(self, rates: np.ndarray, row: int) -> np.ndarray:
         """Counts (x, code) of a row, from their distribution."""
@@ -102,7 +103,7 @@ class Readout:
             return rng.multinomial(layout.cycles, p)[:, :-1]
         counts = sample_counts(rng, rates, layout.cycles, layout.dead)
         if self.masses is None and not self.spad.tdc_dnl:
-            return rebin(counts, self.edges).astype(np.int64)
+            return sums_between(counts, self.edges).astype(np.int64)
         pixel, bins = np.divmod(np.repeat(np.arange(counts.size), counts.ravel()), layout.bins)
         return self._bincount(*self._read_out(rng, pixel, 0 * pixel, bins)[::2])
 

@@ -21,6 +21,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..runtime.interface import world_transform
+
 STOKES = ("S0", "S1", "S2", "S3")  # Names of a Stokes vector's components
 
 
@@ -203,7 +205,7 @@ def sensor_frame(sensor: mi.Sensor, ray: mi.Ray3f) -> Any:
     """
     if not mi.is_polarized:
         return None
-    up = sensor.world_transform() @ mi.Vector3f(0, 1, 0)
+    up = world_transform(sensor) @ mi.Vector3f(0, 1, 0)
     across, basis = dr.cross(ray.d, up), mi.mueller.stokes_basis(-ray.d)
     axis = dr.select(dr.squared_norm(across) > 0, dr.normalize(across), basis)
     return frame_rotation(-ray.d, axis)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..runtime import checks
 from ..runtime.backend import tracing_lock
 from ..runtime.canvas import figure_width, in_style, new_figure, palette
+from ..runtime.interface import POSITIONS, name_of, rows, world_transform
 from ..runtime.plots import few_ticks, fit_height, wrap_text
 from .transient import picture_aspect
 
@@ -115,9 +116,8 @@ def plan_figure(
 def _points(shape: Any) -> Array:
     """Points of a shape whose convex hull is that of the shape [m], (n, 3)."""
     parameters = mi.traverse(shape)
-    if "vertex_positions" in parameters:
-        positions = np.array(parameters["vertex_positions"], dtype=np.float64)
-        return positions.reshape(-1, 3)
+    if name_of(parameters, POSITIONS):
+        return rows(parameters, POSITIONS)
     line = dr.linspace(mi.Float, 0, 1, 65)
     try:
         sampled = shape.sample_position(0, mi.Point2f(*dr.meshgrid(line, line))).p
@@ -180,7 +180,7 @@ def _integrators_laser(scene: Any) -> Array | None:
     integrator, sensors = scene.integrator(), scene.sensors()
     if not hasattr(integrator, "projector") or not sensors:
         return None
-    camera = sensors[0].world_transform() @ mi.Point3f(0)
+    camera = world_transform(sensors[0]) @ mi.Point3f(0)
     projector = integrator.projector
     position = camera if projector is None else projector.origin(camera)
     return np.array(position, dtype=np.float64).ravel()

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...runtime import checks
 from ...runtime.backend import tracing_lock
+from ...runtime.interface import pose as pose_of, pose_name, world_transform
 
 RAYS, CELLS = 32, 256
 """Rays that bound a beam, and cells of the midpoint rule that integrates it, on each side."""
@@ -32,7 +33,7 @@ def find_laser(scene: mi.Scene) -> Any:
 
 def axis(laser: Any) -> tuple[mi.Point3f, mi.Vector3f]:
     """Position of a laser [m], and the unit vector along its optical axis."""
-    pose = laser.world_transform()
+    pose = world_transform(laser)
     return pose @ mi.Point3f(0), dr.normalize(pose @ mi.Vector3f(0, 0, 1))
 
 
@@ -95,7 +96,7 @@ def apply_meters(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
     for meter in _meters(scene):
         if meter.laser_origin is not None:
             laser, origin = find_laser(scene), meter.laser_origin
-            matrix = np.array(laser.world_transform().matrix).reshape(4, 4)
+            matrix = pose_of(laser)
             matrix[:3, 3] = origin
             _set_pose(laser, mi.Transform4f(matrix))
             meter.laser_origin = None
@@ -110,7 +111,7 @@ def apply_meters(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
 @contextmanager
 def restored_pose(laser: Any) -> Iterator[None]:
     """Restore a laser's pose after the block, whatever happens."""
-    pose = mi.Transform4f(laser.world_transform())
+    pose = mi.Transform4f(world_transform(laser))
     try:
         yield
     finally:
@@ -119,7 +120,7 @@ def restored_pose(laser: Any) -> Iterator[None]:
 
 def position_of(device: mi.Sensor | mi.Emitter) -> np.ndarray:
     """Position of a sensor or laser [m], shape (3,)."""
-    return np.array(device.world_transform() @ mi.Point3f(0)).ravel()
+    return np.array(world_transform(device) @ mi.Point3f(0)).ravel()
 
 
 def require_aim(scene: mi.Scene) -> None:
@@ -136,7 +137,7 @@ def _meters(scene: mi.Scene) -> list[Any]:
 
 def _set_pose(laser: Any, to_world: mi.Transform4f) -> None:
     parameters = mi.traverse(laser)
-    parameters["to_world"] = to_world
+    parameters[pose_name(parameters)] = to_world
     parameters.update()
 
 

@@ -18,6 +18,7 @@ from ...paths.scattering import Materials
 from ...paths.space import transmittance_between
 from ...paths.surfaces import first_surface, is_boundary
 from ...runtime import checks
+from ...runtime.interface import pose
 from ..device.laser import position_of
 from ..device.relay_wall import DEFAULT_ID, find_relay_wall, find_shapes, parse_ids, seen_shapes
 from .corner import walked_weight
@@ -121,7 +122,7 @@ class RelayWallPath(TransientPath):
             raise ValueError("scene: has no hidden geometry; all its shapes are the relay wall")
         up = [0.0, 1.0, 0.0]
         if sensor is not None:
-            up = np.array(sensor.world_transform().matrix).reshape(4, 4)[:3, 1].tolist()
+            up = pose(sensor)[:3, 1].tolist()
         space = self.space(scene, sensor)
         if space.index != 1:
             rule = f"must be in air, lengths of {type(self).__name__} would be too short"
