@@ -1,4 +1,4 @@
-"""Problems a3.light_tracer and a3.caustics: light that finds the camera."""
+"""Problems a3.light_tracer and a3.caustics: light tracing."""
 
 # ruff: noqa: F401 (imported for what you will write)
 
