@@ -11,6 +11,8 @@ WAYS = {
     "load_string": "mi.load_string('<integrator version=\"3.0.0\" type=\"$t\"/>', t='path')",
     "manager": "mi.PluginManager.instance().create_object(mi.Properties('pa' + 'th'))",
     "scene": "mi.load_dict({'type': 'scene', 'i': {'type': 'pa' + 'th'}}).integrator()",
+    "package": "mi.load_dict({'type': 'transient_' + 'path'})",
+    "its class too": "tofrender.TransientPath(mi.Properties())",
     "derivatives": "mi.load_dict({'type': 'pr' + 'b'})",
     "thread": "ThreadPoolExecutor().submit(mi.load_dict, {'type': 'pa' + 'th'}).result()",
     "its class": "sys.modules[AD + '.prb'].PRBIntegrator(mi.Properties())",
@@ -36,6 +38,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 import mitsuba as mi
+import tofrender
 mi.set_variant("llvm_ad_rgb")
 from tofrender.course.judge import forbidden
 from tofrender.scanning import beam

@@ -5,7 +5,7 @@
 | word | not allowed |
 |---|---|
 | `warps` | `mi.warp` |
-| `integrators` | Mitsuba's integrators |
+| `integrators` | integrators of Mitsuba and of this package |
 | `light sampling` | Mitsuba's sampling of emitters and shapes, and its densities |
 """
 
@@ -15,6 +15,7 @@ import importlib
 import sys
 import threading
 from collections.abc import Callable, Collection
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -64,19 +65,23 @@ def guard(folder: Path, rubric: Rubric, used: Collection[str] = ()) -> None:
 
         setattr(owner, name, checked)
 
-    def is_mitsubas(found: Any) -> bool:
-        return isinstance(found, mi.Integrator) and type(found).__module__.startswith("mitsuba")
+    def is_given(found: Any) -> bool:
+        given = type(found).__module__.startswith(("mitsuba", "tofrender"))
+        return given and isinstance(found, mi.Integrator)
 
     words = {word for each in (rubric, *rubric.problems) for word in each.forbids}
     if "integrators" in words:
-        told = "integrators", "Mitsuba's integrators are"
+        told = "integrators", "integrators of Mitsuba and the package are"
         for module in [m for name, m in sys.modules.items() if name.startswith("mitsuba")]:
             for name in LOADERS & vars(module).keys():
-                check(module, name, *told, is_mitsubas)
-        check(mi.PluginManager, "create_object", *told, is_mitsubas)
-        check(mi.Scene, "integrator", *told, is_mitsubas)
+                check(module, name, *told, is_given)
+        check(mi.PluginManager, "create_object", *told, is_given)
+        check(mi.Scene, "integrator", *told, is_given)
         common = importlib.import_module("mitsuba.python.ad.integrators.common")
         check(common.ADIntegrator, "__init__", *told)
+        with suppress(ImportError):  # withheld
+            base = importlib.import_module("tofrender.integrators.base")
+            check(base.TransientIntegrator, "__init__", *told)
     if "light sampling" in words:
         for owner in (mi.Scene, mi.Endpoint, mi.EmitterPtr, mi.Shape, mi.ShapePtr):
             for name in LIGHT_SAMPLING & vars(owner).keys():
