@@ -17,6 +17,10 @@ CASES = {
     "x from v, y from u": ("a1", "tent.py", EXCHANGED, ("test_tent", "test_tent_staff")),
     "a weight of 1.0": ("a2", "gaussian_pulse.py", (WEIGHT, "1.0"), ("test_gaussian_pulse",)),
     "one weight": ("a2", "gaussian_pulse.py", (WEIGHT, "mi.Float(1)"), ("test_gaussian_pulse",)),
+    "the clips themselves unseen": (
+        "a3", "lens.py", ("(z <= self.far_clip)", "(z < self.far_clip)"),
+        ("test_lens.py::test_what_is_not_seen",),
+    ),
     "an evaluated loop": (
         "a1", "path_tracer_mats.py", ("while active:", 'while dr.hint(active, mode="evaluated"):'),
         ("test_path_tracer_mats.py::test_mirror",),

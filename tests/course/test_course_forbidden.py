@@ -1,76 +1,9 @@
 """What a handout does not allow is found, whatever it is called, and nothing else is."""
 
-from pathlib import Path
-
-import mitsuba as mi
 import pytest
 from helpers.processes import says
 
 from tofrender.course import rubric
-from tofrender.course.judge import forbidden
-
-ALL = frozenset(rubric.FORBIDDEN)
-
-USES = {
-    "mi.warp": [
-        "import mitsuba as mi\ndef f(u): return mi.warp.square_to_tent(u)",
-        "from mitsuba import warp",
-        "from mitsuba.warp import square_to_tent",
-        "import mitsuba.warp as w",
-        "import mitsuba as mi\nw = getattr(mi, 'warp')",
-        "import importlib\nw = importlib.import_module('mitsuba.warp')",
-    ],
-    "sample_emitter_direction": ["def f(scene): return scene.sample_emitter_direction(1, 2)"],
-    "pdf_direction": ["def f(x): return getattr(x, 'pdf_direction')(1)"],
-}
-
-
-@pytest.mark.parametrize(
-    ("said", "text"), [(said, text) for said, texts in USES.items() for text in texts]
-)
-def test_uses_are_found_with_their_line(said, text, tmp_path):
-    path = tmp_path / "tent.py"
-    path.write_text("\n" + text)
-    found = forbidden.find(path, ALL)
-    assert found.startswith("tent.py, line ")
-    assert found.endswith(said)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "import warp_of_mine\nwarp = 3\ndef square_to_tent(u): return u",
-        "class A:\n    def warp(self): return 1\n    def f(self): return self.warp()",
-        "# mi.warp\nx = 'mi.warp is not allowed'",
-        "x = {'type': 'diffuse'}\ny = {'kind': 'path'}",
-        "class L:\n  def pdf_direction(self): ...\ndef f(light): return light.pdf_direction()",
-        "def broken(:",
-    ],
-)
-def test_what_only_looks_like_it_is_allowed(text, tmp_path):
-    path = tmp_path / "tent.py"
-    path.write_text(text)
-    assert forbidden.find(path, ALL) == ""
-
-
-def test_helpers_are_read_too_and_words_choose(tmp_path):
-    (tmp_path / "tent.py").write_text("from worlds import f")
-    (tmp_path / "worlds.py").write_text("import tent\nfrom mitsuba import warp as w\nf = w")
-    assert forbidden.find(tmp_path / "tent.py", ALL) == "worlds.py, line 2: mi.warp"
-    assert forbidden.find(tmp_path / "tent.py", frozenset({"integrators"})) == ""
-
-
-def test_a_name_put_together_is_refused_when_it_is_used(tmp_path, monkeypatch):
-    monkeypatch.setattr(mi, "warp", mi.warp)
-    code = "import mitsuba as mi\nf = lambda: getattr(mi, 'wa' + 'rp').square_to_tent\n"
-    theirs, ours = {}, {}
-    exec(compile(code, str(tmp_path / "tent.py"), "exec"), theirs)
-    exec(compile(code, str(Path(__file__)), "exec"), ours)
-    forbidden.guard(tmp_path, ["warps"])
-    assert callable(ours["f"]())
-    with pytest.raises(forbidden.Forbidden, match="is not allowed in this assignment"):
-        theirs["f"]()
-
 
 WAYS = {
     "load_dict": "mi.load_dict({'type': 'pa' + 'th'})",
@@ -78,34 +11,74 @@ WAYS = {
     "load_string": "mi.load_string('<integrator version=\"3.0.0\" type=\"$t\"/>', t='path')",
     "manager": "mi.PluginManager.instance().create_object(mi.Properties('pa' + 'th'))",
     "scene": "mi.load_dict({'type': 'scene', 'i': {'type': 'pa' + 'th'}}).integrator()",
+    "package": "mi.load_dict({'type': 'transient_' + 'path'})",
+    "its class too": "tofrender.TransientPath(mi.Properties())",
     "derivatives": "mi.load_dict({'type': 'pr' + 'b'})",
+    "thread": "ThreadPoolExecutor().submit(mi.load_dict, {'type': 'pa' + 'th'}).result()",
     "its class": "sys.modules[AD + '.prb'].PRBIntegrator(mi.Properties())",
 }
+WARPS = {
+    "attribute": "mi.warp.square_to_tent",
+    "import": "exec('from mitsuba.warp import square_to_tent')",
+    "module": "importlib.import_module('mitsuba.warp').square_to_tent",
+    "put together": "getattr(mi, 'wa' + 'rp').square_to_tent",
+    "eval": "eval('mi.warp.square_to_tent')",
+    "by the package": "beam.sample_cone(mi.Vector3f(0, 0, 1), mi.Point2f(0.5), 0.1)",
+    "thread": "ThreadPoolExecutor().submit(getattr, mi.warp, 'square_to_tent').result()",
+}
+LIGHTS = {
+    "scene": "mi.load_dict({'type': 'scene'}).sample_emitter(0.5)",
+    "shape": "getattr(mi.load_dict({'type': 'sphere'}), 'sample_' + 'position')(0, [0.5, 0.5])",
+    "emitter": "mi.load_dict({'type': 'point'}).sample_ray(0, 0, [0.5, 0.5], [0.5, 0.5])",
+}
 GUARDED = """
+import importlib
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 import mitsuba as mi
+import tofrender
 mi.set_variant("llvm_ad_rgb")
 from tofrender.course.judge import forbidden
-forbidden.guard(Path("/student"), ["integrators"])
+from tofrender.scanning import beam
+problem = SimpleNamespace(forbids=["light sampling"])
+rubric = SimpleNamespace(forbids=["integrators", "warps"], problems=[problem])
+rubric.problem_by_name = {"Triangle": problem, "Path": SimpleNamespace(forbids=[])}
+used = set()
+forbidden.guard(Path("/student"), rubric, used)
 def run(text, file):
-    space = {"mi": mi, "sys": sys, "AD": "mitsuba.python.ad.integrators"}
+    space = globals() | {"AD": "mitsuba.python.ad.integrators"}
     exec(compile(text, file, "exec"), space)
     try:
         return str(space["f"]())[:0] or "allowed"
     except Exception as error:
-        return "refused" if "integrators are not allowed" in str(error) else repr(error)
+        return "refused" if "not allowed" in str(error) else repr(error)
 """
 
 
-def test_mitsubas_integrators_are_refused_however_they_are_loaded():
-    calls = [f"print(run('f = lambda: ' + {way!r}, '/student/a.py'))" for way in WAYS.values()]
-    calls += [f"print(run('f = lambda: ' + {way!r}, '/ours/a.py'))" for way in WAYS.values()]
+def test_light_sampling_is_refused_in_its_problem_also_to_helpers():
+    calls = []
+    for name in ("Triangle", "Path"):
+        calls.append(f"used.clear(); used.add({name!r})")
+        calls += [
+            f"print(run('f = lambda: ' + {way!r}, '/student/a.py'))" for way in LIGHTS.values()
+        ]
+    count = len(LIGHTS)
+    assert says(GUARDED + "\n".join(calls)) == ["refused"] * count + ["allowed"] * count
+
+
+def test_mitsuba_refuses_integrators_and_warps_however_they_are_reached():
+    ways = [*WAYS.values(), *WARPS.values()]
+    calls = [f"print(run('f = lambda: ' + {way!r}, '/student/a.py'))" for way in ways]
     own = "class Own(mi.SamplingIntegrator): pass\nmi.register_integrator('own', Own)\n"
     own += "f = lambda: [mi.load_dict({'type': each}) for each in ('own', 'sphere')] != []"
     calls += [f"print(run({own!r}, '/student/a.py'))"]
+    ways = [way for way in ways if "Thread" not in way]  # whose caller nobody knows
+    calls += [f"print(run('f = lambda: ' + {way!r}, '/ours/a.py'))" for way in ways]
     told = says(GUARDED + "\n".join(calls))
-    assert told == ["refused"] * len(WAYS) + ["allowed"] * (len(WAYS) + 1)
+    count = len(WAYS) + len(WARPS)
+    assert told == ["refused"] * count + ["allowed"] * (1 + len(ways))
 
 
 def test_the_rubric_knows_the_words(tmp_path):

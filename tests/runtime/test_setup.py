@@ -246,6 +246,11 @@ def test_a_broken_environment_is_made_anew(user, damage):
         ("WARNING: NewConnectionError: refused\nERROR: No matching x", "cannot reach the package"),
         ("ERROR: Could not install: [Errno 28] No space left on device", "the disk is full"),
         ("ERROR: No matching distribution found for numpy==9", "No matching distribution"),
+        (  # A build that fails; pip names no cause of its own
+            "  x did not run\n      FileNotFoundError: Forced include not found: scenes/a1\n"
+            "ERROR: Failed to build installable wheels",
+            "FileNotFoundError: Forced include not found: scenes/a1",
+        ),
         (  # Its own words of a package with another hash
             "ERROR: THESE PACKAGES DO NOT MATCH THE HASHES FROM THE REQUIREMENTS FILE. If you have",
             "a package is not the one of .ci/requirements.txt: its hash is another",

@@ -7,7 +7,7 @@ import mitsuba as mi
 
 
 class PathTracerMats(mi.SamplingIntegrator):
-    """Path tracing by material sampling alone."""
+    """Path tracing with BSDF sampling alone."""
 
     def __init__(self, props):
         super().__init__(props)

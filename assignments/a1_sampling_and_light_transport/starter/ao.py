@@ -15,8 +15,8 @@ class AmbientOcclusion(mi.SamplingIntegrator):
     x is the first surface point along the camera ray; the hemisphere is the one around the shading
     normal on the side of the surface that the camera ray comes from. V is 1 in directions in which
     there is no surface at any distance, else 0. A ray that meets no surface has L = 0. Each call
-    estimates the integral with one direction. Your cosine hemisphere can be imported:
-    `from sphere_and_hemispheres import square_to_cosine_hemisphere`.
+    estimates the integral with one direction of the density cos / pi. Your cosine hemisphere can be
+    imported: `from sphere_and_hemispheres import square_to_cosine_hemisphere`.
     """
 
     def sample(

@@ -57,7 +57,7 @@ class Quad(Shape):
         return self._hit(o, p, (p - o) / distance, distance, mi.Bool(True))
 
     def record(self, o: mi.Point3f, v: mi.Vector3f) -> EmitterRecord:
-        """Where the ray o + t v meets the plane, if that is on the parallelogram."""
+        """Intersection of the ray o + t v with the plane, if it is on the parallelogram."""
         distance = dr.dot(self.normal, self.corner - o) / dr.dot(self.normal, v)
         p = o + distance * v
         # p - corner = a e0 + b e1, solved with the help of the normal
@@ -97,7 +97,7 @@ class Triangle(Shape):
         raise NotImplementedError("a1.lights: Triangle.sample")
 
     def record(self, o: mi.Point3f, v: mi.Vector3f) -> EmitterRecord:
-        """What is seen of the triangle from `o` along `v`; both sides are met."""
+        """Record of the triangle from `o` along `v`; both sides are hit."""
         raise NotImplementedError("a1.lights: Triangle.record")
 
 
@@ -132,17 +132,17 @@ class Sphere(Shape):
         raise NotImplementedError("a1.lights: Sphere.sample")
 
     def record(self, o: mi.Point3f, v: mi.Vector3f) -> EmitterRecord:
-        """What is seen of the sphere from `o` along `v`."""
+        """Record of the sphere from `o` along `v`."""
         raise NotImplementedError("a1.lights: Sphere.record")
 
 
 class SurfaceGroup(Shape):
     """Several shapes, sampled as one light.
 
-    `sample` picks one of the n shapes with equal chance and asks it for a direction. The direction
-    could have come from any shape that it meets, so its density is the mean of all n densities, 0
-    for shapes that it misses. The record (point, distance, normal, radiance) is that of the nearest
-    shape along the direction, whichever was picked: lights may hide each other.
+    `sample` picks one of the n shapes with equal chance and samples a direction of it. The
+    direction could have come from any shape that it meets, so its density is the mean of all n
+    densities, 0 for shapes that it misses. The record (point, distance, normal, radiance) is that
+    of the nearest shape along the direction, whichever was picked: lights may hide each other.
 
     Args:
         shapes: At least one shape.
@@ -161,5 +161,5 @@ class SurfaceGroup(Shape):
         raise NotImplementedError("a1.lights: SurfaceGroup.sample")
 
     def record(self, o: mi.Point3f, v: mi.Vector3f) -> EmitterRecord:
-        """What is seen of the group from `o` along `v`, with the mean density."""
+        """Record of the group from `o` along `v`, with the mean density."""
         raise NotImplementedError("a1.lights: SurfaceGroup.record")

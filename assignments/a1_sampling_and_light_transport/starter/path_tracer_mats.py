@@ -1,4 +1,4 @@
-"""Problem a1.path_tracer_mats: a path tracer that follows the materials.
+"""Problem a1.path_tracer_mats: path tracing with BSDF sampling.
 
 Allowed: everything of Mitsuba but its own integrators (`si.bsdf()`, `si.emitter(scene)`,
 `scene.ray_intersect` ...).
@@ -12,14 +12,14 @@ import mitsuba as mi
 
 
 class PathTracerMats(mi.SamplingIntegrator):
-    """Path tracing by material sampling alone (plugin `path_tracer_mats`).
+    """Path tracing with BSDF sampling alone (plugin `path_tracer_mats`).
 
-    The material chooses each direction, and the path counts light when it runs into it:
+    Each direction is a BSDF sample, and a light counts if the path hits it:
 
         L = Le(x1) + f cos / p(w) (Le(x2) + f cos / p(w) (Le(x3) + ...
 
     The environment counts for paths that leave the scene (`si.emitter(scene)` returns it there).
-    Point lights are never met, and stay dark.
+    Point lights are never hit, and stay dark.
 
     Parameters:
         max_bounces: Most surfaces that a path is reflected from: 0 shows lights only, 1 adds direct

@@ -1,4 +1,4 @@
-"""Problem a1.path_tracer_mis: a path tracer that asks both.
+"""Problem a1.path_tracer_mis: path tracing with multiple importance sampling.
 
 Allowed: everything of Mitsuba but its own integrators; `scene.sample_emitter_direction` and
 `scene.pdf_emitter_direction` included.
@@ -17,8 +17,8 @@ class PathTracerMIS(mi.SamplingIntegrator):
     Direct light at a surface comes from two techniques, the lights' sampling and the material's,
     and is counted once. Choose one way:
 
-    - one sample: ask one of both by chance, and divide by the mean of the two densities;
-    - two samples: ask both, weight each with the balance or power heuristic, and go on along the
+    - one sample: take one of both at random, and divide by the mean of the two densities;
+    - two samples: take both, weight each with the balance or power heuristic, and go on along the
       material's ray (it needs no ray of its own).
 
     What one technique alone can find has the weight 1: point lights (the lights' sampling), and

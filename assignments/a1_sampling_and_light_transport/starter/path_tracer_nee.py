@@ -1,4 +1,4 @@
-"""Problem a1.path_tracer_nee: a path tracer that asks the lights.
+"""Problem a1.path_tracer_nee: path tracing with next-event estimation.
 
 Allowed: everything of Mitsuba but its own integrators, `scene.sample_emitter_direction` included:
 it does for all kinds of light what you wrote for some of them in a1.lights.

@@ -1,4 +1,4 @@
-"""Problem a1.triangles_and_caps: what lights are sampled with."""
+"""Problem a1.triangles_and_caps: sampling triangles and spherical caps."""
 
 from __future__ import annotations
 

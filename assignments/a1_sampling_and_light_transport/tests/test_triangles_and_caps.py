@@ -37,7 +37,9 @@ def test_triangle_density(submission):
     p = CORNERS[0] + b @ (CORNERS[1:] - CORNERS[0])
     area = formulas.triangle_area(CORNERS)
     on = submission.ask("triangle_pdf", corners=CORNERS, p=p)
-    hint = "1 / area of the triangle"
+    missed = np.any(np.asarray(on) == 0)
+    tolerance = "0 on the triangle: allow for rounding, about 1e-5 of the longest edge"
+    hint = tolerance if missed else "1 / area of the triangle"
     ratios = dict.fromkeys(("2", "1/2"), "the cross product is twice the area")
     expect.close(on, 1 / area, "density on the triangle", hint=hint, ratios=ratios)
     b = np.array([[0.6, 0.6], [-0.1, 0.5], [0.5, -0.1], [1.5, 0.2]])

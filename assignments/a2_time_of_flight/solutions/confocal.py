@@ -37,7 +37,7 @@ class ConfocalTransientIntegrator(TransientPath):
         return shapes
 
     def sample(self, scene, sampler, ray, deposit, origin, active=True):
-        """Follow paths that start at the wall, and connect their vertices to the lit point."""
+        """Follow paths that start at the wall, and connect their vertices to the laser spot."""
         ctx = mi.BSDFContext()
         wall = self.wall_shapes(scene)
         si = scene.ray_intersect(ray, mi.Bool(active))

@@ -1,4 +1,4 @@
-"""Problem a2.amcw_pulse: what a correlation sensor weights light by."""
+"""Problem a2.amcw_pulse: modulation of a correlation sensor."""
 
 # ruff: noqa: F401 (imported for what you will write)
 

@@ -1,4 +1,4 @@
-"""Problems a2.confocal and a2.area_spot: a scanned laser that lights what the camera sees."""
+"""Problems a2.confocal and a2.area_spot: confocal path tracing."""
 
 # ruff: noqa: F401 (imported for what you will write)
 
@@ -25,8 +25,8 @@ class ConfocalTransientIntegrator(TransientPath):
 
     | parameter | default | meaning |
     |---|---|---|
-    | `max_depth` | 8 | longest path in segments from the camera to the lit point: 3 is camera, p, \
-hidden point, p |
+    | `max_depth` | 8 | longest path in segments from the camera to the laser spot: 3 is camera, \
+p, hidden point, p |
     | `power` | 1.0 | power Φ that arrives at p, the cosine included [W] |
     | `relay_wall` | "relay_wall" | ids of the wall's shapes, separated by commas |
     | `use_nlos_only` | false | count only paths with a vertex that is not on the relay wall |
@@ -58,7 +58,7 @@ hidden point, p |
         return shapes
 
     def sample(self, scene, sampler, ray, deposit, origin, active=True):
-        """Follow paths that start at the wall, and connect their vertices to the lit point.
+        """Follow paths that start at the wall, and connect their vertices to the laser spot.
 
         Args:
             scene: The scene.

@@ -37,11 +37,11 @@ class FilmIntegrator(mi.SamplingIntegrator):
         self.pulse: Any = None
 
     def sample(self, scene, sampler, ray, deposit, origin, active=True):
-        """What happens on the paths of camera rays; a subclass defines it."""
+        """Trace paths from camera rays; a subclass defines it."""
         raise NotImplementedError("FilmIntegrator.sample: a subclass must define it")
 
     def spread(self, film, put, sampler, spectrum, opl, active):
-        """How the pulse spreads a contribution over the film's bins; a subclass defines it."""
+        """Spread a contribution over the film's bins as the pulse says; a subclass defines it."""
         raise NotImplementedError("FilmIntegrator.spread: a subclass must define it")
 
     def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True):

@@ -1,4 +1,4 @@
-"""Problem a2.fog: what fog and polarisers do to light."""
+"""Problem a2.fog: scattering and absorption in fog, and polarisers."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def absorb(
 
 
 def sample_turn(xi: np.ndarray, g: float) -> np.ndarray:
-    """Draw by how much light turns: Henyey and Greenstein's phase function.
+    """Sample cosines of scattering angles: Henyey and Greenstein's phase function.
 
     Args:
         xi: Even random numbers in [0, 1], both ends included.
@@ -43,15 +43,15 @@ def sample_turn(xi: np.ndarray, g: float) -> np.ndarray:
 def wander(
     random: np.random.Generator, mu_s: float, g: float, opl: float, count: int
 ) -> np.ndarray:
-    """Where photons are in endless fog after a path length.
+    """Positions of photons in infinite fog after a path length.
 
     All start at the origin along +z. They scatter after distances t with the density
-    mu_s exp(-mu_s t), and turn as `sample_turn` says, evenly around the direction that they had.
+    mu_s exp(-mu_s t), by angles of `sample_turn`, uniformly around the direction that they had.
 
     Args:
         random: Source of all random numbers.
         mu_s: Scattering [1/m], 0 or more; 0 is clear air.
-        g: Mean cosine of what a photon turns by.
+        g: Mean cosine of the scattering angle.
         opl: Path length from the start [m].
         count: Number of photons.
 

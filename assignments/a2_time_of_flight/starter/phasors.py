@@ -1,4 +1,4 @@
-"""Problem a2.transient_to_phasor: what a correlation sensor sees of a transient."""
+"""Problem a2.transient_to_phasor: phasors of a transient."""
 
 # ruff: noqa: F401 (imported for what you will write)
 

@@ -1,4 +1,4 @@
-"""Problem a2.relay_wall: which points are on the wall that a hidden scene is seen by."""
+"""Problem a2.relay_wall: points on the relay wall."""
 
 # ruff: noqa: F401 (imported for what you will write)
 

@@ -25,6 +25,8 @@ def test_right_pulses_pass(submission):
                 f"a right pulse ({name} of width {width} m) fails your test: {said['text']}",
                 hint="is the tolerance for single precision, and does it scale with the width?",
             )
+    said = submission.ask("check_pulse", name="Loud", width_opl=WIDTHS[0])
+    expect.true(said["is"] == "fails", "a density that integrates to 2 passes your test, too")
 
 
 def test_wrong_pulses_are_found(submission):

@@ -20,8 +20,8 @@ class TransientBDPT(BothEnds):
     | parameter | default | meaning |
     |---|---|---|
     | `strategy` | "" | "s,t" lets this strategy alone count |
-    | `mis` | "power" | shares: "power" (exponent 2), "balance" (exponent 1); and "none" with a \
-`strategy`, which then counts in full |
+    | `mis` | "power" | MIS weights: "power" (exponent 2), "balance" (exponent 1); and "none" with \
+a `strategy`, which then counts in full |
     """
 
     def __init__(self, props: mi.Properties) -> None:

@@ -112,7 +112,7 @@ class BothEnds(mi.SamplingIntegrator):
         return Lens(sensor)
 
     def sample(self, scene, sampler, camera, lens, emission, land):
-        """What happens on paths from the light and from the camera; a subclass defines it."""
+        """Trace paths from the light and from the camera; a subclass defines it."""
         raise NotImplementedError("BothEnds.sample: a subclass must define it")
 
     def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True):
@@ -152,10 +152,10 @@ class BothEnds(mi.SamplingIntegrator):
                 counts = (dr.arange(mi.UInt32, lanes) % at_once) + done < spp
 
                 def land(spectrum, opl, position, active, camera=camera, counts=counts):
-                    share = mi.Color3f(spectrum) / spp
+                    light = mi.Color3f(spectrum) / spp
                     opl, active = mi.Float(opl), mi.Bool(active) & counts
-                    film.add_splat(position, opl, camera.ray.wavelengths, share, active)
-                    picture.add(position, [list(share)], 0, active)
+                    film.add_splat(position, opl, camera.ray.wavelengths, light, active)
+                    picture.add(position, [list(light)], 0, active)
 
                 self.sample(scene, sampler, camera, lens, emission, land)
                 dr.eval()

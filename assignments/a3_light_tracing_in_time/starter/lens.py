@@ -1,4 +1,4 @@
-"""Problem a3.lens: the camera as what light arrives at."""
+"""Problem a3.lens: importance of the camera."""
 
 # ruff: noqa: F401 (imported for what you will write)
 

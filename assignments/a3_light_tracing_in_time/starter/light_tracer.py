@@ -1,4 +1,4 @@
-"""Problems a3.light_tracer and a3.caustics: light that finds the camera."""
+"""Problems a3.light_tracer and a3.caustics: light tracing."""
 
 # ruff: noqa: F401 (imported for what you will write)
 
@@ -33,7 +33,7 @@ def light_path(scene: mi.Scene, sampler: mi.Sampler, emitted: Emitted, count: in
 class TransientLightTracer(BothEnds):
     """Paths from the light, each vertex of which is connected to the lens.
 
-    `render` is given (`both_ends.py`).
+    `render` is given (`both_ends.py`); other integrators are not allowed in your files.
     """
 
     def sample(self, scene, sampler, camera, lens, emission, land):

@@ -1,4 +1,4 @@
-"""Problem a3.two_strategies: paths from the camera and paths from the light share their light."""
+"""Problem a3.two_strategies: next-event estimation and light tracing."""
 
 # ruff: noqa: F401 (imported for what you will write)
 
@@ -12,13 +12,13 @@ from both_ends import BothEnds, Vertex, camera_path
 class TransientTwoStrategies(BothEnds):
     """Next-event estimation on paths from the camera, and connections of light to the lens.
 
-    A path that both find is shared by the power heuristic (exponent 2); one that only one of them
-    finds counts in full. Paths have 2 to `max_depth` segments. Lights that a path runs into do not
-    count. Lights are points, spots and surfaces, one or several.
+    A path that both can sample is weighted by the power heuristic (exponent 2); one that only one
+    of them can sample counts in full. Paths have 2 to `max_depth` segments. Lights that a path runs
+    into do not count. Lights are points, spots and surfaces, one or several.
 
     | parameter | default | meaning |
     |---|---|---|
-    | `end` | "both" | "camera" or "light": only what paths of this end find, with its share |
+    | `end` | "both" | "camera" or "light": only paths of this end, with their MIS weights |
     """
 
     def __init__(self, props: mi.Properties) -> None:

@@ -129,6 +129,8 @@ def test_what_is_not_seen(submission):
     options = SQUARE | {"near_clip": 0.7, "far_clip": 2.0}
     view = formulas.View(**options)
     p, position, depth = points(view)
+    clear = np.minimum(abs(depth - 0.7), abs(depth - 2.0)) > 1e-4  # rounding decides at the clips
+    p, position, depth = p[clear], position[clear], depth[clear]
     behind = 2 * view.origin - p[:20]
     wanted = inside(view, position) & (depth >= 0.7) & (depth <= 2.0)
     wanted = np.append(wanted, np.zeros(20, bool))

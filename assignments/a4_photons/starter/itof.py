@@ -42,7 +42,7 @@ def sample_taps(
         rng: Source of all random numbers: the same state gives the same result.
         means: Expected photoelectrons, any shape.
         read_noise: Standard deviation of each tap's read noise [electrons].
-        full_well: Most electrons of a tap, which it shows if there are more.
+        full_well: Most electrons that a tap shows, read noise included.
 
     Returns:
         Electrons of the same shape; read noise can make them negative.

@@ -55,3 +55,9 @@ def test_any_histogram(submission):
         hint = "unsigned integers wrap below 0: make them floats first"
         expect.close(found[certain], wanted[certain], what, hint=hint)
         expect.true(came["kept"], "counts after the call of coates: as they were")
+    cycles = int(random.integers(2**31, 2**32))
+    counts = np.array([cycles - 3, 2, 1], np.uint32)
+    found = submission.ask("coates", counts=counts, cycles=cycles)["found"]
+    hint = "single precision holds no integer of more than 24 bits"
+    expect.close(found[:2], np.log([cycles / 3, 3]), "rates after many cycles", hint=hint)
+    expect.true(np.isposinf(found[2]), f"rate of the last of {cycles} cycles: infinite", hint=hint)

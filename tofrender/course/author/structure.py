@@ -14,7 +14,6 @@ from pathlib import Path
 from .. import material, mutants, notebooks
 from ..assignments import Assignment
 from ..judge import running
-from ..judge.forbidden import imported
 from ..rubric import STAFF_TEST
 from . import contracts
 
@@ -62,7 +61,7 @@ def _files(assignment: Assignment) -> Iterator[str]:
         if problem.other_points:
             yield f"rubric.toml: problem {problem.id}: other_points is for released rubrics"
         text = _read(assignment.solutions / problem.file) if problem.file in solutions else ""
-        for module in stems.intersection(imported(ast.parse(text))):
+        for module in stems.intersection(_imported(ast.parse(text))):
             owners = {p.id for p in problems if Path(p.file).stem == module}
             if not owners & rubric.needed(problem.id):
                 yield f"solutions/{problem.file}: imports {module}, not in needs of {problem.id}"
@@ -71,6 +70,16 @@ def _files(assignment: Assignment) -> Iterator[str]:
     for name in ("exercises.md", "solutions/exercises.md", "README.md", "pytest.ini"):
         if not (assignment.folder / name).is_file():
             yield f"{name}: is missing"
+
+
+def _imported(tree: ast.Module) -> Iterator[str]:
+    """First names of the modules that a file imports, wherever in it."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.partition(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield from (alias.name for alias in node.names if node.module is None)
+            yield (node.module or "").partition(".")[0]
 
 
 def _handout(assignment: Assignment) -> Iterator[str]:

@@ -150,9 +150,12 @@ class Grader:
         hidden += [self.scratch, *map(Path, sandbox.private())]
         with sandbox.own_user() as uid:
             for number, problem in enumerate(problems):
-                left = self.time_limit_s - (time.monotonic() - begin)
-                if left < 1 - BEYOND_S:
+                left, reason = self.time_limit_s - (time.monotonic() - begin), ""
+                if problem.file and not (folder / "submission" / problem.file).is_file():
+                    reason = f"{problem.file} is missing (problem {problem.id})"
+                elif left < 1 - BEYOND_S:
                     reason = f"not judged: all problems together took {self.time_limit_s:g} s"
+                if reason:
                     results.grades |= grades_of(problem, [], reason)
                     continue
                 later = sum(2 * other.takes_s + 5 for other in problems[number + 1 :])
