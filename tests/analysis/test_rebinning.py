@@ -2,12 +2,20 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 from helpers.hidden_scenes import small_capture
 from helpers.made_dataset import START, WIDTH, make_dataset
 from helpers.refusals import refused
 
 from tofrender import io, load_zarr, rebin, save_zarr
 from tofrender.nlos.captures import check_capture
+
+
+@pytest.fixture(autouse=True)
+def _keep_attributes():
+    """As newer versions of xarray do by default."""
+    with xr.set_options(keep_attrs=True):
+        yield
 
 
 def made(**options):

@@ -70,10 +70,10 @@ def rebin(dataset: xr.Dataset, bins: int, window: Sequence[float] | None = None)
     values = _summed(light.data, light.dims.index("opl"), edges, scale)
 
     kept: dict[Any, Any] = {
-        name: each for name, each in dataset.data_vars.items() if is_capture or name in DIMS
+        name: dataset.variables[name] for name in dataset.data_vars if is_capture or name in DIMS
     }
     kept["transient"] = light.dims, values, light.attrs
-    coordinates = {k: each for k, each in dataset.coords.items() if k not in ("opl", "time")}
+    coordinates = {k: dataset.variables[k] for k in dataset.coords if k not in ("opl", "time")}
     opl = ("opl", first + (np.arange(bins) + 0.5) * wide, dataset["opl"].attrs)
     attrs = dataset.attrs | {"start_opl": float(first), "bin_width_opl": wide}
     made = labelled(type(dataset)(kept, coordinates | {"opl": opl}, attrs))

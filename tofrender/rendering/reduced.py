@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .dataset import DIMS, QUANTITIES, components_of
+from .labels import TIME
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -25,7 +26,8 @@ def relabelled(dataset: Any) -> Any:
         return dataset
     before = dataset
     if "channel" not in dataset.dims:
-        dataset = dataset.drop_vars("channel", errors="ignore").expand_dims("channel", axis=-1)
+        dataset = dataset.drop_vars(["channel", TIME], errors="ignore")
+        dataset = dataset.expand_dims("channel", axis=-1)
     if "channel" not in dataset.coords and dataset.sizes["channel"] == 1:
         dataset = dataset.assign_coords(channel=np.array(["L"]))
     for axis, side in (("y", "height"), ("x", "width")):
