@@ -1,0 +1,67 @@
+"""tofrender, by the functions that its users call."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from . import mitsuba_scenes as scenes
+
+INSTALL = "pip install tofrender"
+QUANTITIES = {"bins", "phasor", "gate", "stokes", "rate", "nlos", "gradient"}
+ABILITIES = scenes.FEATURES | QUANTITIES | {"pulse", "inside", "moving gradient"}
+
+
+def version() -> str:
+    scenes.start()
+    import tofrender
+
+    return f"tofrender {tofrender.__version__}"
+
+
+@scenes.cached
+def _load(scene: dict, bins: dict):
+    scenes.start("llvm_ad_mono_polarized" if bins["quantity"] == "stokes" else "llvm_ad_rgb")
+    import tofrender
+
+    if bins["quantity"] == "nlos":
+        return tofrender.load_scene(scenes.capture(scene, bins, {}), optimize=False)
+    kind = "transient_volpath" if scenes.has_media(scene) else "transient_path"
+    window = {"count": 1, "start": 0.0, "width": 1e3}
+    in_time = bins["quantity"] not in ("rate", "gate", "phasor")
+    film = scenes.film_of(window | bins if in_time else window)
+    integrator = {"type": kind}
+    if "pulse" in bins or bins["quantity"] == "gradient":
+        integrator["pulse_width_opl"] = bins.get("pulse", 0.05)
+    described = scenes.dictionary(scene, integrator, film)
+    return tofrender.load_scene(described, optimize=False)
+
+
+def render(scene: dict, bins: dict, samples: int, seed: int) -> np.ndarray:
+    loaded, quantity = _load(scene, bins), bins["quantity"]
+    import mitsuba as mi
+    import tofrender
+
+    options = {"spp": samples, "seed": seed, "progress": False}
+    if quantity == "gradient":
+        return scenes.derivative(scene, bins, loaded, samples, seed)
+    if quantity == "phasor":
+        frequencies = list(bins["frequencies_hz"])
+        found = tofrender.render_amcw_phasor(loaded, loaded.sensors()[0], frequencies, **options)
+        return np.concatenate([np.moveaxis(part[..., 0], 0, -1) for part in found[:2]], axis=-1)
+    if quantity == "gate":
+        gated = {"type": "time_gated_transient_path", "pulse_width_opl": bins["width"]}
+        gated = mi.load_dict(gated | {"max_depth": scene["segments"]})
+        parts = [
+            tofrender.render_at_time(loaded, gated, loaded.sensors()[0], opl, samples, seed)
+            for opl in bins["opl"]
+        ]
+        return np.stack([part[..., 0] for part in parts], axis=-1)
+    if quantity == "rate":
+        end = bins["start"] + bins["count"] * bins["width"]
+        rates = {"rates": (bins["start"], end), "rate_bins": bins["count"]}
+        found = tofrender.range_rate(loaded, bins=1, window=(0.0, 1e3), **rates, **options)
+        return found["radiance"].isel(channel=0, opl=0).transpose("y", "x", ...).values
+    found = tofrender.render(loaded, **options)["transient"]
+    if quantity == "stokes":
+        return scenes.split_stokes(found.isel(channel=0).transpose(..., "stokes").values)
+    return found.values[..., 0]
