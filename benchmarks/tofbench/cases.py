@@ -26,6 +26,7 @@ class Case:
         needs: Abilities besides the quantity.
         whole: Whether the bins hold all light, so that a steady renderer can be tested by its sum.
         readings: Weights of the numbers that are compared, (readings, numbers); None: groups.
+        steady_readings: The same for the sums over time.
         samples: Samples per pixel of one run.
         rounding: Standard error of rounding, relative to a reading.
         standard_error: Computes the standard error of the expected numbers, for references.
@@ -40,6 +41,7 @@ class Case:
     needs: tuple[str, ...] = ()
     whole: bool = True
     readings: np.ndarray | None = None
+    steady_readings: np.ndarray | None = None
     samples: int = 8192
     rounding: float = 3e-4
     standard_error: Callable[[], np.ndarray] | None = None
@@ -77,7 +79,7 @@ class Case:
                 exact=lambda: self.expected.sum(axis=-1, keepdims=True),
                 standard_error=self.standard_error
                 and (lambda: np.sqrt((self.error**2).sum(axis=-1, keepdims=True))),
-                readings=None,
+                readings=self.steady_readings,
             )
         if "delays" in abilities and "room" in self.scene:
             return replace(

@@ -149,6 +149,24 @@ for name, bounces, albedo, count in FURNACES:
         lambda b=furnace_bins, n=bounces, a=albedo: forms.furnace(b, n, 1.0, a, 1.0),
         rounding=1e-3,  # Exact values of small spheres are right to some 1e-4 in single precision
     )
+EAR, EAR_BINS = 0.3, s.bins(48, 0.0, 0.2)
+case(
+    "furnace-ear",
+    "Inside a diffuse sphere, heard from all sides beside a lamp at its centre",
+    "as 'furnace-3', the last leg sqrt(R²-o²(1-mu²)) - o mu for mu even in [-1, 1]",
+    s.scene(
+        {"kind": "ear", "origin": (EAR, 0, 0), "width": 1, "height": 1},
+        4,
+        shapes={
+            "wall": s.sphere((0, 0, 0), 1.0, s.diffuse(0.8), inward=True),
+            "lamp": s.sphere((0, 0, 0), 0.01, s.BLACK, radiance=1.0 / (np.pi * 0.01**2)),
+        },
+    ),
+    EAR_BINS,
+    lambda: forms.furnace(EAR_BINS | {"start": 0.01}, 2, 1.0, 0.8, 1.0, EAR),
+    "ear",
+    rounding=3e-3,  # Light starts at the lamp's surface; the lamp hides a part of the wall
+)
 
 
 # Mirrors, glass, a lens
@@ -454,8 +472,7 @@ case(
     ),
     HALF_BINS,
     lambda: by_readings(DAMPED, [forms.half_space(1.8 / (2.0 + x), 1.0) for x in RATES]),
-    "medium",
-    "inside",
+    "half-space",
     readings=DAMPED,
 )
 
@@ -691,7 +708,7 @@ GRADIENT = s.scene(
     shapes={"floor": s.floor(s.diffuse(0.5))},
     lights={"lamp": s.point((0.5, 0, 2), 1.0)},
 )
-GRADIENT_BINS = s.bins(40, 3.06, 0.05) | {"quantity": "gradient"}
+GRADIENT_BINS = s.bins(40, 3.0365528, 0.05) | {"quantity": "gradient"}
 GRADIENT_FORM = (
     "L = rho H/(pi r³), opl = H + r: derivatives of the sum of light and of light times length"
 )

@@ -123,8 +123,11 @@ def sphere_light(bins: dict, seen: float, away, radius: float, radiance: float, 
     return histogram(bins, seen + r, total / sine2.size)
 
 
-def furnace(bins: dict, bounces: int, radius: float, albedo: float, intensity: float) -> np.ndarray:
-    """Diffuse sphere, light and camera at its centre, bounces 0 to n.
+def furnace(
+    bins: dict, bounces: int, radius: float, albedo: float, intensity: float, offset: float = 0.0
+) -> np.ndarray:
+    """Diffuse sphere, light at its centre, bounces 0 to n, seen from there or, evenly from all
+    sides, from an offset.
 
     Bounce n has rho^(n+1) I/(pi R²) and arrives after 2R and n independent chords, whose cdf is
     r²/(4R²) on [0, 2R]: convolutions on a grid of 2000 steps per chord.
@@ -132,10 +135,16 @@ def furnace(bins: dict, bounces: int, radius: float, albedo: float, intensity: f
     fine = 2000
     step = 2 * radius / fine
     chord = np.diff((np.arange(fine + 1) / fine) ** 2)
-    masses, result = np.ones(1), np.zeros(bins["count"])
+    masses, result, first = np.ones(1), np.zeros(bins["count"]), 2 * radius
+    if offset:
+        mu = (np.arange(1 << 16) + 0.5) / (1 << 15) - 1
+        leg = np.sqrt(radius**2 - offset**2 * (1 - mu**2)) - offset * mu
+        cells = math.ceil(2 * offset / step) + 1
+        grid = radius - offset + step * (np.arange(cells + 1) - 0.5)
+        masses, first = np.histogram(leg, grid)[0] / leg.size, 2 * radius - offset
     for n in range(bounces + 1):
         # n cells of a step sum to a spread of n steps, whose centre is n/2 steps further
-        grid = 2 * radius + (np.arange(masses.size + 1) - 0.5 + 0.5 * n) * step
+        grid = first + (np.arange(masses.size + 1) - 0.5 + 0.5 * n) * step
         cdf = np.interp(edges(bins), grid, np.concatenate([[0], np.cumsum(masses)]))
         result += albedo ** (n + 1) * intensity / (math.pi * radius**2) * np.diff(cdf)
         size = masses.size + fine

@@ -13,9 +13,7 @@ ABILITIES = scenes.FEATURES | {"bins", "stokes", "nlos", "gradient"}
 def version() -> str:
     from importlib.metadata import version as number
 
-    scenes.start()
-    import mitransient  # noqa: F401
-
+    # Not imported here: its plugins exist in the variant of its first import only
     return f"mitransient {number('mitransient')}, Mitsuba {number('mitsuba')}"
 
 

@@ -8,7 +8,7 @@ from . import mitsuba_scenes as scenes
 
 INSTALL = "pip install tofrender"
 QUANTITIES = {"bins", "phasor", "gate", "stokes", "rate", "nlos", "gradient"}
-ABILITIES = scenes.FEATURES | QUANTITIES | {"pulse", "inside", "moving gradient"}
+ABILITIES = scenes.FEATURES | QUANTITIES | {"pulse", "inside", "half-space", "moving gradient"}
 
 
 def version() -> str:
