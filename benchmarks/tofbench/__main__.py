@@ -24,7 +24,7 @@ def parser() -> argparse.ArgumentParser:
     add("--renderer", action="append", metavar="NAME", help=f"{known}, or the file of an adapter")
     add("--case", action="append", metavar="NAME", help="some of the cases")
     add("--python", action="append", default=[], metavar="RENDERER=PATH", help="its interpreter")
-    add("--runs", type=int, help="independent runs of each case (32)")
+    add("--runs", type=int, help="independent runs of each case (16)")
     add("--samples", type=float, help="multiplies the samples per pixel of all cases (1)")
     add("--quick", action="store_true", help="few runs and samples: finds only what is far off")
     add("--out", type=Path, default=Path("out/tofbench"), help="folder (out/tofbench)")
@@ -80,7 +80,7 @@ def main() -> None:
         return
     if not options.renderer:
         refuse(f"--renderer: must be one or more of {', '.join(ADAPTERS)}, or files of adapters")
-    size = QUICK if options.quick else {"runs": 32, "samples": 1.0}
+    size = QUICK if options.quick else {"runs": 16, "samples": 1.0}
     size = {k: v if getattr(options, k) is None else getattr(options, k) for k, v in size.items()}
     if size["runs"] < 4:
         refuse(f"--runs = {size['runs']}: must be 4 or more")

@@ -8,8 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from .scenes import Scene
-
 
 @dataclass(frozen=True)
 class Case:
@@ -19,7 +17,7 @@ class Case:
         name: Of letters, digits and hyphens.
         title: What it tests, for the table.
         form: The formula and its source.
-        scene: See `scenes`.
+        scene: See README.md.
         bins: What is measured: `quantity` and its parameters, see README.md.
         exact: Computes the expected numbers: of the film's mean (numbers,), or of each pixel
             (height, width, numbers).
@@ -35,7 +33,7 @@ class Case:
     name: str
     title: str
     form: str
-    scene: Scene
+    scene: dict
     bins: dict
     exact: Callable[[], np.ndarray]
     needs: tuple[str, ...] = ()

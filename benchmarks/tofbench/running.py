@@ -57,7 +57,7 @@ def describe(name: str, python: str = sys.executable) -> Renderer:
 def run(
     renderer: Renderer,
     cases: Sequence[Case],
-    runs: int = 32,
+    runs: int = 16,
     samples: float = 1.0,
     progress: Callable[[str], None] = lambda line: None,
     among: Sequence[Case] = (),
@@ -74,14 +74,16 @@ def run(
     """
     forms = {case.name: case.form_for(renderer.abilities) for case in cases}
     found = {
-        case.name: Verdict("not supported", note=", ".join(sorted(case.missing(renderer.abilities))))
+        case.name: Verdict(
+            "not supported", note=", ".join(sorted(case.missing(renderer.abilities)))
+        )
         for case in cases
         if forms[case.name] is None
     }
     todo = [form for form in forms.values() if form is not None]
     allowed = threshold(sum(len(readings_of(case)) for case in among or cases))
     with tempfile.TemporaryDirectory() as folder:
-        for name, result in _rendered(renderer, todo, runs, samples, Path(folder)):
+        for name, result in rendered(renderer, todo, runs, samples, Path(folder)):
             case = forms[name]
             if isinstance(result, str):
                 found[name] = Verdict("error", case.bins["quantity"], note=result)
@@ -93,7 +95,7 @@ def run(
     return {case.name: found[case.name] for case in cases}
 
 
-def _rendered(renderer: Renderer, cases: list[Case], runs: int, samples: float, folder: Path):
+def rendered(renderer: Renderer, cases: list[Case], runs: int, samples: float, folder: Path):
     """(name, (runs, processor time)) or (name, error) of each case; crashes end one case only."""
     left = {case.name: case for case in cases}
     while left:
@@ -105,7 +107,9 @@ def _rendered(renderer: Renderer, cases: list[Case], runs: int, samples: float, 
         command = [renderer.python, WORKER, renderer.name, folder]
         try:
             limit = CASE_LIMIT_S * len(now)
-            done = subprocess.run(command, capture_output=True, text=True, timeout=limit, env=_env())
+            done = subprocess.run(
+                command, capture_output=True, text=True, timeout=limit, env=_env()
+            )
             last = (done.stderr.strip().splitlines() or [""])[-1]
         except subprocess.TimeoutExpired:
             last = f"no answer within {limit} s"

@@ -47,9 +47,6 @@ def main() -> None:
     module.version()
     for case in json.loads((folder / "cases.json").read_text()):
         (folder / "now.txt").write_text(case["name"])
-        if "xml" in case:
-            module.write_xml(case["scene"], case["bins"], case["xml"])
-            continue
         try:
             runs, seconds = [], 0.0
             for seed in range(case["runs"] + 1):  # The first one compiles

@@ -8,7 +8,7 @@ import numpy as np
 from tofbench import closed, forms
 
 INSTALL = "nothing"
-ABILITIES = frozenset().union(*({c.bins["quantity"], *c.needs} for c in closed.CASES))
+ABILITIES = {need for c in closed.CASES for need in (c.bins["quantity"], *c.needs)}
 PHOTONS = 4000
 BUG = os.environ.get("STAND_IN_BUG", "")
 

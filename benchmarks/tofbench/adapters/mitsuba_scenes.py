@@ -89,9 +89,7 @@ def shape(described: dict, media: dict) -> dict:
         u, v = np.array(described["u"], float), np.array(described["v"], float)
         normal = np.cross(u, v)
         matrix = np.eye(4)
-        matrix[:3] = np.stack(
-            [u, v, normal / np.linalg.norm(normal), described["center"]], axis=1
-        )
+        matrix[:3] = np.stack([u, v, normal / np.linalg.norm(normal), described["center"]], axis=1)
         result |= {"type": kind, "to_world": mi.ScalarTransform4f(matrix)}
     if "radiance" in described:
         result["emitter"] = {"type": "area", "radiance": grey(described["radiance"])}

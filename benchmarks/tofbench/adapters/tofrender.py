@@ -7,7 +7,7 @@ import numpy as np
 from . import mitsuba_scenes as scenes
 
 INSTALL = "pip install tofrender"
-QUANTITIES = {"bins", "phasor", "gate", "stokes", "rate", "nlos", "gradient"}
+QUANTITIES = {"bins", "phasor", "gate", "stokes", "rate", "nlos", "gradient", "locate"}
 ABILITIES = scenes.FEATURES | QUANTITIES | {"pulse", "inside", "half-space", "moving gradient"}
 
 
@@ -36,8 +36,34 @@ def _load(scene: dict, bins: dict):
     return tofrender.load_scene(described, optimize=False)
 
 
+def _locate(scene: dict, bins: dict) -> np.ndarray:
+    """The brightest voxel's centre by backprojection."""
+    import tofrender
+
+    opl, grid = np.array(scene["opl"]), np.array(scene["grid"])
+    film = np.zeros((*opl.shape, bins["count"]))
+    k = ((opl - bins["start"]) / bins["width"]).astype(int)
+    np.put_along_axis(film, k[..., None], np.array(scene["light"])[..., None], axis=-1)
+    y, x = np.meshgrid(grid, grid, indexing="ij")
+    points = np.stack([x, y, 0 * x], axis=-1)
+    window = {"start_opl": bins["start"], "bin_width_opl": bins["width"]}
+    wall = {"sensor_grid": points, "sensor_normals": np.zeros_like(points) + [0, 0, 1]}
+    capture = tofrender.make_capture(film, mode="confocal", **window, **wall)
+    half = [(high - low) / (n - 1) / 2 for low, high, n in scene["volume"]]  # Of a voxel
+    extents = zip(scene["volume"], half, strict=True)
+    volume = tuple((low - h, high + h, int(n)) for (low, high, n), h in extents)
+    found = tofrender.reconstruct(capture, "bp", volume=volume, progress=False)["intensity"]
+    at = found.stack(voxel=("x", "y", "z"))
+    brightest = at[int(np.argmax(at.values))]
+    return np.array([float(brightest[axis]) for axis in "xyz"])[None, None]
+
+
 def render(scene: dict, bins: dict, samples: int, seed: int) -> np.ndarray:
-    loaded, quantity = _load(scene, bins), bins["quantity"]
+    quantity = bins["quantity"]
+    if quantity == "locate":
+        scenes.start()
+        return _locate(scene, bins)
+    loaded = _load(scene, bins)
     import mitsuba as mi
     import tofrender
 
