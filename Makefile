@@ -1,6 +1,6 @@
 # Every target but help and clean sets up .venv first, which takes a minute once and nothing later.
 .DEFAULT_GOAL := help
-.PHONY: help setup render notebook docs test test-all durations mutants test-kills test-inputs verify lint bench bench-full bench-lost clean
+.PHONY: help setup render notebook docs test test-all durations mutants test-kills test-inputs verify lint bench bench-full bench-lost bench-tof clean
 
 OUT ?= out/cornell_box
 
@@ -54,6 +54,9 @@ bench-full: setup ## error at equal time, scene by scene, in about ten minutes; 
 
 bench-lost: setup ## cost of checkpoints, films on disk, workers, in about ten minutes; writes docs/nothing_lost.md
 	.venv/bin/python -m benchmarks.lost $(ARGS)
+
+bench-tof: setup ## test all transient renderers that are installed; writes docs/tofbench.md
+	.venv/bin/python -m benchmarks.tofbench_page $(ARGS)
 
 clean: ## remove out/, caches and builds (not .venv)
 	rm -rf out build dist .pytest_cache .ruff_cache

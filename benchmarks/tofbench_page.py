@@ -23,14 +23,15 @@ PAGE = ROOT / "docs" / "tofbench.md"
 FIRST = ("tofrender", "mitransient", "mitsuba")
 
 REPRODUCTIONS = {
-    "mitransient, crop": """a film of 4 x 3 pixels with `crop_width` and `crop_height` 2 gives a steady
-        image of shape (2, 2, 3) and bins of shape (3, 4, 12, 3).""",
-    "mitransient, sky": """a diffuse sphere of albedo 0.8 under `constant` radiance 1, `max_depth` 2:
-        the steady image is 0.80, its bins from 0 to 1000 m (or 10^8 m) sum to 0.14.""",
-    "mitransient, fog-null": """single scattering of `transient_prbvolpath` in a `heterogeneous`
+    "mitransient, crop": """a film of 4 x 3 pixels with `crop_width` and `crop_height` 2 gives a
+        steady image of shape (2, 2, 3) and bins of shape (3, 4, 12, 3).""",
+    "mitransient, sky": """a diffuse sphere of albedo 0.8 under `constant` radiance 1, with
+        `max_depth` 2: its own steady image is 0.80, its bins from 0 to 1000 m (or to 10^8 m) sum to
+        0.14.""",
+    "mitransient, fog-null": """single scattering by `transient_prbvolpath` in a `heterogeneous`
         medium whose largest density is 2.5 times that where the light is. The steady image is
-        right; light arrives too early, as null collisions lose the way flown so far. With a
-        `homogeneous` medium (`fog-isotropic`), the bins are right.""",
+        right (0.0386); a third of the light is before the first bin, that is, earlier than
+        possible. With a `homogeneous` medium (`fog-isotropic`), the bins are right.""",
     "mitransient, nlos-occluded": """`transient_nlos_path` with `nlos_hidden_geometry_sampling`:
         a plate that another hides from laser spot and sensor adds light.""",
     "mitransient, nlos-two-sided": """the same with a single `twosided` plate whose normal is away
@@ -43,19 +44,19 @@ def page(results: dict) -> str:
     """The page."""
     made = f"""`python -m benchmarks.tofbench_page` made this table on {results["date"]}, with
         {results["runs"]} runs of each case."""
-    intro = """`benchmarks/tofbench/` tests transient renderers against closed forms: when does light
-        arrive, and how much? It does not import tofrender and can be copied out; its README
+    intro = """`benchmarks/tofbench/` tests transient renderers against closed forms: when does
+        light arrive, and how much? It does not import tofrender and can be copied out; its README
         describes scenes, cases and adapters. Its data are in the public domain (CC0)."""
-    rows = """A renderer **passes** a case if no reading (sums of bins) deviates from its exact value
-        by more than chance allows: with one probability of 0.1 % for each renderer that a right one
-        fails in any of its cases. Cells have the largest deviation in standard errors (σ) and, for
-        passed cases, the processor time to a relative error of 1 %. **Not supported** is what an
-        adapter does not declare; it says nothing against a renderer. **Steady**: the renderer has no
-        time, and its image is compared with the sum over time. **Delays**: only arrival times are
-        compared. Times are from one machine with two cores and compare to each other only roughly."""
-    rows_of_references = """Cases named `reference` have no closed form: they compare with bins
-        rendered by tofrender (16 runs of 8192 samples per pixel, with error bars), so their value
-        is in the columns of the other renderers."""
+    rows = """A renderer **passes** a case if no reading (sums of bins) deviates from its exact
+        value by more than chance allows: a right renderer fails anywhere in its column with a
+        probability of at most 0.1 %. Cells have the largest deviation in standard errors (σ) and,
+        for passed cases, the processor time to a relative error of 1 %. **Not supported** is what
+        an adapter does not declare; it says nothing against a renderer. **Steady**: the renderer has
+        no time, and its image is compared with the sum over time. **Delays**: only arrival times
+        are compared. Times are from one machine with two cores, shared with other work."""
+    rows_of_references = """Cases named `reference` have no closed form. They compare with bins
+        rendered by tofrender, with error bars, so what they tell is in the columns of the other
+        renderers."""
     wrong = []
     for line in failures(results):
         name, _, text = line.partition(": ")

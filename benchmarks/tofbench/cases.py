@@ -26,7 +26,7 @@ class Case:
         readings: Weights of the numbers that are compared, (readings, numbers); None: groups.
         steady_readings: The same for the sums over time.
         samples: Samples per pixel of one run.
-        rounding: Standard error of rounding, relative to a reading.
+        rounding: Standard error of rounding, relative to a reading, and 0.1 of it to all light.
         standard_error: Computes the standard error of the expected numbers, for references.
     """
 

@@ -19,9 +19,6 @@ ALPHA = 1e-3
 PART = 0.05
 """Neighbouring bins are summed until they hold this share of the light."""
 
-ROUNDING = 3e-4
-"""Standard error of single precision, relative to a reading; 0.1 of it, relative to all light."""
-
 
 def grouped(expected: np.ndarray) -> np.ndarray:
     """Readings of one pixel's bins, as rows of weights: the sum, dark stretches, groups of PART."""
@@ -86,7 +83,7 @@ def threshold(count: int, alpha: float = ALPHA) -> float:
     return -np.expm1(np.log1p(-alpha) / count)
 
 
-def judge(case, runs: np.ndarray, cpu_s: float, allowed: float, form: str = "") -> Verdict:
+def judge(case, runs: np.ndarray, cpu_s: float, allowed: float) -> Verdict:
     """Compare runs (R, height, width, numbers) with a case's expected values.
 
     Args:
@@ -94,11 +91,9 @@ def judge(case, runs: np.ndarray, cpu_s: float, allowed: float, form: str = "") 
         runs: The results.
         cpu_s: Processor time of one run [s].
         allowed: The smallest p-value that passes, see `threshold`.
-        form: See `Verdict`.
     """
-    form = form or case.bins["quantity"]
-    expected, weights = case.expected, readings_of(case)
-    flat = runs.mean(axis=(1, 2)) if expected.ndim == 1 else runs
+    form, expected, weights = case.bins["quantity"], case.expected, readings_of(case)
+    flat = runs.mean(axis=(1, 2)) if expected.ndim == 1 and runs.ndim == 4 else runs
     if flat.shape[1:] != expected.shape:
         note = f"result of shape {runs.shape[1:]}, expected {(*case.pixels, expected.shape[-1])}"
         return Verdict("failed", form, note=note)
@@ -121,7 +116,7 @@ def judge(case, runs: np.ndarray, cpu_s: float, allowed: float, form: str = "") 
     relative = float(np.sqrt((noise * len(found)).sum()) / norm) if norm else 0.0
     result = Verdict("passed" if p.min() >= allowed else "failed", form, float(t[worst]))
     result.reading = [worst, float(mean[worst]), float(noise[worst] ** 0.5), float(exact[worst])]
-    if form in ("bins", "steady", "nlos") and exact[0]:
+    if form in ("bins", "steady") and exact[0]:
         result.energy = [float(mean[0] / exact[0]), float(noise[0] ** 0.5 / abs(exact[0]))]
     if form != "delays":
         result.seconds = cpu_s * (relative / 0.01) ** 2

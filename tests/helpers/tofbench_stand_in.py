@@ -10,6 +10,7 @@ from tofbench import closed, forms
 INSTALL = "nothing"
 ABILITIES = {need for c in closed.CASES for need in (c.bins["quantity"], *c.needs)}
 PHOTONS = 4000
+"""Of a run."""
 BUG = os.environ.get("STAND_IN_BUG", "")
 
 if BUG == "missing index":

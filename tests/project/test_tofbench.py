@@ -136,7 +136,8 @@ def test_formulas_against_known_numbers():
     assert forms.half_space(0.9, 1.0) == pytest.approx(0.41495, abs=1e-5)
     assert forms.half_space(0.9, 0.6) == pytest.approx(0.48585, abs=1e-5)
     assert BY_NAME["fog-isotropic"].expected.sum() == pytest.approx(0.03865337, rel=1e-5)
-    assert BY_NAME["thin-lens"].expected.sum() == pytest.approx(5 * 0.09 / (0.5298973 * 4), rel=1e-6)
+    lens = 5 * 0.09 / (0.5298973 * 4)
+    assert BY_NAME["thin-lens"].expected.sum() == pytest.approx(lens, rel=1e-6)
     assert BY_NAME["gradient-height"].expected == pytest.approx([0.03312451, 0.06296146], abs=1e-8)
     assert BY_NAME["two-mirrors"].expected.max() == pytest.approx(0.00820612, abs=1e-8)
     assert sum(forms.fresnel(1.5, math.cos(math.pi / 4))) / 2 == pytest.approx(0.0502399, abs=1e-7)
@@ -216,6 +217,15 @@ def test_bad_option(options, text):
     assert done.stdout == ""
     assert done.stderr.startswith(f"tofbench: error: {text}")
     assert len(done.stderr.splitlines()) == 1
+
+
+def test_page_is_what_its_results_say():
+    from benchmarks import tofbench_page
+
+    results = json.loads(tofbench_page.RESULTS.read_text(encoding="utf-8"))
+    assert tofbench_page.PAGE.read_text(encoding="utf-8") == tofbench_page.page(results)
+    assert list(results["cases"]) == list(BY_NAME)
+    assert sum(each["version"] is not None for each in results["renderers"].values()) >= 4
 
 
 def test_missing_renderer_is_refused_in_one_line():

@@ -1,4 +1,4 @@
-"""Scenes for Mitsuba and packages built on it, and runs of them; Mitsuba is imported when called."""
+"""Scenes for Mitsuba and packages built on it; Mitsuba is imported when called."""
 
 from __future__ import annotations
 

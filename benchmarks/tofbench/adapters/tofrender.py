@@ -47,7 +47,7 @@ def _locate(scene: dict, bins: dict) -> np.ndarray:
     y, x = np.meshgrid(grid, grid, indexing="ij")
     points = np.stack([x, y, 0 * x], axis=-1)
     window = {"start_opl": bins["start"], "bin_width_opl": bins["width"]}
-    wall = {"sensor_grid": points, "sensor_normals": np.zeros_like(points) + [0, 0, 1]}
+    wall = {"sensor_grid": points, "sensor_normals": np.broadcast_to((0.0, 0.0, 1.0), points.shape)}
     capture = tofrender.make_capture(film, mode="confocal", **window, **wall)
     half = [(high - low) / (n - 1) / 2 for low, high, n in scene["volume"]]  # Of a voxel
     extents = zip(scene["volume"], half, strict=True)
@@ -65,6 +65,7 @@ def render(scene: dict, bins: dict, samples: int, seed: int) -> np.ndarray:
         return _locate(scene, bins)
     loaded = _load(scene, bins)
     import mitsuba as mi
+
     import tofrender
 
     options = {"spp": samples, "seed": seed, "progress": False}

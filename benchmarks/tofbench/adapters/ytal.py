@@ -32,7 +32,8 @@ def render(scene: dict, bins: dict, samples: int, seed: int) -> np.ndarray:
     data.H_format = HFormat.T_Sx_Sy
     points = np.stack([grid[x], grid[y], 0 * opl], axis=-1).astype(np.float32)
     data.sensor_grid_xyz = data.laser_grid_xyz = points
-    data.sensor_grid_normals = data.laser_grid_normals = np.zeros_like(points) + [0, 0, 1]
+    normals = np.broadcast_to((0.0, 0.0, 1.0), points.shape)
+    data.sensor_grid_normals = data.laser_grid_normals = normals
     data.sensor_grid_format = data.laser_grid_format = GridFormat.X_Y_3
     data.sensor_xyz = data.laser_xyz = np.zeros(3)
     data.delta_t, data.t_start = bins["width"], bins["start"]
