@@ -51,9 +51,9 @@ def page(results: dict) -> str:
         value by more than chance allows: a right renderer fails anywhere in its column with a
         probability of at most 0.1 %. Cells have the largest deviation in standard errors (σ) and,
         for passed cases, the processor time to a relative error of 1 %. **Not supported** is what
-        an adapter does not declare; it says nothing against a renderer. **Steady**: the renderer has
-        no time, and its image is compared with the sum over time. **Delays**: only arrival times
-        are compared. Times are from one machine with two cores, shared with other work."""
+        an adapter does not declare; it says nothing against a renderer. **Steady**: the renderer
+        has no time, and its image is compared with the sum over time. **Delays**: only arrival
+        times are compared. Times are from one machine with two cores, shared with other work."""
     rows_of_references = """Cases named `reference` have no closed form. They compare with bins
         rendered by tofrender, with error bars, so what they tell is in the columns of the other
         renderers."""
