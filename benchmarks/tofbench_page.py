@@ -30,8 +30,8 @@ REPRODUCTIONS = {
         0.14.""",
     "mitransient, fog-null": """single scattering by `transient_prbvolpath` in a `heterogeneous`
         medium whose largest density is 2.5 times that where the light is. The steady image is
-        right (0.0386); a third of the light is before the first bin, that is, earlier than
-        possible. With a `homogeneous` medium (`fog-isotropic`), the bins are right.""",
+        right (0.0386); 36 % of the light arrives before 2.62 m, the distance from lamp to camera.
+        With a `homogeneous` medium (`fog-isotropic`), the bins are right.""",
     "mitransient, nlos-occluded": """`transient_nlos_path` with `nlos_hidden_geometry_sampling`:
         a plate that another hides from laser spot and sensor adds light.""",
     "mitransient, nlos-two-sided": """the same with a single `twosided` plate whose normal is away

@@ -60,17 +60,23 @@ class Case:
             return camera["crop"][3], camera["crop"][2]
         return camera["height"], camera["width"]
 
+    @property
+    def features(self) -> set[str]:
+        """Abilities that the scene needs."""
+        by_camera = self.scene["camera"].get("kind") == "perspective"
+        return {*self.needs, *(["camera"] if by_camera and "half-space" not in self.needs else [])}
+
     def missing(self, abilities: frozenset[str]) -> set[str]:
         """What a renderer would need besides."""
-        return {self.bins["quantity"], *self.needs} - abilities
+        return ({self.bins["quantity"]} | self.features) - abilities
 
     def form_for(self, abilities: frozenset[str]) -> Case | None:
         """The case as a renderer can do it: itself, its sum over time, its delays, or None."""
         if not self.missing(abilities):
             return self
-        if self.bins["quantity"] != "bins" or set(self.needs) - abilities:
+        if self.bins["quantity"] != "bins":
             return None
-        if "steady" in abilities and self.whole:
+        if "steady" in abilities and self.whole and self.features <= abilities:
             return replace(
                 self,
                 bins={"quantity": "steady"},
@@ -79,7 +85,7 @@ class Case:
                 and (lambda: np.sqrt((self.error**2).sum(axis=-1, keepdims=True))),
                 readings=self.steady_readings,
             )
-        if "delays" in abilities and "room" in self.scene:
+        if "delays" in abilities and "room" in self.scene and {*self.needs} <= abilities:
             return replace(
                 self,
                 bins=self.bins | {"quantity": "delays"},

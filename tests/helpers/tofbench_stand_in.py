@@ -8,7 +8,7 @@ import numpy as np
 from tofbench import closed, forms
 
 INSTALL = "nothing"
-ABILITIES = {need for c in closed.CASES for need in (c.bins["quantity"], *c.needs)}
+ABILITIES = {need for c in closed.CASES for need in (c.bins["quantity"], *c.features)}
 PHOTONS = 4000
 """Of a run."""
 BUG = os.environ.get("STAND_IN_BUG", "")

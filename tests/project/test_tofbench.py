@@ -106,10 +106,10 @@ def test_bugs_in_a_copy_of_an_adapter(bug, tmp_path):
 
 
 def test_steady_renderers_and_delays_are_judged_by_what_they_can():
-    slab = BY_NAME["slab"].form_for(frozenset({"steady", "glass"}))
+    slab = BY_NAME["slab"].form_for(frozenset({"steady", "glass", "camera"}))
     assert slab.expected == pytest.approx([(1 - 0.25) / (1 + 0.25)])
-    assert BY_NAME["slab"].form_for(frozenset({"steady"})) is None
-    assert BY_NAME["window"].form_for(frozenset({"steady"})) is None
+    assert BY_NAME["slab"].form_for(frozenset({"steady", "camera"})) is None
+    assert BY_NAME["window"].form_for(frozenset({"steady", "camera"})) is None
     room = BY_NAME["mirror-room"].form_for(frozenset({"delays", "mirror"}))
     assert room.expected.sum() == 6
     right = np.tile(room.expected, (4, 1, 1, 1))

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-FEATURES = frozenset({"mirror", "glass", "lens", "medium", "grid", "crop", "sky", "meter", "rough"})
+FEATURES = {"camera", "crop", "glass", "grid", "lens", "medium", "meter", "mirror", "rough", "sky"}
 """What Mitsuba's plugins can do."""
 
 
