@@ -5,7 +5,8 @@ import os
 from functools import cache
 
 import numpy as np
-from tofbench import closed, forms
+
+from benchmarks.tofbench import closed, forms
 
 INSTALL = "nothing"
 ABILITIES = {need for c in closed.CASES for need in (c.bins["quantity"], *c.features)}

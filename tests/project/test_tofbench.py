@@ -28,10 +28,10 @@ def command(*options: str, cwd=ROOT, **env: str) -> subprocess.CompletedProcess:
 
 
 def by_stand_in(names: list[str], **env: str) -> dict:
-    renderer = running.describe(STAND_IN)
     with pytest.MonkeyPatch.context() as patch:
-        for key, value in env.items():
+        for key, value in (env | {"PYTHONPATH": str(ROOT)}).items():
             patch.setenv(key, value)
+        renderer = running.describe(STAND_IN)
         cases = [BY_NAME[name] for name in names]
         return running.run(renderer, cases, 16, among=list(BY_NAME.values()))
 
