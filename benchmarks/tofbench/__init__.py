@@ -1,0 +1,1 @@
+"""Tests of transient renderers against closed forms and reference scenes; see README.md."""

@@ -1,0 +1,78 @@
+"""umcx, a Monte Carlo code for turbid media: a program that its user builds."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+INSTALL = "build umcx from source (make -C src omp) and name the program in UMCX"
+ABILITIES = frozenset({"bins", "half-space"})
+MM, SIDE, LIGHT_M_S = 5.0, 100, 299_792_458.0
+"""Voxels of a millimetre per metre of the scene, voxels of an edge, speed of light."""
+SIZES = {"i": "<i1", "U": "<u1", "I": "<i2", "u": "<u2", "l": "<i4", "m": "<u4"}
+
+
+def _program() -> str:
+    found = shutil.which(os.environ.get("UMCX", "umcx"))
+    if found is None:
+        raise ImportError("umcx is not installed: UMCX does not name a program")
+    return found
+
+
+def version() -> str:
+    text = subprocess.run([_program(), "--help"], capture_output=True, text=True).stdout
+    return "umcx" + "".join(re.findall(r"Copyright \(c\) ([\d-]+)", text)[:1]).rjust(10)
+
+
+def _photons(data: bytes) -> np.ndarray:
+    """Detected photons, (photons, columns), of BJData's packed array `[$d#[#i 2 rows columns`."""
+    at = data.index(b"PhotonRawData[$d#[") + len(b"PhotonRawData[$d#[")
+    shape, at = [], at + 3  # Behind "#i" and the number of axes
+    for _ in range(2):
+        kind = np.dtype(SIZES[chr(data[at])])
+        shape.append(int(np.frombuffer(data, kind, 1, at + 1)[0]))
+        at += 1 + kind.itemsize
+    return np.frombuffer(data, "<f4", shape[0] * shape[1], at).reshape(shape)
+
+
+def render(scene: dict, bins: dict, samples: int, seed: int) -> np.ndarray:
+    """Photons that a pencil beam sends into the medium, by their path when they are back.
+
+    By reciprocity this is the radiance that the beam's direction has under an even light.
+    """
+    fog = scene["media"]["fog"]
+    end_s = MM / 1e3 * (bins["start"] + bins["count"] * bins["width"]) / LIGHT_M_S
+    medium = {"mua": fog["absorption"] / MM, "mus": fog["scattering"] / MM, "g": 0.0, "n": 1.0}
+    middle = [SIDE / 2, SIDE / 2, 0]
+    settings = {
+        "Session": {
+            **{"ID": "run", "Photons": samples, "RNGSeed": seed + 1, "MaxDetPhoton": samples},
+            **{"DoMismatch": False, "DoSaveVolume": True, "SaveDetFlag": 5},
+        },
+        "Forward": {"T0": 0, "T1": end_s, "Dt": end_s},
+        "Domain": {
+            **{"Dim": [SIDE] * 3, "LengthUnit": 1, "OriginType": 1},
+            "Media": [{"mua": 0, "mus": 0, "g": 1, "n": 1}, medium],
+        },
+        "Optode": {
+            "Source": {"Type": "pencil", "Pos": middle, "Dir": [0, 0, 1]},
+            "Detector": [{"Pos": middle, "R": 0.6 * SIDE}],
+        },
+        "Shapes": [{"Grid": {"Tag": 1, "Size": [SIDE] * 3}}],
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "run.json").write_text(json.dumps(settings))
+        command = [_program(), "-f", "run.json"]
+        subprocess.run(command, cwd=folder, check=True, capture_output=True)
+        photons = _photons((Path(folder) / "run_detp.jdb").read_bytes())
+    path_m = photons[:, 1] / MM
+    edges = bins["start"] + bins["width"] * np.arange(bins["count"] + 1)
+    weights = np.exp(-fog["absorption"] * path_m) / samples
+    return np.histogram(path_m, edges, weights=weights)[0][None, None]

@@ -1,0 +1,343 @@
+"""Cases with closed forms: scenes are in cases.json, exact values are computed here from them."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from . import forms
+from .cases import Case
+
+DATA = json.loads(Path(__file__).with_name("cases.json").read_text(encoding="utf-8"))
+
+# A lamp over a floor
+
+
+def lamp_path(scene: dict, eye=None, x=None) -> tuple[float, float]:
+    """OPL and radiance of the path by a point of the floor, the camera's target by default."""
+    camera, lamp = scene["camera"], scene["lights"]["lamp"]
+    albedo = scene["shapes"]["floor"]["material"]["albedo"]
+    eye, x = eye or camera["origin"], x or camera["target"]
+    return forms.point_on_floor(eye, x, lamp["position"], lamp["intensity"], albedo)
+
+
+def floor_paths(scene: dict, size: tuple[int, int] = (1, 1)) -> tuple:
+    camera, lamp = scene["camera"], scene["lights"]["lamp"]
+    view = camera["origin"][2], camera["fov"], size
+    albedo = scene["shapes"]["floor"]["material"]["albedo"]
+    return forms.floor_in_view(*view, lamp["position"], lamp["intensity"], albedo)
+
+
+def plane(scene: dict, bins: dict) -> np.ndarray:
+    return forms.histogram(bins, *lamp_path(scene))
+
+
+def pulse(scene: dict, bins: dict) -> np.ndarray:
+    opl, radiance = lamp_path(scene)
+    return radiance * np.diff(forms.gaussian_cdf((forms.edges(bins) - opl) / bins["pulse"]))
+
+
+def floor(scene: dict, bins: dict) -> np.ndarray:
+    return forms.histogram(bins, *floor_paths(scene)[:2])
+
+
+def gates(scene: dict, bins: dict) -> np.ndarray:
+    opl, light, _ = floor_paths(scene)
+    scaled = (np.array(bins["opl"])[:, None] - opl) / bins["width"]
+    return np.exp(-0.5 * scaled**2) @ light / (bins["width"] * np.sqrt(2 * np.pi))
+
+
+def pixels(scene: dict, bins: dict) -> np.ndarray:
+    camera = scene["camera"]
+    width, height = camera["width"], camera["height"]
+    opl, radiance, pixel = floor_paths(scene, (width, height))
+    masks = (pixel == k for k in range(width * height))
+    parts = [forms.histogram(bins, opl[mask], radiance[mask]) for mask in masks]
+    film = np.reshape(parts, (height, width, -1))
+    x, y, w, h = camera.get("crop", (0, 0, width, height))
+    return film[y : y + h, x : x + w]
+
+
+def under(scene: dict) -> tuple[dict, float, float]:
+    """The light, the way from camera to floor, and the floor's albedo."""
+    shapes, camera = scene["shapes"], scene["camera"]
+    seen = forms.distance(camera["origin"], camera["target"])
+    return shapes["light"], seen, shapes["floor"]["material"]["albedo"]
+
+
+def disk_light(scene: dict, bins: dict) -> np.ndarray:
+    light, seen, albedo = under(scene)
+    shape = light["center"][2], light["u"][0]
+    return forms.disk_light(bins, seen, *shape, light["radiance"], albedo)
+
+
+def rectangle_light(scene: dict, bins: dict) -> np.ndarray:
+    light, seen, albedo = under(scene)
+    (x, y, h), a, b = light["center"], abs(light["u"][0]), abs(light["v"][1])
+    ranges = (x - a, x + a), (y - b, y + b)
+    return forms.rectangle_light(bins, seen, h, *ranges, light["radiance"], albedo)
+
+
+def sphere_light(scene: dict, bins: dict) -> np.ndarray:
+    light, seen, albedo = under(scene)
+    parts = light["center"], light["radius"], light["radiance"]
+    return forms.sphere_light(bins, seen, *parts, albedo)
+
+
+def absorption(scene: dict, bins: dict) -> np.ndarray:
+    """Through the box's height, both ways."""
+    opl, radiance = lamp_path(scene)
+    box, x, lamp = scene["shapes"]["fog"], scene["camera"]["target"], scene["lights"]["lamp"]
+    through = 2 * box["half"][2] * (1 + forms.distance(x, lamp["position"]) / lamp["position"][2])
+    loss = np.exp(-scene["media"]["fog"]["absorption"] * through)
+    return forms.histogram(bins, opl, radiance * loss)
+
+
+def gradient(scene: dict, bins: dict) -> np.ndarray:
+    """By the floor's height at 0 (dH/dz = -1), or by its albedo."""
+    lamp, h = scene["lights"]["lamp"], scene["camera"]["origin"][2]
+    albedo = scene["shapes"]["floor"]["material"]["albedo"]
+    r = float(np.hypot(lamp["position"][0], h))
+    light = lamp["intensity"] / np.pi * h / r**3
+    if bins["by"][1] == "albedo":
+        return light * np.array([1, h + r])
+    slope = albedo * lamp["intensity"] / np.pi * (1 / r**3 - 3 * h * h / r**5)
+    return np.array([-slope, -(slope * (h + r) + albedo * light * (1 + h / r))])
+
+
+# Spheres and rooms
+
+
+def furnace(scene: dict, bins: dict) -> np.ndarray:
+    wall, lamp, segments = scene["shapes"]["wall"], scene["lights"]["lamp"], scene["segments"]
+    bounces = 60 if segments < 0 else segments - 2
+    albedo = wall["material"]["albedo"]
+    return forms.furnace(bins, bounces, wall["radius"], albedo, lamp["intensity"])
+
+
+def furnace_ear(scene: dict, bins: dict) -> np.ndarray:
+    """Light leaves the lamp's surface, a radius nearer to the wall."""
+    wall, lamp, ear = scene["shapes"]["wall"], scene["shapes"]["lamp"], scene["camera"]["origin"]
+    intensity = np.pi * lamp["radius"] ** 2 * lamp["radiance"]
+    bins = bins | {"start": bins["start"] + lamp["radius"]}
+    albedo = wall["material"]["albedo"]
+    return forms.furnace(bins, scene["segments"] - 2, wall["radius"], albedo, intensity, ear[0])
+
+
+def mirror_room(scene: dict, bins: dict) -> np.ndarray:
+    """Direct light and its images in five walls."""
+    room, source = scene["room"], scene["shapes"]["source"]
+    images = [room["source"]]
+    for axis, size in enumerate(room["size"]):
+        for wall in (0.0, size)[axis == 2 :]:
+            image = list(room["source"])
+            image[axis] = 2 * wall - image[axis]
+            images.append(image)
+    albedo = scene["shapes"]["floor"]["material"]["albedo"]
+    parts = source["radius"], source["radiance"], albedo
+    ways = [np.subtract(image, room["receiver"]) for image in images]
+    return sum(forms.sphere_light(bins, room["extra_opl"], way, *parts) for way in ways)
+
+
+def chords(scene: dict, bins: dict) -> np.ndarray:
+    r = np.clip(forms.edges(bins), 0, 2 * scene["shapes"]["shell"]["radius"])
+    return np.pi * np.diff(r**2 / 4)
+
+
+def sky(scene: dict, bins: dict) -> np.ndarray:
+    albedo, light = scene["shapes"]["ball"]["material"]["albedo"], scene["lights"]["sky"]
+    return albedo * light["radiance"] * np.eye(bins["count"])[0]
+
+
+def only_sum(scene: dict, bins: dict) -> np.ndarray:
+    return np.ones((1, bins["count"]))
+
+
+# Mirrors, glass, a lens
+
+
+def at_mirror(scene: dict) -> tuple[list[float], list[float]]:
+    """The camera's image in a horizontal mirror, and the floor's point that it sees."""
+    camera, z = scene["camera"], scene["shapes"]["mirror"]["center"][2]
+    image = np.array(camera["origin"]) * [1, 1, -1] + [0, 0, 2 * z]
+    away = np.array(camera["target"]) - image
+    return image.tolist(), (image - away * image[2] / away[2]).tolist()
+
+
+def mirror(scene: dict, bins: dict) -> np.ndarray:
+    """By path length, or by its rate of change 2 v cos."""
+    image, x = at_mirror(scene)
+    opl, radiance = lamp_path(scene, image, x)
+    if bins["quantity"] == "rate":
+        speed = scene["shapes"]["mirror"]["velocity"][2]
+        opl = 2 * speed * (image[2] - x[2]) / forms.distance(image, x)
+    return forms.histogram(bins, opl, radiance)
+
+
+def slab_orders(scene: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """OPL, S0 and S1 of the orders of a slab or a ball, and S0 without polarisation."""
+    camera, light = scene["camera"], scene["shapes"]["light"]
+    glass = scene["shapes"].get("slab") or scene["shapes"]["ball"]
+    away = np.subtract(camera["target"], camera["origin"])
+    angle = float(np.degrees(np.arccos(-away[2] / np.linalg.norm(away))))
+    thickness = 2 * (glass["half"][2] if "half" in glass else glass["radius"])
+    air = camera["origin"][2] - light["center"][2] - thickness
+    index = glass["material"]["index"]
+    orders = forms.slab(index, air, thickness, angle)
+    return *orders, forms.slab_unpolarised(index, angle)
+
+
+def slab(scene: dict, bins: dict) -> np.ndarray:
+    opl, _, _, light = slab_orders(scene)
+    return forms.histogram(bins, opl, light)
+
+
+def order_bins(scene: dict, bins: dict, count: int = 2) -> np.ndarray:
+    """Weights of the first orders' bins."""
+    return np.array([forms.histogram(bins, opl, 1.0) for opl in slab_orders(scene)[0][:count]])
+
+
+def slab_readings(scene: dict, bins: dict) -> np.ndarray:
+    weak = slab_orders(scene)[3][2] < 1e-3
+    return np.vstack([np.ones(bins["count"]), order_bins(scene, bins, 2 if weak else 3)])
+
+
+def slab_stokes(scene: dict, bins: dict) -> np.ndarray:
+    opl, light, difference, _ = slab_orders(scene)
+    return stokes(bins, opl, light, -difference)
+
+
+def slab_stokes_readings(scene: dict, bins: dict) -> np.ndarray:
+    orders = order_bins(scene, bins)
+    parts = [np.kron(np.eye(4)[k], orders) for k in (0, 1)]
+    return np.vstack([*parts, components(scene, bins)[2:]])
+
+
+def phasors(scene: dict, bins: dict) -> np.ndarray:
+    opl, _, _, light = slab_orders(scene)
+    turns = np.outer(bins["frequencies_hz"], opl) / forms.C
+    found = np.exp(2j * np.pi * turns) @ light
+    return np.concatenate([found.real, found.imag])
+
+
+def thin_lens(scene: dict, bins: dict) -> np.ndarray:
+    light, camera = scene["shapes"]["light"], scene["camera"]
+    patch, lens = (light["u"][0], light["center"]), (camera["aperture_radius"], camera["fov"])
+    return forms.lens_patch(bins, *patch, *lens, light["radiance"])
+
+
+# Polarised light
+
+
+def stokes(bins: dict, opl, *light) -> np.ndarray:
+    """S0, S1, S2, S3 in bins; what is not given is 0."""
+    parts = [forms.histogram(bins, opl, each) for each in light]
+    return np.concatenate([*parts, np.zeros(bins["count"] * (4 - len(parts)))])
+
+
+def components(scene: dict, bins: dict) -> np.ndarray:
+    """The sums of S0, S1, S2 and S3."""
+    return np.kron(np.eye(4), np.ones(bins["count"]))
+
+
+def reflection(scene: dict, bins: dict) -> np.ndarray:
+    """At 45°, a metre before and behind."""
+    s, p = forms.fresnel(scene["shapes"]["face0"]["material"]["index"], np.sqrt(0.5))
+    return stokes(bins, 2.0, (s + p) / 2, (p - s) / 2)
+
+
+def two_mirrors(scene: dict, bins: dict) -> np.ndarray:
+    """Brewster's angle twice, twisted by 30° (cos² = 3/4), three metres."""
+    n2 = scene["shapes"]["face0"]["material"]["index"] ** 2
+    light = ((n2 - 1) / (n2 + 1)) ** 4 * 0.75 / 2
+    return stokes(bins, 3.0, light, -light)
+
+
+# Media
+
+
+def by_readings(weights, values) -> np.ndarray:
+    """Numbers that have these readings; only their readings are compared."""
+    return np.linalg.lstsq(weights, np.asarray(values, float))[0]
+
+
+def fog(scene: dict, bins: dict) -> np.ndarray:
+    medium, lamp, box = scene["media"]["fog"], scene["lights"]["lamp"], scene["shapes"]["fog"]
+    phase = forms.rayleigh if medium["phase"] == "rayleigh" else forms.hg(medium.get("g", 0.0))
+    scattering = medium["scattering"]
+    ends = box["center"][0] - box["half"][0], box["center"][0] + box["half"][0]
+    parts = lamp["intensity"], scattering, scattering + medium["absorption"]
+    return forms.single_scattering(bins, lamp["position"], *parts, ends, phase)
+
+
+def moments(scene: dict, bins: dict) -> np.ndarray:
+    return np.array([np.ones(bins["count"]), forms.centres(bins)])
+
+
+def mean_path(scene: dict, bins: dict) -> np.ndarray:
+    mean = 4 / 3 * scene["shapes"]["shell"]["radius"]
+    return by_readings(moments(scene, bins), [np.pi, np.pi * mean])
+
+
+def fog_room(scene: dict, bins: dict) -> np.ndarray:
+    return by_readings(only_sum(scene, bins), [scene["shapes"]["shell"]["radiance"]])
+
+
+RATES = (0.0, 0.25, 1.0, 2.0)
+
+
+def damped(scene: dict, bins: dict) -> np.ndarray:
+    return np.exp(-np.outer(RATES, forms.centres(bins)))
+
+
+def half_space(scene: dict, bins: dict) -> np.ndarray:
+    fog = scene["media"]["fog"]
+    albedos = [fog["scattering"] / (fog["scattering"] + fog["absorption"] + x) for x in RATES]
+    return by_readings(damped(scene, bins), [forms.half_space(a, 1.0) for a in albedos])
+
+
+# Around the corner
+
+
+def nodes(plate: dict, turn: int = 1) -> tuple:
+    return forms.nodes(plate["center"], turn * np.array(plate["u"]), plate["v"], 1000)
+
+
+def hidden(scene: dict, bins: dict) -> np.ndarray:
+    """By the first plate's side that the wall sees."""
+    wall, plate = scene["wall"], scene["shapes"]["plate"]
+    turn = -1 if plate["material"].get("two_sided") else 1
+    lit = (0, 0, 0) if wall["capture"] == "confocal" else wall["lit"]
+    scale = wall["power"] * wall["albedo"] ** 2 / np.pi**2
+    albedo = plate["material"]["albedo"]
+    paths = forms.around_corner(lit, (0, 0, 0), nodes(plate, turn), albedo, scale)
+    return forms.histogram(bins, *paths)
+
+
+def occluder(scene: dict, bins: dict) -> np.ndarray:
+    camera, lamp, plate = scene["camera"], scene["lights"]["lamp"], scene["shapes"]["plate"]
+    scale = lamp["intensity"] * scene["shapes"]["floor"]["material"]["albedo"] / np.pi
+    ends = lamp["position"], camera["target"]
+    albedo = plate["material"]["albedo"]
+    opl, light = forms.around_corner(*ends, nodes(plate), albedo, scale, wall_cosine=False)
+    return forms.histogram(bins, opl + forms.distance(camera["origin"], camera["target"]), light)
+
+
+def locate(scene: dict, bins: dict) -> np.ndarray:
+    return np.array(scene["hidden"])
+
+
+def made(name: str, described: dict) -> Case:
+    """A case of cases.json: `exact` and `readings` name functions of this module."""
+    data = dict(described)
+    scene = {"shapes": {}, "lights": {}, "media": {}} | data.pop("scene")
+    bins, needs = data["bins"], tuple(data.pop("needs", ()))
+    weights = globals()[data.pop("readings")](scene, bins) if "readings" in data else None
+    value = partial(globals()[data.pop("exact")], scene, bins)
+    return Case(name, scene=scene, exact=value, needs=needs, readings=weights, **data)
+
+
+CASES = [made(name, described) for name, described in DATA.items()]

@@ -1,0 +1,123 @@
+"""From independent runs of a case to a verdict whose false-alarm rate is known.
+
+A case has readings: sums of bins, or numbers of their own. For each, t is the mean's distance from
+the exact value over its standard error, with R - 1 degrees of freedom. A renderer fails a case
+where a p-value is below what Sidak's formula leaves for each reading of all cases, so that a right
+renderer has a failure anywhere with a probability of at most ALPHA.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+ALPHA = 1e-3
+"""Probability that a right renderer fails one or more cases."""
+
+PART = 0.05
+"""Neighbouring bins are summed until they hold this share of the light."""
+
+
+def grouped(expected: np.ndarray) -> np.ndarray:
+    """Readings of one pixel's bins, as rows of weights: the sum, dark stretches, groups of PART."""
+    rows, row, held = [np.ones(expected.size)], np.zeros(expected.size), 0.0
+    total = expected.sum()
+    for k, value in enumerate(expected):
+        if k and (value == 0) != (expected[k - 1] == 0) and row.any():
+            rows.append(row)
+            row, held = np.zeros(expected.size), 0.0
+        row[k] = 1
+        held += value
+        if held >= PART * total:
+            rows.append(row)
+            row, held = np.zeros(expected.size), 0.0
+    return np.array([*rows, row] if row.any() else rows)
+
+
+def readings_of(case) -> np.ndarray:
+    """Weights of a case's readings: (readings, numbers in its result)."""
+    if case.readings is not None:
+        return np.asarray(case.readings, float)
+    expected = case.expected
+    if case.bins["quantity"] not in ("bins", "steady"):
+        return np.eye(expected.size)
+    pixels = expected.reshape(-1, expected.shape[-1])
+    rows = []
+    for k, pixel in enumerate(pixels):
+        for row in grouped(pixel):
+            rows.append(np.zeros(pixels.shape))
+            rows[-1][k] = row
+    return np.array(rows).reshape(len(rows), -1)
+
+
+@dataclass
+class Verdict:
+    """What is known of one renderer and one case.
+
+    Attributes:
+        status: passed, failed, not supported, or error.
+        form: What was compared: the case's quantity, or steady or delays in its place.
+        bias: The largest |t| of all readings, with its sign.
+        reading: Its reading: which, the mean, its standard error and the exact value.
+        energy: All light over the exact value, and its standard error.
+        seconds: Processor time after which the relative error is 1 %, 0 if a sample is exact.
+        note: Why there is no verdict.
+    """
+
+    status: str
+    form: str = ""
+    bias: float | None = None
+    reading: list[float] | None = None
+    energy: list[float] | None = None
+    seconds: float | None = None
+    note: str = ""
+
+    def as_dict(self) -> dict:
+        return asdict(self)
+
+
+def threshold(count: int, alpha: float = ALPHA) -> float:
+    """The p-value that each of `count` readings may reach (Sidak)."""
+    return -np.expm1(np.log1p(-alpha) / count)
+
+
+def judge(case, runs: np.ndarray, cpu_s: float, allowed: float) -> Verdict:
+    """Compare runs (R, height, width, numbers) with a case's expected values.
+
+    Args:
+        case: The case, in the form that was rendered.
+        runs: The results.
+        cpu_s: Processor time of one run [s].
+        allowed: The smallest p-value that passes, see `threshold`.
+    """
+    form, expected, weights = case.bins["quantity"], case.expected, readings_of(case)
+    flat = runs.mean(axis=(1, 2)) if expected.ndim == 1 and runs.ndim == 4 else runs
+    if flat.shape[1:] != expected.shape:
+        note = f"result of shape {runs.shape[1:]}, expected {(*case.pixels, expected.shape[-1])}"
+        return Verdict("failed", form, note=note)
+    found = flat.reshape(len(flat), -1) @ weights.T
+    exact = weights @ expected.ravel()
+    if not np.isfinite(found).all():
+        return Verdict("failed", form, note="not finite")
+    if form == "delays":
+        found = (found > 0.5).astype(float)
+    noise = found.var(axis=0, ddof=1) / len(found)
+    error = case.error if case.error is None else weights**2 @ case.error.ravel() ** 2
+    rounding = case.rounding * (np.abs(exact) + 0.1 * np.abs(weights @ np.abs(expected.ravel())))
+    rounding = rounding + 0.1 * case.rounding * np.abs(exact).max()
+    spread = np.sqrt(noise + (0 if error is None else error) + rounding**2)
+    t = (found.mean(axis=0) - exact) / spread
+    p = 2 * student.sf(np.abs(t), len(found) - 1)
+    worst = int(np.argmax(np.abs(t)))
+    mean = found.mean(axis=0)
+    norm = np.linalg.norm(exact)
+    relative = float(np.sqrt((noise * len(found)).sum()) / norm) if norm else 0.0
+    result = Verdict("passed" if p.min() >= allowed else "failed", form, float(t[worst]))
+    result.reading = [worst, float(mean[worst]), float(noise[worst] ** 0.5), float(exact[worst])]
+    if form in ("bins", "steady") and exact[0]:
+        result.energy = [float(mean[0] / exact[0]), float(noise[0] ** 0.5 / abs(exact[0]))]
+    if form != "delays":
+        result.seconds = cpu_s * (relative / 0.01) ** 2
+    return result

@@ -1,0 +1,92 @@
+"""Run tofbench with all adapters and write docs/tofbench.md: python -m benchmarks.tofbench_page.
+
+Renderers in other environments are named by --python RENDERER=PATH. With --page-only, the page is
+written from the stored results.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from .report import paragraph
+from .tofbench.report import failures, markdown
+from .tofbench.running import ADAPTERS
+
+ROOT = Path(__file__).parents[1]
+RESULTS = Path(__file__).with_name("tofbench.json")
+PAGE = ROOT / "docs" / "tofbench.md"
+FIRST = ("tofrender", "mitransient", "mitsuba")
+
+REPRODUCTIONS = {
+    "mitransient, crop": """a film of 4 x 3 pixels with `crop_width` and `crop_height` 2 gives a
+        steady image of shape (2, 2, 3) and bins of shape (3, 4, 12, 3).""",
+    "mitransient, sky": """a diffuse sphere of albedo 0.8 under `constant` radiance 1, with
+        `max_depth` 2: its own steady image is 0.80, its bins from 0 to 1000 m (or to 10^8 m) sum to
+        0.14.""",
+    "mitransient, fog-null": """single scattering by `transient_prbvolpath` in a `heterogeneous`
+        medium whose largest density is 2.5 times that where the light is. The steady image is
+        right (0.0386); 36 % of the light arrives before 2.62 m, the distance from lamp to camera.
+        With a `homogeneous` medium (`fog-isotropic`), the bins are right.""",
+    "mitransient, nlos-occluded": """`transient_nlos_path` with `nlos_hidden_geometry_sampling`:
+        a plate that another hides from laser spot and sensor adds light.""",
+    "mitransient, nlos-two-sided": """the same with a single `twosided` plate whose normal is away
+        from the wall: no light.""",
+}
+"""What a failure shows, in the peer's own terms."""
+
+
+def page(results: dict) -> str:
+    """The page."""
+    made = f"""`python -m benchmarks.tofbench_page` made this table on {results["date"]}, with
+        {results["runs"]} runs of each case."""
+    intro = """`benchmarks/tofbench/` tests transient renderers against closed forms: when does
+        light arrive, and how much? It does not import tofrender and can be copied out; its README
+        describes scenes, cases and adapters. Its data are in the public domain (CC0)."""
+    rows = """A renderer **passes** a case if no reading (sums of bins) deviates from its exact
+        value by more than chance allows: a right renderer fails anywhere in its column with a
+        probability of at most 0.1 %. Cells have the largest deviation in standard errors (σ) and,
+        for passed cases, the processor time to a relative error of 1 %. **Not supported** is what
+        an adapter does not declare; it says nothing against a renderer. **Steady**: the renderer
+        has no time, and its image is compared with the sum over time. **Delays**: only arrival
+        times are compared. Times are from one machine with two cores, shared with other work."""
+    rows_of_references = """Cases named `reference` have no closed form. They compare with bins
+        rendered by tofrender, with error bars, so what they tell is in the columns of the other
+        renderers."""
+    wrong = []
+    for line in failures(results):
+        name, _, text = line.partition(": ")
+        shown = " ".join(REPRODUCTIONS.get(name, "").split())
+        renderer, _, case = name.partition(", ")
+        again = f"`python -m benchmarks.tofbench --renderer {renderer} --case {case}`"
+        wrong.append(f"- **{name}** ({text}): {shown} {again}".replace(":  ", ": "))
+    versions = "\n".join(
+        f"- {name}: {each['version'] or 'not run'}" for name, each in results["renderers"].items()
+    )
+    blocks = ["# Tests of transient renderers (tofbench)", paragraph(intro), paragraph(rows)]
+    blocks += [paragraph(rows_of_references), paragraph(made), "## Versions", versions]
+    blocks += ["## Results", markdown(results), "## Failures, and how to reproduce them"]
+    blocks.append("\n".join(wrong) if wrong else "None.")
+    return "\n\n".join(blocks) + "\n"
+
+
+def main(arguments: list[str]) -> None:
+    """Run all adapters, unless only the page is wanted, and write the page."""
+    if arguments != ["--page-only"]:
+        names = [*FIRST, *(name for name in ADAPTERS if name not in FIRST)]
+        with tempfile.TemporaryDirectory() as folder:
+            command = [sys.executable, "-m", "benchmarks.tofbench", "--out", folder]
+            command += [part for name in names for part in ("--renderer", name)]
+            done = subprocess.run([*command, *arguments], cwd=ROOT)
+            if done.returncode:
+                sys.exit(done.returncode)
+            shutil.copy(Path(folder) / "tofbench.json", RESULTS)
+    PAGE.write_text(page(json.loads(RESULTS.read_text())), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
