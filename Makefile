@@ -1,6 +1,6 @@
 # Every target but help and clean sets up .venv first, which takes a minute once and nothing later.
 .DEFAULT_GOAL := help
-.PHONY: help setup render notebook docs test test-all durations mutants test-kills test-inputs verify lint bench bench-full bench-lost release-check test-versions clean bench-tof
+.PHONY: help setup render notebook docs test test-all durations mutants test-kills test-inputs verify lint bench bench-full bench-lost release-check test-versions bench-tof clean
 
 OUT ?= out/cornell_box
 
@@ -60,6 +60,7 @@ release-check: setup ## build twice, compare, install on three Pythons, run the 
 
 test-versions: setup ## run a selection of tests on three Pythons, and with the oldest packages
 	.venv/bin/python .ci/versions.py $(ARGS)
+
 bench-tof: setup ## test all transient renderers that are installed; writes docs/tofbench.md
 	.venv/bin/python -m benchmarks.tofbench_page $(ARGS)
 

@@ -162,7 +162,7 @@ def _is_whole(file: Path, size: int, crc: int | None) -> bool:
 
 def checksum(path: Path) -> int:
     """CRC-32C of a file, which processors have an instruction for."""
-    import google_crc32c  # zarr has it
+    import google_crc32c  # zarr brings it
 
     value = 0
     with open(path, "rb") as file:

@@ -87,5 +87,5 @@ def world_transform(part: Any) -> Any:
 
 
 def pose(part: Any) -> np.ndarray:
-    """The same as a matrix, float64 (4, 4)."""
+    """Matrix of a pose, see `world_transform`, float64 (4, 4)."""
     return np.array(world_transform(part).matrix, dtype=np.float64).reshape(4, 4)
