@@ -345,7 +345,8 @@ def test_no_submission_takes_much_longer_than_its_limit(tmp_path, home, monkeypa
     """By a clock that goes on only while a problem is judged, each for as long as it may be."""
     titles = [f"endless {k}" for k in range(14)]
     staff = tiny_assignment.write(tmp_path / "staff", tiny_assignment.wide(titles))
-    student, now = tiny_assignment.write(tmp_path / "class" / "student", {"p0.py": ""}), [0.0]
+    files = {f"p{k}.py": "" for k in range(len(titles))}
+    student, now = tiny_assignment.write(tmp_path / "class" / "student", files), [0.0]
 
     def until_its_end(command, timeout_s, **_):
         now[0] += timeout_s

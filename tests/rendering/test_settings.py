@@ -28,8 +28,8 @@ FILES = {"format", "precision", "video", "figure", "dpi", "as_json"}
 FRAMES = {"frames", "frame_time", "exposure", "poses", "row_time"}
 """An animation: in Python, `render_frames` is told."""
 
-OBJECTS = {"client", "params", "settings", "temporal_bins"}
-"""What a command cannot be given, and old names."""
+OBJECTS = {"client", "params", "settings", "temporal_bins", "progress"}
+"""What a command cannot be given, old names, and what `--no-progress` is for in all commands."""
 
 OTHERS = {"resume", "checkpoint", "out", "client", "params", "temporal_bins"}
 """Arguments of `render` that are files, objects, or old names."""

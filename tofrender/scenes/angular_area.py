@@ -15,8 +15,9 @@ from ..runtime import checks
 class AngularArea(mi.Emitter):
     """Area light that shines into a cone about its normal (plugin `angulararea`, of mitransient).
 
-    Radiance is that of `area` within `beam_width` of the normal, and 0 beyond `cutoff_angle`; it
-    falls linearly with the angle between them. Paths from lights (`transient_bdpt`) refuse it.
+    `tofrender_angulararea` is this one where mitransient is loaded, too. Radiance is that of `area`
+    within `beam_width` of the normal, and 0 beyond `cutoff_angle`; it falls linearly with the angle
+    between them. Paths from lights (`transient_bdpt`) refuse it.
 
     | parameter | default | meaning |
     |---|---|---|
@@ -25,7 +26,7 @@ class AngularArea(mi.Emitter):
     | `beam_width` | `cutoff_angle` | largest angle of full radiance [degrees] |
 
     Example:
-        >>> lamp = {"type": "angulararea", "cutoff_angle": 35.0, "beam_width": 20.0}
+        >>> lamp = {"type": "tofrender_angulararea", "cutoff_angle": 35.0, "beam_width": 20.0}
         >>> mi.load_dict({"type": "rectangle", "emitter": lamp}).emitter().beam
         20.0
     """
