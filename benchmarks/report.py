@@ -93,7 +93,8 @@ def page(results: Results) -> str:
     errors = """Variance times CPU time says how long a renderer takes to reach a given error. The
         tables show mitransient's `transient_path`, with its defaults, divided by
         `tofrender.render`: above 1, mitransient takes longer. Settings: 64 x 64 pixels, 300 bins
-        of 2 cm, 256 samples per pixel, `max_depth` 6."""
+        of 2 cm, 256 samples per pixel, `max_depth` 6. No film is filtered:
+        [Denoising](denoising.md) has the same six scenes with and without their filter."""
     measures = "\n".join(
         textwrap.fill(f"- **{name}**: {' '.join(what.split())}", WIDTH, subsequent_indent="  ")
         for name, what in (

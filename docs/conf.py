@@ -40,7 +40,10 @@ smartquotes = False  # They turn -- of options into a dash
 
 myst_enable_extensions = ["dollarmath", "colon_fence", "attrs_block", "attrs_inline"]
 myst_heading_anchors = 4
-suppress_warnings = ["config.cache"]  # The gallery's scraper is a function
+suppress_warnings = [
+    "config.cache",  # The gallery's scraper is a function
+    "misc.highlighting_failure",  # Cells with shell commands are no Python
+]
 
 run_only = os.environ.get("DOCS_ONLY")  # Names of notebooks and examples; unset: all
 nb_execution_excludepatterns = [
