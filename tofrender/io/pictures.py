@@ -200,18 +200,8 @@ def encode_video(
     `kind` is ".mp4" or ".gif"; a full disk is an OSError.
     """
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-hide_banner", "-loglevel", "error", "-nostdin"]
-    command += [
-        "-f",
-        "rawvideo",
-        "-pix_fmt",
-        "rgb24",
-        "-s",
-        "{}x{}".format(*size),
-        "-r",
-        str(fps),
-        "-i",
-        "pipe:0",
-    ]
+    width, height = size
+    command += f"-f rawvideo -pix_fmt rgb24 -s {width}x{height} -r {fps} -i pipe:0".split()
     command += _FORMATS[kind] + ["-y", str(target)]
     with tempfile.TemporaryFile() as log:
         # In a session of its own, so that Ctrl-C reaches this process and not ffmpeg

@@ -88,8 +88,8 @@ def doppler(
     exposure = checks.number("exposure_s", exposure_s, unit="seconds", positive=True)
     cycles = checks.integer("cycles", cycles, 1, MAX_CYCLES)
     weights = _harmonics(checks.one_of("waveform", waveform, WAVEFORMS))
-    bin = {"bins": 1, "start_opl": 0.0, "bin_width": 1.0}  # For films without time bins
-    wanted, checkpoint, progress = separated(scene, settings, **bin)
+    one_bin = {"bins": 1, "start_opl": 0.0, "bin_width": 1.0}  # For films without time bins
+    wanted, checkpoint, progress = separated(scene, settings, **one_bin)
     loaded, camera, tracer, spp = open_moving(wanted)
     pictures, sums = [], []
     for number, pose in enumerate(POSES):
