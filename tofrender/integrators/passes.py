@@ -169,12 +169,10 @@ def steps(
         if spp > done >= flushed + MAX_ADDED:
             record.flush()
             flushed = done
-        if done > samples.done + count * lanes:  # The first step compiled as well
-            seconds = time.perf_counter() - start
-            if seconds > 2 * STEP_S:
-                per_step = max(1, count // 2)
-            else:
-                per_step = min(most, 2 * count) if seconds < 0.5 * STEP_S else count
+        seconds = time.perf_counter() - start
+        compiled = done == samples.done + count * lanes  # Then the step seems slower than it is
+        if seconds < STEP_S / 2 or (seconds > 2 * STEP_S and not compiled):
+            per_step = max(1, int(min(most, count * STEP_S / seconds)))
         yield done
 
 
