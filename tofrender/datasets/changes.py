@@ -1,7 +1,5 @@
 """Put drawn values into a scene: parameters, materials, poses, the camera, objects present."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import Any
 

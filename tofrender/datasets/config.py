@@ -1,7 +1,5 @@
 """Description of a data set: a TOML file or a mapping, read and checked whole before any work."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -4,8 +4,6 @@ A draw is plain: a number, a list of numbers, text, or a list of names. Draws ar
 numbers of a `Source`, never rejected, so that equal seeds always give equal data sets.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

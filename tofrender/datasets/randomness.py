@@ -5,8 +5,6 @@ SHA-256 of the text `tofrender/SEED/RECORD/ATTEMPT/NAME/I`: the same on every ma
 version of every library, whatever else is drawn, in whatever order.
 """
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Joining renders of one scene that have different seeds, from any machines."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

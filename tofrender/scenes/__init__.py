@@ -1,7 +1,5 @@
 """Built-in scenes: functions that return dicts for `mi.load_dict`, and their names."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from ..runtime import checks

@@ -5,8 +5,6 @@ the ceiling or by a flash at the camera; one has a mirror, one a glass sphere in
 with two spheres is steady.
 """
 
-from __future__ import annotations
-
 from copy import deepcopy
 from typing import Any, Unpack
 

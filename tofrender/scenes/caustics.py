@@ -5,8 +5,6 @@ all, only by chance, so a path tracer's picture is noise; paths from the lamp br
 through glass, out of the fixture and through the hole. Metres, y up.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, Unpack
 

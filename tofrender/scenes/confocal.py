@@ -11,8 +11,6 @@ Shapes go by their ids: `relay_wall`, `occluder`, and what is hidden is `hidden_
 material of its own, and no two that could be merged into one shape have the same.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Unpack
 

@@ -3,8 +3,6 @@
 Other errors in files are left to Mitsuba.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from pathlib import Path

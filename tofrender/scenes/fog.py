@@ -4,8 +4,6 @@ Each has a medium of HG phase function whose extinction, `sigma_t`, can be chang
 air. Metres, y up.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Unpack
 

@@ -4,8 +4,6 @@ A bust for renderers without materials, Veach's plates, lights of one power in t
 light in two shapes. Metres, y up.
 """
 
-from __future__ import annotations
-
 from copy import deepcopy
 from typing import Unpack
 

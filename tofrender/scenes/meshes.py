@@ -1,7 +1,5 @@
 """Meshes of the built-in scenes as Mitsuba's objects."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 from typing import Any

@@ -3,8 +3,6 @@
 They load by `tofrender.load_scene`; Mitsuba's own loader does not know velocities.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Unpack
 

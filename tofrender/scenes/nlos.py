@@ -10,8 +10,6 @@ loads a scene, keeps them apart: the wall by its sensor, the others by their ref
 ready-made meshes are never merged.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Floating-point numbers that the parameters of a scene consist of."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Cameras, films, integrators, materials and shapes that the built-in scenes are made of."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from math import pi
 from typing import Any, TypedDict

@@ -4,8 +4,6 @@ They are made for polarised variants, such as llvm_ad_mono_polarized. In others 
 polariser is then a filter that halves the light, and strained plastic is clear. Metres, y up.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from math import cos, radians, sin
 from typing import Any, Unpack

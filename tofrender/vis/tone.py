@@ -1,7 +1,5 @@
 """Tone mapping, also of sparse, unfinished and extreme data."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 from typing import Any

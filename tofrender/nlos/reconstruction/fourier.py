@@ -1,7 +1,5 @@
 """Fourier transforms of data padded with zeros, and their memory."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

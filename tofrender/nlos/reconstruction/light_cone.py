@@ -11,8 +11,6 @@ M. O'Toole, D. Lindell and G. Wetzstein, Confocal non-line-of-sight imaging base
 transform, Nature 555 (2018).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
