@@ -196,8 +196,7 @@ _KINDS: dict[str, tuple[Callable[[str, Table], Distribution], tuple[str, ...]]] 
     "on_sphere": (_on_sphere, ("center", "radius", "axis", "angle")),
     "subset": (_subset, ("least", "most")),
 }
-KEYS = {name: keys for name, (_, keys) in _KINDS.items()}
-"""The keys of each distribution."""
+KEYS = {name: keys for name, (_, keys) in _KINDS.items()}  # The keys of each distribution
 
 
 def _ranges(where: str, table: Table) -> tuple[list[tuple[float, float]], bool]:

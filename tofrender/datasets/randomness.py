@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 from ..runtime import checks
 
-BITS = 52
-"""Bits of n: one fewer than a float has, which then holds n + 1/2 exactly."""
+BITS = 52  # Bits of n: one fewer than a float has, which then holds n + 1/2 exactly
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 QUANTITIES = ("radiance per bin", "radiance per metre")
 """Quantities of a transient: energy of each bin, or density at its centre."""
 
-LOST_ENERGY = 0.01
-"""Energy outside the window, as a fraction, above which users are warned."""
+LOST_ENERGY = 0.01  # Energy outside the window, as a fraction, above which users are warned
 
 DIMS = {"transient": ("y", "x", "opl", "channel"), "steady": ("y", "x", "channel")}
 

@@ -17,8 +17,7 @@ OWN = {
 }
 """Attributes in which renders that are joined may differ."""
 
-MOST_SPP = 1 << 48
-"""Samples per pixel of a render that was itself joined."""
+MOST_SPP = 1 << 48  # Samples per pixel of a render that was itself joined
 
 
 @status("Joining renders")

@@ -32,8 +32,7 @@ if TYPE_CHECKING:
 
 SUFFIX = ".zarr"
 FILM, RECEIPTS, PLAN = "film.zarr", "receipts", "plan.json"
-BLOCK_BYTES = 4 << 20
-"""Most bytes of a block that is read and checked by itself."""
+BLOCK_BYTES = 4 << 20  # Most bytes of a block that is read and checked by itself
 
 
 @dataclass

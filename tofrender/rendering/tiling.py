@@ -13,11 +13,8 @@ from .work_items import WorkItem, whole
 if TYPE_CHECKING:
     from .job import Job
 
-TILE_BYTES = 256 << 20
-"""Memory of the bins of a tile, if the whole film does not fit [bytes]."""
-
-TILES_PER_WORKER = 4
-"""Least tiles for each worker, so that none waits long for the last one."""
+TILE_BYTES = 256 << 20  # Memory of the bins of a tile, if the whole film does not fit [bytes]
+TILES_PER_WORKER = 4  # Least tiles for each worker, so that none waits long for the last one
 
 
 def tiles(job: Job, size: tuple[int, int]) -> list[WorkItem]:

@@ -19,8 +19,7 @@ from .parts import CORNELL, Dict, TransientOptions, X, Y, diffuse, pose, rgb, sh
 WALL = {"reflectance": [0.8, 0.8, 0.8], "half_width": 2.0, "z": -2.0}
 """The relay wall of the scenes `wall_box_...` [m]; it faces +z."""
 
-HIDDEN_Z = -0.75
-"""z of the centers of hidden spheres, in the plane of the occluder's back [m]."""
+HIDDEN_Z = -0.75  # z of the centers of hidden spheres, in the plane of the occluder's back [m]
 
 RED, GREEN = [0.01, 0.0, 0.0], [0.0, 0.05, 0.0]
 

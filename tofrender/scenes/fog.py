@@ -33,11 +33,8 @@ from .parts import (
     transient_scene,
 )
 
-VOLPATH = {"max_depth": -1, "integrator": "transient_volpath"}
-"""Defaults of all scenes with media."""
-
-MAX_FOG = 20.0
-"""Largest extinction in the Cornell box [1/m]."""
+VOLPATH = {"max_depth": -1, "integrator": "transient_volpath"}  # Defaults of all scenes with media
+MAX_FOG = 20.0  # Largest extinction in the Cornell box [1/m]
 
 
 def cornell_box_fog(*, sigma_t: float = 0.3, **options: Unpack[TransientOptions]) -> Dict:
@@ -69,8 +66,7 @@ def cornell_box_fog(*, sigma_t: float = 0.3, **options: Unpack[TransientOptions]
 
 
 MILK_INDEX = 1.35
-MAX_MILK = 1000.0
-"""Largest extinction of the milk [1/m]."""
+MAX_MILK = 1000.0  # Largest extinction of the milk [1/m]
 
 
 def lamp_in_milk(*, sigma_t: float = 100.0, **options: Unpack[TransientOptions]) -> Dict:
@@ -112,8 +108,7 @@ def lamp_in_milk(*, sigma_t: float = 100.0, **options: Unpack[TransientOptions])
     }
 
 
-MAX_SMOKE = 10.0
-"""Largest extinction of the smoke [1/m]."""
+MAX_SMOKE = 10.0  # Largest extinction of the smoke [1/m]
 
 SMOKE_LOW, SMOKE_HIGH = (-1.01, -0.01, -0.01), (1.01, 2.41, 8.4)
 """Corners of the box that the smoke is in [m]; a centimetre behind walls, floor and ceiling."""
@@ -210,11 +205,8 @@ def smoke_corridor(*, sigma_t: float = 3.0, **options: Unpack[TransientOptions])
     }
 
 
-SIGN_DISTANCE = 15.0
-"""From the camera to the sign [m]."""
-
-MAX_ROAD_FOG = 2.0
-"""Largest extinction of the fog on the road [1/m]."""
+SIGN_DISTANCE = 15.0  # From the camera to the sign [m]
+MAX_ROAD_FOG = 2.0  # Largest extinction of the fog on the road [1/m]
 
 
 def headlight_in_fog(*, sigma_t: float = 0.16, **options: Unpack[TransientOptions]) -> Dict:

@@ -84,8 +84,7 @@ VEACH_LIGHTS = {
     "yellow": (0.40, 0.9, [1.35, 1.20, 0.45]),
     "red": (0.80, 3.3, [1.70, 0.75, 0.55]),
 }
-VEACH_POWER = 60.0
-"""Power of each light of `veach`, mean of its channels [W]."""
+VEACH_POWER = 60.0  # Power of each light of `veach`, mean of its channels [W]
 
 # roughness, y [m], z [m] and tilt [degrees], which mirrors the lights into the camera
 VEACH_PLATES = {
@@ -141,8 +140,7 @@ def veach(**options: Unpack[SteadyOptions]) -> Dict:
 
 
 SPHERE_LIGHT_CENTER = [0.0, 2.8, 0.0]
-SPHERE_LIGHT_POWER = 260.0
-"""Power of the light of `sphere_light_...` [W]."""
+SPHERE_LIGHT_POWER = 260.0  # Power of the light of `sphere_light_...` [W]
 
 SPHERE_LIGHT_RADII = {"small": 0.03, "medium": 0.3, "large": 0.9}
 """Radii of the light [m]; it stays above the floor and in front of the wall."""

@@ -15,8 +15,7 @@ FILE = Path(__file__).with_suffix(".npz")
 
 PARTS = ("vertices", "faces", "normals")
 
-STROKE = 0.103
-"""Width of the strokes of the letter Z [m]."""
+STROKE = 0.103  # Width of the strokes of the letter Z [m]
 
 # The two halves of Mitsuba's `rectangle`, which spans [-1, 1] x [-1, 1] and faces +z.
 HALVES = {

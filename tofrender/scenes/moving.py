@@ -23,10 +23,8 @@ from .parts import (
     transient_scene,
 )
 
-HUB = [0.0, 0.0, 0.0]
-"""Centre of the fan [m]; it turns about the axis z."""
-TIP = 0.62
-"""Radius of the fan [m]."""
+HUB = [0.0, 0.0, 0.0]  # Centre of the fan [m]; it turns about the axis z
+TIP = 0.62  # Radius of the fan [m]
 
 FIGURE = {
     "body": ([0.0, 1.14, 0.0], [0.19, 0.3, 0.11]),

@@ -31,20 +31,11 @@ from .parts import (
     transient_film,
 )
 
-DEVICE = (-0.5, 0.0, 0.25)
-"""Position of laser and sensor [m]."""
-
-OCCLUDER_WIDTH = 0.1
-"""Width of the occluder in its wider direction, less its margin [m]."""
-
-MARGIN = 1.05
-"""The occluder is this much wider than what it has to hide."""
-
-LEAD = 0.15
-"""Path length between the default start of a window and the first hidden light [m]."""
-
-BUNNY_TURN = 25.0
-"""Rotation of the bunny about y, from +x towards -z [degrees]."""
+DEVICE = (-0.5, 0.0, 0.25)  # Position of laser and sensor [m]
+OCCLUDER_WIDTH = 0.1  # Width of the occluder in its wider direction, less its margin [m]
+MARGIN = 1.05  # The occluder is this much wider than what it has to hide
+LEAD = 0.15  # Path length between the default start of a window and the first hidden light [m]
+BUNNY_TURN = 25.0  # Rotation of the bunny about y, from +x towards -z [degrees]
 
 
 def nlos_z(*, distance: float = 1.0, occluder: bool = True, **options: Any) -> Dict:
@@ -178,8 +169,7 @@ def nlos_bunny(*, distance: float = 1.0, occluder: bool = True, **options: Any) 
     return _scene({"hidden_bunny": mesh}, vertices, occluder, **options)
 
 
-MAX_THIN_FOG = 10.0
-"""Largest extinction of the fog before the hidden letter [1/m]."""
+MAX_THIN_FOG = 10.0  # Largest extinction of the fog before the hidden letter [1/m]
 
 
 def nlos_behind_fog(*, sigma_t: float = 0.5, occluder: bool = True, **options: Any) -> Dict:

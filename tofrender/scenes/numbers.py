@@ -7,8 +7,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-SHOWN = 16
-"""Most numbers of a parameter that a message shows."""
+SHOWN = 16  # Most numbers of a parameter that a message shows
 
 
 def floats_of(value: Any) -> Iterator[Any]:

@@ -11,8 +11,7 @@ from ..runtime.settings import CHECKS, INTEGRATORS
 
 Dict = dict[str, Any]
 
-SAMPLER = "padded_sobol"
-"""The sampler of all built-in scenes."""
+SAMPLER = "padded_sobol"  # The sampler of all built-in scenes
 
 PATH_TRACERS = ("path_tracer_mats", "path_tracer_nee", "path_tracer_mis")
 """Integrators that count bounces; Mitsuba's `path` counts segments, one more."""

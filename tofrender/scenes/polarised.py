@@ -38,8 +38,7 @@ def _lamp(to_world: Any, radiance: float) -> Dict:
     return shape("rectangle", to_world, "black") | {"emitter": area_light([radiance] * 3)}
 
 
-INDEX = 1.5
-"""Index of refraction of the window."""
+INDEX = 1.5  # Index of refraction of the window
 
 BREWSTER = 56.30993247402022
 """Angle of incidence at which glass reflects one polarisation only, atan(INDEX) [degrees]."""
@@ -121,14 +120,12 @@ def brewster_window(*, polariser: float = 0.0, **options: Unpack[TransientOption
     }
 
 
-CORRIDOR = 10.0
-"""Distance of the two mirrors [m]."""
+CORRIDOR = 10.0  # Distance of the two mirrors [m]
 
 LAMP_HALF, HOLE_HALF = 0.9, 0.5
 """Half the width of the square lamp, and of the hole in it that the camera looks through [m]."""
 
-MOST_RETARDANCE = 60.0
-"""Retardance of the plastic where it is strained most [degrees]."""
+MOST_RETARDANCE = 60.0  # Retardance of the plastic where it is strained most [degrees]
 
 # x, y; radius that the strain falls to one half in, all in halves of the plate's width
 SCREWS = np.array([(-0.7, -0.6, 0.35), (0.6, -0.75, 0.25), (0.75, 0.5, 0.4), (-0.45, 0.8, 0.3)])

@@ -9,8 +9,7 @@ import scipy.fft
 
 from ...runtime import memory
 
-fft: Any = scipy.fft
-"""SciPy's transforms, whose types cannot be inferred."""
+fft: Any = scipy.fft  # SciPy's transforms, whose types cannot be inferred
 
 
 def require_memory(method: str, shape: Sequence[int], copies: float) -> None:

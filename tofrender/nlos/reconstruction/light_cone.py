@@ -25,8 +25,7 @@ from .volume import VolumeGrid, native_volume
 SURFACES = {"diffuse": 3, "retroreflective": 1}
 """Power of the distance in √v that undoes the falloff with it, by kind of hidden surface."""
 
-SNR = 10.0
-"""Signal-to-noise ratio of light without noise: what the transform itself leaves out."""
+SNR = 10.0  # Signal-to-noise ratio of light without noise: what the transform itself leaves out
 
 
 def light_cone_transform(
