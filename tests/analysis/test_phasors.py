@@ -10,12 +10,7 @@ import pytest
 import xarray as xr
 
 from tofrender import phasor_parts
-from tofrender.analysis import (
-    sum_channels,
-    transient_to_phasor,
-    unambiguous_range,
-    unwrap,
-)
+from tofrender.analysis import sum_channels, transient_to_phasor, unambiguous_range, unwrap
 
 C = 299_792_458.0
 START, WIDTH = 3.5, 0.02

@@ -143,12 +143,10 @@ CASES = {
         lambda σ: LIGHT * math.exp(-σ),
     ),
     "grid before a sky": Case(
-        *(lambda: sky(grid(0)), f"{SIGMA}.data", grey, 0.4),
-        lambda σ: LIGHT * math.exp(-σ),
+        *(lambda: sky(grid(0)), f"{SIGMA}.data", grey, 0.4), lambda σ: LIGHT * math.exp(-σ)
     ),
     "in a grid under a sky": Case(
-        *(in_a_grid, "smoke.sigma_t.data", grey, 0.4),
-        lambda σ: LIGHT * math.exp(-3 * σ),
+        *(in_a_grid, "smoke.sigma_t.data", grey, 0.4), lambda σ: LIGHT * math.exp(-3 * σ)
     ),
 }
 

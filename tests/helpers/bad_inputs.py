@@ -73,7 +73,7 @@ NONE_GOOD: dict[str, dict[str, Any]] = {
     "stokes": {"3 components": np.ones((2, 2, 3, 1)), "no-pixels": np.ones((0, 2, 3, 1))},
     "picture": {"flat": np.ones(3), "complex-array": np.ones((2, 2), complex)},
     "dataset": {
-        **{"path": Path("x.npz"), "array-4": np.ones((2, 2, 2, 3)), "no-pixels": NO_PIXELS},
+        **{"path": Path("x.npz"), "array-4": np.ones((2, 2, 2, 3)), "no-pixels": NO_PIXELS}
     },
     "volume": {"no-voxels": xr.Dataset({"intensity": (("z", "y", "x"), np.zeros((0, 2, 2)))})},
     "scene": {"path": Path("x.xml"), "built-in": "cornell_box"},

@@ -321,11 +321,7 @@ TABLE = [
     alone("fit", {"frequency_hz": "frequencies"}, **LAMP, loss="phasor", frequency_hz=5e7),
     *rows("l2_loss", **dict.fromkeys(("rendered", "target"), "cube but flat, 5-axes")),
     row("denoise", dataset=halved),
-    row(
-        "denoising.denoise_film",
-        dict.fromkeys(HALVES, "object") | {"colours": "seed"},
-        **HALVES,
-    ),
+    row("denoising.denoise_film", dict.fromkeys(HALVES, "object") | {"colours": "seed"}, **HALVES),
     row("load_scene", {n: f"{kind_of_setting(s)}?" for n, s in SCENE_SETTINGS.items()}),
     # ----------------------------------------------------------------------------------- files
     *rows("io.save_exr_stack", "io.save_png_frames", "io.save_exr_layers", **PATH),

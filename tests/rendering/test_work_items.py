@@ -11,11 +11,7 @@ from helpers.support import agree, with_film, with_integrator
 from tofrender.rendering.renderer import make_job
 from tofrender.rendering.settings import RenderSettings
 from tofrender.rendering.tiling import sample_ranges, tile_size, tiles
-from tofrender.rendering.work_items import (
-    WorkItem,
-    render_item,
-    whole,
-)
+from tofrender.rendering.work_items import WorkItem, render_item, whole
 from tofrender.runtime.memory import film_bytes
 
 CUT = (4, 5)

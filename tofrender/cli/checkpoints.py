@@ -7,14 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..runtime.atomic import (
-    DISK_FULL,
-    locked,
-    part_path,
-    remove,
-    remove_leftovers,
-    sibling,
-)
+from ..runtime.atomic import DISK_FULL, locked, part_path, remove, remove_leftovers, sibling
 from ..runtime.progress import Stop
 from . import options as opt
 

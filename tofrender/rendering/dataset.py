@@ -81,13 +81,7 @@ def transient_dataset(
             dims = (*dims[:-1], "stokes", dims[-1])
             array = array.reshape(*array.shape[:-1], count, -1)
         variables[name] = dims, array
-    return labelled(
-        xr.Dataset(
-            variables,
-            coords=coordinates(film),
-            attrs=attrs | size,
-        )
-    )
+    return labelled(xr.Dataset(variables, coords=coordinates(film), attrs=attrs | size))
 
 
 def film_stokes(film: TransientHDRFilm) -> int:

@@ -271,11 +271,7 @@ def _create(
     block = max(1, min(bins, BLOCK_BYTES // (4 * rows * columns * channels)))
     along = -(-bins // block) * block
     group = zarr.open_group(folder / FILM, mode="w", zarr_format=3)
-    common: dict[str, Any] = {
-        "dtype": "float32",
-        "compressors": [Crc32cCodec()],
-        "fill_value": 0.0,
-    }
+    common: dict[str, Any] = {"dtype": "float32", "compressors": [Crc32cCodec()], "fill_value": 0.0}
     for suffix in ("", "_error") if errors else ("",):
         group.create_array(
             f"transient{suffix}",

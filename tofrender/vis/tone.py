@@ -121,11 +121,7 @@ def _light_of_bins(values: Any) -> tuple[float, np.ndarray]:
 
 
 def tonemap(
-    values: Any,
-    *,
-    exposure: float | None = None,
-    percentile: float = 99.5,
-    shadows: float = 0.0,
+    values: Any, *, exposure: float | None = None, percentile: float = 99.5, shadows: float = 0.0
 ) -> np.ndarray:
     """Turn linear radiance into an sRGB picture.
 
