@@ -5,18 +5,8 @@
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import (
-    area_light,
-    camera,
-    diffuse,
-    film,
-    load,
-    plane,
-    point_light,
-    rotate,
-    scene,
-    translate,
-)
+from helpers.parts import area_light, diffuse, plane, point_light, rotate, translate
+from helpers.support import camera, film, load, scene
 
 from tofrender.analysis import (
     four_bucket,

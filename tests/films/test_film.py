@@ -5,18 +5,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.gallery import SCENES
-from helpers.support import (
-    area_light,
-    camera,
-    film,
-    load,
-    plane,
-    refused,
-    rendered,
-    scene,
-    with_film,
-    with_integrator,
-)
+from helpers.parts import area_light, plane
+from helpers.support import camera, film, load, refused, rendered, scene, with_film, with_integrator
 from oracles import films as oracles
 
 from tofrender.signals.pulses import SampledPulse

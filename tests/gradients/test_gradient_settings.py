@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 from helpers.gradient_cases import eye, flat_film, moved
 from helpers.gradient_of import fog_box, from_above, grid_of, moved_render, tracked
-from helpers.support import agree, area_light, diffuse, over_seeds, plane, point_light, scene
+from helpers.parts import area_light, diffuse, plane, point_light
+from helpers.support import agree, over_seeds, scene
 from oracles import gradients as forms
 
 import tofrender

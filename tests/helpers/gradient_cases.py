@@ -12,17 +12,8 @@ from oracles import gradients as forms
 from oracles.nlos import Rectangle, Setup, confocal, picture_film, single
 
 from helpers.gradient_of import PULSE_KEY, Case
-from helpers.support import (
-    area_light,
-    camera,
-    diffuse,
-    film,
-    plane,
-    point_light,
-    rotate,
-    scene,
-    translate,
-)
+from helpers.parts import area_light, diffuse, plane, point_light, rotate, translate
+from helpers.support import camera, film, scene
 
 Z = np.array([0.0, 0.0, 1.0])
 SINGLE_PATH = {"light_samples": 1}

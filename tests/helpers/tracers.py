@@ -4,7 +4,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from helpers.support import agree, area_light, camera, diffuse, film, load, scene, steady_twin
+from helpers.parts import area_light, diffuse
+from helpers.support import agree, camera, film, load, scene, steady_twin
 from tofrender.scenes import BUILT_IN
 
 TRACERS = {

@@ -7,7 +7,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.light_paths import BDPT, LIGHT_TRACER, TRACERS, by, floor, lamp
-from helpers.support import camera, film, load, refused, scene, translate
+from helpers.parts import translate
+from helpers.support import camera, film, load, refused, scene
 
 import tofrender
 from tofrender.scenes.fingerprint import fingerprint

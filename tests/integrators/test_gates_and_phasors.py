@@ -8,20 +8,8 @@ from functools import partial
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import (
-    camera,
-    diffuse,
-    film,
-    grey,
-    load,
-    plane,
-    point_light,
-    refused,
-    rotate,
-    scene,
-    translate,
-    with_integrator,
-)
+from helpers.parts import diffuse, grey, plane, point_light, rotate, translate
+from helpers.support import camera, film, load, refused, scene, with_integrator
 
 import tofrender
 from tofrender.films.phasor import fourier_transform, parse_frequencies

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from helpers.fogs import FLAKES, TWO_LOBES, cube, filled, fog, red, volume
 from helpers.mistakes import gives_other
+from helpers.parts import plane, rotate, translate
 from helpers.scenes import numbers
-from helpers.support import plane, rotate, translate
 
 from tofrender.integrators.plan import Plan
 from tofrender.media import space as media_module

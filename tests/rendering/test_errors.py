@@ -8,8 +8,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.films_in_parts import box, differences, in_small_steps, render, watch_steps
+from helpers.parts import area_light, diffuse, plane, rotate, translate
 from helpers.refusals import refused
-from helpers.support import area_light, camera, diffuse, film, plane, rotate, scene, translate
+from helpers.support import camera, film, scene
 from oracles.films import disk_light_masses
 from oracles.noise import paths, sphere, truth
 from scipy.stats import t as student
