@@ -10,20 +10,8 @@ from typing import Any, Unpack
 
 from ..runtime import checks
 from .boxes import CORNELL_VIEW, cornell_box
-from .parts import (
-    LAMP_COLOUR,
-    Dict,
-    TransientOptions,
-    X,
-    Y,
-    ball_light,
-    cylinder,
-    diffuse,
-    pose,
-    shape,
-    sphere,
-    transient_scene,
-)
+from .parts import LAMP_COLOUR, Dict, X, Y, ball_light, cylinder, diffuse, pose, shape, sphere
+from .views import TransientOptions, transient_scene
 
 MAX_LAMP_RADIUS = 0.2  # [m], with which the lamp still touches nothing
 

@@ -14,7 +14,8 @@ material of its own, and no two that could be merged into one shape have the sam
 from collections.abc import Sequence
 from typing import Unpack
 
-from .parts import CORNELL, Dict, TransientOptions, X, Y, diffuse, pose, rgb, shape, transient_scene
+from .parts import CORNELL, Dict, X, Y, diffuse, pose, rgb, shape
+from .views import TransientOptions, transient_scene
 
 WALL = {"reflectance": [0.8, 0.8, 0.8], "half_width": 2.0, "z": -2.0}
 """The relay wall of the scenes `wall_box_...` [m]; it faces +z."""

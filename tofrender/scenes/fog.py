@@ -15,7 +15,6 @@ from .boxes import CORNELL_VIEW, cornell_box
 from .parts import (
     LAMP_COLOUR,
     Dict,
-    TransientOptions,
     X,
     Y,
     area_light,
@@ -30,8 +29,8 @@ from .parts import (
     rgb,
     shape,
     sphere,
-    transient_scene,
 )
+from .views import TransientOptions, transient_scene
 
 VOLPATH = {"max_depth": -1, "integrator": "transient_volpath"}  # Defaults of all scenes with media
 MAX_FOG = 20.0  # Largest extinction in the Cornell box [1/m]

@@ -8,21 +8,8 @@ from copy import deepcopy
 from typing import Unpack
 
 from .meshes import HALVES, bust_mesh, half_rectangle
-from .parts import (
-    Dict,
-    SteadyOptions,
-    X,
-    Y,
-    area_light,
-    ball_light,
-    camera,
-    diffuse,
-    pose,
-    rgb,
-    shape,
-    steady_film,
-    steady_scene,
-)
+from .parts import Dict, X, Y, area_light, ball_light, diffuse, pose, rgb, shape
+from .views import SteadyOptions, camera, steady_film, steady_scene
 
 BUST_LIGHT = {"position": [-0.9, 1.5, 1.3], "energy": 110.0}
 """The point light of `bust_simple`: where it is [m], and its energy [W]."""

@@ -8,20 +8,8 @@ from typing import Unpack
 
 from ..runtime import checks
 from .motion import FASTEST
-from .parts import (
-    Dict,
-    TransientOptions,
-    X,
-    Y,
-    area_light,
-    cylinder,
-    diffuse,
-    pose,
-    rgb,
-    shape,
-    sphere,
-    transient_scene,
-)
+from .parts import Dict, X, Y, area_light, cylinder, diffuse, pose, rgb, shape, sphere
+from .views import TransientOptions, transient_scene
 
 HUB = [0.0, 0.0, 0.0]  # Centre of the fan [m]; it turns about the axis z
 TIP = 0.62  # Radius of the fan [m]

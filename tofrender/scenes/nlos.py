@@ -18,18 +18,8 @@ import numpy as np
 
 from ..runtime import checks
 from .meshes import bunny_mesh, letter_z, letter_z_mesh, stored, transformed
-from .parts import (
-    SAMPLER,
-    Dict,
-    Y,
-    diffuse,
-    extinction,
-    medium,
-    medium_boundary,
-    pose,
-    rgb,
-    transient_film,
-)
+from .parts import Dict, Y, diffuse, extinction, medium, medium_boundary, pose, rgb
+from .views import SAMPLER, transient_film
 
 DEVICE = (-0.5, 0.0, 0.25)  # Position of laser and sensor [m]
 OCCLUDER_WIDTH = 0.1  # Width of the occluder in its wider direction, less its margin [m]

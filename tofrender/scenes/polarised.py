@@ -13,19 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime import checks
-from .parts import (
-    Dict,
-    TransientOptions,
-    X,
-    Y,
-    area_light,
-    diffuse,
-    pose,
-    rgb,
-    shape,
-    sphere,
-    transient_scene,
-)
+from .parts import Dict, X, Y, area_light, diffuse, pose, rgb, shape, sphere
+from .views import TransientOptions, transient_scene
 
 
 def _plate(kind: str, angle_name: str, angle: float, **more: Any) -> Dict:
