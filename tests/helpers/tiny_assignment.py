@@ -115,7 +115,6 @@ ADD0 = "def add0(a, b):\n    return a + b\n"
 RIGHT = {name: FILES[f"solutions/{name}"] for name in ("add.py", "mean.py")}
 """A submission that gets all points but the bonus."""
 
-
 PROBLEM = """
 [[problem]]
 id = "a0.p{0}"

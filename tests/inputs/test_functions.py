@@ -25,7 +25,6 @@ from tofrender.runtime.settings import SCENE_SETTINGS
 
 PACKAGE = Path(tofrender.__file__).parent
 
-
 WINDOW = {"temporal_bins": 20, "start_opl": 3.5, "bin_width_opl": 0.6}
 BOX = {"width": 4, "height": 4, "spp": 1, "max_depth": 2, **WINDOW}
 WALL = {"width": 2, "height": 2, "spp": 1, "optimize": False}
@@ -132,7 +131,6 @@ READ = {
     **{"load_capture": "counts.npz", "from_file": "a.csv"},
 }
 """The file of each function that has a path."""
-
 
 KINDS = {
     "amounts": "signal background",

@@ -13,7 +13,6 @@ from tofrender.paths.endpoints import SceneLights
 UP = (0.0, 0.0, 1.0)
 SEEDS = range(32)
 
-
 LIGHT, INTENSITY, ALBEDO = (1.0, 0.3, 2.0), 3.0, 0.5
 
 

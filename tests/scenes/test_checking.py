@@ -18,7 +18,6 @@ from tofrender.scenes.loading import load_scene
 NAN, INF = float("nan"), float("inf")
 FOG = {"type": "homogeneous"}
 
-
 refusal = partial(refused, check_scene)
 
 

@@ -34,7 +34,6 @@ DIMS = {"transient": ("y", "x", "opl", "channel"), "steady": ("y", "x", "channel
 ERRORS = {f"{name}_error": dims for name, dims in DIMS.items()}
 """Standard errors, where a render has them."""
 
-
 HALVES = {
     "raw": DIMS["transient"],
     "half_difference": DIMS["transient"],

@@ -310,7 +310,6 @@ It has the `sys.argv` of the process that started it: if that is the command, an
 tofrender alone activates no variant.
 """
 
-
 _jobs: dict[str, Job] = {}
 
 
