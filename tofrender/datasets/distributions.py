@@ -105,10 +105,9 @@ def _choice(where: str, table: Table) -> Distribution:
     given_weights = table.get("weights", [1.0] * len(values))
     weights = _numbers(f"{where}.weights", given_weights)
     right = isinstance(given_weights, list | tuple) and len(weights) == len(values)
-    if not right or min(weights) < 0 or not sum(weights) > 0:
-        raise ValueError(
-            f"{where}.weights = {given_weights!r}: must be {len(values)} numbers from 0, not all 0"
-        )
+    right = right and min(weights) >= 0 and sum(weights) > 0
+    allowed = f"{len(values)} numbers from 0, not all 0"
+    checks.require(f"{where}.weights", given_weights, right, allowed)
     return _one_of(values, weights)
 
 
