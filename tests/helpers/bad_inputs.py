@@ -13,8 +13,7 @@ import xarray as xr
 from helpers.made_dataset import make_dataset
 from tofrender.runtime.settings import Setting
 
-LONGEST = 600
-"""Characters of a line that can still be read at a glance."""
+LONGEST = 600  # Characters of a line that can still be read at a glance
 
 _PYTHONS_OWN = re.compile(
     r"Traceback|File \"|object has no attribute|object is not|unsupported operand|not supported "
@@ -254,8 +253,7 @@ OTHER_FILES = PLACES | {
     **{name: lambda path, it=content: path.write_bytes(it) for name, content in CONTENTS.items()},
 }
 
-ALWAYS = {"None", "nan", "inf", "-1", "0", "1.5", "text", "empty-text"}
-"""What is tried everywhere."""
+ALWAYS = {"None", "nan", "inf", "-1", "0", "1.5", "text", "empty-text"}  # What is tried everywhere
 
 
 def sample(kind: str, everything: bool, start: int, texts: bool = False) -> dict[str, Any]:

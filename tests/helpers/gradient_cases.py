@@ -358,8 +358,7 @@ MIRROR_2 = replace(
 SETUP = Setup(sensor=(-0.6, 0.3, 1.2), power=2.5)
 PATCH = Rectangle.turned((0.2, -0.1, 0.9), 35, 0)
 HIDDEN = forms.Bins(2.6, 0.1, 26, 0.1)
-SEEN = (0.0, 0.0, 0.0)
-"""What a meter of one pixel looks at: the middle of the wall."""
+SEEN = (0.0, 0.0, 0.0)  # What a meter of one pixel looks at: the middle of the wall
 
 
 def hidden_scene() -> dict:

@@ -21,11 +21,8 @@ from tofrender.paths.scattering import Materials
 from tofrender.paths.space import Vacuum
 from tofrender.sampling.statistics import p_values, smallest_allowed
 
-ALPHA = 1e-3
-"""Chance that right code fails anywhere in the suite, had its seeds not been fixed."""
-
-COMPARISONS = 1000
-"""Statistical comparisons that ALPHA is split over; the suite has fewer."""
+ALPHA = 1e-3  # Chance that right code fails anywhere in the suite, had its seeds not been fixed
+COMPARISONS = 1000  # Statistical comparisons that ALPHA is split over; the suite has fewer
 
 TIME = ("temporal_bins", "start_opl", "bin_width_opl")
 

@@ -20,8 +20,7 @@ COURSE = {
     **{f"rectangle_light_{parts}": {} for parts in ("quad", "triangles")},
     "small_box, mirror and glass": {"spheres": "mirror_glass"},
 }
-DARK = ("flash", "directional")
-"""Scenes of the gallery whose lights no ray can run into."""
+DARK = ("flash", "directional")  # Scenes of the gallery whose lights no ray can run into
 
 
 def course(name: str, *, width: int = 12, height: int = 9, **options) -> dict:

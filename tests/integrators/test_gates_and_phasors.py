@@ -34,8 +34,7 @@ def gated(**parameters) -> mi.Object:
     return mi.load_dict(plugin, parallel=False)
 
 
-PEAK = 1 / (0.1 * math.sqrt(2 * math.pi))
-"""Of the pulse of a gate."""
+PEAK = 1 / (0.1 * math.sqrt(2 * math.pi))  # Of the pulse of a gate
 
 
 def one_path(colour=(1.0, 1.0, 1.0)):

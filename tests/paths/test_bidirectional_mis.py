@@ -33,8 +33,7 @@ from tofrender.paths.records import Vertex
 from tofrender.paths.scattering import Materials
 
 LANES = 8192
-ROUNDING = 1e-5
-"""What single precision may make of a share; it makes 5e-7."""
+ROUNDING = 1e-5  # What single precision may make of a share; it makes 5e-7
 
 EYE, TARGET, FOV = (0.3, -2.6, 1.2), (0, 0, 0.7), 50.0
 VIEWS = {

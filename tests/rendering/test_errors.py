@@ -26,8 +26,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside"
 SIGMAS = 4.5
 """Distance of a mean from what is expected that right code exceeds 7 times in a million."""
 
-SLACK = 0.01
-"""What means of 16 batches are off from Student's t, as they are not quite normal."""
+SLACK = 0.01  # What means of 16 batches are off from Student's t, as they are not quite normal
 
 
 def covered(values, errors, expected) -> np.ndarray:
@@ -114,8 +113,7 @@ def lamp(start: float) -> dict:
     )
 
 
-EYE = (2.0, 0.0, 0.9)
-"""Looks below the light."""
+EYE = (2.0, 0.0, 0.9)  # Looks below the light
 
 
 @pytest.mark.statistical
