@@ -8,8 +8,6 @@ else `llvm_ad_rgb`. A variant that is set stays, and switching later works.
     tofrender.save_exr_stack(dataset, "out")
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import PurePath
 from typing import Any

@@ -35,15 +35,9 @@ from .analysis import (
     unambiguous_range as unambiguous_range,
     unwrap as unwrap,
 )
-from .apps import (
-    explore as explore,
-    report as report,
-)
+from .apps import explore as explore, report as report
 from .apps.warptest import warptest as warptest
-from .datasets import (
-    load_dataset as load_dataset,
-    make_dataset as make_dataset,
-)
+from .datasets import load_dataset as load_dataset, make_dataset as make_dataset
 from .denoising import denoise_film as denoise_film
 from .films.phasor import PhasorHDRFilm as PhasorHDRFilm
 from .films.transient import TransientHDRFilm as TransientHDRFilm

@@ -16,7 +16,6 @@ FAN += ["--spp", "4", "--format", "npz", "--frames", "3", "--frame-time", "0.01"
 SETTINGS = {"size": (13, 9), "bins": 8, "start_opl": 5.0, "bin_width": 1.0, "spp": 4}
 BLUR = ["--exposure", "0.004", "--poses", "2"]
 
-
 close = partial(np.testing.assert_allclose, rtol=1e-4, atol=1e-6)
 
 

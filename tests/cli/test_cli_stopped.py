@@ -32,8 +32,7 @@ from tofrender.runtime.checkpoints import Checkpoint
 
 ROOT = Path(__file__).parents[2]
 
-KILLS = int(os.environ.get("TOFRENDER_KILLS", "3"))
-"""Random moments for each signal."""
+KILLS = int(os.environ.get("TOFRENDER_KILLS", "3"))  # Random moments for each signal
 
 SPP = 512
 SIZE = ["--size", "16x16"]

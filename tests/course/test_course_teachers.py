@@ -19,14 +19,7 @@ from tofrender.cli import app as cli
 from tofrender.course import mutants, pages, rubric
 from tofrender.course.assignments import Assignment, find
 from tofrender.course.author import release
-from tofrender.course.grade import (
-    classes,
-    feedback,
-    grading,
-    overview,
-    roster,
-    similarity,
-)
+from tofrender.course.grade import classes, feedback, grading, overview, roster, similarity
 from tofrender.course.grade.results import Grade, Results
 from tofrender.course.grade.roster import Marks, Member
 from tofrender.course.judge import running, sandbox

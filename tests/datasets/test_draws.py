@@ -11,8 +11,7 @@ from tofrender.datasets.distributions import parse_distribution
 from tofrender.datasets.randomness import Source
 
 COUNT = 4000
-LEAST_P = 1e-5
-"""Draws never change: a test that passes once passes always."""
+LEAST_P = 1e-5  # Draws never change: a test that passes once passes always
 
 
 def drawn(seed: int = 0, **table: object) -> np.ndarray:

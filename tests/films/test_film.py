@@ -5,18 +5,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.gallery import SCENES
-from helpers.support import (
-    area_light,
-    camera,
-    film,
-    load,
-    plane,
-    refused,
-    rendered,
-    scene,
-    with_film,
-    with_integrator,
-)
+from helpers.parts import area_light, plane
+from helpers.support import camera, film, load, refused, rendered, scene, with_film, with_integrator
 from oracles import films as oracles
 
 from tofrender.signals.pulses import SampledPulse
@@ -360,12 +350,7 @@ def centres(rfilter: str, border: bool, **crop) -> dict:
     Their light arrives at lengths that differ by a few bins.
     """
     values = np.random.default_rng(3).uniform(0, 1, (HEIGHT, WIDTH, 1)).astype(np.float32)
-    texture = {
-        "type": "bitmap",
-        "data": mi.TensorXf(values),
-        "raw": True,
-        "filter_type": "nearest",
-    }
+    texture = {"type": "bitmap", "data": mi.TensorXf(values), "raw": True, "filter_type": "nearest"}
     window = film(WIDTH, HEIGHT, bins=8, start=1.0, bin_width=0.25, sample_border=border, **crop)
     meter = {
         "type": "nlos_capture_meter",

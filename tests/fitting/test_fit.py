@@ -9,7 +9,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.made_dataset import make_dataset
-from helpers.support import camera, diffuse, plane, scene as described, translate
+from helpers.parts import diffuse, plane, translate
+from helpers.support import camera, scene as described
 from oracles.lamp_above_floor import INTENSITY, POSITION, scene
 
 import tofrender

@@ -8,7 +8,8 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import camera, diffuse, film, plane, point_light, rotate, scene, translate
+from helpers.parts import diffuse, plane, point_light, rotate, translate
+from helpers.support import camera, film, scene
 
 import tofrender
 from tofrender.integrators.differentiable import VisibilityWarning

@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.gradient_of import from_above, grid_of, moved_render, tracked
-from helpers.support import plane, point_light
+from helpers.parts import plane, point_light
 from oracles.gradients import Bins
 
 import tofrender

@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 from helpers import gradient_cases as cases
 from helpers.gradient_of import Case, forward, reverse
-from helpers.support import area_light, over_seeds
+from helpers.parts import area_light
+from helpers.support import over_seeds
 from oracles.gradients import Bins
 
 SEEDS = range(6)

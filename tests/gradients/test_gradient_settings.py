@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 from helpers.gradient_cases import eye, flat_film, moved
 from helpers.gradient_of import fog_box, from_above, grid_of, moved_render, tracked
-from helpers.support import agree, area_light, diffuse, over_seeds, plane, point_light, scene
+from helpers.parts import area_light, diffuse, plane, point_light
+from helpers.support import agree, over_seeds, scene
 from oracles import gradients as forms
 
 import tofrender
@@ -143,12 +144,10 @@ CASES = {
         lambda σ: LIGHT * math.exp(-σ),
     ),
     "grid before a sky": Case(
-        *(lambda: sky(grid(0)), f"{SIGMA}.data", grey, 0.4),
-        lambda σ: LIGHT * math.exp(-σ),
+        *(lambda: sky(grid(0)), f"{SIGMA}.data", grey, 0.4), lambda σ: LIGHT * math.exp(-σ)
     ),
     "in a grid under a sky": Case(
-        *(in_a_grid, "smoke.sigma_t.data", grey, 0.4),
-        lambda σ: LIGHT * math.exp(-3 * σ),
+        *(in_a_grid, "smoke.sigma_t.data", grey, 0.4), lambda σ: LIGHT * math.exp(-3 * σ)
     ),
 }
 

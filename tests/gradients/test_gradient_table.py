@@ -32,8 +32,7 @@ from tofrender.integrators import passes
 
 SEEDS = range(16)
 HALF_PERCENT, STANDARD_ERRORS = 5e-3, 3
-ROUNDING = 2e-4
-"""Of lengths in single precision, which samples that are spread evenly do not hide."""
+ROUNDING = 2e-4  # Of lengths in single precision, which samples that are spread evenly do not hide
 
 OF_BINS = 5e-3
 """The same of a bin, which light enters and leaves; relative to the bin that changes most."""

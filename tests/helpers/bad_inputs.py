@@ -13,8 +13,7 @@ import xarray as xr
 from helpers.made_dataset import make_dataset
 from tofrender.runtime.settings import Setting
 
-LONGEST = 600
-"""Characters of a line that can still be read at a glance."""
+LONGEST = 600  # Characters of a line that can still be read at a glance
 
 _PYTHONS_OWN = re.compile(
     r"Traceback|File \"|object has no attribute|object is not|unsupported operand|not supported "
@@ -73,7 +72,7 @@ NONE_GOOD: dict[str, dict[str, Any]] = {
     "stokes": {"3 components": np.ones((2, 2, 3, 1)), "no-pixels": np.ones((0, 2, 3, 1))},
     "picture": {"flat": np.ones(3), "complex-array": np.ones((2, 2), complex)},
     "dataset": {
-        **{"path": Path("x.npz"), "array-4": np.ones((2, 2, 2, 3)), "no-pixels": NO_PIXELS},
+        **{"path": Path("x.npz"), "array-4": np.ones((2, 2, 2, 3)), "no-pixels": NO_PIXELS}
     },
     "volume": {"no-voxels": xr.Dataset({"intensity": (("z", "y", "x"), np.zeros((0, 2, 2)))})},
     "scene": {"path": Path("x.xml"), "built-in": "cornell_box"},
@@ -254,8 +253,7 @@ OTHER_FILES = PLACES | {
     **{name: lambda path, it=content: path.write_bytes(it) for name, content in CONTENTS.items()},
 }
 
-ALWAYS = {"None", "nan", "inf", "-1", "0", "1.5", "text", "empty-text"}
-"""What is tried everywhere."""
+ALWAYS = {"None", "nan", "inf", "-1", "0", "1.5", "text", "empty-text"}  # What is tried everywhere
 
 
 def sample(kind: str, everything: bool, start: int, texts: bool = False) -> dict[str, Any]:

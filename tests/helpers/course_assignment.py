@@ -218,7 +218,6 @@ FILES = {
         """,
 }
 
-
 RUBRIC, PULSE = (dedent(FILES[name]).lstrip() for name in ("rubric.toml", "solutions/pulse.py"))
 RANGE = "def unambiguous_range(frequency_hz):\n    return 149896229.0 / frequency_hz\n"
 

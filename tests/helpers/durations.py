@@ -12,8 +12,7 @@ import pytest
 FILE = Path(__file__).parents[1] / "durations.json"
 """Seconds of a case of each test function by file; those of fixtures for a module have an @."""
 
-STORED_S = 0.05
-"""Less, for all cases of a test together, is not stored and counts as 0."""
+STORED_S = 0.05  # Less, for all cases of a test together, is not stored and counts as 0
 
 LIMIT_S = 12.0
 """What `make test` runs may take this long, as several threads and compilation add to it."""

@@ -15,8 +15,7 @@ from tofrender.integrators import passes
 from tofrender.rendering import tiling, work_items
 
 ROOT = Path(__file__).parents[2]
-ROUNDING = 1e-5
-"""What adding in another order may change, relative to the brightest value."""
+ROUNDING = 1e-5  # What adding in another order may change, relative to the brightest value
 
 OWN = {"render_seconds", "energy_outside_window"}
 """Attributes that differ from render to render, the second one by rounding."""

@@ -9,18 +9,8 @@ import mitsuba as mi
 import numpy as np
 
 from helpers.light_paths import spot
-from helpers.support import (
-    area_light,
-    camera,
-    diffuse,
-    film,
-    grey,
-    plane,
-    point_light,
-    rotate,
-    scene,
-    translate,
-)
+from helpers.parts import area_light, diffuse, grey, plane, point_light, rotate, translate
+from helpers.support import camera, film, scene
 
 DEPTH = 8
 

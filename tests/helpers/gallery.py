@@ -6,17 +6,8 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from helpers.support import (
-    area_light,
-    camera,
-    diffuse,
-    film,
-    grey,
-    plane,
-    point_light,
-    scene,
-    with_sampler,
-)
+from helpers.parts import area_light, diffuse, grey, plane, point_light
+from helpers.support import camera, film, scene, with_sampler
 from tofrender.scenes import cornell_box, cornell_box_flash, cornell_box_glass, cornell_box_mirror
 
 SIZE = {"width": 8, "height": 8, "temporal_bins": 2000, "start_opl": 0.0, "max_depth": 12}

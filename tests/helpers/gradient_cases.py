@@ -12,17 +12,8 @@ from oracles import gradients as forms
 from oracles.nlos import Rectangle, Setup, confocal, picture_film, single
 
 from helpers.gradient_of import PULSE_KEY, Case
-from helpers.support import (
-    area_light,
-    camera,
-    diffuse,
-    film,
-    plane,
-    point_light,
-    rotate,
-    scene,
-    translate,
-)
+from helpers.parts import area_light, diffuse, plane, point_light, rotate, translate
+from helpers.support import camera, film, scene
 
 Z = np.array([0.0, 0.0, 1.0])
 SINGLE_PATH = {"light_samples": 1}
@@ -367,8 +358,7 @@ MIRROR_2 = replace(
 SETUP = Setup(sensor=(-0.6, 0.3, 1.2), power=2.5)
 PATCH = Rectangle.turned((0.2, -0.1, 0.9), 35, 0)
 HIDDEN = forms.Bins(2.6, 0.1, 26, 0.1)
-SEEN = (0.0, 0.0, 0.0)
-"""What a meter of one pixel looks at: the middle of the wall."""
+SEEN = (0.0, 0.0, 0.0)  # What a meter of one pixel looks at: the middle of the wall
 
 
 def hidden_scene() -> dict:

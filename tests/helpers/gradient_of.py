@@ -16,8 +16,7 @@ import tofrender
 from helpers.support import camera, film, scene
 from tofrender.runtime.plugins import qualified_name
 
-PULSE_KEY = "pulse_width_opl"
-"""The width of the pulse among the parameters of an integrator."""
+PULSE_KEY = "pulse_width_opl"  # The width of the pulse among the parameters of an integrator
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ from scipy.fft import next_fast_len
 
 from tofrender.nlos import hidden_depth, make_capture
 
-FINE = 8
-"""Fine bins in a bin: path lengths are right to a sixteenth of a bin."""
+FINE = 8  # Fine bins in a bin: path lengths are right to a sixteenth of a bin
 
 
 def rectangle(x: tuple, y: tuple, z: float, step: float) -> Nodes:
@@ -76,8 +75,7 @@ class Wall:
         return np.broadcast_to(np.asarray(self.axes)[2], grid.shape)
 
 
-STRAIGHT = Wall()
-"""At z = 0, facing +z."""
+STRAIGHT = Wall()  # At z = 0, facing +z
 
 
 def turned(size: int = 32) -> Wall:

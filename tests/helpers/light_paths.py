@@ -8,24 +8,8 @@ import numpy as np
 from oracles.films import disk_light_masses, rectangle_light_masses
 from oracles.light_paths import View
 
-from helpers.support import (
-    agree,
-    area_light,
-    beam,
-    camera,
-    diffuse,
-    film,
-    follow,
-    grey,
-    load,
-    over_seeds,
-    plane,
-    point_light,
-    rendered,
-    rotate,
-    scene,
-    translate,
-)
+from helpers.parts import area_light, diffuse, grey, plane, point_light, rotate, translate
+from helpers.support import agree, beam, camera, film, follow, load, over_seeds, rendered, scene
 from tofrender.scenes import cornell_box
 
 SEEDS, OTHER_SEEDS = range(16), range(1000, 1016)

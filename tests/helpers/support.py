@@ -12,6 +12,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from helpers.parts import unit
 from tofrender.integrators.plan import Plan
 from tofrender.paths.camera import sample_camera
 from tofrender.paths.endpoints import SceneLights
@@ -20,11 +21,8 @@ from tofrender.paths.scattering import Materials
 from tofrender.paths.space import Vacuum
 from tofrender.sampling.statistics import p_values, smallest_allowed
 
-ALPHA = 1e-3
-"""Chance that right code fails anywhere in the suite, had its seeds not been fixed."""
-
-COMPARISONS = 1000
-"""Statistical comparisons that ALPHA is split over; the suite has fewer."""
+ALPHA = 1e-3  # Chance that right code fails anywhere in the suite, had its seeds not been fixed
+COMPARISONS = 1000  # Statistical comparisons that ALPHA is split over; the suite has fewer
 
 TIME = ("temporal_bins", "start_opl", "bin_width_opl")
 
@@ -41,37 +39,6 @@ def camera(
     to_world = mi.ScalarTransform4f().look_at(list(origin), list(target), list(up))
     placed = {"to_world": to_world, "sampler": {"type": sampler, "sample_count": spp}}
     return {"type": kind, "film": film} | more | placed
-
-
-def grey(value: float) -> dict:
-    """The same in red, green and blue. (A flat spectrum of an emitter would look pink.)"""
-    return {"type": "rgb", "value": [value] * 3}
-
-
-def diffuse(albedo: float) -> dict:
-    return {"type": "diffuse", "reflectance": grey(albedo)}
-
-
-def plane(to_world=None, size: float = 10.0, **more: Any) -> dict:
-    """A large square in z = 0 that faces +z, then moved by `to_world`."""
-    to_world = mi.ScalarTransform4f() if to_world is None else to_world
-    return {"type": "rectangle", "to_world": to_world @ mi.ScalarTransform4f().scale(size), **more}
-
-
-def translate(x: float, y: float, z: float):
-    return mi.ScalarTransform4f().translate([x, y, z])
-
-
-def rotate(axis, angle: float):
-    return mi.ScalarTransform4f().rotate(list(axis), angle)
-
-
-def point_light(position, intensity: float) -> dict:
-    return {"type": "point", "position": list(position), "intensity": grey(intensity)}
-
-
-def area_light(radiance: float) -> dict:
-    return {"type": "area", "radiance": grey(radiance)}
 
 
 def scene(parts: dict, sensor: dict, **integrator: Any) -> dict:
@@ -308,8 +275,3 @@ def largest(a, b) -> float:
     """Largest difference, relative to the brightest value. NaN counts as 1."""
     difference = np.abs(np.asarray(a) - np.asarray(b)).max() / np.abs(b).max()
     return float(difference) if np.isfinite(difference) else 1.0
-
-
-def unit(vector) -> np.ndarray:
-    vector = np.asarray(vector, dtype=np.float64)
-    return vector / np.linalg.norm(vector)

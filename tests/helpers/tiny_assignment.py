@@ -109,12 +109,10 @@ def test_file(submission):
     "solutions/mean.py": "def mean(x):\n    return sum(x.tolist()) / len(x)\n",
 }
 
-ADD0 = "def add0(a, b):\n    return a + b\n"
-"""The right p0.py of an assignment of `wide`."""
+ADD0 = "def add0(a, b):\n    return a + b\n"  # The right p0.py of an assignment of `wide`
 
 RIGHT = {name: FILES[f"solutions/{name}"] for name in ("add.py", "mean.py")}
 """A submission that gets all points but the bonus."""
-
 
 PROBLEM = """
 [[problem]]

@@ -10,8 +10,7 @@ from benchmarks.tofbench import closed, forms
 
 INSTALL = "nothing"
 ABILITIES = {need for c in closed.CASES for need in (c.bins["quantity"], *c.features)}
-PHOTONS = 4000
-"""Of a run."""
+PHOTONS = 4000  # Of a run
 BUG = os.environ.get("STAND_IN_BUG", "")
 
 if BUG == "missing index":

@@ -4,7 +4,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from helpers.support import agree, area_light, camera, diffuse, film, load, scene, steady_twin
+from helpers.parts import area_light, diffuse
+from helpers.support import agree, camera, film, load, scene, steady_twin
 from tofrender.scenes import BUILT_IN
 
 TRACERS = {
@@ -19,8 +20,7 @@ COURSE = {
     **{f"rectangle_light_{parts}": {} for parts in ("quad", "triangles")},
     "small_box, mirror and glass": {"spheres": "mirror_glass"},
 }
-DARK = ("flash", "directional")
-"""Scenes of the gallery whose lights no ray can run into."""
+DARK = ("flash", "directional")  # Scenes of the gallery whose lights no ray can run into
 
 
 def course(name: str, *, width: int = 12, height: int = 9, **options) -> dict:

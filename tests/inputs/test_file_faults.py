@@ -144,9 +144,7 @@ damages = st.tuples(
 
 
 @settings(
-    max_examples=200,
-    database=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
+    max_examples=200, database=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(damage=damages)
 def test_any_damage_is_found(saved, damage):

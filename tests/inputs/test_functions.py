@@ -25,7 +25,6 @@ from tofrender.runtime.settings import SCENE_SETTINGS
 
 PACKAGE = Path(tofrender.__file__).parent
 
-
 WINDOW = {"temporal_bins": 20, "start_opl": 3.5, "bin_width_opl": 0.6}
 BOX = {"width": 4, "height": 4, "spp": 1, "max_depth": 2, **WINDOW}
 WALL = {"width": 2, "height": 2, "spp": 1, "optimize": False}
@@ -132,7 +131,6 @@ READ = {
     **{"load_capture": "counts.npz", "from_file": "a.csv"},
 }
 """The file of each function that has a path."""
-
 
 KINDS = {
     "amounts": "signal background",
@@ -321,11 +319,7 @@ TABLE = [
     alone("fit", {"frequency_hz": "frequencies"}, **LAMP, loss="phasor", frequency_hz=5e7),
     *rows("l2_loss", **dict.fromkeys(("rendered", "target"), "cube but flat, 5-axes")),
     row("denoise", dataset=halved),
-    row(
-        "denoising.denoise_film",
-        dict.fromkeys(HALVES, "object") | {"colours": "seed"},
-        **HALVES,
-    ),
+    row("denoising.denoise_film", dict.fromkeys(HALVES, "object") | {"colours": "seed"}, **HALVES),
     row("load_scene", {n: f"{kind_of_setting(s)}?" for n, s in SCENE_SETTINGS.items()}),
     # ----------------------------------------------------------------------------------- files
     *rows("io.save_exr_stack", "io.save_png_frames", "io.save_exr_layers", **PATH),

@@ -95,7 +95,6 @@ LIGHTS = IN_BINS + "light_samples guiding "
 WALL = IN_BINS + "relay_wall hidden_shapes use_nlos_only filter_bounces "
 WALL += "nlos_hidden_geometry_sampling account_first_and_last_bounces "
 
-
 SCANS = "capture_type nlos_laser_sampling discard_direct_paths filter_depth "
 SCANS += "nlos_hidden_geometry_sampling_do_rroulette force_equal_illumination_scanning "
 SCANS += "nlos_hidden_geometry_sampling_includes_relay_wall"
@@ -116,7 +115,6 @@ def of_camera(part: str, name: str, parameters: str, **good: Any) -> Plugin:
 
 SIZE = {"width": 4, "height": 4}
 PHASORS = SIZE | {"frequencies_hz": "2e7"}
-
 
 TABLE = [
     integrator("transient_path", LIGHTS),

@@ -30,22 +30,8 @@ from helpers.light_paths import (
     summary,
     through,
 )
-from helpers.support import (
-    agree,
-    area_light,
-    camera,
-    diffuse,
-    film,
-    grey,
-    load,
-    plane,
-    rendered,
-    rotate,
-    scene,
-    translate,
-    with_film,
-    with_integrator,
-)
+from helpers.parts import area_light, diffuse, grey, plane, rotate, translate
+from helpers.support import agree, camera, film, load, rendered, scene, with_film, with_integrator
 
 import tofrender
 

@@ -7,7 +7,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.light_paths import BDPT, LIGHT_TRACER, TRACERS, by, floor, lamp
-from helpers.support import camera, film, load, refused, scene, translate
+from helpers.parts import translate
+from helpers.scenes import refusal
+from helpers.support import camera, film, load, refused, scene
 
 import tofrender
 from tofrender.scenes.fingerprint import fingerprint
@@ -20,12 +22,6 @@ def described(technique: str = LIGHT_TRACER, parts: dict | None = None, **sensor
     kind = {"kind": "perspective"} | sensor
     eye = camera((0, 0, 1.5), (0, 0, 0), film(4, 4, bins=50), **kind)
     return scene(lit, eye) | {"integrator": by(technique)}
-
-
-def refusal(act) -> str:
-    with pytest.raises((ValueError, TypeError), match=r"\A.+\Z") as error:
-        act()
-    return str(error.value)
 
 
 def render(loaded: mi.Scene) -> Any:
@@ -68,7 +64,7 @@ OWN = [
 )
 def test_bad_parameter(plugin, name, value):
     with_value = described() | {"integrator": {"type": plugin, name: value}}
-    text = refusal(lambda: tofrender.load_scene(with_value))
+    text = refusal(tofrender.load_scene, with_value, kind=(ValueError, TypeError))
     assert name in text
     assert str(value) in text
     assert "must" in text
@@ -123,7 +119,7 @@ METERS = {
 @pytest.mark.parametrize("kind", METERS)
 def test_sensors_that_are_no_camera(kind, technique):
     loaded = load(described(technique) | {"sensor": METERS[kind] | {"type": kind}})
-    text = refusal(lambda: render(loaded))
+    text = refusal(render, loaded)
     assert {"sensor", "perspective"} <= set(re.findall(r"\w+", text))
     assert "thinlens" in text or kind == "batch"
     refused("sensor", tofrender.render, loaded, spp=1, progress=False)

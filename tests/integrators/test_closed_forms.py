@@ -4,32 +4,14 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.light_paths import MIRROR
-from helpers.support import (
-    agree,
-    area_light,
-    beam,
-    camera,
-    diffuse,
-    film,
-    follow,
-    grey,
-    load,
-    over_seeds,
-    plane,
-    point_light,
-    rendered,
-    rotate,
-    scene,
-    translate,
-    unit,
-)
+from helpers.parts import area_light, diffuse, grey, plane, point_light, rotate, translate, unit
+from helpers.support import agree, beam, camera, film, follow, load, over_seeds, rendered, scene
 from oracles import films as oracles
 
 from tofrender.paths.endpoints import SceneLights
 
 UP = (0.0, 0.0, 1.0)
 SEEDS = range(32)
-
 
 LIGHT, INTENSITY, ALBEDO = (1.0, 0.3, 2.0), 3.0, 0.5
 

@@ -10,21 +10,18 @@ import numpy as np
 import pytest
 from helpers.gallery import SCENES, emitter_grid
 from helpers.light_paths import OTHER_SEEDS, SEEDS, blocks
+from helpers.parts import grey, plane, rotate, translate
 from helpers.support import (
     agree,
     camera,
     film,
-    grey,
     largest,
     load,
     over_seeds,
     path_image,
-    plane,
     rendered,
-    rotate,
     scene,
     steady_twin,
-    translate,
     with_film,
     with_integrator,
     with_sampler,

@@ -8,20 +8,8 @@ from functools import partial
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import (
-    camera,
-    diffuse,
-    film,
-    grey,
-    load,
-    plane,
-    point_light,
-    refused,
-    rotate,
-    scene,
-    translate,
-    with_integrator,
-)
+from helpers.parts import diffuse, grey, plane, point_light, rotate, translate
+from helpers.support import camera, film, load, refused, scene, with_integrator
 
 import tofrender
 from tofrender.films.phasor import fourier_transform, parse_frequencies
@@ -46,8 +34,7 @@ def gated(**parameters) -> mi.Object:
     return mi.load_dict(plugin, parallel=False)
 
 
-PEAK = 1 / (0.1 * math.sqrt(2 * math.pi))
-"""Of the pulse of a gate."""
+PEAK = 1 / (0.1 * math.sqrt(2 * math.pi))  # Of the pulse of a gate
 
 
 def one_path(colour=(1.0, 1.0, 1.0)):

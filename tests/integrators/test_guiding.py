@@ -4,21 +4,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.gallery import SCENES as GALLERY
-from helpers.support import (
-    agree,
-    area_light,
-    camera,
-    diffuse,
-    film,
-    load,
-    over_seeds,
-    plane,
-    rendered,
-    rotate,
-    scene,
-    translate,
-    with_integrator,
-)
+from helpers.parts import area_light, diffuse, plane, rotate, translate
+from helpers.support import agree, camera, film, load, over_seeds, rendered, scene, with_integrator
 
 import tofrender
 from tofrender.bidirectional.photons import trace_photons

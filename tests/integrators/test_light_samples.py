@@ -8,18 +8,13 @@ import numpy as np
 import pytest
 from helpers.gallery import SCENES as GALLERY
 from helpers.light_paths import cornell_light_over_floor, disk_over_receiver
+from helpers.parts import area_light, diffuse, grey, plane, rotate, translate
 from helpers.support import (
     agree,
-    area_light,
-    diffuse,
-    grey,
     load,
     over_seeds,
-    plane,
     refused,
     rendered,
-    rotate,
-    translate,
     with_integrator,
     with_sampler,
 )

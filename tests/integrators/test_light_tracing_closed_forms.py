@@ -30,24 +30,8 @@ from helpers.light_paths import (
     spot,
     through,
 )
-from helpers.support import (
-    agree,
-    area_light,
-    camera,
-    diffuse,
-    film,
-    grey,
-    load,
-    over_seeds,
-    plane,
-    point_light,
-    refused,
-    rendered,
-    rotate,
-    scene,
-    translate,
-    unit,
-)
+from helpers.parts import area_light, diffuse, grey, plane, point_light, rotate, translate, unit
+from helpers.support import agree, camera, film, load, over_seeds, refused, rendered, scene
 from oracles import films as oracles
 from oracles.light_paths import (
     Caustic,

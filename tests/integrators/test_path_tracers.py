@@ -11,22 +11,17 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.gallery import SCENES
+from helpers.parts import area_light, diffuse, grey, plane, point_light, translate
 from helpers.support import (
     agree,
-    area_light,
     camera,
-    diffuse,
     film,
-    grey,
     largest,
     load,
     path_image,
-    plane,
-    point_light,
     refused,
     rendered,
     scene,
-    translate,
     with_film,
 )
 from helpers.tracers import (

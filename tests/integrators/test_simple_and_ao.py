@@ -6,23 +6,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import (
-    agree,
-    area_light,
-    camera,
-    diffuse,
-    film,
-    grey,
-    largest,
-    load,
-    plane,
-    point_light,
-    refused,
-    rendered,
-    scene,
-    translate,
-    unit,
-)
+from helpers.parts import area_light, diffuse, grey, plane, point_light, translate, unit
+from helpers.support import agree, camera, film, largest, load, refused, rendered, scene
 from helpers.tracers import paths
 from oracles import films as oracles
 from oracles.ball import (

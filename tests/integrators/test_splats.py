@@ -22,18 +22,8 @@ from helpers.light_paths import (
     spot,
     through,
 )
-from helpers.support import (
-    agree,
-    area_light,
-    diffuse,
-    load,
-    over_seeds,
-    plane,
-    rendered,
-    translate,
-    with_film,
-    with_sampler,
-)
+from helpers.parts import area_light, diffuse, plane, translate
+from helpers.support import agree, load, over_seeds, rendered, with_film, with_sampler
 from oracles.light_paths import View, window_area
 
 import tofrender

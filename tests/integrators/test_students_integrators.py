@@ -10,7 +10,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import area_light, camera, film, load, plane, refused, scene
+from helpers.parts import area_light, plane
+from helpers.support import camera, film, load, refused, scene
 
 import tofrender
 

@@ -6,20 +6,16 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.parts import area_light, diffuse, plane, rotate, translate
 from helpers.support import (
     agree,
-    area_light,
     camera,
-    diffuse,
     film,
     largest,
     load,
     over_seeds,
-    plane,
     rendered,
-    rotate,
     scene,
-    translate,
     with_film,
     with_integrator,
 )

@@ -7,21 +7,8 @@ import numpy as np
 import pytest
 from helpers.fogs import cube, filled, fog
 from helpers.light_paths import spot
-from helpers.support import (
-    TIME,
-    agree,
-    area_light,
-    camera,
-    diffuse,
-    film,
-    load,
-    over_seeds,
-    plane,
-    point_light,
-    rotate,
-    scene,
-    translate,
-)
+from helpers.parts import area_light, diffuse, plane, point_light, rotate, translate
+from helpers.support import TIME, agree, camera, film, load, over_seeds, scene
 
 import tofrender
 from tofrender.media.gated import GatedFog

@@ -21,21 +21,8 @@ from helpers.fogs import (
 )
 from helpers.light_paths import BDPT, LIGHT_TRACER, ball, blocks, by, summary
 from helpers.mistakes import gives_other
-from helpers.support import (
-    agree,
-    area_light,
-    camera,
-    diffuse,
-    film,
-    load,
-    over_seeds,
-    plane,
-    point_light,
-    rendered,
-    rotate,
-    scene,
-    translate,
-)
+from helpers.parts import area_light, diffuse, plane, point_light, rotate, translate
+from helpers.support import agree, camera, film, load, over_seeds, rendered, scene
 
 import tofrender
 from tofrender.bidirectional.camera import Camera

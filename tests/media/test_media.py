@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from helpers.fogs import FLAKES, TWO_LOBES, cube, filled, fog, red, volume
 from helpers.mistakes import gives_other
+from helpers.parts import plane, rotate, translate
 from helpers.scenes import numbers
-from helpers.support import plane, rotate, translate
 
 from tofrender.integrators.plan import Plan
 from tofrender.media import space as media_module
@@ -24,8 +24,7 @@ from tofrender.sampling.statistics import p_values, smallest_allowed
 
 pytestmark = pytest.mark.statistical
 
-ALPHA = 1e-4
-"""Chance that a comparison of right code fails."""
+ALPHA = 1e-4  # Chance that a comparison of right code fails
 SEEDS = 16
 SHINES = {
     "bsdf": {"type": "diffuse", "reflectance": 0.0},
@@ -33,8 +32,7 @@ SHINES = {
 }
 """A surface of radiance 1 that reflects nothing."""
 
-SHELL = {"type": "sphere", "flip_normals": True, **SHINES}
-"""The inside of a sphere of radius 1."""
+SHELL = {"type": "sphere", "flip_normals": True, **SHINES}  # The inside of a sphere of radius 1
 
 
 @dataclass

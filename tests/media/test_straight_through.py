@@ -13,22 +13,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.fogs import BALL, FLOOR, LIT, SCENES as IN_MEDIA, SKY, THIN, looked_at, sphere
-from helpers.support import (
-    agree,
-    area_light,
-    camera,
-    diffuse,
-    film,
-    load,
-    over_seeds,
-    plane,
-    point_light,
-    rendered,
-    rotate,
-    scene,
-    steady_twin,
-    translate,
-)
+from helpers.parts import area_light, diffuse, plane, point_light, rotate, translate
+from helpers.support import agree, camera, film, load, over_seeds, rendered, scene, steady_twin
 
 import tofrender
 from tofrender.integrators.lights_straight_ahead import LightsStraightAhead

@@ -4,20 +4,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import (
-    agree,
-    area_light,
-    camera,
-    diffuse,
-    film,
-    over_seeds,
-    plane,
-    point_light,
-    rotate,
-    scene,
-    translate,
-    unit,
-)
+from helpers.parts import area_light, diffuse, plane, point_light, rotate, translate, unit
+from helpers.support import agree, camera, film, over_seeds, scene
 
 import tofrender
 

@@ -4,8 +4,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.moving import share_at
+from helpers.parts import diffuse, grey, plane, point_light, unit
 from helpers.scenes import refusal
-from helpers.support import camera, diffuse, film, grey, plane, point_light, scene, unit
+from helpers.support import camera, film, scene
 
 import tofrender
 from tofrender import Motion

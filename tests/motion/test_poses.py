@@ -4,19 +4,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.moving import with_motions
+from helpers.parts import area_light, diffuse, plane, point_light, rotate, translate, unit
 from helpers.scenes import refusal
-from helpers.support import (
-    area_light,
-    camera,
-    diffuse,
-    film,
-    plane,
-    point_light,
-    rotate,
-    scene,
-    translate,
-    unit,
-)
+from helpers.support import camera, film, scene
 
 import tofrender
 from tofrender import Motion

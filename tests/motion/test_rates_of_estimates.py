@@ -6,21 +6,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.moving import seen_by, share_at
-from helpers.support import (
-    agree,
-    area_light,
-    camera,
-    diffuse,
-    film,
-    grey,
-    over_seeds,
-    plane,
-    point_light,
-    rotate,
-    scene,
-    translate,
-    unit,
-)
+from helpers.parts import area_light, diffuse, grey, plane, point_light, rotate, translate, unit
+from helpers.support import agree, camera, film, over_seeds, scene
 
 import tofrender
 

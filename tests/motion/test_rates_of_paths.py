@@ -4,16 +4,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.moving import REST, rates_of, seen_by, share_at
-from helpers.support import (
-    agree,
-    area_light,
-    diffuse,
-    plane,
-    point_light,
-    rotate,
-    translate,
-    unit,
-)
+from helpers.parts import area_light, diffuse, plane, point_light, rotate, translate, unit
+from helpers.support import agree
 from oracles.moving_optics import Surface, change, follow, rate, specular_length, turned
 
 EYE, LAMP = np.array([0.4, -0.3, 3.0]), np.array([1.0, 0.3, 2.0])

@@ -27,8 +27,7 @@ from pathlib import Path
 from queue import SimpleQueue
 
 ROOT = Path(__file__).resolve().parents[2]
-LIMIT_S = 900
-"""A run of a bug's tests that takes longer has been hung by it, which finds it too."""
+LIMIT_S = 900  # A run of a bug's tests that takes longer has been hung by it, which finds it too
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from helpers.support import agree, diffuse, film, over_seeds, rendered
+from helpers.parts import diffuse
+from helpers.support import agree, film, over_seeds, rendered
 from oracles import nlos
 
 SEEDS = range(16)

@@ -5,7 +5,8 @@ import functools
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import agree, diffuse, film, over_seeds
+from helpers.parts import diffuse
+from helpers.support import agree, film, over_seeds
 from oracles import nlos
 from test_confocal import (
     LASER,

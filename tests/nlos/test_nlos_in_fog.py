@@ -8,7 +8,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.fogs import cube, filled, fog
-from helpers.support import agree, diffuse, film, load, plane, rotate, scene, translate
+from helpers.parts import diffuse, plane, rotate, translate
+from helpers.support import agree, film, load, scene
 
 import tofrender
 from tofrender.nlos.light import relay_wall_path

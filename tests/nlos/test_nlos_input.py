@@ -8,7 +8,8 @@ from collections.abc import Callable
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import agree, camera, diffuse, film, over_seeds, point_light, rendered
+from helpers.parts import diffuse, point_light
+from helpers.support import agree, camera, film, over_seeds, rendered
 from oracles import nlos
 from test_projector import lit_by, projector, spots
 

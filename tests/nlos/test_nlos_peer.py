@@ -7,7 +7,8 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import agree, film, grey, over_seeds
+from helpers.parts import grey
+from helpers.support import agree, film, over_seeds
 from oracles.nlos import Rectangle, Setup, estimates, load_nlos, relay_wall
 
 SEEDS = range(12)

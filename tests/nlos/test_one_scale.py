@@ -11,7 +11,8 @@ import math
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import diffuse, film, grey, plane, rotate, translate
+from helpers.parts import diffuse, grey, plane, rotate, translate
+from helpers.support import film
 from oracles.nlos import Grid, Rectangle, Setup, load_nlos, single, total
 
 import tofrender

@@ -7,7 +7,8 @@ look pink: 1.21, .95, .91.
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import camera, diffuse, film, load, plane, rendered, scene
+from helpers.parts import diffuse, plane
+from helpers.support import camera, film, load, rendered, scene
 from oracles.nlos import Rectangle, Setup, confocal, load_nlos, single
 
 SPECTRAL = "llvm_ad_spectral"

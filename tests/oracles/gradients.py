@@ -323,15 +323,7 @@ def seen_in_mirror(z, air: float, cosine: float, light: float) -> tuple[Any, Any
 
 
 def hidden_patch(
-    moved,
-    centre,
-    half_u,
-    half_v,
-    lit,
-    seen,
-    legs: float,
-    scale: float,
-    order: int = 12,
+    moved, centre, half_u, half_v, lit, seen, legs: float, scale: float, order: int = 12
 ) -> tuple[Any, Any]:
     """f1: a diffuse patch that a point `lit` of a wall z = 0 lights and a point `seen` sees.
 

@@ -6,8 +6,7 @@ import drjit as dr
 import mitsuba as mi
 
 RHO = 0.5
-WIDTH_OPL = 0.1
-"""Standard deviation of the lamp's pulse [m]."""
+WIDTH_OPL = 0.1  # Standard deviation of the lamp's pulse [m]
 
 POSITION = "lamp.position"
 INTENSITY = "lamp.intensity.value"

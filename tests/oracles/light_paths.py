@@ -9,8 +9,6 @@ Light is a set of values that add up to the film's mean, each with its path leng
 metres. Nothing here knows the renderer.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -30,7 +28,7 @@ class Light:
     opl: np.ndarray  # the path length of each [m], shape (n,)
 
     @classmethod
-    def of(cls, value, opl) -> Light:
+    def of(cls, value, opl) -> "Light":
         value, opl = np.broadcast_arrays(value, opl)
         return cls(value.ravel(), opl.ravel())
 

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-STEP_S = 1e-4
-"""Time to either side for finite differences; parts move by 0.1 mm/s to 1 m/s here."""
+STEP_S = 1e-4  # Time to either side for finite differences; parts move by 0.1 mm/s to 1 m/s here
 
 
 @dataclass

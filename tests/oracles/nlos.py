@@ -20,7 +20,8 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-from helpers.support import diffuse, film, grey, unit
+from helpers.parts import diffuse, grey, unit
+from helpers.support import film
 from numpy.polynomial.legendre import leggauss
 
 import tofrender

@@ -1,7 +1,8 @@
 """A scene whose bins are known, and by how many paths: a diffuse sphere, all in its centre."""
 
 import numpy as np
-from helpers.support import camera, diffuse, film, point_light, scene
+from helpers.parts import diffuse, point_light
+from helpers.support import camera, film, scene
 
 from oracles.films import sphere_bounce_masses, sphere_bounce_total
 

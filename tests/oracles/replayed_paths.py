@@ -23,11 +23,8 @@ from tofrender.paths.protocols import Space
 from tofrender.paths.records import BSDFSample, Limits, Vertex
 from tofrender.paths.scattering import Materials
 
-LONGEST = 5
-"""Segments."""
-
-WIDE = LONGEST + 1
-"""Records of a path: x_0 to x_k+1, and room for no more."""
+LONGEST = 5  # Segments
+WIDE = LONGEST + 1  # Records of a path: x_0 to x_k+1, and room for no more
 
 
 class Paths:

@@ -18,21 +18,9 @@ import numpy as np
 import pytest
 from helpers.light_paths import GLASS, MIRROR, ball, facing_down, spot
 from helpers.mistakes import gives_other, of_other
+from helpers.parts import area_light, diffuse, grey, plane, point_light, rotate, translate, unit
 from helpers.scenes import numbers
-from helpers.support import (
-    area_light,
-    camera,
-    diffuse,
-    film,
-    grey,
-    load,
-    plane,
-    point_light,
-    rotate,
-    scene,
-    translate,
-    unit,
-)
+from helpers.support import camera, film, load, scene
 from oracles.light_paths import window_area
 from oracles.replayed_paths import LONGEST, WIDE, Paths, Products, shares, started
 
@@ -45,8 +33,7 @@ from tofrender.paths.records import Vertex
 from tofrender.paths.scattering import Materials
 
 LANES = 8192
-ROUNDING = 1e-5
-"""What single precision may make of a share; it makes 5e-7."""
+ROUNDING = 1e-5  # What single precision may make of a share; it makes 5e-7
 
 EYE, TARGET, FOV = (0.3, -2.6, 1.2), (0, 0, 0.7), 50.0
 VIEWS = {

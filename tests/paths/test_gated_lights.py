@@ -15,8 +15,7 @@ from tofrender.paths.space import Vacuum
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
 
-GATES = {"temporal_bins": 3, "start_opl": 3.75, "bin_width_opl": 1.5}
-"""At 4.5, 6 and 7.5 m."""
+GATES = {"temporal_bins": 3, "start_opl": 3.75, "bin_width_opl": 1.5}  # At 4.5, 6 and 7.5 m
 
 FLOOR = 0.01
 """Added to all values [1/m]: makes the far tails of a pulse, which few paths find, rounding."""

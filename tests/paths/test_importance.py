@@ -12,8 +12,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.light_paths import GLASS
+from helpers.parts import diffuse, plane, point_light
 from helpers.scenes import numbers
-from helpers.support import diffuse, load, plane, point_light
+from helpers.support import load
 
 from tofrender.paths.records import Vertex
 from tofrender.paths.scattering import Materials

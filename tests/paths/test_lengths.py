@@ -7,24 +7,8 @@ precision itself leaves 2e-7 of a length: 1 µm at 4 m, 20 µm at 100 m.
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import (
-    area_light,
-    beam,
-    camera,
-    camera_rays,
-    diffuse,
-    film,
-    follow,
-    load,
-    plane,
-    point_light,
-    refused,
-    rendered,
-    rotate,
-    scene,
-    translate,
-    unit,
-)
+from helpers.parts import area_light, diffuse, plane, point_light, rotate, translate, unit
+from helpers.support import beam, camera, camera_rays, film, follow, load, refused, rendered, scene
 from oracles import films as oracles
 
 import tofrender

@@ -4,8 +4,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.parts import unit
 from helpers.scenes import numbers
-from helpers.support import camera, film, load, unit
+from helpers.support import camera, film, load
 
 from tofrender.bidirectional import emission
 from tofrender.bidirectional.lens import Lens

@@ -8,22 +8,17 @@ import re
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.parts import area_light, diffuse, grey, plane, point_light, translate
 from helpers.scenes import refusal
 from helpers.support import (
     agree,
-    area_light,
     camera,
-    diffuse,
     film,
-    grey,
     load,
     over_seeds,
     path_image,
-    plane,
-    point_light,
     rendered,
     scene,
-    translate,
     with_integrator,
 )
 

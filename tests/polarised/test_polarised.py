@@ -4,8 +4,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.parts import unit
 from helpers.scenes import numbers, refusal
-from helpers.support import load, unit
+from helpers.support import load
 
 import tofrender
 from tofrender.films.sums import Radiance, Weighted

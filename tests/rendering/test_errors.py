@@ -8,8 +8,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.films_in_parts import box, differences, in_small_steps, render, watch_steps
+from helpers.parts import area_light, diffuse, plane, rotate, translate
 from helpers.refusals import refused
-from helpers.support import area_light, camera, diffuse, film, plane, rotate, scene, translate
+from helpers.support import camera, film, scene
 from oracles.films import disk_light_masses
 from oracles.noise import paths, sphere, truth
 from scipy.stats import t as student
@@ -25,8 +26,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside"
 SIGMAS = 4.5
 """Distance of a mean from what is expected that right code exceeds 7 times in a million."""
 
-SLACK = 0.01
-"""What means of 16 batches are off from Student's t, as they are not quite normal."""
+SLACK = 0.01  # What means of 16 batches are off from Student's t, as they are not quite normal
 
 
 def covered(values, errors, expected) -> np.ndarray:
@@ -113,8 +113,7 @@ def lamp(start: float) -> dict:
     )
 
 
-EYE = (2.0, 0.0, 0.9)
-"""Looks below the light."""
+EYE = (2.0, 0.0, 0.9)  # Looks below the light
 
 
 @pytest.mark.statistical

@@ -35,8 +35,7 @@ from tofrender.runtime.checkpoints import Checkpoint
 SIZE, SPP, STEP = 16, 128, 16
 """Pixels on a side, samples per pixel, and those of a step, which the lanes of a step allow."""
 
-NOW = 1e-9
-"""Seconds between savings that mean: after every step, whatever that takes."""
+NOW = 1e-9  # Seconds between savings that mean: after every step, whatever that takes
 
 ROUNDING = 1e-5
 

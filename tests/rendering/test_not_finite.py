@@ -4,7 +4,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.support import camera, diffuse, film, load, plane, point_light, scene, with_integrator
+from helpers.parts import diffuse, plane, point_light
+from helpers.support import camera, film, load, scene, with_integrator
 
 import tofrender
 

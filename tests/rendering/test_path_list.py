@@ -3,8 +3,9 @@
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.parts import diffuse, grey, plane
 from helpers.refusals import refused
-from helpers.support import ALPHA, COMPARISONS, camera, diffuse, film, grey, plane
+from helpers.support import ALPHA, COMPARISONS, camera, film
 from scipy.stats import norm
 
 import tofrender

@@ -9,20 +9,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.films_in_parts import watch_steps
+from helpers.parts import area_light, grey, plane, point_light, translate
 from helpers.refusals import refused
-from helpers.support import (
-    area_light,
-    camera,
-    film,
-    grey,
-    plane,
-    point_light,
-    scene,
-    translate,
-    with_film,
-    with_integrator,
-    with_sampler,
-)
+from helpers.support import camera, film, scene, with_film, with_integrator, with_sampler
 
 import tofrender
 from tofrender.integrators import passes as base

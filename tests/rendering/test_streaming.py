@@ -39,8 +39,7 @@ from tofrender.rendering.streaming import stream
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
 
-TILES = 5
-"""How many 2 rows of 9 make."""
+TILES = 5  # How many 2 rows of 9 make
 
 
 @pytest.fixture

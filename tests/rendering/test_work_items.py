@@ -11,15 +11,10 @@ from helpers.support import agree, with_film, with_integrator
 from tofrender.rendering.renderer import make_job
 from tofrender.rendering.settings import RenderSettings
 from tofrender.rendering.tiling import sample_ranges, tile_size, tiles
-from tofrender.rendering.work_items import (
-    WorkItem,
-    render_item,
-    whole,
-)
+from tofrender.rendering.work_items import WorkItem, render_item, whole
 from tofrender.runtime.memory import film_bytes
 
-CUT = (4, 5)
-"""Rows and columns that divide neither 9 nor 12."""
+CUT = (4, 5)  # Rows and columns that divide neither 9 nor 12
 
 
 def job_of(described, **options):

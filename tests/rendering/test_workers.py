@@ -317,8 +317,7 @@ def test_strangers_cannot_reach_workers(client):
         urllib.request.urlopen(page)
 
 
-BROKEN = {"DRJIT_LIBLLVM_PATH": __file__}
-"""Environment in which no worker can start."""
+BROKEN = {"DRJIT_LIBLLVM_PATH": __file__}  # Environment in which no worker can start
 
 
 def test_workers_that_cannot_start(monkeypatch):

@@ -13,8 +13,7 @@ from tofrender.cli.report import _load_volume
 from tofrender.runtime import archives
 from tofrender.runtime.checkpoints import Checkpoint
 
-BOMB = np.zeros(1 << 21, np.uint8)
-"""2 MiB, which zlib makes 2 KiB of."""
+BOMB = np.zeros(1 << 21, np.uint8)  # 2 MiB, which zlib makes 2 KiB of
 
 
 @pytest.fixture

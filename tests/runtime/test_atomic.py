@@ -17,8 +17,7 @@ from helpers.refusals import refused
 from tofrender.runtime import atomic
 from tofrender.runtime.atomic import check_writable, locked, remove_leftovers, replacing, sibling
 
-LONG = "x" * 250
-"""As long as names may be, or nearly: 255 bytes."""
+LONG = "x" * 250  # As long as names may be, or nearly: 255 bytes
 
 
 def names(folder: Path) -> list[str]:

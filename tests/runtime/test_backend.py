@@ -7,8 +7,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.gallery import SCENES
+from helpers.parts import diffuse, plane, point_light
 from helpers.processes import says
-from helpers.support import camera, diffuse, film, path_image, plane, point_light, rendered, scene
+from helpers.support import camera, film, path_image, rendered, scene
 from oracles import films as oracles
 
 import tofrender

@@ -8,8 +8,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.parts import area_light
 from helpers.processes import says
-from helpers.support import ALPHA, COMPARISONS, area_light, refused
+from helpers.support import ALPHA, COMPARISONS, refused
 
 from tofrender.sampling import (
     Case,

@@ -9,7 +9,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers import support
-from helpers.support import COMPARISONS, agree, over_seeds, refused, rotate, translate, unit
+from helpers.parts import rotate, translate, unit
+from helpers.support import COMPARISONS, agree, over_seeds, refused
 
 from tofrender.sampling import (
     Quad,

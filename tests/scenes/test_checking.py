@@ -7,19 +7,9 @@ from functools import partial
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.parts import area_light, diffuse, grey, point_light, translate
 from helpers.scenes import refusal as refused
-from helpers.support import (
-    area_light,
-    camera,
-    diffuse,
-    film,
-    grey,
-    load,
-    point_light,
-    rendered,
-    scene,
-    translate,
-)
+from helpers.support import camera, film, load, rendered, scene
 
 from tofrender.scenes import BUILT_IN, checking
 from tofrender.scenes.checking import check_scene
@@ -27,7 +17,6 @@ from tofrender.scenes.loading import load_scene
 
 NAN, INF = float("nan"), float("inf")
 FOG = {"type": "homogeneous"}
-
 
 refusal = partial(refused, check_scene)
 

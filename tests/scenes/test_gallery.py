@@ -15,8 +15,7 @@ from tofrender.scenes import BUILT_IN
 PAGE = (Path(gallery.__file__).parent / "README.md").read_text(encoding="utf-8")
 PLANS = {plan.scene for rows in gallery.PLANS.values() for row in rows for plan in row}
 SHOWN = {panel.scene for panels in gallery.PICTURES.values() for panel in panels} | PLANS
-SAME_PICTURE = {"cornell_box_steady_state": "cornell_box"}
-"""Scenes that look as another one does."""
+SAME_PICTURE = {"cornell_box_steady_state": "cornell_box"}  # Scenes that look as another one does
 ONLY_IN_TIME = {
     name
     for name, builder in BUILT_IN.items()

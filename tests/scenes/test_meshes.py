@@ -14,7 +14,6 @@ from tofrender.scenes.meshes import FILE, STROKE, letter_z
 
 KEPT = Path(__file__).parents[2] / "scenes" / "meshes"
 
-
 # Of each mesh: bounds of its volume [m³], height of its triangles over their longest side, the
 # least cosine between a normal and a face's (at the edges of foot and hair), the same for 95 % of
 # them, and its height [m]

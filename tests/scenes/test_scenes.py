@@ -28,7 +28,7 @@ from tofrender.scenes import (
 )
 from tofrender.scenes.light_transport import SPHERE_LIGHT_RADII
 from tofrender.scenes.packing import packed, unpacked
-from tofrender.scenes.parts import WITH_DEPTH
+from tofrender.scenes.views import WITH_DEPTH
 
 ROOT = Path(__file__).parents[2]
 GLASS, ROOMS = ["caustic", "mirror_and_glass"], ["lamp_in_fixture", "light_through_hole"]

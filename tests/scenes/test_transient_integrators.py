@@ -5,8 +5,9 @@ import warnings
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.parts import area_light, diffuse
 from helpers.scenes import refusal as refused
-from helpers.support import area_light, diffuse, film
+from helpers.support import film
 
 import tofrender
 from tofrender.scenes import cornell_box_steady_state

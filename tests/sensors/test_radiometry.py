@@ -4,7 +4,8 @@ import dask
 import numpy as np
 import pytest
 from helpers.made_dataset import make_dataset
-from helpers.support import camera, diffuse, film, plane, point_light, refused, scene
+from helpers.parts import diffuse, plane, point_light
+from helpers.support import camera, film, refused, scene
 
 import tofrender
 from tofrender.sensors import expected_photons

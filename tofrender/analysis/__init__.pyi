@@ -18,7 +18,4 @@ from .polarisation import (
     degree_of_polarisation as degree_of_polarisation,
 )
 from .rebinning import rebin as rebin
-from .unwrapping import (
-    unambiguous_range as unambiguous_range,
-    unwrap as unwrap,
-)
+from .unwrapping import unambiguous_range as unambiguous_range, unwrap as unwrap

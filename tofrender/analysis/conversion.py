@@ -9,8 +9,6 @@ with the radiance L_k of bin k and the path length opl_k of its centre.
 
 # ruff: noqa: E741 (I and Q are what the field calls them)
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Mapping, Sequence

@@ -2,8 +2,6 @@
 
 # ruff: noqa: E741 (I and Q are what the field calls them)
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

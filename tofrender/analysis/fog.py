@@ -1,7 +1,5 @@
 """Reference formulas for fog and polarisers, and a random walk of photons in NumPy."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

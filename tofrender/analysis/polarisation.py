@@ -1,7 +1,5 @@
 """Degrees and angles of polarisation of Stokes vectors."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Other time bins for what was rendered or captured."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +18,7 @@ ROUNDING = 1e-6  # Parts of a bin by which an edge may miss that of another
 
 
 @status("Rebinning")
-def rebin(dataset: xr.Dataset, bins: int, window: Sequence[float] | None = None) -> xr.Dataset:
+def rebin(dataset: "xr.Dataset", bins: int, window: Sequence[float] | None = None) -> "xr.Dataset":
     """Add up the bins of a Dataset to fewer ones, or to those of another Dataset.
 
     Light is spread evenly over each old bin that a new one cuts. Standard errors are left out, as

@@ -1,7 +1,5 @@
 """Depth beyond the range of one modulation frequency, from the phases at several."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from fractions import Fraction

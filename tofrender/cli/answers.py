@@ -3,8 +3,6 @@
 `SCHEMAS` lists the objects' keys, and docs/for_scripts.md describes them; keys may be added.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -58,7 +56,7 @@ def answer(command: str, as_json: bool, facts: Any, lines: Iterable[str]) -> Non
     say(*lines)
 
 
-def dataset_facts(command: str, dataset: xr.Dataset, more: Mapping[str, Any]) -> dict[str, Any]:
+def dataset_facts(command: str, dataset: "xr.Dataset", more: Mapping[str, Any]) -> dict[str, Any]:
     """Facts of a command's schema from a Dataset's attributes, and more."""
     attrs = dataset.attrs
     given = {"bins": dataset.sizes["opl"], "bin_width": attrs["bin_width_opl"], **more}
@@ -67,7 +65,7 @@ def dataset_facts(command: str, dataset: xr.Dataset, more: Mapping[str, Any]) ->
     return {name: convert(found[name]) for name, convert in SCHEMAS[command].items()}
 
 
-def render_facts(dataset: xr.Dataset, out: Path, files: list[str]) -> dict[str, Any]:
+def render_facts(dataset: "xr.Dataset", out: Path, files: list[str]) -> dict[str, Any]:
     """Facts of a render."""
     sizes = dataset.sizes
     picture = {"width": sizes["x"], "height": sizes["y"], "channels": sizes["channel"]}

@@ -4,8 +4,6 @@ Only the standard library and Typer are imported here, so that `--help` answers 
 command imports what it needs, after its options are checked.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import warnings

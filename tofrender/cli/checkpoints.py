@@ -1,7 +1,5 @@
 """Checkpoints of commands that take long: they can be stopped, killed, and go on."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,14 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..runtime.atomic import (
-    DISK_FULL,
-    locked,
-    part_path,
-    remove,
-    remove_leftovers,
-    sibling,
-)
+from ..runtime.atomic import DISK_FULL, locked, part_path, remove, remove_leftovers, sibling
 from ..runtime.progress import Stop
 from . import options as opt
 
@@ -32,7 +23,7 @@ AGAIN = "the same command with --resume goes on"
 
 
 @contextmanager
-def checkpointed(out: Path, seconds: float, resume: bool) -> Iterator[Checkpoint | None]:
+def checkpointed(out: Path, seconds: float, resume: bool) -> "Iterator[Checkpoint | None]":
     """Lock `out`, and yield the checkpoint of the command that writes it, if there is to be one.
 
     Temporary files of killed runs are removed; so is the checkpoint when the block ends without an

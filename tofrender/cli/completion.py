@@ -1,7 +1,5 @@
 """Completions for shells: names that are known without importing what has them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The commands `tofrender release`, `verify`, `start` and `submit`."""
 
-from __future__ import annotations
-
 import shlex
 from pathlib import Path
 from typing import Annotated

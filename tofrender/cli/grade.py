@@ -160,10 +160,8 @@ def _check_class(
         if path is not None and path.exists() and not path.is_dir():
             raise ValueError(f"{name} = {path}: is a file; must be a folder")
     cores = os.cpu_count() or 1
-    if jobs > cores:
-        raise ValueError(
-            f"--jobs = {jobs}: must be {cores} or less, the number of cores; tests have time limits"
-        )
+    allowed = f"{cores} or less, the number of cores; tests have time limits"
+    checks.require("--jobs", jobs, jobs <= cores, allowed)
     return out, csv
 
 

@@ -1,7 +1,5 @@
 """Messages of the package with the names of the command's options in them."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -37,10 +37,7 @@ def _rates(name: str, value: Any) -> tuple[float, float]:
 def doppler(
     scene: opt.Scene,
     out: opt.Out,
-    freq: Annotated[
-        float,
-        opt.frequency("Modulation frequency"),
-    ] = 30e6,
+    freq: Annotated[float, opt.frequency("Modulation frequency")] = 30e6,
     exposure: Annotated[float, opt.positive("seconds", "Exposure, seconds.")] = 1.5e-3,
     cycles: Annotated[
         int, opt.integer(1, MAX_CYCLES, "Cycles by which light and sensor differ in it.")

@@ -37,8 +37,7 @@ def report(
     ] = None,
     title: Annotated[str | None, opt.named("TEXT", "Title of the page.")] = None,
     megabytes: Annotated[
-        float,
-        opt.checked(MEGABYTES, "Maximum file size [MB].", min=0.1, max=1000),
+        float, opt.checked(MEGABYTES, "Maximum file size [MB].", min=0.1, max=1000)
     ] = 10.0,
 ) -> None:
     """One page to explore a render, a capture, a reconstruction, phasors or a gate.

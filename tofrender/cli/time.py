@@ -25,10 +25,7 @@ def phasor(
         ),
     ],
     out: opt.Out,
-    freq: Annotated[
-        list[float],
-        opt.frequency("Modulation frequency, repeatable"),
-    ],
+    freq: Annotated[list[float], opt.frequency("Modulation frequency, repeatable")],
     spp: opt.Spp = None,
     size: opt.Pixels = None,
     max_depth: opt.MaxDepth = None,

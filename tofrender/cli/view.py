@@ -1,7 +1,5 @@
 """The commands `tofrender view` and `tofrender compare`."""
 
-from __future__ import annotations
-
 from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import Annotated

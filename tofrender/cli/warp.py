@@ -1,7 +1,5 @@
 """The commands `tofrender warptest` and `tofrender warp`."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from pathlib import Path
 from typing import Annotated, Any

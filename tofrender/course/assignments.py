@@ -1,7 +1,5 @@
 """Assignments: folders in a checkout's `assignments/`, or inside the student edition."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from functools import cached_property

@@ -3,8 +3,6 @@
 Whole modules are left out, so nothing has to be cut from a file.
 """
 
-from __future__ import annotations
-
 import ast
 import json
 import shutil

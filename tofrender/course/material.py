@@ -1,7 +1,5 @@
 """Released material of an assignment: all but the solutions, mutants and the staff's tests."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Iterable, Mapping

@@ -1,7 +1,5 @@
 """Mutants: wrong solutions, as edits of right ones, with the tests that they must fail."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from . import toml

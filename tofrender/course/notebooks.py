@@ -5,8 +5,6 @@ In the source, a percent script, `# %% [solution] pulse.py` stands for a cell th
 its tests, `%%test pulse.py`.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

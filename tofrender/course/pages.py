@@ -1,7 +1,5 @@
 """Markdown, and pages of HTML with formulas in MathML: no script, no font, no network."""
 
-from __future__ import annotations
-
 import html
 import re
 from collections.abc import Iterable, Sequence

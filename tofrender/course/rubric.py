@@ -1,7 +1,5 @@
 """Rubrics: the content of `rubric.toml`, the only place where points are."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

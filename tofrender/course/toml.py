@@ -1,7 +1,5 @@
 """TOML files of an assignment: read, checked against dataclasses, and written."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from collections.abc import Mapping

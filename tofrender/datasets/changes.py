@@ -1,7 +1,5 @@
 """Put drawn values into a scene: parameters, materials, poses, the camera, objects present."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -14,13 +12,11 @@ from ..scenes.parts import Dict, ref, rgb
 from .varied import Varied
 
 CAMERAS = ("perspective", "thinlens", "orthographic", "radiancemeter", "irradiancemeter", "distant")
-IN_WORLD = CAMERAS[:3]
-"""Sensors whose pose is a transform."""
+IN_WORLD = CAMERAS[:3]  # Sensors whose pose is a transform
 
 UP = (0.0, 1.0, 0.0)
 
-FILMS = ("film", "sampler")
-"""Parts of a sensor that all records share."""
+FILMS = ("film", "sampler")  # Parts of a sensor that all records share
 
 
 def change(scene: Dict, sensor: int, varied: Iterable[Varied], drawn: Mapping[str, Any]) -> None:

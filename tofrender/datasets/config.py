@@ -1,7 +1,5 @@
 """Description of a data set: a TOML file or a mapping, read and checked whole before any work."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -190,8 +188,7 @@ def _render(name: str, value: Any) -> dict[str, Any]:
 def _parameters(name: str, value: Any) -> dict[str, Any]:
     given = table(name, value)
     for key, each in given.items():
-        if not isinstance(each, bool | str | int | float):
-            raise ValueError(f"{name}.{key} = {each!r}: must be a number or text")
+        checks.instance(f"{name}.{key}", each, bool | str | int | float, "a number or text")
     return given
 
 

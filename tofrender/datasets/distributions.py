@@ -4,8 +4,6 @@ A draw is plain: a number, a list of numbers, text, or a list of names. Draws ar
 numbers of a `Source`, never rejected, so that equal seeds always give equal data sets.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -107,10 +105,9 @@ def _choice(where: str, table: Table) -> Distribution:
     given_weights = table.get("weights", [1.0] * len(values))
     weights = _numbers(f"{where}.weights", given_weights)
     right = isinstance(given_weights, list | tuple) and len(weights) == len(values)
-    if not right or min(weights) < 0 or not sum(weights) > 0:
-        raise ValueError(
-            f"{where}.weights = {given_weights!r}: must be {len(values)} numbers from 0, not all 0"
-        )
+    right = right and min(weights) >= 0 and sum(weights) > 0
+    allowed = f"{len(values)} numbers from 0, not all 0"
+    checks.require(f"{where}.weights", given_weights, right, allowed)
     return _one_of(values, weights)
 
 
@@ -198,8 +195,7 @@ _KINDS: dict[str, tuple[Callable[[str, Table], Distribution], tuple[str, ...]]] 
     "on_sphere": (_on_sphere, ("center", "radius", "axis", "angle")),
     "subset": (_subset, ("least", "most")),
 }
-KEYS = {name: keys for name, (_, keys) in _KINDS.items()}
-"""The keys of each distribution."""
+KEYS = {name: keys for name, (_, keys) in _KINDS.items()}  # The keys of each distribution
 
 
 def _ranges(where: str, table: Table) -> tuple[list[tuple[float, float]], bool]:

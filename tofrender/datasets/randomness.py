@@ -5,15 +5,12 @@ SHA-256 of the text `tofrender/SEED/RECORD/ATTEMPT/NAME/I`: the same on every ma
 version of every library, whatever else is drawn, in whatever order.
 """
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass
 
 from ..runtime import checks
 
-BITS = 52
-"""Bits of n: one fewer than a float has, which then holds n + 1/2 exactly."""
+BITS = 52  # Bits of n: one fewer than a float has, which then holds n + 1/2 exactly
 
 
 @dataclass(frozen=True)

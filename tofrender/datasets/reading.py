@@ -1,7 +1,5 @@
 """Read data sets: lazily, and a record's capture as `reconstruct` takes it."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

@@ -5,8 +5,6 @@ records are there, with the CRC-32 of their files and all that made them; at the
 arrays are written from these, and the set moves out of the folder that holds both.
 """
 
-from __future__ import annotations
-
 import json
 import warnings
 from collections.abc import Mapping
@@ -41,7 +39,7 @@ class Store:
             self._arrays = dict(self._group.arrays())
 
     @classmethod
-    def begin(cls, folder: Path, recipe: Mapping[str, Any], plan: Plan) -> Store:
+    def begin(cls, folder: Path, recipe: Mapping[str, Any], plan: Plan) -> "Store":
         """Go on with a data set, or begin one."""
         recipe = json.loads(json.dumps(recipe))
         found = cls.planned(folder)

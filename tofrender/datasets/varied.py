@@ -1,7 +1,5 @@
 """Quantities that vary from record to record: a part of the scene, and its distribution."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -13,8 +13,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-PIXELS, BINS = 4, 2
-"""Size of a block: pixels along each side, and bins."""
+PIXELS, BINS = 4, 2  # Size of a block: pixels along each side, and bins
 
 CELLS = PIXELS * PIXELS * BINS
 

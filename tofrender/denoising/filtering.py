@@ -28,20 +28,11 @@ from .blocks import Blocks, Packets
 STAGES = (("bins", 1), ("pixels", 1), ("bins", 2), ("pixels", 2))
 """Filters one after the other, with the distance of their taps."""
 
-POOL = 3
-"""Blocks along each axis over whose sums the products are added up."""
-
-MARGIN = 6.0
-"""Factor of the part of a residual that seems to be light, so that doubtful ones stay."""
-
-NOISIER = 30.0
-"""Ratio of variances above which a block keeps its light from its neighbours."""
-
-QUIET = 1e-12
-"""Variance of a block, over the greatest, below which it counts as much."""
-
-LEAST_ALBEDO = np.float32(0.05)
-"""Light of darker surfaces is divided by this."""
+POOL = 3  # Blocks along each axis over whose sums the products are added up
+MARGIN = 6.0  # Factor of the part of a residual that seems to be light, so that doubtful ones stay
+NOISIER = 30.0  # Ratio of variances above which a block keeps its light from its neighbours
+QUIET = 1e-12  # Variance of a block, over the greatest, below which it counts as much
+LEAST_ALBEDO = np.float32(0.05)  # Light of darker surfaces is divided by this
 
 KINDS = {"scattering": 0, "emitter": 1, "specular": 2}
 """Kinds of a pixel's first hits: one of the latter two if any of its rays has it."""

@@ -1,7 +1,4 @@
-from .fitter import (
-    Fit as Fit,
-    fit as fit,
-)
+from .fitter import Fit as Fit, fit as fit
 from .losses import (
     l2_loss as l2_loss,
     phasor_loss as phasor_loss,

@@ -5,8 +5,6 @@ Each compares Dr.Jit tensors of equal shape, of which the rendered one may be at
 a scalar that is 0 where both agree and has no unit, so that dim and bright scenes are fitted alike.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from functools import partial

@@ -54,11 +54,8 @@ there, which shows what it makes of all light of its lengths |
         connections = props.get("camera_connections", True)
         self.camera_connections = checks.boolean("camera_connections", connections)
         super().__init__(props)
-        if not 2 <= self.max_depth <= MAX_DEPTH:
-            raise ValueError(
-                f"max_depth = {self.max_depth}: must be 2 to {MAX_DEPTH}, vertices of light paths "
-                "are kept"
-            )
+        allowed = f"2 to {MAX_DEPTH}, vertices of light paths are kept"
+        checks.require("max_depth", self.max_depth, 2 <= self.max_depth <= MAX_DEPTH, allowed)
         self.strategy = _strategy(text, self.max_depth, self.camera_connections)
         if self.mis == "none" and self.strategy is None:
             raise ValueError(
@@ -77,11 +74,8 @@ def _strategy(text: str, max_depth: int, camera_connections: bool) -> tuple[int,
         return None
     found = re.fullmatch(r"\s*(\d+)\s*,\s*(\d+)\s*", text)
     s, t = (int(n) for n in found.groups()) if found else (0, 0)
-    if not found or t < 1 or s + t < 2 or s + t - 1 > max_depth:
-        raise ValueError(
-            f"strategy = {checks.quote(text)}: must be 's,t' with s from 0, t from 1, and "
-            f"s + t from 2 to max_depth + 1 = {max_depth + 1}"
-        )
+    allowed = f"'s,t' with s from 0, t from 1, and s + t from 2 to max_depth + 1 = {max_depth + 1}"
+    checks.require("strategy", text, found and t >= 1 and 2 <= s + t <= max_depth + 1, allowed)
     if t == 1 and not camera_connections:
         raise ValueError(
             f"strategy = {checks.quote(text)}: must have t above 1 without camera_connections"

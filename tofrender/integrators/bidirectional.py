@@ -177,10 +177,8 @@ class BothEnds(TransientPath):
         super().__init__(props)
         if not self.emitter_sampling:
             raise ValueError("emitter_sampling = False: must be left out; light starts at emitters")
-        if self.max_depth in (0, 1):
-            raise ValueError(
-                f"max_depth = {self.max_depth}: must be 2 or more, light meets a surface first"
-            )
+        allowed = "2 or more, light meets a surface first"
+        checks.require("max_depth", self.max_depth, self.max_depth not in (0, 1), allowed)
         target = props.get("target_time", None)
         self.target_time = None if target is None else checks.metres("target_time", target)
 

@@ -126,10 +126,8 @@ class Derivative:
     def reverse(self, seed: int, gradients: Sequence[mi.TensorXf]) -> None:
         """Propagate the gradient of a loss by what the film develops to parameters."""
         depth = self.plan.limits.max_depth
-        if not 0 < depth <= MOST_KEPT:
-            raise ValueError(
-                f"max_depth = {depth}: must be from 1 to {MOST_KEPT} for derivatives in reverse"
-            )
+        allowed = f"from 1 to {MOST_KEPT} for derivatives in reverse"
+        checks.require("max_depth", depth, 0 < depth <= MOST_KEPT, allowed)
         with dr.suspend_grad(), ProgressBar("Gradients", self.spp, unit="spp") as bar:
             for rays in self._passes(seed):
                 film = self.changes(self.record, rays.camera, self.spp, gradients)

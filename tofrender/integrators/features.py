@@ -14,8 +14,7 @@ from ..paths.camera import sample_camera, sampled_size
 from ..paths.surfaces import first_surface
 from ..runtime import plugins
 
-RAYS = 8
-"""Camera rays per pixel."""
+RAYS = 8  # Camera rays per pixel
 
 SEED = 0x5EED
 SPECULAR = "DeltaReflection", "DeltaTransmission"

@@ -1,7 +1,5 @@
 """Integrator plugin `transient_light_tracer`: light that finds the camera."""
 
-from __future__ import annotations
-
 from ..bidirectional.mis import BidirectionalMIS
 from .bidirectional import BothEnds
 

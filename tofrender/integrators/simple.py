@@ -58,8 +58,6 @@ def _colour(name: str, value: Any) -> list[float]:
         colour = [float(x) for x in ([value] * 3 if is_number else value)]
     except (TypeError, ValueError):
         colour = []
-    if len(colour) != 3 or not all(0 <= x < math.inf for x in colour):
-        raise ValueError(
-            f"{name} = {checks.quote(value)}: must be a number or an RGB colour, 0 or more"
-        )
+    valid = len(colour) == 3 and all(0 <= x < math.inf for x in colour)
+    checks.require(name, value, valid, "a number or an RGB colour, 0 or more")
     return colour

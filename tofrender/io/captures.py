@@ -1,14 +1,13 @@
 """`load_capture`: captures in many layouts, which are recognised by what files hold."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from zipfile import ZipFile
 
 import h5py
+import xarray as xr
 
 from ..rendering.dataset import require_finite
 from ..runtime import checks
@@ -16,9 +15,6 @@ from ..runtime.progress import status
 from . import measured, synthetic
 from .files import reading
 from .hdf5 import read_ytal
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 LAYOUTS: tuple[tuple[str, str, Callable[..., xr.Dataset]], ...] = (
     # container, variables, reader

@@ -17,7 +17,6 @@ from ..runtime import checks
 if TYPE_CHECKING:
     import xarray as xr
 
-
 _AXES = DIMS["transient"]
 _DIMS = {axis: (axis,) for axis in _AXES} | DIMS | ERRORS | HALVES  # Of all that files have
 

@@ -206,9 +206,7 @@ def save_exr_layers(
     return target
 
 
-def load_exr_layers(
-    path: str | os.PathLike,
-) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+def load_exr_layers(path: str | os.PathLike) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     """Read what `save_exr_layers` wrote: layers by name, (height, width, channels), and attributes.
 
     Raises:

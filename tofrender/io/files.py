@@ -4,8 +4,6 @@ A seal is a checksum after the end of a file, where its format does not read. Ot
 such a file as any, and drop the seal when they write it. Files without a seal are accepted.
 """
 
-from __future__ import annotations
-
 import os
 import zlib
 from collections.abc import Callable, Iterable, Iterator

@@ -5,8 +5,6 @@ metres of path. Coordinates of the wall are in world space; some of those tools 
 z = 0 and the hidden scene at z > 0.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

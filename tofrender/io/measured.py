@@ -3,8 +3,6 @@
 SciPy reads files of MATLAB 5 to 7, h5py those of 7.3, which are HDF5. No reader runs a file's code.
 """
 
-from __future__ import annotations
-
 import importlib
 import math
 from pathlib import Path

@@ -5,8 +5,6 @@ other. Compressed chunks are the same in both kinds of file, so that threads can
 are appended here in any order ("OpenEXR File Layout", openexr.com).
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from threading import Lock

@@ -1,7 +1,5 @@
 """NetCDF 3 files of measurements, which `xarray.load_dataset` opens as well."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

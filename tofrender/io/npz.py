@@ -1,7 +1,5 @@
 """Datasets as NumPy archives without pickles."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Checks of output paths, before a render starts and again before anything is replaced."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterator, Sequence

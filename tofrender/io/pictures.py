@@ -4,8 +4,6 @@ Unless an exposure is given, it grows as the light fades, which the label says i
 are lifted by a stop.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import subprocess

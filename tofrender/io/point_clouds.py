@@ -1,7 +1,5 @@
 """Point clouds of a lidar as PLY, LAS and netCDF."""
 
-from __future__ import annotations
-
 import os
 from importlib.util import find_spec
 from pathlib import Path

@@ -1,7 +1,5 @@
 """HDF5 files of the Zaragoza NLOS synthetic dataset (Z-NLOS), rewritten in the fields of y-tal."""
 
-from __future__ import annotations
-
 import h5py
 import numpy as np
 import xarray as xr

@@ -1,7 +1,6 @@
 """Names that functions and options of commands choose from. Nothing here imports Mitsuba."""
 
-WAVEFORMS = ("sine", "triangle", "rectangle")
-"""Correlations of light and sensor over their phase."""
+WAVEFORMS = ("sine", "triangle", "rectangle")  # Correlations of light and sensor over their phase
 
 WINDOWS = {"hann": "hann", "rectangular": "boxcar", "hamming": "hamming", "blackman": "blackman"}
 """SciPy's names of windows."""

@@ -8,8 +8,6 @@ of the path length L, which grows at the rate V, beats with the laser at
 L = c (f_up + f_down) / (2γ) and V = λ (f_up - f_down) / 2 have the resolution c / B and λ / T.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict, dataclass
 from typing import Any

@@ -164,11 +164,9 @@ def open_frames(settings: RenderSettings, times_s: Any, shutter: Shutter) -> tup
     )
     job = make_job(settings)
     shutter = shutter.of_samples(whole(job).count)
-    if shutter.row_time_s and job.plan.splats:
-        raise ValueError(
-            f"row_time_s = {shutter.row_time_s}: must be 0 with {type(job.integrator).__name__}, "
-            "whose light lands on any row"
-        )
+    valid = not (shutter.row_time_s and job.plan.splats)
+    allowed = f"0 with {type(job.integrator).__name__}, whose light lands on any row"
+    checks.require("row_time_s", shutter.row_time_s, valid, allowed)
     if not is_auto(job.settings.window):
         return job, shutter
     films = [job.film]

@@ -1,7 +1,5 @@
 """Deprecated name of `bidirectional.emission`, for starters of assignments that are released."""
 
-from __future__ import annotations
-
 import warnings
 
 

@@ -1,7 +1,5 @@
 """Collecting the results of work items that are rendered by many workers."""
 
-from __future__ import annotations
-
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterator, Mapping, Sequence
@@ -113,7 +111,7 @@ class ArrayStore(ResultStore[Item, Result]):
 
 def collect(
     job: Job,
-    client: Client,
+    client: "Client",
     checkpoint: Checkpoint | str | PathLike[str] | None = None,
     progress: bool = True,
 ) -> WorkResult:

@@ -14,17 +14,13 @@ import numpy as np
 from ..runtime import checks, memory
 from ..signals.colour import luminance
 
-PIECE_BYTES = 8 << 20
-"""Size of a piece that is read from disk [bytes], unless chunks are larger."""
+PIECE_BYTES = 8 << 20  # Size of a piece that is read from disk [bytes], unless chunks are larger
 
 VIEW_BYTES = 1 << 20
 """Size of a piece in memory [bytes]: it and what is computed of it fit into caches."""
 
-SHARE = 8
-"""Blocks that are read as a whole, rows and frames, take at most this part of free memory."""
-
-Place = tuple[slice, ...]
-"""Position of a piece: a slice for each axis."""
+SHARE = 8  # Blocks that are read as a whole, rows and frames, take at most this part of free memory
+Place = tuple[slice, ...]  # Position of a piece: a slice for each axis
 
 Index = int | slice | EllipsisType | tuple[int | slice | EllipsisType | None, ...]
 

@@ -27,14 +27,12 @@ if TYPE_CHECKING:
 QUANTITIES = ("radiance per bin", "radiance per metre")
 """Quantities of a transient: energy of each bin, or density at its centre."""
 
-LOST_ENERGY = 0.01
-"""Energy outside the window, as a fraction, above which users are warned."""
+LOST_ENERGY = 0.01  # Energy outside the window, as a fraction, above which users are warned
 
 DIMS = {"transient": ("y", "x", "opl", "channel"), "steady": ("y", "x", "channel")}
 
 ERRORS = {f"{name}_error": dims for name, dims in DIMS.items()}
 """Standard errors, where a render has them."""
-
 
 HALVES = {
     "raw": DIMS["transient"],
@@ -82,13 +80,7 @@ def transient_dataset(
             dims = (*dims[:-1], "stokes", dims[-1])
             array = array.reshape(*array.shape[:-1], count, -1)
         variables[name] = dims, array
-    return labelled(
-        xr.Dataset(
-            variables,
-            coords=coordinates(film),
-            attrs=attrs | size,
-        )
-    )
+    return labelled(xr.Dataset(variables, coords=coordinates(film), attrs=attrs | size))
 
 
 def film_stokes(film: TransientHDRFilm) -> int:

@@ -19,8 +19,7 @@ from ..samplers.padded_sobol import mix
 BATCHES, LEAST_BATCHES = 16, 4
 """Batches of a render, if its number of samples can be divided by so many, and at least."""
 
-ROWS = 1 << 22
-"""Values that are worked on at a time."""
+ROWS = 1 << 22  # Values that are worked on at a time
 
 
 def batches_of(spp: int) -> int:

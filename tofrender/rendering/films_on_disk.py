@@ -17,7 +17,6 @@ from .labels import labelled
 if TYPE_CHECKING:
     import xarray as xr
 
-
 FILES = "files.json"
 """File that names all files of a film, with sizes and checksums: missing ones read as zeros."""
 

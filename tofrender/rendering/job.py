@@ -37,8 +37,7 @@ if TYPE_CHECKING:
 
 DEFAULT_SAMPLER = "padded_sobol"
 
-DENOISING = 7
-"""Films that the filter works on besides the one that is rendered."""
+DENOISING = 7  # Films that the filter works on besides the one that is rendered
 
 ARRIVALS_SEED = 0
 """Seed with which light is looked for: renders of all seeds have one window, and can be joined."""

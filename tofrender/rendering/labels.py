@@ -18,8 +18,7 @@ if TYPE_CHECKING:
 
 TIME = "time"
 
-AGREES = 1e-9
-"""Part of itself by which a time may differ from its length over c."""
+AGREES = 1e-9  # Part of itself by which a time may differ from its length over c
 
 AXES: dict[str, dict[str, str]] = {
     "x": {"units": "pixel", "long_name": "column"},

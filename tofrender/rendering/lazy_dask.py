@@ -1,7 +1,5 @@
 """Datasets of arrays in memory without an import of Dask, which takes as long as a small render."""
 
-from __future__ import annotations
-
 import sys
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """Joining renders of one scene that have different seeds, from any machines."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -19,8 +17,7 @@ OWN = {
 }
 """Attributes in which renders that are joined may differ."""
 
-MOST_SPP = 1 << 48
-"""Samples per pixel of a render that was itself joined."""
+MOST_SPP = 1 << 48  # Samples per pixel of a render that was itself joined
 
 
 @status("Joining renders")

@@ -3,8 +3,6 @@
 Nothing here imports NumPy or Mitsuba before a render begins: `tofrender --help` answers at once.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Mapping

@@ -32,8 +32,7 @@ if TYPE_CHECKING:
 
 SUFFIX = ".zarr"
 FILM, RECEIPTS, PLAN = "film.zarr", "receipts", "plan.json"
-BLOCK_BYTES = 4 << 20
-"""Most bytes of a block that is read and checked by itself."""
+BLOCK_BYTES = 4 << 20  # Most bytes of a block that is read and checked by itself
 
 
 @dataclass
@@ -272,11 +271,7 @@ def _create(
     block = max(1, min(bins, BLOCK_BYTES // (4 * rows * columns * channels)))
     along = -(-bins // block) * block
     group = zarr.open_group(folder / FILM, mode="w", zarr_format=3)
-    common: dict[str, Any] = {
-        "dtype": "float32",
-        "compressors": [Crc32cCodec()],
-        "fill_value": 0.0,
-    }
+    common: dict[str, Any] = {"dtype": "float32", "compressors": [Crc32cCodec()], "fill_value": 0.0}
     for suffix in ("", "_error") if errors else ("",):
         group.create_array(
             f"transient{suffix}",

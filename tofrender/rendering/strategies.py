@@ -29,11 +29,8 @@ if TYPE_CHECKING:
 
 KIND = "transient_bdpt"
 DEFAULT_DEPTH = 4
-OWN = ("rr_depth", "hide_emitters")
-"""Parameters that stay as the scene's integrator has them."""
-
-VARIED = ("type", "strategy", "mis", "camera_connections")
-"""Parameters that a pyramid chooses."""
+OWN = ("rr_depth", "hide_emitters")  # Parameters that stay as the scene's integrator has them
+VARIED = ("type", "strategy", "mis", "camera_connections")  # Parameters that a pyramid chooses
 
 
 def strategy_pyramid(

@@ -1,7 +1,5 @@
 """Cutting a render into work items: tiles of pixels, or ranges of samples."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import replace
@@ -13,14 +11,11 @@ from .work_items import WorkItem, whole
 if TYPE_CHECKING:
     from .job import Job
 
-TILE_BYTES = 256 << 20
-"""Memory of the bins of a tile, if the whole film does not fit [bytes]."""
-
-TILES_PER_WORKER = 4
-"""Least tiles for each worker, so that none waits long for the last one."""
+TILE_BYTES = 256 << 20  # Memory of the bins of a tile, if the whole film does not fit [bytes]
+TILES_PER_WORKER = 4  # Least tiles for each worker, so that none waits long for the last one
 
 
-def tiles(job: Job, size: tuple[int, int]) -> list[WorkItem]:
+def tiles(job: "Job", size: tuple[int, int]) -> list[WorkItem]:
     """Tiles of so many rows and columns, the last ones smaller, that cover the film."""
     height, width, _, _ = job.film.shape
     rows, columns = size
@@ -52,7 +47,7 @@ def tile_size(
     return 1, math.ceil(width / math.ceil(width / columns))
 
 
-def sample_ranges(job: Job, workers: int) -> list[WorkItem]:
+def sample_ranges(job: "Job", workers: int) -> list[WorkItem]:
     """Ranges of samples of the whole film, for light that lands anywhere on it."""
     item = whole(job)
     count = min(workers, item.count)

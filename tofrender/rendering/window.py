@@ -20,14 +20,9 @@ if TYPE_CHECKING:
 MANY_HITS = 250
 """Contributions near an empty window from which on chance cannot explain that it is empty."""
 
-BINS = 300
-"""Bins of a scene that has none."""
-
-WINDOW_OPTION = "`window='auto'`"
-"""Setting that finds a better window, for warnings."""
-
-PULSES = 128
-"""Standard deviations of the pulse that is chosen for a window, in that window."""
+BINS = 300  # Bins of a scene that has none
+WINDOW_OPTION = "`window='auto'`"  # Setting that finds a better window, for warnings
+PULSES = 128  # Standard deviations of the pulse that is chosen for a window, in that window
 
 
 def windowed_film(

@@ -66,11 +66,7 @@ def whole(job: Job, first: int = 0) -> WorkItem:
 
 
 def render_item(
-    job: Job,
-    item: WorkItem,
-    *,
-    checkpoint: Checkpoint | None = None,
-    progress: bool = True,
+    job: Job, item: WorkItem, *, checkpoint: Checkpoint | None = None, progress: bool = True
 ) -> WorkResult:
     """Render a work item, all of it unless it is stopped."""
     saved = None

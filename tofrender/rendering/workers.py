@@ -36,11 +36,8 @@ if TYPE_CHECKING:
 PATIENCE, LEAST_WAIT_S = 10.0, 60.0
 """An item is given to a second worker after so many times the usual time, but not before [s]."""
 
-ANSWER_S = 10.0
-"""Time that a scheduler has to answer [s]."""
-
-POLL_S = 2.0
-"""Time between checks whether workers are left, while no item is finished [s]."""
+ANSWER_S = 10.0  # Time that a scheduler has to answer [s]
+POLL_S = 2.0  # Time between checks whether workers are left, while no item is finished [s]
 
 RESTART_TIMEOUT = "10 minutes"
 """Time after which a worker that has died, and does not start again, is given up."""
@@ -312,7 +309,6 @@ if refused is not None:  # Its own error cannot be sent: the package could not b
 It has the `sys.argv` of the process that started it: if that is the command, an import of
 tofrender alone activates no variant.
 """
-
 
 _jobs: dict[str, Job] = {}
 

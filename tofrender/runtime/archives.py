@@ -1,7 +1,5 @@
 """Safe reading of arrays in .npz files of unknown origin: headers are checked before unpacking."""
 
-from __future__ import annotations
-
 import math
 from zipfile import ZipFile
 

@@ -1,7 +1,5 @@
 """Atomic output: a temporary file or folder that replaces its target on success; locks, checks."""
 
-from __future__ import annotations
-
 import ctypes
 import errno
 import hashlib

@@ -1,7 +1,5 @@
 """Choosing the Mitsuba variant, and an LLVM that Dr.Jit can use for it."""
 
-from __future__ import annotations
-
 import atexit
 import gc
 import json

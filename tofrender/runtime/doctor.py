@@ -4,8 +4,6 @@ A wrong LLVM aborts the process that loads it, so Mitsuba and Dr.Jit run in subp
 failures become lines of the report.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import platform
@@ -81,7 +79,7 @@ def diagnose() -> list[Check]:
     ]
 
 
-def report(checks: list[Check], console: Console | None = None) -> int:
+def report(checks: list[Check], console: "Console | None" = None) -> int:
     """Print a table of the checks and the remedies; returns the exit status, 0 if all will work."""
     from rich.console import Console
     from rich.table import Table

@@ -1,7 +1,5 @@
 """Lane memory for records: dataclasses of Dr.Jit arrays that symbolic loops store and read."""
 
-from __future__ import annotations
-
 from copy import copy
 from dataclasses import fields, is_dataclass
 from functools import cache

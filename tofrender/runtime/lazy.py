@@ -9,8 +9,6 @@ has imports that editors and type checkers follow, too,
 and a module that cannot be imported costs its own names and no others.
 """
 
-from __future__ import annotations
-
 import ast
 import importlib
 import sys

@@ -12,8 +12,6 @@ standard library, because the set-up runs the file before anything is installed:
     python tofrender/runtime/llvm.py
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import re

@@ -1,7 +1,5 @@
 """Memory that films need and that is free: what does not fit is refused before work starts."""
 
-from __future__ import annotations
-
 import ctypes
 import math
 import os

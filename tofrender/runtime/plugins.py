@@ -6,8 +6,6 @@ to, as Mitsuba's own Python integrators do, and `plugin` returns the class of th
 Everything else in the package works in any vectorised variant as it is.
 """
 
-from __future__ import annotations
-
 import importlib
 import re
 import sys

@@ -1,7 +1,5 @@
 """Progress bars, and signals that stop long work between two steps."""
 
-from __future__ import annotations
-
 import math
 import os
 import signal
@@ -37,7 +35,7 @@ def is_notebook() -> bool:
 
 
 _hidden = 0  # Number of blocks that hide bars
-_open: list[ProgressBar] = []  # The innermost last
+_open: "list[ProgressBar]" = []  # The innermost last
 _lock = threading.RLock()
 
 
@@ -102,7 +100,7 @@ class ProgressBar:
             with suppress(OSError, ValueError):
                 bar.close()
 
-    def __enter__(self) -> ProgressBar:
+    def __enter__(self) -> "ProgressBar":
         if self._enabled:
             _open.append(self)
             threading.Thread(target=self._refresh, daemon=True).start()

@@ -4,8 +4,6 @@ Neither NumPy nor Mitsuba is imported: `tofrender --help` answers at once, and t
 refuses bad values before Mitsuba starts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial

@@ -1,7 +1,5 @@
 """TOML files, and checks of their tables: keys, and values that are no numbers."""
 
-from __future__ import annotations
-
 import os
 import tomllib
 from collections.abc import Callable, Collection, Mapping

@@ -6,8 +6,6 @@ density has all of its points, single precision tells angles apart but not cosin
 computed in double precision from the points as they are.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -12,8 +12,6 @@ are not finite fail.
 Sum over pixels first: a pixel's bin is too noisy to find anything in.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Results of the chi-square test, and figures of them."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -91,7 +89,7 @@ class Verdict:
             f"worst moment {worst.name}: {worst.z:+.1f} standard errors"
         )
 
-    def figure(self) -> Figure:
+    def figure(self) -> "Figure":
         """Observed and expected density and their difference, as a figure outside of pyplot."""
         return verdict_figure(self)
 
@@ -122,7 +120,7 @@ class SuiteVerdict:
 
 
 @in_style()
-def verdict_figure(verdict: Verdict) -> Figure:
+def verdict_figure(verdict: Verdict) -> "Figure":
     """Observed and expected density of a chi-square test, and their difference in each cell.
 
     Directions are drawn over azimuth and cosine, where equal areas are equal solid angles; rows

@@ -1,7 +1,5 @@
 """Point clouds from the waveforms of a lidar."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scan patterns: the direction and the time of each shot of a lidar."""
 
-from __future__ import annotations
-
 import os
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Built-in scenes: functions that return dicts for `mi.load_dict`, and their names."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from ..runtime import checks
@@ -35,8 +33,9 @@ from .light_transport import (
 )
 from .moving import corridor, fan, moving_mirror
 from .nlos import nlos_behind_fog, nlos_bunny, nlos_patch, nlos_plane, nlos_z
-from .parts import SAMPLER, Dict
+from .parts import Dict
 from .polarised import brewster_window, strained_mirror_corridor
+from .views import SAMPLER
 
 BUILT_IN: dict[str, Callable[..., Dict]] = {
     builder.__name__: builder

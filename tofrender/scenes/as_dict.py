@@ -1,7 +1,5 @@
 """XML files as dicts for `mi.load_dict`, whose parts can be changed by name."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path

@@ -5,29 +5,12 @@ the ceiling or by a flash at the camera; one has a mirror, one a glass sphere in
 with two spheres is steady.
 """
 
-from __future__ import annotations
-
 from copy import deepcopy
 from typing import Any, Unpack
 
 from ..runtime import checks
-from .parts import (
-    CORNELL,
-    Dict,
-    SteadyOptions,
-    X,
-    Y,
-    area_light,
-    camera,
-    diffuse,
-    pose,
-    rgb,
-    shape,
-    sphere,
-    steady_film,
-    steady_scene,
-    transient_film,
-)
+from .parts import CORNELL, Dict, X, Y, area_light, diffuse, pose, rgb, shape, sphere
+from .views import SteadyOptions, camera, steady_film, steady_scene, transient_film
 
 START_OPL = {"area": 3.5, "flash": 6.0}
 """Start of the built-in window [m] by light, a little before its first light arrives."""

@@ -5,27 +5,13 @@ all, only by chance, so a path tracer's picture is noise; paths from the lamp br
 through glass, out of the fixture and through the hole. Metres, y up.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, Unpack
 
 from ..runtime import checks
 from .boxes import CORNELL_VIEW, cornell_box
-from .parts import (
-    LAMP_COLOUR,
-    Dict,
-    TransientOptions,
-    X,
-    Y,
-    ball_light,
-    cylinder,
-    diffuse,
-    pose,
-    shape,
-    sphere,
-    transient_scene,
-)
+from .parts import LAMP_COLOUR, Dict, X, Y, ball_light, cylinder, diffuse, pose, shape, sphere
+from .views import TransientOptions, transient_scene
 
 MAX_LAMP_RADIUS = 0.2  # [m], with which the lamp still touches nothing
 

@@ -21,8 +21,7 @@ LIGHT = re.compile(r"(.*\.)?(radiance|irradiance|intensity|texture|scale|\w+_sca
 SINGULAR = 1e-12
 """Largest determinant, over the product of the edges' lengths, of a transform without inverse."""
 
-INVERSE = 1e-4
-"""Largest error of a transform's product with its inverse, over the magnitudes in it."""
+INVERSE = 1e-4  # Largest error of a transform's product with its inverse, over the magnitudes in it
 
 GAP = 1500 * 2.0**-24
 """Offset of rays from surfaces, over 1 m and the largest coordinate (Mitsuba's RayEpsilon)."""

@@ -1,7 +1,5 @@
 """Translate names in scene files of mitransient and its course fork into those of this package."""
 
-from __future__ import annotations
-
 import warnings
 from typing import Any
 

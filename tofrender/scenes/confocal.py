@@ -11,18 +11,16 @@ Shapes go by their ids: `relay_wall`, `occluder`, and what is hidden is `hidden_
 material of its own, and no two that could be merged into one shape have the same.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Unpack
 
-from .parts import CORNELL, Dict, TransientOptions, X, Y, diffuse, pose, rgb, shape, transient_scene
+from .parts import CORNELL, Dict, X, Y, diffuse, pose, rgb, shape
+from .views import TransientOptions, transient_scene
 
 WALL = {"reflectance": [0.8, 0.8, 0.8], "half_width": 2.0, "z": -2.0}
 """The relay wall of the scenes `wall_box_...` [m]; it faces +z."""
 
-HIDDEN_Z = -0.75
-"""z of the centers of hidden spheres, in the plane of the occluder's back [m]."""
+HIDDEN_Z = -0.75  # z of the centers of hidden spheres, in the plane of the occluder's back [m]
 
 RED, GREEN = [0.01, 0.0, 0.0], [0.0, 0.05, 0.0]
 

@@ -3,8 +3,6 @@
 Other errors in files are left to Mitsuba.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,8 +17,7 @@ from ..runtime.plugins import require_safe_type
 MAX_NESTING = 200
 """Most nested tags or dicts; Mitsuba's parser recurses for each until the stack overflows."""
 
-MAX_INCLUDES = 15
-"""Most nested includes that Mitsuba reads."""
+MAX_INCLUDES = 15  # Most nested includes that Mitsuba reads
 
 _PLY_TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},

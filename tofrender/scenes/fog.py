@@ -4,8 +4,6 @@ Each has a medium of HG phase function whose extinction, `sigma_t`, can be chang
 air. Metres, y up.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Unpack
 
@@ -17,7 +15,6 @@ from .boxes import CORNELL_VIEW, cornell_box
 from .parts import (
     LAMP_COLOUR,
     Dict,
-    TransientOptions,
     X,
     Y,
     area_light,
@@ -32,14 +29,11 @@ from .parts import (
     rgb,
     shape,
     sphere,
-    transient_scene,
 )
+from .views import TransientOptions, transient_scene
 
-VOLPATH = {"max_depth": -1, "integrator": "transient_volpath"}
-"""Defaults of all scenes with media."""
-
-MAX_FOG = 20.0
-"""Largest extinction in the Cornell box [1/m]."""
+VOLPATH = {"max_depth": -1, "integrator": "transient_volpath"}  # Defaults of all scenes with media
+MAX_FOG = 20.0  # Largest extinction in the Cornell box [1/m]
 
 
 def cornell_box_fog(*, sigma_t: float = 0.3, **options: Unpack[TransientOptions]) -> Dict:
@@ -71,8 +65,7 @@ def cornell_box_fog(*, sigma_t: float = 0.3, **options: Unpack[TransientOptions]
 
 
 MILK_INDEX = 1.35
-MAX_MILK = 1000.0
-"""Largest extinction of the milk [1/m]."""
+MAX_MILK = 1000.0  # Largest extinction of the milk [1/m]
 
 
 def lamp_in_milk(*, sigma_t: float = 100.0, **options: Unpack[TransientOptions]) -> Dict:
@@ -114,8 +107,7 @@ def lamp_in_milk(*, sigma_t: float = 100.0, **options: Unpack[TransientOptions])
     }
 
 
-MAX_SMOKE = 10.0
-"""Largest extinction of the smoke [1/m]."""
+MAX_SMOKE = 10.0  # Largest extinction of the smoke [1/m]
 
 SMOKE_LOW, SMOKE_HIGH = (-1.01, -0.01, -0.01), (1.01, 2.41, 8.4)
 """Corners of the box that the smoke is in [m]; a centimetre behind walls, floor and ceiling."""
@@ -212,11 +204,8 @@ def smoke_corridor(*, sigma_t: float = 3.0, **options: Unpack[TransientOptions])
     }
 
 
-SIGN_DISTANCE = 15.0
-"""From the camera to the sign [m]."""
-
-MAX_ROAD_FOG = 2.0
-"""Largest extinction of the fog on the road [1/m]."""
+SIGN_DISTANCE = 15.0  # From the camera to the sign [m]
+MAX_ROAD_FOG = 2.0  # Largest extinction of the fog on the road [1/m]
 
 
 def headlight_in_fog(*, sigma_t: float = 0.16, **options: Unpack[TransientOptions]) -> Dict:

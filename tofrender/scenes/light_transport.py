@@ -4,27 +4,12 @@ A bust for renderers without materials, Veach's plates, lights of one power in t
 light in two shapes. Metres, y up.
 """
 
-from __future__ import annotations
-
 from copy import deepcopy
 from typing import Unpack
 
 from .meshes import HALVES, bust_mesh, half_rectangle
-from .parts import (
-    Dict,
-    SteadyOptions,
-    X,
-    Y,
-    area_light,
-    ball_light,
-    camera,
-    diffuse,
-    pose,
-    rgb,
-    shape,
-    steady_film,
-    steady_scene,
-)
+from .parts import Dict, X, Y, area_light, ball_light, diffuse, pose, rgb, shape
+from .views import SteadyOptions, camera, steady_film, steady_scene
 
 BUST_LIGHT = {"position": [-0.9, 1.5, 1.3], "energy": 110.0}
 """The point light of `bust_simple`: where it is [m], and its energy [W]."""
@@ -86,8 +71,7 @@ VEACH_LIGHTS = {
     "yellow": (0.40, 0.9, [1.35, 1.20, 0.45]),
     "red": (0.80, 3.3, [1.70, 0.75, 0.55]),
 }
-VEACH_POWER = 60.0
-"""Power of each light of `veach`, mean of its channels [W]."""
+VEACH_POWER = 60.0  # Power of each light of `veach`, mean of its channels [W]
 
 # roughness, y [m], z [m] and tilt [degrees], which mirrors the lights into the camera
 VEACH_PLATES = {
@@ -143,8 +127,7 @@ def veach(**options: Unpack[SteadyOptions]) -> Dict:
 
 
 SPHERE_LIGHT_CENTER = [0.0, 2.8, 0.0]
-SPHERE_LIGHT_POWER = 260.0
-"""Power of the light of `sphere_light_...` [W]."""
+SPHERE_LIGHT_POWER = 260.0  # Power of the light of `sphere_light_...` [W]
 
 SPHERE_LIGHT_RADII = {"small": 0.03, "medium": 0.3, "large": 0.9}
 """Radii of the light [m]; it stays above the floor and in front of the wall."""

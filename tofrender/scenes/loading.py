@@ -36,8 +36,7 @@ parser: Any = mi.parser
 PACKAGED = {"scenes": "scenes/xml", "docs/datasets": "datasets/examples"}
 """Folders of a checkout, and where the package has their files."""
 
-LONGEST = 500
-"""Most characters of an error of Mitsuba's in a message."""
+LONGEST = 500  # Most characters of an error of Mitsuba's in a message
 
 
 @status("Loading the scene")

@@ -18,11 +18,8 @@ BOUNDARY = int(mi.BSDFFlags.Null | mi.BSDFFlags.FrontSide | mi.BSDFFlags.BackSid
 PLATES = ("LinearPolarizer", "LinearRetarder", "CircularPolarizer")
 """Materials with those flags that change the polarisation of transmitted light."""
 
-RAYLEIGH = "RayleighPhaseFunction"
-"""The phase function that polarises light."""
-
-FLAKES = "SGGXPhaseFunction"
-"""The phase function that depends on the orientation of flakes."""
+RAYLEIGH = "RayleighPhaseFunction"  # The phase function that polarises light
+FLAKES = "SGGXPhaseFunction"  # The phase function that depends on the orientation of flakes
 
 PROBES = 256
 """Rays that are traced from a sensor to compare its medium with the boundaries around it."""
@@ -30,11 +27,8 @@ PROBES = 256
 STEPS = 0.8654415, 0.7489889, 0.6482062, 0.5609843, 0.4854990
 """Steps of a sequence that fills five dimensions evenly (Roberts 2018)."""
 
-LEAKS = 2
-"""Number of these rays that may pass between two triangles of a shape."""
-
-CROSSINGS = 64
-"""Most boundaries that such a ray passes."""
+LEAKS = 2  # Number of these rays that may pass between two triangles of a shape
+CROSSINGS = 64  # Most boundaries that such a ray passes
 
 
 def media_of(scene: mi.Scene, sensor: mi.Sensor | None = None) -> list[mi.Medium]:

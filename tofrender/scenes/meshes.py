@@ -1,7 +1,5 @@
 """Meshes of the built-in scenes as Mitsuba's objects."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,8 +15,7 @@ FILE = Path(__file__).with_suffix(".npz")
 
 PARTS = ("vertices", "faces", "normals")
 
-STROKE = 0.103
-"""Width of the strokes of the letter Z [m]."""
+STROKE = 0.103  # Width of the strokes of the letter Z [m]
 
 # The two halves of Mitsuba's `rectangle`, which spans [-1, 1] x [-1, 1] and faces +z.
 HALVES = {

@@ -3,32 +3,16 @@
 They load by `tofrender.load_scene`; Mitsuba's own loader does not know velocities.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Unpack
 
 from ..runtime import checks
 from .motion import FASTEST
-from .parts import (
-    Dict,
-    TransientOptions,
-    X,
-    Y,
-    area_light,
-    cylinder,
-    diffuse,
-    pose,
-    rgb,
-    shape,
-    sphere,
-    transient_scene,
-)
+from .parts import Dict, X, Y, area_light, cylinder, diffuse, pose, rgb, shape, sphere
+from .views import TransientOptions, transient_scene
 
-HUB = [0.0, 0.0, 0.0]
-"""Centre of the fan [m]; it turns about the axis z."""
-TIP = 0.62
-"""Radius of the fan [m]."""
+HUB = [0.0, 0.0, 0.0]  # Centre of the fan [m]; it turns about the axis z
+TIP = 0.62  # Radius of the fan [m]
 
 FIGURE = {
     "body": ([0.0, 1.14, 0.0], [0.19, 0.3, 0.11]),

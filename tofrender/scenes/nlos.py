@@ -10,8 +10,6 @@ loads a scene, keeps them apart: the wall by its sensor, the others by their ref
 ready-made meshes are never merged.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -20,33 +18,14 @@ import numpy as np
 
 from ..runtime import checks
 from .meshes import bunny_mesh, letter_z, letter_z_mesh, stored, transformed
-from .parts import (
-    SAMPLER,
-    Dict,
-    Y,
-    diffuse,
-    extinction,
-    medium,
-    medium_boundary,
-    pose,
-    rgb,
-    transient_film,
-)
+from .parts import Dict, Y, diffuse, extinction, medium, medium_boundary, pose, rgb
+from .views import SAMPLER, transient_film
 
-DEVICE = (-0.5, 0.0, 0.25)
-"""Position of laser and sensor [m]."""
-
-OCCLUDER_WIDTH = 0.1
-"""Width of the occluder in its wider direction, less its margin [m]."""
-
-MARGIN = 1.05
-"""The occluder is this much wider than what it has to hide."""
-
-LEAD = 0.15
-"""Path length between the default start of a window and the first hidden light [m]."""
-
-BUNNY_TURN = 25.0
-"""Rotation of the bunny about y, from +x towards -z [degrees]."""
+DEVICE = (-0.5, 0.0, 0.25)  # Position of laser and sensor [m]
+OCCLUDER_WIDTH = 0.1  # Width of the occluder in its wider direction, less its margin [m]
+MARGIN = 1.05  # The occluder is this much wider than what it has to hide
+LEAD = 0.15  # Path length between the default start of a window and the first hidden light [m]
+BUNNY_TURN = 25.0  # Rotation of the bunny about y, from +x towards -z [degrees]
 
 
 def nlos_z(*, distance: float = 1.0, occluder: bool = True, **options: Any) -> Dict:
@@ -180,8 +159,7 @@ def nlos_bunny(*, distance: float = 1.0, occluder: bool = True, **options: Any) 
     return _scene({"hidden_bunny": mesh}, vertices, occluder, **options)
 
 
-MAX_THIN_FOG = 10.0
-"""Largest extinction of the fog before the hidden letter [1/m]."""
+MAX_THIN_FOG = 10.0  # Largest extinction of the fog before the hidden letter [1/m]
 
 
 def nlos_behind_fog(*, sigma_t: float = 0.5, occluder: bool = True, **options: Any) -> Dict:

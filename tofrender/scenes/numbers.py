@@ -1,7 +1,5 @@
 """Floating-point numbers that the parameters of a scene consist of."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -9,8 +7,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-SHOWN = 16
-"""Most numbers of a parameter that a message shows."""
+SHOWN = 16  # Most numbers of a parameter that a message shows
 
 
 def floats_of(value: Any) -> Iterator[Any]:

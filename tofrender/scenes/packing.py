@@ -1,7 +1,5 @@
 """Make scenes picklable: Mitsuba's objects in a dict become arrays."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass

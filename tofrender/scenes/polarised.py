@@ -4,8 +4,6 @@ They are made for polarised variants, such as llvm_ad_mono_polarized. In others 
 polariser is then a filter that halves the light, and strained plastic is clear. Metres, y up.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from math import cos, radians, sin
 from typing import Any, Unpack
@@ -15,19 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime import checks
-from .parts import (
-    Dict,
-    TransientOptions,
-    X,
-    Y,
-    area_light,
-    diffuse,
-    pose,
-    rgb,
-    shape,
-    sphere,
-    transient_scene,
-)
+from .parts import Dict, X, Y, area_light, diffuse, pose, rgb, shape, sphere
+from .views import TransientOptions, transient_scene
 
 
 def _plate(kind: str, angle_name: str, angle: float, **more: Any) -> Dict:
@@ -40,8 +27,7 @@ def _lamp(to_world: Any, radiance: float) -> Dict:
     return shape("rectangle", to_world, "black") | {"emitter": area_light([radiance] * 3)}
 
 
-INDEX = 1.5
-"""Index of refraction of the window."""
+INDEX = 1.5  # Index of refraction of the window
 
 BREWSTER = 56.30993247402022
 """Angle of incidence at which glass reflects one polarisation only, atan(INDEX) [degrees]."""
@@ -123,14 +109,12 @@ def brewster_window(*, polariser: float = 0.0, **options: Unpack[TransientOption
     }
 
 
-CORRIDOR = 10.0
-"""Distance of the two mirrors [m]."""
+CORRIDOR = 10.0  # Distance of the two mirrors [m]
 
 LAMP_HALF, HOLE_HALF = 0.9, 0.5
 """Half the width of the square lamp, and of the hole in it that the camera looks through [m]."""
 
-MOST_RETARDANCE = 60.0
-"""Retardance of the plastic where it is strained most [degrees]."""
+MOST_RETARDANCE = 60.0  # Retardance of the plastic where it is strained most [degrees]
 
 # x, y; radius that the strain falls to one half in, all in halves of the plate's width
 SCREWS = np.array([(-0.7, -0.6, 0.35), (0.6, -0.75, 0.25), (0.75, 0.5, 0.4), (-0.45, 0.8, 0.3)])

@@ -28,8 +28,7 @@ REPLACEMENTS = {
 }
 """Transient integrators that replace those of Mitsuba when the film becomes transient."""
 
-UNLIMITED = 0xFFFFFFFF
-"""A `max_depth` of -1 as Mitsuba's integrators print it."""
+UNLIMITED = 0xFFFFFFFF  # A `max_depth` of -1 as Mitsuba's integrators print it
 
 
 def transient_integrator_for(integrator: Any) -> str:

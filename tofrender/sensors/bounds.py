@@ -1,7 +1,5 @@
 """Cramér-Rao bounds of depths and echoes from counts in bins."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Gated and streak cameras, with their noise. Parameters out of range raise a ValueError."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

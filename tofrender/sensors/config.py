@@ -1,7 +1,5 @@
 """Sensors described by TOML files or tables, and what they measure of a render."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import os

@@ -1,7 +1,5 @@
 """Taps of a correlation camera: expectation, noise, phase and its errors."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Estimators of depths and echoes from histograms of photons."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Correlation cameras (iToF, AMCW). Parameters that are not allowed raise a ValueError."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

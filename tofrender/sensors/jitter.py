@@ -1,7 +1,5 @@
 """Jitter of time stamps in bins: after detection, each moves by some bins."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

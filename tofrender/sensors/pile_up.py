@@ -1,7 +1,5 @@
 """First photons of laser cycles, pile-up and its correction."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

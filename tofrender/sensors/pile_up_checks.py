@@ -1,7 +1,5 @@
 """Consistency check of first-photon probabilities, Coates' correction and its variance."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

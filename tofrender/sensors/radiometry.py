@@ -1,7 +1,5 @@
 """From rendered radiance to the photons that a sensor's pixel expects."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Expected photons per pixel, bin and laser cycle, from which all sensor models start."""
 
-from __future__ import annotations
-
 import os
 import warnings
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Readout of SPAD arrays: time stamps with jitter and TDC codes, and their histograms."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,7 +27,7 @@ class Readout:
     `shape` is that of results; `rows` are simulated together, and how many beside these they need.
     """
 
-    def __init__(self, spad: Spad, rates: Rates, seed: int = 0) -> None:
+    def __init__(self, spad: "Spad", rates: Rates, seed: int = 0) -> None:
         self.spad, self.rates, self.seed = spad, rates, seed
         self.bin_s = rates.width / SPEED_OF_LIGHT
         (height, width, bins), (tall, wide) = rates.values.shape, spad.macro_pixel

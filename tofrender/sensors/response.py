@@ -1,7 +1,5 @@
 """Temporal response of a detector or of a whole system: Gaussian with an exponential tail."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Arrays of single-photon avalanche diodes (SPAD): time stamps and histograms of photons."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Luminance of colours."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..runtime import checks

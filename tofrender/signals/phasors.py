@@ -5,8 +5,6 @@ The whole package uses it: I = Re P, Q = Im P, a longer path increases the phase
 
 # ruff: noqa: E741 (I and Q are what the field calls them)
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

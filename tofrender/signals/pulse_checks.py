@@ -1,7 +1,5 @@
 """Consistency check of a pulse's density, integral and samples."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 import drjit as dr
@@ -15,7 +13,7 @@ POINTS = 4001
 TOLERANCE = 5e-3  # Of fractions of the energy, for jumps of the density between two points
 
 
-def check_pulse(pulse: Pulse) -> None:
+def check_pulse(pulse: "Pulse") -> None:
     """Raise an AssertionError if `eval`, `cdf`, `sample` and `support` of a pulse do not agree.
 
     The density is integrated over the support and compared with the cdf; the cdf at the samples of

@@ -1,7 +1,5 @@
 """Speed of light, conversion of optical path length and time, and frequencies of modulation."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from ..runtime import checks

@@ -1,7 +1,5 @@
 """Animation of a transient, and plot of a pixel's response."""
 
-from __future__ import annotations
-
 import base64
 import io
 from pathlib import Path

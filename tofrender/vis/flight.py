@@ -1,7 +1,5 @@
 """Single pictures of light in flight: arrival times of all light, and one time gate."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

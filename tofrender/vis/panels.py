@@ -1,7 +1,5 @@
 """Figures of a correlation camera: I, Q, amplitude, phase and depth, a row for each frequency."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

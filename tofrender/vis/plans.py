@@ -28,8 +28,7 @@ KINDS = (
     ("occluder", "occluder", "ink"),
     ("", "other", "#8c8c8c"),
 )
-VIEWS = {"above": (0, 2), "side": (2, 1)}
-"""Coordinates to the right and upwards."""
+VIEWS = {"above": (0, 2), "side": (2, 1)}  # Coordinates to the right and upwards
 
 CAMERA, LASER = "#009e73", "#e69f00"
 

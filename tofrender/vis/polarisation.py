@@ -1,7 +1,5 @@
 """Pictures of polarised light in false colours."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

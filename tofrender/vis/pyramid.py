@@ -1,7 +1,5 @@
 """The strategies of bidirectional path tracing as a pyramid of pictures."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import xarray as xr

@@ -1,7 +1,5 @@
 """Figures of moving scenes: light over range and velocity, and maps of velocities."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Figure of a reconstructed volume: three projections and the depth."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Figure of a sensor's measurement beside its expectation."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

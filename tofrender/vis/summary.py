@@ -1,7 +1,5 @@
 """Summary of a render on one page."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

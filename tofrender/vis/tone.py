@@ -1,7 +1,5 @@
 """Tone mapping, also of sparse, unfinished and extreme data."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 from typing import Any
@@ -123,11 +121,7 @@ def _light_of_bins(values: Any) -> tuple[float, np.ndarray]:
 
 
 def tonemap(
-    values: Any,
-    *,
-    exposure: float | None = None,
-    percentile: float = 99.5,
-    shadows: float = 0.0,
+    values: Any, *, exposure: float | None = None, percentile: float = 99.5, shadows: float = 0.0
 ) -> np.ndarray:
     """Turn linear radiance into an sRGB picture.
 

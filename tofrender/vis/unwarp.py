@@ -1,7 +1,5 @@
 """Camera unwarping of a finished render: from camera time to scene time."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

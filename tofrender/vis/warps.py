@@ -1,7 +1,5 @@
 """Figure of a warp: points above the verdict of the chi-square test."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Two pictures, or two films with one clock, to be compared."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -41,7 +39,7 @@ class Clock:
     count: int
 
 
-def load(path: Any, load_film: Callable[[Path], xr.Dataset]) -> Picture:
+def load(path: Any, load_film: "Callable[[Path], xr.Dataset]") -> Picture:
     """Load an exr, png or jpg file, or what `tofrender render` has written."""
     path = checks.path("picture", path)
     if path.is_dir() or path.suffix.lower() in (".npz", ".zarr", ".exr"):

@@ -1,7 +1,5 @@
 """Pictures of the course's scenes by each technique, and their references."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from pathlib import Path

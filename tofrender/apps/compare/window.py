@@ -1,7 +1,5 @@
 """The page that compares two pictures, or two films with one clock."""
 
-from __future__ import annotations
-
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import asdict
 from typing import Any

@@ -4,8 +4,6 @@ Code 0 is darkness; code q from 1 to 255 stands for least * ratio^(q - 1). Of va
 q is from 1 to 127, and 128 + q stands for the negative value.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -99,7 +97,7 @@ class Scale:
     @classmethod
     def of(
         cls, pieces: Iterable[np.ndarray], signed: bool = False, most_bytes: float | None = None
-    ) -> Scale:
+    ) -> "Scale":
         """Scale for the finite values of all pieces, those above 0 unless `signed`."""
         dark = DARK if most_bytes is None or most_bytes >= SMALL else DARK_SMALL
         sums = np.zeros(2 * _OCTAVES * _PER_OCTAVE)  # Histogram of light over log2 of values

@@ -1,7 +1,5 @@
 """Contents of an explorer: a header for JSON, and bytes with all arrays."""
 
-from __future__ import annotations
-
 import math
 import zlib
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Data of an explorer from Datasets: renders, captures, strategies, reconstructions."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """The explorer's JavaScript and CSS."""
 
-from __future__ import annotations
-
 from ..ui import bundle
 
 MODULES = (

@@ -1,7 +1,5 @@
 """The explorer as a single HTML page that needs neither server nor network."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import html

@@ -1,7 +1,5 @@
 """JavaScript and CSS of applications as text, modules joined to one without imports."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from pathlib import Path

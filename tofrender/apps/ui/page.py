@@ -1,7 +1,5 @@
 """A live page: one component of Panel, whose controls are in JavaScript."""
 
-from __future__ import annotations
-
 import asyncio
 from abc import abstractmethod
 from collections.abc import Callable

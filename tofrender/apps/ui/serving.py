@@ -1,7 +1,5 @@
 """Serve an application to browsers, with a token, and by default on this machine only."""
 
-from __future__ import annotations
-
 import errno
 import hmac
 import html

@@ -1,7 +1,5 @@
 """Sources of the viewer: a saved Dataset, or a render that refines while it is shown."""
 
-from __future__ import annotations
-
 import math
 import threading
 import time

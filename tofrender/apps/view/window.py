@@ -1,7 +1,5 @@
 """The page that shows the explorer, with what only a live application can do."""
 
-from __future__ import annotations
-
 from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@
 `probes` calls in a process of its own; `engine` draws and tests, `window` is the page.
 """
 
-from __future__ import annotations
-
 import atexit
 from typing import Any
 

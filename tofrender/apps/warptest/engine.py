@@ -7,10 +7,11 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
+from matplotlib.figure import Figure
 
 from ...course.judge.client import NoAnswer
 from ...runtime import backend, checks
@@ -25,9 +26,6 @@ from ...sampling.verdicts import Verdict, density_panels
 from ...vis.warps import warp_figure
 from .sources import Library, Module, find_module, is_withheld
 from .subjects import SUBJECTS
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 LIBRARY, MODULE = "library", "module"
 

@@ -3,8 +3,6 @@
 Points are exchanged as arrays of shape (dimensions, n).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import drjit as dr

@@ -1,7 +1,5 @@
 """The page of the warp tester."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path

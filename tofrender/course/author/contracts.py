@@ -16,8 +16,6 @@ Each sentence of the docstrings in a problem's stub, and of the paragraphs of it
 handout that start with `*Contract.*` or `**Write**`, must be in it. A part of a sentence is enough.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Release of an assignment: the handout, and the package without the students' parts; its terms."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -6,8 +6,6 @@ Prints a JSON line with the reasons against it. It is a script, so that nothing 
 which it comes is imported.
 """
 
-from __future__ import annotations
-
 import importlib
 import json
 import pkgutil

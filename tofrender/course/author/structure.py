@@ -1,7 +1,5 @@
 """Check that an assignment's parts agree: rubric, tests, handout, stubs, solutions and mutants."""
 
-from __future__ import annotations
-
 import ast
 import json
 import re

@@ -10,8 +10,6 @@
 | mutants | each wrong solution fails exactly its tests, and one of them says why |
 """
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 import textwrap

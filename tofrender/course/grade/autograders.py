@@ -4,8 +4,6 @@ It holds the student edition and the staff's tests, so no solution of the assign
 where submissions run, but for that of a problem whose task is to test it.
 """
 
-from __future__ import annotations
-
 import re
 import tempfile
 import zipfile

@@ -3,8 +3,6 @@
 All of them are copied before the first runs, to a folder that no submission can read or write.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Feedback pages for students, in Markdown and HTML: points, reasons, pictures, hints."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path

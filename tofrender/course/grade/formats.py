@@ -3,8 +3,6 @@
 Platforms without visibilities of tests get no reason for tests that are not visible.
 """
 
-from __future__ import annotations
-
 import datetime
 import json
 import os

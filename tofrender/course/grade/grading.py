@@ -16,8 +16,6 @@ A class is copied before the first submission runs, to a folder that none of the
 write. A submission reads its own part of the scratch folder only, and the edition.
 """
 
-from __future__ import annotations
-
 import compileall
 import hashlib
 import json

@@ -6,8 +6,6 @@ more points elsewhere: the point-biserial correlation r of passing it with the p
 tests. Above 0.3 is good; below 0 the test, or the text, deserves a look.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

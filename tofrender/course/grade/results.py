@@ -1,7 +1,5 @@
 """Results of grading: points and reasons for each test, as Gradescope's JSON."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping, Sequence

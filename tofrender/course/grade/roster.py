@@ -3,8 +3,6 @@
 Points are those of the tests or of the sheet, less those lost by coming late.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import itertools

@@ -4,8 +4,6 @@ JPlag compares the structure of programs, so that other names, comments and orde
 and ignores files that everybody was given.
 """
 
-from __future__ import annotations
-
 import shlex
 import shutil
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Extract the files that an assignment asks for from a submission, a folder or a zip."""
 
-from __future__ import annotations
-
 import fnmatch
 import io
 import os

@@ -1,7 +1,5 @@
 """Client of the judge: a submission as a worker that can be asked, killed and replaced."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

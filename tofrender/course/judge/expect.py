@@ -11,8 +11,6 @@ quantity, `hint` the usual cause of a difference. `**more` are `hint`, `ratios` 
 that are right but for a factor), and `x` and `x_label` (the abscissae of a one-dimensional array).
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -162,7 +160,7 @@ def histogram(counts: Any, probabilities: Any, what: str, **more: Any) -> None:
         replace(compared, what=what + text).fail_at(worst, counts, expected)
 
 
-def _compare_means(samples, reference, compared: _Compared, rounding: float) -> None:
+def _compare_means(samples, reference, compared: "_Compared", rounding: float) -> None:
     """Fail if the mean of samples differs from the reference: values, or other samples."""
     least = smallest_allowed(smallest_allowed(ALPHA, _settings.comparisons), samples[0].size)
     p = p_values(samples, reference, rounding=rounding)

@@ -7,8 +7,6 @@ A constant of `FACTORS` leaves a part of the points, if it cannot be chance: the
 one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any

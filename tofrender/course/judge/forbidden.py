@@ -9,8 +9,6 @@
 | `light sampling` | Mitsuba's sampling of emitters and shapes, and its densities |
 """
 
-from __future__ import annotations
-
 import importlib
 import sys
 import threading

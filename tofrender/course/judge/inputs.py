@@ -7,8 +7,6 @@ The rubric's `term` chooses them. Term 0 has those that are written in the tests
 from the range, by the name alone, so that tests and probes agree and no order matters.
 """
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 

@@ -5,8 +5,6 @@ It reads `rubric.toml` beside the tests, makes a marker of each problem, and off
 lists the options: the judged folder, seeds, report, limits of the submission's processes.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path

@@ -5,8 +5,6 @@ adopts orphans (`PR_SET_CHILD_SUBREAPER`, Linux), so that all stays below it in 
 that is not below it is ever ended.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """Run an assignment's tests in a pytest of their own, and read its report."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

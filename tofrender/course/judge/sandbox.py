@@ -16,8 +16,6 @@ library and its neighbour `system_calls`, runs first and then executes the comma
 Elsewhere nothing is refused: `missing_protections` lists it.
 """
 
-from __future__ import annotations
-
 import ctypes
 import importlib
 import json

@@ -10,8 +10,6 @@ filter sees.
 This file needs nothing but the standard library, see `sandbox`.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import re

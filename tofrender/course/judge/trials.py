@@ -8,8 +8,6 @@ that the student's test finds, and none unless right ones pass (`share_found`).
 Nobody gets the messages of the student's test, since they may quote these solutions.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -54,7 +52,7 @@ def solutions(assignment: Assignment, problem: Problem) -> list[Solution]:
     return [Solution("right", right), *wrong]
 
 
-def share_found(submission: Submission, probe: str, more: Iterable[Solution] = ()) -> None:
+def share_found(submission: "Submission", probe: str, more: Iterable[Solution] = ()) -> None:
     """Award the fraction of the wrong solutions that the student's test finds; else `Failure`.
 
     The probe gets `name` and `text` of a solution, and returns a `verdict`. Solutions are those of

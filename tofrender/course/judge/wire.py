@@ -5,8 +5,6 @@ npz archive: the structure as JSON, with the number of an array in each array's 
 whole, because they are renamed into place. Reading has a size limit, whoever wrote the file.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import stat

@@ -8,8 +8,6 @@ standard input, their content and the answers as files (see `wire`). Nothing tha
 does here can change the judge's result for another answer.
 """
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import inspect

@@ -4,8 +4,6 @@ Running the first writes the file, and reloads the modules imported from it. A f
 has changed since is kept as a numbered backup. The second runs the public tests of its problems.
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib
 import itertools

@@ -1,7 +1,5 @@
 """Folders of students: made by `start`, checked and packed by `submit`."""
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 import zipfile

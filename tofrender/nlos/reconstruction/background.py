@@ -4,8 +4,6 @@ A measured histogram starts with the reflection by the wall itself, which decays
 bins; then come dark and ambient counts alone, until light of the hidden scene arrives.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -8,8 +8,6 @@ A. Velten et al., Recovering three-dimensional shape around a corner using ultra
 imaging, Nature Communications 3 (2012).
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable
@@ -43,7 +41,7 @@ def backproject(
     grid: VolumeGrid,
     weighting: str = "uniform",
     progress: bool = True,
-    client: Client | None = None,
+    client: "Client | None" = None,
 ) -> np.ndarray:
     """Intensities (z, y, x) by backprojection with one of WEIGHTINGS, by workers if there are some.
 

@@ -1,7 +1,5 @@
 """Maximum projection and depth map of a volume, and the error of the depth."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -11,8 +11,6 @@ D. Lindell, G. Wetzstein and M. O'Toole, Wave-based non-line-of-sight imaging us
 migration, ACM Transactions on Graphics 38 (2019).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

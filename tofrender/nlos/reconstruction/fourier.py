@@ -1,7 +1,5 @@
 """Fourier transforms of data padded with zeros, and their memory."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -11,8 +9,7 @@ import scipy.fft
 
 from ...runtime import memory
 
-fft: Any = scipy.fft
-"""SciPy's transforms, whose types cannot be inferred."""
+fft: Any = scipy.fft  # SciPy's transforms, whose types cannot be inferred
 
 
 def require_memory(method: str, shape: Sequence[int], copies: float) -> None:

@@ -11,8 +11,6 @@ M. O'Toole, D. Lindell and G. Wetzstein, Confocal non-line-of-sight imaging base
 transform, Nature 555 (2018).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -27,8 +25,7 @@ from .volume import VolumeGrid, native_volume
 SURFACES = {"diffuse": 3, "retroreflective": 1}
 """Power of the distance in √v that undoes the falloff with it, by kind of hidden surface."""
 
-SNR = 10.0
-"""Signal-to-noise ratio of light without noise: what the transform itself leaves out."""
+SNR = 10.0  # Signal-to-noise ratio of light without noise: what the transform itself leaves out
 
 
 def light_cone_transform(

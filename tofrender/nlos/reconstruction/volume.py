@@ -1,7 +1,5 @@
 """Volumes of voxels in front of the wall, and the Dataset of their intensities."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -42,7 +40,7 @@ class VolumeGrid:
             raise ValueError(f"volume of {self.shape} voxels: must be at most {MAX_VOXELS}")
 
     @classmethod
-    def of(cls, value: Any) -> VolumeGrid:
+    def of(cls, value: Any) -> "VolumeGrid":
         """Convert three axes (low, high, count); a grid is returned as it is."""
         if isinstance(value, cls):
             return value

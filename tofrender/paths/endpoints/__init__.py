@@ -5,8 +5,6 @@ on the plane that touches the sphere around scene and sensor and faces the light
 direction's wavefront is plane, all of it starts at OPL 0, and no length is negative.
 """
 
-from __future__ import annotations
-
 from .gated import GatedLights as GatedLights
 from .scene_lights import (
     ConnectionsOnly as ConnectionsOnly,
