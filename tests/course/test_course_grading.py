@@ -24,7 +24,7 @@ pytest.importorskip("resource", reason="a grading machine runs Linux or macOS")
 
 from tofrender.cli import app as cli
 from tofrender.course.assignments import PACKAGE, find
-from tofrender.course.grade import classes, grading, unpacking
+from tofrender.course.grade import grading, results, unpacking
 from tofrender.course.grade.results import Results, finished, grades_of
 from tofrender.course.judge import plugin, processes, sandbox
 from tofrender.course.judge.running import outcomes_of, read_report
@@ -166,9 +166,9 @@ def test_seeds_of_a_class(assignment, tmp_path):
         with pytest.raises(ValueError, match=r"seed\.txt: .*: must be an integer from 1 to"):
             grading.seed_of(staff)
     (tmp_path / "a.json").write_text("junk")
-    assert classes.seed_of_before(tmp_path) == 0
+    assert results.seed_of_before(tmp_path) == 0
     Results(assignment.rubric, seed=9).write(tmp_path / "b.json")
-    assert classes.seed_of_before(tmp_path) == 9
+    assert results.seed_of_before(tmp_path) == 9
     content = json.loads((tmp_path / "b.json").read_text())  # All is zero at first
     assert (content["score"], len(content["tests"])) == (0, 5)
     assert not content["extra_data"]["complete"]

@@ -71,6 +71,18 @@ def test_marker_selects_a_problem_and_seeds_repeat(assignment):
     assert cases == ["seed0", "seed1", "seed2"]
 
 
+def test_seeds_stay_below_what_handouts_promise(assignment):
+    """Also with the largest secret; tests add little to them."""
+    seed = (1 << 31) - 1
+    (assignment / "secret").write_text(str(seed))
+    line = "f = submission.random.uniform"
+    check = f"expect.true(0 <= submission.seed < 1 << 31, str(submission.seed))\n    {line}"
+    changed(assignment, "tests/test_range_staff.py", (line, check))
+    options = ("--seed", str(seed), "--secret", "secret", "-m", "a0_range")
+    output, report = run_pytest(assignment, *options, "tests/test_range_staff.py")
+    assert [line["outcome"] for line in report.values()] == ["passed"], output
+
+
 def test_in_a_students_folder_a_failure_leaves_a_picture(assignment, tmp_path):
     write_submission(assignment / "mine", PULSE.replace("-0.5 *", "-0.4 *"))
     with (assignment / "pytest.ini").open("a") as file:

@@ -18,7 +18,7 @@ from helpers.processes import says
 
 import tofrender
 from tofrender.cli import app as cli
-from tofrender.course import assignments, edition, material, mutants, notebooks, rubric, toml
+from tofrender.course import assignments, edition, material, mutants, notebooks, rubric
 from tofrender.course.author import contracts, leaks, structure, verify
 from tofrender.course.author.release import release
 from tofrender.course.judge import running, worker
@@ -203,14 +203,6 @@ def test_rubric_of_students(tiny, tmp_path):
     material.write(assignments.Assignment(tmp_path), again)
     for name in ("rubric.toml", "README.md"):
         assert (again / name).read_text() == (tmp_path / name).read_text()
-
-
-def test_toml_is_read_as_it_was_written():
-    content = {
-        "assignment": {"id": 'a"0\\', "number": 3, "bonus": True, "list": ["é", "b"], "e": []},
-        "problem": [{"title": "1", "tests": [{"id": "x", "points": 0.5}]}, {"tests": []}],
-    }
-    assert tomllib.loads(toml.text(content)) == content
 
 
 def test_handout_names_only_problems(tiny):

@@ -72,7 +72,7 @@ def grade(
             raise ValueError(f"--format = {format}: must be left out with --all")
         out, csv = _check_class(everyone, out, csv, feedback, jobs)
 
-    from ..course.grade import classes, grading, roster as rosters
+    from ..course.grade import classes, grading, results, roster as rosters
     from ..course.judge import sandbox
 
     found = find(assignment)
@@ -88,7 +88,7 @@ def grade(
     for name in unknown:
         note(f"warning: --roster = {roster}: {name!a} is nobody's")
     try:
-        before = classes.seed_of_before(out) if submission is None else 0
+        before = results.seed_of_before(out) if submission is None else 0
         more = {"time_limit_s": time_limit, "memory_gib": memory, "format": format}
         with grading.open_grader(found, before, **more) as grader:
             if submission is not None:

@@ -11,12 +11,14 @@ from contextlib import suppress
 from importlib.util import resolve_name
 from pathlib import Path
 
+import tomlkit
+
 from . import material, toml
 from .assignments import PACKAGE, Assignment
 from .rubric import Rubric
 
 DESCRIPTION = "Light in flight on Mitsuba 3: the student edition"
-SAME = ("name", "license", "license-files", "requires-python", "dependencies")
+SAME = ("name", "license", "license-files", "requires-python", "dependencies", "scripts")
 """Keys of the checkout's `pyproject.toml` that the edition has, too."""
 
 
@@ -74,12 +76,11 @@ def make_installable(folder: Path, rubric: Rubric) -> None:
     content = {
         "build-system": given["build-system"],
         "project": {name: project[name] for name in SAME}
-        | {"version": version(rubric), "description": DESCRIPTION},
-        "project.optional-dependencies": {"course": project["optional-dependencies"]["course"]},
-        "project.scripts": project["scripts"],
-        "tool.hatch.build.targets.wheel": {"packages": ["tofrender"]},
+        | {"version": version(rubric), "description": DESCRIPTION}
+        | {"optional-dependencies": {"course": project["optional-dependencies"]["course"]}},
+        "tool": {"hatch": {"build": {"targets": {"wheel": {"packages": ["tofrender"]}}}}},
     }
-    (folder / "pyproject.toml").write_text(toml.text(content), encoding="utf-8")
+    (folder / "pyproject.toml").write_text(tomlkit.dumps(content), encoding="utf-8")
 
 
 def version(rubric: Rubric) -> str:

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import tomlkit
+
 from . import toml
 from .assignments import PACKAGE, Assignment
 from .rubric import STAFF_TEST, Problem, Rubric
@@ -23,14 +25,13 @@ def write(assignment: Assignment, folder: Path) -> None:
     """Write the released material of an assignment, or of released material, into a folder."""
     source = assignment.folder
     for name in FILES:
-        if (source / name).is_file():
-            shutil.copyfile(source / name, folder / name)
+        _copy(source, folder, name)
     readme = folder / "README.md"
     if readme.is_file():
         text = handout(readme.read_text(encoding="utf-8"), assignment.rubric)
         readme.write_text(text, encoding="utf-8")
     content = toml.read(source / "rubric.toml")
-    (folder / "rubric.toml").write_text(toml.text(visible(content)), encoding="utf-8")
+    (folder / "rubric.toml").write_text(tomlkit.dumps(visible(content)), encoding="utf-8")
     _copy(source / "starter", folder / "starter", "*.py")
     _copy(source / "tests", folder / "tests", "*", without=STAFF_TEST)
     _copy(source / "figures", folder / "figures", "*", without="*.py")

@@ -18,12 +18,17 @@ def write(folder: Path, name: str, text: str) -> None:
 def page(text: str) -> str:
     """Page of HTML, from Markdown whose first line is the title; HTML in it stays text."""
     from markdown_it import MarkdownIt
+    from mdit_py_plugins.dollarmath import dollarmath_plugin
 
     reader = MarkdownIt("commonmark", {"html": False}).enable(["table", "strikethrough"])
-    marked, formulas = _without_formulas(text)
-    body = reader.render(marked)
-    for mark, formula in formulas.items():
-        body = body.replace(mark, formula)
+    strict = dict.fromkeys(("allow_labels", "allow_space", "allow_digits"), False)
+    reader.use(
+        dollarmath_plugin,
+        **strict,
+        double_inline=True,
+        renderer=lambda formula, options: mathml(formula, block=options["display_mode"]),
+    )
+    body = reader.render(text)
     first = text.lstrip().partition("\n")[0].lstrip("# ")
     title = html.escape(re.sub(r"\\(.)", r"\1", first))
     return (
@@ -32,25 +37,6 @@ def page(text: str) -> str:
         f"<title>{title}</title>\n<style>\n{STYLE.read_text()}</style>\n</head>\n"
         f"<body>\n{body}</body>\n</html>\n"
     )
-
-
-def _without_formulas(text: str) -> tuple[str, dict[str, str]]:
-    """Text with marks that Markdown leaves alone, and the formulas they stand for."""
-    formulas: dict[str, str] = {}
-
-    def keep(found: re.Match[str]) -> str:
-        if found["code"]:
-            return found[0]
-        mark = f"FORMULA{len(formulas)}END"
-        block = found["shown"] is not None
-        formulas[mark] = mathml(found["shown"] if block else found["inline"], block=block)
-        return mark
-
-    pattern = (
-        r"(?P<code>^(?P<fence>```+|~~~+)[\s\S]*?^(?P=fence)|(?P<tick>`+)[^`]+(?P=tick)|\\\$)"
-        r"|\$\$(?P<shown>[^$]+)\$\$|\$(?P<inline>[^$\s](?:[^$\n]*[^$\s])?)\$(?!\d)"
-    )
-    return re.sub(pattern, keep, text, flags=re.MULTILINE), formulas
 
 
 def plain(text: str) -> str:

@@ -11,7 +11,7 @@ from . import toml
 
 FILE_NAME = "rubric.toml"
 STAFF_TEST = "*_staff.py"
-MAX_SEED = MAX_TERM = (1 << 31) - 1
+MAX_SEED = (1 << 31) - 1
 FORBIDDEN = ("warps", "integrators", "light sampling")
 """Features that a handout may not allow, see `judge.forbidden`."""
 VISIBILITIES = ("visible", "after_due_date", "after_published", "hidden")
@@ -120,6 +120,11 @@ class Rubric:
         """Problem that a test judges, by the test's id."""
         return {test.id: problem for problem in self.problems for test in problem.tests}
 
+    @property
+    def public_tests(self) -> list[str]:
+        """Ids of the public tests."""
+        return [t.id for p in self.problems for t in p.tests if t.visibility == "visible"]
+
     def needed(self, problem: str) -> set[str]:
         """Problems whose code a problem uses, directly or not, itself included."""
         needs = {each.id: each.needs for each in self.problems}
@@ -174,8 +179,8 @@ def _faults(rubric: Rubric) -> Iterator[str]:
             yield f"{kind} {name!r} is there more than once"
     if not rubric.problems:
         yield "has no [[problem]]"
-    if not isinstance(rubric.term, int) or not 0 <= rubric.term <= MAX_TERM:
-        yield f"term = {rubric.term}: must be an integer from 0 to {MAX_TERM}"
+    if not isinstance(rubric.term, int) or not 0 <= rubric.term <= MAX_SEED:
+        yield f"term = {rubric.term}: must be an integer from 0 to {MAX_SEED}"
     late = rubric.late
     if not 0 <= late.free_days < math.inf:
         yield f"[late]: free_days = {late.free_days}: must be a number from 0"

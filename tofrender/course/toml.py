@@ -1,6 +1,5 @@
-"""TOML files of an assignment: read, checked against dataclasses, and written."""
+"""TOML files of an assignment: read, and checked against dataclasses."""
 
-import json
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -32,34 +31,3 @@ def make(kind: type, table: Mapping[str, Any], where: str) -> Any:
 
 def _tuples(value: Any) -> Any:
     return tuple(map(_tuples, value)) if isinstance(value, list) else value
-
-
-def text(content: Mapping[str, Any]) -> str:
-    """TOML text of tables and arrays of tables.
-
-    Example:
-        >>> print(text({"problem": [{"id": "a0", "tests": [{"points": 2}]}]}))
-        [[problem]]
-        id = "a0"
-        tests = [
-          { points = 2 },
-        ]
-        <BLANKLINE>
-    """
-    lines = []
-    for name, value in content.items():
-        for table in value if isinstance(value, list) else [value]:
-            lines.append(f"[[{name}]]" if isinstance(value, list) else f"[{name}]")
-            lines += [f"{key} = {_value(entry)}" for key, entry in table.items()]
-            lines.append("")
-    return "\n".join(lines)
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_value(entry)}" for key, entry in value.items()) + " }"
-    if isinstance(value, list) and any(isinstance(entry, dict) for entry in value):
-        return "[\n" + "".join(f"  {_value(entry)},\n" for entry in value) + "]"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_value, value)) + "]"
-    return json.dumps(value)  # JSON's texts, numbers and booleans are TOML's too

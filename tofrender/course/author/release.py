@@ -8,6 +8,9 @@ import shutil
 import subprocess
 import tempfile
 from pathlib import Path
+from typing import Any
+
+import tomlkit
 
 from ...runtime.atomic import replacing
 from .. import edition, pages, rubric as rubrics
@@ -24,8 +27,6 @@ REPOSITORY = {
 """Files of `.ci/repository/`, and their paths in what is released."""
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 PRINTING_S = 120.0
-TERM = re.compile(r"^term *= *\d+ *$", re.MULTILINE)
-HEAD = re.compile(r"^\[assignment\] *\n", re.MULTILINE)
 LOCAL_LINK = re.compile(r'<a href="(?!https?:|#)[^"]*">(.*?)</a>', re.DOTALL)
 
 
@@ -128,17 +129,9 @@ def new_term(assignment: Assignment, term: int | None = None) -> tuple[int, int]
     path = assignment.folder / rubrics.FILE_NAME
     before = assignment.rubric.term
     if term is None:
-        term = 1 + secrets.randbelow(rubrics.MAX_TERM)
-    text = path.read_text(encoding="utf-8")
-    line = f"term = {term}"
-    if TERM.search(text):
-        text = TERM.sub(line, text, count=1)
-    elif HEAD.search(text):
-        text = HEAD.sub(f"[assignment]\n{line}\n", text, count=1)
-    else:
-        raise ValueError(f"{path}: has no line [assignment]")
+        term = 1 + secrets.randbelow(rubrics.MAX_SEED)
+    content: Any = tomlkit.parse(path.read_text(encoding="utf-8"))  # keeps its comments and blanks
+    content["assignment"]["term"] = term
     with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-        if rubrics.read(temporary).term != term:
-            raise ValueError(f"{path}: its term cannot be set; write {line} below [assignment]")
+        temporary.write_text(tomlkit.dumps(content), encoding="utf-8")
     return before, term

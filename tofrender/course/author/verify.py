@@ -155,11 +155,9 @@ class _Checks:
         material = folder / "tofrender" / "course" / "material" / self.assignment.name
         student = start(Assignment(material), self.folder / "student")
         there = set(structure.collect(student, folder))
-        rubric = self.assignment.rubric
-        seen = {t.id for p in rubric.problems for t in p.tests if t.visibility == "visible"}
         check.reasons += [
             f"{name}: students {'have it, must not' if name in there else 'do not have it'}"
-            for name in sorted(there ^ seen)
+            for name in sorted(there.symmetric_difference(self.assignment.rubric.public_tests))
         ]
 
     def starter(self, check: Check) -> None:

@@ -19,7 +19,7 @@ from ...runtime.progress import ProgressBar
 from ..assignments import PACKAGE
 from ..rubric import Rubric
 from .grading import Extracted, Grader
-from .results import Results, finished, printable, seed_of
+from .results import Results, finished, printable
 from .roster import Marks, Member, Standing, write_csv
 
 MORE_S = 25.0  # time beyond the limit before the process of a submission is told to end [s]
@@ -190,12 +190,6 @@ def submissions_in(folder: Path, *others: Path) -> list[Path]:
     if not found:
         raise ValueError(f"--all = {folder}: holds no folders and no zips")
     return found
-
-
-def seed_of_before(out: Path) -> int:
-    """Seed with which some of a class were graded, so that all of it gets the same; or 0."""
-    found = (seed_of(path) for path in sorted(out.glob("*.json")))
-    return next(filter(None, found), 0)
 
 
 def _short(content: dict[str, Any]) -> dict[str, Any]:

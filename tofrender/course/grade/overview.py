@@ -2,8 +2,7 @@
 
 A failure **looks like** a wrong solution of `mutants.toml` if it fails the same tests of its
 problem, or most of them with that mutant's words. An item **separates** if those who pass it have
-more points elsewhere: the point-biserial correlation r of passing it with the points of all other
-tests. Above 0.3 is good; below 0 the test, or the text, deserves a look.
+more points elsewhere.
 """
 
 from collections import defaultdict

@@ -123,10 +123,10 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         return {}, {}
 
 
-def seed_of(path: Path) -> int:
-    """Seed of the staff's tests in a results file; 0 if there is none."""
-    seed = _read(path)[1].get("seed")
-    return seed if isinstance(seed, int) and 0 <= seed <= MAX_SEED else 0
+def seed_of_before(folder: Path) -> int:
+    """Seed with which some of a class were graded, so that all of it gets the same; or 0."""
+    seeds = (_read(path)[1].get("seed") for path in sorted(folder.glob("*.json")))
+    return next((seed for seed in seeds if isinstance(seed, int) and 0 < seed <= MAX_SEED), 0)
 
 
 def finished(path: Path, rubric: Rubric, fingerprint: str) -> dict[str, Any] | None:

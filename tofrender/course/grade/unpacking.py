@@ -42,13 +42,6 @@ def extract(
     They may lie up to two folders deep, or in the only zip of a folder: those are copied that lie
     with most of `names`, which are matching files. Links in a folder are passed over.
     `BadSubmission` for too many or too large files, or a broken or dangerous zip.
-
-    Example:
-        >>> import tempfile
-        >>> top = Path(tempfile.mkdtemp())
-        >>> _ = (top / "pulse.py").write_text("x = 1"), (top / "conftest.py").write_text("")
-        >>> extract(top, ["*.py"], top / "taken")
-        ['pulse.py']
     """
     depth = LEVELS + max(len(pattern.split("/")) for pattern in patterns)
     with _open_files(source, depth) as files:

@@ -1,8 +1,7 @@
 """pytest plugin of the assignments: `pytest -p tofrender.course.judge.plugin`.
 
 It reads `rubric.toml` beside the tests, makes a marker of each problem, and offers the fixture
-`submission`. Each failed test shows expected and actual values in a few lines. `pytest --help`
-lists the options: the judged folder, seeds, report, limits of the submission's processes.
+`submission`. `pytest --help` lists the options.
 """
 
 import json
@@ -39,6 +38,7 @@ class Submission:
         self._seed += inputs.seed_of(config.stash[RUBRIC].term)
         if request.path.match(rubric.STAFF_TEST):
             self._seed += config.stash[SECRET]
+        self._seed %= rubric.MAX_SEED + 1  # handouts promise 32 bits, and tests count on from it
         self.is_seeded = False  # whether the test has used its seed
         self.uses: set[str] = set()  # names of the submission that the probes have used
         self.fraction = 0.0  # fraction of the points that the test gives although it fails

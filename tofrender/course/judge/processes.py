@@ -1,8 +1,7 @@
 """Run untrusted commands with limited memory and time, and end all their children.
 
-A child is found even if it hides in a session of its own and outlives its parent: this process
-adopts orphans (`PR_SET_CHILD_SUBREAPER`, Linux), so that all stays below it in the tree. Nothing
-that is not below it is ever ended.
+A child is found even in a session of its own and after its parent's end: this process adopts
+orphans (`PR_SET_CHILD_SUBREAPER`, Linux). Nothing that is not below it is ever ended.
 """
 
 import os

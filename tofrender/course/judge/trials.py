@@ -1,11 +1,8 @@
 """Problems whose task is to write a test: it has to tell right solutions from wrong ones.
 
 In the rubric, `tests_of = "a2.gaussian_pulse"` makes a problem one. Its file defines one function,
-which gets a solution of that other problem and raises if it is wrong. The right solution is that of
-`solutions/`, the wrong ones are those of `mutants.toml`; the points are the fraction of wrong ones
-that the student's test finds, and none unless right ones pass (`share_found`).
-
-Nobody gets the messages of the student's test, since they may quote these solutions.
+which gets a solution of that other problem and raises if it is wrong. Nobody gets the messages of
+the student's test, since they may quote these solutions.
 """
 
 import tempfile
@@ -53,10 +50,10 @@ def solutions(assignment: Assignment, problem: Problem) -> list[Solution]:
 
 
 def share_found(submission: "Submission", probe: str, more: Iterable[Solution] = ()) -> None:
-    """Award the fraction of the wrong solutions that the student's test finds; else `Failure`.
+    """Award the fraction of the wrong solutions that the student's test finds, if right ones pass.
 
-    The probe gets `name` and `text` of a solution, and returns a `verdict`. Solutions are those of
-    `solutions/` and `mutants.toml`, and `more`.
+    The probe gets `name` and `text` of a solution, and returns a `verdict`. Right solutions are
+    those of `solutions/`, wrong ones those of `mutants.toml`; `more` are of either kind.
     """
     problem = submission.problem
     assert problem is not None

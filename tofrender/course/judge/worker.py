@@ -4,8 +4,7 @@
 
 A question is the name of a probe and its arguments; the probe is a function of the assignment's
 `tests/probes.py` that gets the student's objects and returns data. Questions come as numbers on
-standard input, their content and the answers as files (see `wire`). Nothing that the submission
-does here can change the judge's result for another answer.
+standard input, their content and the answers as files (see `wire`).
 """
 
 import importlib

@@ -1,7 +1,6 @@
 """Folders of students: made by `start`, checked and packed by `submit`."""
 
 import shutil
-import tempfile
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,15 +26,6 @@ def start(assignment: Assignment, folder: Path) -> Path:
     with replacing(folder, folder=True) as inside:
         _write(assignment, inside)
     return folder
-
-
-def stubs(assignment: Assignment) -> dict[str, bytes]:
-    """Files that a student starts from, with their content."""
-    with tempfile.TemporaryDirectory() as scratch:
-        inside = Path(scratch)
-        _write(assignment, inside)
-        names = [p.name for p in assignment.starter.glob("*.py")] + [NOTEBOOK]
-        return {name: (inside / name).read_bytes() for name in names if (inside / name).is_file()}
 
 
 def _write(assignment: Assignment, folder: Path) -> None:
@@ -97,22 +87,14 @@ def check(assignment: Assignment, folder: Path) -> tuple[dict[str, Path], list[s
 
 def unchanged(assignment: Assignment, folder: Path) -> list[str]:
     """Files of the problems that are still stubs; given ones may be."""
-    given = {NOTEBOOK, *assignment.given}
-    stub = {name: text for name, text in stubs(assignment).items() if name not in given}
-    there = [name for name in stub if (folder / name).is_file()]
-    return [name for name in there if (folder / name).read_bytes() == stub[name]]
+    stubs = [path for path in assignment.starter.glob("*.py") if path.name not in assignment.given]
+    there = [path for path in stubs if (folder / path.name).is_file()]
+    return [path.name for path in there if (folder / path.name).read_bytes() == path.read_bytes()]
 
 
 def run_public_tests(assignment: Assignment, folder: Path) -> dict[str, running.Outcome]:
     """Run the assignment's own public tests on a student's folder."""
-    tests = [
-        test.id
-        for problem in assignment.rubric.problems
-        for test in problem.tests
-        if test.visibility == "visible"
-        and (assignment.folder / "tests" / test.id.partition("::")[0]).is_file()
-    ]
-    return running.run(assignment.folder, tests=tests, submission=folder)
+    return running.run(assignment.folder, tests=assignment.rubric.public_tests, submission=folder)
 
 
 def pack(assignment: Assignment, folder: Path, archive: Path) -> Packed:
