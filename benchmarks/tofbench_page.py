@@ -1,16 +1,16 @@
 """Run tofbench with all adapters and write docs/tofbench.md: python -m benchmarks.tofbench_page.
 
 Renderers in other environments are named by --python RENDERER=PATH. With --page-only, the page is
-written from the stored results.
+written from the stored results. The table as HTML and the results as JSON are in out/tofbench.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import shutil
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 from .report import paragraph
@@ -20,6 +20,7 @@ from .tofbench.running import ADAPTERS
 ROOT = Path(__file__).parents[1]
 RESULTS = Path(__file__).with_name("tofbench.json")
 PAGE = ROOT / "docs" / "tofbench.md"
+OUT = ROOT / "out" / "tofbench"
 FIRST = ("tofrender", "mitransient", "mitsuba")
 
 REPRODUCTIONS = {
@@ -74,19 +75,23 @@ def page(results: dict) -> str:
     return "\n\n".join(blocks) + "\n"
 
 
-def main(arguments: list[str]) -> None:
+def main() -> None:
     """Run all adapters, unless only the page is wanted, and write the page."""
-    if arguments != ["--page-only"]:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition(":")[0])
+    parser.add_argument("--python", action="append", default=[], metavar="RENDERER=PATH")
+    parser.add_argument("--page-only", action="store_true", help="use the stored results")
+    arguments = parser.parse_args()
+    if not arguments.page_only:
         names = [*FIRST, *(name for name in ADAPTERS if name not in FIRST)]
-        with tempfile.TemporaryDirectory() as folder:
-            command = [sys.executable, "-m", "benchmarks.tofbench", "--out", folder]
-            command += [part for name in names for part in ("--renderer", name)]
-            done = subprocess.run([*command, *arguments], cwd=ROOT)
-            if done.returncode:
-                sys.exit(done.returncode)
-            shutil.copy(Path(folder) / "tofbench.json", RESULTS)
+        command = [sys.executable, "-m", "benchmarks.tofbench", "--out", str(OUT)]
+        command += [part for name in names for part in ("--renderer", name)]
+        command += [part for each in arguments.python for part in ("--python", each)]
+        done = subprocess.run(command, cwd=ROOT)
+        if done.returncode:
+            sys.exit(done.returncode)
+        shutil.copy(OUT / "tofbench.json", RESULTS)
     PAGE.write_text(page(json.loads(RESULTS.read_text())), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()
