@@ -51,10 +51,10 @@ def page(results: dict) -> str:
     rows = """A renderer **passes** a case if no reading (sums of bins) deviates from its exact
         value by more than chance allows: a right renderer fails anywhere in its column with a
         probability of at most 0.1 %. Cells have the largest deviation in standard errors (σ) and,
-        for passed cases, the processor time to a relative error of 1 %. **Not supported** is what
-        an adapter does not declare; it says nothing against a renderer. **Steady**: the renderer
-        has no time, and its image is compared with the sum over time. **Delays**: only arrival
-        times are compared. Times are from one machine with two cores, shared with other work."""
+        for passed cases, the processor time to a relative error of 1 %. A dash is what an adapter
+        does not support; it says nothing against a renderer. **Steady**: the renderer has no time,
+        and its image is compared with the sum over time. **Delays**: only arrival times are
+        compared. Times are from one machine with two cores, shared with other work."""
     rows_of_references = """Cases named `reference` have no closed form. They compare with bins
         rendered by tofrender, with error bars, so what they tell is in the columns of the other
         renderers."""
@@ -65,11 +65,8 @@ def page(results: dict) -> str:
         renderer, _, case = name.partition(", ")
         again = f"`python -m benchmarks.tofbench --renderer {renderer} --case {case}`"
         wrong.append(f"- **{name}** ({text}): {shown} {again}".replace(":  ", ": "))
-    versions = "\n".join(
-        f"- {name}: {each['version'] or 'not run'}" for name, each in results["renderers"].items()
-    )
     blocks = ["# Tests of transient renderers (tofbench)", paragraph(intro), paragraph(rows)]
-    blocks += [paragraph(rows_of_references), paragraph(made), "## Versions", versions]
+    blocks += [paragraph(rows_of_references), paragraph(made)]
     blocks += ["## Results", markdown(results), "## Failures, and how to reproduce them"]
     blocks.append("\n".join(wrong) if wrong else "None.")
     return "\n\n".join(blocks) + "\n"
