@@ -61,7 +61,7 @@ release-check: setup ## build twice, compare, install on three Pythons, run the 
 test-versions: setup ## run a selection of tests on three Pythons, and with the oldest packages
 	.venv/bin/python .ci/versions.py $(ARGS)
 
-bench-tof: setup ## test all transient renderers that are installed; writes docs/tofbench.md
+bench-tof: setup ## test all installed transient renderers; writes out/tofbench and docs/tofbench.md
 	.venv/bin/python -m benchmarks.tofbench_page $(ARGS)
 
 clean: ## remove out/, caches and builds (not .venv)

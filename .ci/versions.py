@@ -2,7 +2,7 @@
 
 `make test-versions`: an environment of each Python with the newest packages that `pyproject.toml`
 allows, and one of the oldest Python with the oldest. Pythons and packages come from uv, which needs
-the package index; environments are kept in `build/versions`, and are made anew if that is removed.
+the package index; environments are kept in `build/versions` until requirements change.
 """
 
 from __future__ import annotations
@@ -60,16 +60,17 @@ def main() -> int:
 
 
 def environment(name: str, base: str) -> str:
-    """Python of an environment with the package's requirements, made if it is not there."""
+    """Python of an environment with the package's requirements, made unless it has these."""
     folder = ROOT / "build/versions" / name
     python = str(folder / "bin/python")
-    if not (folder / "complete").exists():
+    complete, wanted = folder / "complete", "\n".join([base, *requirements(), *TESTS])
+    if not complete.exists() or complete.read_text("utf-8") != wanted:
         subprocess.run(["uv", "venv", "-q", "--clear", "-p", base, str(folder)], check=True)
         install = ["uv", "pip", "install", "-q", "--python", python]
         oldest = ["--resolution", "lowest-direct"] if name == OLDEST else []
         subprocess.run([*install, *oldest, *requirements()], check=True)
         subprocess.run([*install, *TESTS], check=True)
-        (folder / "complete").touch()
+        complete.write_text(wanted, "utf-8")
     return python
 
 

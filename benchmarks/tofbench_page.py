@@ -1,16 +1,16 @@
 """Run tofbench with all adapters and write docs/tofbench.md: python -m benchmarks.tofbench_page.
 
 Renderers in other environments are named by --python RENDERER=PATH. With --page-only, the page is
-written from the stored results.
+written from the stored results. The table as HTML and the results as JSON are in out/tofbench.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import shutil
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 from .report import paragraph
@@ -20,6 +20,7 @@ from .tofbench.running import ADAPTERS
 ROOT = Path(__file__).parents[1]
 RESULTS = Path(__file__).with_name("tofbench.json")
 PAGE = ROOT / "docs" / "tofbench.md"
+OUT = ROOT / "out" / "tofbench"
 FIRST = ("tofrender", "mitransient", "mitsuba")
 
 REPRODUCTIONS = {
@@ -50,10 +51,10 @@ def page(results: dict) -> str:
     rows = """A renderer **passes** a case if no reading (sums of bins) deviates from its exact
         value by more than chance allows: a right renderer fails anywhere in its column with a
         probability of at most 0.1 %. Cells have the largest deviation in standard errors (σ) and,
-        for passed cases, the processor time to a relative error of 1 %. **Not supported** is what
-        an adapter does not declare; it says nothing against a renderer. **Steady**: the renderer
-        has no time, and its image is compared with the sum over time. **Delays**: only arrival
-        times are compared. Times are from one machine with two cores, shared with other work."""
+        for passed cases, the processor time to a relative error of 1 %. A dash is what an adapter
+        does not support; it says nothing against a renderer. **Steady**: the renderer has no time,
+        and its image is compared with the sum over time. **Delays**: only arrival times are
+        compared. Times are from one machine with two cores, shared with other work."""
     rows_of_references = """Cases named `reference` have no closed form. They compare with bins
         rendered by tofrender, with error bars, so what they tell is in the columns of the other
         renderers."""
@@ -64,29 +65,30 @@ def page(results: dict) -> str:
         renderer, _, case = name.partition(", ")
         again = f"`python -m benchmarks.tofbench --renderer {renderer} --case {case}`"
         wrong.append(f"- **{name}** ({text}): {shown} {again}".replace(":  ", ": "))
-    versions = "\n".join(
-        f"- {name}: {each['version'] or 'not run'}" for name, each in results["renderers"].items()
-    )
     blocks = ["# Tests of transient renderers (tofbench)", paragraph(intro), paragraph(rows)]
-    blocks += [paragraph(rows_of_references), paragraph(made), "## Versions", versions]
+    blocks += [paragraph(rows_of_references), paragraph(made)]
     blocks += ["## Results", markdown(results), "## Failures, and how to reproduce them"]
     blocks.append("\n".join(wrong) if wrong else "None.")
     return "\n\n".join(blocks) + "\n"
 
 
-def main(arguments: list[str]) -> None:
+def main() -> None:
     """Run all adapters, unless only the page is wanted, and write the page."""
-    if arguments != ["--page-only"]:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition(":")[0])
+    parser.add_argument("--python", action="append", default=[], metavar="RENDERER=PATH")
+    parser.add_argument("--page-only", action="store_true", help="use the stored results")
+    arguments = parser.parse_args()
+    if not arguments.page_only:
         names = [*FIRST, *(name for name in ADAPTERS if name not in FIRST)]
-        with tempfile.TemporaryDirectory() as folder:
-            command = [sys.executable, "-m", "benchmarks.tofbench", "--out", folder]
-            command += [part for name in names for part in ("--renderer", name)]
-            done = subprocess.run([*command, *arguments], cwd=ROOT)
-            if done.returncode:
-                sys.exit(done.returncode)
-            shutil.copy(Path(folder) / "tofbench.json", RESULTS)
+        command = [sys.executable, "-m", "benchmarks.tofbench", "--out", str(OUT)]
+        command += [part for name in names for part in ("--renderer", name)]
+        command += [part for each in arguments.python for part in ("--python", each)]
+        done = subprocess.run(command, cwd=ROOT)
+        if done.returncode:
+            sys.exit(done.returncode)
+        shutil.copy(OUT / "tofbench.json", RESULTS)
     PAGE.write_text(page(json.loads(RESULTS.read_text())), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

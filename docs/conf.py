@@ -106,6 +106,9 @@ html_sidebars = {
     "index": [],
     "explore": [],
     "conventions": [],
+    "faq": [],
+    "glossary": [],
+    "install": [],
     "notebooks": [],
     "gallery/index": [],
 }
@@ -121,7 +124,7 @@ html_theme_options = {
     "header_links_before_dropdown": 7,
     "show_prev_next": True,
     "show_toc_level": 2,
-    "secondary_sidebar_items": {"**": ["page-toc"], "index": [], "explore": []},
+    "secondary_sidebar_items": {"**": ["page-toc"], "index": [], "explore": [], "tofbench": []},
     "footer_start": ["copyright"],
     "footer_end": [],
     "pygments_light_style": "a11y-high-contrast-light",

@@ -11,6 +11,7 @@ from .running import Renderer
 from .verdicts import ALPHA, Verdict
 
 Verdicts = dict[str, Verdict]
+OFF = "not supported"
 
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem; color: #1a1a1a; background: #fff }
@@ -44,7 +45,7 @@ def short(verdict: dict | None) -> str:
     """A cell: passed or failed with what was compared, bias, and time to 1 %."""
     if verdict is None:
         return "not run"
-    if verdict["status"] in ("not supported", "error"):
+    if verdict["status"] in (OFF, "error"):
         return verdict["status"]
     form = f" ({verdict['form']})" if verdict["form"] in ("steady", "delays") else ""
     parts = [verdict["status"] + form]
@@ -73,7 +74,7 @@ def seconds(value: float) -> str:
 def counts(verdicts: dict[str, dict]) -> str:
     """Of the cases that a renderer supports, how many pass."""
     states = [each["status"] for each in verdicts.values()]
-    supported = [state for state in states if state != "not supported"]
+    supported = [state for state in states if state != OFF]
     return f"{states.count('passed')} of {len(supported)}"
 
 
@@ -132,9 +133,15 @@ def failures(results: dict) -> list[str]:
 
 
 def markdown(results: dict) -> str:
-    """The table for the documentation."""
-    head, *body = _rows(results)
-    lines = [" | ".join(["case" if not head[0] else head[0], *head[1:]])]
-    lines.append(" | ".join(["---"] * len(head)))
-    lines += [" | ".join(row) for row in body]
+    """Tables for the documentation: a row for each renderer, and one for each case."""
+    _, versions, passed, *cases = _rows(results)
+    names = list(results["renderers"])
+    summary = list(zip(["renderer", *names], versions, passed, strict=True))
+    short_cases = [["–" if cell == OFF else cell for cell in row] for row in cases]
+    return f"{_table(summary)}\n\n{_table([['case', *names], *short_cases])}"
+
+
+def _table(rows: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown, whose first row is its head."""
+    lines = [" | ".join(row) for row in (rows[0], ["---"] * len(rows[0]), *rows[1:])]
     return "\n".join(f"| {line} |" for line in lines)

@@ -4,8 +4,10 @@ import re
 from pathlib import Path
 
 import pytest
+from helpers import browser
 
 ROOT = Path(__file__).parents[2]
+HTML = ROOT / "build/docs/html"
 SITE = {  # Pages that the site has from elsewhere, see `docs/build.py`
     "assignments/README.md": "guides/teacher",
     "scenes/README.md": "scenes/README",
@@ -89,3 +91,45 @@ def test_clicks_are_counted(near):
     assert near["faq"] == 1
     assert near["contributing"] == 2
     assert len(QUESTIONS) >= 20
+
+
+@pytest.mark.skipif(not (HTML / "index.html").exists(), reason="no site; run: make docs")
+def test_answers_are_two_clicks_away_on_the_built_site():
+    """By links that a reader sees, none of them in a menu that is opened first."""
+    seen = "a => a.checkVisibility({visibilityProperty: true, opacityProperty: true})"
+    address = "a => a.href.split('#')[0]"
+    with browser.page(offline=True, viewport={"width": 1360, "height": 800}) as page:
+
+        def at(name: str) -> str:
+            return (HTML / f"{name}.html").as_uri()
+
+        def shown(url: str) -> list[str]:
+            page.goto(url)
+            found = page.locator("a[href]").evaluate_all(f"x => x.filter({seen}).map({address})")
+            return [each for each in dict.fromkeys(found) if each.startswith(HTML.as_uri())]
+
+        def click(url: str) -> None:
+            one = page.evaluate_handle(
+                f"u => [...document.links].find(a => ({seen})(a) && ({address})(a) === u)", url
+            )
+            with page.expect_navigation(url=re.compile(re.escape(url))):
+                one.as_element().click()
+
+        first = shown(at("index"))
+        second = {url: shown(url) for url in first if url.endswith(".html")}
+
+        def text(name: str) -> str:
+            """Of a page, found by clicks from the first one; empty if two do not lead to it."""
+            between = next((url for url in second if at(name) in second[url]), None)
+            if at(name) not in first and between is None:
+                return ""
+            page.goto(at("index"))
+            if at(name) not in first:
+                click(between)
+            click(at(name))
+            return page.locator("main").inner_text()
+
+        texts = {name: text(name) for name in {name for name, _ in QUESTIONS.values()}}
+    answers = {q: (re.sub("#+ |`", "", words), name) for q, (name, words) in QUESTIONS.items()}
+    lost = [q for q, (words, name) in answers.items() if not re.search(words, texts[name])]
+    assert lost == []
