@@ -52,6 +52,7 @@ def polarised() -> xr.Dataset:
     return in_components(flat)
 
 
+@pytest.mark.essential
 def test_polarised_light_is_shown_by_component_degree_and_angle(tmp_path):
     data = polarised()
     given = data["transient"].values[..., 0]  # y, x, bins, stokes

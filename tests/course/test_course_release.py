@@ -84,6 +84,7 @@ def test_released_folder(released):
     assert project["optional-dependencies"]["course"] == whole["optional-dependencies"]["course"]
 
 
+@pytest.mark.essential
 def test_names_say_the_problem(tiny, tmp_path):
     edition.copy(tiny, tmp_path)
     script = """

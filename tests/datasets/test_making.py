@@ -371,6 +371,7 @@ def test_a_stopped_run_goes_on(made, tmp_path, monkeypatch):
         np.testing.assert_allclose(found[name], made[0][name], **TIGHT)
 
 
+@pytest.mark.essential
 def test_a_damaged_record_is_made_again(made, tmp_path, monkeypatch):
     out = tmp_path / "x.zarr"
     folder = stopped(monkeypatch, out, 2)

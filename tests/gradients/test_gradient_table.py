@@ -148,6 +148,7 @@ def test_many_samples():
     assert many == pytest.approx(few, rel=2e-4)  # A single sum would lose 6e-4 of a million
 
 
+@pytest.mark.essential
 def test_hidden_lamps_that_move():
     """Camera rays go on behind them, which is no derivative of theirs; light still comes."""
     found = forward(cases.LIGHT_2, seed=3, hide_emitters=True)

@@ -11,7 +11,7 @@ from helpers import durations
 FAST_S = 0.2  # A test whose cases compute longer than this together gets the mark `slow`
 CASES_S = 0.5  # `make test` runs as many cases of a test as fit into this time, and at least one
 
-CASE_S = 1.2
+CASE_S = 1.0
 """A test whose cases compute longer is left to `make test-all`; if `essential`, all but a case."""
 
 LEFT = pytest.StashKey[str]()

@@ -21,6 +21,7 @@ def scene(half: float = 60.0, **motions: Motion) -> mi.Scene:
     return moving(load(described | {"square": {"type": "rectangle", "to_world": square}}), motions)
 
 
+@pytest.mark.essential
 def test_each_shot_sees_a_receding_wall_at_its_time():
     """Within half of what it moves while a pose lasts; the echoes agree with the truth."""
     speed, pose = 4.0, 4e-3
