@@ -14,9 +14,10 @@ import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import drjit as dr
@@ -25,56 +26,15 @@ import numpy as np
 
 import tofrender
 
-from . import peers, report
+from . import denoising, peers, report
 from .case_lights import plain_pixels
 from .case_nlos import letter
 from .operations import operations, stale
+from .six_scenes import SCENES, SIZE, Described, box
 from .timing import in_turn, trace
 
-SIZE, BINS, SPP, DEPTH = 64, 300, 256, 6
+SPP = 256
 RESULTS = Path(__file__).with_name("results.json")
-Described = dict[str, Any]
-
-
-def box(name: str = "cornell_box", **more: Any) -> Described:
-    """A Cornell box at the size of the table."""
-    found = getattr(tofrender, name)(
-        **{"width": SIZE, "height": SIZE, "temporal_bins": BINS} | more
-    )
-    found["integrator"]["max_depth"] = DEPTH
-    return found
-
-
-def sixteen_lamps() -> Described:
-    """The box's lamp, cut into sixteen that are a third as long and wide as their part of it."""
-    found = box()
-    lamp = found.pop("light")
-    grid = [(x, y) for x in (-0.75, -0.25, 0.25, 0.75) for y in (-0.75, -0.25, 0.25, 0.75)]
-    for k, (x, y) in enumerate(grid):
-        part = mi.ScalarTransform4f().translate([x, y, 0]).scale([1 / 12, 1 / 12, 1])
-        found[f"light{k}"] = lamp | {"to_world": lamp["to_world"] @ part}
-    return found
-
-
-def small_lamp() -> Described:
-    """The box with a lamp 4 cm wide, two bins."""
-    found = box()
-    lamp = found["light"]
-    part = mi.ScalarTransform4f().scale([0.02 / 0.23, 0.02 / 0.19, 1])
-    found["light"] = lamp | {"to_world": lamp["to_world"] @ part}
-    return found
-
-
-SCENES: dict[str, Callable[[], Described]] = {
-    "Cornell box": box,
-    "sixteen lamps": sixteen_lamps,
-    "lamp two bins wide": small_lamp,
-    "glass sphere": lambda: box("cornell_box_glass"),
-    "mirror": lambda: box("cornell_box_mirror"),
-    "flash": lambda: box("cornell_box_flash"),
-}
-
-
 GUIDED = ("glass sphere", "mirror")
 
 
@@ -126,6 +86,16 @@ def table(seeds: int) -> dict[str, Any]:
         rows[name] = {who: figures(found[who], plain) for who in draws}
         rows[name]["pixels with lamps"] = int((~plain).sum())
         print(name, rows[name], flush=True)
+    return rows
+
+
+def filtered(seeds: int) -> dict[str, Any]:
+    """Each scene: what `denoise` gains."""
+    rows = {}
+    with TemporaryDirectory() as cache:
+        for name in SCENES:
+            rows[name] = denoising.measure(name, seeds, Path(cache))
+            print(name, rows[name], flush=True)
     return rows
 
 
@@ -253,7 +223,7 @@ def main() -> None:
         start = time.perf_counter()
         results: dict[str, Any] = {"machine": machine(), "scenes": table(options.seeds)}
         results |= {"times": times(options.seeds), "samplers": samplers(options.seeds)}
-        results["captures"] = captures(options.seeds)
+        results |= {"captures": captures(options.seeds), "filtered": filtered(options.seeds)}
         alone = [sys.executable, "-m", "benchmarks.full", "--kernels"]  # Without other scenes
         output = subprocess.run(alone, check=True, capture_output=True, text=True).stdout
         results |= {"operations": json.loads(output), "commit": commit()}
