@@ -19,7 +19,7 @@ notebook: setup ## open the notebooks in JupyterLab; git stores them without out
 docs: setup ## build the documentation in build/docs/html, without a network; runs examples and notebooks
 	.venv/bin/python docs/build.py $(ARGS)
 
-test: setup ## test every part, in about ten minutes; ARGS='-m "not slow and not statistical"' in one
+test: setup ## test every part, in about ten minutes; ARGS='-m "not slow and not statistical"' in two
 	.venv/bin/python -m pytest -n auto --dist worksteal --brief $(ARGS)
 
 test-all: setup ## run all tests, in an hour and a half; SHARD=3/8 runs the third of eight parts

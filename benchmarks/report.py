@@ -185,10 +185,11 @@ def draw(results: Results) -> None:
         for who, style in (("ours", "o-"), ("one light point", "s--"), (PEER, "^-")):
             points = [(int(n), row[who]) for n, row in times[what].items() if who in row]
             ax.plot(*zip(*points, strict=True), style, label=who)
-        ax.set(xscale="log", xlabel=label, ylim=(0, None))
+        ax.set(xscale="log", xlabel=label)
         ax.set_xticks([int(n) for n in times[what]], list(times[what]))
         ax.minorticks_off()
         ax.grid(alpha=0.3)
+    axes[0].set_ylim(bottom=0)
     axes[0].set_ylabel("CPU time over path")
     axes[0].legend(frameon=False)
     FIGURE.parent.mkdir(exist_ok=True)

@@ -1,5 +1,7 @@
 """Each step of a render follows its paths once: one kernel of their width is large."""
 
+from types import SimpleNamespace
+
 import drjit as dr
 import mitsuba as mi
 import pytest
@@ -67,3 +69,26 @@ def test_a_step_on_a_gpu_adds_no_more_than_single_precision_can(monkeypatch):
     lanes, most, private = passes._lanes(sampler, 1, 1 << 20)
     assert (lanes, most, private) == (passes.MAX_ADDED, 1, False)
     assert passes._lanes(sampler, 256 * 256, 64) == (16, 4, False)
+
+
+@pytest.mark.parametrize(
+    ("lane_sample_s", "taken"),
+    [(0.1, [2, 10, 10, 10, 8]), (0.3, [2] * 20), (1.5, [2, 2, *[1] * 36])],
+    ids=["quick", "as long as allowed", "slow"],
+)
+def test_steps_fill_their_time(lane_sample_s, taken, monkeypatch):
+    """By a clock that knows what a sample takes; the first step, which compiles, stays as it is."""
+    monkeypatch.setattr(passes, "STEP_S", 1.0)
+    monkeypatch.setattr(passes, "FIRST_SAMPLES", 2 * 64 * 64)
+    monkeypatch.setattr(passes, "LANES", {"llvm": 64 * 64})
+    now, steps, take_step = [0.0], [], passes._step
+
+    def counted(pixels, pixel, count, *more):
+        steps.append(count)
+        now[0] += count * lane_sample_s
+        return take_step(pixels, pixel, count, *more)
+
+    monkeypatch.setattr(passes, "_step", counted)
+    monkeypatch.setattr(passes, "time", SimpleNamespace(perf_counter=lambda: now[0]))
+    dr.eval(mi.render(picture("path_tracer_mis"), spp=40 * 64))
+    assert steps == taken

@@ -11,6 +11,9 @@ Each arrow removes rights, and ends all processes behind it (see `judge.sandbox`
 the worker is a user that nobody else is. A worker that crashes costs the test that asked it, a
 judge that is lost costs the problem's tests that had not ended. A results file with 0 points is
 written before anything else.
+
+A class is copied before the first submission runs, to a folder that none of them can read or
+write. A submission reads its own part of the scratch folder only, and the edition.
 """
 
 import compileall
