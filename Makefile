@@ -4,6 +4,8 @@
 
 OUT ?= out/cornell_box
 
+unexport PYTHONDONTWRITEBYTECODE # else each process of tests compiles all of them anew, in 12 s
+
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
@@ -19,7 +21,7 @@ notebook: setup ## open the notebooks in JupyterLab; git stores them without out
 docs: setup ## build the documentation in build/docs/html, without a network; runs examples and notebooks
 	.venv/bin/python docs/build.py $(ARGS)
 
-test: setup ## test every part, in about ten minutes; ARGS='-m "not slow and not statistical"' in two
+test: setup ## test every part, in about ten minutes; ARGS='-m "not slow and not statistical"' in one
 	.venv/bin/python -m pytest -n auto --dist worksteal --brief $(ARGS)
 
 test-all: setup ## run all tests, in an hour and a half; SHARD=3/8 runs the third of eight parts

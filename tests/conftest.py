@@ -3,11 +3,13 @@
 `TOFRENDER_TEST_VARIANT=cuda_ad_rgb` runs the tests on a GPU, save those that name a variant.
 """
 
+import functools
 import math
 import os
 
 import mitsuba as mi
 import pytest
+import typer
 from helpers import browser
 from hypothesis import HealthCheck, settings
 
@@ -17,6 +19,7 @@ VARIANT = os.environ.get("TOFRENDER_TEST_VARIANT", "llvm_ad_rgb")
 
 tofrender.integrators.passes.STEP_S = math.inf  # Steps are as many on a slow machine
 tofrender.integrators.passes.CUDA_STEP = 1  # ... and on a GPU
+typer.main.get_command = functools.cache(typer.main.get_command)  # Built once, not at each call
 
 settings.register_profile(
     "same on all machines",

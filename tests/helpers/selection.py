@@ -8,7 +8,7 @@ import pytest
 
 from helpers import durations
 
-FAST_S = 0.2  # A test whose cases compute longer than this together gets the mark `slow`
+FAST_S = 0.1  # A test whose cases compute longer than this together gets the mark `slow`
 CASES_S = 0.5  # `make test` runs as many cases of a test as fit into this time, and at least one
 
 CASE_S = 1.0

@@ -11,7 +11,7 @@ import pytest
 from tofrender.runtime import backend, memory
 
 WORKER_BYTES = 2 << 30  # Memory of a process with tests and of what it starts [bytes]
-FULL_COLLECTION = 10  # Tests from one full garbage collection to the next
+FULL_COLLECTION = 40  # Tests from one full garbage collection to the next
 _tests = itertools.count(1)
 MOST = 8  # With more of them, the longest test of all decides
 
