@@ -70,6 +70,23 @@ def in_a_new_process(code: str) -> str:
     return done.stdout
 
 
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--version"], f"tofrender {tofrender.__version__}"),
+        (["start", "a1", "mine"], "error: tomlkit is missing: pip install 'tofrender[course]'"),
+    ],
+)
+def test_without_extras(tmp_path, arguments, said):
+    """None of their packages is there."""
+    extra = 'import sys; sys.modules |= dict.fromkeys(("tomlkit", "jupytext", "nbclient", "dask"))'
+    start = f"{extra}; from tofrender.cli import main; main({arguments!r})"
+    command = [sys.executable, "-c", start]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    ran = subprocess.run(command, env=environment, capture_output=True, text=True, cwd=tmp_path)
+    assert (ran.stdout + ran.stderr).strip() == said
+
+
 def test_help_imports_nothing_heavy():
     imported, said = imported_by(["--help"])
     assert "Usage: tofrender" in said

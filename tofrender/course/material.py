@@ -6,8 +6,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import tomlkit
-
 from . import toml
 from .assignments import PACKAGE, Assignment
 from .rubric import STAFF_TEST, Problem, Rubric
@@ -23,6 +21,8 @@ SCENE_FILES = ("__init__.py", "*.xml", "*/*.xml", "meshes/*.ply")
 
 def write(assignment: Assignment, folder: Path) -> None:
     """Write the released material of an assignment, or of released material, into a folder."""
+    import tomlkit
+
     source = assignment.folder
     for name in FILES:
         _copy(source, folder, name)
