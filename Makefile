@@ -21,7 +21,7 @@ notebook: setup ## open the notebooks in JupyterLab; git stores them without out
 docs: setup ## build the documentation in build/docs/html, without a network; runs examples and notebooks
 	.venv/bin/python docs/build.py $(ARGS)
 
-test: setup ## test every part, in about ten minutes; ARGS='-m "not slow and not statistical"' in one
+test: setup ## test every part, in about ten minutes; ARGS='-m "not slow and not statistical"' in one, empty caches aside
 	.venv/bin/python -m pytest -n auto --dist worksteal --brief $(ARGS)
 
 test-all: setup ## run all tests, in an hour and a half; SHARD=3/8 runs the third of eight parts
@@ -30,7 +30,7 @@ test-all: setup ## run all tests, in an hour and a half; SHARD=3/8 runs the thir
 durations: setup ## run all tests and store what each takes, by which make test and shards are chosen
 	DRJIT_CACHE_DIR=$$(mktemp -d) .venv/bin/python -m pytest -n auto --dist worksteal --store-durations $(ARGS)
 
-mutants: setup ## plant 180 bugs, one at a time, and see that the tests find each
+mutants: setup ## plant more than 180 bugs, one at a time, and see that the tests find each
 	.venv/bin/python -m tests.mutants $(ARGS)
 
 test-kills: setup ## kill and stop commands at sixty random moments, and go on with each, in about five minutes

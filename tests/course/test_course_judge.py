@@ -17,7 +17,7 @@ from helpers.processes import GUARD_S, wait_for
 from helpers.support import refused
 
 from tofrender.course import rubric
-from tofrender.course.judge import expect, processes, wire, worker
+from tofrender.course.judge import expect, processes, running, wire, worker
 from tofrender.course.judge.client import Limits, NoAnswer, Worker
 from tofrender.course.judge.factors import Ratio
 
@@ -93,6 +93,15 @@ def test_in_a_students_folder_a_failure_leaves_a_picture(assignment, tmp_path):
     assert "picture:" in output
     assert (assignment / "mine/failures/test_area.png").stat().st_size > 5000
     assert "at t [m] = " in report["test_pulse.py::test_area"]["text"]
+
+
+def test_without_pytest_no_points_are_told(assignment, monkeypatch):
+    monkeypatch.setattr(running, "PYTEST_OPTIONS", ("-p", "no_such_plugin"))
+    with pytest.raises(RuntimeError, match=r"pytest failed in .*no_such_plugin"):
+        running.run(assignment)
+    monkeypatch.setitem(sys.modules, "pytest", None)
+    with pytest.raises(ModuleNotFoundError, match="pytest is missing"):
+        running.run(assignment)
 
 
 def test_missing_rubric_and_submission_are_one_line(assignment):

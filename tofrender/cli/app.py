@@ -85,7 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _explain(error)
 
 
-COURSE = ("docutils.", "jupytext.", "markdown_it.", "mdit_py_plugins.", "nbclient.", "tomlkit.")
+COURSE = {"docutils", "jupytext", "markdown_it", "mdit_py_plugins", "nbclient", "pytest", "tomlkit"}
 """Packages of the extra `course`, which other commands than those of courses do not import."""
 
 
@@ -96,8 +96,9 @@ def _explain(error: BaseException) -> int:
         return _complain(explain(), BAD_INPUT)
     while error.__cause__ is not None:  # Dr.Jit wraps what is raised inside a loop
         error = error.__cause__
-    if isinstance(error, ModuleNotFoundError) and f"{error.name}.".startswith(COURSE):
-        return _complain(f"{error.name} is missing: pip install 'tofrender[course]'", FAILURE)
+    package = str(getattr(error, "name", None)).partition(".")[0]
+    if isinstance(error, ModuleNotFoundError) and package in COURSE:
+        return _complain(f"{package} is missing; run: pip install 'tofrender[course]'", FAILURE)
     if isinstance(error, KeyboardInterrupt | typer.Abort):
         message = str(error) if str(error).startswith("interrupted") else "interrupted"
         return _complain(message, getattr(error, "status", INTERRUPTED))

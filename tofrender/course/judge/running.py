@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +57,8 @@ def run(
         options += [] if tests is None else [f"tests/{test}" for test in tests]
         result = pytest(folder, options, edition)
         lines = read_report(report)
-    if result.returncode not in (OK, SOME_FAILED, *([NONE_COLLECTED] if more else [])):
+    ended = result.returncode in (OK, *([NONE_COLLECTED] if more else []))
+    if not ended and not (result.returncode == SOME_FAILED and lines):  # It could not start
         raise RuntimeError(f"pytest failed in {folder.name}: {last_lines(result)}")
     return outcomes_of(lines)
 
@@ -110,6 +112,8 @@ def pytest(
     folder: Path, options: Sequence[str], package: Path | None = None
 ) -> subprocess.CompletedProcess:
     """Run pytest in an assignment's folder, quietly, and leave nothing there."""
+    if find_spec("pytest") is None:
+        raise ModuleNotFoundError("pytest is missing", name="pytest")
     path = [str((package or PACKAGE.parent).resolve()), os.environ.get("PYTHONPATH", "")]
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join(path),
