@@ -70,8 +70,16 @@ def test_a_stopped_run_goes_on_frame_by_frame(tmp_path, capsys, monkeypatch):
     assert (out / "frame_0000" / "transient.npz").stat().st_mtime_ns == before
     assert "already complete, 3 frames" in done(capsys, *command, "--resume")[0]
     assert len(rendered) == 4
-    done(capsys, *command)  # Replaces a complete one
-    assert len(rendered) == 7
+    rendered.clear()
+    mine = (out / "frame_0002" / "transient.npz").read_bytes()
+    assert main([*command, "--seed", "2"]) == 130
+    assert (out / "frame_0002" / "transient.npz").read_bytes() == mine  # Until the new one is whole
+    capsys.readouterr()
+    assert ".frames holds frames of a stopped run" in refused(capsys, *command)
+    said, _ = done(capsys, *command, "--seed", "2", "--resume", "--json")
+    assert json.loads(said)["seed"] == 2
+    assert (out / "frame_0002" / "transient.npz").read_bytes() != mine
+    assert [path.name for path in tmp_path.iterdir()] == ["film"]
 
 
 @pytest.mark.parametrize(
@@ -93,7 +101,25 @@ def test_options_that_do_not_suit_frames(tmp_path, capsys, options, said):
     assert not out.exists()
 
 
-def test_other_content_is_kept(tmp_path, capsys):
-    (tmp_path / "notes.txt").write_text("mine")
+@pytest.mark.parametrize("name", ["notes.txt", "video.mp4"])
+def test_other_content_is_kept(tmp_path, capsys, name):
+    (tmp_path / name).write_text("mine")
     said = refused(capsys, *FAN, "--out", str(tmp_path))
-    assert "holds other content (notes.txt); must be a new folder, or one of frames" in said
+    assert f"holds other content ({name}); must be a new folder, or one of frames" in said
+
+
+def test_facts_are_of_all_frames(tmp_path, capsys):
+    out = tmp_path / "film"
+    said, _ = done(capsys, *FAN, "--json", "--out", out)
+    times = [io.load_npz(each / "transient.npz").attrs for each in sorted(out.glob("frame_*"))]
+    facts = json.loads(said)
+    assert facts["render_seconds"] == pytest.approx(sum(t["render_seconds"] for t in times))
+    outside = [each["energy_outside_window"] for each in times]
+    assert facts["energy_outside_window"] == max(outside) > outside[-1]
+    (out / "frames.json").write_text(
+        json.dumps(
+            {"so_far": facts, "recipe": json.loads((out / "frames.json").read_text())["recipe"]}
+        )
+    )  # As if it was killed while the video was written
+    again, _ = done(capsys, *FAN, "--json", "--out", out, "--resume")
+    assert json.loads(again) == facts

@@ -89,3 +89,12 @@ def test_an_integrator_that_cannot_do_it_is_refused(capsys, tmp_path, command, s
     assert "error: integrator = " in told[2]
     assert "must be one like transient_path" in told[2]
     assert not (tmp_path / "out").exists()
+
+
+def test_a_gate_refuses_connections_through_panes(capsys, tmp_path):
+    path = room(tmp_path, {"type": "volpath"})
+    pane = '<shape type="rectangle"><bsdf type="thindielectric"/></shape></scene>'
+    path.write_text(path.read_text(encoding="utf-8").replace("</scene>", pane))
+    told = run(capsys, "gate", path, "--out", tmp_path / "out", *SETTINGS, *OPTIONS["gate"])
+    assert told[0] == 2
+    assert "error: integrator = TransientVolpath: has no gates in scenes with panes" in told[2]

@@ -61,7 +61,7 @@ def test_a_built_in_scene_gets_a_window_and_a_pulse_as_python_has_them(tmp_path,
     ("options", "start"),
     [
         ("--window scene", 3.5),
-        ("--pulse-width none", 3.5),
+        ("--pulse-width scene", 3.5),
         ("--window 3,20 --bins 10", 3.0),
         ("--window 3,20 --pulse-width auto", 3.0),  # Bins from 3 to 20 m were not found
     ],
@@ -124,7 +124,7 @@ def test_a_steady_scene_has_the_same_bins_from_python(tmp_path, capfd, kind):
         "name": ("small_box", "small_box", (16, 16)),
         "loaded": (tofrender.load_scene(described), "small_box", None),
     }[kind]
-    bare = ["--pulse-width", "none"] * (kind == "loaded")
+    bare = ["--pulse-width", "scene"] * (kind == "loaded")
     dataset, said = rendered(tmp_path, capfd, command, *bare)
     same = tofrender.render(scene, size=size, spp=16, progress=False)
     assert same.sizes["opl"] == 300

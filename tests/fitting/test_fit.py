@@ -97,6 +97,14 @@ def test_takes_a_dataset():
     said = r"^target with bins of 0.05 m from 0.4 m on: must be 0.05"
     with pytest.raises(ValueError, match=said):
         find(along_opl(target, 0.4), steps=3)
+    dataset = along_opl(target, 0.5)
+    turned = find(dataset.transpose("x", "y", "opl", "channel"), steps=3)
+    assert turned.losses.tolist() == of_tensor
+    backwards = slice(None, None, -1)
+    with pytest.raises(ValueError, match=r"^target with channels \['B', 'G', 'R'\]: must be"):
+        find(dataset.isel(channel=backwards), steps=3)
+    with pytest.raises(ValueError, match=r"^target: its coordinate y falls"):
+        find(dataset.isel(y=backwards), steps=3)
 
 
 def along_opl(target: np.ndarray, start: float):

@@ -276,6 +276,11 @@ def test_busts_render_without_an_emitter(name):
     assert dataset["transient"].values.sum() == pytest.approx(dataset["steady"].values.sum())
 
 
+def test_another_integrators_depth_is_not_inherited():
+    options = {"size": (4, 4), "spp": 1, "window": (3.5, 15), "progress": False}
+    assert tofrender.render("cornell_box", integrator="ao", **options).attrs["max_depth"] == 2
+
+
 @pytest.mark.parametrize(
     ("plugin", "text"),
     [

@@ -152,4 +152,11 @@ def test_what_does_not_suit_the_film_is_refused():
     refused("film: rate = .*: must be the centres", LIDAR.spectra, light.isel(rate=[0]))
     refused("film = .*: must be finite", LIDAR.spectra, film({(3, 3): np.nan}))
     other = replace(LIDAR, chirp_s=2e-5)
-    refused("spectra = .*: must be a Dataset of this", other.estimates, LIDAR.spectra(light))
+    spectra = LIDAR.spectra(light)
+    refused("spectra = .*: must be a Dataset of this", other.estimates, spectra)
+    half = spectra.isel(beat=slice(spectra.sizes["beat"] // 2, None))
+    for part in (half, spectra.isel(beat=slice(None, None, -1)), spectra.isel(y=0)):
+        refused("spectra = .*, with all beats", LIDAR.estimates, part)
+    xr.testing.assert_identical(
+        LIDAR.estimates(spectra.transpose("beat", "x", "y")), LIDAR.estimates(spectra)
+    )

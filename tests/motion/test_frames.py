@@ -165,6 +165,8 @@ def test_what_frames_refuse():
     assert said(exposure_s=1.0, poses=5) == "poses = 5: must be at most spp, 4"
     assert said(exposure_s=-1).startswith("exposure_s = -1: must be a finite number of seconds")
     assert said(()) == "times_s = (): must be times in seconds, 1 or more"
+    dark = {"window": (50.0, 60.0), "bins": 5}
+    assert said(**dark).startswith("window = 50 m to 60 m: no light arrives in it")
     tracer = {"row_time_s": 1e-3, "integrator": "transient_light_tracer"}
     refused = refusal(render_frames, "fan", [0.0], spp=1, size=(4, 4), progress=False, **tracer)
     assert refused.startswith("row_time_s = 0.001: must be 0 with TransientLightTracer")

@@ -187,5 +187,9 @@ def test_integrators_with_a_pulse_are_refused():
 def test_rates_of_other_measurements_are_refused():
     triangle = tofrender.doppler(described(), waveform="triangle", spp=1, progress=False)
     assert refusal(tofrender.doppler_rate, triangle).startswith("waveform = 'triangle'")
+    line = refusal(tofrender.doppler_rate, triangle.drop_attrs())
+    assert line.endswith("must be a Dataset of doppler, with its attributes"), line
     line = refusal(tofrender.range_rate, described(), rates=(1.0, 1.0), progress=False)
     assert line.startswith("rates = (1.0, 1.0): must end"), line
+    line = refusal(tofrender.range_rate, described(), window="auto", progress=False)
+    assert line == "window = 'auto': must be (start, stop) in metres"

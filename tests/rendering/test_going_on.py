@@ -205,6 +205,11 @@ def correlation(pulse=(20e6, 0.0), integrator=None, spp: int = SPP) -> Callable:
     return calling(tofrender.render_single_amcw, scene, integrator, sensor, spp)
 
 
+def rates(window=(3.5, 15.0)) -> Callable:
+    axes = {"bins": 40, "window": window, "rate_bins": 3, "rates": (-1.0, 1.0)}
+    return calling(partial(tofrender.range_rate, **axes, spp=SPP), loaded()[0])
+
+
 GRIDS = {"confocal": (4, 4), "single": (4, 4), "exhaustive": (2, 2)}
 
 
@@ -560,6 +565,7 @@ REFUSED = [
     (phasors, {"max_depth": 3}, ""),
     *[(correlation, {"pulse": pulse}, "") for pulse in ((30e6, 0.0), (20e6, 1.0))],
     (correlation, {"pulse": tofrender.SquareWave(20e6)}, ""),
+    (rates, {"window": (4.0, 15.0)}, "window"),
     *[(captured, change, "") for change in ({"mode": "single"}, {"seed": 5})],
     (single, {"mode": "confocal"}, ""),
     (single, {"change": lambda scene: nlos.focus_laser(scene, uv=(0.3, 0.6))}, ""),

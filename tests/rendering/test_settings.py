@@ -5,6 +5,7 @@ import inspect
 import re
 from dataclasses import fields
 
+import mitsuba as mi
 import numpy as np
 import pytest
 import xarray as xr
@@ -130,6 +131,7 @@ def loaded():
     return tofrender.load_scene(box())
 
 
+PATH = {"type": "transient_path"}
 LOADED = "must be left out with a loaded scene"
 
 
@@ -146,6 +148,18 @@ LOADED = "must be left out with a loaded scene"
         (box, {"workers": 2, "scheduler": "127.0.0.1:8786"}, "scheduler: must be left out with `w"),
         (box, {"workers": 2, "resume": xr.Dataset()}, "resume: must be left out"),
         (box, {"bins": 3, "settings": {"temporal_bins": 4}}, "bins: must be left out, settings ha"),
+        (
+            box,
+            {"size": (4, 4), "settings": {"height": 4}},
+            "size: must be left out, settings has h",
+        ),
+        (box, {"window": (3, 9), "settings": {"start_opl": 1.0}}, "window: must be left out, set"),
+        (
+            box,
+            {"max_depth": 2, "integrator": mi.load_dict(PATH)},
+            "max_depth = 2: must be left out",
+        ),
+        (loaded, {"integrator": "path"}, "integrator = 'path': must be"),
     ],
 )
 def test_what_does_not_go_together(scene, options, text):

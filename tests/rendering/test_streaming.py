@@ -192,6 +192,9 @@ def test_a_stopped_render_goes_on(out, monkeypatch, capsys, whole, tiles):
     assert text.startswith(f"interrupted after {tiles} of {TILES} tiles; the same call goes on")
     assert len(receipts(out)) == tiles
     capsys.readouterr()
+    if tiles:
+        with refused("film.zarr: .* is of a stopped render; must be another", FileExistsError):
+            save_zarr(whole, out)
     check_same(render(box(), out=out), whole)
     said = capsys.readouterr().out
     assert without_plan(said) == (f"resuming from {tiles} of {TILES} tiles\n" if tiles else "")

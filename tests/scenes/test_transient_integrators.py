@@ -116,7 +116,9 @@ def test_nothing_is_taken_out_of_a_steady_scene():
 def test_others_are_refused_by_name(name):
     for integrator in ({"type": name}, around("aov", {"type": name})):
         said = refusal(box(integrator), **WINDOW)
-        assert said.startswith(f"integrator = '{name}': a transient film needs another one")
+        assert said.startswith(
+            f"integrator = '{name}': a transient film or a pulse needs another one"
+        )
     two = around("aov", {"type": "path"}) | {"second": {"type": "path"}}
     assert refusal(box(two), **WINDOW).startswith("integrator = 'aov'")
 

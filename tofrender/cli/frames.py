@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..rendering.job import Job
 
 LIST, STEADY, VIDEO = "frames.json", "steady.npy", "video.mp4"
-OWN = re.compile(rf"frame_\d+|{LIST}|{STEADY}|{VIDEO}")
+OWN = re.compile(rf"frame_\d{{4,}}|{LIST}|{STEADY}|{VIDEO}")
 ONE_FRAME = ("workers", "scheduler", "errors", "denoise")  # Options without --frames only
 FPS = 10
 
@@ -43,7 +43,9 @@ def check(options: dict[str, Any]) -> None:
     if options["format"] == "zarr":
         raise ValueError("--format = zarr: must be another one with --frames")
     out = options["out"]
-    foreign = out.is_dir() and [p.name for p in out.iterdir() if not OWN.fullmatch(p.name)]
+    foreign = [path.name for path in out.iterdir()] if out.is_dir() else []
+    if (out / LIST).exists():
+        foreign = [name for name in foreign if not OWN.fullmatch(name)]
     if foreign or out.is_file():
         what = f"holds other content ({foreign[0]})" if foreign else "is a file"
         raise ValueError(f"--out = {out}: {what}; must be a new folder, or one of frames")
@@ -51,11 +53,15 @@ def check(options: dict[str, Any]) -> None:
 
 
 def render_frames(job: Job, times: list[float], shutter: Shutter, options: dict[str, Any]) -> None:
-    """Render frames into folders of `out`, from the first one on that is not there."""
+    """Render frames into folders of `out`, from the first one on that is not there.
+
+    Finished frames of an earlier run stay there until these, in a hidden folder beside it, are all
+    finished.
+    """
     import numpy as np
 
     from ..integrators.running import interrupted
-    from ..motion.frames import render_frame
+    from ..motion.frames import TOTALS, render_frame
     from ..rendering.dataset import components_of
     from ..rendering.work_items import whole
 
@@ -64,21 +70,17 @@ def render_frames(job: Job, times: list[float], shutter: Shutter, options: dict[
     recipe = job.full_recipe | {"spp": whole(job).count, "times_s": times, **vars(shutter)}
     recipe = json.loads(json.dumps(recipe | files, default=str))
     with exclusively(out):
-        earlier = json.loads((out / LIST).read_text()) if (out / LIST).exists() else {}
-        shape = (len(times), *job.film.shape[:2], job.film.base_channels_count())
-        if not options["resume"]:
-            _start_anew(out, earlier, recipe, shape)
-        elif not earlier:
-            raise ValueError(f"--resume: {out} holds no frames; must be left out")
-        else:
-            _require_same(out, earlier["recipe"], recipe)
-            if "facts" in earlier:
-                lines = [f"{out}: already complete, {len(times)} frames"]
-                answer("render", options["as_json"], earlier["facts"], lines)
-                return
-        steady = np.lib.format.open_memmap(out / STEADY, mode="r+")
+        folder, listed = _begin(out, recipe, options["resume"])
+        if "facts" in listed:
+            lines = [f"{out}: already complete, {len(times)} frames"]
+            answer("render", options["as_json"], listed["facts"], lines)
+            return
+        if not (folder / STEADY).exists():
+            shape = (len(times), *job.film.shape[:2], job.film.base_channels_count())
+            with atomic.replacing(folder / STEADY) as temporary:
+                np.lib.format.open_memmap(temporary, "w+", np.float32, shape)[:] = np.nan
+        steady = np.lib.format.open_memmap(folder / STEADY, mode="r+")
         left = [k for k in range(len(times)) if np.isnan(steady[k]).any()]
-        facts: dict[str, Any] = {}
         with ProgressBar("Rendering", len(times)) as bar:
             bar.update(len(times) - len(left))
             for k in left:
@@ -88,35 +90,54 @@ def render_frames(job: Job, times: list[float], shutter: Shutter, options: dict[
                     done = interrupted(bar.n, len(times), "frames", AGAIN)
                     raise KeyboardInterrupt(done) from None
                 with deferred_stop() as stop:
-                    write(frame, out / f"frame_{k:04d}", **files)
+                    write(frame, folder / f"frame_{k:04d}", **files)
+                    facts, so_far = render_facts(frame, out, []), listed["so_far"]
+                    for name, total in TOTALS.items():
+                        facts[name] = total([facts[name], so_far.get(name, 0.0)])
+                    listed["so_far"] = facts
+                    _store(folder / LIST, listed)
                     steady[k] = components_of(frame)[0]["steady"].values
                     steady.flush()
-                    facts = render_facts(frame, out, [])
                 if k != left[-1]:
                     end_if_stopped(stop)
                 bar.update()
         if options["video"]:
-            save_video(np.asarray(steady), out / VIDEO)
-        facts["files"] = sorted(path.name for path in out.iterdir())
+            save_video(np.asarray(steady), folder / VIDEO)
+        if folder != out:
+            atomic.move_into_place(folder, out)
+            atomic.remove(folder)
+        facts = listed["so_far"] | {"files": sorted(path.name for path in out.iterdir())}
         _store(out / LIST, {"recipe": recipe, "facts": facts})
     frames = f"frame_0000 ... frame_{len(times) - 1:04d}"
     lines = [f"{out}: {frames}" + f", {VIDEO}" * options["video"]]
     answer("render", options["as_json"], facts, lines)
 
 
-def _start_anew(
-    out: Path, earlier: dict[str, Any], recipe: dict[str, Any], shape: tuple[int, ...]
-) -> None:
-    """Replace finished frames of an earlier run, and say what is to be made."""
-    import numpy as np
+def _begin(out: Path, recipe: dict[str, Any], resume: bool) -> tuple[Path, dict[str, Any]]:
+    """Begin or resume a run; returns the folder of its frames, and what is listed there."""
+    folder, earlier = out, _listed(out)
+    beside = atomic.sibling(out, ".frames")
+    if "facts" in _listed(beside):  # Finished frames, which others have replaced
+        atomic.remove(beside)
+    if beside.exists() or ("facts" in earlier and not resume):
+        folder, earlier = beside, _listed(beside)
+    if resume and not earlier:
+        raise ValueError(f"--resume: {out} holds no frames; must be left out")
+    if earlier and not resume:
+        what = f"{folder} holds frames of a stopped run"
+        raise ValueError(f"--out = {out}: {what}; {AGAIN}, or remove it")
+    if earlier:
+        _require_same(folder, earlier["recipe"], recipe)
+        return folder, earlier
+    folder.mkdir(parents=True, exist_ok=True)
+    _store(folder / LIST, {"recipe": recipe, "so_far": {}})
+    return folder, {"recipe": recipe, "so_far": {}}
 
-    if earlier and "facts" not in earlier:
-        raise ValueError(f"--out = {out}: holds frames of a stopped run; {AGAIN}, or remove it")
-    out.mkdir(parents=True, exist_ok=True)
-    for each in out.iterdir():
-        atomic.remove(each)
-    np.lib.format.open_memmap(out / STEADY, "w+", np.float32, shape)[:] = np.nan
-    _store(out / LIST, {"recipe": recipe})
+
+def _listed(folder: Path) -> dict[str, Any]:
+    """Return what the list of a folder's frames says, empty if there is none."""
+    path = folder / LIST
+    return json.loads(path.read_text()) if path.exists() else {}
 
 
 def _require_same(out: Path, earlier: dict[str, Any], recipe: dict[str, Any]) -> None:

@@ -40,7 +40,7 @@ FILES = {
 }
 """The file that holds the transient in the output folder, by --format."""
 
-SCENE_TIME, NO_PULSE = "scene", "none"  # --window and --pulse-width: as the scene has them
+SCENE_TIME = "scene"  # --window and --pulse-width: as the scene has them
 
 
 class Size(NamedTuple):
@@ -157,11 +157,11 @@ def size(example: str, help: str) -> Any:
 
 
 def pulse(name: str, value: Any) -> str | float:
-    """Check a pulse's width: auto, none, or metres."""
-    if value in ("auto", NO_PULSE):
+    """Check a pulse's width: auto, scene, or metres."""
+    if value in ("auto", SCENE_TIME):
         return value
     width = number(value)
-    checks.require(name, value, not isinstance(width, str), "auto, none, or metres above 0")
+    checks.require(name, value, not isinstance(width, str), "auto, scene, or metres above 0")
     return checks.width(name, width)
 
 
@@ -225,8 +225,8 @@ METAVARS: dict[str, dict[str, Any]] = {
         "autocompletion": completion.among(["auto", SCENE_TIME]),
     },
     "pulse_width": {
-        "metavar": "auto|none|METRES",
-        "autocompletion": completion.among(["auto", NO_PULSE]),
+        "metavar": "auto|scene|METRES",
+        "autocompletion": completion.among(["auto", SCENE_TIME]),
     },
 }
 """Values of settings as `--help` and completion show them, where these are no plain numbers."""

@@ -168,15 +168,14 @@ def _with_time(options: dict[str, Any]) -> RenderSettings:
     """
     from ..rendering.renderer import with_default_window
 
-    unset = (opt.SCENE_TIME, opt.NO_PULSE)
-    own: dict[str, Any] = {name: None for name in TIME if options[name] in unset}
+    own: dict[str, Any] = {name: None for name in TIME if options[name] == opt.SCENE_TIME}
     settings = RenderSettings(**options | own)
     found = with_default_window(settings)
     if found is not settings and options["window"] == opt.SCENE_TIME:
         raise ValueError(
             f"--window = {opt.SCENE_TIME}: must be auto or START,STOP, the scene's film is steady"
         )
-    if found is not settings and options["pulse_width"] == opt.NO_PULSE:
+    if found is not settings and options["pulse_width"] == opt.SCENE_TIME:
         return replace(found, pulse_width=None)
     left_open = all(options[name] is None for name in TIME) and isinstance(settings.scene, str)
     return replace(found, window="auto", pulse_width="auto") if left_open else found

@@ -48,7 +48,8 @@ def phasor(
     if os.path.isdir(source):
         opt.check_apart(out, Path(source))
         given = {"--spp": spp, "--size": size, "--max-depth": max_depth, "--variant": variant}
-        given["--resume"] = resume or None
+        given |= {"--resume": resume or None, "--seed": seed or None}
+        given["--checkpoint"] = None if checkpoint == EVERY_S else checkpoint
         for option, value in given.items():
             if value is not None:
                 raise ValueError(f"{option} = {value}: must be left out, {source} is rendered")
@@ -107,7 +108,7 @@ def gate(
     from tofrender.integrators.time_gated import render_at_time
 
     opt.check_disk_space(out, values(sensor))
-    integrator = _gated(loaded.integrator(), pulse_width)
+    integrator = _gated(loaded, pulse_width)
     width: float = integrator.pulse.width_opl
     with checkpoints.checkpointed(out, checkpoint, resume) as file:
         checkpoints.require_begun(resume, file and file.path, out)
@@ -151,14 +152,21 @@ def load(
     return loaded, sensor, spp or sensor.sampler().sample_count()
 
 
-def _gated(own: Any, pulse_width: float | None) -> Any:
+def _gated(scene: Any, pulse_width: float | None) -> Any:
     """Make a gated integrator with the settings of a scene's, or set the pulse of a gated one."""
+    from tofrender.paths.surfaces import lets_straight_through
     from tofrender.scenes.loading import load_plugin
     from tofrender.signals.pulses import GaussianPulse
 
+    own = scene.integrator()
+    kind = type(own).__name__
     if not own.needs_lights:
-        kind = type(own).__name__
         raise ValueError(f"integrator = {kind}: has no gates; must be one like transient_path")
+    if own.goes_straight and lets_straight_through(scene):
+        raise ValueError(
+            f"integrator = {kind}: has no gates in scenes with panes, masks or polarisers; must be "
+            "transient_path, whose connections they block, or use `tofrender render`"
+        )
     width = pulse_width or (GATE_WIDTH if own.pulse is None else own.pulse.width_opl)
     if not hasattr(own, "gate"):
         traits = own.traits | {"type": "time_gated_transient_path"}

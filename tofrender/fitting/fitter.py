@@ -15,7 +15,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..integrators.differentiable import VisibilityWarning
-from ..rendering.dataset import time_axis
+from ..rendering.dataset import pixels_and_channels, time_axis
 from ..runtime import backend, checks
 from ..runtime.progress import ProgressBar, deferred_stop
 from ..scenes.loading import require_sensor
@@ -221,7 +221,8 @@ def fit(
             for name, value in variables.bounded(engine).items():
                 engine[name] = value
             bar.update()
-            ended = callback is not None and callback(step, losses[-1], history[-1]) is True
+            said = None if callback is None else callback(step, losses[-1], history[-1])
+            ended = isinstance(said, bool | np.bool_) and bool(said)
             converged = plateau.add(losses[-1])
             if stop.requested:
                 why = "stopped"
@@ -298,7 +299,15 @@ def _dataset_bins(dataset: Any, film: Any) -> np.ndarray:
             f"target with bins of {width:g} m from {start:g} m on: must be {own[1]:g} m from "
             f"{own[0]:g} m on, as the film's"
         )
-    values = dataset["transient"].values
+    names = pixels_and_channels(film, dataset.sizes["channel"])["channel"]
+    if "channel" in dataset.coords and not np.array_equal(dataset["channel"].values, names):
+        found = dataset["channel"].values.tolist()
+        raise ValueError(f"target with channels {found}: must be {names.tolist()}, as the film's")
+    for axis in "yx":
+        if axis in dataset.coords and np.any(np.diff(dataset[axis].values) <= 0):
+            raise ValueError(f"target: its coordinate {axis} falls; must rise, as the film's")
+    axes = [name for name in ("y", "x", "opl", "stokes", "channel") if name in dataset.dims]
+    values = dataset["transient"].transpose(*axes).values
     return values.reshape(*values.shape[:-2], -1) if "stokes" in dataset.dims else values
 
 

@@ -155,8 +155,10 @@ def doppler_rate(measured: xr.Dataset) -> xr.DataArray:
         ValueError: The Dataset is of another kind or waveform.
     """
     checks.instance("measured", measured, xr.Dataset, "a Dataset of doppler")
-    known = {"homodyne", "heterodyne"} <= set(measured.data_vars)
-    checks.require("measured", sorted(map(str, measured.data_vars)), known, "a Dataset of doppler")
+    known = {"homodyne", "heterodyne"} <= set(measured.data_vars) and "channel" in measured.dims
+    known &= {"waveform", "cycles", "frequency_hz", "exposure_s"} <= set(measured.attrs)
+    shown = sorted(map(str, measured.data_vars))
+    checks.require("measured", shown, known, "a Dataset of doppler, with its attributes")
     checks.one_of("waveform", measured.attrs["waveform"], ("sine",))
     homodyne, heterodyne = (
         _complex_of(measured[name].sum("channel")) for name in ("homodyne", "heterodyne")

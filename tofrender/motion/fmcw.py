@@ -125,7 +125,8 @@ class Fmcw:
 
         Returns:
             A Dataset with `up` and `down (y, x, beat)`, the power in each frequency bin, and `beat`
-            [Hz] from minus to plus half the sampling rate; f_down has the sign of the formula.
+            [Hz] from minus to plus half the sampling rate, which is rounded to an even number of
+            samples in a chirp; f_down has the sign of the formula.
 
         Raises:
             ValueError: The film is of another kind, or its bins or beats do not suit the lidar.
@@ -193,7 +194,12 @@ class Fmcw:
             spectra.attrs.get(name) == getattr(self, name)
             for name in ("bandwidth_hz", "chirp_s", "wavelength_m")
         )
-        checks.require("spectra", list(spectra), own, "a Dataset of this lidar's spectra")
+        if own:
+            beat = (np.arange(spectra["beat"].size) - spectra["beat"].size // 2) / self.chirp_s
+            own = np.allclose(spectra["beat"], beat) and set(spectra["up"].dims) == {*"yx", "beat"}
+        allowed = "a Dataset of this lidar's spectra, with all beats"
+        checks.require("spectra", list(spectra), own, allowed)
+        spectra = spectra.transpose("y", "x", "beat")
         (up, high), (down, other) = (self._peak(spectra[name].values) for name in ("up", "down"))
         finest_opl, finest_rate = self.resolution
         units = str(spectra["up"].attrs.get("units", "1"))

@@ -26,6 +26,7 @@ from ..scenes.motion import posed
 
 POSES = 8  # Default number of poses in an exposure
 MAX_POSES = 4096
+TOTALS = {"energy_outside_window": max, "render_seconds": sum}  # Attributes of all frames together
 NOT_OF_FRAMES = ("scene", "errors", "denoise")  # Settings of a render that frames do not have
 
 
@@ -148,7 +149,7 @@ def render_frames(
                 break
             bar.update()
     attrs = dict(done[0].attrs)
-    for name, total in (("energy_outside_window", max), ("render_seconds", sum)):
+    for name, total in TOTALS.items():
         attrs[name] = total(each.attrs[name] for each in done)
     attrs["complete"] = int(len(done) == len(times))
     start = xr.DataArray(times[: len(done)], dims="frame", attrs={"units": "s"})
@@ -157,22 +158,30 @@ def render_frames(
 
 
 def open_frames(settings: RenderSettings, times_s: Any, shutter: Shutter) -> tuple[Job, Shutter]:
-    """Check everything, load the scene, and find one window for all frames."""
+    """Check everything, load the scene, and find one window for all frames.
+
+    A window in which both the first and the last frame are dark is refused.
+    """
     times = checks.finite("times_s", checks.real_array("times_s", times_s, float))
     checks.require(
         "times_s", times_s, times.ndim == 1 and times.size, "times in seconds, 1 or more"
     )
-    job = make_job(settings)
+    job = make_job(settings, may_be_dark=True)
     shutter = shutter.of_samples(whole(job).count)
     valid = not (shutter.row_time_s and job.plan.splats)
     allowed = f"0 with {type(job.integrator).__name__}, whose light lands on any row"
     checks.require("row_time_s", shutter.row_time_s, valid, allowed)
-    if not is_auto(job.settings.window):
-        return job, shutter
-    films = [job.film]
+    films, dark = [], []
     for time in (times[0], times[-1]):
         with posed(job.scene, float(time)):
-            films.append(_posed_job(job, found=False).film)
+            try:
+                films.append(_posed_job(job, found=False).film)
+            except ValueError as error:
+                dark.append(error)
+    if not films:
+        raise dark[0]
+    if not is_auto(job.settings.window):
+        return job, shutter
     start, stop = min(each.start_opl for each in films), max(each.end_opl() for each in films)
     bins = job.film.temporal_bins
     film = transient_film(job.camera.film(), bins, start, (stop - start) / bins)

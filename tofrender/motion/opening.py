@@ -12,7 +12,7 @@ from ..integrators.amcw import in_time
 from ..integrators.base import TransientIntegrator
 from ..rendering.renderer import open_scene
 from ..rendering.settings import RenderSettings
-from ..runtime import checks
+from ..runtime import backend, checks
 from ..runtime.checkpoints import Checkpoint
 
 FOLLOW = ("TransientPath", "TransientVolpath", "TransientLightTracer", "TransientBDPT")
@@ -38,6 +38,7 @@ NAMES = tuple(MovingSettings.__annotations__)
 
 def open_moving(settings: RenderSettings) -> tuple[mi.Scene, mi.Sensor, TransientIntegrator, int]:
     """Load a scene; returns it, its sensor, an integrator without pulse, and samples per pixel."""
+    backend.require_unpolarised()
     scene, own = open_scene(settings)
     tracer: Any = in_time(own)
     checks.one_of("integrator", type(tracer).__name__, FOLLOW)

@@ -65,6 +65,7 @@ def range_rate(
         {'y': 8, 'x': 8, 'opl': 50, 'rate': 9, 'channel': 3}
     """
     wanted, checkpoint, progress = separated(scene, settings, bins=bins, window=window)
+    checks.require("window", window, window != "auto", "(start, stop) in metres")
     count = checks.integer("rate_bins", rate_bins, 1, checks.MAX_BINS)
     span = rates if rates is None else checks.interval("rates", rates, "(start, stop) in m/s")
     loaded, camera, tracer, spp = open_moving(wanted)
@@ -76,7 +77,8 @@ def range_rate(
     record = RateRecording(film, opl, rate)
     record.require_memory(spp)
     plan = tracer.tracer(loaded, camera, record)
-    identity = {"rates": [low, high], "rate_bins": count}
+    identity = {"rates": [low, high], "rate_bins": count, "bins": opl.count}
+    identity["window"] = [window_of.start_opl, window_of.end_opl()]
     keep = wanted.seed, checkpoint, progress
     render_all(loaded, tracer, camera, plan, record, spp, *keep, **identity)
     steady, bins_of_rates = film.take()

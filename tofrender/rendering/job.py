@@ -133,8 +133,9 @@ def decide(
     settings: RenderSettings,
     origin: tuple[Callable[..., Job], Mapping[str, object]],
     axis: tuple[int, float, float] | None = None,
+    may_be_dark: bool = False,
 ) -> Job:
-    """Find the window, and refuse what makes no sense in it.
+    """Find the window, and refuse what makes no sense in it, unless it `may_be_dark`.
 
     The arguments are as a `Job` has them; `axis` is the number, start and width [m] of the bins, if
     they were decided elsewhere.
@@ -144,7 +145,8 @@ def decide(
         film, profile, arrivals = transient_film(camera.film(), *axis), None, None
     else:
         film, profile, arrivals = film_of_light(plan, integrator, camera, settings)
-        check_window(film, arrivals, profile)
+        if not may_be_dark:
+            check_window(film, arrivals, profile)
     job = Job(plan, integrator, scene, settings, film, profile, arrivals, origin)
     if settings.errors:
         batches_of(whole(job).count)

@@ -144,7 +144,8 @@ def render(
         max_depth: Longest path in segments, -1 if unlimited; by default the integrator's.
         integrator: Integrator plugin: a name, a dict or an integrator; by default the
             scene's. A name or dict replaces the scene's while that is loaded, and what it does not
-            say of `max_depth`, `rr_depth` and `hide_emitters` stays as it is there.
+            say of `max_depth`, `rr_depth` and `hide_emitters` stays as it is there; in a loaded
+            scene, it has its own defaults.
         sampler: Plugin that draws the random numbers, by default `padded_sobol`, whatever the scene
             says: on the Cornell box, its steady picture has about half the variance of Mitsuba's
             default. A name picks another; an object is cloned, and its own `sample_count` counts if
@@ -272,19 +273,23 @@ def _render_attached(
     return light
 
 
-def make_job(settings: RenderSettings, axis: tuple[int, float, float] | None = None) -> Job:
-    """Decide what is rendered.
-
-    `axis` is the number, start and width [m] of the bins, if they were decided elsewhere.
-    """
+def make_job(
+    settings: RenderSettings,
+    axis: tuple[int, float, float] | None = None,
+    may_be_dark: bool = False,
+) -> Job:
+    """Decide what is rendered; `axis` and `may_be_dark` as for `decide`."""
     settings = with_default_window(settings)
     if is_auto(settings.pulse_width):
-        without = make_job(replace(settings, pulse_width=None), axis)
+        without = make_job(replace(settings, pulse_width=None), axis, may_be_dark)
         width = pulse_width_for(without)
-        return without if width is None else make_job(replace(settings, pulse_width=width), axis)
+        if width is None:
+            return without
+        return make_job(replace(settings, pulse_width=width), axis, may_be_dark)
     scene, integrator = open_scene(settings)
     plan = integrator.plan(scene, scene.sensors()[settings.sensor])
-    return decide(plan, integrator, scene, settings, (_job_in_worker, settings.values), axis)
+    origin = _job_in_worker, settings.values
+    return decide(plan, integrator, scene, settings, origin, axis, may_be_dark)
 
 
 def _job_in_worker(axis: tuple[int, float, float], **settings: Any) -> Job:
@@ -304,7 +309,9 @@ def with_default_window(settings: RenderSettings) -> RenderSettings:
         films = {sensor.film().class_name() for sensor in settings.scene.sensors()}
         steady, pulse = films == {"HDRFilm"}, None
     else:
-        steady, pulse = is_steady(settings.scene, settings.define or {}), "auto"
+        made = not isinstance(settings.integrator, str | Mapping | None)
+        steady = is_steady(settings.scene, settings.define or {})
+        pulse = None if made else "auto"
     if not steady:
         return settings
     return replace(settings, window="auto", pulse_width=pulse, bins=settings.bins or BINS)

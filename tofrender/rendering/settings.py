@@ -36,6 +36,12 @@ SCENE_NAMES = {
 }
 """Names in `load_scene` of settings that change the scene."""
 
+PAIRS = (
+    *(("size", name) for name in ("width", "height")),
+    *(("window", name) for name in ("start_opl", "bin_width_opl")),
+)
+"""Settings that are two in `load_scene`."""
+
 
 def start_and_width(window: object, bins: int, name: str = "window") -> tuple[float, float]:
     """Start and bin width of a window given as (start, stop)."""
@@ -137,7 +143,15 @@ class RenderSettings:
                     raise ValueError(
                         f"{shown}: must be left out with a loaded scene, which cannot be changed"
                     )
-        for name, scene_name in SCENE_NAMES.items():
+        if not isinstance(self.integrator, str | Mapping | None):
+            for name in ("pulse_width", "max_depth"):
+                value = getattr(self, name)
+                if value is not None:
+                    raise ValueError(
+                        f"{name} = {checks.quote(value)}: must be left out with an integrator that "
+                        "is made, which has its own"
+                    )
+        for name, scene_name in (*SCENE_NAMES.items(), *PAIRS):
             if scene_name in settings and getattr(self, name) is not None:
                 raise ValueError(f"{name}: must be left out, settings has {scene_name}")
         own = {"optimize", "parameters"}  # Arguments of `load_scene`, which checks them

@@ -228,6 +228,9 @@ def save_zarr(dataset: xr.Dataset, path: str | os.PathLike[str]) -> xr.Dataset:
     errors = "transient_error" in dataset
     with atomic.locked(target):
         folder = under_way(target)
+        if Store.planned(folder):
+            what = f"{folder} is of a stopped render"
+            raise FileExistsError(f"path = {path}: {what}; must be another, or remove that")
         atomic.remove(folder)
         store = Store.begin(folder, {}, shape, tile, errors)
         for y in range(0, shape[0], rows):

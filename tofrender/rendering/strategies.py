@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 KIND = "transient_bdpt"
 DEFAULT_DEPTH = 4
 OWN = ("rr_depth", "hide_emitters")  # Parameters that stay as the scene's integrator has them
-VARIED = ("type", "strategy", "mis", "camera_connections")  # Parameters that a pyramid chooses
+VARIED = ("type", "strategy", "mis", "camera_connections", "max_depth")  # Others are passed on
 
 
 def strategy_pyramid(

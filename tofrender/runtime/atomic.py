@@ -57,7 +57,7 @@ def replacing(
             temporary.mkdir()
         yield temporary
         sync(temporary)
-        _move_into_place(temporary, target)
+        move_into_place(temporary, target)
     except OSError as error:
         if error.errno not in DISK_FULL:
             raise
@@ -229,7 +229,8 @@ def sync(path: Path, deep: bool = True) -> None:
         os.close(file)
 
 
-def _move_into_place(temporary: Path, target: Path) -> None:
+def move_into_place(temporary: Path, target: Path) -> None:
+    """Rename a file or folder; what `target` was, if it is a folder, may then be `temporary`."""
     if not temporary.is_dir():
         os.replace(temporary, target)
     elif not target.exists():

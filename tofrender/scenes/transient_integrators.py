@@ -28,6 +28,7 @@ REPLACEMENTS = {
 }
 """Transient integrators that replace those of Mitsuba when the film becomes transient."""
 
+ONE_BOUNCE = ("ao", "simple")  # Integrators that take no `max_depth`
 UNLIMITED = 0xFFFFFFFF  # A `max_depth` of -1 as Mitsuba's integrators print it
 
 
@@ -77,10 +78,11 @@ def change_integrator(
         props["max_depth"] = checks.depth_of_bounces(props["max_bounces"])
         del props["max_bounces"]
     wanted = settings.get("integrator")
-    if wanted is None and now_transient and name not in TRANSIENT_INTEGRATORS:
+    in_time = now_transient or "pulse_width_opl" in settings
+    if wanted is None and in_time and name not in TRANSIENT_INTEGRATORS:
         if name not in REPLACEMENTS:
             raise ValueError(
-                f"integrator = {name!r}: a transient film needs another one; "
+                f"integrator = {name!r}: a transient film or a pulse needs another one; "
                 f"must be one of {', '.join(INTEGRATORS)}"
             )
         wanted = REPLACEMENTS[name]
@@ -119,6 +121,8 @@ def _replacement(wanted: str | Mapping[str, Any], old: mi.Properties) -> mi.Prop
     if plugin in TRANSIENT_INTEGRATORS:
         before = {"max_depth": DEPTHS[old.plugin_name()]} if old.plugin_name() in DEPTHS else {}
         before |= {name: old[name] for name in INHERITED if name in old}
+        if plugin in ONE_BOUNCE:
+            before.pop("max_depth", None)
         given = before | given
     for name, value in given.items():
         if isinstance(value, Mapping):
