@@ -132,6 +132,8 @@ BAD = [
     ("outputs.capture", {"hidden_depth": "yes"}, "hidden_depth = 'yes': must be true or false"),
     ("outputs.noisy", {}, "outputs.noisy.spp = None: must be an integer from 1"),
     ("vary.capture_x", {"turn": "ball"}, "vary.capture_x: must have another name"),
+    ("vary.time", {"turn": "ball"}, "vary.time: must have another name"),
+    ("outputs.capture", {"grid": [3, 2]}, "render.width: must be left out with outputs.capture.g"),
     ("vary.paint.deviation", 0, "vary.paint.deviation = 0: must be above 0"),
     ("vary.paint.mean", 1e9, "vary.paint.low = 0.1: is too far from the mean"),
     ("vary.paint.high", GONE, "vary.paint.reflectance = 'white': is drawn from 0.1 to inf; must b"),

@@ -128,6 +128,11 @@ def test_draws_depend_on_seed_record_and_name_only():
     assert len({draws[3]["lamp"], *others}) == 5
 
 
+def test_one_limit_alone():
+    draws = [config(turn=TURN | {"high": -5}).draw(k)["turn"] for k in range(10)]
+    assert max(draws) < -5
+
+
 def test_seeds_of_renders_differ():
     found = config(lamp=LAMP)
     seeds = {found.render_seed(k, a, use) for k in range(50) for a in (0, 1) for use in ("", "n")}

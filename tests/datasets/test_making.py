@@ -278,6 +278,8 @@ def test_no_captures_no_capture(tmp_path):
     found = make(config, tmp_path / "plane.zarr")
     with pytest.raises(ValueError, match=r"dataset: has no captures"):
         datasets.capture_of(found, 0)
+    with pytest.raises(ValueError, match=r"dataset = .*: must be what load_dataset returns"):
+        datasets.capture_of(None, 0)
     with pytest.raises(ValueError, match=r"must be a finished data set that `make_dataset` wrote"):
         datasets.load_dataset(tmp_path)
 

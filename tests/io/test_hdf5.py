@@ -61,6 +61,19 @@ def test_round_trip_is_exact(tmp_path, mode, legs, origins):
     assert os.listdir(tmp_path) == ["capture.h5"]
 
 
+def test_parts_come_back_and_other_numbers_are_refused(tmp_path):
+    capture = example()
+    for part in (capture.isel(x=slice(None, None, -2)), capture.isel(y=[3, 0])):
+        assert load_capture(save_capture(part, tmp_path / "c.h5", overwrite=True)).identical(part)
+    for wrong, said in (
+        (capture.assign_coords(x=capture["x"] * 0.5), r"pixels: x = \[0.0, 0.5, .*: must be 5 int"),
+        (capture.astype(float), "capture: type of .*float64.*: must be float32"),
+    ):
+        with refused(said):
+            save_capture(wrong, tmp_path / "wrong.h5")
+    assert not (tmp_path / "wrong.h5").exists()
+
+
 @modes
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_light_that_is_not_finite_is_not_read(tmp_path, mode, bad):

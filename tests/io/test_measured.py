@@ -45,6 +45,13 @@ def test_scans(tmp_path, name):
     assert again.identical(capture)
 
 
+def test_fk_moves_by_whole_bins(tmp_path):
+    first = np.array([[31, 62], [123, 124]])
+    light = np.arange(130) == first[..., None]
+    savemat(tmp_path / "a.mat", {"meas": light * 1.0, "tofgrid": first * 32.0})
+    assert (load_capture(tmp_path / "a.mat")["transient"][:, :, 0] == 1).all()
+
+
 @pytest.mark.parametrize("reverse", [False, True])
 @pytest.mark.parametrize("mode", ["confocal", "single", "exhaustive"])
 def test_znlos(tmp_path, mode, reverse):

@@ -47,11 +47,16 @@ def letter_found(light, method="lct", **options) -> float:
 
 
 @pytest.mark.parametrize("direct", [0.0, 300.0])
-@pytest.mark.parametrize("seed", range(3))
-def test_background(seed, direct):
-    """Bins after the wall's reflection, with light above a tenth of the largest, are kept."""
-    counts, true = noisy(seed, direct), expected(0.0).mean((0, 1)) - DARK
-    found = find_background(counts.sum((0, 1)), 24 * 24, 0)
+@pytest.mark.parametrize("early", [0, 2, 31])
+def test_background(early, direct):
+    """Bins after the wall's reflection, with light above a tenth of the largest, are kept.
+
+    `early` bins are before light meets the wall.
+    """
+    before = np.random.default_rng(early).poisson(DARK, (24, 24, early))
+    counts = np.concatenate([before, noisy(early, direct)], axis=-1)
+    true = np.append(np.zeros(early), expected(0.0).mean((0, 1)) - DARK)
+    found = find_background(counts.sum((0, 1)), 24 * 24, early)
     assert abs(found.dark - DARK) < 0.03  # A low quantile of means of 576 pixels and 4 bins
     assert found.kept[true > 0.1 * true.max()].all()
     assert not found.kept[true < 1e-3 * true.max()].any()
@@ -62,6 +67,8 @@ def test_nothing_but_dark_counts_is_refused():
     counts = np.random.default_rng(1).poisson(0.3, (24, 24, BINS))
     with refused("capture: no light above 0.2"):
         reconstruct(capture(counts), "lct")
+    with refused("capture: bins = 1: must be 2 or more with lct"):
+        reconstruct(capture(counts[..., :1]).assign_attrs(quantity="radiance per bin"), "lct")
 
 
 @pytest.mark.parametrize("factor", [1.0, 1.1])

@@ -427,6 +427,10 @@ def test_depth_error():
     assert (error.pixels, error.found, error.extra) == (2, 2 / 3, 1 / 3)
     np.testing.assert_allclose((error.median, error.mean, error.bias), (0.015, 0.015, -0.015))
     np.testing.assert_allclose(error.rms, 0.03 / 2**0.5)
+    labelled = depth_map(volume_of(values)).copy(data=[[0.1, 0.23, 0.2, np.nan]])
+    assert depth_error(volume_of(values), labelled.transpose()) == error
+    with pytest.raises(ValueError, match=r"truth: x = .*: must be that of the volume"):
+        depth_error(volume_of(values), labelled.isel(x=slice(None, None, -1)))
     nothing = depth_error(volume_of(values), [[np.nan, np.nan, 0.2, np.nan]])
     assert np.isnan(nothing.median)
     assert nothing.pixels == 0

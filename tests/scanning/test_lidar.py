@@ -87,6 +87,7 @@ def test_two_echoes_at_an_edge(edge):
     expected = [part * RHO / (math.pi * near**2), (1 - part) * RHO / (math.pi * far**2)]
     assert found == pytest.approx(expected, rel=5e-3)
     cloud = point_cloud(shots, pulses=1000)
+    assert point_cloud(shots.transpose(), pulses=1000).identical(cloud)
     assert cloud["return_number"].values.tolist() == [1, 2]
     assert cloud["number_of_returns"].values.tolist() == [2, 2]
     assert cloud["range"].values == pytest.approx([near, far], abs=2e-3)

@@ -49,6 +49,7 @@ def test_csv(tmp_path):
         ("azimuth_deg,pitch\n1,2\n", "has 1 rows of azimuth_deg, pitch; must be"),
         ("azimuth_deg,elevation_deg,more\n1,2,3\n", "has 1 rows of .*more; must be"),
         ("azimuth_deg,elevation_deg\n", "has 0 rows of"),
+        ("azimuth_deg,elevation_deg\n1,2,3\n", "must be a CSV file"),
         ("azimuth_deg,elevation_deg\n1,\n", "finite azimuth_deg"),
         ("azimuth_deg,elevation_deg\n1,up\n", "finite azimuth_deg"),
         ("azimuth_deg,elevation_deg\n1,91\n", "elevation_deg up to 90"),

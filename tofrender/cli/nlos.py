@@ -142,9 +142,10 @@ def reconstruct(
     with checkpoints.exclusively(out), io.output_folder(out, overwrite=True) as folder:
         arrays: dict[str, Any] = {str(name): v.values for name, v in volume.variables.items()}
         np.savez_compressed(folder / "volume.npz", **arrays)
-        attrs = {"method": method, "units": "m"}
-        for name, image in (("brightness", brightness), ("depth", depth)):
+        images = (("brightness", brightness, "arbitrary"), ("depth", depth, "m"))
+        for name, image, units in images:
             values = np.asarray(image.values, np.float32)[..., None]
+            attrs = {"method": method, "units": units}
             io.save_exr_layers(folder / f"{name}.exr", {"": values}, attrs)
         drawn = vis.reconstruction_figure(volume)
         io.save_figure(drawn, folder / f"volume.{figure}", **opt.dots(dpi))

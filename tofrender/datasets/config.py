@@ -283,6 +283,9 @@ def parse_config(given: dict[str, Any], folder: Path) -> Config:
         raise ValueError("arguments: must be left out, only built-in scenes have them")
     if found["parameters"] and not is_xml:
         raise ValueError("parameters: must be left out, only XML files have them")
+    sized = [name for name in ("width", "height") if name in render]
+    if sized and found["outputs"].capture is not None and found["outputs"].capture.grid is not None:
+        raise ValueError(f"render.{sized[0]}: must be left out with outputs.capture.grid")
     owners = {"argument": (built_in, "a built-in scene"), "parameter": (is_xml, "an XML file")}
     for name, each in varied.items():
         fits, owner = owners.get(each.target, (True, ""))

@@ -60,7 +60,8 @@ def _normal(where: str, table: Table) -> Distribution:
         entries.setdefault(name, (limit,))
     wide = {n: _repeated(f"{where}.{n}", given.get(n), v, count) for n, v in entries.items()}
     parameters = []
-    for mean, deviation, low, high in zip(*wide.values(), strict=True):
+    columns = [wide[name] for name in ("mean", "deviation", "low", "high")]
+    for mean, deviation, low, high in zip(*columns, strict=True):
         checks.require(f"{where}.deviation", table["deviation"], deviation > 0, "above 0")
         checks.require(f"{where}.low", table.get("low"), low < high, "below high")
         side = -1.0 if low > mean else 1.0  # Tails are precise on the low side only

@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from ..nlos import make_capture
@@ -77,7 +78,7 @@ def _require_records(folder: Path, dataset: xr.Dataset) -> None:
 
 
 def capture_of(dataset: xr.Dataset, record: int) -> xr.Dataset:
-    """The capture of a record, as `capture` returns it and `reconstruct` takes it.
+    """The capture of a record, which `reconstruct` takes.
 
     Args:
         dataset: What `load_dataset` returns.
@@ -86,9 +87,10 @@ def capture_of(dataset: xr.Dataset, record: int) -> xr.Dataset:
     Raises:
         ValueError: The data set has no captures, or no such record; one line.
     """
+    checks.instance("dataset", dataset, xr.Dataset, "what load_dataset returns")
     if "capture" not in dataset:
         raise ValueError("dataset: has no captures; must be made with outputs.capture")
-    if record not in dataset["record"].values:
+    if np.ndim(record) or record not in dataset["record"].values:
         raise ValueError(f"record = {record!r}: must be one of the coordinate record")
     one = dataset.sel(record=record)
     about = json.loads(str(one["made_with"].values))

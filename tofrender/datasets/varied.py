@@ -32,7 +32,7 @@ NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 RESERVED = (
     *("record", "y", "x", "opl", "channel", "xyz", "frequency", "part", "transient", "steady"),
     *("noisy", "phasor", "depth", "normals", "capture", "hidden_depth", "made_with", "attempt"),
-    *("energy_outside_window", "render_seed"),
+    *("energy_outside_window", "render_seed", "time", "wall_x", "wall_y", "laser_x", "laser_y"),
 )
 """Names of arrays and axes that a quantity cannot have, nor any with `capture_` or `sensor_`."""
 

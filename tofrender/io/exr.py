@@ -173,7 +173,7 @@ def save_exr_layers(
         attrs: Attributes of the header.
 
     Raises:
-        ValueError: There are no layers, or their sizes differ.
+        ValueError: There are no layers, their sizes differ, or a name cannot be used.
 
     Example:
         >>> import tempfile
@@ -183,12 +183,15 @@ def save_exr_layers(
         'a.exr'
     """
     attrs = checks.mapping("attrs", attrs)
+    for name in sorted({"format", *_RESERVED} & set(attrs)):
+        raise ValueError(f"attrs with {name!r}: must be others, EXR headers have this one")
     arrays: dict[str, np.ndarray] = {}
     for name, values in checks.mapping("layers", layers).items():
         array = arrays[name] = checks.real_array(f"layers[{name!r}]", values, np.float32)
         valid = array.ndim == 3 and array.shape[2] in (1, 3) and 0 not in array.shape
         allowed = "(height, width, channels) with 1 or 3 channels"
         checks.shape(f"layers[{name!r}]", array, valid, allowed)
+        checks.require("layers", name, name != "RGB", "others; the name '' stands for RGB")
     sizes = {array.shape[:2] for array in arrays.values()}
     if len(sizes) != 1:
         given = checks.quote(layers)
@@ -223,10 +226,10 @@ def load_exr_layers(path: str | os.PathLike) -> tuple[dict[str, np.ndarray], dic
     part = _read(Path(path))[0]
     if part.header.get("format") != LAYERS_FORMAT:
         raise ValueError(f"path = {path}: must be what `save_exr_layers` wrote")
-    layers = {
-        name.removesuffix("RGB").removesuffix("Y").removesuffix("."): np.atleast_3d(channel.pixels)
-        for name, channel in part.channels.items()
-    }
+    layers = {}
+    for name, channel in part.channels.items():
+        nameless = name == "RGB" or (name == "Y" and channel.pixels.ndim == 2)
+        layers["" if nameless else name.removesuffix(".Y")] = np.atleast_3d(channel.pixels)
     return layers, {k: v for k, v in part.header.items() if isinstance(v, str)}
 
 

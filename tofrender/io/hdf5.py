@@ -33,6 +33,7 @@ _NAMES = (
     *("H", "H_format", "delta_t", "t_start", "t_accounts_first_and_last_bounces", "scene_info"),
     *(f"{d}_{what}" for d in DEVICES for what in ("xyz", *_GRIDS)),
 )
+KINDS = (np.dtype(np.float32), np.dtype(bool))  # Of a file's arrays
 _COPIES = 3  # Of H at a time, at most
 _OURS = "tofrender"  # Our part of scene_info
 _COLOURS = "tofrender_colours_"  # Attributes of H by their first bin, (bins, ..., channels)
@@ -55,7 +56,7 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
         overwrite: Replace an existing file.
 
     Raises:
-        ValueError: Not a capture, or another suffix.
+        ValueError: Not a capture of float32 values and whole pixels, or another suffix.
         OSError: `path` may not be replaced or is not writable, or the disk is full.
 
     Warns:
@@ -74,6 +75,9 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
         True
     """
     check_capture(capture)
+    for name, variable in capture.data_vars.items():
+        allowed = "float32, as the file holds it; see astype"
+        checks.require(f"capture: type of {name}", variable.dtype, variable.dtype in KINDS, allowed)
     fields, cube = _fields(capture), Cube(capture["transient"])
     needed = sum(np.asarray(value).nbytes for value in fields.values()) + (1 << 16)
     coloured = cube.shape[-1] > 1
@@ -127,6 +131,7 @@ def _about(capture: xr.Dataset) -> dict[str, Any]:
     """Content of a capture that the layout has no field for."""
     attrs = {k: v for k, v in plain_attributes(capture).items() if k not in _IN_FIELDS}
     pixels = {str(a): capture[a].values.tolist() for a in capture.dims if str(a)[-1] in "xy"}
+    _pixels(pixels, capture)
     about = {"mode": capture.attrs["mode"], "attrs": attrs, "pixels": pixels}
     about["channel"] = [str(name) for name in capture["channel"].values]
     about["labels"] = {}  # But for those that all captures have
@@ -251,12 +256,12 @@ def _in_colour(light: np.ndarray, colours: dict[str, Any], channels: list[str]) 
 
 
 def _pixels(given: Any, capture: xr.Dataset) -> dict[str, list[int]]:
-    """Check the pixels along each axis: consecutive integers, as many as the axis has."""
+    """Check the pixels along each axis: integers, as many as the axis has."""
     for axis, numbers in given.items():
         size = capture.sizes.get(axis, 0) if axis[-1] in "xy" else 0
-        first = numbers[0] if isinstance(numbers, list) and numbers else None
-        in_a_row = isinstance(first, int) and numbers == list(range(first, first + size))
-        checks.require(f"pixels: {axis}", numbers, in_a_row, f"{size} pixels in a row")
+        valid = isinstance(numbers, list) and len(numbers) == size > 0
+        valid = valid and all(type(each) is int and abs(each) < 1 << 31 for each in numbers)
+        checks.require(f"pixels: {axis}", numbers, valid, f"{size} integers")
     return given
 
 

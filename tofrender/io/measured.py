@@ -105,7 +105,7 @@ def read_fk(file: Path, given: dict[str, Any]) -> xr.Dataset:
     delay = checks.finite("tofgrid", _variable(beside, "tofgrid", 2))
     checks.shape("tofgrid", delay, delay.shape == counts.shape[:2], f"{counts.shape[:2]}")
     width = checks.number("bin_width_s", (known | given)["bin_width_s"], unit="s", positive=True)
-    first = np.floor(delay * 1e-12 / width).astype(np.int64)
+    first = np.floor(delay / (width * 1e12)).astype(np.int64)
     bins = counts.shape[2] - first.max()
     checks.require("tofgrid", delay, first.min() >= 0 and bins > 0, "within the bins, in ps")
     moved = np.take_along_axis(counts, first[..., None] + np.arange(bins), axis=2)

@@ -131,7 +131,7 @@ def make_capture(
             mask = np.asarray(on_wall)
         except (TypeError, ValueError):
             mask = np.array(None)
-        valid = mask.dtype == bool and mask.ndim in (0, 2)
+        valid = mask.dtype == bool and mask.ndim == 2
         checks.require("on_wall", on_wall, valid, "bool (rows, columns)")
         if not mask.all():
             variables[ON_WALL] = (_PIXELS, mask.copy())

@@ -85,8 +85,8 @@ def true_points(waveforms: xr.Dataset) -> xr.Dataset:
 def _points(waveforms: xr.Dataset, shot: np.ndarray, columns: dict[str, Any]) -> xr.Dataset:
     """Place points at the column "range" of shots, and add columns of the shots."""
     arrays = {name: np.asarray(each) for name, each in columns.items()}
-    ways = waveforms["direction"].values
-    origins = np.broadcast_to(waveforms["origin"].values, ways.shape)
+    ways = waveforms["direction"].transpose("shot", "axis").values
+    origins = np.broadcast_to(waveforms["origin"].transpose(..., "axis").values, ways.shape)
     points = origins[shot] + ways[shot] * arrays["range"][:, None]
     arrays |= dict(zip("xyz", points.T, strict=True))
     arrays |= {name: waveforms[name].values[shot] for name in ("time", "true_range")}

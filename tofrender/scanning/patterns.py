@@ -75,6 +75,7 @@ def _read(path: Any) -> pd.DataFrame:
         table = pd.read_csv(path, skipinitialspace=True).apply(pd.to_numeric, errors="coerce")
         needed, names = {"azimuth_deg", "elevation_deg"}, {*table.columns}
         valid = len(table) and needed <= names <= needed | {"time_s"} and np.isfinite(table.values)
+        valid &= isinstance(table.index, pd.RangeIndex)  # Else rows are too long
         if np.all(valid) and table["elevation_deg"].abs().max() <= 90:
             return table
         reason = f"has {len(table)} rows of {checks.join_names([*table.columns])}"

@@ -24,16 +24,18 @@ class Background(NamedTuple):
 def find_background(counts: np.ndarray, pixels: int, zero: int) -> Background:
     """Find the background of histograms by their sum over pixels, (bins,).
 
-    `zero` is the bin of path length 0, where the wall's own reflection is the largest, if there is
-    one. It ends in the bin after which the smoothed histogram rises by the largest factor.
+    `zero` is the bin of path length 0, where the wall's own reflection is the largest: if there is
+    one, the smoothed histogram peaks within a 64th of all bins around. It ends in the bin after
+    which that rises by the largest factor.
     """
     window = max(1, len(counts) // PARTS)
     one = 1 / (pixels * window)
     mean = uniform_filter1d(counts / pixels, window)
     first = 0
-    if 0 <= zero <= window and abs(int(mean.argmax()) - zero) <= window:
+    peak = int(mean.argmax())
+    if zero >= 0 and abs(peak - zero) <= window:
         later = np.maximum.accumulate(mean[::-1])[::-1]
-        first = int(np.argmax(later / np.maximum(mean, one)))
+        first = peak + int(np.argmax((later / np.maximum(mean, one))[peak:]))
     dark = float(np.quantile(mean[first:], 0.05))
     least = max(SIGMAS * np.sqrt(max(dark, one) * one), SHARE * (mean[first:].max() - dark))
     kept = (mean - dark > least) & (np.arange(len(mean)) >= first)

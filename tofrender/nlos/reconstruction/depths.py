@@ -87,7 +87,7 @@ def depth_error(volume: xr.Dataset, truth: Any, threshold: float = 0.2) -> Depth
     Args:
         volume: A result of `reconstruct`.
         truth: Distance of the nearest hidden surface from the wall [m] at the volume's (y, x), NaN
-            where there is none.
+            where there is none; coordinates that it has must be the volume's.
         threshold: As in `depth_map`.
 
     Returns:
@@ -105,7 +105,13 @@ def depth_error(volume: xr.Dataset, truth: Any, threshold: float = 0.2) -> Depth
         >>> round(depth_error(volume, np.full((2, 2), 1.02)).median, 3)
         0.02
     """
-    depth = depth_map(volume, threshold).values
+    depth = depth_map(volume, threshold)
+    if isinstance(truth, xr.DataArray) and {*truth.dims} == {*"yx"}:
+        truth = truth.transpose("y", "x")
+        for axis in {*"yx"} & {*truth.coords} & {*depth.coords}:
+            same = truth.sizes == depth.sizes and np.allclose(truth[axis], depth[axis])
+            checks.require(f"truth: {axis}", truth[axis].values, same, "that of the volume")
+    depth = depth.values
     true = checks.real_array("truth", truth, np.float64)
     valid = true.shape == depth.shape
     checks.shape("truth", true, valid, f"{depth.shape}, as the volume has")

@@ -17,6 +17,7 @@ import numpy as np
 from scipy import sparse
 from scipy.ndimage import uniform_filter1d
 
+from ...runtime import checks
 from ...runtime.progress import ProgressBar
 from .fourier import fft, forward, inverse_sides, require_memory
 from .measured import Lattice, Measured
@@ -41,6 +42,7 @@ def light_cone_transform(
     lattice = measured.lattice
     assert lattice is not None
     rows, columns, bins = measured.shape[1:]
+    checks.require("capture: bins", bins, bins > 1, "2 or more with lct")
     lines, sides = 2 * bins, (2 * rows, 2 * columns)
     require_memory("lct", (*sides, bins + 1), copies=3.2)
     low, high = (edge * edge for edge in grid.z[:2])

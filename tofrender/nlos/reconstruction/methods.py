@@ -97,8 +97,9 @@ def reconstruct(
         progress: Show a bar if it takes long.
 
     Returns:
-        A Dataset: `intensity (z, y, x)` float32 >= 0 in arbitrary units, coordinates in metres, and
-        `frame_origin`, `frame_axes`: world point = origin + x axes[0] + y axes[1] + z axes[2].
+        A Dataset: `intensity (z, y, x)` float32 in arbitrary units, >= 0 but by bp of counts, from
+        which dark ones are subtracted; coordinates in metres, and `frame_origin`, `frame_axes`:
+        world point = origin + x axes[0] + y axes[1] + z axes[2].
 
     Raises:
         ValueError: Not a capture, light that is not finite, a method that it does not allow (the
