@@ -260,6 +260,7 @@ def chances(frequencies, count: int, least: float, seed: int):
         ((30e6, 40e6), 10e6),
         ((1e8 / 3, 50e6), 5e7 / 3),
         ((80.32e6, 16.064e6, 120.48e6), 8.032e6),
+        ((1e9, 50.0), 50.0),
     ],
 )
 def test_unambiguous_range(frequencies, hertz):

@@ -201,6 +201,7 @@ REFUSALS: dict[str, list[tuple[str, str]]] = {
     ],
     "phasor": [
         ("cornell_box --freq 1e-300", "hertz from 1e-09 to 1e+18"),
+        ("cornell_box --freq 20MHz --freq 2e7", "--freq = 20000000.0: must be given once"),
         ("cornell_box", "Missing option '--freq'"),
         ("cornel_box --freq 2e7", "did you mean cornell_box"),
     ],

@@ -7,6 +7,7 @@ from test_cli import refused, run
 
 import tofrender
 from tofrender.cli.app import main
+from tofrender.io.exr import load_exr_layers
 from tofrender.runtime import atomic
 
 
@@ -30,6 +31,8 @@ def test_a_hidden_letter_is_found(captured, tmp_path, method, capsys):
     names = {"volume.npz", "brightness.exr", "depth.exr", "volume.png"}
     assert {path.name for path in out.iterdir()} == names
     assert [path.name for path in tmp_path.iterdir()] == [method]
+    units = [load_exr_layers(out / f"{name}.exr")[1]["units"] for name in ("brightness", "depth")]
+    assert units == ["arbitrary", "m"]
     with np.load(out / "volume.npz") as volume:
         brightness = volume["intensity"].max(axis=0)
         assert brightness.shape == (24, 24)

@@ -255,6 +255,8 @@ def test_captures_are_those_of_capture(tmp_path, mode):
     expected = tofrender.capture(
         scene, mode=mode, spp=16, seed=about["render_seed"], progress=False
     )
+    with pytest.raises(ValueError, match=r"record = \[0, 1\]: must be one of the coord"):
+        datasets.capture_of(found, [0, 1])
     one = datasets.capture_of(found, 1)
     assert set(one.data_vars) == set(expected.data_vars)
     for name in expected.data_vars:

@@ -247,6 +247,8 @@ def test_background_and_detectors():
     dim = shoot(scene={"wall": wall((0, 0, 5))}, photons=1e5, background_hz=1e6)
     spad, jitter = Spad(jitter=Response(100e-12)), Response(math.hypot(100e-12, 0.06 / 299792458))
     found = point_cloud(dim, pulses=1000, detector=spad, response=jitter)
+    with refused("detector: crosstalk_probability = 0.5: must be 0.0, of single shots"):
+        point_cloud(dim, detector=Spad(mode="multi_hit", crosstalk_probability=0.5))
     assert found["range"].values == pytest.approx([5], abs=0.01)
 
 

@@ -86,6 +86,7 @@ def test_point_spread_keeps_light_and_adds_variances():
     ("kind", "given", "text"),
     [
         (GatedCamera, {"width_s": 0}, "width_s = 0"),
+        (GatedCamera, {"width_s": 1e-9, "delays_opl": []}, "delays_opl with shape"),
         (GatedCamera, {"width_s": 1e-9, "delays_opl": [np.nan]}, "delays_opl: 1 of 1 values"),
         (GatedCamera, {"width_s": 1e-9, "excess_noise": 0.5}, "excess_noise = 0.5"),
         (StreakCamera, {"sweep_opl": 0.1, "slit_rows": 2}, "slit_rows = 2: must be odd"),

@@ -77,6 +77,17 @@ def test_no_expectation_without_a_closed_form():
     assert measured.sizes["y"] == 1
 
 
+def test_numbers_of_numpy_and_crops():
+    config = {"photons": {"photons_per_cycle": np.float32(0.5)}, "cycles": np.int64(100)}
+    gated = {"delays_opl": np.arange(1.0, 3.0), "width_s": 1e-9}
+    found = sense(make_dataset(2, 2, 50), config | {"gated": gated})
+    assert json.loads(found.attrs["sensor"])["gated"]["delays_opl"] == [1.0, 2.0]
+    film = make_dataset(4, 4, 5)
+    cropped = film.assign_coords(x=film["x"] + 1)
+    with refused(r"sensor.pixels = \[2, 2\]: must be left out: the crop window"):
+        sense(cropped, GOOD | {"pixels": [2, 2]})
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [

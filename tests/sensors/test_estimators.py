@@ -21,11 +21,13 @@ from tofrender.sensors import (
 from tofrender.sensors.jitter import kernel
 from tofrender.sensors.pile_up_checks import check_pile_up
 from tofrender.sensors.response import distribution
+from tofrender.signals.pulses import SampledPulse
 from tofrender.signals.units import SPEED_OF_LIGHT
 
 WIDTH = 0.02
 SIGMA = 3 * WIDTH
 GAUSS = Response(SIGMA / SPEED_OF_LIGHT)
+WIDE = Response(0.1)
 LATE = Response(SIGMA / SPEED_OF_LIGHT, 2 * SIGMA / SPEED_OF_LIGHT)
 BINS = 120
 
@@ -117,6 +119,39 @@ def test_depth_from_a_sensor():
     found = estimate_depth(counts, jitter)
     assert found["depth"].values == pytest.approx(123.5 * WIDTH / 2, abs=2e-3)
     assert (found["depth_std"].values < 5e-4).all()
+    later, both = slice(40, None), counts.isel(x=slice(2))
+    parts = (counts.isel(bin=later), counts.transpose("bin", "x", "y"), both.coarsen(bin=2).sum())
+    for part in parts:  # Bins are where their coordinate says
+        again = estimate_depth(part, jitter)["depth"]
+        assert again.values == pytest.approx(123.5 * WIDTH / 2, abs=4e-3)
+    refused("opl = .*: must be the centres", estimate_depth, counts.isel(bin=[0, 1, 9]), jitter)
+
+
+def test_a_responses_origin_is_no_matter():
+    """Recorded at 1 m, it delays all counts by as much, and is no longer for that."""
+    masses = np.diff(norm.cdf(np.arange(-50, 51) * WIDTH, scale=SIGMA))
+    rng = np.random.default_rng(3)
+    light = np.zeros(400)
+    light[[150, 180]] = 300, 200
+    rates = np.convolve(light, masses, "same") + 0.2
+    counts = rng.poisson(rates, (5, 5, 400))
+    for late in (0, 50):
+        recorded = SampledPulse(masses / WIDTH, (late - 50) * WIDTH, WIDTH)
+        seen = np.roll(counts, late, axis=-1)
+        found = echoes(seen, recorded, bin_width_opl=WIDTH)
+        assert found["number"].values.tolist() == [1, 2] * 25
+        assert found["opl"].values[::2] == pytest.approx(np.full(25, 150.5 * WIDTH), abs=0.03)
+        depth = estimate_depth(seen, recorded, "centroid", bin_width_opl=WIDTH)["depth"]
+        assert abs(depth.values - 150.5 * WIDTH / 2).max() < 0.02
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("opl", [0.05, BINS * WIDTH - 0.05])
+def test_the_likeliest_depth_at_an_end_of_the_window(opl):
+    rates = 300 * np.diff(norm.cdf(np.arange(BINS + 1) * WIDTH, opl, SIGMA)) + 0.2
+    counts = np.random.default_rng(4).poisson(rates, (1, 400, BINS))
+    found = estimate_depth(counts, GAUSS, bin_width_opl=WIDTH)["depth"].values.ravel()
+    assert agree(found, np.array(opl / 2), rounding=0.01)
     dark = estimate_depth(np.zeros((1, 1, BINS)), GAUSS, bin_width_opl=WIDTH)
     assert np.isnan(dark["depth"].item())
     assert np.isinf(dark["depth_std"].item())
@@ -142,6 +177,11 @@ def test_echoes():
         assert agree(each["opl"].values, np.array(opl), rounding=1e-3)
         assert np.median(each["width"]) == pytest.approx(SIGMA, rel=0.1)
     assert (found["number"].values <= 3).all()
+
+
+def test_bounds_that_bins_cannot_tell_are_infinite():
+    found = echo_bounds(100.0, 0.0, Response(WIDTH / 50 / SPEED_OF_LIGHT), WIDTH)
+    assert all(np.isinf(each) for each in found.values())
 
 
 @pytest.mark.parametrize("response", [GAUSS, LATE])
@@ -199,6 +239,7 @@ def test_false_alarms(background):
         (lambda: estimate_depth(np.ones((5, 5)), GAUSS, bin_width_opl=WIDTH), "counts with shape"),
         (lambda: estimate_depth(np.ones((1, 1, 99)), 3.0, bin_width_opl=WIDTH), "response = 3.0"),
         (lambda: echoes(np.ones((1, 1, 99)), GAUSS, 0.9, bin_width_opl=WIDTH), "false_alarm = 0.9"),
+        (lambda: estimate_depth(np.ones((1, 1, 9)), WIDE, bin_width_opl=WIDTH), "shorter than"),
         (lambda: depth_bound(-1.0, 0.0, GAUSS, WIDTH), "signal = -1: must be at least 0"),
     ],
 )

@@ -150,4 +150,8 @@ def test_bad_frames():
     rates, _ = scene(1.0, 1.0)
     frames = Itof(frequencies_hz=F).expected(rates)
     refused("frames", Itof(frequencies_hz=F, taps=5).depth, frames)
+    refused("of this camera's frequencies", Itof(frequencies_hz=2.5 * F).depth, frames)
+    odd = Itof(frequencies_hz=[20e6, 51.2345e6])  # Their phases repeat after 300 km
+    assert odd.depth(odd.expected(rates))["depth"].values < 12e3
+    refused("max_depth = 1.0: must be None with", Itof(frequencies_hz=F).depth, frames, 1.0)
     refused("must be below", Itof(frequencies_hz=4e9).expected, rates)

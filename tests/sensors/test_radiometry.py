@@ -104,5 +104,10 @@ def test_bad_parameters(changes, text):
 
 def test_bad_datasets():
     refused("must be a Dataset of render", expected_photons, np.ones((2, 2)), photons_per_cycle=1)
+    dark = make_dataset() * 0
+    dark.attrs = make_dataset().attrs
+    refused(
+        "photons_per_cycle = 1: must be left out: no", expected_photons, dark, photons_per_cycle=1
+    )
     gated = make_dataset(quantity="radiance per metre")
     refused("quantity = 'radiance per metre'", expected_photons, gated, photons_per_cycle=1)

@@ -352,19 +352,23 @@ def test_bad_rates(rates, text):
         ({"tdc_lsb_s": 1.5 * BIN_S}, {}, "tdc_lsb_s"),
         ({"macro_pixel": (2, 1)}, {}, r"macro_pixel = \(2, 1\): must be numbers that divide"),
         ({}, {"cycles": 0}, "cycles = 0"),
+        ({"mode": "multi_hit"}, {"cycles": 1 << 30, "rates": 9.0}, "cycles = .*: must be fewer"),
+        ({"jitter": Response(80e-6)}, {}, "jitter = .*: must be shorter than the window"),
         ({}, {"seed": -1}, "seed = -1"),
         ({}, {"bin_width_opl": None}, "bin_width_opl"),
     ],
 )
 def test_bad_calls(spad, call, text):
-    arguments = {"cycles": 5, "seed": 1, "bin_width_opl": WIDTH} | call
-    refused(text, Spad(**spad).histogram, np.ones((1, 1, 5)), **arguments)
+    arguments = {"cycles": 5, "seed": 1, "bin_width_opl": WIDTH, "rates": 1.0} | call
+    rates = np.full((1, 1, 5), arguments.pop("rates"))
+    refused(text, Spad(**spad).histogram, rates, **arguments)
 
 
 @pytest.mark.parametrize(
     ("name", "value"),
     [
         *[("dead_time_s", 1e-9), ("paralysable", True), ("afterpulse_time_s", 1e-9)],
+        ("afterpulse_probability", 0.1),  # Never falls into an armed cycle of "first_photon"
         *[("hot_rate_hz", 1.0), ("coincidence_window_s", 1e-9), ("crosstalk_probability", 1.1)],
         *[("afterpulse_probability", np.nan), ("coincidence", 2), ("tdc_bits", 0)],
     ],
@@ -377,7 +381,7 @@ def test_bad_parameters(name, value):
 def test_expected_is_refused_where_there_is_no_closed_form():
     for given in (
         {"crosstalk_probability": 0.1},
-        {"macro_pixel": (1, 1)} | {"afterpulse_probability": 0.1},
+        {"mode": "multi_hit"} | {"afterpulse_probability": 0.1},
     ):
         refused(
             "left out for expected", Spad(**given).expected, np.ones((1, 1, 5)), bin_width_opl=WIDTH

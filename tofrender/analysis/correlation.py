@@ -136,7 +136,7 @@ def multipath_error(depth: Any, true_depth: Any, range_m: float | None = None) -
         for name, values in (("depth", depth), ("true_depth", true_depth))
     )
     truth = true_depth[..., None] if depth.ndim == true_depth.ndim + 1 == 3 else true_depth
-    if depth.shape != truth.shape and (*depth.shape[:-1], 1) != truth.shape:
+    if depth.shape != truth.shape and (depth.ndim, *truth.shape) != (3, *depth.shape[:-1], 1):
         raise ValueError(
             f"depth, true_depth with shapes {depth.shape}, {true_depth.shape}: must be equal, but "
             "for channels last in depth"

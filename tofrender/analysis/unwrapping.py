@@ -27,7 +27,7 @@ def unambiguous_range(frequency_hz: float | Sequence[float]) -> float:
         >>> round(unambiguous_range(50e6), 3), round(unambiguous_range([20e6, 50e6]), 3)
         (2.998, 14.99)
     """
-    frequencies, _ = check_frequencies(frequency_hz)
+    frequencies = sorted(check_frequencies(frequency_hz)[0])
     ratios = [Fraction(f / frequencies[0]).limit_denominator(10**6) for f in frequencies]
     denominator = math.lcm(*(r.denominator for r in ratios))
     divisor = math.gcd(*(int(r * denominator) for r in ratios))
@@ -60,7 +60,8 @@ def unwrap(
         phases: Phases [rad], modulo 2 pi, of shape (frequencies, ...).
         frequencies_hz: Two or more modulation frequencies [Hz].
         max_depth: Largest depth that can occur [m], at most `unambiguous_range(frequencies_hz)`,
-            the default, whose two ends have the same phases. A smaller one tolerates more noise.
+            the default, whose two ends have the same phases, and 4096 ranges of the highest
+            frequency. A smaller one tolerates more noise.
         amplitudes: Amplitudes as weights, at least 0, of the same shape as the phases.
 
     Returns:

@@ -128,10 +128,10 @@ def _begin(out: Path, recipe: dict[str, Any], resume: bool) -> tuple[Path, dict[
         raise ValueError(f"--out = {out}: {what}; {AGAIN}, or remove it")
     if earlier:
         _require_same(folder, earlier["recipe"], recipe)
-        return folder, earlier
-    folder.mkdir(parents=True, exist_ok=True)
-    _store(folder / LIST, {"recipe": recipe, "so_far": {}})
-    return folder, {"recipe": recipe, "so_far": {}}
+    else:
+        folder.mkdir(parents=True, exist_ok=True)
+        _store(folder / LIST, {"recipe": recipe})
+    return folder, {"recipe": recipe, "so_far": {}} | earlier
 
 
 def _listed(folder: Path) -> dict[str, Any]:

@@ -37,7 +37,7 @@ def lidar(
 
     FILE has the points of all echoes, with intensity, return number and time; beside it, the file
     FILE_truth has those of the scene's first surfaces. A CSV file of shots has the columns
-    azimuth_deg and elevation_deg, and perhaps time_s.
+    azimuth_deg and elevation_deg, and perhaps time_s; --shots, --fov and --rate are of the others.
     """
     from tofrender.io.point_clouds import SUFFIXES, require_laspy
 

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from ..runtime import checks
 from ..runtime.progress import EVERY_S, deferred_stop
 from . import checkpoints, options as opt
 from .answers import Json, answer
@@ -45,6 +46,8 @@ def phasor(
     phase [rad] and depth [m], and a panel.
     """
     opt.check_out(out)
+    for frequency in freq:
+        checks.require("--freq", frequency, freq.count(frequency) == 1, "given once")
     if os.path.isdir(source):
         opt.check_apart(out, Path(source))
         given = {"--spp": spp, "--size": size, "--max-depth": max_depth, "--variant": variant}

@@ -87,6 +87,7 @@ def denoise_film(
     features = _checked(features, (height, width))
     checks.integer("colours", colours, 0, channels)
     colours = colours or (channels // 4 if channels in (4, 12) else channels)
+    checks.require("colours", colours, channels % colours == 0, f"a divisor of {channels}")
     kind, scale = features["kind"].ravel(), np.ones((height * width, channels), np.float32)
     if channels % 3 == 0:
         albedo = np.maximum(features["albedo"].reshape(-1, 3), LEAST_ALBEDO)

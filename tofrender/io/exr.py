@@ -173,7 +173,7 @@ def save_exr_layers(
         attrs: Attributes of the header.
 
     Raises:
-        ValueError: There are no layers, their sizes differ, or a name cannot be used.
+        ValueError: There are no layers, their sizes differ, or an attribute's name cannot be used.
 
     Example:
         >>> import tempfile
@@ -191,7 +191,6 @@ def save_exr_layers(
         valid = array.ndim == 3 and array.shape[2] in (1, 3) and 0 not in array.shape
         allowed = "(height, width, channels) with 1 or 3 channels"
         checks.shape(f"layers[{name!r}]", array, valid, allowed)
-        checks.require("layers", name, name != "RGB", "others; the name '' stands for RGB")
     sizes = {array.shape[:2] for array in arrays.values()}
     if len(sizes) != 1:
         given = checks.quote(layers)
@@ -223,13 +222,13 @@ def load_exr_layers(path: str | os.PathLike) -> tuple[dict[str, np.ndarray], dic
         >>> layers["I"].shape, attrs["opl"]
         ((2, 3, 3), '0.5')
     """
-    part = _read(Path(path))[0]
+    part = _read(Path(path), separate_channels=True)[0]
     if part.header.get("format") != LAYERS_FORMAT:
         raise ValueError(f"path = {path}: must be what `save_exr_layers` wrote")
-    layers = {}
+    found: dict[str, dict[str, np.ndarray]] = {}
     for name, channel in part.channels.items():
-        nameless = name == "RGB" or (name == "Y" and channel.pixels.ndim == 2)
-        layers["" if nameless else name.removesuffix(".Y")] = np.atleast_3d(channel.pixels)
+        found.setdefault(name[:-2], {})[name[-1]] = channel.pixels  # Named "layer.R" or "R"
+    layers = {name: np.stack([c[k] for k in "RGBY" if k in c], -1) for name, c in found.items()}
     return layers, {k: v for k, v in part.header.items() if isinstance(v, str)}
 
 
@@ -319,12 +318,12 @@ def _windows(dataset: xr.Dataset) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     }
 
 
-def _read(file: Path) -> list[Any]:
+def _read(file: Path, separate_channels: bool = False) -> list[Any]:
     """Read all parts of an EXR file."""
     with reading(file, "a readable EXR file as it was saved"):
         parts = OpenEXR.File(str(file), header_only=True).parts
         memory.require_free(f"path = {file}", sum(map(_size, parts)))
-        read = OpenEXR.File(str(file), num_threads=0).parts
+        read = OpenEXR.File(str(file), separate_channels, num_threads=0).parts
         if len(read) != len(parts) or not parts:
             raise ValueError("is cut short")
         return read

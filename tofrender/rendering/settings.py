@@ -36,10 +36,7 @@ SCENE_NAMES = {
 }
 """Names in `load_scene` of settings that change the scene."""
 
-PAIRS = (
-    *(("size", name) for name in ("width", "height")),
-    *(("window", name) for name in ("start_opl", "bin_width_opl")),
-)
+PAIRS = ("size", "width"), ("size", "height"), ("window", "start_opl"), ("window", "bin_width_opl")
 """Settings that are two in `load_scene`."""
 
 

@@ -50,6 +50,9 @@ def point_cloud(
     """
     _require(waveforms)
     checks.instance("detector", detector, Spad | None, "a Spad or None")
+    for name in ("macro_pixel", "crosstalk_probability") if detector else ():
+        value, default = getattr(detector, name), getattr(Spad, name)
+        checks.require(f"detector: {name}", value, value == default, f"{default}, of single shots")
     most, random = checks.integer("max_returns", max_returns, 1, 15), generator(seed)
     pulses = checks.integer("pulses", pulses, 1, (1 << 31) - 1)
     film = waveforms[["rate", "background"]].rename(shot="y").expand_dims(x=1)

@@ -58,7 +58,7 @@ def echo_bounds(
 
     Returns:
         Arrays by name, as in `echoes`: "depth" [m], "intensity" (counts) and "width" [m], the
-        standard deviation of the echo along the path.
+        standard deviation of the echo along the path; infinite where bins cannot tell the three.
 
     Example:
         >>> from tofrender import GaussianPulse
@@ -80,6 +80,10 @@ def echo_bounds(
         change = np.stack([signal * slope, np.full_like(mean, mass), signal * spread], axis=-1)
         change = change / np.sqrt(np.where(mean > 0, mean, 1))[..., None]
         information += change[..., :, None] * change[..., None, :]
+    size = np.sqrt(np.diagonal(information, axis1=-2, axis2=-1))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        relative = information / (size[..., :, None] * size[..., None, :])
+        lit = lit & (size > 0).all(axis=-1) & (np.linalg.det(relative) > 1e-12)
     least = np.linalg.inv(np.where(lit[..., None, None], information, np.eye(3)))
     std = np.where(lit[..., None], np.sqrt(np.diagonal(least, axis1=-2, axis2=-1)), np.inf)
     return {"depth": std[..., 0] / 2, "intensity": std[..., 1], "width": std[..., 2] * shape.std()}

@@ -98,7 +98,7 @@ class GatedCamera(Multiplier):
         checks.number("edge_s", self.edge_s, unit="seconds", low=0, high=1)
         checks.number("extinction", self.extinction, low=0, high=1)
         delays = checks.finite("delays_opl", checks.real_array("delays_opl", self.delays_opl))
-        checks.shape("delays_opl", delays, delays.ndim == 1, "(n,)")
+        checks.shape("delays_opl", delays, delays.ndim == 1 and delays.size, "(n,)")
         object.__setattr__(self, "delays_opl", tuple(delays.tolist()))
 
     def _edge(self, opl: np.ndarray) -> np.ndarray:

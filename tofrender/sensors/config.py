@@ -11,7 +11,7 @@ from typing import Any
 
 import xarray as xr
 
-from ..rendering.dataset import check_dataset
+from ..rendering.dataset import check_dataset, components_of
 from ..runtime import checks
 from ..runtime.tables import checked, known_keys, read_toml, table
 from .cameras import GatedCamera, StreakCamera
@@ -64,7 +64,8 @@ def sense(dataset: xr.Dataset, sensor: Any, seed: int = 0) -> xr.Dataset:
             found["expected"] = model.expected(rates, cycles)[found.attrs["quantity"]]
     if isinstance(model, Itof):
         found["depth"] = model.depth(found)["depth"].assign_attrs(units="m")
-    return found.assign_attrs(sensor=json.dumps(config["given"]))
+    plain = json.dumps(config["given"], default=lambda value: value.tolist())  # Of NumPy's
+    return found.assign_attrs(sensor=plain)
 
 
 def read_sensor(sensor: Any) -> dict[str, Any]:
@@ -119,11 +120,15 @@ CHECKS: dict[str, Any] = {
 
 def _with_pixels(dataset: xr.Dataset, sides: list[int]) -> xr.Dataset:
     """A render of as many pixels, each the mean of some of the film's."""
+    dataset = components_of(dataset)[0]
     check_dataset(dataset)
     film = [dataset.sizes[axis] for axis in "xy"]
     x, y = (n // side for n, side in zip(film, sides, strict=True))
     allowed = f"numbers that divide the film of {film[0]} x {film[1]} pixels"
     checks.require("sensor.pixels", sides, film == [x * sides[0], y * sides[1]], allowed)
+    begun = [int(dataset[axis][0]) % step for axis, step in (("x", x), ("y", y))]
+    allowed = "left out: the crop window starts within one of these pixels"
+    checks.require("sensor.pixels", sides, begun == [0, 0], allowed)
     light: Any = dataset[["transient"]].coarsen({"x": x, "y": y}, coord_func="min")  # type: ignore
     ends = ("film_width", film[0], x), ("film_height", film[1], y)
     sizes = {name: dataset.attrs.get(name, n) / step for name, n, step in ends}

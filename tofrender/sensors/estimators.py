@@ -10,11 +10,27 @@ from scipy import ndimage, signal as filters, stats
 from ..runtime import checks
 from .bounds import depth_bound
 from .jitter import kernel
-from .rates import at_least_0
+from .rates import DIMS, at_least_0, axis_of
 from .response import distribution
 
 METHODS = ("matched", "log_matched", "centroid", "ml")
 TAIL = 1e-3  # Of the response, at each end, that no return includes
+
+
+class _Centred:
+    """A distribution about the middle of a bin that is near its mean, `by` [m] from 0."""
+
+    def __init__(self, whole: Any, width: float) -> None:
+        self.whole, self.by = whole, round(float(whole.mean()) / width) * width
+
+    def cdf(self, opl: Any) -> Any:
+        return self.whole.cdf(opl + self.by)
+
+    def pdf(self, opl: Any) -> Any:
+        return self.whole.pdf(opl + self.by)
+
+    def ppf(self, part: Any) -> Any:
+        return self.whole.ppf(part) - self.by
 
 
 class _Histogram:
@@ -26,17 +42,22 @@ class _Histogram:
             whole = "counts" in counts and {"start_opl", "bin_width_opl"} <= set(counts.attrs)
             checks.require("counts", counts, whole, "a Dataset of Spad.histogram")
             checks.require("bin_width_opl", width, width is None, "None for a Dataset")
-            self.start, width = (counts.attrs[name] for name in ("start_opl", "bin_width_opl"))
+            whole = {*counts["counts"].dims} == {*DIMS}
+            checks.require("counts", counts["counts"].dims, whole, "a Dataset of (y, x, bin)")
+            self.start, width = axis_of(counts)
             self.pixels = {name: counts[name] for name in "yx"}
-            counts = counts["counts"].values
+            counts = counts["counts"].transpose(*DIMS).values
         self.n = at_least_0("counts", counts)
         self.width = checks.width("bin_width_opl", width)
         checks.shape("counts", self.n, self.n.ndim == 3 and self.n.size, "(y, x, bin)")
-        self.response = distribution("response", response)
+        self.response = _Centred(distribution("response", response), self.width)
+        self.start, bins = self.start - self.response.by, self.n.shape[2]
+        low, high = self.response.ppf([TAIL, 1 - TAIL])
+        fits, allowed = high - low < bins * self.width, f"shorter than {bins} bins"
+        checks.require("response", response, fits, allowed)
         self.masses = kernel(self.response, self.width, TAIL)
         self.lags = np.arange(self.masses.size) - self.masses.size // 2
-        fits = self.lags.size < self.n.shape[2]
-        checks.require("response", response, fits, f"shorter than {self.n.shape[2]} bins")
+        checks.require("response", response, self.lags.size < bins, allowed)
 
     def correlate(self, weights: np.ndarray) -> np.ndarray:
         """Correlation of the counts with weights at the lags."""
@@ -108,7 +129,8 @@ def estimate_depth(
         above = inside - background[..., None]
         offset = (above @ data.lags) / np.maximum(signal, 1e-9) - data.masses @ data.lags
     elif method == "ml":
-        offset, signal = _likeliest(data, inside, offset, signal, background)
+        seen = around(np.ones(data.n.shape), peak, data.lags)  # Lags within the window
+        offset, signal = _likeliest(data, inside, offset, signal, background, seen)
     signal = np.where(signal > 1e-2, signal, 0)
     depth = (data.start + (peak + offset + 0.5) * data.width) / 2
     std = depth_bound(signal, background, response, data.width)
@@ -119,7 +141,7 @@ def estimate_depth(
 
 
 def _likeliest(
-    data: _Histogram, inside: Any, offset: Any, signal: Any, background: Any
+    data: _Histogram, inside: Any, offset: Any, signal: Any, background: Any, seen: Any
 ) -> tuple[np.ndarray, np.ndarray]:
     """Offset [bins] and signal of the greatest likelihood, by Fisher scoring."""
     signal = np.maximum(signal, 1e-3)
@@ -132,7 +154,7 @@ def _likeliest(
         means = signal[..., None] * masses + base
         excess, one, two = inside - means, moved / means, masses / means
         parts = excess * one, excess * two, moved * one, moved * two, masses * two
-        u, v, a, b, d = (part.sum(axis=-1) for part in parts)
+        u, v, a, b, d = ((part * seen).sum(axis=-1) for part in parts)
         determinant = np.maximum(a * d - b * b, 1e-300)
         step = np.clip((d * u - b * v) / determinant, -0.5, 0.5)
         offset = np.clip(offset + step, -1.5, 1.5)
@@ -153,8 +175,9 @@ def echoes(
     what is found have the bounds `echo_bounds`.
 
     Returns:
-        A Dataset along "echo": pixel indices `y`, `x`, `number` from 1 by path length, `opl` and
-        `depth` [m], `intensity` (counts above background), `width` (standard deviation [m]).
+        A Dataset along "echo": the pixel's row `y` and column `x` from 0, `number` from 1 by path
+        length, `opl` and `depth` [m], `intensity` (counts above background), `width` (standard
+        deviation [m]). Of returns that are closer than the response is long, the highest is found.
 
     Example:
         >>> counts = np.zeros((1, 1, 200))

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ..analysis.unwrapping import unwrap
+from ..analysis.unwrapping import MAX_WRAPS, unambiguous_range, unwrap
 from ..runtime import checks
 from ..signals.units import SPEED_OF_LIGHT, check_below_limit, check_frequencies
 from .cameras import Camera
@@ -97,7 +97,8 @@ class Itof(Camera):
     def depth(self, frames: xr.Dataset, max_depth: float | None = None) -> xr.Dataset:
         """Compute amplitude, phase and depth from `frames` or `expected` of this camera.
 
-        Several frequencies are unwrapped, by `tofrender.unwrap` up to `max_depth` [m].
+        Several frequencies are unwrapped, by `tofrender.unwrap` up to `max_depth` [m], by
+        default the largest that it takes.
 
         Returns:
             A Dataset: `amplitude` [electrons] and `phase` [rad] in [0, 2 pi) (frequency, y, x),
@@ -106,7 +107,11 @@ class Itof(Camera):
         shape = (len(self.frequencies_hz), self.taps)
         own = isinstance(frames, xr.Dataset) and "taps" in frames and frames["taps"].ndim == 4
         own = own and frames["taps"].shape[:2] == shape
-        checks.require("frames", frames, own, f"a Dataset with {shape} frames and taps")
+        own = own and np.array_equal(frames.get("frequency", []), self.frequencies_hz)
+        allowed = f"a Dataset with {shape} frames and taps, of this camera's frequencies"
+        checks.require("frames", frames, own, allowed)
+        if shape[0] == 1:
+            checks.require("max_depth", max_depth, max_depth is None, "None with one frequency")
         taps = frames["taps"].values.astype(np.float64)
         if "saturated" in frames:
             taps[:, :, frames["saturated"].values] = np.nan
@@ -114,6 +119,9 @@ class Itof(Camera):
         depth = phase[0] * SPEED_OF_LIGHT / (4 * np.pi * self.frequencies_hz[0]), 0 * phase[0]
         if len(self.frequencies_hz) > 1:
             lit = np.nan_to_num(amplitude)
+            limit = MAX_WRAPS * unambiguous_range(max(self.frequencies_hz))
+            limit = min(limit, unambiguous_range(self.frequencies_hz))
+            max_depth = limit if max_depth is None else max_depth
             depth = unwrap(phase, self.frequencies_hz, max_depth, amplitudes=lit)
         found = {"amplitude": amplitude, "phase": phase, "depth": depth[0], "residual": depth[1]}
         dims = ("frequency", "y", "x")

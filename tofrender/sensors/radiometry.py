@@ -96,7 +96,13 @@ def expected_photons(
     signal = signal.clip(min=0)  # Filters have negative lobes
     bins, bin_s = signal.sizes["opl"], width / SPEED_OF_LIGHT
     if photons_per_cycle is not None:
-        signal = signal * (photons_per_cycle / signal.sum("opl").mean())
+        mean = signal.sum("opl").mean()
+        if not hasattr(mean.data, "dask"):
+            lit = float(mean) > 0
+            checks.require(
+                "photons_per_cycle", photons_per_cycle, lit, "left out: no bin has light"
+            )
+        signal = signal * (photons_per_cycle / mean)
         background: Any = background_per_cycle / bins
     else:
         if pulse_energy_j is None:

@@ -16,6 +16,19 @@ DIMS = ("y", "x", "bin")
 AXIS = ("start_opl", "bin_width_opl")
 
 
+def axis_of(dataset: xr.Dataset) -> tuple[float, float]:
+    """Start and width of bins [m]: by the coordinate `opl`, if there is one, which parts keep."""
+    start, width = (float(dataset.attrs[name]) for name in AXIS)
+    if "opl" not in dataset.coords:
+        return start, width
+    opl = np.asarray(dataset["opl"].values, dtype=float)
+    found = (opl[-1] - opl[0]) / (opl.size - 1) if opl.size > 1 else width
+    even = opl.ndim == 1 and found > 0 and np.allclose(np.diff(opl), found, rtol=1e-3, atol=0)
+    checks.require("opl", opl, even, "the centres of bins of one width, by rising path length")
+    own = np.allclose((opl[0] - found / 2, found), (start, width), rtol=1e-5, atol=1e-5 * width)
+    return (start, width) if own else (float(opl[0] - found / 2), float(found))
+
+
 class Rates:
     """Rates `values` (y, x, bin) that a sensor sees for some cycles, in bins with `edges` [m].
 
@@ -41,7 +54,7 @@ class Rates:
             self.values = whole.map_blocks(check, most, dtype=whole.dtype)
         else:
             check(self.values, most)
-        start, self.width = (float(rates.attrs[name]) for name in AXIS)
+        start, self.width = axis_of(rates)
         self.edges = start + np.arange(self.values.shape[2] + 1) * self.width
 
     def bins_of(self, name: str, time_s: float) -> int:
@@ -55,7 +68,8 @@ class Rates:
     ) -> xr.Dataset:
         """Dataset of what a sensor measures, with each `step` (y, x) pixel of the rates."""
         pixels = {name: self.dataset[name][::n] for name, n in zip("yx", step, strict=True)}
-        attrs = self.dataset.attrs | {"cycles": self.cycles, "quantity": name, "units": units}
+        attrs = self.dataset.attrs | dict(zip(AXIS, (self.edges[0], self.width), strict=True))
+        attrs |= {"cycles": self.cycles, "quantity": name, "units": units}
         return xr.Dataset({name: (dims, values, {"units": units})}, pixels | coords, attrs)
 
 

@@ -52,6 +52,9 @@ class Readout:
         self.shape, width = (height // tall, width // wide, codes), self.merged * rates.width
         self.centres = rates.edges[0] + (np.arange(codes) + 0.5) * width
         jitter = spad.jitter and distribution("jitter", spad.jitter)
+        if jitter:
+            fits = np.abs(jitter.ppf([1e-6, 1 - 1e-6])).max() < bins * rates.width
+            checks.require("jitter", spad.jitter, fits, "shorter than the window")
         self.masses = jitter and kernel(jitter, rates.width)
         given = {f"spad_{name}": value for name, value in vars(spad).items()}
         plain = {k: v if isinstance(v, int | float) else str(v) for k, v in given.items()}

@@ -96,6 +96,7 @@ class Spad:
         checks.integer("coincidence", self.coincidence, 1, tall * wide)
         for name, used in (
             ("dead_time_s", self.mode != "first_photon"),
+            ("afterpulse_probability", self.mode != "first_photon"),
             ("paralysable", self.dead_time_s > 0),
             ("afterpulse_time_s", self.afterpulse_probability > 0),
             ("hot_rate_hz", self.hot_fraction > 0),
@@ -157,8 +158,8 @@ class Spad:
         100 bytes.
 
         Returns:
-            A Dataset along "photon": pixel indices `y` and `x`, `cycle`, TDC code `bin`, and the
-            code's nominal centre `opl` [m].
+            A Dataset along "photon": row `y` and column `x` from 0, `cycle`, TDC code `bin`, and
+            the code's nominal centre `opl` [m].
 
         Example:
             >>> table = Spad().photons(np.full((1, 1, 4), 0.1), 1000, bin_width_opl=0.1)
@@ -176,7 +177,14 @@ class Spad:
 
     def _counts(self, readout: Readout, function: Any, dtype: Any) -> xr.Dataset:
         values, shape = readout.rates.values, readout.shape
-        counts = by_blocks(lambda b: function(b).astype(dtype), values, *readout.rows, shape, dtype)
+
+        def counted(block: Any) -> np.ndarray:
+            found, cycles = function(block), readout.rates.cycles
+            fits = dtype is np.float64 or found.max(initial=0) < 1 << 32
+            checks.require("cycles", cycles, fits, "fewer, for counts of a bin below 2^32")
+            return found.astype(dtype)
+
+        counts = by_blocks(counted, values, *readout.rows, shape, dtype)
         given = ("counts", ("y", "x", "bin"), counts, "1", self.macro_pixel)
         found = readout.rates.result(*given, opl=("bin", readout.centres, {"units": "m"}))
         return found.assign_attrs(readout.attrs)
