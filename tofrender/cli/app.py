@@ -85,8 +85,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _explain(error)
 
 
-COURSE = {"docutils", "jupytext", "markdown_it", "mdit_py_plugins", "nbclient", "pytest", "tomlkit"}
-"""Packages of the extra `course`, which other commands than those of courses do not import."""
+COURSE = {
+    "jupytext",
+    "markdown_it",
+    "math_core",
+    "mdit_py_plugins",
+    "nbclient",
+    "pytest",
+    "tomlkit",
+}
+"""Packages of the extra `course`. Only the commands for courses import them."""
 
 
 def _explain(error: BaseException) -> int:
