@@ -37,7 +37,9 @@ Memory = Annotated[float, real(1, "GiB of memory for one submission.")]
 
 def grade(
     assignment: Name,
-    submission: Annotated[Path | None, named("DIR|ZIP", "What one student has handed in.")] = None,
+    submission: Annotated[
+        Path | None, named("PATH", "Folder, zip, tar or file of one student.")
+    ] = None,
     everyone: Annotated[
         Path | None, named("DIR", "Folder of a class's submissions.", "--all")
     ] = None,
@@ -79,7 +81,8 @@ def grade(
     found.require_tests()
     members, unknown, marks = [], [], None
     if everyone is not None:
-        those = classes.submissions_in(everyone, out, *([feedback] if feedback else []))
+        reserved = [path for path in (out, csv, feedback, roster, sheet) if path is not None]
+        those = classes.submissions_in(everyone, found, reserved)
         members, unknown = rosters.members(those, roster)
         marks = None if sheet is None else rosters.marks(sheet, found.rubric, members)
     shown = rosters.columns(columns or [], found.rubric)
@@ -133,7 +136,9 @@ def _check_one(
     """Refuse options that do not go together; returns the results file."""
     submission = checks.path("--submission", submission)
     if not submission.is_dir() and not submission.is_file():
-        raise ValueError(f"--submission = {submission}: must be a folder or a zip that exists")
+        raise ValueError(
+            f"--submission = {submission}: must be a folder, an archive or a file that exists"
+        )
     for name, value in {**of_class, "--jobs": jobs if jobs > 1 else None}.items():
         if value is not None:
             raise ValueError(f"{name} = {value}: must be left out without --all")
@@ -226,7 +231,7 @@ def similarity(
     from ..course.grade import classes, similarity
 
     found = find(assignment)
-    written, reasons = similarity.write(found, classes.submissions_in(everyone, out), out)
+    written, reasons = similarity.write(found, classes.submissions_in(everyone, found, [out]), out)
     for reason in reasons:
         note(f"warning: {reason}")
     next_step = f"  {similarity.command(out)}"

@@ -110,6 +110,11 @@ class Rubric:
         """Maximum, without bonus and parts graded by hand."""
         return sum(problem.points for problem in self.problems if not problem.bonus)
 
+    @property
+    def files(self) -> list[str]:
+        """Names of the files that the problems ask for, without duplicates."""
+        return list(dict.fromkeys(each.file for each in self.problems if each.file))
+
     @cached_property
     def problem_by_name(self) -> dict[str, Problem]:
         """Problem in whose file a name has to be written."""

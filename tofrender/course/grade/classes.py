@@ -8,7 +8,7 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -16,8 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from ...runtime.progress import ProgressBar
-from ..assignments import PACKAGE
+from ..assignments import PACKAGE, Assignment
 from ..rubric import Rubric
+from . import unpacking
 from .grading import Extracted, Grader
 from .results import Results, finished, printable
 from .roster import Marks, Member, Standing, write_csv
@@ -177,18 +178,55 @@ class Class:
         return _short(content), f"{content['execution_time']:.0f} s"
 
 
-def submissions_in(folder: Path, *others: Path) -> list[Path]:
-    """Folders and zips of a folder, by name, but for `others`; ValueError if none."""
-    made = {path.resolve() for path in others}
-    found = [
-        path
-        for path in sorted(folder.iterdir())
-        if not path.name.startswith(".")
-        and (path.is_dir() or path.suffix.lower() == ".zip")
-        and path.resolve() not in made
-    ]
+def submissions_in(
+    folder: Path, assignment: Assignment, not_submissions: Iterable[Path] = ()
+) -> list[Path]:
+    """List the submissions of a class: folders, archives and single files, sorted by name.
+
+    Hidden files, and files that operating systems leave behind, are ignored.
+
+    Args:
+        folder: Folder of the class.
+        assignment: Assignment whose files a single file can stand for.
+        not_submissions: Paths in the folder that belong to the teacher, such as the roster.
+
+    Raises:
+        ValueError: There is no submission, or something in the folder is neither a folder, an
+            archive, nor a file of the assignment. The message lists all of them.
+    """
+    ignored = {path.resolve() for path in not_submissions}
+    rubric = assignment.rubric
+    found: list[Path] = []
+    unknown: list[str] = []
+    singles: dict[str, str] = {}
+    for path in sorted(folder.iterdir()):
+        hidden = path.name.startswith(".") or path.name.lower() in unpacking.LITTER
+        if hidden or path.resolve() in ignored:
+            continue
+        if path.is_dir() or unpacking.is_archive(path):
+            found.append(path)
+            continue
+        name = unpacking.asked_name(path.name, rubric.submit, rubric.files)
+        if name is None:
+            unknown.append(path.name)
+            continue
+        owner = path.name.removesuffix(name)
+        if owner in singles and owner != path.name:
+            raise ValueError(
+                f"--all = {folder}: {singles[owner]!a} and {path.name!a} seem to be of one student;"
+                " put the files of each student into a folder"
+            )
+        singles[owner] = path.name
+        found.append(path)
+    if unknown:
+        listed = ", ".join(ascii(name) for name in unknown)
+        raise ValueError(
+            f"--all = {folder}: {len(unknown)} files are not understood: {listed}. "
+            "Pass folders, zip or tar archives, or files with a name of the assignment; "
+            "move other files elsewhere"
+        )
     if not found:
-        raise ValueError(f"--all = {folder}: holds no folders and no zips")
+        raise ValueError(f"--all = {folder}: contains no submissions")
     return found
 
 

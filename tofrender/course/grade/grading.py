@@ -77,9 +77,8 @@ class Grader:
         """Copy the files of a submission, and given ones that it lacks."""
         folder = Path(tempfile.mkdtemp(dir=self.scratch / CLASS)) / "submission"
         rubric = self.assignment.rubric
-        names = list(dict.fromkeys(problem.file for problem in rubric.problems if problem.file))
         try:
-            unpacking.extract(submission, rubric.submit, folder, names)
+            unpacking.extract(submission, rubric.submit, folder, rubric.files)
         except unpacking.BadSubmission as error:
             remove(folder.parent)
             empty = isinstance(error, unpacking.Nothing)
@@ -96,7 +95,9 @@ class Grader:
         hidden: Sequence[Path] = (),
         pictures: Path | None = None,
     ) -> Results:
-        """Grade a folder, zip or copy by `extract`, which is used up; write the results to `out`.
+        """Grade a submission, or a copy of it by `extract`, which is used up.
+
+        The results are written to `out`.
 
         Call it from a thread that stays: the processes end with that thread. The submission cannot
         read solutions and `hidden` paths. `pictures` is the folder to make of pictures of failures.
