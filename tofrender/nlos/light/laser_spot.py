@@ -17,6 +17,7 @@ from ...paths.surfaces import first_surface, is_on
 from ...runtime.backend import tracing_lock
 from ...scenes.media import media_of, scatterer_on
 from ..device.relay_wall import first_hits
+from .specular import SpecularConnections
 
 if TYPE_CHECKING:
     from .scan import Scan
@@ -84,12 +85,20 @@ class LaserSpot(Endpoint):
 
     so that a connection from y at the distance r receives I / r^2 and has the optical length
     r + |p - laser|. Rays that hit the spot by chance see no light. `beam` is called for each
-    connection, since a beam with a width lands on another point each time.
+    connection, since a beam with a width lands on another point each time. Where the scene has
+    mirrors or glass, further connections go by way of those (`SpecularConnections`).
+
+    Args:
+        scan: The scan.
+        beam: The laser spot of a connection; None for a spot that nothing connects to.
+        max_depth: Longest path in segments, -1 for any.
     """
 
-    def __init__(self, scan: Scan, beam: Beam) -> None:
+    def __init__(self, scan: Scan, beam: Beam, max_depth: int = -1) -> None:
         self.scan, self.beam, self.hide_emitters = scan, beam, scan.hide_emitters
         self.history = OffWallHistory(scan.wall) if scan.hidden_only else None
+        if scan.specular is not None:
+            self.further = SpecularConnections(scan, beam, max_depth)
 
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool

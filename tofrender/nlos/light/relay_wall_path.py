@@ -25,6 +25,7 @@ from .corner import walked_weight
 from .guided import Guided, Targets
 from .laser_spot import Beam, LaserSpot, scatter_beam
 from .scan import Scan, ScanPlan
+from .specular import Specular
 
 HIDDEN_SAMPLING = "nlos_hidden_geometry_sampling"
 
@@ -94,7 +95,9 @@ class RelayWallPath(TransientPath):
 
     def laser_spot(self, scan: Scan, beam: Beam) -> LaserSpot:
         """Make connections to the spot of a beam."""
-        return LaserSpot(scan, scatter_beam(scan, beam) if scan.space.scatters else beam)
+        if scan.space.scatters:
+            beam = scatter_beam(scan, beam)
+        return LaserSpot(scan, beam, self.limits().max_depth)
 
     def plan(self, scene, sensor=None, weight=None) -> ScanPlan:
         """Plan the scan of a sensor's rays, with relay wall and mode as the parameters say."""
@@ -141,6 +144,7 @@ class RelayWallPath(TransientPath):
             bounces=self.filter_bounces,
             counts_legs=self.counts_legs,
             hide_emitters=self.hide_emitters,
+            specular=Specular.of(scene, space) if self.lights_a_point else None,
             mis_weight=partial(walked_weight, guided) if corner else None,
         )
 
