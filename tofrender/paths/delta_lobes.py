@@ -1,7 +1,8 @@
 """Delta lobes of surfaces, one by one, and wavefronts that follow them.
 
 A lobe has a number. Number 0 is null transmission, straight through a pane, a mask or a polarizer.
-Number k + 1 is component k of the BSDF, a mirror or clear glass. A BSDF may also have smooth lobes.
+Number 1 is reflection: all mirrors of a BSDF together, since they reflect in one direction. Number
+k + 2 is refraction by component k of the BSDF. A BSDF may also have smooth lobes.
 """
 
 from __future__ import annotations
@@ -17,6 +18,12 @@ from .surfaces import bsdfs_in, materials, number_of
 
 NULL = 0
 """Number of the lobe of null transmission."""
+
+REFLECTION = 1
+"""Number of the lobe of reflection."""
+
+REFRACTION = 2
+"""Number of the lobe of refraction by the first component."""
 
 MOST_LOBES = 15
 """Largest number of a lobe: a number fits into four bits, see `nlos.light.specular`."""
@@ -34,7 +41,7 @@ class LobeSample:
 
 
 class DeltaLobes:
-    """Delta lobes of all surfaces of a scene; `exist` says whether there are any.
+    """Delta lobes of all surfaces of a scene.
 
     Mitsuba's `sample` chooses among all lobes of a BSDF. Its `blendbsdf` mixes the probability of a
     delta lobe with the density of smooth lobes, so that neither weight nor density are those of the
@@ -43,50 +50,46 @@ class DeltaLobes:
 
     def __init__(self, scene: mi.Scene) -> None:
         bsdfs = [bsdf for bsdf in dict.fromkeys(materials(scene)) if bsdf is not None]
-        bits = [self.bits_of(bsdf) for bsdf in bsdfs]
-        together = int(np.bitwise_or.reduce(bits, initial=0))
-        self.numbers = [n for n in range(together.bit_length()) if together >> n & 1]
-        self.exist = bool(self.numbers)
-        self.contexts = {n: self._context(n) for n in self.numbers if n != NULL}
-
-        # Set of lobes, as bits, by registry index of the BSDF
-        rows = [int(number_of(mi.BSDFPtr(bsdf))[0]) for bsdf in bsdfs]
-        table = np.zeros(max(rows, default=0) + 1, np.uint32)
-        table[rows] = bits
-        self.table = mi.UInt32(table)
+        self.sets = _table(bsdfs, [self.set_of(bsdf) for bsdf in bsdfs])
+        self.mirrors = _table(bsdfs, [_mirrors_of(bsdf) for bsdf in bsdfs])
+        self.numbers = _members(self.sets)
+        self.components = _members(self.mirrors)
 
     @staticmethod
-    def bits_of(bsdf: mi.BSDF) -> int:
+    def set_of(bsdf: mi.BSDF) -> int:
         """Return the set of delta lobes of a BSDF: bit n is set if it has lobe number n."""
-        delta = int(mi.BSDFFlags.DeltaReflection) | int(mi.BSDFFlags.DeltaTransmission)
         found = 0
         for component in range(bsdf.component_count()):
-            flags = int(bsdf.flags(component))
-            if flags & int(mi.BSDFFlags.Null):
+            flags = bsdf.flags(component)
+            if mi.has_flag(flags, mi.BSDFFlags.Null):
                 found |= 1 << NULL
-            elif flags & delta:
-                found |= 1 << component + 1
+            elif mi.has_flag(flags, mi.BSDFFlags.DeltaReflection):
+                found |= 1 << REFLECTION
+            elif mi.has_flag(flags, mi.BSDFFlags.DeltaTransmission):
+                found |= 1 << REFRACTION + component
         return found
 
     @staticmethod
     def require_supported(shape: mi.Shape) -> None:
         """Refuse a shape whose delta lobes cannot be followed one by one."""
         kinds = [bsdf.class_name() for bsdf in bsdfs_in(shape.bsdf())]
-        bits = DeltaLobes.bits_of(shape.bsdf())
+        lobes = DeltaLobes.set_of(shape.bsdf())
         name = f"shape {shape.id()!r}"
         if shape.class_name() == "Instance":
             raise ValueError(f"{name}: an instance of a mirror or glass is not supported; copy it")
-        if bits >> 1 and "MaskBSDF" in kinds:
+        if lobes >> 1 and "MaskBSDF" in kinds:
             raise ValueError(f"{name}: a mask over a mirror or glass is not supported")
         for kind, plugin in (("NormalMap", "normalmap"), ("BumpMap", "bumpmap")):
             if kind in kinds:
                 raise ValueError(f"{name}: a {plugin} of a mirror or glass is not supported")
-        if bits.bit_length() > MOST_LOBES + 1:
-            raise ValueError(f"{name}: a BSDF of more than {MOST_LOBES} components is not supported")
+        if lobes.bit_length() > MOST_LOBES + 1:
+            raise ValueError(
+                f"{name}: a BSDF of more than {MOST_LOBES} components is not supported"
+            )
 
     def at(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UInt32:
         """Return the set of delta lobes at surface points, as bits; 0 where there is no surface."""
-        return dr.gather(mi.UInt32, self.table, number_of(si.bsdf()), active & si.is_valid())
+        return dr.gather(mi.UInt32, self.sets, number_of(si.bsdf()), active & si.is_valid())
 
     def eval(self, si: mi.SurfaceInteraction3f, lobe: mi.UInt32, active: mi.Bool) -> LobeSample:
         """Follow a given lobe; `f` is 0 where the surface does not have it."""
@@ -98,31 +101,32 @@ class DeltaLobes:
         return found
 
     def sample(self, si: mi.SurfaceInteraction3f, xi: mi.Float, active: mi.Bool) -> LobeSample:
-        """Choose a lobe in proportion to the energy that it passes on.
+        """Choose a lobe in proportion to the square root of the energy that it passes on.
 
-        `f` is 0 where no lobe passes anything on.
+        The square root favors weak lobes: their light arrives in time bins of its own. `f` is 0
+        where no lobe passes anything on.
         """
-        # Find all lobes, and their energy
+        # Find all lobes, and their shares
         bits = self.at(si, active)
         lobes = []
-        energies = []
+        shares = []
         total = mi.Float(0)
         for number in self.numbers:
             here = active & ((bits >> number & 1) != 0)
             lobe = self._follow(si, number, here)
-            energy = dr.select(here, dr.max(lobe.f) * dr.square(lobe.η), 0)
+            share = dr.select(here, lobe.η * dr.sqrt(dr.max(lobe.f)), 0)
             lobes.append(lobe)
-            energies.append(energy)
-            total += energy
+            shares.append(share)
+            total += share
 
         # Choose one
         found = self._none(si, mi.UInt32(0))
         rest = xi * total
-        for lobe, energy in zip(lobes, energies, strict=True):
-            lobe.probability = energy / total
-            chosen = (energy > 0) & (rest >= 0)
+        for lobe, share in zip(lobes, shares, strict=True):
+            lobe.probability = share / total
+            chosen = (share > 0) & (rest >= 0)
             found = dr.select(chosen, lobe, found)
-            rest = dr.select(energy > 0, rest - energy, rest)
+            rest = dr.select(share > 0, rest - share, rest)
         return found
 
     def _follow(self, si: mi.SurfaceInteraction3f, number: int, active: mi.Bool) -> LobeSample:
@@ -133,14 +137,29 @@ class DeltaLobes:
             found.f = mi.UnpolarizedSpectrum(bsdf.eval_null_transmission(si, active))
             found.f = dr.select(active, found.f, 0)
             return found
+        if number != REFLECTION:
+            return self._component(si, number - REFRACTION, found, active)
+        mirrors = dr.gather(mi.UInt32, self.mirrors, number_of(bsdf), active)
+        for component in self.components:
+            here = active & ((mirrors >> component & 1) != 0)
+            found = self._component(si, component, found, here)
+        return found
+
+    @staticmethod
+    def _component(
+        si: mi.SurfaceInteraction3f, component: int, lobe: LobeSample, active: mi.Bool
+    ) -> LobeSample:
+        """Add a component of the BSDF to a lobe."""
+        context = mi.BSDFContext()
+        context.component = component
         # A component alone is chosen with certainty
         half = mi.Point2f(0.5)
-        bs, weight = bsdf.sample(self.contexts[number], si, mi.Float(0.5), half, active)
+        bs, weight = si.bsdf().sample(context, si, mi.Float(0.5), half, active)
         exists = active & (bs.pdf > 0)
-        found.f = dr.select(exists, mi.unpolarized_spectrum(weight), 0)
-        found.direction = dr.select(exists, si.to_world(bs.wo), found.direction)
-        found.η = dr.select(exists, bs.eta, 1)
-        return found
+        f = dr.select(exists, mi.unpolarized_spectrum(weight), 0)
+        direction = dr.select(exists, si.to_world(bs.wo), lobe.direction)
+        η = dr.select(exists, bs.eta, lobe.η)
+        return LobeSample(lobe.lobe, direction, lobe.f + f, lobe.probability, η)
 
     @staticmethod
     def _none(si: mi.SurfaceInteraction3f, lobe: mi.UInt32) -> LobeSample:
@@ -148,12 +167,28 @@ class DeltaLobes:
         black = mi.UnpolarizedSpectrum(0) + dr.zeros(mi.Float, dr.width(si))
         return LobeSample(lobe, -si.to_world(si.wi), black, mi.Float(1), mi.Float(1))
 
-    @staticmethod
-    def _context(number: int) -> mi.BSDFContext:
-        """Return the context in which a BSDF has the component of one lobe only."""
-        context = mi.BSDFContext()
-        context.component = number - 1
-        return context
+
+def _mirrors_of(bsdf: mi.BSDF) -> int:
+    """Return the set of components of a BSDF that are mirrors, as bits."""
+    found = 0
+    for component in range(bsdf.component_count()):
+        if mi.has_flag(bsdf.flags(component), mi.BSDFFlags.DeltaReflection):
+            found |= 1 << component
+    return found
+
+
+def _table(bsdfs: list[mi.BSDF], sets: list[int]) -> mi.UInt32:
+    """Return a table of sets by the registry index of their BSDF."""
+    rows = [int(number_of(mi.BSDFPtr(bsdf))[0]) for bsdf in bsdfs]
+    table = np.zeros(max(rows, default=0) + 1, np.uint32)
+    table[rows] = sets
+    return mi.UInt32(table.tolist())
+
+
+def _members(sets: mi.UInt32) -> list[int]:
+    """Return the members of all sets of a table together."""
+    together = int(np.bitwise_or.reduce(np.array(sets)))
+    return [n for n in range(together.bit_length()) if together >> n & 1]
 
 
 @dataclass

@@ -142,7 +142,9 @@ class SpecularConnections:
         f_spot = mi.unpolarized_spectrum(spot.eval(-way.last.d, active))
         weight = spot.power * f_spot * way.f * (mi.Float(trials) / way.area)
         if scan.space.scatters:
-            weight = weight * self._transmittance(vertex, path, d, lobes, spot.si.p, sampler, active)
+            weight = weight * self._transmittance(
+                vertex, path, d, lobes, spot.si.p, sampler, active
+            )
         weight = dr.select(active, weight, 0)
         active = active & ~dr.all(weight == 0)
         length = dr.fma(way.η, spot.distance, way.length)
@@ -150,7 +152,12 @@ class SpecularConnections:
 
     @dr.syntax
     def _find(
-        self, vertex: Vertex, p: mi.Point3f, most: mi.UInt32, seeds: list[mi.UInt32], active: mi.Bool
+        self,
+        vertex: Vertex,
+        p: mi.Point3f,
+        most: mi.UInt32,
+        seeds: list[mi.UInt32],
+        active: mi.Bool,
     ) -> tuple[mi.Vector3f, Lobes, mi.UInt32]:
         """Find a random way to a point, and count the trials until it is found again.
 
@@ -183,7 +190,7 @@ class SpecularConnections:
         trial: mi.UInt32,
         active: mi.Bool,
     ) -> tuple[mi.Vector3f, Lobes, mi.Bool]:
-        """Try to find a way to a point; returns its direction, its lobes, and where there is one."""
+        """Try to find a way to a point; returns direction, lobes, and lanes where there is one."""
         # Start towards a random point of the mirrors and glass
         number = seeds[0] + trial * DRAWS
         u = mi.Point2f(_random(number, seeds[1]), _random(number + 1, seeds[1]))
@@ -367,9 +374,7 @@ class SpecularConnections:
             following &= ~is_last
         return transmittance
 
-    def _hit(
-        self, ray: mi.Ray3f, active: mi.Bool, more_flags: int = 0
-    ) -> mi.SurfaceInteraction3f:
+    def _hit(self, ray: mi.Ray3f, active: mi.Bool, more_flags: int = 0) -> mi.SurfaceInteraction3f:
         """Intersect rays with the surfaces that are vertices of paths."""
         scene = self.scan.scene
         if self.scan.space.scatters:
@@ -400,7 +405,7 @@ class Specular:
         for shape in scene.shapes():
             bsdf = shape.bsdf()
             passes = space.scatters and is_boundary(bsdf)
-            if bsdf is not None and not passes and DeltaLobes.bits_of(bsdf):
+            if bsdf is not None and not passes and DeltaLobes.set_of(bsdf):
                 shapes.append(shape)
         if not shapes:
             return None
