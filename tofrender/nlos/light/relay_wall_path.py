@@ -23,7 +23,7 @@ from ..device.laser import position_of
 from ..device.relay_wall import DEFAULT_ID, find_relay_wall, find_shapes, parse_ids, seen_shapes
 from .corner import walked_weight
 from .guided import Guided, Targets
-from .laser_spot import Beam, LaserSpot, scatter_beam
+from .laser_spot import Beam, LaserSpot, follow_beam, scatter_beam
 from .scan import Scan, ScanPlan
 from .specular import Specular
 
@@ -97,6 +97,8 @@ class RelayWallPath(TransientPath):
         """Make connections to the spot of a beam."""
         if scan.space.scatters:
             beam = scatter_beam(scan, beam)
+        elif scan.specular is not None:
+            beam = follow_beam(scan, beam)
         return LaserSpot(scan, beam, self.limits().max_depth)
 
     def plan(self, scene, sensor=None, weight=None) -> ScanPlan:

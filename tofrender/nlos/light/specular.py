@@ -117,12 +117,12 @@ class SpecularConnections:
         """Connect a vertex to the laser spot by one way, or by none."""
         scan = self.scan
         spot = self.beam(sampler, active)
-        seeds = [mi.UInt32(sampler.next_1d() * (1 << 24)) for _ in range(2)]
+        seeds = random_seeds(sampler)
 
         # How many delta vertices may there be?
         most = mi.UInt32(MOST_VERTICES)
         if self.max_depth >= 0:
-            left = mi.Int32(self.max_depth) - 2 - mi.Int32(path.depth)
+            left = mi.Int32(self.max_depth) - 2 - mi.Int32(path.depth + spot.bounces)
             most = mi.UInt32(dr.clip(left, 0, MOST_VERTICES))
         active = active & (most > 0) & dr.any(spot.power > 0)
 
@@ -134,9 +134,10 @@ class SpecularConnections:
 
         # Does it count?
         if scan.bounces >= 0:
-            active = active & (path.depth + 2 + lobes.count == scan.bounces)
+            bounces = path.depth + 2 + lobes.count + spot.bounces
+            active = active & (bounces == scan.bounces)
         if scan.hidden_only:
-            active = active & ((path.history != 0) | way.off_wall)
+            active = active & ((path.history != 0) | way.off_wall | spot.off_wall)
 
         # Light of the spot, and length
         f_spot = mi.unpolarized_spectrum(spot.eval(-way.last.d, active))
@@ -193,7 +194,7 @@ class SpecularConnections:
         """Try to find a way to a point; returns direction, lobes, and lanes where there is one."""
         # Start towards a random point of the mirrors and glass
         number = seeds[0] + trial * DRAWS
-        u = mi.Point2f(_random(number, seeds[1]), _random(number + 1, seeds[1]))
+        u = mi.Point2f(random_number(number, seeds[1]), random_number(number + 1, seeds[1]))
         point, _ = self.targets.sample(u, active)
         d = mi.Vector3f(dr.normalize(point.p - vertex.si.p))
         lobes = self._sample_lobes(vertex, d, most, number + 2, seeds[1], active)
@@ -246,9 +247,9 @@ class SpecularConnections:
             si = self._hit(ray, following)
             # Surfaces with both kinds of lobes end the way in half of the cases
             smooth = mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Smooth) & (lobes.count > 0)
-            ends = smooth & (_random(number, seed) < 0.5)
+            ends = smooth & (random_number(number, seed) < 0.5)
             following &= si.is_valid() & ~ends
-            lobe = self.lobes.sample(si, _random(number + 1, seed), following)
+            lobe = self.lobes.sample(si, random_number(number + 1, seed), following)
             following &= dr.any(lobe.f > 0)
             shifted = mi.UInt64(lobe.lobe) << mi.UInt64(4 * lobes.count)
             lobes.code = dr.select(following, lobes.code | shifted, lobes.code)
@@ -382,8 +383,13 @@ class SpecularConnections:
         return scene.ray_intersect(ray, int(mi.RayFlags.All) | more_flags, False, active)
 
 
-def _random(number: mi.UInt32, seed: mi.UInt32) -> mi.Float:
-    """Return a random number in [0, 1) by its number."""
+def random_seeds(sampler: mi.Sampler) -> list[mi.UInt32]:
+    """Sample the two seeds of a sequence of random numbers, whose length may vary."""
+    return [mi.UInt32(sampler.next_1d() * (1 << 24)) for _ in range(2)]
+
+
+def random_number(number: mi.UInt32, seed: mi.UInt32) -> mi.Float:
+    """Return a random number in [0, 1) of a sequence; `number` starts at the first seed."""
     return mi.sample_tea_float32(number, seed)
 
 
