@@ -74,9 +74,11 @@ class Boundaries:
 
 @dr.syntax
 def first_surface(
-    scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool | bool = True
+    scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool | bool = True, more_flags: int = 0
 ) -> mi.SurfaceInteraction3f:
     """Intersect rays with surfaces that are no index-matched boundary; `t` is from the last one.
+
+    `more_flags` are `mi.RayFlags` in addition to `All`.
 
     Example:
         >>> fog = {"type": "cube", "bsdf": {"type": "null"}}
@@ -85,13 +87,15 @@ def first_surface(
         >>> first_surface(scene, mi.Ray3f([0, 0, 5], [0, 0, -1])).p
         [[0, 0, 0]]
     """
-    si, boundaries = scene.ray_intersect(ray, mi.Bool(active)), Boundaries(scene)
+    flags = int(mi.RayFlags.All) | more_flags
+    si = scene.ray_intersect(ray, flags, False, mi.Bool(active))
+    boundaries = Boundaries(scene)
     if boundaries.exist:
         ray = mi.Ray3f(ray)
         passing = boundaries.contain(si, mi.Bool(active) & si.is_valid())
         while passing:
             ray = dr.select(passing, spawn_ray(si, ray.d, mi.Bool(True)), ray)
-            si = dr.select(passing, scene.ray_intersect(ray, passing), si)
+            si = dr.select(passing, scene.ray_intersect(ray, flags, False, passing), si)
             passing = boundaries.contain(si, passing & si.is_valid())
     return si
 

@@ -23,8 +23,9 @@ from ..device.laser import position_of
 from ..device.relay_wall import DEFAULT_ID, find_relay_wall, find_shapes, parse_ids, seen_shapes
 from .corner import walked_weight
 from .guided import Guided, Targets
-from .laser_spot import Beam, LaserSpot, scatter_beam
+from .laser_spot import Beam, LaserSpot, follow_beam, scatter_beam
 from .scan import Scan, ScanPlan
+from .specular import Specular
 
 HIDDEN_SAMPLING = "nlos_hidden_geometry_sampling"
 
@@ -94,7 +95,11 @@ class RelayWallPath(TransientPath):
 
     def laser_spot(self, scan: Scan, beam: Beam) -> LaserSpot:
         """Make connections to the spot of a beam."""
-        return LaserSpot(scan, scatter_beam(scan, beam) if scan.space.scatters else beam)
+        if scan.space.scatters:
+            beam = scatter_beam(scan, beam)
+        elif scan.specular is not None:
+            beam = follow_beam(scan, beam)
+        return LaserSpot(scan, beam, self.limits().max_depth)
 
     def plan(self, scene, sensor=None, weight=None) -> ScanPlan:
         """Plan the scan of a sensor's rays, with relay wall and mode as the parameters say."""
@@ -141,6 +146,7 @@ class RelayWallPath(TransientPath):
             bounces=self.filter_bounces,
             counts_legs=self.counts_legs,
             hide_emitters=self.hide_emitters,
+            specular=Specular.of(scene, space) if self.lights_a_point else None,
             mis_weight=partial(walked_weight, guided) if corner else None,
         )
 
