@@ -6,6 +6,7 @@ Closed forms where all light is seen along straight rays. Otherwise the referenc
 
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -136,10 +137,10 @@ def test_hidden_boundaries_light_the_scene(name):
     assert not agree(found, volpath(name), rounding=1e-3)
 
 
-SHEETS = {2.4: red(0.3, 0.5, 0.2), 3.7: red(0.1, 0.2, 0.9)}
+SHEETS = {2.43: red(0.3, 0.5, 0.2), 3.76: red(0.1, 0.2, 0.9)}
 """Radiance of glowing sheets, by distance from the camera [m]."""
 
-WALL = 5.2, red(0.7, 0.1, 0.4)
+WALL = 5.28, red(0.7, 0.1, 0.4)
 """Distance and radiance of an opaque emitter behind the sheets."""
 
 
@@ -149,12 +150,12 @@ def sheets_before_a_wall(medium: dict | None, **integrator: Any) -> dict:
     facing = {"medium": medium} if medium else {}
     view = camera(eye, eye - (0, 0, 1), film(2, 1, 60, 2.0, 0.1), fov=0.1, **facing)
     parts = {"aside": filled(sphere(0.5, (9, 0, 0)), fog(1.0))}
-    for distance, radiance in SHEETS.items():
+    for number, (distance, radiance) in enumerate(SHEETS.items()):
         place = translate(0, 0, 4.0 - distance)
         glow = {"type": "area", "radiance": radiance}
-        parts[f"sheet {distance}"] = plane(place, 2.0, bsdf=NULL, glow=glow)
+        parts[f"sheet {number}"] = plane(place, 2.0, bsdf=NULL, glow=glow)
         if medium:
-            parts[f"sheet {distance}"] |= {"interior": medium, "exterior": medium}
+            parts[f"sheet {number}"] |= {"interior": medium, "exterior": medium}
     distance, radiance = WALL
     lamp = {"type": "area", "radiance": radiance}
     parts["wall"] = plane(translate(0, 0, 4.0 - distance), 2.0, bsdf=diffuse(0.0), lamp=lamp)
@@ -210,4 +211,29 @@ def test_lidar_passes_a_glowing_boundary():
         found = lidar({"type": "scene", **parts}, shots, spp=64, progress=False, **options)
         return found["rate"].values
 
-    np.testing.assert_allclose(echoes(glow=RADIANCE), echoes(), rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(echoes(glow=RADIANCE), echoes(), rtol=1e-6)
+
+
+@pytest.mark.parametrize("what", ["radiance", "sigma_t"])
+def test_derivatives(what):
+    """Of the sum over pixels, channels and bins: by the radiance of a sheet, and by the fog."""
+    σ = 0.4
+    described = sheets_before_a_wall(fog(σ, 0.0), pulse_width_opl=0.2)
+    described["sensor"]["medium"]["sigma_t"] = {"type": "constvolume", "value": σ}
+    loaded = load(described)
+    params = mi.traverse(loaded)
+    if what == "radiance":
+        names = ["sheet 0.emitter.radiance.value"]
+        wanted = 2 * 3 * np.exp(-σ * 2.43)
+    else:
+        names = [name for name in params.keys() if name.endswith("sigma_t.value.value")]  # noqa: SIM118
+        lights = [*SHEETS.items(), WALL]
+        each = [-d * np.exp(-σ * d) * sum(radiance["value"]) for d, radiance in lights]
+        wanted = 2 * sum(each)
+    for name in names:
+        dr.enable_grad(params[name])
+    params.update()
+    steady, _ = mi.render(loaded, params=params, spp=4096)
+    dr.backward(dr.sum(steady, axis=None))
+    found = sum(float(dr.sum(dr.grad(params[name]))[0]) for name in names)
+    assert found == pytest.approx(wanted, rel=0.05)

@@ -111,7 +111,7 @@ class Plan(Parts):
             frame=frame,
             η=self.space.index,
             velocity=velocity,
-            stops=self.space.stops,
+            stops=self.space.stops and endpoint.has_hits,
         )
 
     @tracing_lock()

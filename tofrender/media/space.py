@@ -110,9 +110,7 @@ class Media(Space):
         passes = self._stopped(path, flight, si)
         return path, Vertex(point, dr.norm(point.p - o), valid, in_medium, passes)
 
-    def _stopped(
-        self, path: Path, flight: Flight, si: mi.SurfaceInteraction3f
-    ) -> mi.Bool | None:
+    def _stopped(self, path: Path, flight: Flight, si: mi.SurfaceInteraction3f) -> mi.Bool | None:
         """Return the lanes whose flight ends at an emitter on a boundary, see `Vertex.passes`."""
         if path.passed is None:
             return None

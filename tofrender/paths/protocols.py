@@ -165,6 +165,7 @@ class Endpoint(ABC):
 
     connects: bool = True  # whether there is next-event estimation at all
     finds_all: bool = True  # whether connections find all light but that of delta lobes
+    has_hits: bool = False  # whether rays may run into emitters, whose light `hit` returns
     importance: bool = False  # whether paths come from lights, and connections end on the sensor
     hide_emitters: bool = False  # whether the sensor looks through area lights
     history: HistoryUpdates | None = None  # for MIS weights that need earlier vertices

@@ -22,6 +22,7 @@ class EmitterEndpoint(Endpoint):
     """Abstract base of the techniques that sample a scene's emitters, see `SceneLights`."""
 
     finds_all = False
+    has_hits = True
 
     def __init__(
         self,
