@@ -175,7 +175,7 @@ def bins_of_sheets(sigma_t: float = 0.0) -> np.ndarray:
 def test_each_boundary_counts_at_its_own_time(kind):
     """Without noise, and at depth 1: passed emitters are no vertices."""
     _, transient = rendered(sheets_before_a_wall(None, type=kind), 16)
-    expected = np.broadcast_to(bins_of_sheets(), transient.shape[:2] + (60, 3))
+    expected = np.broadcast_to(bins_of_sheets(), (*transient.shape[:2], 60, 3))
     np.testing.assert_allclose(transient, expected, rtol=1e-4, atol=1e-6)
 
 
@@ -194,6 +194,19 @@ def test_each_boundary_is_attenuated_by_the_fog_before_it():
 def test_hidden_sheets_are_black():
     steady, _ = rendered(sheets_before_a_wall(None, hide_emitters=True), 16)
     assert steady.max() == 0
+
+
+def test_paths_list_the_boundaries_that_they_pass():
+    loaded = load(sheets_before_a_wall(None))
+    paths = tofrender.paths_of(loaded, (0, 0), spp=64, count=40)
+    through = [paths.isel(path=k) for k in range(paths.sizes["path"]) if "wall" in paths.shape[k]]
+    for path in through:
+        assert path["shape"].values.tolist() == ["sensor", "sheet 0", "sheet 1", "wall"]
+        expected = [0, *SHEETS, WALL[0]]
+        np.testing.assert_allclose(path["vertex_opl"].values, expected, atol=1e-2)
+    assert through
+    counts = [np.count_nonzero(paths["shape"][k] != "") for k in range(paths.sizes["path"])]
+    assert set(counts) == {2, 3, 4}
 
 
 def test_lidar_passes_a_glowing_boundary():

@@ -18,8 +18,8 @@ class OneSampleLights(EmitterEndpoint):
     1997, section 9.2.4). It is as good as `SceneLights` at the first surface with half the samples,
     but has to trace another ray to go on. Arguments as for `SceneLights`.
 
-    With `passes_boundaries`, rays pass index-matched boundaries. Emitters on such boundaries are then found
-    by emitter samples alone.
+    With `passes_boundaries`, rays pass index-matched boundaries. Emitters on such boundaries are
+    then found by emitter samples alone.
     """
 
     finds_all = True
