@@ -66,9 +66,13 @@ class Boundaries:
 
     def contain(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
         """Return lanes whose surface points are on one."""
-        active = active & (si.bsdf().flags() == BOUNDARY)
+        return self.have(si.bsdf(), active)
+
+    def have(self, bsdf: mi.BSDFPtr, active: mi.Bool) -> mi.Bool:
+        """Return lanes whose BSDF is that of a boundary."""
+        active = active & (bsdf.flags() == BOUNDARY)
         for plate in self._plates:
-            active &= si.bsdf() != mi.BSDFPtr(plate)
+            active &= bsdf != mi.BSDFPtr(plate)
         return active
 
 

@@ -163,8 +163,13 @@ class _Found:
             dr.eval(path, *(vars(each) for each in measured.found))
             emission, *connections = measured.found
             self._add(emission)
-            self.points.append(np.array(path.prev.p).T)
-            self.lengths.append(np.array(path.opl))
+            point, length = path.prev.p, path.opl
+            if path.passed is not None:  # List emitters on boundaries that the ray has passed
+                passes = path.passed > 0
+                point = dr.select(passes, path.ray.o, point)
+                length = dr.select(passes, dr.fma(path.η, path.passed, length), length)
+            self.points.append(np.array(point).T)
+            self.lengths.append(np.array(length))
             for connection in connections:
                 self._add(connection)
         vertices, lanes, opl, radiance, ends = zip(*self._rows, strict=True)

@@ -22,6 +22,7 @@ class EmitterEndpoint(Endpoint):
     """Abstract base of the techniques that sample a scene's emitters, see `SceneLights`."""
 
     finds_all = False
+    has_hits = True
 
     def __init__(
         self,
@@ -133,7 +134,7 @@ class EmitterEndpoint(Endpoint):
         if self.sphere is not None:
             length = dr.select(vertex.valid, length, self.sphere.length(prev.p, path.ray.d))
         if self.hide_emitters:  # `Plan.start` skips area lights, here the environment
-            active = active & ((path.depth > 0) | vertex.valid)
+            active = active & (path.valid_ray | vertex.valid)
         if self.discard_direct_light:
             active = active & (path.depth > 0)
         return Hit(radiance, pdf, length, active, mis_weight=mi.Float(1))
