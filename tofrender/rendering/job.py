@@ -86,7 +86,7 @@ class Job:
             "start_opl": film.start_opl,
             "bin_width_opl": film.bin_width_opl,
             "pulse": str(integrator.pulse or "none"),
-            "temporal_filter": integrator.temporal_filter or "as rfilter",
+            "temporal_filter": integrator.temporal_filter or film.temporal_filter or "as rfilter",
             "sensor": self.settings.sensor,
             "integrator": type(integrator).__name__,
             "max_depth": integrator.max_depth,

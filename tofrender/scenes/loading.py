@@ -15,6 +15,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Unpack
 from xml.etree import ElementTree
 
+import drjit as dr
 import mitsuba as mi
 
 from ..runtime import checks, plugins
@@ -239,7 +240,24 @@ def _parse(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:
     if source.get("type") != "scene":
         raise ValueError(f"scene: type = {checks.quote(source.get('type'))}, must be 'scene'")
     require_readable_dict(source)
-    return parser.parse_dict(config, {k: v for k, v in source.items() if not _is_folder(v)})
+    parts = {name: part for name, part in source.items() if not _is_folder(part)}
+    return parser.parse_dict(config, _with_own_arrays(parts))
+
+
+def _with_own_arrays(description: Mapping[str, Any]) -> dict[str, Any]:
+    """Copy a dict with its bitmaps and tensors.
+
+    Textures convert a bitmap in place to the spectra of a spectral variant, and empty a tensor.
+    The objects of the caller must stay as they are.
+    """
+    copied: dict[str, Any] = {}
+    for name, value in description.items():
+        if isinstance(value, Mapping):
+            value = _with_own_arrays(value)
+        elif isinstance(value, mi.Bitmap) or dr.is_tensor_v(value):
+            value = type(value)(value)
+        copied[name] = value
+    return copied
 
 
 def _is_folder(part: Any) -> bool:
