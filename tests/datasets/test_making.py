@@ -528,7 +528,7 @@ SPAD = {"cycles": 200, "pixels": [4, 3], "photons": {"photons_per_cycle": 0.5}, 
 def test_a_sensor_measures_each_record(tmp_path):
     """Noisy counts with their expectation, on the sensor's own pixels, and the truth."""
     config = CONFIG | {"records": 2, "outputs": {"transient": True, "depth": True}}
-    config |= {"sensor": SPAD, "vary": {}}
+    config |= {"sensor": SPAD, "vary": {}, "normalize_each_record": True}
     made = make(config, tmp_path / "counts.zarr")
     axes = ("record", "sensor_y", "sensor_x", "sensor_bin")
     assert made["sensor_counts"].dims == made["sensor_expected"].dims == axes
@@ -554,6 +554,73 @@ def test_a_sensor_measures_each_record(tmp_path):
     assert told(made, 0)["sensor_seed"] != told(made, 1)["sensor_seed"]
     with refused("sensor.pixels = .*: must be numbers that divide the film of 8 x 6"):
         datasets.plan_dataset(config | {"sensor": SPAD | {"pixels": [5, 3]}})
+
+
+LAMPS = [3.0, 1.0, 0.1]  # Radiance of the lamp in each record, relative
+
+
+def lit_by(records: int = 3, **more) -> dict:
+    """A data set of one scene with lamps of different radiance, seen by a sensor."""
+    lamp = {"path": "light.emitter.radiance", "times": True, "distribution": "choice"}
+    lamp |= {"values": LAMPS}
+    config = CONFIG | {"records": records, "outputs": {"steady": True}, "vary": {"lamp": lamp}}
+    config["render"] = config["render"] | {"max_depth": 3}
+    return config | {"sensor": SPAD | {"spad": {"mode": "multi_hit"}}} | more
+
+
+def expected_of(dataset: xr.Dataset) -> np.ndarray:
+    """Mean expected signal of each record, in photons per pixel and cycle."""
+    counts = dataset["sensor_expected"].sum("sensor_bin").mean(("sensor_y", "sensor_x"))
+    return counts.values / SPAD["cycles"]
+
+
+def test_one_factor_turns_the_light_of_all_records_into_photons(tmp_path):
+    """Record 0 has `photons_per_cycle`; other records have more if their lamps are stronger."""
+    made = make(lit_by(), tmp_path / "all.zarr")
+    lamp = made["lamp"].values
+    assert len(set(lamp)) > 1
+    signal = expected_of(made)
+    assert signal[0] == pytest.approx(0.5, rel=1e-3)
+    light = made["steady"].mean(("y", "x", "channel")).values
+    inside = 1 - made["energy_outside_window"].values
+    np.testing.assert_allclose(signal / signal[0], light * inside / (light * inside)[0], rtol=1e-3)
+    factors = {told(made, index)["photons_per_radiance"] for index in range(3)}
+    assert len(factors) == 1
+
+    # A record alone is the same, without record 0
+    alone = make(lit_by(), tmp_path / "alone.zarr", only=[2])
+    np.testing.assert_allclose(expected_of(alone), signal[2], rtol=1e-4)
+
+
+def test_each_record_is_normalized_if_wanted(tmp_path):
+    made = make(lit_by(2, normalize_each_record=True), tmp_path / "each.zarr")
+    np.testing.assert_allclose(expected_of(made), 0.5, rtol=1e-3)
+    first, second = (told(made, index)["photons_per_radiance"] for index in range(2))
+    assert first != pytest.approx(second, rel=0.1)
+    with refused("normalize_each_record has no effect without photons_per_cycle in the sensor"):
+        datasets.plan_dataset(CONFIG | {"normalize_each_record": True})
+
+
+def test_a_resumed_run_has_the_factor_of_its_first_records(tmp_path, monkeypatch):
+    out, plain, done = tmp_path / "all.zarr", making.make_record, []
+
+    def stopping(config, layout, record, factor):
+        if len(done) == 2:
+            raise KeyboardInterrupt
+        done.append(record)
+        return plain(config, layout, record, factor)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(making, "make_record", stopping)
+        with pytest.raises(KeyboardInterrupt):
+            make(lit_by(), out)
+    monkeypatch.setattr(
+        making, "make_record", lambda *given: done.append(given[2]) or plain(*given)
+    )
+    resumed = make(lit_by(), out)
+    assert done == [0, 1, 2]
+    whole = make(lit_by(), tmp_path / "whole.zarr")
+    np.testing.assert_allclose(expected_of(resumed), expected_of(whole), rtol=1e-4)
 
 
 def test_a_sensor_in_a_file_beside_the_config(tmp_path):
