@@ -319,10 +319,10 @@ SMALL = CONFIG | {"outputs": {"transient": True, "depth": True}}
 def stopped(monkeypatch, out: Path, before: int, config: dict = SMALL) -> Path:
     """A run that was stopped before a record; returns where it is."""
 
-    def make_record(config, layout, record):
+    def make_record(config, layout, record, factor):
         if record == before:
             raise KeyboardInterrupt
-        return datasets.record.make_record(config, layout, record)
+        return datasets.record.make_record(config, layout, record, factor)
 
     with monkeypatch.context() as patch:
         patch.setattr(making, "make_record", make_record)
@@ -522,6 +522,61 @@ def test_two_workers_make_the_same(made, tmp_path):
     require_same(found, made[0])
 
 
+RENDER_READERS = {
+    "transient_to_phasor": lambda film, _: tofrender.transient_to_phasor(film, 20e6),
+    "rebin": lambda film, _: tofrender.rebin(film, 6),
+    "report": lambda film, out: tofrender.report(film, out / "page.html"),
+    "light_in_flight": lambda film, _: tofrender.light_in_flight(film),
+    "save_exr_stack": lambda film, out: tofrender.io.save_exr_stack(film, out / "stack"),
+    "save_npz": lambda film, out: tofrender.io.save_npz(film, out / "film.npz"),
+    "sense": lambda film, _: tofrender.sensors.sense(film, SPAD),
+}
+
+
+@pytest.mark.parametrize("name", RENDER_READERS)
+def test_functions_of_renders_accept_a_record(made, tmp_path, name):
+    RENDER_READERS[name](datasets.render_of(made[0], 1), tmp_path)
+
+
+def test_the_render_of_a_record_is_that_of_render(made):
+    found = datasets.render_of(made[0], 2)
+    about = told(made[0], 2)
+    config = datasets.read_config(CONFIG)
+    scene = load(scene_of(config, about["drawn"]), config)
+    given = tofrender.render(scene, spp=16, seed=about["render_seed"], progress=False)
+    assert found.sizes == given.sizes
+    assert set(found.coords) == set(given.coords)
+    for name in ("transient", "steady", "opl", "time", "x", "y"):
+        np.testing.assert_allclose(found[name], given[name], **TIGHT)
+        assert found[name].attrs == given[name].attrs, name
+    changing = {"render_seconds", "energy_outside_window"}
+    assert {k: v for k, v in found.attrs.items() if k not in changing} == {
+        k: v for k, v in given.attrs.items() if k not in changing
+    }
+
+
+def test_a_record_without_a_steady_picture_has_the_sum_of_its_bins(tmp_path):
+    only = CONFIG | {"records": 1, "outputs": {"transient": True}}
+    found = make(only, tmp_path / "whole.zarr")
+    film = datasets.render_of(found, 0)
+    np.testing.assert_allclose(film["steady"], found["transient"][0].sum("opl"), rtol=1e-5)
+    short = only | {"render": SIZE | {"window": [3, 6], "max_depth": 4}}
+    with pytest.warns(UserWarning, match="outside"):
+        found = make(short, tmp_path / "short.zarr")
+    with pytest.warns(UserWarning, match=r"steady is the sum of the bins, and .* outputs.steady"):
+        datasets.render_of(found, 0)
+
+
+def test_records_that_are_no_render(made, tmp_path):
+    with refused("record = 7: must be one of the coordinate record"):
+        datasets.render_of(made[0], 7)
+    steady = make(CONFIG | {"records": 1, "outputs": {"steady": True}}, tmp_path / "a.zarr")
+    with refused("dataset has no transients; make it with outputs.transient = true"):
+        datasets.render_of(steady, 0)
+    with refused(r"has the axis 'record' of a data set. Pass the render of one record"):
+        tofrender.transient_to_phasor(made[0], 20e6)
+
+
 SPAD = {"cycles": 200, "pixels": [4, 3], "photons": {"photons_per_cycle": 0.5}, "spad": {}}
 
 
@@ -538,16 +593,7 @@ def test_a_sensor_measures_each_record(tmp_path):
     assert "sensor_counts" in plan
     for index in (0, 1):
         about = told(made, index)
-        film = xr.Dataset({"transient": made["transient"].isel(record=index, drop=True)})
-        film = film.drop_vars(["time"], errors="ignore").load()
-        attrs = {"quantity": "radiance per bin", "units": "W m^-2 sr^-1"}
-        attrs |= {name: made.attrs[name] for name in ("start_opl", "bin_width_opl")}
-        film["steady"] = film["transient"].sum("opl")
-        film = xr.Dataset(
-            {name: film[name] for name in ("transient", "steady")},
-            {axis: film[axis] for axis in ("y", "x", "opl", "channel")},
-            attrs,
-        )
+        film = datasets.render_of(made, index)
         given = tofrender.sensors.sense(film, SPAD, about["sensor_seed"])
         assert np.array_equal(made["sensor_counts"][index], given["counts"])
         assert np.allclose(made["sensor_expected"][index], given["expected"])

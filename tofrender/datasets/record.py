@@ -123,6 +123,7 @@ def _rendered(
         _require_whole(film.attrs)
         keep = ("spp", "integrator", "max_depth", "pulse", "sampler", "energy_outside_window")
         about |= {name: film.attrs[name] for name in keep}
+        about["render"] = dict(film.attrs)
         if config.sense is not None:
             about["sensor_seed"] = config.render_seed(record, attempt, "sensor")
             sensor = _with_photons(config, film, photons_per_radiance, about)

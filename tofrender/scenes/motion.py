@@ -184,7 +184,7 @@ def _with_center(motion: Motion, part: Any) -> Motion:
         box = mi.ScalarBoundingBox3f(part.bbox())
         center = np.ravel(np.array(box.center(), dtype=float))
     else:
-        params = mi.traverse(part)
+        params: Any = mi.traverse(part)
         pose = pose_name(params)
         if pose is None:
             center = np.ravel(np.array(params["position"], dtype=float))
