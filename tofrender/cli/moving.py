@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Annotated, Any
 
+from ..io.contents import DOPPLER, DOPPLER_LAYERS, ESTIMATES, RANGE_RATE, SPECTRA
 from ..motion.choices import MAX_CYCLES, MAX_LOOKS, WAVEFORMS, WINDOWS
 from ..runtime import checks
 from ..runtime.progress import EVERY_S, deferred_stop
 from . import checkpoints, options as opt
 from .answers import Json, answer
-from .report import RANGE_RATE
 from .time import load, values
 
 if TYPE_CHECKING:
@@ -72,6 +72,12 @@ def doppler(
 
     opt.check_disk_space(out, 2 * 6 * values(sensor))
     modulation: dict[str, Any] = {"frequency_hz": freq, "exposure_s": exposure, "cycles": cycles}
+    pictures: Any = {"figure": figure, "dpi": dpi}
+    recipe = checkpoints.recipe_of(
+        loaded, sensor, **modulation, waveform=waveform, spp=samples, seed=seed, **pictures
+    )
+    if resume and checkpoints.answer_if_finished("doppler", out, DOPPLER, recipe, as_json):
+        return
     with checkpoints.checkpointed(out, checkpoint, resume) as file:
         checkpoints.require_begun(resume, checkpoints.unfinished_work(out), out)
         keep: Any = {"spp": samples, "seed": seed, "checkpoint": file}
@@ -82,20 +88,20 @@ def doppler(
             for name in ("homodyne", "heterodyne")
             for part in "IQ"
         }
-        files = ["doppler.nc", "doppler.exr"]
+        files = [DOPPLER, DOPPLER_LAYERS] + [f"velocity.{figure}"] * (waveform == "sine")
+        width, height = measured.sizes["x"], measured.sizes["y"]
+        facts = {"out": str(out), "files": files, "width": width, "height": height, "scene": scene}
+        facts |= {"frequency_hz": freq, "exposure": exposure, "cycles": cycles}
+        facts |= {"waveform": waveform, "spp": samples, "seed": seed}
+        measured.attrs |= checkpoints.run_attribute(recipe, facts)
         with deferred_stop() as stop, io.output_folder(out, overwrite=True) as folder:
             if waveform == "sine":
                 measured["rate"] = doppler_rate(measured)
                 layers["rate"] = measured["rate"].values[..., None]
-                files.append(f"velocity.{figure}")
                 drawn = vis.velocity_map(measured["rate"], **limit_of(loaded), title=scene)
                 io.save_figure(drawn, folder / files[-1], **opt.dots(dpi))
             save_measurement(measured, folder / files[0])
             io.save_exr_layers(folder / files[1], layers, modulation)
-    width, height = measured.sizes["x"], measured.sizes["y"]
-    facts = {"out": str(out), "files": files, "width": width, "height": height, "scene": scene}
-    facts |= {"frequency_hz": freq, "exposure": exposure, "cycles": cycles, "waveform": waveform}
-    facts |= {"spp": samples, "seed": seed}
     answer("doppler", as_json, facts, [f"{out}: {', '.join(files)}"])
     checkpoints.end_if_stopped(stop)
 
@@ -172,13 +178,18 @@ def fmcw(
             f"{MOST:,}, by fewer pixels or bins"
         )
     opt.check_disk_space(out, *sizes)
+    axes: Any = {
+        **{"bins": opl.count, "window": (opl.start, opl.start + opl.count * opl.width)},
+        **{"rate_bins": rate.count},
+        "rates": (rate.start, rate.start + rate.count * rate.width),
+    }
+    more: Any = {"window_function": window_function, "looks": looks, "photons": photons}
+    more |= {"spp": samples, "seed": seed, "figure": figure, "dpi": dpi}
+    recipe = checkpoints.recipe_of(loaded, sensor, **chirps, **axes, **more)
+    if resume and checkpoints.answer_if_finished("fmcw", out, RANGE_RATE, recipe, as_json):
+        return
     with checkpoints.checkpointed(out, checkpoint, resume) as file:
         checkpoints.require_begun(resume, file and file.path, out)
-        axes: Any = {
-            **{"bins": opl.count, "window": (opl.start, opl.start + opl.count * opl.width)},
-            **{"rate_bins": rate.count},
-            "rates": (rate.start, rate.start + rate.count * rate.width),
-        }
         film = range_rate(loaded, **axes, spp=samples, seed=seed, checkpoint=file)
         film.attrs["scene"] = scene
         spectra = lidar.spectra(film, seed)
@@ -189,19 +200,20 @@ def fmcw(
                 estimates["rate"], **limit_of(loaded), title=scene
             ),
         }
-        saved = {RANGE_RATE: film, "spectra.nc": spectra, "estimates.nc": estimates}
+        saved = {RANGE_RATE: film, SPECTRA: spectra, ESTIMATES: estimates}
+        files = [*saved, *drawn]
+        width, height = film.sizes["x"], film.sizes["y"]
+        outside = film.attrs["energy_outside_window"]
+        facts = {"out": str(out), "files": files, "width": width, "height": height, "scene": scene}
+        facts |= {"resolution": lidar.resolution[0], "rate_resolution": lidar.resolution[1]}
+        facts |= {"bins": opl.count, "rate_bins": rate.count, "spp": samples, "seed": seed}
+        facts |= {"energy_outside_window": outside}
+        film.attrs |= checkpoints.run_attribute(recipe, facts)
         with deferred_stop() as stop, io.output_folder(out, overwrite=True) as folder:
             for name, dataset in saved.items():
                 save_measurement(dataset.drop_vars("time", errors="ignore"), folder / name)
             for name, each in drawn.items():
                 io.save_figure(each, folder / name, **opt.dots(dpi))
-    files = [*saved, *drawn]
-    width, height = film.sizes["x"], film.sizes["y"]
-    facts = {"out": str(out), "files": files, "width": width, "height": height, "scene": scene}
-    facts |= {"resolution": lidar.resolution[0], "rate_resolution": lidar.resolution[1]}
-    facts |= {"bins": opl.count, "rate_bins": rate.count, "spp": samples, "seed": seed}
-    outside = film.attrs["energy_outside_window"]
-    facts |= {"energy_outside_window": outside}
     about = f"resolution {lidar.resolution[0]:.4g} m and {lidar.resolution[1]:.4g} m/s of path"
     lines = [f"{out}: {', '.join(files)}", f"{about}, {outside:.1%} of the energy outside the bins"]
     answer("fmcw", as_json, facts, lines)

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from ..io.contents import VOLUME
 from ..runtime import backend, checks
 from ..runtime.progress import EVERY_S, deferred_stop
 from . import checkpoints, completion, options as opt
@@ -141,7 +142,7 @@ def reconstruct(
     brightness, depth = nlos.max_projection(volume), nlos.depth_map(volume)
     with checkpoints.exclusively(out), io.output_folder(out, overwrite=True) as folder:
         arrays: dict[str, Any] = {str(name): v.values for name, v in volume.variables.items()}
-        np.savez_compressed(folder / "volume.npz", **arrays)
+        np.savez_compressed(folder / VOLUME, **arrays)
         images = (("brightness", brightness, "arbitrary"), ("depth", depth, "m"))
         for name, image, units in images:
             values = np.asarray(image.values, np.float32)[..., None]
@@ -152,7 +153,7 @@ def reconstruct(
     seen = depth.values[np.isfinite(depth.values)]
     median = float(np.median(seen)) if seen.size else None
     where = "nothing found" if median is None else f"median depth {median:.3f} m"
-    files = ["volume.npz", "brightness.exr", "depth.exr", f"volume.{figure}"]
+    files = [VOLUME, "brightness.exr", "depth.exr", f"volume.{figure}"]
     facts = {"out": str(out), "files": files, "source": str(source), "method": method}
     facts |= {"median_depth": median}
     answer("reconstruct", as_json, facts, [f"{out}: {', '.join(files)}; {where}"])
