@@ -1,5 +1,7 @@
 """SPAD arrays against closed forms: PHYSICS by mean and variance, limits, order of the chain."""
 
+import re
+
 import dask.array as da
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from helpers.support import agree, refused
 from scipy.special import erfc
 
 from tofrender.sensors import Response, Spad
+from tofrender.sensors.config import read_sensor
 from tofrender.sensors.dead_time import armed_detections
 from tofrender.sensors.jitter import kernel
 from tofrender.sensors.pile_up import first_photon
@@ -376,6 +379,23 @@ def test_bad_calls(spad, call, text):
 def test_bad_parameters(name, value):
     """Out of range, or not used by anything."""
     refused(name, Spad, **{name: value})
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "cause"),
+    [
+        ("dead_time_s", 1e-8, 'in mode "first_photon". Remove it or choose mode "multi_hit"'),
+        ("afterpulse_probability", 0.1, 'in mode "first_photon". Remove it or choose mode'),
+        ("paralysable", True, "with dead_time_s = 0. Remove it or set dead_time_s"),
+        ("afterpulse_time_s", 1e-9, "with afterpulse_probability = 0"),
+        ("hot_rate_hz", 1.0, "with hot_fraction = 0"),
+        ("coincidence_window_s", 1e-9, "with coincidence = 1"),
+    ],
+)
+def test_messages_name_what_makes_a_parameter_useless(name, value, cause):
+    refused(re.escape(f"{name} has no effect {cause}"), Spad, **{name: value})
+    described = {"cycles": 9, "photons": {"photons_per_cycle": 0.1}, "spad": {name: value}}
+    refused(re.escape(f"sensor.spad.{name} has no effect {cause}"), read_sensor, described)
 
 
 def test_expected_is_refused_where_there_is_no_closed_form():

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..runtime import checks
+from ..signals.phasors import wrap
 
 
 def four_bucket(
@@ -145,7 +146,7 @@ def multipath_error(depth: Any, true_depth: Any, range_m: float | None = None) -
     error = np.subtract(depth, truth, out=np.full(depth.shape, np.nan), where=known)
     if range_m is not None:
         range_m = checks.metres("range_m", range_m, positive=True)
-        error = np.mod(error + range_m / 2, range_m) - range_m / 2
+        error = wrap(error + range_m / 2, range_m) - range_m / 2
     if not known.any():
         return MultipathError(error, np.nan, np.nan)
     found = error[known]

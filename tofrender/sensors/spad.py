@@ -94,16 +94,30 @@ class Spad:
         tall, wide = (checks.integer("macro_pixel", n, 1, 64) for n in sizes)
         object.__setattr__(self, "macro_pixel", (tall, wide))
         checks.integer("coincidence", self.coincidence, 1, tall * wide)
-        for name, used in (
-            ("dead_time_s", self.mode != "first_photon"),
-            ("afterpulse_probability", self.mode != "first_photon"),
-            ("paralysable", self.dead_time_s > 0),
-            ("afterpulse_time_s", self.afterpulse_probability > 0),
-            ("hot_rate_hz", self.hot_fraction > 0),
-            ("coincidence_window_s", self.coincidence > 1),
-        ):
-            value = getattr(self, name)
-            checks.require(name, value, used or not value, "left out where nothing depends on it")
+        self._refuse_parameters_without_effect()
+
+    def _refuse_parameters_without_effect(self) -> None:
+        """Refuse parameters that have no effect in this mode or with these other parameters."""
+        if self.mode == "first_photon":
+            for name in ("dead_time_s", "afterpulse_probability"):
+                if getattr(self, name):
+                    raise ValueError(
+                        f'{name} has no effect in mode "first_photon". Remove it or choose mode '
+                        '"multi_hit" or "free_running"'
+                    )
+        needed = {
+            "paralysable": "dead_time_s",
+            "afterpulse_time_s": "afterpulse_probability",
+            "hot_rate_hz": "hot_fraction",
+        }
+        for name, other in needed.items():
+            if getattr(self, name) and not getattr(self, other):
+                raise ValueError(f"{name} has no effect with {other} = 0. Remove it or set {other}")
+        if self.coincidence_window_s and self.coincidence == 1:
+            raise ValueError(
+                "coincidence_window_s has no effect with coincidence = 1. Remove it or set "
+                "coincidence to 2 or more"
+            )
 
     def histogram(
         self, rates: Any, cycles: int, seed: int = 0, *, bin_width_opl: float | None = None
