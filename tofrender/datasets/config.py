@@ -33,7 +33,7 @@ Check = Callable[[str, Any], Any]
 class Capture:
     """A capture of a relay wall."""
 
-    mode: str = "confocal"  # one of `MODES`
+    mode: str | None = None  # one of `MODES`; None for the scene's
     grid: tuple[int, int] | None = None  # points of the wall, width and height; None for the film's
     relay_wall: str | None = None  # id of the wall, None to find it
     hidden_depth: bool = True  # whether the true depth of what is hidden is wanted

@@ -313,7 +313,7 @@ def _attributes(plan: Plan, receipts: Mapping[int, Receipt]) -> dict[str, Any]:
     if window is not None:
         found |= {"start_opl": window[0], "bin_width_opl": window[1]}
     if config.outputs.capture is not None:
-        found["capture_mode"] = config.outputs.capture.mode
+        found["capture_mode"] = plan.layout.capture_mode
     return found
 
 

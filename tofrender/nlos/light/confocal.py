@@ -102,13 +102,12 @@ class ConfocalTransientIntegrator(RelayWallPath):
         seen = self.single_bounce(scan, ray, origin, source, irradiance, sampler, active)
         return self.laser_spot(scan, beam), seen
 
-    def require_mode(self, mode: str) -> None:
-        """Refuse all modes but confocal, and a projector that does not follow the camera."""
-        allowed = "'confocal' with a confocal_transient_path; others need a transient_nlos_path"
-        checks.require("mode", mode, mode == "confocal", allowed)
+    def capture_modes(self, sensor: mi.Sensor | None) -> tuple[str, ...]:
+        """Return "confocal", and refuse a projector that does not follow the camera."""
         follows = self.projector is None or self.projector.is_confocal
         allowed = "True for a capture, whose laser follows the camera"
         checks.require("is_confocal", follows, follows, allowed)
+        return ("confocal",)
 
     def to_string(self) -> str:
         """The integrator's parameters."""

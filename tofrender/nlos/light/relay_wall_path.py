@@ -105,13 +105,14 @@ class RelayWallPath(TransientPath):
         """Plan the scan of a sensor's rays, with relay wall and mode as the parameters say."""
         return self.capture_plan(scene, sensor)
 
-    def require_mode(self, mode: str) -> None:
-        """Refuse a mode of capture that this integrator does not have."""
+    def capture_modes(self, sensor: mi.Sensor | None) -> tuple[str, ...]:
+        """Return the modes of capture that the scene allows; the first one is the default."""
+        return ("confocal", "single", "exhaustive")
 
     def capture_plan(
         self, scene: mi.Scene, sensor: mi.Sensor | None, wall: Any = None, mode: str | None = None
     ) -> ScanPlan:
-        """Plan a capture with a wall, a list of shapes, in a mode that `require_mode` accepts."""
+        """Plan a capture with a wall, a list of shapes, in one of its `capture_modes`."""
         scan = self.scan(scene, sensor, self.wall(scene, sensor) if wall is None else wall)
         counts_spot = not self.use_nlos_only and self.filter_bounces in (-1, 1)
         return ScanPlan(scan, self.laser, self.limits(), counts_spot)
