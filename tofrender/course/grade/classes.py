@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ...runtime.child_processes import safe_environment
 from ...runtime.progress import ProgressBar
 from ..assignments import PACKAGE
 from ..rubric import Rubric
@@ -147,7 +148,7 @@ class Class:
                 raise KeyboardInterrupt
             process = subprocess.Popen(
                 [sys.executable, "-P", "-m", f"{__package__}.grading"],
-                env=os.environ | {"PYTHONPATH": str(PACKAGE.parent)},
+                env=safe_environment(PYTHONPATH=str(PACKAGE.parent)),
                 stdin=subprocess.PIPE,  # all can read a command's arguments, and the seed is secret
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, cast
 
+from ...runtime.child_processes import safe_environment
 from .. import mutants
 from ..assignments import PACKAGE
 from ..rubric import STAFF_TEST
@@ -118,7 +119,7 @@ class Worker:
         text = json.dumps({name: value and str(value) for name, value in settings.items()})
         configuration.write_text(text, encoding="utf-8")
         package = self._edition or PACKAGE.parent
-        environment = os.environ | {"PYTHONPATH": str(package), "TMPDIR": str(tmp)}
+        environment = safe_environment(PYTHONPATH=str(package), TMPDIR=str(tmp))
         command = [sys.executable, "-P", "-u", "-m", WORKER, str(configuration)]
         if self._limits.confine:
             environment["HOME"] = str(tmp)  # Dr.Jit keeps its kernels there
