@@ -259,13 +259,11 @@ for folder, folders, names in os.walk("@TOP@"):
             os.chmod(os.path.join(folder, name), 0)
         except OSError:
             pass
-os.umask(0)
 os.chdir(TMP)
 for _ in range(50):
-    os.mkdir("closed", 0o300)
-    os.chdir("closed")
+    os.mkdir("deep")
+    os.chdir("deep")
     open("file", "w").close()
-os.umask(0o022)
 """
 NO_REPLY = """
 np.savez(ANSWERS / "x", structure=np.frombuffer(b"[1, 2]", np.uint8))
@@ -294,7 +292,7 @@ for pid in (os.getppid(), 0):
 MEMBERS = {  # What each member's file holds and why it gets no point; "" where it gets one
     "a right one": (ADD0, ""),
     "all attacks": ("@ATTACKS@", ""),
-    "closes everybody's files and leaves folders that cannot be listed": (CLOSES, ""),
+    "closes everybody's files and leaves deep folders": (CLOSES, ""),
     "long text": ("raise ValueError('x' * 100_000_000)", "ValueError: xxx"),
     "reply that is none": (NO_REPLY, "the reply is none that the worker writes"),
     "reply that unpacks to much": (BOMB, "is not an answer: it holds"),

@@ -205,6 +205,8 @@ class Grader:
             sandbox.command(confinement, pytest),
             timeout_s=timeout_s,
             memory_bytes=int((self.memory_gib + JUDGE_GIB) * 2**30),
+            folder=workspace,
+            uid=uid,
             cwd=judging,
             env=_environment(home, tmp, package),
         )

@@ -124,7 +124,9 @@ class Worker:
         if self._limits.confine:
             environment["HOME"] = str(tmp)  # Dr.Jit keeps its kernels there
             command = self._confined(command, folders[1:])
-        self._running = Supervised(command, cwd=work, env=environment, stdin=subprocess.PIPE)
+        self._running = Supervised(
+            command, cwd=work, env=environment, stdin=subprocess.PIPE, uid=self._limits.uid
+        )
         self._wait(self._running, START_S)
         return self._running
 
@@ -133,9 +135,16 @@ class Worker:
         limits = self._limits
         patterns = ("tests/test_*.py", f"tests/{STAFF_TEST}", mutants.FILE_NAME, "solutions")
         hidden = [path for pattern in patterns for path in self._assignment.glob(pattern)]
+        package = self._edition or PACKAGE.parent
+        needed = [*sandbox.python_folders(), package, self._assignment, self._folder / "questions"]
+        if self._submission is not None:
+            needed.append(self._submission)
         confinement = {
             "writable": writable,
-            "hidden": (*limits.hidden, *hidden),
+            "hidden": (*limits.hidden, *hidden, *sandbox.private()),
+            "readable": needed,
+            # Python looks for modules by the names in a folder
+            "listed": (self._assignment / "tests", package),
             "memory_bytes": limits.memory_bytes,
             "uid": limits.uid,
             "reads_all": bool(limits.uid and sandbox.closed_to_others()),
