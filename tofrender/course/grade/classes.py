@@ -73,7 +73,8 @@ class Class:
                         self.content[member.id] = content
                         bar.update()
                         self.write()
-                        points = f"{content['score']:g} of {self.rubric.points:g} points"
+                        score = f"{content['score']:g}" if "score" in content else "none"
+                        points = f"{score} of {self.rubric.points:g} points"
                         name = printable(self.results(member).stem, 100)
                         say(f"[{bar.n}/{len(work)}] {name}: {points}, {note}")
             except BaseException:
@@ -91,6 +92,11 @@ class Class:
         class_ = map(self.standing, done)
         sheet = self.marks is not None
         write_csv(self.csv, self.rubric, class_, self.roster, sheet, self.columns)
+
+    @property
+    def not_graded(self) -> list[Member]:
+        """Members whose submissions the machine has failed to grade."""
+        return [member for member in self.members if not self.standing(member).graded]
 
     @property
     def rubric(self) -> Rubric:

@@ -1,5 +1,6 @@
 """Extract the files that an assignment asks for from a submission, a folder or a zip."""
 
+import errno
 import fnmatch
 import io
 import os
@@ -22,7 +23,9 @@ NEVER = {
     *("conftest.py", "pytest.ini", ".pytest.ini", "pyproject.toml", "setup.cfg", "tox.ini"),
     *("rubric.toml", "results.json", "sitecustomize.py", "usercustomize.py"),
 }
-BROKEN = (EOFError, NotImplementedError, OSError, RuntimeError, ValueError)
+BROKEN = (EOFError, NotImplementedError, RuntimeError, ValueError)
+OF_THE_MACHINE = {errno.EIO, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOSPC, errno.ESTALE}
+"""Numbers of errors that no submission is to blame for."""
 Opener = Callable[[], IO[bytes]]
 
 
@@ -133,6 +136,10 @@ def _readable() -> Iterator[None]:
         yield
     except BadSubmission:
         raise
+    except OSError as error:
+        if error.errno in OF_THE_MACHINE:
+            raise
+        raise BadSubmission(f"cannot be read: {error}") from None
     except (*BROKEN, zipfile.BadZipFile, zlib.error) as error:
         raise BadSubmission(f"cannot be read: {error}") from None
 

@@ -22,12 +22,30 @@ import psutil
 from . import sandbox
 
 KEPT_OUTPUT = 20_000
+MACHINE_FAILED = 70  # exit status of a judge, as EX_SOFTWARE of sysexits.h
+LEAST_BYTES, LEAST_FILES = 64 << 20, 1000  # free on the disk, and free memory [bytes]
 MAX_PROCESSES = 200  # of a command at a time
 MAX_WRITTEN = 4 << 30  # bytes of files that a command may leave in a watched folder
 MAX_FILES = 2000  # files, links and folders that a command may leave in a watched folder
 LOOK_EVERY_S = 0.2
 END_WITHIN_S = 20.0
 SET_CHILD_SUBREAPER = 36
+
+
+class MachineFailure(RuntimeError):
+    """The machine, and not the submission, is the reason that there is no answer; one line."""
+
+
+def used_up(folder: Path) -> str:
+    """Resource that this machine lacks, "" if there is enough; `folder` is on the disk in use."""
+    state = os.statvfs(folder) if hasattr(os, "statvfs") else None
+    if shutil.disk_usage(folder).free < LEAST_BYTES:
+        return "the disk is full"
+    if state is not None and state.f_files > 0 and state.f_favail < LEAST_FILES:
+        return "the disk has no room for more files (its inodes are used up)"
+    if psutil.virtual_memory().available < LEAST_BYTES:
+        return "the memory is used up"
+    return ""
 
 
 class Supervised:
@@ -111,7 +129,7 @@ class Supervised:
         return False
 
     def end(self) -> None:
-        """End all processes, those started meanwhile too; RuntimeError after `END_WITHIN_S`."""
+        """End all processes, also new ones; MachineFailure after `END_WITHIN_S`."""
         deadline = time.monotonic() + END_WITHIN_S
         if self._uid is not None:
             _end_user(self._uid)
@@ -129,7 +147,7 @@ class Supervised:
                 with suppress(ChildProcessError):
                     os.waitpid(process.pid, getattr(os, "WNOHANG", 0))
             if time.monotonic() > deadline:
-                raise RuntimeError(f"{len(below)} processes of a submission cannot be ended")
+                raise MachineFailure(f"{len(below)} processes of a submission cannot be ended")
             time.sleep(0.005)
 
     def _descendants(self) -> list[psutil.Process]:
