@@ -59,8 +59,10 @@ def grade(
     """Grade a submission, or a class, with all tests.
 
     Grading a class can be interrupted and resumed: finished results are kept, unless the submission
-    or the tests have changed. A sheet can be added later. The seed of the tests that students do
-    not have is drawn, unless seed.txt in the assignment's folder has one; the results name it.
+    or the tests have changed. A sheet can be added later. If this machine fails, a submission is
+    not graded, and the exit status is 1; the same command tries again. The seed of the tests that
+    students do not have is drawn, unless seed.txt in the assignment's folder has one; the results
+    name it.
     """
     if (submission is None) == (everyone is None):
         raise ValueError("--submission and --all: must be exactly one of them")
@@ -106,6 +108,7 @@ def grade(
                 say(f"{csv}: written")
                 if feedback is not None:
                     _write_pages(class_, feedback)
+                _require_graded(class_)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("interrupted; what is graded is kept") from None
 
@@ -119,6 +122,17 @@ def _grade_one(grader: Grader, submission: Path, out: Path) -> None:
         say(f"{problem.id}: {points}{' (bonus)' if problem.bonus else ''}")
     total = f"{results.score:g} of {rubric.points:g} points"
     say(*results.remarks, f"{out}: {total}, {results.seconds:.0f} s")
+
+
+def _require_graded(class_: Class) -> None:
+    """RuntimeError if the machine has failed to grade some submissions."""
+    names = [repr(member.id[: checks.LONGEST]) for member in class_.not_graded]
+    if names:
+        raise RuntimeError(
+            f"{len(names)} submissions were not graded, because this machine failed: "
+            f"{', '.join(names[:10])}. Run the same command again; the column reason of "
+            f"{class_.csv} has the cause"
+        )
 
 
 def _write_pages(class_: Class, folder: Path) -> None:

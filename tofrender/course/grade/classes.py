@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ...runtime.child_processes import safe_environment
 from ...runtime.progress import ProgressBar
 from ..assignments import PACKAGE, Assignment
 from ..rubric import Rubric
@@ -73,7 +74,8 @@ class Class:
                         self.content[member.id] = content
                         bar.update()
                         self.write()
-                        points = f"{content['score']:g} of {self.rubric.points:g} points"
+                        score = f"{content['score']:g}" if "score" in content else "none"
+                        points = f"{score} of {self.rubric.points:g} points"
                         name = printable(self.results(member).stem, 100)
                         say(f"[{bar.n}/{len(work)}] {name}: {points}, {note}")
             except BaseException:
@@ -91,6 +93,11 @@ class Class:
         class_ = map(self.standing, done)
         sheet = self.marks is not None
         write_csv(self.csv, self.rubric, class_, self.roster, sheet, self.columns)
+
+    @property
+    def not_graded(self) -> list[Member]:
+        """Members whose submissions the machine has failed to grade."""
+        return [member for member in self.members if not self.standing(member).graded]
 
     @property
     def rubric(self) -> Rubric:
@@ -148,7 +155,7 @@ class Class:
                 raise KeyboardInterrupt
             process = subprocess.Popen(
                 [sys.executable, "-P", "-m", f"{__package__}.grading"],
-                env=os.environ | {"PYTHONPATH": str(PACKAGE.parent)},
+                env=safe_environment(PYTHONPATH=str(PACKAGE.parent)),
                 stdin=subprocess.PIPE,  # all can read a command's arguments, and the seed is secret
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,

@@ -146,6 +146,11 @@ class Standing:
     content: Mapping[str, Any] | None  # `results.json`, None if nothing was handed in
     marks: Marks = field(default_factory=Marks)  # given by a person
 
+    @property
+    def graded(self) -> bool:
+        """Whether there are points: the machine has not failed."""
+        return self.content is None or self.content["extra_data"]["complete"]
+
     def points(self, problem: Problem) -> float:
         """Points of a problem: those of the sheet or, without them, of the tests."""
         tested = {} if self.content is None else self.content["extra_data"]["problems"]
@@ -217,11 +222,14 @@ def write_csv(
         row: dict[str, str | float | None] = {"id": member.id} if roster or columns else {}
         row |= {name: member.about.get(name, "") for name in about}
         row["submission"] = member.submission.name if member.submission else ""
-        row["total"] = standing.total
-        row |= {problem.id: standing.points(problem) for problem in rubric.problems}
+        row["total"] = standing.total if standing.graded else None
+        graded = [each for each in rubric.problems if standing.graded or each.id in marks.points]
+        row |= dict.fromkeys(problem.id for problem in rubric.problems)
+        row |= {problem.id: standing.points(problem) for problem in graded}
         row |= {part.id: marks.points.get(part.id) for part in rubric.by_hand}
         if sheet or columns:
-            row |= {"late_days": marks.late_days, "lost_late": standing.lost, "note": marks.note}
+            lost = standing.lost if standing.graded else None
+            row |= {"late_days": marks.late_days, "lost_late": lost, "note": marks.note}
         row["reason"] = standing.reason
         rows.append({name: row.get(kind) for name, kind in columns.items()} if columns else row)
     lines = [[*rows[0]], *(map(_cell, row.values()) for row in rows)]

@@ -4,6 +4,7 @@ A submission is a folder, an archive (zip or tar), or a single file.
 """
 
 import bz2
+import errno
 import fnmatch
 import gzip
 import io
@@ -40,7 +41,6 @@ NEVER = {
 BROKEN = (
     EOFError,
     NotImplementedError,
-    OSError,
     RuntimeError,
     ValueError,
     lzma.LZMAError,
@@ -49,6 +49,8 @@ BROKEN = (
     zlib.error,
 )
 """Errors of a submission that cannot be read."""
+OF_THE_MACHINE = {errno.EIO, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOSPC, errno.ESTALE}
+"""Numbers of errors that no submission is to blame for."""
 Opener = Callable[[], IO[bytes]]
 
 
@@ -228,6 +230,10 @@ def _readable() -> Iterator[None]:
         yield
     except BadSubmission:
         raise
+    except OSError as error:
+        if error.errno in OF_THE_MACHINE:
+            raise
+        raise BadSubmission(f"cannot be read: {error}") from None
     except BROKEN as error:
         raise BadSubmission(f"cannot be read: {error}") from None
 

@@ -13,11 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, cast
 
+from ...runtime.child_processes import safe_environment
 from .. import mutants
 from ..assignments import PACKAGE
 from ..rubric import STAFF_TEST
 from . import sandbox, wire
-from .processes import Supervised
+from .processes import MachineFailure, Supervised, used_up
 
 WORKER = "tofrender.course.judge.worker"
 START_S = 90.0
@@ -65,8 +66,16 @@ class Worker:
     def ask(self, probe: str, arguments: dict[str, Any], timeout_s: float) -> Any:
         """Result of a function of `tests/probes.py`; arguments are data as `wire` takes it.
 
-        NoAnswer with the reason if there is none. The start of a process does not count as time.
+        NoAnswer with the reason if there is none; MachineFailure if the submission is not the
+        reason. The start of a process does not count as time.
         """
+        try:
+            return self._ask(probe, arguments, timeout_s)
+        except OSError as error:  # The submission changes nothing that this process reads or writes
+            raise MachineFailure(f"the judge cannot work: {error}") from error
+
+    def _ask(self, probe: str, arguments: dict[str, Any], timeout_s: float) -> Any:
+        """Result of a probe."""
         running = self._running
         if running is None or running.process.poll() is not None:
             running = self._start()
@@ -86,7 +95,7 @@ class Worker:
         names = uses if isinstance(uses := fields.get("uses"), list) else []
         self.used = {name[:100] for name in names[:MAX_NAMES] if isinstance(name, str)}
         if isinstance(error := fields.get("error"), str):
-            raise NoAnswer(shortened(error))
+            raise self._failure(error)
         if "answer" not in fields:
             raise NoAnswer("the reply is none that the worker writes")
         return fields["answer"]
@@ -118,23 +127,43 @@ class Worker:
         text = json.dumps({name: value and str(value) for name, value in settings.items()})
         configuration.write_text(text, encoding="utf-8")
         package = self._edition or PACKAGE.parent
-        environment = os.environ | {"PYTHONPATH": str(package), "TMPDIR": str(tmp)}
+        environment = safe_environment(PYTHONPATH=str(package), TMPDIR=str(tmp))
         command = [sys.executable, "-P", "-u", "-m", WORKER, str(configuration)]
         if self._limits.confine:
             environment["HOME"] = str(tmp)  # Dr.Jit keeps its kernels there
             command = self._confined(command, folders[1:])
-        self._running = Supervised(command, cwd=work, env=environment, stdin=subprocess.PIPE)
-        self._wait(self._running, START_S)
+        self._running = Supervised(
+            command, cwd=work, env=environment, stdin=subprocess.PIPE, uid=self._limits.uid
+        )
+        # Nothing of the submission runs before the first reply
+        try:
+            self._wait(self._running, START_S)
+        except NoAnswer as error:
+            text = f"the process of a submission does not start: {error}"
+            raise MachineFailure(" | ".join(text.splitlines())) from None
         return self._running
+
+    def _failure(self, reason: str) -> NoAnswer | MachineFailure:
+        """Blame the machine for a failure if it lacks something, otherwise the submission."""
+        if lack := used_up(self._scratch):
+            return MachineFailure(f"{lack}; a submission failed: {shortened(reason)[:200]}")
+        return NoAnswer(shortened(reason))
 
     def _confined(self, command: list[str], writable: list[Path]) -> list[str]:
         """Command in the sandbox, which hides the assignment's tests and solutions from it."""
         limits = self._limits
         patterns = ("tests/test_*.py", f"tests/{STAFF_TEST}", mutants.FILE_NAME, "solutions")
         hidden = [path for pattern in patterns for path in self._assignment.glob(pattern)]
+        package = self._edition or PACKAGE.parent
+        needed = [*sandbox.python_folders(), package, self._assignment, self._folder / "questions"]
+        if self._submission is not None:
+            needed.append(self._submission)
         confinement = {
             "writable": writable,
-            "hidden": (*limits.hidden, *hidden),
+            "hidden": (*limits.hidden, *hidden, *sandbox.private()),
+            "readable": needed,
+            # Python looks for modules by the names in a folder
+            "listed": (self._assignment / "tests", package),
             "memory_bytes": limits.memory_bytes,
             "uid": limits.uid,
             "reads_all": bool(limits.uid and sandbox.closed_to_others()),
@@ -148,7 +177,7 @@ class Worker:
         processor_before_s = running.processor_s()
         while not os.path.lexists(answer):
             if running.process.poll() is not None and not os.path.lexists(answer):
-                raise NoAnswer(_death(running))
+                raise self._failure(_death(running))
             now = time.monotonic()
             if now - looked > 0.1:
                 looked = now
@@ -167,7 +196,7 @@ class Worker:
         try:
             reply = wire.read(answer)
         except ValueError as error:
-            raise NoAnswer(shortened(str(error))) from None
+            raise self._failure(str(error)) from None
         with suppress(OSError):  # it may be a folder by now
             answer.unlink()
         return reply

@@ -17,6 +17,7 @@ from .. import rubric
 from ..assignments import Assignment
 from . import expect, inputs, wire
 from .client import Limits, NoAnswer, Worker, shortened
+from .processes import MACHINE_FAILED, MachineFailure
 
 RUBRIC = pytest.StashKey[rubric.Rubric]()
 WORKER = pytest.StashKey[Worker]()
@@ -61,7 +62,10 @@ class Submission:
     def ask(self, probe: str, **arguments: Any) -> Any:
         """Answer of a probe in `tests/probes.py`, else `NoAnswer`; arguments as for `wire`."""
         timeout_s = self.problem.timeout_s if self.problem else 60.0
-        answer = self._worker.ask(probe, arguments, timeout_s)
+        try:
+            answer = self._worker.ask(probe, arguments, timeout_s)
+        except MachineFailure as failure:
+            pytest.exit(str(failure), MACHINE_FAILED)
         self.uses |= self._worker.used
         return answer
 
@@ -185,6 +189,8 @@ def pytest_runtest_makereport(
     error = call.excinfo.value
     if isinstance(error, expect.Failure | NoAnswer):
         text = shortened(str(error))
+    elif isinstance(error, OSError):
+        pytest.exit(f"the judge cannot work: {error}", MACHINE_FAILED)
     elif item.config.getoption("--confine"):  # an answer of an unexpected type broke the test
         frames = call.excinfo.traceback
         lines = [frame.lineno + 1 for frame in frames if Path(frame.path) == item.path]
