@@ -39,6 +39,10 @@ export class Responses {
       const components = parts.map((part) => recording.response(pixel, weights, recording.stokes[part]));
       const values = components[0].map((_, bin) => of(...components.map((each) => each[bin])));
       const found = { values, components };
+      if (parts.length === 1) {
+        const layer = recording.stokes[parts[0]];
+        found.resolution = recording.response(pixel, weights, layer, layer.resolutions);
+      }
       if (recording.errors && now.stokes === "S0") found.errors = recording.response(pixel, weights, recording.errors);
       found.orders = recording.orders.map((layer) => ({
         name: layer.name,
@@ -47,7 +51,8 @@ export class Responses {
       this.known.set(name, found);
     }
     const [x, y] = recording.place([column, row]);
-    return { ...this.known.get(name), x, y, style: Math.max(0, k), dots: recording.about.counts };
+    const block = recording.block([column, row]);
+    return { ...this.known.get(name), x, y, block, style: Math.max(0, k), dots: recording.about.counts };
   }
 
   /** Curves of all chosen pixels. */
