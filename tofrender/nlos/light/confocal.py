@@ -12,7 +12,8 @@ import mitsuba as mi
 from ...films.contribution import Contribution
 from ...runtime import checks
 from ...signals.illuminants import white
-from .laser_spot import Spot, require_clear_way, trace_beam
+from ..device.relay_wall import first_hits
+from .laser_spot import Spot, require_clear_way, require_smooth_spot, trace_beam
 from .relay_wall_path import RelayWallPath
 from .scan import Scan
 
@@ -75,7 +76,10 @@ class ConfocalTransientIntegrator(RelayWallPath):
         """Describe the scan; a beam of no width must have a clear way."""
         if self.projector is None and sensor is not None:
             require_clear_way(scene, sensor, self.laser_origin(scene, sensor))
-        return super().scan(scene, sensor, wall)
+        scan = super().scan(scene, sensor, wall)
+        if sensor is not None:
+            require_smooth_spot(scan, first_hits(scene, sensor)[1])
+        return scan
 
     def laser(
         self, scan: Scan, ray: mi.Ray3f, origin: mi.Point3f, sampler: mi.Sampler, active: mi.Bool

@@ -233,6 +233,18 @@ def scatter_beam(scan: Scan, beam: Beam) -> Beam:
 
 
 @tracing_lock()
+def require_smooth_spot(scan: Scan, si: mi.SurfaceInteraction3f) -> None:
+    """Refuse laser spots on mirrors or glass in scenes with media, where no beam follows those."""
+    if scan.specular is None or not scan.space.scatters:
+        return
+    if dr.any(scan.specular.lobes.at(si, mi.Bool(True)) != 0):
+        raise ValueError(
+            "laser: lights a mirror or glass in a scene with media, which is not supported. Make "
+            "the surface rough, or remove the media"
+        )
+
+
+@tracing_lock()
 def require_clear_way(scene: mi.Scene, sensor: mi.Sensor, laser: np.ndarray) -> None:
     """Refuse fog between a laser's position [m] and the very points that the sensor looks at."""
     if not media_of(scene, sensor):

@@ -52,6 +52,9 @@ class RelayWallPath(TransientPath):
     but by the wall's material alone. Where nothing says which shape is the wall, and sampling is
     requested by name, paths are sent from the shapes that the camera's pixels look at to the
     others. After a load, `relay_wall` and `hidden_shapes` can be set to lists of shapes or ids.
+
+    Where paths connect to the laser spot, they also do so by way of mirrors and clear glass, see
+    `nlos.light.specular`.
     """
 
     needs_lights = False

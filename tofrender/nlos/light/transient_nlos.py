@@ -18,7 +18,14 @@ from ...signals.illuminants import white
 from ..captures import MODES
 from ..device.laser import apply_meters, axis, find_laser, position_of, require_aim, solid_angle
 from ..device.relay_wall import first_hits, trace_laser_spot
-from .laser_spot import OffWallHistory, Spot, counted_lanes, require_clear_way, trace_beam
+from .laser_spot import (
+    OffWallHistory,
+    Spot,
+    counted_lanes,
+    require_clear_way,
+    require_smooth_spot,
+    trace_beam,
+)
 from .relay_wall_path import HIDDEN_SAMPLING, RelayWallPath, flag, warn_no_effect
 from .scan import Scan, ScanPlan
 
@@ -159,9 +166,12 @@ class TransientNLOSPath(RelayWallPath):
         if kind == "single":
             require_aim(scan.scene)
             trace_laser_spot(scan.scene, scan.wall)
+            beam = mi.Ray3f(*axis(find_laser(scan.scene)))
+            require_smooth_spot(scan, first_surface(scan.scene, beam))
         elif sensor is not None:
             origin = axis(find_laser(scan.scene))[0]
             _, si = first_hits(scan.scene, sensor)
+            require_smooth_spot(scan, si)
             cos = dr.dot(si.n, dr.normalize(origin - si.p))
             if not dr.any(si.is_valid() & (dr.abs(cos) > GRAZING)):
                 where = np.array(origin).ravel().tolist()
