@@ -15,6 +15,9 @@ from ..protocols import Endpoint
 from ..records import Connection, Hit, Path, Vertex
 from ..surfaces import EmitterNormals, Wavefronts, stretched
 
+# Density whose square float32 can represent [1/sr]. A point of an emitter that is seen edge-on has
+# higher ones, and no light.
+HIGHEST = 1e18
 MANY_EMITTERS = 8  # number of emitters above which a single bounding box bounds their distance
 
 
@@ -147,6 +150,11 @@ class EmitterEndpoint(Endpoint):
 
 
 def power_heuristic(pdf_a: mi.Float, pdf_b: mi.Float) -> mi.Float:
-    """Return the MIS weight a² / (a² + b²) of a sample from density a (Veach 1997, eq. 9.13)."""
-    a2 = pdf_a * pdf_a
-    return dr.select(pdf_a > 0, a2 / dr.fma(pdf_b, pdf_b, a2), 0)
+    """Return the MIS weight a² / (a² + b²) of a sample from density a (Veach 1997, eq. 9.13).
+
+    Densities above `HIGHEST` count as `HIGHEST`.
+    """
+    a = dr.minimum(pdf_a, HIGHEST)
+    b = dr.minimum(pdf_b, HIGHEST)
+    a2 = a * a
+    return dr.select(a > 0, a2 / dr.fma(b, b, a2), 0)
