@@ -13,6 +13,9 @@ from ..runtime.interface import NORMALS, POSITIONS, make_mesh, rows, world_trans
 from ..scenes.media import BOUNDARY, PLATES
 
 NARROW = 0.00068523  # Squared sine below which Mitsuba samples the cone of a sphere otherwise
+# Extent of a scene, in radii of its smallest sphere light, from which on Mitsuba's densities may be
+# infinite. They are infinite from a distance of 4000 radii on.
+VANISHING = 500
 NORMAL_TOLERANCE = 1e-6  # 1 less the cosine between normals that count as the same
 
 
@@ -162,6 +165,9 @@ class NarrowCones:
         self.exist = bool(np.any(spheres))
         if not self.exist:
             return
+        # Whether Mitsuba's densities may be infinite, so that weights do not tell the radiance
+        smallest = spheres[spheres[:, 3] > 0, 3].min()
+        self.vanish = float(dr.norm(scene.bbox().extents())) > VANISHING * smallest
         self.spheres = mi.Float(table_of(emitters, spheres, np.float32).ravel())
         self.total = dr.opaque(mi.Float, sum(float(each.sampling_weight()) for each in emitters))
         dr.eval(self.spheres)
@@ -267,7 +273,11 @@ class EmitterSamples:
         pdf, narrow = self.cones.pdf(at.p, ds.emitter, active)
         narrow &= ds.pdf > 0
         pdf = self._scaled(ds.pdf, pdf * choice)
-        radiance = ds.emitter.eval_direction(at, ds, narrow)
+        if self.cones.vanish:
+            radiance = ds.emitter.eval_direction(at, ds, narrow)
+        else:
+            narrow &= dr.isfinite(ds.pdf)
+            radiance = weight * ds.pdf
         ds.pdf = dr.select(narrow, pdf, ds.pdf)
         return ds, dr.select(narrow, radiance / pdf, weight)
 
