@@ -60,7 +60,8 @@ def load_scene(
     A steady scene (film `hdrfilm`, integrator `path`) becomes a transient one when
     `temporal_bins`, `start_opl` and `bin_width_opl` are all given: its film keeps size, crop and
     the filter that it names (box if it names none), its integrator its depths, which for `path`
-    have no limit unless it names one. An `aov`, `moment` or `stokes` around
+    have no limit unless it names one. The film's filter applies to pixels only; the filter in time
+    is a box unless the integrator has a `temporal_filter`. An `aov`, `moment` or `stokes` around
     a `path` is left out.
 
     A shape of an XML file that has a name and no id gets the name as its id. See also `render`.
