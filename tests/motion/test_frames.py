@@ -174,8 +174,9 @@ def test_what_frames_refuse():
         render_frames(square(), [0.0], errors=True)
 
 
+SPAD = {"cycles": 100, "photons": {"photons_per_cycle": 0.5}, "spad": {}}
 FRAME_READERS = {
-    "sense": lambda film: tofrender.sensors.sense(film, "flash_dtof"),
+    "sense": lambda film: tofrender.sensors.sense(film, SPAD),
     "expected_photons": lambda film: tofrender.sensors.expected_photons(
         film, photons_per_cycle=0.5
     ),

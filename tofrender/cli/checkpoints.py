@@ -121,7 +121,8 @@ def answer_if_finished(
     if found is None:
         return False
     for key in recipe | found["recipe"]:
-        before, now = found["recipe"].get(key), recipe.get(key)
+        before = found["recipe"].get(key)
+        now = recipe.get(key)
         if before != now:
             raise ValueError(
                 f"--resume: {out} was made with {key} = {opt.checks.quote(before)}; must be "
@@ -150,7 +151,12 @@ def _run_of(out: Path, name: str) -> dict[str, Any] | None:
                 attrs = file.attrs
         found = json.loads(attrs[RUN])
         whole = all((out / each).is_file() for each in found["facts"]["files"])
-    except (OSError, ValueError, KeyError, TypeError):  # Of another program, or damaged
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        TypeError,
+    ):  # The file is damaged, or another program wrote it
         return None
     return found if whole else None
 

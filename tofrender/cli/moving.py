@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from ..films.rates import Axis
 
 MOST = (1 << 29) - 1  # Values of an array in a NetCDF 3 file
+FEWER_BINS = "a narrower --window or --rates, a lower --bandwidth or a shorter --chirp"
 
 
 def _window(name: str, value: Any) -> str | tuple[float, float]:
@@ -167,15 +168,19 @@ def fmcw(
     rate = _axis(rates or default_rates(loaded), rate_bins, lidar.resolution[1])
     of_pixel = opl.count * rate.count, lidar.samples(opl, rate)
     if size is None and values(sensor) * max(of_pixel) > MOST // 4:
-        shrink = math.sqrt(MOST / 4 / values(sensor) / max(of_pixel))
-        size = opt.Size(*(max(int(n * shrink), 1) for n in sensor.film().crop_size()))
-        opt.note(f"note: {size} pixels, for a film of half a gigabyte; --size takes others")
+        size = _largest_size(sensor, max(of_pixel), MOST // 4)
+        opt.note(
+            f"note: {size} pixels, for a film of half a gigabyte; --size allows up to "
+            f"{_largest_size(sensor, max(of_pixel), MOST)}, and {FEWER_BINS} allow more"
+        )
         loaded, sensor, samples = load(scene, spp, size, max_depth, variant)
     sizes = tuple(values(sensor) * each for each in of_pixel)
     if max(sizes) > MOST:
+        wanted = opt.Size(*(int(n) for n in sensor.film().crop_size()))
         raise ValueError(
-            f"film of {opl.count} x {rate.count} bins with {max(sizes):,} values: must be at most "
-            f"{MOST:,}, by fewer pixels or bins"
+            f"--size = {wanted}: {opl.count} x {rate.count} bins in each pixel make files with "
+            f"{max(sizes):,} values, at most {MOST:,} are possible. Use --size "
+            f"{_largest_size(sensor, max(of_pixel), MOST)} or less, or {FEWER_BINS}"
         )
     opt.check_disk_space(out, *sizes)
     axes: Any = {
@@ -218,6 +223,16 @@ def fmcw(
     lines = [f"{out}: {', '.join(files)}", f"{about}, {outside:.1%} of the energy outside the bins"]
     answer("fmcw", as_json, facts, lines)
     checkpoints.end_if_stopped(stop)
+
+
+def _largest_size(sensor: Any, of_pixel: int, most: int) -> opt.Size:
+    """Return the largest size like the sensor's with at most `most` values in three channels.
+
+    `of_pixel` is the number of values of a pixel and channel.
+    """
+    shrink = min(1.0, math.sqrt(most / values(sensor) / of_pixel))
+    width, height = (max(int(int(n) * shrink), 1) for n in sensor.film().crop_size())
+    return opt.Size(width, height)
 
 
 def _span(scene: Any, window: Any) -> tuple[float, float]:

@@ -118,11 +118,11 @@ def render_of(dataset: xr.Dataset, record: int) -> xr.Dataset:
 
     Returns:
         A Dataset with `transient (y, x, opl, channel)` and `steady (y, x, channel)` [W m^-2 sr^-1],
-        and the attributes of the render. If the data set has no steady pictures, `steady` is the
-        sum of the bins, without the light outside the window.
+        and the attributes of the render. Without steady pictures in the data set, `steady` is
+        the sum of the bins, which lacks the light outside the window.
 
     Raises:
-        ValueError: The data set has no transients, or no such record.
+        ValueError: `dataset` lacks transients, or `record` is not one of its records.
 
     Warns:
         UserWarning: `steady` is the sum of the bins, and over 1 % of the light is outside them.
@@ -161,7 +161,7 @@ def render_of(dataset: xr.Dataset, record: int) -> xr.Dataset:
             )
 
     pictures = {"transient": transient, "steady": steady}
-    # The labels are those of a render, not those of a data set
+    # Arrays without attributes, so that `labelled` adds the labels of a render
     arrays = {each: (values.dims, values.values) for each, values in pictures.items()}
     axes = {axis: one[axis].values for axis in transient.dims}
     return labelled(xr.Dataset(arrays, axes, attrs))

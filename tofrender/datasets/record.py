@@ -154,7 +154,7 @@ def _rendered(
 def _with_photons(
     config: Config, film: xr.Dataset, photons_per_radiance: float | None, about: dict[str, Any]
 ) -> Mapping[str, Any]:
-    """Return the sensor of a record, whose mean signal follows from the factor of the data set.
+    """Return the sensor of a record, with the mean signal that the common factor gives.
 
     The mean signal is photons_per_radiance times the mean radiance in the bins.
     """

@@ -36,7 +36,7 @@ class Contents(NamedTuple):
     """
 
     marked: tuple[str, ...]
-    others: tuple[str, ...]  # figures, videos and archives, which have no mark
+    others: tuple[str, ...]  # figures, videos and archives without the mark
 
 
 def _figure(name: str) -> str:
@@ -76,7 +76,7 @@ PAGE = "report.html"
 def is_listed(name: str, *, marked: bool = False, commands: tuple[str, ...] = ()) -> bool:
     """Return whether commands write a file of this name; if `marked`, one that has the mark.
 
-    Without `commands`, these are all commands except `render --frames`, whose folder holds folders.
+    Without `commands`, these are all commands except `render --frames`, which writes folders.
     """
     if name == PAGE:
         return not marked
