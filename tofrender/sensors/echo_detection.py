@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from scipy import ndimage, signal as filters
+from scipy import ndimage, signal as filters, stats
 
 from ..runtime import checks
 from .false_alarms import ROUNDING, known_levels, levels, threshold
@@ -14,6 +14,7 @@ from .rates import at_least_0, generator
 
 PASSES = 4  # Of the estimate of the background
 SEPARATE = 5  # Echoes of a pixel above which its light is not in separate echoes
+UNLIKELY = 1e-3  # Probability of counts that a known background does not explain
 FEW = 5  # Background counts of a pixel below which pixels share their background
 POOLED = 20  # Background counts of all pixels that share it, at least
 CHOICES = 1 << 31  # Stream of random numbers
@@ -51,8 +52,11 @@ def echoes(
     such counts share the mean of all these pixels, if they have 20 counts or more together.
     Otherwise the probability holds for pixels with as many counts.
 
-    If a known b leads to more than 5 returns in a pixel, its light is not in separate returns, as
-    in fog. Then b is estimated. The errors of what is found have the bounds `echo_bounds`.
+    Fog and light of several scatterings are not in separate returns. Therefore b is estimated
+    although it is known if it leads to more than 5 returns in a pixel, or if it does not explain
+    the counts beside returns that are found without it (a probability below .001).
+
+    The errors of what is found have the bounds `echo_bounds`.
 
     Args:
         counts: As for `estimate_depth`.
@@ -153,14 +157,19 @@ class _Detector:
 
     def with_background(self, background: np.ndarray) -> _Found:
         """Find the returns of all pixels, whose background (pixel) is known."""
-        found = self._by_background(np.arange(len(self.counts)), background)
+        pixels = np.arange(len(self.counts))
+        found = self._by_background(pixels, background)
+        by_counts, number, quiet_bins = self._by_counts(pixels)
 
-        # Light in many places is not in separate returns, but background that is not known
-        spread = [pixel for pixel, (peaks, _) in found.items() if len(peaks) > SEPARATE]
-        for pixel in spread:
-            del found[pixel]
-        again, _, _ = self._by_counts(np.array(spread, int))
-        return found | again
+        # Fog is not in separate returns, and light of several scatterings follows strong returns
+        excess = stats.poisson.sf(number - 0.5, background * quiet_bins) < UNLIKELY
+        for pixel in list(found):
+            many = len(found[pixel][0]) > SEPARATE
+            if many or (excess[pixel] and pixel in by_counts):
+                del found[pixel]
+                if pixel in by_counts:
+                    found[pixel] = by_counts[pixel]
+        return found
 
     def with_unknown_background(self) -> _Found:
         """Find the returns of all pixels, whose background is that of bins without returns."""
