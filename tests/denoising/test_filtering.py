@@ -117,7 +117,7 @@ def test_an_edge_stays_in_its_bin():
 
 
 def striped(faint: float) -> np.ndarray:
-    """Stripes of three columns that are lit early, between stripes that are lit late and faintly."""
+    """Stripes of three columns that are lit early; the others are lit late and faintly."""
     times = np.arange(32)
     lit_at = np.where(X // 3 % 2 == 0, 8 + X // 8, 99)[..., None]
     late = faint * np.exp(-np.maximum(times - 14, 0) / 8) * (times >= 14)
@@ -146,7 +146,8 @@ def test_no_light_before_the_first_of_the_neighborhood(mean_photons, faint):
     earliest = minimum_filter(first_bins(mean), 3, mode="nearest")
     assert (first_bins(found) >= earliest).all()
     assert not np.array_equal(found, mean)
-    np.testing.assert_allclose(found.sum((0, 1, 2)), mean.sum((0, 1, 2)), rtol=1e-5)
+    sums = [each.sum(axis=(0, 1, 2), dtype=float) for each in (found, mean)]
+    np.testing.assert_allclose(*sums, rtol=1e-5)
 
 
 @pytest.mark.statistical
