@@ -200,13 +200,11 @@ def test_a_refusal_says_what_tracks_gradients_and_has_no_loop_of_causes():
 @pytest.mark.parametrize("mode", ["forward", "reverse"])
 def test_an_albedo_needs_no_pulse(mode):
     """Light of one bounce is proportional to the albedo a: its derivative in each bin is L / a."""
-    scene = load()
+    albedo = [0.3, 0.5, 0.7]
+    color = {"type": "rgb", "value": albedo}
+    scene = load(floor=plane(size=10, bsdf={"type": "diffuse", "reflectance": color}))
     scene.integrator().pulse = None
-    albedo = np.array([0.3, 0.5, 0.7])
-    parameters = mi.traverse(scene)
-    parameters[ALBEDO] = mi.Color3f(*albedo)
-    dr.enable_grad(parameters[ALBEDO])
-    parameters.update()
+    parameters = attached_to(scene, ALBEDO)
     rendered = mi.render(scene, parameters, spp=4096)[1]
     light = np.array(dr.detach(rendered), float)
     weights = np.random.default_rng(0).random(light.shape).astype(np.float32)
@@ -217,7 +215,7 @@ def test_an_albedo_needs_no_pulse(mode):
         dr.set_grad(parameters[ALBEDO], mi.Color3f(1.0))
         dr.forward_to(rendered)
         found = (weights * np.array(dr.grad(rendered))).sum((0, 1, 2))
-    assert found == pytest.approx((weights * light).sum((0, 1, 2)) / albedo, rel=0.02)
+    assert found == pytest.approx((weights * light).sum((0, 1, 2)) / np.array(albedo), rel=0.02)
 
 
 def test_attached_sampling_needs_a_pulse():

@@ -95,14 +95,15 @@ def require_derivatives(
 ) -> None:
     """Raise a `ValueError` for a render without derivatives by the parameters of some names.
 
-    Args:
-        straight: Whether connections go through surfaces that let light straight through.
-        attached: Whether sampled directions, and so path lengths, change with the parameters.
+    `straight` says that connections go through surfaces that let light straight through. `attached`
+    says that sampled directions, and so path lengths, change with the parameters.
     """
     changes_lengths = attached or bool(moving(names))
     reasons = chain(
         _film_reasons(record),
-        _pulse_reasons(record, any(name.endswith("pulse_width_opl") for name in names), changes_lengths),
+        _pulse_reasons(
+            record, any(name.endswith("pulse_width_opl") for name in names), changes_lengths
+        ),
         _material_reasons(scene, straight),
         _motion_reasons(scene, sensor, moving(names), straight) if moving(names) else (),
     )
