@@ -20,6 +20,9 @@ from ..runtime.archives import read_array
 from ..signals.units import SPEED_OF_LIGHT
 from .hdf5 import field_of
 
+LONGEST_BIN_S = 1e-7
+"""Greatest width of a bin [s], 30 m of path; a wider one is in picoseconds or nanoseconds."""
+
 GIVEN = ("wall_size", "bin_width_s", "start_s")
 
 
@@ -39,6 +42,11 @@ def scan(counts: Any, given: dict[str, Any], **known: Any) -> xr.Dataset:
     sides = checks.items("wall_size", sides, 2, "a number of metres, or two: width and height")
     width, height = (checks.metres("wall_size", side, positive=True) for side in sides)
     bin_width = checks.number("bin_width_s", known["bin_width_s"], unit="s", positive=True)
+    if bin_width > LONGEST_BIN_S:
+        raise ValueError(
+            f"bin_width_s = {bin_width:g}: a bin of {bin_width * SPEED_OF_LIGHT:.3g} m is too wide "
+            "for a capture; give the width in seconds, for example 4e-12"
+        )
     start = checks.number("start_s", known["start_s"], unit="s")
     values = checks.real_array("counts", counts, np.float32)
     checks.shape("counts", values, values.ndim == 3 and values.size, "(rows, columns, bins)")
@@ -105,6 +113,11 @@ def read_fk(file: Path, given: dict[str, Any]) -> xr.Dataset:
     delay = checks.finite("tofgrid", _variable(beside, "tofgrid", 2))
     checks.shape("tofgrid", delay, delay.shape == counts.shape[:2], f"{counts.shape[:2]}")
     width = checks.number("bin_width_s", (known | given)["bin_width_s"], unit="s", positive=True)
+    if 0 < delay.max() < width * 1e12:
+        raise ValueError(
+            f"tofgrid: its delays are at most {delay.max():g} ps, less than a bin of "
+            f"{width * 1e12:g} ps. Convert tofgrid to picoseconds, or give start_s"
+        )
     first = np.floor(delay / (width * 1e12)).astype(np.int64)
     bins = counts.shape[2] - first.max()
     checks.require("tofgrid", delay, first.min() >= 0 and bins > 0, "within the bins, in ps")

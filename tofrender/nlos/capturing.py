@@ -92,8 +92,8 @@ def capture(
         finished of a single or confocal one, with `complete` = 0 and `spp` as far as it got.
 
     Raises:
-        ValueError: An argument is wrong, `mode` contradicts the scene, the scene has no laser or relay wall, the laser misses it,
-            or no pixel looks at it; one line.
+        ValueError: An argument is wrong, `mode` contradicts the scene, the scene has no laser or
+            relay wall, the laser misses it, or no pixel looks at it; one line.
         KeyboardInterrupt: An exhaustive capture was stopped; one line that says how to go on.
         MemoryError: It does not fit; the message says what would.
 
