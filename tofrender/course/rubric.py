@@ -12,7 +12,7 @@ from . import toml
 FILE_NAME = "rubric.toml"
 STAFF_TEST = "*_staff.py"
 MAX_SEED = (1 << 31) - 1
-FORBIDDEN = ("warps", "integrators", "light sampling")
+FORBIDDEN = ("warps", "integrators", "sampling")
 """Features that a handout may not allow, see `judge.forbidden`."""
 VISIBILITIES = ("visible", "after_due_date", "after_published", "hidden")
 

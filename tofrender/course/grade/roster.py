@@ -149,7 +149,7 @@ class Standing:
     @property
     def graded(self) -> bool:
         """Whether there are points: the machine has not failed."""
-        return self.content is None or self.content["extra_data"]["complete"]
+        return self.content is None or "score" in self.content
 
     def points(self, problem: Problem) -> float:
         """Points of a problem: those of the sheet or, without them, of the tests."""

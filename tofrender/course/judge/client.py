@@ -8,16 +8,17 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, cast
 
 from ...runtime.child_processes import safe_environment
-from .. import mutants
+from .. import mutants, rubric as rubrics
 from ..assignments import PACKAGE
 from ..rubric import STAFF_TEST
-from . import sandbox, wire
+from . import forbidden, sandbox, wire
 from .processes import MachineFailure, Supervised, used_up
 
 WORKER = "tofrender.course.judge.worker"
@@ -45,7 +46,7 @@ class Worker:
     """Runs a submission, by default the package itself, in a process; a new one after a crash.
 
     The assignment's folder has `rubric.toml` and `tests/probes.py`; `edition` is the folder whose
-    `tofrender` the submission imports.
+    `tofrender` the submission imports, and `forbids` has words of `forbidden` besides the rubric's.
     """
 
     def __init__(
@@ -54,9 +55,11 @@ class Worker:
         submission: Path | None,
         edition: Path | None = None,
         limits: Limits | None = None,
+        forbids: Collection[str] = (),
     ) -> None:
         self._assignment, self._submission = assignment, submission
         self._edition, self._limits = edition, limits or Limits()
+        self._forbids = forbids
         self._scratch = _unlisted_folder(None)
         self._folder = self._scratch / "none yet"  # of the current process
         self._running: Supervised | None = None
@@ -124,14 +127,18 @@ class Worker:
             "variant": os.environ.get("TOFRENDER_VARIANT"),
         }
         configuration = questions / "configuration.json"
-        text = json.dumps({name: value and str(value) for name, value in settings.items()})
-        configuration.write_text(text, encoding="utf-8")
         package = self._edition or PACKAGE.parent
         environment = safe_environment(PYTHONPATH=str(package), TMPDIR=str(tmp))
         command = [sys.executable, "-P", "-u", "-m", WORKER, str(configuration)]
         if self._limits.confine:
             environment["HOME"] = str(tmp)  # Dr.Jit keeps its kernels there
-            command = self._confined(command, folders[1:])
+            confinement = self._confinement(folders[1:])
+            command = sandbox.command(confinement, command)
+        content: dict[str, Any] = {name: value and str(value) for name, value in settings.items()}
+        content["forbids"] = sorted(self._forbids)
+        if self._limits.confine:
+            content["readable"] = self._readable_later(confinement)
+        configuration.write_text(json.dumps(content), encoding="utf-8")
         self._running = Supervised(
             command, cwd=work, env=environment, stdin=subprocess.PIPE, uid=self._limits.uid
         )
@@ -149,8 +156,18 @@ class Worker:
             return MachineFailure(f"{lack}; a submission failed: {shortened(reason)[:200]}")
         return NoAnswer(shortened(reason))
 
-    def _confined(self, command: list[str], writable: list[Path]) -> list[str]:
-        """Command in the sandbox, which hides the assignment's tests and solutions from it."""
+    def _readable_later(self, confinement: dict[str, Any]) -> list[str]:
+        """Paths that a submission can read, without files that bring forbidden features back."""
+        words = {*rubrics.read(self._assignment).forbids, *self._forbids}
+        files = forbidden.files(words, self._edition or PACKAGE.parent)
+        if not files:
+            return []
+        hidden = [*confinement["hidden"], *files, *sandbox.HIDDEN_OF_SYSTEM]
+        readable = [*confinement["readable"], *sandbox.READABLE_OF_SYSTEM]
+        return [*sandbox.everything_but(hidden, readable), *map(str, confinement["writable"])]
+
+    def _confinement(self, writable: list[Path]) -> dict[str, Any]:
+        """Rights in the sandbox, which hides the assignment's tests and solutions."""
         limits = self._limits
         patterns = ("tests/test_*.py", f"tests/{STAFF_TEST}", mutants.FILE_NAME, "solutions")
         hidden = [path for pattern in patterns for path in self._assignment.glob(pattern)]
@@ -158,7 +175,7 @@ class Worker:
         needed = [*sandbox.python_folders(), package, self._assignment, self._folder / "questions"]
         if self._submission is not None:
             needed.append(self._submission)
-        confinement = {
+        return {
             "writable": writable,
             "hidden": (*limits.hidden, *hidden, *sandbox.private()),
             "readable": needed,
@@ -168,7 +185,6 @@ class Worker:
             "uid": limits.uid,
             "reads_all": bool(limits.uid and sandbox.closed_to_others()),
         }
-        return sandbox.command(confinement, command)
 
     def _wait(self, running: Supervised, timeout_s: float) -> Any:
         """Read the reply of the current question; NoAnswer with the reason if there is none."""

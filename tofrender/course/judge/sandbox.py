@@ -59,9 +59,13 @@ MAX_TASKS = 400  # threads of a submission, besides four a processor for its arr
 MAX_OPEN_FILES = 256  # of each process, since files without a name take space, too
 SYSTEM = frozenset("bin dev etc lib lib32 lib64 libx32 nix proc sbin sys usr".split())  # noqa: SIM905
 """Folders of the root that hold programs, libraries and their settings."""
-DEVICES = ("null", "zero", "full", "random", "urandom")
-ABOUT_THIS_MACHINE = ("cpuinfo", "filesystems", "loadavg", "meminfo", "stat", "sys", "uptime")
-"""Files of `/proc` that describe no process."""
+HIDDEN_OF_SYSTEM = ("/dev", "/proc")
+READABLE_OF_SYSTEM = (
+    *("/dev/null", "/dev/zero", "/dev/full", "/dev/random", "/dev/urandom"),
+    *("/proc/cpuinfo", "/proc/filesystems", "/proc/loadavg", "/proc/meminfo", "/proc/stat"),
+    *("/proc/sys", "/proc/uptime"),
+)
+"""Devices without effect, and files that describe the machine but no process."""
 
 
 def confine(
@@ -100,10 +104,11 @@ def confine(
             prctl(CAPBSET_DROP, capability)  # refused unless root, who has them
     prctl(SET_NO_NEW_PRIVS, 1)
     if landlock_version():
-        hidden, readable = [*hidden, "/dev"], [*readable, *(f"/dev/{name}" for name in DEVICES)]
-        if not judge:
-            hidden += ["/proc"]
-            readable += [f"/proc/{name}" for name in ("self", *ABOUT_THIS_MACHINE)]
+        if judge:
+            hidden, readable = [*hidden, "/dev"], [*readable, *READABLE_OF_SYSTEM]
+        else:
+            hidden = [*hidden, *HIDDEN_OF_SYSTEM]
+            readable = [*readable, *READABLE_OF_SYSTEM, "/proc/self"]
         names = READ_DIR if judge else 0
         _restrict([*writable, os.devnull], hidden, readable, listed, allowed=names)
     if uid is not None:
@@ -113,6 +118,21 @@ def confine(
         sys.exit("the process that started this one has ended")
     if system_calls.available():
         system_calls.restrict(judge)
+
+
+def hide(readable: Iterable[str]) -> None:
+    """Let this thread, and what it starts, read nothing but `readable` paths, and run no program.
+
+    It takes away rights that `confine` has left.
+    """
+    if not landlock_version():
+        return
+    rights = EXECUTE | READ_FILE
+    rules = _syscall(CREATE_RULESET, struct.pack("=Q", rights), ctypes.c_size_t(8), 0)
+    for path in readable:
+        _allow(rules, path, READ_FILE)
+    _syscall(RESTRICT_SELF, rules, 0)
+    os.close(rules)
 
 
 def command(confinement: dict, arguments: Sequence[str]) -> list[str]:

@@ -32,6 +32,8 @@ ftruncate 77 46, fallocate 285 47, fsync 74 82, fdatasync 75 83,
 fadvise64 221 223, readahead 187 213, copy_file_range 326 285, sendfile 40 71, splice 275 76,
 tee 276 77, flock 73 32, statfs 137 43, fstatfs 138 44, getxattr 191 8, lgetxattr 192 9,
 fgetxattr 193 10, listxattr 194 11, llistxattr 195 12, flistxattr 196 13
+-- Fewer rights for itself
+landlock_create_ruleset 444 444, landlock_add_rule 445 445, landlock_restrict_self 446 446
 -- Memory of its own
 mmap 9 222, munmap 11 215, mprotect 10 226, mremap 25 216, madvise 28 233, brk 12 214,
 msync 26 227, membarrier 324 283, mbind 237 235, get_mempolicy 239 236, set_mempolicy 238 237
@@ -66,8 +68,7 @@ prlimit64 302 261, sched_setaffinity 203 122, tgkill 234 131, umask 95 166
 # Also allowed to the judge, which confines and ends a submission
 FOR_THE_JUDGE = """
 kill 62 129, tgkill 234 131, prctl 157 167, capset 126 91, chmod 90 -, fchmod 91 52,
-fchmodat 268 53, chown 92 -, fchown 93 55, fchownat 260 54, landlock_create_ruleset 444 444,
-landlock_add_rule 445 445, landlock_restrict_self 446 446, seccomp 317 277, setgid 106 144,
+fchmodat 268 53, chown 92 -, fchown 93 55, fchownat 260 54, seccomp 317 277, setgid 106 144,
 setgroups 116 159, setpgid 109 154, setresgid 119 149, setresuid 117 147, setuid 105 146
 """
 
