@@ -297,7 +297,7 @@ def test_of_a_caustic(moved, integrator):
             "velocity": sphere.tolist(),
         },
         "floor": plane(bsdf=diffuse(0.5)),
-        "lamp": {"type": "spot", "intensity": 9.0, "cutoff_angle": 0.02, "to_world": aimed}
+        "lamp": {"type": "spot", "intensity": 9.0, "cutoff_angle": 0.06, "to_world": aimed}
         | {"velocity": own.tolist()},
     }
 
