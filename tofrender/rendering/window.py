@@ -68,7 +68,7 @@ def check_window(film: TransientHDRFilm, arrivals: Arrivals, profile: Pulse | No
     start, stop = film.start_opl, film.end_opl()
     if not arrivals.any:
         warnings.warn(
-            f"no light found on {PATHS} test paths: the picture may be black", stacklevel=4
+            f"no light found on {PATHS} test paths: the picture may be black", stacklevel=5
         )
         return
     if arrivals.between(start, stop, profile):
@@ -82,7 +82,7 @@ def check_window(film: TransientHDRFilm, arrivals: Arrivals, profile: Pulse | No
     warnings.warn(
         f"none of {PATHS} test paths arrives between {start:g} m and {stop:g} m: the bins may stay "
         f"empty; light was found from {first:g} m to {last:g} m",
-        stacklevel=4,
+        stacklevel=5,
     )
 
 

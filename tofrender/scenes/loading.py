@@ -352,7 +352,8 @@ def _require_extended(props: mi.Properties) -> None:
     points = dict(defaults)
     for point in points:
         if point in props and props.type(point) == mi.Properties.Type.Vector:
-            points[point] = tuple(float(each) for each in props[point])
+            vector: Any = props[point]
+            points[point] = tuple(float(each) for each in vector)
             valid = all(map(math.isfinite, points[point]))
             checks.require(f"{name}.{point}", list(points[point]), valid, "finite numbers [m]")
     if kind == "cylinder" and points["p0"] == points["p1"]:
