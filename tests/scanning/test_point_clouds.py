@@ -20,7 +20,9 @@ def waveforms(signal, background, shots=20_000, bins=200):
     """Waveforms of shots in different directions, with an echo of the same range in each."""
     opl = START + 0.4 * bins * WIDTH + 0.01
     edges = START + np.arange(bins + 1) * WIDTH
-    rate = np.broadcast_to(signal * np.diff(norm.cdf(edges, opl, SIGMA)) + background, (shots, bins))
+    rate = np.broadcast_to(
+        signal * np.diff(norm.cdf(edges, opl, SIGMA)) + background, (shots, bins)
+    )
     azimuth = np.linspace(-0.3, 0.3, shots)
     direction = np.stack([np.sin(azimuth), 0 * azimuth, np.cos(azimuth)], axis=1)
     arrays = {

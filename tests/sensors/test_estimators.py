@@ -143,7 +143,9 @@ def test_a_responses_origin_is_no_matter():
         found = echoes(seen, recorded, start_opl=0.0, bin_width_opl=WIDTH)
         assert found["number"].values.tolist() == [1, 2] * 25
         assert found["opl"].values[::2] == pytest.approx(np.full(25, 150.5 * WIDTH), abs=0.03)
-        depth = estimate_depth(seen, recorded, "centroid", start_opl=0.0, bin_width_opl=WIDTH)["depth"]
+        depth = estimate_depth(seen, recorded, "centroid", start_opl=0.0, bin_width_opl=WIDTH)[
+            "depth"
+        ]
         assert abs(depth.values - 150.5 * WIDTH / 2).max() < 0.02
 
 
@@ -152,7 +154,9 @@ def test_a_responses_origin_is_no_matter():
 def test_the_likeliest_depth_at_an_end_of_the_window(opl):
     rates = 300 * np.diff(norm.cdf(np.arange(BINS + 1) * WIDTH, opl, SIGMA)) + 0.2
     counts = np.random.default_rng(4).poisson(rates, (1, 400, BINS))
-    found = estimate_depth(counts, GAUSS, start_opl=0.0, bin_width_opl=WIDTH)["depth"].values.ravel()
+    found = estimate_depth(counts, GAUSS, start_opl=0.0, bin_width_opl=WIDTH)[
+        "depth"
+    ].values.ravel()
     assert agree(found, np.array(opl / 2), rounding=0.01)
     dark = estimate_depth(np.zeros((1, 1, BINS)), GAUSS, start_opl=0.0, bin_width_opl=WIDTH)
     assert np.isnan(dark["depth"].item())
@@ -352,11 +356,26 @@ def test_time_axes_that_are_missing(function):
     [
         (lambda: coates([-1, 2], 5), "counts = -1: must be at least 0"),
         (lambda: coates([4, 2], 5), "cycles = 5: must be at least the counts of a pixel, 6"),
-        (lambda: estimate_depth(np.ones((1, 1, 5)), GAUSS, start_opl=0.0, bin_width_opl=WIDTH), "shorter than"),
-        (lambda: estimate_depth(np.ones((5, 5)), GAUSS, start_opl=0.0, bin_width_opl=WIDTH), "counts with shape"),
-        (lambda: estimate_depth(np.ones((1, 1, 99)), 3.0, start_opl=0.0, bin_width_opl=WIDTH), "response = 3.0"),
-        (lambda: echoes(np.ones((1, 1, 99)), GAUSS, 0.9, start_opl=0.0, bin_width_opl=WIDTH), "false_alarm = 0.9"),
-        (lambda: estimate_depth(np.ones((1, 1, 9)), WIDE, start_opl=0.0, bin_width_opl=WIDTH), "shorter than"),
+        (
+            lambda: estimate_depth(np.ones((1, 1, 5)), GAUSS, start_opl=0.0, bin_width_opl=WIDTH),
+            "shorter than",
+        ),
+        (
+            lambda: estimate_depth(np.ones((5, 5)), GAUSS, start_opl=0.0, bin_width_opl=WIDTH),
+            "counts with shape",
+        ),
+        (
+            lambda: estimate_depth(np.ones((1, 1, 99)), 3.0, start_opl=0.0, bin_width_opl=WIDTH),
+            "response = 3.0",
+        ),
+        (
+            lambda: echoes(np.ones((1, 1, 99)), GAUSS, 0.9, start_opl=0.0, bin_width_opl=WIDTH),
+            "false_alarm = 0.9",
+        ),
+        (
+            lambda: estimate_depth(np.ones((1, 1, 9)), WIDE, start_opl=0.0, bin_width_opl=WIDTH),
+            "shorter than",
+        ),
         (lambda: depth_bound(-1.0, 0.0, GAUSS, WIDTH), "signal = -1: must be at least 0"),
     ],
 )

@@ -130,9 +130,7 @@ def _threshold(
     return Threshold(weights, value, chance, background)
 
 
-def _just_detectable(
-    masses: np.ndarray, background: float, bins: int, false_alarm: float
-) -> float:
+def _just_detectable(masses: np.ndarray, background: float, bins: int, false_alarm: float) -> float:
     """Return the counts of an echo whose mean log-likelihood ratio is log(bins / false_alarm)."""
 
     def excess(log_signal: float) -> float:

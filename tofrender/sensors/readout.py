@@ -117,9 +117,7 @@ class Readout:
         pixel, bins = np.divmod(np.repeat(np.arange(counts.size), counts.ravel()), layout.bins)
         return self._bincount(*self._read_out(rng, pixel, 0 * pixel, bins)[::2])
 
-    def _stamps(
-        self, block: Block
-    ) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray]]:
+    def _stamps(self, block: Block) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray]]:
         """Simulate the stamps of a block, chunk by chunk of the cycles.
 
         Yields:

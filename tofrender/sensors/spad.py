@@ -24,6 +24,7 @@ class Spad:
     converter (TDC). Time is resolved to the bins of the rates: a dead time covers whole bins, and
     with one a bin detects at most once per cycle. Afterpulses cause further ones; crosstalk goes to
     one of four neighbours and causes no more, which is right to first order in its probability.
+    An avalanche causes an afterpulse only if it is detected.
 
     Args:
         mode: "first_photon": armed when a cycle starts, for one detection; "multi_hit": armed when
@@ -126,12 +127,14 @@ class Spad:
 
         Cycles that start armed, without paralysis, afterpulses, crosstalk and macro pixels, are
         drawn from the exact distribution of their counts, at a cost that hardly depends on
-        `cycles`; all else photon by photon. Rows have their own random numbers: chunks change
-        nothing. More photons per cycle than the model is meant for make a warning.
+        `cycles`; all else photon by photon. Rows have their own random numbers: chunks of the film
+        change nothing. Photons are simulated in chunks of cycles, with about 150 MB per thread.
+        More photons per cycle than the model is meant for make a warning.
 
         Args:
             rates: A Dataset of `expected_photons`, or photons per pixel, bin and cycle, at least 0,
-                as an array (y, x, bin). If lazy (Dask), the result is, too.
+                as an array (y, x, bin) that starts at the path length 0. If lazy (Dask), the result
+                is, too.
             cycles: Laser cycles, at least 1.
             seed: Seed of the random numbers.
             bin_width_opl: Width of the bins [m], for an array.
