@@ -36,7 +36,7 @@ class LobeSample:
     lobe: mi.UInt32  # number of the lobe
     direction: mi.Vector3f  # direction behind the surface, world space
     f: mi.UnpolarizedSpectrum  # radiance behind the lobe over radiance before it, at most 1 / η²
-    probability: mi.Float  # probability with which `sample` has chosen the lobe
+    probability: mi.Float  # probability of this lobe in `sample`, else 1
     η: mi.Float  # index of refraction behind the surface, relative to that before
 
 
@@ -44,8 +44,8 @@ class DeltaLobes:
     """Delta lobes of all surfaces of a scene.
 
     Mitsuba's `sample` chooses among all lobes of a BSDF. Its `blendbsdf` mixes the probability of a
-    delta lobe with the density of smooth lobes, so that neither weight nor density are those of the
-    lobe. Therefore each lobe is evaluated by the number of its component.
+    delta lobe with the density of smooth lobes, and returns a wrong weight. Therefore each lobe is
+    evaluated by the number of its component.
     """
 
     def __init__(self, scene: mi.Scene) -> None:
@@ -71,7 +71,7 @@ class DeltaLobes:
 
     @staticmethod
     def require_supported(shape: mi.Shape) -> None:
-        """Refuse a shape whose delta lobes cannot be followed one by one."""
+        """Refuse a shape if its delta lobes cannot be followed one by one."""
         kinds = [bsdf.class_name() for bsdf in bsdfs_in(shape.bsdf())]
         lobes = DeltaLobes.set_of(shape.bsdf())
         name = f"shape {shape.id()!r}"
@@ -88,7 +88,7 @@ class DeltaLobes:
             )
 
     def at(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UInt32:
-        """Return the set of delta lobes at surface points, as bits; 0 where there is no surface."""
+        """Return the set of delta lobes at surface points, as bits; 0 if rays meet nothing."""
         return dr.gather(mi.UInt32, self.sets, number_of(si.bsdf()), active & si.is_valid())
 
     def eval(self, si: mi.SurfaceInteraction3f, lobe: mi.UInt32, active: mi.Bool) -> LobeSample:
@@ -103,8 +103,8 @@ class DeltaLobes:
     def sample(self, si: mi.SurfaceInteraction3f, xi: mi.Float, active: mi.Bool) -> LobeSample:
         """Choose a lobe in proportion to the square root of the energy that it passes on.
 
-        The square root favors weak lobes: their light arrives in time bins of its own. `f` is 0
-        where no lobe passes anything on.
+        The square root favors weak lobes: their light often arrives in other time bins. `f` is 0
+        where all lobes are black.
         """
         # Find all lobes, and their shares
         bits = self.at(si, active)

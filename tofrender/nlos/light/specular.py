@@ -7,7 +7,7 @@ Manifold Sampling" (SIGGRAPH 2020):
 
 1. A random ray from y towards a mirror or glass follows random delta lobes. Their numbers are kept.
 2. Newton's method turns the ray's direction until the ray, by the same lobes, passes through p. Ray
-   differentials give the derivative. It takes one step where all mirrors are flat.
+   differentials give the derivative. One step is enough where all mirrors are flat.
 3. A way that is found with the probability P has the weight 1/P. The number of further trials until
    the same way is found again has this mean.
 
@@ -85,7 +85,7 @@ class Way:
 
 
 class SpecularConnections:
-    """Connections to a laser spot by way of delta lobes, beside the straight connection.
+    """Connections to a laser spot by way of delta lobes, in addition to the straight one.
 
     Args:
         scan: The scan.
@@ -162,7 +162,7 @@ class SpecularConnections:
     ) -> tuple[mi.Vector3f, Lobes, mi.UInt32]:
         """Find a random way to a point, and count the trials until it is found again.
 
-        Returns direction and lobes of the way, and the number of trials, 0 where there is no way.
+        Returns direction and lobes of the way, and the number of trials, which is 0 without a way.
         """
         trial = mi.UInt32(0)
         trials = mi.UInt32(0)
@@ -384,7 +384,7 @@ class SpecularConnections:
 
 
 def random_seeds(sampler: mi.Sampler) -> list[mi.UInt32]:
-    """Sample the two seeds of a sequence of random numbers, whose length may vary."""
+    """Sample the two seeds of a sequence of random numbers of any length."""
     return [mi.UInt32(sampler.next_1d() * (1 << 24)) for _ in range(2)]
 
 
@@ -402,7 +402,7 @@ class Specular:
 
     @classmethod
     def of(cls, scene: mi.Scene, space: Space) -> Specular | None:
-        """Find the mirrors and glass of a scene, None if it has none.
+        """Find the mirrors and glass of a scene; return None if all surfaces are rough.
 
         Raises:
             ValueError: Light cannot be followed through a surface; one line.
