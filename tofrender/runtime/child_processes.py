@@ -1,9 +1,9 @@
 """Start Python processes that do not import from the working folder.
 
-Python puts the working folder, or the folder of a script, first on the path of `python -c`, of
-`python -m` and of its own helpers (for example the tracker of `multiprocessing`). A file
-`selectors.py` in a downloaded folder would then run in place of the standard library's. The
-variable `PYTHONSAFEPATH` (Python 3.11) prevents this in a process and in all its children.
+Python puts the working folder first on the path of `python -c` and `python -m`, and also of helper
+processes such as the tracker of `multiprocessing`. A file `selectors.py` in a downloaded folder
+would then run instead of the standard library's module. The variable `PYTHONSAFEPATH` (Python 3.11)
+prevents this in a process and in all its children.
 """
 
 import os

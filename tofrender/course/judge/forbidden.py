@@ -27,8 +27,8 @@ from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any, NoReturn
 
-NATIVE_INTEGRATORS = (
-    *("aov", "depth", "direct", "moment", "path", "ptracer", "stokes", "volpath", "volpathmis"),
+NATIVE_INTEGRATORS = frozenset(
+    "aov depth direct moment path ptracer stokes volpath volpathmis".split()  # noqa: SIM905
 )
 """Mitsuba's plugins of integrators that are native libraries."""
 LOADERS = {"load_dict", "load_string", "load_file"}
@@ -36,7 +36,7 @@ SAMPLES = re.compile(r"(sample|pdf|eval_pdf|invert|sggx)(_|$)|.*_(sample|pdf)$")
 """Names of methods and functions of Mitsuba that sample something, or are densities."""
 MATERIALS = {"BSDF", "BSDFPtr", "PhaseFunction", "PhaseFunctionPtr", "MicrofacetDistribution"}
 """Classes whose values are densities, too."""
-LOOP = "tofrender.paths.walk"  # module of the package's path loop, of which integrators are made
+LOOP = "tofrender.paths.walk"  # module of the path loop, which the package's integrators use
 OF_INTEGRATORS = ("tofrender/integrators", "tofrender/nlos/light", "tofrender/paths/walk.py")
 
 
@@ -69,7 +69,7 @@ def files(words: Collection[str], package: Path) -> list[Path]:
     assert spec.origin is not None
     mitsuba = Path(spec.origin).parent
 
-    # Mitsuba's variants, whose modules hold everything that was deleted
+    # The modules of Mitsuba's variants hold everything that was deleted
     found = [path for path in mitsuba.iterdir() if path.name.endswith(EXTENSION_SUFFIXES[0])]
     if "integrators" in words:
         found += [path for name in NATIVE_INTEGRATORS for path in mitsuba.glob(f"plugins/{name}.*")]
@@ -91,7 +91,7 @@ def _remove_warps() -> None:
 
 
 def _remove_sampling() -> None:
-    """Replace methods and functions of Mitsuba that sample, except those of integrators."""
+    """Replace methods and functions of Mitsuba that sample, except `Integrator.sample`."""
     import mitsuba as mi
 
     modules = [vars(sys.modules[f"mitsuba.{mi.variant()}"]), vars(mi)]

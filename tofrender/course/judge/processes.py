@@ -23,7 +23,8 @@ from . import sandbox
 
 KEPT_OUTPUT = 20_000
 MACHINE_FAILED = 70  # exit status of a judge, as EX_SOFTWARE of sysexits.h
-LEAST_BYTES, LEAST_FILES = 64 << 20, 1000  # free on the disk, and free memory [bytes]
+LEAST_BYTES = 64 << 20  # free memory, and free space on the disk
+LEAST_FILES = 1000  # free inodes of the disk
 MAX_PROCESSES = 200  # of a command at a time
 MAX_WRITTEN = 4 << 30  # bytes of files that a command may leave in a watched folder
 MAX_FILES = 2000  # files, links and folders that a command may leave in a watched folder
@@ -33,7 +34,7 @@ SET_CHILD_SUBREAPER = 36
 
 
 class MachineFailure(RuntimeError):
-    """The machine, and not the submission, is the reason that there is no answer; one line."""
+    """A submission cannot be graded because the machine failed; one line."""
 
 
 def used_up(folder: Path) -> str:

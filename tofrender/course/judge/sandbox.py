@@ -55,15 +55,24 @@ KEPT = {DAC_OVERRIDE, READ_ALL}
 KEPT_BY_JUDGE = KEPT | {CHOWN, KILL, SETGID, SETUID, SETPCAP, SYS_PTRACE}
 """Also those to start a submission as another user, to measure it and to end it."""
 SPARE_USERS = range(61184, 65520)  # range of unused users; systemd's dynamic users are there too
-MAX_TASKS = 400  # threads of a submission, besides four a processor for its arrays
-MAX_OPEN_FILES = 256  # of each process, since files without a name take space, too
+MAX_TASKS = 400  # threads of a submission, in addition to four per processor for its arrays
+MAX_OPEN_FILES = 256  # of each process, since files without a name need space as well
 SYSTEM = frozenset("bin dev etc lib lib32 lib64 libx32 nix proc sbin sys usr".split())  # noqa: SIM905
 """Folders of the root that hold programs, libraries and their settings."""
 HIDDEN_OF_SYSTEM = ("/dev", "/proc")
 READABLE_OF_SYSTEM = (
-    *("/dev/null", "/dev/zero", "/dev/full", "/dev/random", "/dev/urandom"),
-    *("/proc/cpuinfo", "/proc/filesystems", "/proc/loadavg", "/proc/meminfo", "/proc/stat"),
-    *("/proc/sys", "/proc/uptime"),
+    "/dev/null",
+    "/dev/zero",
+    "/dev/full",
+    "/dev/random",
+    "/dev/urandom",
+    "/proc/cpuinfo",
+    "/proc/filesystems",
+    "/proc/loadavg",
+    "/proc/meminfo",
+    "/proc/stat",
+    "/proc/sys",
+    "/proc/uptime",
 )
 """Devices without effect, and files that describe the machine but no process."""
 
@@ -85,8 +94,8 @@ def confine(
     in them. `uid` is the user to become, if this is root, who gets all that is writable and with
     `reads_all` keeps root's right to read.
 
-    A submission cannot read the names in a folder with hidden files, unless the folder is `listed`,
-    and not what `/proc` says of other processes. A `judge` can, since it confines and ends a
+    A submission cannot list a folder with hidden files, unless the folder is `listed`, and it
+    cannot read files of other processes in `/proc`. A `judge` can, since it confines and ends a
     submission in turn.
     """
     if not sys.platform.startswith("linux"):
@@ -105,7 +114,8 @@ def confine(
     prctl(SET_NO_NEW_PRIVS, 1)
     if landlock_version():
         if judge:
-            hidden, readable = [*hidden, "/dev"], [*readable, *READABLE_OF_SYSTEM]
+            hidden = [*hidden, "/dev"]
+            readable = [*readable, *READABLE_OF_SYSTEM]
         else:
             hidden = [*hidden, *HIDDEN_OF_SYSTEM]
             readable = [*readable, *READABLE_OF_SYSTEM, "/proc/self"]
@@ -123,7 +133,7 @@ def confine(
 def hide(readable: Iterable[str]) -> None:
     """Let this thread, and what it starts, read nothing but `readable` paths, and run no program.
 
-    It takes away rights that `confine` has left.
+    This removes rights that `confine` still allows.
     """
     if not landlock_version():
         return
