@@ -29,6 +29,8 @@ LONGEST_BIN_S = 1e-7
 
 GIVEN = ("wall_size", "bin_width_s", "start_s")
 
+PTU_MARKERS = ("ImgHdr_LineStart", "ImgHdr_LineStop", "ImgHdr_Frame")
+MOST_MARKERS = 32
 RECORD_BYTES = 4  # Of a photon in a PTU file
 COUNT_COPIES = 12  # Bytes of a bin while a PTU file is read: uint32, and float32 twice
 BYTES_PER_PIXEL = 200  # Of a capture's wall, while it is made
@@ -193,6 +195,11 @@ def read_ptu(file: Path, given: dict[str, Any]) -> xr.Dataset:
     """Read histograms of an image, a line or a point in T3 mode, of all channels and frames."""
     with file.open("rb") as opened, _package("ptufile").PtuFile(opened) as ptu:
         checks.require("mode", "T2", ptu.is_t3, "T3, with times since the laser's pulse")
+
+        # Markers are numbers of bits
+        for name in PTU_MARKERS:
+            marker = int(ptu.tags.get(name, 0))
+            checks.require(name, marker, 0 <= marker <= MOST_MARKERS, f"from 0 to {MOST_MARKERS}")
 
         # Compare the sizes that the header states with the file and the free memory
         records = ptu.number_records
