@@ -23,7 +23,7 @@ CHECK_HITS = 1 << 12
 
 CHECK_RENDERS = 16  # Most test renders in one check of an automatic window
 CHECKS = 4  # Most times that an automatic window is checked and enlarged
-UNCONFIRMED = LOST_ENERGY / 2  # A window is enlarged if it misses more than this fraction of the energy
+UNCONFIRMED = LOST_ENERGY / 2  # Fraction of lost energy above which a window is enlarged
 
 MANY_HITS = 250
 """Contributions near an empty window from which on chance cannot explain that it is empty."""
