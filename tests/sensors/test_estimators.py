@@ -344,7 +344,7 @@ def test_time_axes_that_are_missing(function):
     refused("start_opl = None", function, counts, GAUSS, bin_width_opl=WIDTH)
     refused("bin_width_opl = None", function, counts, GAUSS, start_opl=0.0)
     bare = xr.DataArray(counts, dims=("y", "x", "bin"))
-    refused("no coordinate opl", function, bare, GAUSS)
+    refused("needs a coordinate opl", function, bare, GAUSS)
     labelled = bare.assign_coords(opl=("bin", np.arange(99) * WIDTH))
     refused("must be None for labelled counts", function, labelled, GAUSS, start_opl=0.0)
     refused("one time axis", function, bare.rename(bin="time"), GAUSS)

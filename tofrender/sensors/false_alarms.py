@@ -1,6 +1,7 @@
 """Thresholds of echo detection with a given probability of a false alarm.
 
-Counts n are filtered with the log-likelihood ratio of an echo of S counts in a background b per bin,
+Counts n are filtered with the log-likelihood ratio between an echo of S counts
+and a background of b counts per bin,
 
     T_i = sum over lags k of n_(i + k) w_k,    w_k = log(1 + S P_k / b),
 
@@ -24,10 +25,10 @@ from scipy.optimize import brentq
 
 from .rates import generator
 
-RATIO = 1.1  # Of neighboring backgrounds for which thresholds are computed
-EXACT = 10  # Counts per pixel up to which each number has its own threshold
+RATIO = 1.1  # Ratio of neighboring backgrounds that have their own thresholds
+EXACT = 10  # Each smaller number of counts per pixel has its own threshold
 EFFORT = 2e7  # Products of counts and weights in a simulation
-ROUNDING = 1e-7  # Part of a threshold within which values are equal to it
+ROUNDING = 1e-7  # Relative error of values that are equal to a threshold
 LEAST = 1e-9  # Background counts per pixel that count as none
 
 
@@ -38,8 +39,8 @@ class Threshold:
     Attributes:
         weights: Weights w of the counts at each lag.
         value: Threshold of the filtered counts.
-        chance: Probability with which a pixel that is just at the threshold has an echo.
-        background: Counts per bin for which this threshold holds.
+        chance: Probability of an echo in a pixel that is just at the threshold.
+        background: Background counts per bin.
     """
 
     weights: np.ndarray
@@ -66,7 +67,7 @@ def levels(background: np.ndarray, bins: int) -> np.ndarray:
 
     Example:
         >>> levels(np.array([0.0, 0.021, 0.5, 0.51]), 100).round(2).tolist()
-        [1.0, 2.0, 50.94, 50.94]
+        [1.0, 2.0, 50.54, 50.54]
     """
     counts = np.maximum(background * bins, 1)
     steps = np.rint(np.log(counts / EXACT) / np.log(RATIO))
@@ -82,13 +83,13 @@ def known_levels(background: np.ndarray, bins: int) -> np.ndarray:
 def threshold(
     masses: np.ndarray, bins: int, counts: float, false_alarm: float, known: bool
 ) -> Threshold:
-    """Return the threshold for background alone, whose false alarms have a given probability.
+    """Return the threshold that background alone exceeds with a given probability.
 
     Args:
         masses: Parts P_k of the response at each lag.
         bins: Bins of a pixel.
-        counts: Background counts per pixel: the expected number if it is known. Otherwise the
-            number that was counted, whose places are random.
+        counts: Background counts per pixel: the expected number if it is known, otherwise the
+            number that was counted.
         false_alarm: Probability of one false echo or more in a pixel.
         known: Whether the background is known.
     """
@@ -105,7 +106,7 @@ def _threshold(
     signal = _just_detectable(masses, background, bins, false_alarm)
     weights = np.log1p(signal / background * masses)
 
-    # Simulate pixels with an echo at a random place of a window whose ends are joined
+    # Simulate pixels with an echo at a random place. The window is a circle without ends.
     count = int(np.clip(EFFORT / (bins * masses.size), 300, 4000))
     rng = generator(0)
     simulate = _with_known_background if known else _with_counted_background
@@ -131,7 +132,7 @@ def _threshold(
 
 
 def _just_detectable(masses: np.ndarray, background: float, bins: int, false_alarm: float) -> float:
-    """Return the counts of an echo whose mean log-likelihood ratio is log(bins / false_alarm)."""
+    """Return the counts of an echo with a mean log-likelihood ratio of log(bins / false_alarm)."""
 
     def excess(log_signal: float) -> float:
         signal = np.exp(log_signal)
@@ -139,7 +140,8 @@ def _just_detectable(masses: np.ndarray, background: float, bins: int, false_ala
         gain = (means * np.log1p(signal * masses / background)).sum() - signal
         return float(gain - np.log(bins / false_alarm))
 
-    return float(np.exp(brentq(excess, -20, 60)))
+    root: Any = brentq(excess, -20, 60)
+    return float(np.exp(root))
 
 
 def _with_known_background(
@@ -168,7 +170,7 @@ def _with_counted_background(
     total: float,
     signal: float,
 ) -> tuple[np.ndarray, Any]:
-    """Simulate a fixed number of counts, each of which belongs to the echo by chance."""
+    """Simulate a fixed number of counts. Each count belongs to the echo by chance."""
     number = round(total)
     part = signal / (signal + number)
     of_echo = rng.binomial(number, part, count)
@@ -191,7 +193,7 @@ def _echoes(
 
 
 def _histograms(number: np.ndarray, at: np.ndarray, bins: int) -> np.ndarray:
-    """Histograms of the bins `at`, the first `number[0]` of which are in the first pixel."""
+    """Return histograms of the bins `at`; `number` are the counts of each pixel, in this order."""
     pixel = np.repeat(np.arange(number.size), number)
     cells = np.bincount(pixel * bins + at, minlength=number.size * bins)
     return cells.reshape(number.size, bins)
