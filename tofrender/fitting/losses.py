@@ -126,7 +126,7 @@ def phase_loss(
     the target, as in `phasor_loss`. The expectation of numerator and denominator is free of the
     variance of the noise, because A and B are independent renders of the same scene. `fit` renders
     both. With A = B, the loss is Σ |A|² sin²(φ_A - φ_T) / Σ |A|²: the variance of the noise adds to
-    it, and a parameter that changes the variance is biased.
+    it, and a parameter that changes the variance is biased. With noise, the loss can be negative.
 
     The loss does not depend on the gain of rendered light or target. Phase differences of 0 and of
     π have the same loss: start where the path length is wrong by less than c / 4f.
