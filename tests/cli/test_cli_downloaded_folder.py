@@ -139,6 +139,21 @@ def test_server_runs_nothing_of_its_folder(name, downloaded):
         server.communicate()
 
 
+def test_workers_run_nothing_of_their_folder(downloaded, tmp_path):
+    """Those of Python code, too; afterwards the environment is as before."""
+    code = "import os, tofrender\nif __name__ == '__main__':\n"
+    code += "    with tofrender.local_workers(1, threads=1) as client:\n"
+    code += "        print(client.submit(len, 'abc').result())\n"
+    code += "    print(os.environ.get('PYTHONSAFEPATH'))\n"
+    options: dict = {"cwd": downloaded, "env": environment(downloaded), "timeout": GUARD_S}
+    script = tmp_path / "script.py"
+    script.write_text(code)
+    command = [sys.executable, script]
+    done = subprocess.run(command, capture_output=True, text=True, **options)
+    assert ran_in(downloaded) == []
+    assert done.stdout.split() == ["3", "None"], done.stderr
+
+
 def test_notebook_runs_nothing_of_its_folder(downloaded, monkeypatch):
     """The kernel imports the standard library before the notebook chooses its own folder."""
     monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
