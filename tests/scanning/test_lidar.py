@@ -298,10 +298,13 @@ def test_background_and_detectors():
 @pytest.mark.parametrize(
     ("bsdf", "said"),
     [
-        ({"type": "roughdielectric"}, "is rough glass or a mask; must not be"),
         (
-            {"type": "mask", "opacity": 0.5, "bsdf": DIFFUSE},
-            "is rough glass or a mask; must not be",
+            {"type": "roughdielectric"},
+            "shape 'wall' .* is rough glass or a mask, .* Use dielectric",
+        ),
+        (
+            {"type": "mask", "opacity": 0.5, "bsdf": DIFFUSE, "id": "net"},
+            r"shape 'wall' \(bsdf 'net'\) is rough glass or a mask",
         ),
     ],
 )

@@ -53,6 +53,20 @@ def bsdfs_in(node: mi.Object) -> list[mi.BSDF]:
     return [each for each in mi.traverse(node).hierarchy if isinstance(each, mi.BSDF)]
 
 
+def name_of(scene: mi.Scene, bsdf: mi.BSDF) -> str:
+    """Return the names of a BSDF and of the first shape that has it, for messages.
+
+    Example:
+        >>> scene = mi.load_dict({"type": "scene", "wall": {"type": "rectangle", "id": "wall"}})
+        >>> name_of(scene, scene.shapes()[0].bsdf()).startswith("shape 'wall'")
+        True
+    """
+    nodes = mi.traverse(scene).hierarchy
+    shapes = [node for node in nodes if isinstance(node, mi.Shape) and node.bsdf() == bsdf]
+    plain = f"bsdf {bsdf.id()!r}"
+    return f"shape {shapes[0].id()!r} ({plain})" if shapes else plain
+
+
 def is_boundary(bsdf: mi.BSDF | None) -> bool:
     """Whether a BSDF only marks an index-matched boundary of a medium."""
     if bsdf is None or int(bsdf.flags()) != BOUNDARY:

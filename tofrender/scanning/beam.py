@@ -15,7 +15,7 @@ from ..paths.delta_lobes import DeltaLobes, Wavefront
 from ..paths.protocols import Endpoint, HistoryUpdates, Parts, Space
 from ..paths.records import BSDFEval, BSDFSample, Connection, Limits, Path, Vertex
 from ..paths.scattering import Materials
-from ..paths.surfaces import has_lobes, materials, spawn_ray
+from ..paths.surfaces import has_lobes, materials, name_of, spawn_ray
 from ..paths.walk import walk
 from ..runtime import checks
 from ..signals.illuminants import white
@@ -33,7 +33,10 @@ def require_followed(scene: mi.Scene, space: Space) -> None:
         each = bsdf.flags()
         clear = has(each, flags.DeltaTransmission) or has(each, flags.Null)
         if has(each, flags.GlossyTransmission) or (clear and has(each, flags.Smooth)):
-            raise ValueError(f"bsdf {bsdf.id()!r}: is rough glass or a mask; must not be")
+            raise ValueError(
+                f"{name_of(scene, bsdf)} is rough glass or a mask, which is not supported as a "
+                "lidar target. Use dielectric, thindielectric or a material without transmission"
+            )
 
 
 def sample_cone(axis: mi.Vector3f, u: mi.Point2f, half_angle: float) -> mi.Vector3f:
