@@ -96,12 +96,13 @@ def phasor_loss(
     if not isinstance(target, tuple):
         bins = _pair(rendered, target)[1]
     targets = _target_phasors(target, rendered, frequencies, start, width)
-    difference, norm = mi.Float(0), mi.Float(0)
+    difference = mi.Float(0)
+    norm = mi.Float(0)
     for frequency, of_target in zip(frequencies, targets, strict=True):
         if bins is None:
             of_rendered = _phasors(rendered, frequency, start, width)
             apart = [own - wanted for own, wanted in zip(of_rendered, of_target, strict=True)]
-        else:  # The difference of bins rounds less than that of phasors
+        else:  # Differences of bins round less than differences of phasors
             apart = _phasors(rendered - bins, frequency, start, width)
         for each, wanted in zip(apart, of_target, strict=True):
             difference += dr.sum(dr.square(each).array)
@@ -161,7 +162,8 @@ def phase_loss(
     first = _bins(rendered)
     second = first if other is None else _bins(other)
     targets = _target_phasors(target, first, frequencies, start, width)
-    out_of_phase, power = mi.Float(0), mi.Float(0)
+    out_of_phase = mi.Float(0)
+    power = mi.Float(0)
     for frequency, (target_i, target_q) in zip(frequencies, targets, strict=True):
         first_i, first_q = _phasors(first, frequency, start, width)
         second_i, second_q = _phasors(second, frequency, start, width)
@@ -170,7 +172,8 @@ def phase_loss(
         amplitude = dr.sqrt(dr.square(target_i) + dr.square(target_q))
         _nonzero_sum(amplitude)
         inverse = dr.select(amplitude > 0, 1 / dr.maximum(amplitude, 1e-30), 0)
-        cos, sin = target_i * inverse, target_q * inverse
+        cos = target_i * inverse
+        sin = target_q * inverse
         first_across = first_q * cos - first_i * sin
         second_across = second_q * cos - second_i * sin
         first_along = first_i * cos + first_q * sin
