@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from helpers import course_assignment, tiny_assignment
-from helpers.processes import GUARD_S
+from helpers.processes import GUARD_S, ROOT
 
 from tofrender.cli.app import GROUPS
 from tofrender.course import notebooks
@@ -97,7 +97,7 @@ def ran_in(folder: Path) -> list[str]:
 
 def environment(folder: Path) -> dict[str, str]:
     kept = {name: text for name, text in os.environ.items() if name != "PYTHONSAFEPATH"}
-    return kept | {"PYTHONPATH": ""}
+    return kept | {"PYTHONPATH": str(ROOT)}
 
 
 def test_the_folder_is_a_trap(downloaded):
