@@ -6,6 +6,7 @@ compiled code parses the file: a damaged file is a ValueError. The layout is des
 """
 
 import math
+import mmap
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -90,7 +91,8 @@ def _open(file: Path) -> tuple[memoryview, str]:
     """Map a file into memory, and return the order of bytes in its numbers."""
     if file.stat().st_size < HEADER_BYTES:
         raise ValueError(CUT)
-    content = memoryview(np.memmap(file, np.uint8, "r"))
+    with file.open("rb") as opened:
+        content = memoryview(mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ))
     order = ENDIANNESS.get(bytes(content[126:128]))
     if order is None:
         raise ValueError(CUT)
