@@ -284,7 +284,7 @@ RENDERED: dict[str, Any] = {
     "rayleigh": medium(phase={"type": "rayleigh"}),
     "sggx": lambda _: medium(phase={"type": "sggx", "S": grid(FLAKES)}),
     "tabphase": medium(phase={"type": "tabphase", "values": "0.5, 1.0, 1.5"}),
-    # Integrators, whose pictures a path tracer in time has
+    # Integrators that become a path tracer in time
     "aov": integrator(type="aov", aovs="d:depth", inner=PATH),
     "moment": integrator(type="moment", inner=PATH),
     "path": integrator(**PATH),
@@ -391,12 +391,13 @@ def test_light_of_hair_is_that_of_path(name, tmp_path):
     def by_us(seed: int) -> np.ndarray:
         return rendered(own, 1024, seed)["steady"].values.astype(float).mean((0, 1))
 
-    found, expected = over_seeds(by_us, range(8)), over_seeds(by_mitsuba, range(100, 108))
+    found = over_seeds(by_us, range(8))
+    expected = over_seeds(by_mitsuba, range(100, 108))
     assert agree(found, expected, rounding=1e-3)
 
 
 def test_light_that_passes_hair_is_in_air_again(tmp_path):
-    """Lengths behind hair are those of straight lines: its index changes directions only."""
+    """The index of hair changes directions only, not the length of light behind it."""
     from tofrender.paths.refraction import Glass
 
     hair = curve("bsplinecurve", tmp_path, {"type": "hair"})

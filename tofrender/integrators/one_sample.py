@@ -67,6 +67,7 @@ class OneSampleLights(EmitterEndpoint):
         pdf_material = bsdf.pdf(ctx, si, si.to_local(connection.direction), connection.active)
         cannot_be_hit = connection.delta
         if self.passes_boundaries:
+            assert connection.emitter is not None
             shape = connection.emitter.get_shape()
             on_boundary = self.boundaries.have(shape.bsdf(), connection.active)
             cannot_be_hit = cannot_be_hit | on_boundary

@@ -81,7 +81,7 @@ def make_mesh(
 
 
 def readable(params: mi.SceneParameters) -> mi.SceneParameters:
-    """Remove parameters without a value, whose reading fails; returns the same object.
+    """Remove parameters without a value, which Mitsuba cannot read; returns the same object.
 
     The BSDF `hair` of Mitsuba 3.9 lists the kind of absorption that it does not use.
     """

@@ -120,7 +120,7 @@ def require_modelled(
 
 
 def require_usable(scene: mi.Scene) -> None:
-    """Refuse plugins whose evaluation Mitsuba does not implement in the active variant."""
+    """Refuse plugins that Mitsuba cannot evaluate in the active variant."""
     spectral = mi.is_spectral
     for node in mi.traverse(scene).hierarchy:
         kind = node.class_name()
@@ -188,10 +188,11 @@ def _qualified(name: str, scene: mi.Scene) -> str:
 
 
 def _warn_of_narrow_spot(emitter: mi.Emitter) -> None:
-    """Warn of a spot light whose angles Mitsuba does not resolve: cosines are near 1."""
+    """Warn of a spot light if Mitsuba does not resolve its angles, as cosines are near 1."""
     if emitter.class_name() != "SpotLight":
         return
-    angle = float(np.ravel(mi.traverse(emitter)["cutoff_angle"])[0])
+    parameter: Any = mi.traverse(emitter)["cutoff_angle"]
+    angle = float(np.ravel(parameter)[0])
     if angle < NARROWEST_SPOT:
         name = f"{emitter.id() or 'spot'}.cutoff_angle"
         text = (
