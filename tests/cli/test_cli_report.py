@@ -223,7 +223,7 @@ def test_frames_of_python_are_explored():
         "fan", [0, 0.01], size=(5, 4), bins=8, start_opl=5.0, bin_width=1.0, spp=2, progress=False
     )
     assert contents_of(film).header["frames"] == [0.0, 0.01]
-    with pytest.raises(ValueError, match=r"distance_m = .*: must be None, as data has frames"):
+    with pytest.raises(ValueError, match=r"distance_m = .*: must be None for frames"):
         contents_of(film, distance_m=np.ones((4, 5)))
 
 

@@ -78,13 +78,14 @@ def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> Expl
     kind = next((kinds[name] for name in kinds if name in data), "transient")
     for name, value in (("orders", orders), ("distance_m", distance_m)):
         valid = value is None or kind == "transient"
-        checks.require(name, value, valid, f"None, as data is a {kind}")
+        checks.require(name, value, valid, f"None for a {kind}")
         valid = value is None or "frame" not in data.dims
-        checks.require(name, value, valid, "None, as data has frames")
+        checks.require(name, value, valid, "None for frames")
     if kind != "transient":
         found = {"volume": _volume, "capture": _capture, "phasors": _phasors}[kind](data)
     else:
-        own, measured = None, None
+        own = None
+        measured = None
         if is_film(data):
             measured = film_of(data)
             data = measured.film

@@ -42,7 +42,7 @@ def film_of(data: xr.Dataset) -> Measured:
     name = "counts" if "counts" in data else "images"
     axes = [axis for axis in LABELS if axis in data[name].dims]
     whole = len(axes) == 1 and set(data[name].dims) == {"y", "x", *axes}
-    checks.require("data", data, whole, f"{name} as sense has them")
+    checks.require("data", data, whole, f"a result of sense with {name}")
     (axis,) = axes
     start, step, centers = _time_axis(data, axis)
     attrs = data.attrs | {"start_opl": start, "bin_width_opl": step}
@@ -61,7 +61,9 @@ def film_of(data: xr.Dataset) -> Measured:
 def phasors_of(data: xr.Dataset) -> xr.Dataset:
     """Compute the phasors of the taps of an iToF camera; saturated pixels are NaN."""
     described = data.attrs.get("sensor")
-    checks.require("data", list(data.attrs), isinstance(described, str), "taps as sense has them")
+    checks.require(
+        "data", list(data.attrs), isinstance(described, str), "a result of sense with taps"
+    )
     try:
         camera = read_sensor(json.loads(str(described)))["model"]
     except ValueError as error:
