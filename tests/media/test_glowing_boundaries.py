@@ -50,6 +50,14 @@ SCENES: dict[str, dict[str, Any]] = {
         "empty": sphere(0.5, (0.4, 0, 0.1), bsdf=NULL, glow=RADIANCE),
     },
     "in a mirror": {"floor": FLOOR} | MIRROR | BALL,
+    # The rays pass the sheet long before they reach the fog, where other light is
+    "sheet before fog": LIT
+    | {
+        "sheet": plane(
+            translate(0.3, -2.9, 1.3) @ rotate((1, 0, 0), 70), 0.5, bsdf=NULL, light=area_light(0.2)
+        ),
+        "fog": filled(sphere(0.9), fog(1.5, 0.9)),
+    },
 }
 
 
