@@ -111,7 +111,7 @@ class Media(Space):
         return path, Vertex(point, dr.norm(point.p - o), valid, in_medium, passes)
 
     def _stopped(self, path: Path, flight: Flight, si: mi.SurfaceInteraction3f) -> mi.Bool | None:
-        """Return lanes in which the flight ends at an emitter on a boundary, see `Vertex.passes`."""
+        """Return lanes in which a flight ends at an emitter on a boundary, as `Vertex.passes`."""
         if path.passed is None:
             return None
         at_surface = path.active & ~flight.scattered & si.is_valid()

@@ -13,8 +13,8 @@ from ..runtime.interface import NORMALS, POSITIONS, make_mesh, rows, world_trans
 from ..scenes.media import BOUNDARY, PLATES
 
 NARROW = 0.00068523  # Squared sine below which Mitsuba samples the cone of a sphere otherwise
-# Extent of a scene over the radius of its smallest sphere light, above which Mitsuba's densities may
-# be infinite. They are infinite at distances above 4000 radii.
+# Extent of a scene over the radius of its smallest sphere light, above which densities of Mitsuba
+# may be infinite. They are infinite at distances above 4000 radii.
 VANISHING = 500
 NORMAL_TOLERANCE = 1e-6  # 1 less the cosine between normals that count as the same
 
