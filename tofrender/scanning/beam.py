@@ -108,18 +108,20 @@ class MirrorsAndGlass(Materials):
     def __init__(self, scene: mi.Scene) -> None:
         super().__init__(scene)
         self.lobes = DeltaLobes(scene)
-        with_lobes = [bsdf for bsdf in materials(scene) if DeltaLobes.set_of(bsdf)]
-        self.has_mixtures = any(mi.has_flag(b.flags(), mi.BSDFFlags.Smooth) for b in with_lobes)
+        self.has_mixtures = any(DeltaLobes.are_mixed(bsdf) for bsdf in materials(scene))
 
     def sample(
         self, vertex: Vertex, connection: Connection | None, sampler: mi.Sampler, active: mi.Bool
     ) -> tuple[BSDFEval | None, BSDFSample]:
         """Sample delta lobes, and evaluate a connection if there is one."""
-        smooth = self.smooth(vertex)
-        _, sample = super().sample(vertex, None, sampler, active & ~smooth)
+        # A BSDF would choose also among smooth lobes, and among those that share a direction
+        alone = active & ~self.smooth(vertex)
+        mixed = mi.Bool(False)
         if self.has_mixtures:
-            # A BSDF would choose among all of its lobes
-            mixed = active & smooth
+            mixed = active & self.lobes.mixed_at(vertex.si, active)
+            alone &= ~mixed
+        _, sample = super().sample(vertex, None, sampler, alone)
+        if self.has_mixtures:
             lobe = self.lobes.sample(vertex.si, sampler.next_1d(), mixed)
             mixed &= dr.any(lobe.f > 0)
             ray = spawn_ray(vertex.si, lobe.direction, mi.Bool(True))
