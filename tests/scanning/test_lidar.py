@@ -314,18 +314,21 @@ def test_background_and_detectors():
 @pytest.mark.parametrize(
     ("bsdf", "said"),
     [
-        (
-            {"type": "roughdielectric"},
-            "shape 'wall' .* is rough glass or a mask, .* Use dielectric",
-        ),
+        ({"type": "roughdielectric"}, r"\(bsdf .*\) is rough glass, .*; use dielectric"),
         (
             {"type": "mask", "opacity": 0.5, "bsdf": DIFFUSE, "id": "net"},
-            r"shape 'wall' \(bsdf 'net'\) is rough glass or a mask",
+            r"\(bsdf 'net'\) transmits straight and has a smooth lobe, .*; use the material",
         ),
+        (blend({"type": "null"}, BLACK), "transmits straight and has a smooth lobe"),
+        (blend(PANE, BLACK), "transmits straight and has a smooth lobe"),
+        ({"type": "mask", "opacity": 0.5, "bsdf": PLASTIC}, "transmits straight and has a smooth"),
+        ({"type": "mask", "opacity": 0.5, "bsdf": PANE}, "is a mask over a pane"),
+        ({"type": "mask", "opacity": 0.5, "bsdf": blend(GREY, DARK)}, "or over a blend of mirrors"),
     ],
+    ids=["rough_glass", "net", "null", "pane", "plastic", "masked_pane", "masked_blend"],
 )
 def test_what_is_refused(bsdf, said):
-    with refused(said):
+    with refused(f"shape 'wall' .*{said}"):
         shoot(scene={"wall": wall((0, 0, 5), bsdf=bsdf)})
 
 
