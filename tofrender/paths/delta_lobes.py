@@ -91,8 +91,6 @@ class DeltaLobes:
         kinds = [bsdf.class_name() for bsdf in bsdfs_in(shape.bsdf())]
         lobes = DeltaLobes.set_of(shape.bsdf())
         name = f"shape {shape.id()!r}"
-        if shape.class_name() == "Instance":
-            raise ValueError(f"{name}: an instance of a mirror or glass is not supported; copy it")
         if lobes >> 1 and "MaskBSDF" in kinds:
             raise ValueError(f"{name}: a mask over a mirror or glass is not supported")
         for kind, plugin in (("NormalMap", "normalmap"), ("BumpMap", "bumpmap")):

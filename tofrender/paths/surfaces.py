@@ -48,6 +48,14 @@ def materials(scene: mi.Scene) -> list[mi.BSDF]:
     return [shape.bsdf() for shape in shapes]
 
 
+def groups_of(scene: mi.Scene) -> list[mi.Shape]:
+    """Return the shape groups that instances repeat."""
+    if not any(shape.class_name() == "Instance" for shape in scene.shapes()):
+        return []
+    nodes = mi.traverse(scene).hierarchy
+    return [node for node in nodes if node.class_name() == "ShapeGroupPlugin"]
+
+
 def bsdfs_in(node: mi.Object) -> list[mi.BSDF]:
     """Return all BSDFs in a scene, or a BSDF and those that it is made of."""
     return [each for each in mi.traverse(node).hierarchy if isinstance(each, mi.BSDF)]
