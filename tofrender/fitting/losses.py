@@ -195,8 +195,8 @@ def scale_free_loss(rendered: Any, target: Any, *, other: Any = None) -> Any:
 
     with the light A of `rendered` and B of `other`. With A = B = R, this is the least value of
     Σ (g R - T)² / Σ T² over all gains g. `fit` renders A and B with independent random numbers, so
-    that the variance of the noise does not add to Σ A B. If Σ A B is not above 0, there is a warning
-    and the loss is NaN, which ends `fit`.
+    that the variance of the noise does not add to Σ A B. If Σ A B is not above 0, there is a
+    warning and the loss is NaN, which ends `fit`.
 
     Args:
         rendered: A tensor of any shape.

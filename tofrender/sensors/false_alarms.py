@@ -28,7 +28,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy import ndimage, stats
+from scipy import signal as signals, stats
 from scipy.optimize import brentq
 
 from ..runtime.progress import ProgressBar
@@ -191,14 +191,16 @@ def _simulated(
     pixels, log_factor = simulate(rng, count, masses, short, total, short / bins, signal)
 
     # Weight each pixel with 1 / (mean likelihood ratio)
-    filtered = ndimage.correlate1d(pixels, weights, axis=1, mode="wrap")
+    half = masses.size // 2
+    circle = np.pad(pixels, ((0, 0), (half, half)), mode="wrap")
+    filtered = signals.fftconvolve(circle, weights[None, ::-1], mode="valid", axes=1)
     highest = filtered.max(axis=1)
     ratio = np.exp(filtered - highest[:, None]).mean(axis=1)
     part = np.exp(-highest - log_factor) / ratio / count
 
     # Add up from the largest value. A count somewhere is certain if the number of counts is given.
     step = ROUNDING * highest.max()
-    lit = highest > 0
+    lit = pixels.any(axis=1)
     _, which = np.unique(-np.rint(highest[lit] / step), return_inverse=True)
     up_to = np.minimum(np.cumsum(np.bincount(which, part[lit])), 1 - 1e-12)
     of_all = -np.expm1(np.log1p(-up_to) * bins / short)
