@@ -6,6 +6,7 @@ a scalar that is 0 where both agree and has no unit, so that dim and bright scen
 """
 
 import math
+import warnings
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -128,6 +129,7 @@ def phase_loss(
     variance of the noise, because A and B are independent renders of the same scene. `fit` renders
     both. With A = B, the loss is Σ |A|² sin²(φ_A - φ_T) / Σ |A|²: the variance of the noise adds to
     it, and a parameter that changes the variance is biased. With noise, the loss can be negative.
+    If the denominator is not above 0, there is a warning and the loss is NaN, which ends `fit`.
 
     The loss does not depend on the gain of rendered light or target. Phase differences of 0 and of
     π have the same loss: start where the path length is wrong by less than c / 4f.
@@ -147,6 +149,9 @@ def phase_loss(
 
     Raises:
         ValueError: A wrong frequency or time axis, shapes that differ, or a target without phasors.
+
+    Warns:
+        UserWarning: The render holds no light, or only noise.
 
     Example:
         >>> here, there = np.zeros((2, 1, 1, 100, 1), np.float32)
@@ -180,7 +185,7 @@ def phase_loss(
         second_along = second_i * cos + second_q * sin
         out_of_phase += dr.sum((first_across * second_across).array)
         power += dr.sum((first_along * second_along + first_across * second_across).array)
-    return mi.TensorXf(out_of_phase / power, shape=())
+    return mi.TensorXf(out_of_phase / _positive(power), shape=())
 
 
 def scale_free_loss(rendered: Any, target: Any, *, other: Any = None) -> Any:
@@ -190,7 +195,8 @@ def scale_free_loss(rendered: Any, target: Any, *, other: Any = None) -> Any:
 
     with the light A of `rendered` and B of `other`. With A = B = R, this is the least value of
     Σ (g R - T)² / Σ T² over all gains g. `fit` renders A and B with independent random numbers, so
-    that the variance of the noise does not add to Σ A B.
+    that the variance of the noise does not add to Σ A B. If Σ A B is not above 0, there is a
+    warning and the loss is NaN, which ends `fit`.
 
     Args:
         rendered: A tensor of any shape.
@@ -204,6 +210,9 @@ def scale_free_loss(rendered: Any, target: Any, *, other: Any = None) -> Any:
     Raises:
         ValueError: Shapes that differ, or a target that is black.
 
+    Warns:
+        UserWarning: The render holds no light, or only noise.
+
     Example:
         >>> round(float(scale_free_loss(mi.TensorXf([1.0, 2.0]), [2.5, 5.0]).array[0]), 4)
         0.0
@@ -215,7 +224,8 @@ def scale_free_loss(rendered: Any, target: Any, *, other: Any = None) -> Any:
     # Subtract the parts along the target first, which rounds less than 1 - along / power
     across = rendered - target * dr.sum(rendered * target, axis=None) / norm
     other_across = other - target * dr.sum(other * target, axis=None) / norm
-    return dr.sum(across * other_across, axis=None) / dr.sum(rendered * other, axis=None)
+    power = dr.sum(rendered * other, axis=None)
+    return dr.sum(across * other_across, axis=None) / _positive(power)
 
 
 def wasserstein_loss(rendered: Any, target: Any, *, energy_weight: float = 1.0) -> Any:
@@ -376,3 +386,20 @@ def _nonzero_sum(values: Any) -> Any:
     if not float(np.array(total).item()) > 0:
         raise ValueError("target: holds no light; must have some to compare with")
     return total
+
+
+def _positive(power: Any) -> Any:
+    """Return a denominator from products of rendered light, or NaN with a warning.
+
+    Of two independent renders with little light and much noise, the sum of products is near 0 or
+    negative, and the sign of the loss is arbitrary.
+    """
+    value = float(np.array(dr.detach(power)).item())
+    if value > 0:
+        return power
+    warnings.warn(
+        f"loss: the render holds no light, or only noise (its power is {value:.3g}); raise spp, or "
+        "start nearer",
+        stacklevel=3,
+    )
+    return power + math.nan

@@ -8,7 +8,7 @@ import xarray as xr
 from scipy import ndimage, signal as filters, stats
 
 from ..runtime import checks
-from .false_alarms import ROUNDING, known_levels, levels, threshold
+from .false_alarms import ROUNDING, thresholds
 from .histograms import Returns, around
 from .rates import at_least_0, generator
 
@@ -190,8 +190,7 @@ class _Detector:
         found: _Found = {}
         for block in self._blocks(pixels):
             own = background[block]
-            level = known_levels(own, self.bins)
-            filtered, above = self._filter(pixels[block], own, level, known=True)
+            filtered, above = self._filter(pixels[block], own, known=True)
             found |= self._peaks(pixels[block], filtered, above, own)
         return found
 
@@ -215,9 +214,8 @@ class _Detector:
                 number[block] = (counts * quiet).sum(axis=-1)
                 quiet_bins[block] = np.maximum(quiet.sum(axis=-1), 1)
                 background = number[block] / quiet_bins[block]
-                level = levels(background, self.bins)
                 before = above
-                filtered, above = self._filter(own, background, level, known=False)
+                filtered, above = self._filter(own, background, known=False)
                 if np.array_equal(above, before):
                     break
             found |= self._peaks(own, filtered, above, background)
@@ -229,22 +227,23 @@ class _Detector:
         return [slice(start, start + step) for start in range(0, len(pixels), step)]
 
     def _filter(
-        self, pixels: np.ndarray, background: np.ndarray, level: np.ndarray, known: bool
+        self, pixels: np.ndarray, background: np.ndarray, known: bool
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return filtered counts (pixel, bin), and where they are above the threshold."""
         filtered = np.empty((len(pixels), self.bins))
         limit = np.empty(len(pixels))
-        # Pixels with similar backgrounds have the same filter
-        for each in np.unique(level):
-            alike = level == each
-            counts = self.counts[pixels[alike]]
-            given = threshold(self.data.masses, self.bins, each, self.false_alarm, known)
-            filtered[alike] = ndimage.correlate1d(counts, given.weights, axis=1, mode="constant")
+        masses = self.data.masses
+        for each in thresholds(masses, self.bins, background, self.false_alarm, known):
+            own = pixels[each.pixels]
+            counts = self.counts[own]
+            filtered[each.pixels] = ndimage.correlate1d(
+                counts, each.weights, axis=1, mode="constant"
+            )
 
             # Chance decides about pixels that are just at the threshold
-            passes = self.draws[pixels[alike]] < given.chance
+            passes = self.draws[own] < each.chance
             side = np.where(passes, 1 - 4 * ROUNDING, 1 + 4 * ROUNDING)
-            limit[alike] = given.at(background[alike]) * side
+            limit[each.pixels] = each.value * side
         return filtered, filtered > limit[:, None]
 
     def _peaks(
