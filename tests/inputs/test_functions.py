@@ -165,7 +165,8 @@ KINDS = {
     "place": "laser_origin sensor_origin",
     "point": "angular_velocity centre corner e0 e1 laser o point position v0 v1 v2 velocity wi",
     "positive": "bin_width bin_width_opl bin_width_s cycles distance exposure f_number "
-    "focal_length_m full_well half_width intensity_scale lamp_power_w learning_rate mean_power_w period_ns "
+    "focal_length_m full_well half_width intensity_scale lamp_power_w learning_rate "
+    "mean_power_w period_ns "
     "pixel_pitch_m pulse_energy_j range_m repetition_rate_hz seconds side snr stops tdc_lsb_s "
     "wall_size wavelength wavelength_m",
     "positive but 1e30, 2**40": "megabytes radius",
