@@ -460,7 +460,7 @@ def test_programs_are_put_where_jplag_looks(staff, tmp_path, capsys):
         *("base/add.py", "base/check.py", "base/mean.py"),
         *("submissions/ada/add.py", "submissions/ada/mean.py", "submissions/ada_1/add.py"),
     }
-    assert "'empty.zip': has none of *.py; has notes.txt" in shown.err
+    assert "'empty.zip': has none of add.py, mean.py, check.py; has notes.txt" in shown.err
     assert f"-l python3 -bc {out}/base -r {out}/result {out}/submissions" in shown.out
     assert cli.main(words) == 2
     assert "exists; must be a new folder" in capsys.readouterr().err

@@ -165,7 +165,13 @@ def phase_loss(
     width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
     frequencies = check_below_limit(frequency_hz, width)
     first = _bins(rendered)
-    second = first if other is None else _bins(other)
+    if 0 in first.shape:
+        raise ValueError(f"rendered with shape {first.shape}: must have pixels, bins and channels")
+    if not isinstance(target, tuple):
+        values = checks.finite("target", checks.real_array("target", target))
+        if values.ndim == first.ndim:
+            _pair(first, target)
+    second = first if other is None else _bins(_second(other, first))
     targets = _target_phasors(target, first, frequencies, start, width)
     out_of_phase = mi.Float(0)
     power = mi.Float(0)
@@ -186,6 +192,17 @@ def phase_loss(
         out_of_phase += dr.sum((first_across * second_across).array)
         power += dr.sum((first_along * second_along + first_across * second_across).array)
     return mi.TensorXf(out_of_phase / _positive(power), shape=())
+
+
+def _second(other: Any, rendered: Any) -> Any:
+    """Return a second render; refuse another shape than that of the first."""
+    try:
+        shape = tuple(other.shape) if isinstance(other, mi.TensorXf) else np.shape(other)
+    except (TypeError, ValueError):
+        shape = None
+    if shape != tuple(rendered.shape):
+        raise ValueError(f"other with shape {shape}: must be {tuple(rendered.shape)}, as rendered")
+    return other
 
 
 def scale_free_loss(rendered: Any, target: Any, *, other: Any = None) -> Any:
@@ -218,7 +235,7 @@ def scale_free_loss(rendered: Any, target: Any, *, other: Any = None) -> Any:
         0.0
     """
     rendered, target = _pair(rendered, target)
-    other = rendered if other is None else _pair(other, target)[0]
+    other = rendered if other is None else _pair(_second(other, rendered), target)[0]
     norm = _nonzero_sum(dr.square(target))
 
     # Subtract the parts along the target first, which rounds less than 1 - along / power

@@ -8,6 +8,7 @@ import mitsuba as mi
 from ..paths.endpoints.emitters import EmitterEndpoint
 from ..paths.records import Connection, Hit, Path, Vertex
 from ..paths.surfaces import Boundaries, first_surface
+from ..runtime import checks
 
 
 class OneSampleLights(EmitterEndpoint):
@@ -33,7 +34,7 @@ class OneSampleLights(EmitterEndpoint):
         passes_boundaries: bool = False,
     ) -> None:
         super().__init__(scene, sensor, hide_emitters, discard_direct_light)
-        self.passes_boundaries = passes_boundaries
+        self.passes_boundaries = checks.boolean("passes_boundaries", passes_boundaries)
         self.boundaries = Boundaries(scene)
 
     def hit_weight(self, path: Path, vertex: Vertex, hit: Hit) -> mi.Float:
