@@ -196,12 +196,15 @@ def phase_loss(
 
 def _second(other: Any, rendered: Any) -> Any:
     """Return a second render; refuse another shape than that of the first."""
+    expected = tuple(rendered.shape)
     try:
         shape = tuple(other.shape) if isinstance(other, mi.TensorXf) else np.shape(other)
     except (TypeError, ValueError):
         shape = None
-    if shape != tuple(rendered.shape):
-        raise ValueError(f"other with shape {shape}: must be {tuple(rendered.shape)}, as rendered")
+    if shape is None:
+        checks.require("other", other, False, f"a tensor or an array of the shape {expected}")
+    if shape != expected:
+        raise ValueError(f"other with shape {shape}: must be {expected}, as rendered")
     return other
 
 
