@@ -45,7 +45,9 @@ from .fitting import (
     Fit as Fit,
     fit as fit,
     l2_loss as l2_loss,
+    phase_loss as phase_loss,
     phasor_loss as phasor_loss,
+    scale_free_loss as scale_free_loss,
     wasserstein_loss as wasserstein_loss,
 )
 from .integrators.amcw import (

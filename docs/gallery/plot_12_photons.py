@@ -27,7 +27,7 @@ counts = rng.poisson(signals[:, None, None] * masses + background)
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")
 for method in ("matched", "log_matched", "centroid", "ml"):
-    depth = estimate_depth(counts, response, method, bin_width_opl=width)["depth"].values
+    depth = estimate_depth(counts, response, method, start_opl=0.0, bin_width_opl=width)["depth"].values
     error = np.sqrt(np.mean((depth - position / 2) ** 2, axis=1))
     left.loglog(signals, error, "o-", label=method)
 bound = depth_bound(signals, background, response, width)
@@ -37,7 +37,7 @@ left.legend()
 
 bright = signals[2:]
 bounds = echo_bounds(bright, background, response, width)
-found = [echoes(each[None], response, bin_width_opl=width) for each in counts[2:]]
+found = [echoes(each[None], response, start_opl=0.0, bin_width_opl=width) for each in counts[2:]]
 for name, truth in (("intensity", bright), ("width", np.full(len(bright), sigma))):
     errors = [np.sqrt(np.mean((e[name] - t) ** 2)) for e, t in zip(found, truth, strict=True)]
     (line,) = right.loglog(bright, np.array(errors) / truth, "o-", label=name)

@@ -19,7 +19,7 @@ import tofrender
 
 SIZE = 160
 still = tofrender.scenes.fan(width=SIZE, height=SIZE, max_depth=2)
-spin = tofrender.Motion(angular_velocity=(0, 0, 40))
+spin = tofrender.Motion(angular_velocity=(0, 0, 40), rotation_center=(0, 0, 0))
 times = np.linspace(0, 2 * np.pi / 5 / 40, 12, endpoint=False)  # until the next blade is there
 axes_of_rates = {"spp": 64, "bins": 1, "window": (3, 12), "rate_bins": 81, "rates": (-40, 40)}
 more = {"spp": 64, "bins": 1, "start_opl": 3.0, "bin_width": 9.0}

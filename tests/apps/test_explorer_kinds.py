@@ -5,6 +5,7 @@ import pytest
 import xarray as xr
 from helpers import browser
 from helpers.made_dataset import make_dataset
+from helpers.rate_films import resting_light
 from test_explorer_page import (
     BINS,
     HEIGHT,
@@ -287,3 +288,22 @@ def test_a_measurement_is_reported(tmp_path, capsys, name):
         status = main(["report", str(source), "-o", str(tmp_path / "a.html")])
         assert status == (0 if name == "counts" else 2)
         assert capsys.readouterr().err.count("\n") == (name == "taps")
+
+
+@pytest.mark.parametrize("pixels", [[], [[2, 1]]])
+def test_light_at_rest_is_a_bright_row_of_the_range_velocity_map(tmp_path, pixels):
+    """80 % of the light lies in one of 2003 rows, and the map has fewer rows of dots."""
+    with opened(tmp_path, contents_of(resting_light())) as page:
+        set_(page, pixels=pixels)
+        map_ = page.locator("canvas[aria-label^='Light over range']")
+        found = map_.evaluate(
+            """canvas => {
+              const { width, height } = canvas;
+              const { data } = canvas.getContext("2d").getImageData(0, 0, width, height);
+              return { width, height, bytes: [...data] };
+            }"""
+        )
+        dots = np.array(found["bytes"]).reshape(found["height"], found["width"], 4)
+        bright = (dots[..., :3].sum(axis=2) > 450) & (dots[..., 3] > 0)
+        bright &= dots[..., 0] > dots[..., 2] + 60  # Yellow and orange, not letters on the page
+        assert (bright.sum(axis=1) > 0.6 * found["width"]).sum() in (1, 2, 3)

@@ -7,11 +7,12 @@ import pytest
 from helpers.made_dataset import START, WIDTH
 from PIL import Image, ImageSequence
 from test_explorer_kinds import polarised
-from test_explorer_page import BINS, moving, opened, picture, set_, settle, state
+from test_explorer_page import BINS, HEIGHT, WIDE, moving, opened, picture, set_, settle, state
 
 import tofrender
 from tofrender import SPEED_OF_LIGHT
 from tofrender.apps.explorer.contents import contents_of
+from tofrender.vis import luminance
 
 FRAGMENT = "#view=gate&shown=S2&gate=13,13.6&px=20,5;3,7&f=1.2e8&ev=1.5&log=1"
 
@@ -90,7 +91,8 @@ def test_curves_as_csv(tmp_path):
     with path.open(newline="") as file:
         headings, *rows = csv.reader(file)
     names = ["x4_y9", "x20_y3"]
-    assert headings == ["time_ns", "opl_m", *names, *(f"{each}_error" for each in names)]
+    more = [f"{name}_{what}" for what in ("error", "resolution") for name in names]
+    assert headings == ["time_ns", "opl_m", *names, *more]
     table = np.array(rows, float)
     opl = START + (np.arange(BINS) + 0.5) * WIDTH
     np.testing.assert_allclose(table[:, 1], opl, rtol=1e-7)
@@ -98,6 +100,37 @@ def test_curves_as_csv(tmp_path):
     for k, curve in enumerate(now["curves"]):
         np.testing.assert_allclose(table[:, 2 + k], curve["values"], rtol=1e-7)
         np.testing.assert_allclose(table[:, 4 + k], curve["errors"], rtol=1e-7)
+        given = luminance(data["transient"].values[curve["y"], curve["x"]])
+        off = abs(table[:, 2 + k] - given)
+        assert (off <= table[:, 6 + k] * (1 + 1e-3) + 1e-9).all()
+        assert table[:, 6 + k].max() < 0.1 * given.max()
+
+
+def test_csv_of_a_reduced_page_names_blocks_and_its_resolution(tmp_path):
+    """Values are means of blocks of pixels, and differ from these means by one-byte steps."""
+    data = moving().assign_coords(x=np.arange(WIDE) + 3, y=np.arange(HEIGHT) + 8)
+    contents = contents_of(data.isel(x=slice(0, WIDE - 1)), most_bytes=9_000)
+    step = contents.header["grid"]["step"]
+    bins = contents.header["axis"]["count"]
+    assert step > 1
+    blocks = [(1, 2), (-(-(WIDE - 1) // step) - 1, 0)]  # The last one is cut
+    with opened(tmp_path, contents, accept_downloads=True) as page:
+        set_(page, pixels=[list(each) for each in blocks])
+        path = saved(page, "CSV", tmp_path)
+    with path.open(newline="") as file:
+        headings, *rows = csv.reader(file)
+    table = np.array(rows, float)
+    for k, (column, row) in enumerate(blocks):
+        x = range(column * step, min(column * step + step, WIDE - 1))
+        y = range(row * step, min(row * step + step, HEIGHT))
+        name = f"x{x[0] + 3}-{x[-1] + 3}_y{y[0] + 8}-{y[-1] + 8}_mean"
+        assert headings[2 + k] == name
+        assert headings[4 + k] == f"{name}_resolution"
+        light = luminance(data["transient"].values[np.ix_(y, x)]).mean(axis=(0, 1))
+        joined = np.add.reduceat(light, np.arange(0, BINS, -(-BINS // bins)))
+        off = abs(table[:, 2 + k] - joined)
+        assert (off <= table[:, 4 + k] * (1 + 1e-3) + 1e-9).all()
+        assert off.max() > 0.002 * joined.max()
 
 
 @pytest.mark.parametrize("dark", [False, True])

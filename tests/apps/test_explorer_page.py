@@ -5,7 +5,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from helpers import browser
-from helpers.hidden_scenes import Wall, capture_of, rectangle
+from helpers.hidden_scenes import Wall, capture_of, rectangle, turned
 from helpers.made_dataset import START, WIDTH, make_dataset
 
 import tofrender
@@ -298,6 +298,49 @@ def test_captures_show_their_lit_points_and_volumes_their_sides(tmp_path):
             assert picture(page).shape[:2] == size
             assert picture(page).max() == 255
         assert page.get_by_text("Phasors").is_hidden()
+
+
+@pytest.mark.parametrize("wall", [Wall(6), turned(6)], ids=["rows upwards", "turned"])
+@pytest.mark.parametrize("most_bytes", [None, 500])
+def test_the_wall_of_a_capture_has_its_highest_row_on_top(tmp_path, wall, most_bytes):
+    """The picture of a wall, the slice of the volume and the 3-D view agree on what is up."""
+    patch = rectangle((-0.1, 0.1), (-0.1, 0.1), 1.0, 0.1)
+    capture = capture_of(patch, wall, bins=40, width=0.03)
+    volume = tofrender.reconstruct(capture, "bp", progress=False)
+    capture = capture.isel(y=slice(1, None), x=slice(2, None))
+    row, column, bin_ = 1, 3, 20
+    capture["transient"][:] = 0
+    capture["transient"][row, column, bin_] = 1
+    grid = capture["sensor_grid"].values
+    contents = contents_of(capture, most_bytes=most_bytes)
+    step = contents.header["grid"]["step"]
+    points = contents.part("points").reshape(grid.shape)
+    assert points[0, :, 1].mean() > points[-1, :, 1].mean()
+    light = values_of(contents)[..., 0]
+    top, left, bin_ = np.unravel_index(light.argmax(), light.shape)
+    block = points[top * step : (top + 1) * step, left * step : (left + 1) * step].reshape(-1, 3)
+    assert np.isclose(block, grid[row, column]).all(axis=1).any()
+    with opened(tmp_path, contents) as page:
+        now = set_(page, pixels=[[int(left), int(top)]], bin=int(bin_), colours="grey")
+        lit = np.argwhere(picture(page).max(axis=2) > 100)
+        assert lit.tolist() == [[top, left]]
+        assert max(now["curves"][0]["values"]) > 0
+        # The name of the block contains the point of the wall
+        text = page.locator(".readout").inner_text().partition(")")[0].strip("(")
+        columns, rows = ([int(end) for end in ends.split("–")] for ends in text.split(", "))
+        assert columns[0] <= capture["x"].values[column] <= columns[-1]
+        assert capture["y"].values[0] <= rows[0] <= capture["y"].values[row] <= rows[-1]
+        # An address finds the same block again
+        curve = now["curves"][0]
+        set_(page, pixels=[])
+        page.evaluate("hash => { location.hash = hash }", f"#px={curve['x']},{curve['y']}")
+        assert state(page)["pixels"] == [[left, top]]
+    # A slice of the volume has the rows in the same order
+    volume["intensity"][:] = 0
+    highest = 0 if volume["frame_axes"].values[1, 1] < 0 else volume.sizes["y"] - 1
+    volume["intensity"][3, highest, 1] = 1
+    found = values_of(contents_of(volume))[..., 0]
+    assert np.argwhere(found).tolist() == [[0, 1, 3]]
 
 
 def test_hostile_names_stay_text(tmp_path):

@@ -125,7 +125,9 @@ def test_the_ellipsoid_is_where_the_path_has_its_length(tmp_path, mode, legs):
     bin_ = int((counted - capture.attrs["start_opl"]) / capture.attrs["bin_width_opl"])
     with opened(tmp_path, contents_of(volume, capture=capture)) as page:
         view = {"across": -0.4, "tilt": 0.3, "zoom": 0.6}
-        now = set_(page, pixels=[[column, row]], laser=laser, bin=bin_, **view)
+        # Rows of the grid run upwards, and rows of the picture downwards
+        shown = [column, len(grid) - 1 - row]
+        now = set_(page, pixels=[shown], laser=laser, bin=bin_, **view)
         with_ellipsoid = picture(page)
         assert len(bright(page)) == 0  # The voxel is blue
         length += now["opl"] - counted
@@ -152,7 +154,7 @@ def test_the_ellipsoid_is_where_the_path_has_its_length(tmp_path, mode, legs):
         assert len(seen) >= 5
         for each in seen:
             assert np.linalg.norm(places - each, axis=1).min() < 2.5
-        assert set_(page, pixels=[[column, row]], bin=0)["view"] == "space"
+        assert set_(page, pixels=[shown], bin=0)["view"] == "space"
 
 
 def test_touch_keys_wheel_and_mouse(tmp_path):
@@ -191,7 +193,7 @@ def test_touch_keys_wheel_and_mouse(tmp_path):
         view = -0.5, 0.35, 1
         a, b = projected(point, (box["width"], box["height"]), view, volume)[0]
         page.touchscreen.tap(box["x"] + a, box["y"] + b)
-        assert state(page)["pixels"][-1] == [column, row]
+        assert state(page)["pixels"][-1] == [column, 7 - row]
         page.mouse.move(x, y)
         page.mouse.wheel(0, -100)
         assert state(page)["zoom"] > 1.1
@@ -210,7 +212,8 @@ def test_contents_have_wall_and_volume():
         volume["intensity"].values[4, 3, 12] = 1
         contents = contents_of(volume, capture=capture, packed=True)
         found = contents.part("wall").reshape(8, 8, 3)
-        np.testing.assert_allclose(found, wall.grid(), atol=1e-6)
+        downwards = volume["frame_axes"].values[1, 1] < 0
+        np.testing.assert_allclose(found, wall.grid()[:: 1 if downwards else -1], atol=1e-6)
         origins = contents.part("origins").reshape(2, 3)
         np.testing.assert_allclose(origins, [[-0.6, 0.1, 1.4], [0.4, 0.3, 1.7]], atol=1e-6)
         assert ("spots" in contents.header["parts"]) == (mode == "exhaustive")

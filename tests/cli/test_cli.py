@@ -71,7 +71,7 @@ def in_a_new_process(code: str) -> str:
 
 
 EXTRAS = (
-    *("anywidget", "cryptography", "dask", "distributed", "docutils", "jupytext", "laspy"),
+    *("anywidget", "cryptography", "dask", "distributed", "jupytext", "laspy", "math_core"),
     *("mdit_py_plugins", "nbclient", "panel", "ptufile", "pytest", "sdtfile", "tomlkit", "zarr"),
 )
 """Packages that only extras bring."""

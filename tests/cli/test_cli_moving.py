@@ -1,6 +1,7 @@
 """`tofrender doppler` and `tofrender fmcw`: what they write, what they refuse, their page."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from tofrender.apps.explorer.contents import contents_of
 from tofrender.cli import moving
 from tofrender.cli.answers import SCHEMAS
 from tofrender.cli.report import load_result
+from tofrender.io.contents import is_listed
 from tofrender.io.exr import load_exr_layers
 
 BOX = ["cornell_box_flash", "--size", "6x5", "--spp", 8, "--seed", 3]
@@ -77,6 +79,64 @@ def test_fmcw_without_a_size_chooses_one_that_fits(tmp_path, capsys, monkeypatch
     values = 3 * facts["width"] * facts["height"] * facts["bins"] * facts["rate_bins"]
     assert 0.5 < values / (1 << 18) <= 1
     assert f"note: {facts['width']}x{facts['height']} pixels" in said
+    assert "--size allows up to 23x23, and a narrower --window or --rates" in said
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # Energy outside the bins
+def test_fmcw_says_which_options_make_a_film_smaller(tmp_path, capsys, monkeypatch):
+    """The size that the message names is accepted, and so is a narrower window."""
+    monkeypatch.setattr(moving, "MOST", 1 << 18)
+    scene = ["fmcw", "cornell_box_flash", "--spp", 1, "--bandwidth", 5e8, "--rates=-1,1"]
+    said = refused(capsys, *scene, "--size", "40x30", "--out", tmp_path / "a")
+    found = re.match(
+        r"--size = 40x30: \d+ x \d+ bins in each pixel make files with [\d,]+ values, at most "
+        r"262,144 are possible. Use --size (\d+)x(\d+) or less, or a narrower --window "
+        "or --rates, a lower --bandwidth or a shorter --chirp",
+        said,
+    )
+    assert found, said
+    width, height = int(found[1]), int(found[2])
+    assert width / height == pytest.approx(4 / 3, rel=0.15)
+    smaller = ["--size", f"{width}x{height}", "--out", tmp_path / "a", "--json"]
+    facts = json.loads(done(capsys, *scene, *smaller)[0])
+    assert (facts["width"], facts["height"]) == (width, height)
+    narrow = ["--size", "40x30", "--window", "4,4.5", "--chirp", 2e-6, "--out", tmp_path / "b"]
+    done(capsys, *scene, *narrow)
+
+
+MOVING = {"doppler": ["doppler", *BOX, "--cycles", 2], "fmcw": ["fmcw", *BOX, "--rates=-1,1"]}
+OTHER = {
+    "gate": ["gate", *BOX, "--at", 6.5, "--pulse-width", 0.5],
+    "phasor": ["phasor", *BOX, "--freq", 3e7],
+}
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # Energy outside the bins
+@pytest.mark.parametrize("name", [*MOVING, *OTHER])
+def test_a_finished_run_is_replaced_or_stays(tmp_path, capsys, name):
+    """A second run replaces its own files; with --resume, a finished run is complete already."""
+    out, command = tmp_path / "out", (MOVING | OTHER)[name]
+    facts = json.loads(done(capsys, *command, "--out", out, "--json")[0])
+    names = sorted(path.name for path in out.iterdir())
+    assert names == sorted(facts["files"])
+    assert all(is_listed(each, commands=(name,)) for each in names)
+    done(capsys, *command, "--out", out)
+    before = {path: path.stat().st_mtime_ns for path in out.iterdir()}
+
+    # With --resume, nothing is changed
+    said, _ = done(capsys, *command, "--out", out, "--resume")
+    assert said == f"{out}: already complete, 8 samples per pixel\n"
+    again = json.loads(done(capsys, *command, "--out", out, "--resume", "--json")[0])
+    assert again == facts
+    assert {path: path.stat().st_mtime_ns for path in out.iterdir()} == before
+
+    # Another run is named, and files that are missing are rendered again
+    said = refused(capsys, *command, "--out", out, "--resume", "--seed", 4)
+    assert f"--resume: {out} was made with seed = 3; must be 4" in said
+    next(out.glob("*.png")).unlink()
+    assert "no run that writes" in refused(capsys, *command, "--out", out, "--resume")
+    (out / "notes.txt").write_text("mine")
+    assert "holds other content (notes.txt)" in refused(capsys, *command, "--out", out)
 
 
 def test_fmcw_refuses_before_it_renders(tmp_path, capsys):

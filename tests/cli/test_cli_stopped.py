@@ -19,12 +19,13 @@ from types import SimpleNamespace
 import numpy as np
 import OpenEXR
 import pytest
+import xarray as xr
 from helpers.films_in_parts import in_small_steps, watch_steps
 from helpers.support import largest
 from test_cli import done, refused, run
 
 import tofrender
-from tofrender.cli import render as cli_render
+from tofrender.cli import checkpoints as checkpoints_of_commands, render as cli_render
 from tofrender.cli.app import main
 from tofrender.integrators import passes
 from tofrender.runtime import atomic, checkpoints
@@ -270,6 +271,130 @@ def test_killed_at_a_random_moment(capsys, tmp_path, by, number):
             done(capsys, *arguments(name, out))
     require_equal(out, expected)
     assert set(os.listdir(tmp_path)) - {kept(out).name} == {out.name}
+
+
+FAN = ["fan", "--size", "8x6"]
+FRAMES = ["render", *FAN, "--bins", "20", "--start-opl", "5", "--bin-width", "0.4", "--spp", "8"]
+FRAMES += ["--format", "npz", "--frames", "6", "--frame-time", "0.01", "--poses", "2"]
+FOLDERS = {
+    "frames": [*FRAMES, "--exposure", "0.002"],
+    "zarr": [*RENDER[:-2], "--spp", "64", "--format", "zarr"],
+    "doppler": ["doppler", *FAN, "--spp", "256", "--checkpoint", "0.05"],
+    "fmcw": ["fmcw", *FAN, "--spp", "128", "--bandwidth", "2e8", "--checkpoint", "0.05"],
+    "dataset": ["dataset", "config.toml"],
+}
+CONFIG = """records = 4
+scene = "cornell_box"
+outputs = { transient = true }
+render = { width = 8, height = 6, spp = 8, temporal_bins = 60, window = [3, 15] }
+sensor = { cycles = 9, photons = { photons_per_cycle = 0.5 }, spad = {} }
+vary = { turn = { turn = "small-box", distribution = "uniform", low = -40, high = 40 } }
+"""
+
+
+def light_in(out: Path) -> list[np.ndarray]:
+    """Return all light and all estimates that a command has written into a folder."""
+    if (out / "steady.npy").exists():
+        films = [tofrender.load_npz(each / "transient.npz") for each in sorted(out.glob("frame_*"))]
+        return [np.load(out / "steady.npy"), *(film["transient"].values for film in films)]
+    if (out / "transient.zarr").exists():
+        return [tofrender.load_zarr(out / "transient.zarr")["transient"].values]
+    for name, variable in (("doppler", "heterodyne"), ("range_rate", "radiance")):
+        if (out / f"{name}.nc").exists():
+            return [xr.load_dataset(out / f"{name}.nc")[variable].values]
+    return [tofrender.load_dataset(out)[name].values for name in ("transient", "sensor_expected")]
+
+
+def run_until(command: list[str], folder: Path, seconds: float | None) -> tuple[int, str]:
+    """Run a command in a folder, and kill it after some seconds; return status and messages."""
+    code = [sys.executable, "-c", "import sys; from tofrender.cli import main; sys.exit(main())"]
+    pipes: dict = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
+    paths = {"PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen(
+        [*code, *command], cwd=folder, env=os.environ | paths, preexec_fn=_heard, **pipes
+    )
+    try:
+        _, err = process.communicate(timeout=seconds)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        _, err = process.communicate()
+    return process.returncode, err
+
+
+@pytest.mark.parametrize("name", FOLDERS)
+def test_every_command_that_writes_a_folder_resumes_after_a_kill(name, tmp_path):
+    """Killed at random moments, also while it resumes, until it is complete."""
+    (tmp_path / "config.toml").write_text(CONFIG)
+    place = "out.zarr" if name == "dataset" else "out"
+    whole, out = tmp_path / "whole" / place, tmp_path / "killed" / place
+    start = time.monotonic()
+    status, err = run_until([*FOLDERS[name], "--out", str(whole)], tmp_path, None)
+    assert status == 0, err
+    lasts_s = time.monotonic() - start
+    random = np.random.default_rng(list(name.encode()))
+
+    command = [*FOLDERS[name], "--out", str(out)]
+    for _ in range(max(1, KILLS // 3)):
+        status, err = run_until(command, tmp_path, random.uniform(0.3, 1.0) * lasts_s)
+        assert status in (0, -signal.SIGKILL), err
+        resumed = [*FOLDERS[name], "--out", str(out), "--resume"]
+        status, err = run_until(resumed, tmp_path, random.uniform(0.3, 1.0) * lasts_s)
+        if status == 2:  # Nothing was written before the kill
+            assert "--resume: " in one_line(err)
+        else:
+            assert status in (0, -signal.SIGKILL), err
+            command = resumed if status else command
+        command = resumed if is_begun(out, name) else [*FOLDERS[name], "--out", str(out)]
+    status, err = run_until(command, tmp_path, None)
+    assert status == 0, err
+    for found, expected in zip(light_in(out), light_in(whole), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=2e-4, atol=2e-5 * np.abs(expected).max())
+    assert os.listdir(out.parent) == [out.name]
+    assert not [path for path in out.rglob("*") if path.name.startswith(".tofrender-")]
+
+
+def is_begun(out: Path, name: str) -> bool:
+    """Whether a command has something to resume from."""
+    if name == "frames":
+        return any(
+            (each / "frames.json").exists() for each in (out, atomic.sibling(out, ".frames"))
+        )
+    if name == "dataset":
+        return out.exists() or atomic.sibling(out, ".dataset").exists()
+    return out.exists() or checkpoints_of_commands.unfinished_work(out) is not None
+
+
+def test_frames_resume_beside_their_temporary_files(capsys, tmp_path):
+    """A killed run leaves hidden files of frames, and of the folder that the frames replace."""
+    out = tmp_path / "out"
+    command = [*FOLDERS["frames"], "--no-video", "--out", str(out)]
+    command[command.index("6")] = "2"
+    done(capsys, *command)
+    expected = light_in(out)
+
+    # As after a kill: the last frame is not listed, and there are temporary files and folders
+    listed = json.loads((out / "frames.json").read_text())
+    (out / "frames.json").write_text(json.dumps({"recipe": listed["recipe"], "so_far": {}}))
+    steady = np.load(out / "steady.npy")
+    steady[1] = np.nan
+    np.save(out / "steady.npy", steady)
+    half = atomic.sibling(out / "frame_0001", "-0123abcd")
+    half.mkdir()
+    (half / "transient.npz").write_bytes(b"half")
+    atomic.sibling(out / "frames.json", "-0123abcd.json").write_text("{")
+    (out / ".tofrender-x.probe").mkdir()
+
+    done(capsys, *command, "--resume")
+    assert not hidden(out)
+    for found, wanted in zip(light_in(out), expected, strict=True):
+        np.testing.assert_allclose(found, wanted, rtol=2e-4, atol=2e-5 * np.abs(wanted).max())
+
+    # A folder that a killed run was removing, or had only just made
+    beside = atomic.sibling(out, ".frames")
+    beside.mkdir()
+    (beside / "steady.npy").write_bytes(b"half")
+    assert "already complete, 2 frames" in done(capsys, *command, "--resume")[0]
+    assert os.listdir(tmp_path) == ["out"]
 
 
 def test_a_kill_loses_at_most_the_interval(capsys, tmp_path, monkeypatch):

@@ -1,11 +1,13 @@
 """`tofrender grade` on right, broken and hostile submissions: points for what is right, no harm."""
 
 import dataclasses
+import io
 import json
 import os
 import signal
 import subprocess
 import sys
+import tarfile
 import time
 import zipfile
 from contextlib import suppress
@@ -24,7 +26,7 @@ pytest.importorskip("resource", reason="a grading machine runs Linux or macOS")
 
 from tofrender.cli import app as cli
 from tofrender.course.assignments import PACKAGE, find
-from tofrender.course.grade import grading, results, unpacking
+from tofrender.course.grade import classes, grading, results, roster, unpacking
 from tofrender.course.grade.results import Results, finished, grades_of
 from tofrender.course.judge import plugin, processes, sandbox
 from tofrender.course.judge.running import outcomes_of, read_report
@@ -169,8 +171,9 @@ def test_seeds_of_a_class(assignment, tmp_path):
     assert results.seed_of_before(tmp_path) == 0
     Results(assignment.rubric, seed=9).write(tmp_path / "b.json")
     assert results.seed_of_before(tmp_path) == 9
-    content = json.loads((tmp_path / "b.json").read_text())  # All is zero at first
-    assert (content["score"], len(content["tests"])) == (0, 5)
+    content = json.loads((tmp_path / "b.json").read_text())  # There are no points at first
+    assert "score" not in content
+    assert content["tests"] == []
     assert not content["extra_data"]["complete"]
 
 
@@ -559,12 +562,106 @@ def test_what_was_given_need_not_come_back(tmp_path):
         assert sorted(path.name for path in taken.iterdir()) == ["given.py", "other.py", "p0.py"]
 
 
+def tarred(path: Path, files: dict[str, str], mode: str) -> Path:
+    """Write a tar archive of text files."""
+    with tarfile.open(path, mode) as archive:
+        for name, text in files.items():
+            info = tarfile.TarInfo(name)
+            info.size = len(text.encode())
+            archive.addfile(info, io.BytesIO(text.encode()))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("ending", "mode"),
+    [(".tar", "w"), (".tar.gz", "w:gz"), (".tgz", "w:gz"), (".tar.bz2", "w:bz2"), (".TXZ", "w:xz")],
+)
+def test_tar_archives_are_submissions(tmp_path, ending, mode):
+    files = {"./ada/p0.py": ADD0, "./ada/._p0.py": "of a Mac", "./ada/notes.txt": "x"}
+    path = tarred(tmp_path / f"ada{ending}", files, mode)
+    assert unpacking.extract(path, ["*.py"], tmp_path / "taken", ["p0.py"]) == ["p0.py"]
+    assert (tmp_path / "taken" / "p0.py").read_text() == ADD0
+    (tmp_path / "ben").mkdir()
+    path.rename(tmp_path / "ben" / path.name)
+    assert unpacking.extract(tmp_path / "ben", ["*.py"], tmp_path / "again", ["p0.py"])
+
+
+def test_dangerous_tar_archives_give_a_reason(tmp_path, monkeypatch):
+    for name, reason in (("../p0.py", "lies outside"), ("a\x1bb.py", "odd characters")):
+        refused(tarred(tmp_path / "x.tar", {name: "1"}, "w"), reason)
+    with tarfile.open(tmp_path / "link.tar", "w") as archive:
+        info = tarfile.TarInfo("p0.py")
+        info.type, info.linkname = tarfile.SYMTYPE, "/etc/passwd"
+        archive.addfile(info)
+    refused(tmp_path / "link.tar", "a link or a device")
+    refused(tarred(tmp_path / "x.tar", {f"{i}.py": "" for i in range(2001)}, "w"), "more than 2000")
+    (tmp_path / "broken.tar.xz").write_bytes(b"\xfd7zXZ\x00 nothing")
+    refused(tmp_path / "broken.tar.xz", "cannot be read")
+    whole = tarred(tmp_path / "whole.tar.gz", {"p0.py": "x" * 100_000}, "w:gz").read_bytes()
+    (tmp_path / "cut.tar.gz").write_bytes(whole[:100])
+    refused(tmp_path / "cut.tar.gz", "cannot be read")
+    monkeypatch.setattr(unpacking, "MAX_BYTES", 1 << 20)
+    for ending, mode in ((".tar.gz", "w:gz"), (".tar.bz2", "w:bz2"), (".tar.xz", "w:xz")):
+        bomb = tarred(tmp_path / f"bomb{ending}", {"p0.py": "0" * (20 << 20)}, mode)
+        refused(bomb, "unpacks to more than 1 MiB")
+
+
+def test_single_files_are_submissions(tmp_path):
+    path = tmp_path / "Lovelace_12345_p0-2.py"
+    path.write_text(ADD0)
+    assert unpacking.extract(path, ["*.py"], tmp_path / "taken", ["p0.py", "p1.py"]) == ["p0.py"]
+    assert (tmp_path / "taken" / "p0.py").read_text() == ADD0
+    assert unpacking.stem_of(path) == "Lovelace_12345_p0-2"
+    other = tmp_path / "mine.py"
+    other.write_text(ADD0)
+    with pytest.raises(unpacking.Nothing, match=r"must end in one of p0\.py, p1\.py"):
+        unpacking.extract(other, ["*.py"], tmp_path / "again", ["p0.py", "p1.py"])
+
+
+def test_class_folder_with_unknown_files_is_not_graded(tmp_path):
+    """A submission that cannot be read must not become a row with 0 points."""
+    assignment = tiny_assignment.sums(tmp_path / "a0")
+    folder = tmp_path / "class"
+    tiny_assignment.write(folder / "ana", {"p0.py": ADD0})
+    zipped(folder / "ben.zip", {"p0.py": ADD0})
+    tarred(folder / "cem.tar.gz", {"p0.py": ADD0}, "w:gz")
+    (folder / "dora_p0.py").write_text(ADD0)
+    (folder / ".DS_Store").write_text("")
+    sheet = folder / "sheet.csv"
+    sheet.write_text("id\n")
+    found = classes.submissions_in(folder, assignment, [sheet])
+    assert [path.name for path in found] == ["ana", "ben.zip", "cem.tar.gz", "dora_p0.py"]
+    for name in ("eva.rar", "finn.7z", "gus.docx"):
+        (folder / name).write_text("x")
+    with pytest.raises(ValueError, match=r"3 files .*'eva\.rar', 'finn\.7z', 'gus\.docx'"):
+        classes.submissions_in(folder, assignment, [sheet])
+
+
+def test_two_loose_files_of_one_student_are_not_two_students(tmp_path):
+    staff = find(tiny_assignment.write(tmp_path / "a0", tiny_assignment.FILES))
+    folder = tiny_assignment.write(tmp_path / "class", {"ada_add.py": "", "ada_mean.py": ""})
+    with pytest.raises(ValueError, match=r"'ada_add\.py' and 'ada_mean\.py'"):
+        classes.submissions_in(folder, staff)
+
+
+def test_late_days_without_a_rule_are_refused(tmp_path):
+    rubric = tiny_assignment.sums(tmp_path / "a0").rubric
+    assert rubric.late.lost_per_day == 0
+    members = [roster.Member("ana", None), roster.Member("ben", None)]
+    sheet = tmp_path / "sheet.csv"
+    sheet.write_text("id,late_days\nana,0\nben,\n")
+    assert roster.marks(sheet, rubric, members)["ana"].late_days == 0
+    sheet.write_text("id,late_days\nana,0\nben,2\n")
+    with pytest.raises(ValueError, match=r"late_days = 2 has no effect.*\[late\]"):
+        roster.marks(sheet, rubric, members)
+
+
 @pytest.mark.essential
 def test_class_is_graded_and_gone_on_with(tmp_path, home):
     folder = tmp_path / "class"
     tiny_assignment.write(folder / "=ana", {"p0.py": ADD0})
     zipped(folder / "ben.zip", {"add.py": ADD0})
-    (folder / "notes.txt").write_text("no submission")
+    (folder / "Thumbs.db").write_text("left by an operating system")
     out, said = folder / "results", []
     with grading.open_grader(tiny_assignment.sums(tmp_path / "a0")) as grader:
         ana, ben = before = grade_class(grader, folder, out, said.append)
@@ -602,7 +699,7 @@ def test_interrupted_run_leaves_nothing(assignment, tmp_path, monkeypatch):
     assert said == "error: interrupted; what is graded is kept"
     assert process.returncode == 130
     assert not sleepers()
-    assert json.loads(out.read_text())["score"] == 0
+    assert "score" not in json.loads(out.read_text())
     assert not list(place.iterdir())
 
 

@@ -19,11 +19,14 @@ import psutil
 import pytest
 from helpers import hostile, tiny_assignment
 from helpers.course_assignment import PULSE, write, write_submission
-from helpers.processes import GUARD_S
+from helpers.processes import GUARD_S, wait_for
 from helpers.tiny_assignment import ADD0, rows
 
 pytest.importorskip("resource", reason="a grading machine runs Linux or macOS")
 
+from tofrender.cli import main
+from tofrender.course.assignments import find
+from tofrender.course.grade import grading
 from tofrender.course.judge import processes, sandbox, system_calls, wire
 from tofrender.course.judge.client import MAX_REASON, Limits, NoAnswer, Worker
 from tofrender.course.judge.running import read_report
@@ -259,13 +262,11 @@ for folder, folders, names in os.walk("@TOP@"):
             os.chmod(os.path.join(folder, name), 0)
         except OSError:
             pass
-os.umask(0)
 os.chdir(TMP)
 for _ in range(50):
-    os.mkdir("closed", 0o300)
-    os.chdir("closed")
+    os.mkdir("deep")
+    os.chdir("deep")
     open("file", "w").close()
-os.umask(0o022)
 """
 NO_REPLY = """
 np.savez(ANSWERS / "x", structure=np.frombuffer(b"[1, 2]", np.uint8))
@@ -284,6 +285,25 @@ for _ in range(260):
         time.sleep(999)
 time.sleep(999)
 """
+FORKS = """
+for _ in range(9):  # 512 processes, where nothing keeps them from it
+    try:
+        os.fork()
+    except OSError:
+        pass
+time.sleep(999)
+"""
+EMPTY_FILES = """
+for number in range(2500):
+    open(os.path.join(TMP, str(number)), "w").close()
+time.sleep(999)
+"""
+LINKS_IN_FOLDERS = """
+for number in range(1250):
+    os.mkdir(str(number))
+    os.symlink("nowhere", f"{number}/link")
+time.sleep(999)
+"""
 KILLS = """
 for pid in (os.getppid(), 0):
     try:
@@ -294,7 +314,7 @@ for pid in (os.getppid(), 0):
 MEMBERS = {  # What each member's file holds and why it gets no point; "" where it gets one
     "a right one": (ADD0, ""),
     "all attacks": ("@ATTACKS@", ""),
-    "closes everybody's files and leaves folders that cannot be listed": (CLOSES, ""),
+    "closes everybody's files and leaves deep folders": (CLOSES, ""),
     "long text": ("raise ValueError('x' * 100_000_000)", "ValueError: xxx"),
     "reply that is none": (NO_REPLY, "the reply is none that the worker writes"),
     "reply that unpacks to much": (BOMB, "is not an answer: it holds"),
@@ -305,6 +325,9 @@ MEMBERS = {  # What each member's file holds and why it gets no point; "" where 
     "answer of another kind": ("def add0(a, b):\n    return {'x': None}", "expected: numbers"),
     "a right one between": (ADD0, ""),
     "many processes": (MANY, "started more than 200 processes"),
+    "processes that start processes": (FORKS, "started more than 200 processes"),
+    "many empty files": (EMPTY_FILES, "made more than 2000 files"),
+    "links in many folders": (LINKS_IN_FOLDERS, "made more than 2000 files"),
     "much memory": ("x = [b'x' * (1 << 27) for _ in range(20)]; time.sleep(999)", "GiB of memory"),
     "ends its parents": (KILLS, ""),
     "a right one at the end": (ADD0, ""),
@@ -403,6 +426,109 @@ def test_class_with_hostile_members_is_graded_right(user, open_tmp):
         row = table[name]
         assert float(row["total"]) == (reason == ""), row
         assert reason in row["reason"], row
+
+
+FORKS_UNTIL_REFUSED = """
+import os, sys, time
+from tofrender.course.judge import sandbox
+sandbox.MAX_TASKS = 30
+uid = int(sys.argv[1]) or None
+if uid is None:
+    sandbox._leave_the_network()
+sandbox.confine(uid=uid)
+started = 0
+try:
+    while started < 200:
+        if os.fork() == 0:
+            time.sleep(999)
+        started += 1
+except BlockingIOError:
+    pass
+print(started, flush=True)
+time.sleep(999)
+"""
+
+
+@pytest.mark.parametrize("user", USERS)
+def test_number_of_processes_has_a_hard_limit(user, tmp_path):
+    """The kernel refuses more, and all of them end at once."""
+    with sandbox.own_user() as own:
+        uid = own if user == "root" else None
+        command = [sys.executable, "-c", FORKS_UNTIL_REFUSED, str(uid or 0)]
+        if user == "nobody":
+            setpriv = ["setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups"]
+            if sandbox.closed_to_others() or shutil.which("setpriv") is None:
+                pytest.skip("Python lies where other users cannot go")
+            command = [*setpriv, *command]
+        environment = os.environ | {"PYTHONPATH": str(CHECKOUT)}
+        started = processes.Supervised(command, cwd=tmp_path, env=environment, uid=uid)
+        try:
+            wait_for(lambda: started.output().strip() or started.process.poll() is not None)
+            assert 0 < int(started.output()) <= 30 + 4 * os.cpu_count()
+        finally:
+            started.end()
+        assert not started._descendants()
+
+
+def test_a_bomb_costs_its_own_problem_only(open_tmp):
+    staff = tiny_assignment.write(open_tmp / "a0", tiny_assignment.wide(["a bomb", "a sum"]))
+    right = ADD0.replace("add0", "add1")
+    files = {"p0.py": f"{BEGIN}{FORKS}{ADD0}", "p1.py": right}
+    student = tiny_assignment.write(open_tmp / "student", files)
+    with grading.open_grader(find(staff)) as grader:
+        found = grader.grade(student, open_tmp / "results.json")
+    assert found.score == 1
+    assert "started more than 200 processes" in found.summary()
+
+
+FAILING_MACHINES = {
+    "worker that cannot start": "raise OSError(28, 'No space left on device')\n",
+    "judge that cannot write": None,
+}
+
+
+@pytest.mark.parametrize("name", FAILING_MACHINES)
+def test_failure_of_the_machine_is_no_grade(name, tmp_path, capsys, monkeypatch):
+    """Nobody gets points, the table has no zero, and the exit status is 1."""
+    staff = tiny_assignment.sums(tmp_path / "a0")
+    if text := FAILING_MACHINES[name]:
+        (staff.folder / "tests/probes.py").write_text(text)
+    else:
+        test = staff.folder / "tests/test_p0.py"
+        broken = "def test_numbers(submission):\n    open('/dev/full', 'w', 1).write('x\\n')\n"
+        test.write_text(test.read_text().partition("def test_numbers")[0] + broken)
+    tiny_assignment.write(tmp_path / "class" / "ada", {"p0.py": ADD0})
+    words = ["grade", str(staff.folder), "--all", str(tmp_path / "class")]
+    status = main([*words, "--csv", str(tmp_path / "grades.csv")])
+    assert status == 1
+    assert "1 submissions were not graded" in capsys.readouterr().err
+    (row,) = rows(tmp_path / "grades.csv")
+    assert (row["total"], row["a0.p0"]) == ("", "")
+    assert row["reason"].startswith("not graded: problem a0.p0: the judge ended with status 70")
+    status = main(
+        [
+            "grade",
+            str(staff.folder),
+            "--submission",
+            str(tmp_path / "class/ada"),
+            "-o",
+            str(tmp_path / "one.json"),
+        ]
+    )
+    assert status == 1
+    assert "score" not in json.loads((tmp_path / "one.json").read_text())
+
+
+def test_failure_on_a_full_disk_is_not_the_submissions(tmp_path, monkeypatch):
+    """Any failure while the machine lacks something may have this reason."""
+    submission = write_submission(tmp_path / "bad", "raise OSError(28, 'No space left on device')")
+    arguments = {"width_opl": 0.1, "t": np.zeros(1)}
+    with closing(Worker(write(tmp_path / "a0").folder, submission)) as asked:
+        with pytest.raises(NoAnswer):
+            asked.ask("density", arguments, GUARD_S)
+        monkeypatch.setattr(processes, "LEAST_FILES", 1 << 60)
+        with pytest.raises(processes.MachineFailure, match="inodes are used up"):
+            asked.ask("density", arguments, GUARD_S)
 
 
 def test_disk_that_fills_up_is_seen(tmp_path, monkeypatch):

@@ -158,6 +158,79 @@ def test_the_camera():
     np.testing.assert_allclose(np.array(rolled["to_world"].matrix)[:3, 1], [1, 0, 0], atol=1e-6)
 
 
+LOOK = mi.ScalarTransform4f().look_at
+ROLL, SCALE = 25.0, [0.4, 0.3, 2.0]
+
+
+def own_camera(*, mirrored: bool = False) -> dict:
+    """Return a scene with an orthographic camera that has a scale, a roll, or a mirrored view."""
+    scale = [-SCALE[0] if mirrored else SCALE[0], *SCALE[1:]]
+    roll = mi.ScalarTransform4f().rotate([0, 0, 1], ROLL) @ mi.ScalarTransform4f().scale(scale)
+    to_world = LOOK([1.0, 0.5, 3.0], [0.1, 0.2, 0.0], [0, 1, 0]) @ roll
+    film = {"type": "hdrfilm", "width": 8, "height": 6}
+    sensor = {"type": "orthographic", "to_world": to_world, "film": film}
+    return {"type": "scene", "eye": sensor, "light": {"type": "constant"}}
+
+
+def view_of(described: dict) -> np.ndarray:
+    """Origins of the rays through three corners of an orthographic camera's film (3, 3)."""
+    camera: dict = {n: v for n, v in described["eye"].items() if n != "sampler"}
+    rays = [
+        mi.load_dict(camera).sample_ray(0.0, 0.5, mi.Point2f(*at), mi.Point2f(0.5))[0]
+        for at in ((0, 0), (1, 0), (0, 1))
+    ]
+    return np.array([np.ravel(np.array(ray.o, float)) for ray in rays])
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_moved_camera_keeps_its_scale_and_roll(mirrored):
+    source = own_camera(mirrored=mirrored)
+    before = view_of(source)
+    place = {"camera": "origin", "value": [2.0, 1.0, 4.0]}
+    np.testing.assert_allclose(
+        view_of(scene(source, a=place)), np.add(before, [1, 0.5, 1]), atol=2e-6
+    )
+
+    # A new target: the camera has the same roll and the same scale
+    there = {"camera": "target", "value": [0.3, -0.2, 0.5]}
+    found = scene(source, a=place, b=there)
+    roll = mi.ScalarTransform4f().rotate([0, 0, 1], ROLL)
+    size = [-SCALE[0] if mirrored else SCALE[0], *SCALE[1:]]
+    expected = LOOK(place["value"], there["value"], [0, 1, 0]) @ roll
+    expected = expected @ mi.ScalarTransform4f().scale(size)
+    matrix = np.array(found["eye"]["to_world"].matrix, float)
+    np.testing.assert_allclose(matrix, np.array(expected.matrix, float), atol=2e-6)
+
+    # The edges of the view have their length
+    edges = np.diff(view_of(found)[[1, 0, 2]], axis=0)
+    np.testing.assert_allclose(
+        np.linalg.norm(edges, axis=1), [2 * SCALE[0], 2 * SCALE[1] * 6 / 8], rtol=1e-5
+    )
+
+    # With `up`, the roll is 0, and the scale is the same
+    upright = scene(source, a=place | {"up": [1, 0, 0]}, b=there)
+    expected = LOOK(place["value"], there["value"], [1, 0, 0]) @ mi.ScalarTransform4f().scale(size)
+    matrix = np.array(upright["eye"]["to_world"].matrix, float)
+    np.testing.assert_allclose(matrix, np.array(expected.matrix, float), atol=2e-6)
+
+
+def test_a_camera_that_looks_down_can_be_moved():
+    source = own_camera()
+    source["eye"]["to_world"] = LOOK([1, 3, 2], [1, 0, 2], [0, 0, 1]) @ (
+        mi.ScalarTransform4f().scale(SCALE)
+    )
+    before = view_of(source)
+    place = {"camera": "origin", "value": [2.0, 3.0, 4.0]}
+    np.testing.assert_allclose(
+        view_of(scene(source, a=place)), np.add(before, [1, 0, 2]), atol=2e-6
+    )
+    aimed = scene(source, a={"camera": "target", "value": [0, 0, 0]})
+    columns = np.linalg.norm(np.array(aimed["eye"]["to_world"].matrix, float)[:3, :3], axis=0)
+    np.testing.assert_allclose(columns, SCALE, rtol=1e-6)
+    with pytest.raises(ValueError, match=r"\Avary.a.camera: the viewing direction .*parallel"):
+        scene(source, a={"camera": "target", "value": [1, 0, 2]})
+
+
 def test_who_is_there():
     some = {"present": ["small-box", "large-box"]}
     assert "large-box" not in scene(a=some | {"distribution": "choice", "values": ["small-box"]})

@@ -319,10 +319,10 @@ SMALL = CONFIG | {"outputs": {"transient": True, "depth": True}}
 def stopped(monkeypatch, out: Path, before: int, config: dict = SMALL) -> Path:
     """A run that was stopped before a record; returns where it is."""
 
-    def make_record(config, layout, record):
+    def make_record(config, layout, record, factor):
         if record == before:
             raise KeyboardInterrupt
-        return datasets.record.make_record(config, layout, record)
+        return datasets.record.make_record(config, layout, record, factor)
 
     with monkeypatch.context() as patch:
         patch.setattr(making, "make_record", make_record)
@@ -522,13 +522,68 @@ def test_two_workers_make_the_same(made, tmp_path):
     require_same(found, made[0])
 
 
+RENDER_READERS = {
+    "transient_to_phasor": lambda film, _: tofrender.transient_to_phasor(film, 20e6),
+    "rebin": lambda film, _: tofrender.rebin(film, 6),
+    "report": lambda film, out: tofrender.report(film, out / "page.html"),
+    "light_in_flight": lambda film, _: tofrender.light_in_flight(film),
+    "save_exr_stack": lambda film, out: tofrender.io.save_exr_stack(film, out / "stack"),
+    "save_npz": lambda film, out: tofrender.io.save_npz(film, out / "film.npz"),
+    "sense": lambda film, _: tofrender.sensors.sense(film, SPAD),
+}
+
+
+@pytest.mark.parametrize("name", RENDER_READERS)
+def test_functions_of_renders_accept_a_record(made, tmp_path, name):
+    RENDER_READERS[name](datasets.render_of(made[0], 1), tmp_path)
+
+
+def test_the_render_of_a_record_is_that_of_render(made):
+    found = datasets.render_of(made[0], 2)
+    about = told(made[0], 2)
+    config = datasets.read_config(CONFIG)
+    scene = load(scene_of(config, about["drawn"]), config)
+    given = tofrender.render(scene, spp=16, seed=about["render_seed"], progress=False)
+    assert found.sizes == given.sizes
+    assert set(found.coords) == set(given.coords)
+    for name in ("transient", "steady", "opl", "time", "x", "y"):
+        np.testing.assert_allclose(found[name], given[name], **TIGHT)
+        assert found[name].attrs == given[name].attrs, name
+    changing = {"render_seconds", "energy_outside_window"}
+    assert {k: v for k, v in found.attrs.items() if k not in changing} == {
+        k: v for k, v in given.attrs.items() if k not in changing
+    }
+
+
+def test_a_record_without_a_steady_picture_has_the_sum_of_its_bins(tmp_path):
+    only = CONFIG | {"records": 1, "outputs": {"transient": True}}
+    found = make(only, tmp_path / "whole.zarr")
+    film = datasets.render_of(found, 0)
+    np.testing.assert_allclose(film["steady"], found["transient"][0].sum("opl"), rtol=1e-5)
+    short = only | {"render": SIZE | {"window": [3, 6], "max_depth": 4}}
+    with pytest.warns(UserWarning, match="outside"):
+        found = make(short, tmp_path / "short.zarr")
+    with pytest.warns(UserWarning, match=r"steady is the sum of the bins, and .* outputs.steady"):
+        datasets.render_of(found, 0)
+
+
+def test_records_that_are_no_render(made, tmp_path):
+    with refused("record = 7: must be one of the coordinate record"):
+        datasets.render_of(made[0], 7)
+    steady = make(CONFIG | {"records": 1, "outputs": {"steady": True}}, tmp_path / "a.zarr")
+    with refused("dataset has no transients; make it with outputs.transient = true"):
+        datasets.render_of(steady, 0)
+    with refused(r"has the axis 'record' of a data set. Pass the render of one record"):
+        tofrender.transient_to_phasor(made[0], 20e6)
+
+
 SPAD = {"cycles": 200, "pixels": [4, 3], "photons": {"photons_per_cycle": 0.5}, "spad": {}}
 
 
 def test_a_sensor_measures_each_record(tmp_path):
     """Noisy counts with their expectation, on the sensor's own pixels, and the truth."""
     config = CONFIG | {"records": 2, "outputs": {"transient": True, "depth": True}}
-    config |= {"sensor": SPAD, "vary": {}}
+    config |= {"sensor": SPAD, "vary": {}, "normalize_each_record": True}
     made = make(config, tmp_path / "counts.zarr")
     axes = ("record", "sensor_y", "sensor_x", "sensor_bin")
     assert made["sensor_counts"].dims == made["sensor_expected"].dims == axes
@@ -538,22 +593,80 @@ def test_a_sensor_measures_each_record(tmp_path):
     assert "sensor_counts" in plan
     for index in (0, 1):
         about = told(made, index)
-        film = xr.Dataset({"transient": made["transient"].isel(record=index, drop=True)})
-        film = film.drop_vars(["time"], errors="ignore").load()
-        attrs = {"quantity": "radiance per bin", "units": "W m^-2 sr^-1"}
-        attrs |= {name: made.attrs[name] for name in ("start_opl", "bin_width_opl")}
-        film["steady"] = film["transient"].sum("opl")
-        film = xr.Dataset(
-            {name: film[name] for name in ("transient", "steady")},
-            {axis: film[axis] for axis in ("y", "x", "opl", "channel")},
-            attrs,
-        )
+        film = datasets.render_of(made, index)
         given = tofrender.sensors.sense(film, SPAD, about["sensor_seed"])
         assert np.array_equal(made["sensor_counts"][index], given["counts"])
         assert np.allclose(made["sensor_expected"][index], given["expected"])
     assert told(made, 0)["sensor_seed"] != told(made, 1)["sensor_seed"]
     with refused("sensor.pixels = .*: must be numbers that divide the film of 8 x 6"):
         datasets.plan_dataset(config | {"sensor": SPAD | {"pixels": [5, 3]}})
+
+
+LAMPS = [3.0, 1.0, 0.1]  # Radiance of the lamp in each record, relative
+
+
+def lit_by(records: int = 3, **more) -> dict:
+    """A data set of one scene with lamps of different radiance, seen by a sensor."""
+    lamp = {"path": "light.emitter.radiance", "times": True, "distribution": "choice"}
+    lamp |= {"values": LAMPS}
+    config = CONFIG | {"records": records, "outputs": {"steady": True}, "vary": {"lamp": lamp}}
+    config["render"] = config["render"] | {"max_depth": 3}
+    return config | {"sensor": SPAD | {"spad": {"mode": "multi_hit"}}} | more
+
+
+def expected_of(dataset: xr.Dataset) -> np.ndarray:
+    """Mean expected signal of each record, in photons per pixel and cycle."""
+    counts = dataset["sensor_expected"].sum("sensor_bin").mean(("sensor_y", "sensor_x"))
+    return counts.values / SPAD["cycles"]
+
+
+def test_one_factor_turns_the_light_of_all_records_into_photons(tmp_path):
+    """Record 0 has `photons_per_cycle`; other records have more if their lamps are stronger."""
+    made = make(lit_by(), tmp_path / "all.zarr")
+    lamp = made["lamp"].values
+    assert len(set(lamp)) > 1
+    signal = expected_of(made)
+    assert signal[0] == pytest.approx(0.5, rel=1e-3)
+    light = made["steady"].mean(("y", "x", "channel")).values
+    inside = 1 - made["energy_outside_window"].values
+    np.testing.assert_allclose(signal / signal[0], light * inside / (light * inside)[0], rtol=1e-3)
+    factors = {told(made, index)["photons_per_radiance"] for index in range(3)}
+    assert len(factors) == 1
+
+    # A record alone is the same, without record 0
+    alone = make(lit_by(), tmp_path / "alone.zarr", only=[2])
+    np.testing.assert_allclose(expected_of(alone), signal[2], rtol=1e-4)
+
+
+def test_each_record_is_normalized_if_wanted(tmp_path):
+    made = make(lit_by(2, normalize_each_record=True), tmp_path / "each.zarr")
+    np.testing.assert_allclose(expected_of(made), 0.5, rtol=1e-3)
+    first, second = (told(made, index)["photons_per_radiance"] for index in range(2))
+    assert first != pytest.approx(second, rel=0.1)
+    with refused("normalize_each_record has no effect without photons_per_cycle in the sensor"):
+        datasets.plan_dataset(CONFIG | {"normalize_each_record": True})
+
+
+def test_a_resumed_run_has_the_factor_of_its_first_records(tmp_path, monkeypatch):
+    out, plain, done = tmp_path / "all.zarr", making.make_record, []
+
+    def stopping(config, layout, record, factor):
+        if len(done) == 2:
+            raise KeyboardInterrupt
+        done.append(record)
+        return plain(config, layout, record, factor)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(making, "make_record", stopping)
+        with pytest.raises(KeyboardInterrupt):
+            make(lit_by(), out)
+    monkeypatch.setattr(
+        making, "make_record", lambda *given: done.append(given[2]) or plain(*given)
+    )
+    resumed = make(lit_by(), out)
+    assert done == [0, 1, 2]
+    whole = make(lit_by(), tmp_path / "whole.zarr")
+    np.testing.assert_allclose(expected_of(resumed), expected_of(whole), rtol=1e-4)
 
 
 def test_a_sensor_in_a_file_beside_the_config(tmp_path):

@@ -7,6 +7,7 @@ these away where the filter should do nothing, more elsewhere; the seeds are fix
 import numpy as np
 import pytest
 from helpers.support import refused
+from scipy.ndimage import minimum_filter
 
 import tofrender
 from tofrender.denoising import denoise_film, filtering, kernels
@@ -113,6 +114,57 @@ def test_an_edge_stays_in_its_bin():
     truth = moving_edge()
     mean, noise = halves(truth, sigma=SIGMA * truth)
     assert not denoise_film(mean, noise, wall())[truth == 0].any()
+
+
+def striped(faint: float) -> np.ndarray:
+    """Stripes of three columns that are lit early; the others are lit late and faintly."""
+    times = np.arange(32)
+    lit_at = np.where(X // 3 % 2 == 0, 8 + X // 8, 99)[..., None]
+    late = faint * np.exp(-np.maximum(times - 14, 0) / 8) * (times >= 14)
+    early = np.exp(-np.maximum(times - lit_at, 0) / 8) * (times >= lit_at)
+    return (early + late)[..., None] * (1, 0.7, 0.4)
+
+
+def photons(truth: np.ndarray, mean_photons: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and half difference of two films of photons, `mean_photons` for a light of 1."""
+    rng = np.random.default_rng(seed)
+    first, second = (rng.poisson(truth * mean_photons / 2) * 2 / mean_photons for _ in range(2))
+    return (first + second) / 2, (first - second) / 2
+
+
+def first_bins(film: np.ndarray) -> np.ndarray:
+    """First bin with light of each pixel, the number of bins for pixels without light."""
+    lit = film.any(axis=-1)
+    return np.where(lit.any(axis=-1), lit.argmax(axis=-1), lit.shape[-1])
+
+
+@pytest.mark.parametrize("faint", [0.1, 0.001])
+@pytest.mark.parametrize("mean_photons", [1, 10, 100])
+def test_no_light_before_the_first_of_the_neighborhood(mean_photons, faint):
+    mean, noise = photons(striped(faint), mean_photons, 3)
+    found = denoise_film(mean, noise, wall())
+    earliest = minimum_filter(first_bins(mean), 3, mode="nearest")
+    assert (first_bins(found) >= earliest).all()
+    assert not np.array_equal(found, mean)
+    sums = [each.sum(axis=(0, 1, 2), dtype=float) for each in (found, mean)]
+    np.testing.assert_allclose(*sums, rtol=1e-5)
+
+
+@pytest.mark.statistical
+def test_faint_bins_do_not_get_worse_as_a_whole():
+    """Levels of brightness of a film that decays: the mean squared error falls in each of them."""
+    times = np.arange(32)
+    arrival = (4 + X // 4)[..., None]
+    truth = np.exp(-np.maximum(times - arrival, 0) / 3) * (times >= arrival)
+    truth = truth[..., None] * np.ones(3)
+    filtered = raw = 0.0
+    for seed in range(4):
+        mean, noise = photons(truth, 30, seed)
+        filtered = filtered + (denoise_film(mean, noise, wall()) - truth) ** 2
+        raw = raw + (mean - truth) ** 2
+    for low in (0.1, 0.01, 0.001, 1e-4):
+        level = (truth > low) & (truth <= 10 * low)
+        assert filtered[level].sum() < raw[level].sum(), low
 
 
 @pytest.mark.parametrize("kind", [1, 2])

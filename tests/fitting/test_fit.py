@@ -186,9 +186,83 @@ def test_callback_sees_each_step_and_may_end_it():
 
 
 def test_values_stay_within_bounds():
-    found = find(bounds={POSITION: (None, 1.3), INTENSITY: (2.5, None)}, steps=40)
+    said = r"^fit: lamp.position at 1.3, lamp.intensity.value at 2.5, which is a bound"
+    with pytest.warns(UserWarning, match=said):
+        found = find(bounds={POSITION: (None, 1.3), INTENSITY: (2.5, None)}, steps=40)
     assert found.history[POSITION].max() == np.float32(1.3)
     assert found.history[INTENSITY].min() == 2.5
+
+
+@pytest.mark.parametrize(("loss", "frequency_hz"), [("scale_free", None), ("phase", [5e7, 1e8])])
+def test_an_unknown_gain_of_the_target_does_not_matter(loss, frequency_hz):
+    target = 2.5 * np.array(measured()[1])
+    options = {"params": {POSITION: START}, "learning_rate": 0.05, "steps": 200}
+    found = find(target, loss=loss, frequency_hz=frequency_hz, **options)
+    assert np.abs(found.values[POSITION] - TRUE).max() < 2e-3
+
+
+@pytest.mark.parametrize("frequency_hz", [5e7, [5e7, 1e8]])
+@pytest.mark.parametrize("loss", ["phasor", "phase"])
+def test_takes_phasors_and_phases(loss, frequency_hz):
+    """I and Q, all of `transient_to_phasor`, or phases: the losses are those of the bins."""
+    bins = np.array(measured()[1])
+    phasors = tofrender.transient_to_phasor(bins, frequency_hz, 0.5, 0.05)
+    targets = [bins, phasors[:2], tuple(phasors)]
+    if loss == "phase":
+        targets.append(phasors[3])
+    options = {"loss": loss, "frequency_hz": frequency_hz, "steps": 3}
+    expected, *others = [find(target, **options).losses for target in targets]
+    for each in others:
+        np.testing.assert_allclose(each, expected, rtol=1e-3)
+
+
+def test_phasors_that_do_not_fit():
+    bins = np.array(measured()[1])
+    i, q = tofrender.transient_to_phasor(bins, 5e7, 0.5, 0.05)[:2]
+    with pytest.raises(ValueError, match=r"^target: I with shape \(4, 3, 3\): must be"):
+        find((i[:, :3], q[:, :3]), loss="phasor", frequency_hz=5e7, steps=1)
+    with pytest.raises(ValueError, match=r"^target: I with shape .* for one frequency, or \(2, 4"):
+        find((i, q), loss="phasor", frequency_hz=[5e7, 1e8], steps=1)
+
+
+def test_equal_walls_that_were_merged():
+    """The name of another wall is not recommended, which may be that of both."""
+    walls = {k: plane(translate(x, 0, 0), 1, bsdf=diffuse(0.5)) for k, x in (("a", -1), ("b", 1))}
+    lamp = {"type": "point", "position": [0, 0, 2]}
+    picture = {"type": "hdrfilm", "width": 4, "height": 4, "rfilter": {"type": "box"}}
+    parts = walls | {"lamp": lamp}
+    described_scene = described(parts, camera((0, 0, 3), (0, 0, 0), picture), type="prb")
+    missing = "a.bsdf.reflectance.value"
+    made = mi.load_dict(described_scene)
+    with pytest.raises(ValueError, match=r"^params\['.*is no parameter.*optimize=False$"):
+        tofrender.fit(made, {missing: 0.3, "b.bsdf.reflectance.value": 0.3}, np.ones((4, 4, 3)))
+    kept = tofrender.load_scene(described_scene, optimize=False)
+    assert missing in mi.traverse(kept)
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_films_without_a_pulse(moves):
+    """An albedo is found; a position is refused in one line."""
+    lamp = {"type": "point", "position": [0.1, 0, 0], "intensity": 5.0}
+    bins = {"temporal_bins": 40, "start_opl": 3.0, "bin_width_opl": 0.1}
+    film = {"type": "transient_hdr_film", "width": 4, "height": 3, "rfilter": {"type": "box"}}
+
+    def room(albedo: float) -> mi.Scene:
+        turned = translate(0, 0, 2) @ mi.ScalarTransform4f().rotate([0, 1, 0], 180)
+        parts = {"wall": plane(turned, 3, bsdf=diffuse(albedo)), "lamp": lamp}
+        return mi.load_dict(
+            described(parts, camera((0, 0, 0), (0, 0, 1), film | bins), max_depth=2)
+        )
+
+    target = mi.render(room(0.8), spp=256)
+    wall = "wall.bsdf.reflectance.value"
+    options = {"spp": 64, "steps": 60, "progress": False}
+    if moves:
+        with pytest.raises(ValueError, match=r"\Apulse = None: leaves bins.*\Z"):
+            tofrender.fit(room(0.4), {POSITION: (0, 0, 0)}, target, **options)
+        return
+    found = tofrender.fit(room(0.4), {wall: 0.4}, target, learning_rate=0.05, **options)
+    assert found.values[wall] == pytest.approx(0.8, abs=0.05)
 
 
 def test_a_loss_that_is_no_number_ends_it():
@@ -223,7 +297,7 @@ BAD_OPTIONS = {
     "learning_rate = {'lamp.position': 0.1}: must have 'l": {"learning_rate": {POSITION: 0.1}},
     "learning_rate['x'] = 1: must be of lamp.position, ": {"learning_rate": RATES | {"x": 1}},
     "frequency_hz = None: must be given with loss='phasor', in hertz": {"loss": "phasor"},
-    "frequency_hz = 10000000.0: must be left out; only loss='phasor' has": {"frequency_hz": 1e7},
+    "frequency_hz = 10000000.0: must be left out; only loss='phasor' and": {"frequency_hz": 1e7},
     "frequency_hz = 1e+10: must be below 2.99792e+": {"loss": "phasor", "frequency_hz": 1e10},
     "target with shape (4, 4, 61, 3): must be (4, 4, 60, ": {"target": np.ones((4, 4, 61, 3))},
     "target: 2880 of 2880 values are not finite,": {"target": np.full((4, 4, 60, 3), np.nan)},
@@ -268,7 +342,9 @@ def test_loss_that_is_no_number():
 def test_time_losses_need_bins():
     made = mi.load_dict(mi.cornell_box())
     for loss in ("wasserstein", "phasor"):
-        with pytest.raises(ValueError, match=rf"^loss = '{loss}': must be 'l2' for a film without"):
+        with pytest.raises(
+            ValueError, match=rf"^loss = '{loss}': must be 'l2' or 'scale_free' for a film"
+        ):
             tofrender.fit(made, {"red.reflectance.value": 0.5}, np.ones((256, 256, 3)), loss=loss)
 
 
@@ -279,6 +355,8 @@ phasor_loss = partial(tofrender.phasor_loss, frequency_hz=FREQUENCIES, **AXIS)
 LOSSES = {
     "l2": tofrender.l2_loss,
     "phasor": phasor_loss,
+    "phase": partial(tofrender.phase_loss, frequency_hz=FREQUENCIES, **AXIS),
+    "scale_free": tofrender.scale_free_loss,
     "wasserstein": tofrender.wasserstein_loss,
     "times": partial(tofrender.wasserstein_loss, energy_weight=0.0),
 }
@@ -298,11 +376,16 @@ def in_numpy(name: str, rendered: np.ndarray, target: np.ndarray) -> float:
     r, t = rendered.astype(float), target.astype(float)
     if name == "l2":
         return np.sum((r - t) ** 2) / np.sum(t**2)
-    if name == "phasor":
+    if name == "scale_free":
+        return 1 - np.sum(r * t) ** 2 / (np.sum(r**2) * np.sum(t**2))
+    if name in ("phasor", "phase"):
         parts = [
             np.array(tofrender.transient_to_phasor(each, FREQUENCIES, *AXIS.values())[:2])
             for each in (r, t)
         ]
+        if name == "phase":
+            p, u = (each[0] + 1j * each[1] for each in parts)
+            return np.sum(abs(p) ** 2 * np.sin(np.angle(p / u)) ** 2) / np.sum(abs(p) ** 2)
         return np.sum((parts[0] - parts[1]) ** 2) / np.sum(parts[1] ** 2)
     light, measured = r.sum(2), t.sum(2)
     arrived = [np.cumsum(each, axis=2) / each.sum(2, keepdims=True) for each in (r, t)]
@@ -342,6 +425,28 @@ def test_derivative_is_that_of_differences(name, seed):
     loss = LOSSES[name](forward, target)
     dr.forward_to(loss)
     assert abs(number(dr.grad(loss)) - expected) < 2e-4 * np.abs(gradient).sum()
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("name", ["phase", "scale_free"])
+def test_noise_does_not_bias_products_of_two_renders(name):
+    """The mean over noisy pairs is the loss of clean light; with one render, noise adds to it."""
+    rng = np.random.default_rng(3)
+    clean, target = rng.random((2, 12, 10, 7, 3)).astype(np.float32)
+    expected = in_numpy(name, clean, target)
+
+    def mean_and_error(pairs: bool) -> tuple[float, float]:
+        found = []
+        for _ in range(40):
+            first, second = clean + rng.normal(0, 0.5, (2, *clean.shape)).astype(np.float32)
+            other = second if pairs else first
+            found.append(number(LOSSES[name](first, target, other=other)))
+        return np.mean(found), np.std(found) / np.sqrt(len(found))
+
+    mean, error = mean_and_error(pairs=True)
+    assert abs(mean - expected) < 4.5 * error + 2e-3
+    mean, error = mean_and_error(pairs=False)
+    assert mean - expected > 0.05 > 10 * error
 
 
 def arrival(at: float, energy: float = 1.0, width: float = 0.15) -> np.ndarray:

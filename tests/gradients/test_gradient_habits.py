@@ -187,13 +187,44 @@ def test_integrators_refuse_by_themselves_too():
 def test_a_refusal_says_what_tracks_gradients_and_has_no_loop_of_causes():
     scene = load()
     scene.integrator().pulse = None
-    said = rf"pulse = None.*as '{ALBEDO}' tracks gradients"
+    said = rf"pulse = None.*as '{FLOOR}' tracks gradients"
     with pytest.raises(ValueError, match=said) as caught:
-        tofrender.render(scene, params=attached_to(scene, ALBEDO), spp=1)
+        tofrender.render(scene, params=lifted(scene), spp=1)
     seen: list[BaseException | None] = [caught.value]
     while seen[-1] is not None:
         seen.append(seen[-1].__cause__ or seen[-1].__context__)
         assert seen[-1] not in seen[:-1]
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("mode", ["forward", "reverse"])
+def test_an_albedo_needs_no_pulse(mode):
+    """Light of one bounce is proportional to the albedo a: its derivative in each bin is L / a."""
+    albedo = [0.3, 0.5, 0.7]
+    color = {"type": "rgb", "value": albedo}
+    scene = load(floor=plane(size=10, bsdf={"type": "diffuse", "reflectance": color}))
+    scene.integrator().pulse = None
+    parameters = attached_to(scene, ALBEDO)
+    rendered = mi.render(scene, parameters, spp=4096)[1]
+    light = np.array(dr.detach(rendered), float)
+    weights = np.random.default_rng(0).random(light.shape).astype(np.float32)
+    if mode == "reverse":
+        dr.backward(dr.sum(rendered * mi.TensorXf(weights), axis=None))
+        found = np.array(dr.grad(parameters[ALBEDO])).ravel()
+    else:
+        dr.set_grad(parameters[ALBEDO], mi.Color3f(1.0))
+        dr.forward_to(rendered)
+        found = (weights * np.array(dr.grad(rendered))).sum((0, 1, 2))
+    assert found == pytest.approx((weights * light).sum((0, 1, 2)) / np.array(albedo), rel=0.02)
+
+
+def test_attached_sampling_needs_a_pulse():
+    """Sampled directions, and so path lengths, change with the material."""
+    scene = load()
+    scene.integrator().pulse = None
+    scene.integrator().gradient_sampling = "attached"
+    with pytest.raises(ValueError, match=r"\Apulse = None: leaves bins"):
+        tofrender.render(scene, params=attached_to(scene, ALBEDO), spp=1)
 
 
 @pytest.mark.parametrize("pixels", ["luminance", "luminance_alpha", "rgb", "rgba"])

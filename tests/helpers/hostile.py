@@ -31,6 +31,15 @@ FILES = {
     "device": "os.mknod(SCRATCH + '/device', 0o60666, os.makedev(7, 0))",
     "lease": "import fcntl; fcntl.fcntl(os.open(CANARY, os.O_RDONLY), 1024, 0)",
     "hidden file": "open(HIDDEN).read()",
+    "names in a folder": "os.listdir(FOLDER)",
+    "names in the root": "os.listdir('/')",
+    "names in the parent of its folder": "os.listdir(os.path.dirname(os.path.dirname(SCRATCH)))",
+    "folder that nobody can list": "os.mkdir(SCRATCH + '/closed', 0o300)",
+    "folder that nobody can list, by its file": """
+        os.mkdir("closed", 0o600, dir_fd=os.open(SCRATCH, os.O_RDONLY))
+    """,
+    "mode of all later folders": "os.umask(0o777)",
+    "names through a watch": "call(294, 26, 0)",
 }
 
 OTHERS = {
@@ -49,6 +58,11 @@ OTHERS = {
     "memory": "call(311, 271, VICTIM, None, 0, None, 0, 0)",
     "memory as a file": "open(f'/proc/{VICTIM}/mem', 'rb').read(1)",
     "environment": "open(f'/proc/{VICTIM}/environ', 'rb').read()",
+    "names of all": "os.listdir('/proc')",
+    "command line": "open(f'/proc/{VICTIM}/cmdline').read()",
+    "name and state": "open(f'/proc/{VICTIM}/status').read()",
+    "its threads": "os.listdir(f'/proc/{VICTIM}/task')",
+    "its folder": "os.readlink(f'/proc/{VICTIM}/cwd')",
     "descriptor": "call(438, 438, call(434, 434, VICTIM, 0), 0, 0)",
     "network of another": "call(308, 268, os.open(f'/proc/{VICTIM}/ns/net', os.O_RDONLY), 0)",
 }
@@ -107,6 +121,12 @@ HARMLESS = {
     "threads": "import threading; t = threading.Thread(target=int); t.start(); t.join()",
     "child": "return os.waitpid(os.posix_spawn('/bin/true', ['true'], {}), 0)[1] == 0",
     "shell": "import subprocess; return subprocess.check_output(['echo', 'x']) == b'x\\n'",
+    "names in its folder": "os.listdir(SCRATCH); os.listdir('.')",
+    "names of the system": "os.listdir('/usr')",
+    "folder of its own": "os.mkdir(SCRATCH + '/f', 0o700); os.rmdir(SCRATCH + '/f')",
+    "temporary folder": "import tempfile; tempfile.TemporaryDirectory(dir=SCRATCH).cleanup()",
+    "what it is itself": "return os.getpid() != FIRST or bool(open('/proc/self/status').read())",
+    "memory of the machine": "open('/proc/meminfo').read(); open('/proc/cpuinfo').read()",
     "file of its own": "open(SCRATCH + '/own', 'w').write('x'); os.remove(SCRATCH + '/own')",
     "link of its own": "os.symlink('x', SCRATCH + '/l'); os.remove(SCRATCH + '/l')",
     "its limits": "import resource; resource.getrlimit(resource.RLIMIT_AS)",

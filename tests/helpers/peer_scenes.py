@@ -95,13 +95,14 @@ HIDDEN_GEOMETRY = {
 }
 
 
-def integrator(capture_type: int = 1, more: str = "") -> str:
+def integrator(capture_type: int | None = None, more: str = "") -> str:
+    kind = "" if capture_type is None else tags("integer", capture_type=capture_type)
     direct = {"discard_direct_paths": "False", "account_first_and_last_bounces": "False"}
     return f"""
     <integrator type="transient_nlos_path">
       {tags("boolean", **HIDDEN_GEOMETRY, **direct)}
       <string name="temporal_filter" value="box"/>
-      {tags("integer", capture_type=capture_type)}
+      {kind}
       {more}
     </integrator>"""
 

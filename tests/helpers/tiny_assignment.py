@@ -190,7 +190,9 @@ def grade_class(grader: Any, folder: Path, out: Path, say: Callable = print, **m
     """Grade a class as the command does; returns the rows of its table, `out` with .csv."""
     from tofrender.course.grade import classes, roster  # needs Linux or macOS
 
-    members, _ = roster.members(classes.submissions_in(folder, out), None)
+    members, _ = roster.members(
+        classes.submissions_in(folder, grader.assignment, [out, out.with_suffix(".csv")]), None
+    )
     table = out.with_suffix(".csv")
     classes.Class(grader, folder, members, table, out, **more).grade(say)
     return rows(table)

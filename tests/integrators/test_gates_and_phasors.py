@@ -13,6 +13,7 @@ from helpers.support import camera, film, load, refused, scene, with_integrator
 
 import tofrender
 from tofrender.films.phasor import fourier_transform, parse_frequencies
+from tofrender.runtime import memory
 from tofrender.signals.modulations import AMCWPulse
 from tofrender.signals.pulses import GaussianPulse, SampledPulse
 
@@ -260,6 +261,26 @@ def test_sphere_with_all_bounces():
         error = found.std() / math.sqrt(found.size)
         assert abs(found.mean() - expected) < 5 * error + 1e-4 * abs(expected)
         assert error < 0.01 * abs(expected)  # Tight enough to see a wrong sign, chord or albedo
+
+
+def test_phasors_at_many_frequencies():
+    """An example of y-tal has 104: P = L exp(+i k opl) at each."""
+    mi.set_variant("llvm_ad_mono")  # A third of the time to compile the kernel
+    loaded, opl, radiance = one_path()
+    frequencies = np.linspace(10e6, 60e6, 104)
+    found = tofrender.render_amcw_phasor(loaded, loaded.sensors()[0], list(frequencies), spp=1)
+    expected = radiance * np.exp(2j * math.pi * opl / C * frequencies)
+    np.testing.assert_allclose(found[0][:, 0, 0, 0], expected.real, atol=1e-4 * radiance)
+    np.testing.assert_allclose(found[1][:, 0, 0, 0], expected.imag, atol=1e-4 * radiance)
+
+
+def test_memory_limits_the_number_of_frequencies(monkeypatch):
+    """The image of 32 x 24 pixels with 100 frequencies takes 1.8 MB, and the work 9 times that."""
+    monkeypatch.setattr(memory, "available", lambda: memory.RESERVE + 10_000_000)
+    loaded = box(height=24)
+    given = loaded, loaded.sensors()[0], [1e6 * k for k in range(1, 101)], 1
+    text = "film of 32 x 24 pixels x 100 frequencies: takes"
+    refused(text, tofrender.render_amcw_phasor, *given, kind=MemoryError)
 
 
 def with_phasor_film(size: int, **more) -> mi.Scene:

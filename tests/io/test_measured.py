@@ -130,6 +130,19 @@ WRONG = {
         lambda p: savemat(p, {"meas": CUBE, "tofgrid": np.full((3, 4), 1e4)}),
         "tofgrid = .* within the bins",
     ),
+    "f-k seconds": (
+        lambda p: savemat(p, {"meas": np.ones((3, 4, 600)), "tofgrid": np.full((3, 4), 9.6e-9)}),
+        "tofgrid: its delays are at most 9.6e-09 ps",
+    ),
+    "f-k nanoseconds": (
+        lambda p: savemat(p, {"meas": np.ones((3, 4, 600)), "tofgrid": np.full((3, 4), 9.6)}),
+        "tofgrid: its delays are at most 9.6 ps",
+    ),
+    "npz picoseconds": (
+        lambda p: as_npz(p, counts=CUBE, bin_width_s=4.0),
+        "bin_width_s = 4: a bin",
+    ),
+    "csv picoseconds": (lambda p: as_csv(p, "y,x,0,4"), "bin_width_s = 4: a bin"),
     "cells two": (lambda p: files.photon_times(p, A=_cells()), "cells = "),
     "cells of seconds": (lambda p: savemat(p, {"T": _cells(1e-12)}), "numbers of bins"),
     "cells of text": (lambda p: savemat(p, {"T": _cells("abc")}), "must hold real numbers"),

@@ -14,7 +14,17 @@ import numpy as np
 import pytest
 from helpers.fogs import BALL, FLOOR, LIT, SCENES as IN_MEDIA, SKY, THIN, looked_at, sphere
 from helpers.parts import area_light, diffuse, plane, point_light, rotate, translate
-from helpers.support import agree, camera, film, load, over_seeds, rendered, scene, steady_twin
+from helpers.support import (
+    agree,
+    camera,
+    camera_rays,
+    film,
+    load,
+    over_seeds,
+    rendered,
+    scene,
+    steady_twin,
+)
 
 import tofrender
 from tofrender.integrators.lights_straight_ahead import LightsStraightAhead
@@ -104,6 +114,71 @@ def test_shares_with_hits_are_those_of_the_last_turn(monkeypatch):
     assert agree(seen(before_lamp), bare, rounding=2e-3)
     monkeypatch.setattr(LightsStraightAhead, "connection_reference", lambda *_: None)
     assert not agree(seen(before_lamp), bare, rounding=2e-3)
+
+
+def facing_a_sky(material: dict, tilt: float, **integrator: Any) -> dict:
+    """A sheet of a material that fills the view, and a sky that is hidden from the camera."""
+    sky = {"type": "constant", "radiance": {"type": "rgb", "value": [0.5, 1.0, 2.0]}}
+    sheet = plane(translate(0.1, 0.2, -1) @ rotate((1, 0, 0), tilt), 5.0, bsdf=material)
+    view = camera((0.1, 0.2, 2), (0.1, 0.2, 0), film(3, 2, 20, 0.0, 2.0), fov=0.1)
+    return scene({"sky": sky, "sheet": sheet}, view, hide_emitters=True, **integrator)
+
+
+def reflected_by_pane(tilt: float, index: float = 1.9) -> float:
+    """Reflectance 2 r / (1 + r) of a pane, with Fresnel's reflectance r of unpolarized light."""
+    cos = np.cos(np.radians(tilt))
+    bent = np.sqrt(1 - (1 - cos**2) / index**2)
+    r = ((cos - index * bent) / (cos + index * bent)) ** 2 / 2
+    r += ((index * cos - bent) / (index * cos + bent)) ** 2 / 2
+    return 2 * r / (1 + r)
+
+
+TILT = 35.0
+SHOWN: dict[str, tuple[dict, float]] = {
+    "null": (NULL, 0.0),
+    "pane": (PANE, reflected_by_pane(TILT)),
+    "mask": (MASK, 0.5 * 0.6),
+    "masked pane": (OVER_PANE, 0.3 * reflected_by_pane(TILT)),
+    "blend": (BLEND, 0.4 * 0.5),
+    "polarizer": (POLARISER, 0.0),
+}
+"""Share of the sky's radiance that a surface reflects to the camera; the rest is hidden."""
+
+HIDERS: dict[str, dict[str, Any]] = {
+    "path": {"type": "transient_path", "max_depth": 4},
+    "volpath": {"type": "transient_volpath", "max_depth": 4},
+    "hits": {"type": "transient_path", "max_depth": 4, "emitter_sampling": False},
+    "bdpt": {"type": "transient_bdpt", "max_depth": 4},
+    "one sample": ONE_SAMPLE | {"max_depth": 4},
+}
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("technique", HIDERS)
+@pytest.mark.parametrize("name", SHOWN)
+def test_a_hidden_sky_is_hidden_behind_what_lets_it_through(name, technique):
+    """Only the sky that surfaces reflect is shown."""
+    material, share = SHOWN[name]
+    described = facing_a_sky(material, TILT, **HIDERS[technique])
+    if share == 0:
+        assert rendered(described, 16)[0].max() == 0
+        return
+    found = seen(described, spp=512)
+    expected = np.broadcast_to(share * np.array([0.5, 1.0, 2.0]), found.shape)
+    assert agree(found, expected, rounding=1e-3)
+
+
+@pytest.mark.parametrize("name", SHOWN)
+def test_rays_to_a_hidden_sky_are_not_valid(name):
+    """As in Mitsuba, surfaces that a ray only passes do not count."""
+    material, share = SHOWN[name]
+    loaded = load(facing_a_sky(material, TILT, type="transient_path", max_depth=4))
+    camera = camera_rays(loaded, 256)
+    sampler = mi.load_dict({"type": "independent", "sample_count": 256})
+    sampler.seed(0, 256)
+    _, valid, _ = loaded.integrator().sample(loaded, sampler, camera.ray)
+    fraction = float(dr.mean(dr.select(valid, 1.0, 0.0))[0])
+    assert fraction == 0 if share == 0 else 0 < fraction < 1
 
 
 HEIGHT, ASIDE, INTENSITY, ALBEDO = 1.5, 0.7, 5.0, 0.6

@@ -137,6 +137,7 @@ def test_still_scenes_are_dark_from_lamps(integrator):
 def corner() -> mi.Scene:
     """A corner where floor, wall, lamp and camera move, with light of two bounces."""
     wall = {"velocity": [0.0, 0.0, -16.0], "angular_velocity": [4.0, 2.0, 0.0]}
+    wall |= {"rotation_center": [0.0, 0.0, 0.0]}
     parts = {
         "floor": plane(rotate((1, 0, 0), -90), bsdf=diffuse(0.6), velocity=[2.0, 12.0, 0.0]),
         "wall": plane(translate(0, 0, -2), bsdf=diffuse(0.7), **wall),

@@ -172,3 +172,26 @@ def test_what_frames_refuse():
     assert refused.startswith("row_time_s = 0.001: must be 0 with TransientLightTracer")
     with pytest.raises(TypeError, match="errors: is no argument; must be one of spp"):
         render_frames(square(), [0.0], errors=True)
+
+
+SPAD = {"cycles": 100, "photons": {"photons_per_cycle": 0.5}, "spad": {}}
+FRAME_READERS = {
+    "sense": lambda film: tofrender.sensors.sense(film, SPAD),
+    "expected_photons": lambda film: tofrender.sensors.expected_photons(
+        film, photons_per_cycle=0.5
+    ),
+    "transient_to_phasor": lambda film: tofrender.transient_to_phasor(film, 20e6),
+    "light_in_flight": lambda film: tofrender.light_in_flight(film),
+    "save_npz": lambda film: tofrender.io.save_npz(film, "film.npz"),
+}
+
+
+@pytest.mark.parametrize("name", FRAME_READERS)
+def test_functions_of_one_render_refuse_several_frames(name):
+    """They name the axis and how to choose a frame; a frame is accepted."""
+    settings = {"size": (6, 4), "bins": 8, "start_opl": 5.0, "bin_width": 1.0, "spp": 1}
+    film = render_frames("fan", [0, 0.01], progress=False, **settings)
+    line = refusal(FRAME_READERS[name], film)
+    assert "has the axis 'frame'. Pass one entry of it, like dataset.isel(frame=0" in line
+    if name != "save_npz":
+        FRAME_READERS[name](film.isel(frame=0, drop=True))

@@ -36,7 +36,7 @@ XML = """<scene version="3.0.0">
     <point name="position" x="1" y="0.3" z="2"/>
     <rgb name="intensity" value="3"/>
     <vector name="angular_velocity" x="0" y="0" z="2"/>
-    <point name="centre" x="0" y="0.5" z="1"/>
+    <point name="rotation_center" x="0" y="0.5" z="1"/>
   </emitter>
   <shape type="rectangle" id="floor">
     <transform name="to_world"><scale value="5"/></transform>
@@ -93,7 +93,7 @@ def test_shapes_are_merged_unless_something_moves():
         ({"velocity": 3.0}, "velocity = "),
         ({"angular_velocity": (0, 0, "fast")}, "angular_velocity = "),
         ({"angular_velocity": (0, 0, 1e7)}, "angular_velocity = "),
-        ({"centre": (0, 0, np.inf)}, "centre = "),
+        ({"rotation_center": (0, 0, np.inf)}, "rotation_center = "),
     ],
 )
 def test_motions_that_are_none(motion, said):
@@ -110,8 +110,8 @@ def test_motions_that_are_none_in_a_scene():
         tofrender.load_scene(described(floor=plane(velocity=3.0)))
     with pytest.raises(ValueError, match=r"\A.*velocity.*\Z"):
         tofrender.load_scene(described(floor=plane(bsdf=diffuse(0.5) | {"velocity": [0, 0, 1]})))
-    alone = described(floor=plane(centre=[0.0, 0.0, 1.0]))
-    with pytest.raises(ValueError, match=r"\A.*centre.*\Z"):
+    alone = described(floor=plane(rotation_center=[0.0, 0.0, 1.0]))
+    with pytest.raises(ValueError, match=r"\A.*rotation_center.*\Z"):
         tofrender.load_scene(alone)
 
 
@@ -142,7 +142,7 @@ def test_motions_of_parts_that_cannot():
     assert "infinity" in refusal(tofrender.moving, loaded, {"sun": step})
     sun = described(sun=parts["sun"] | {"velocity": [0, 0, 1]})
     assert "infinity" in refusal(tofrender.load_scene, sun)
-    far = {"floor": Motion(angular_velocity=(0, 0, 1e3), centre=(1e4, 0, 0))}
+    far = {"floor": Motion(angular_velocity=(0, 0, 1e3), rotation_center=(1e4, 0, 0))}
     assert "1e+06 m/s" in refusal(tofrender.moving, loaded, far)
     line = refusal(tofrender.moving, loaded, {"floor": (0, 0, 1)})
     assert line.startswith("motions['floor'] = ")

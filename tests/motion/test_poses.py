@@ -12,14 +12,16 @@ import tofrender
 from tofrender import Motion
 
 ω = np.array([0.4, -1.1, 0.7])
-MOTION = Motion(velocity=(0.3, -0.2, 0.5), angular_velocity=tuple(ω), centre=(0.1, 0.2, -0.3))
+MOTION = Motion(
+    velocity=(0.3, -0.2, 0.5), angular_velocity=tuple(ω), rotation_center=(0.1, 0.2, -0.3)
+)
 TIME_S = 0.4
 VIEW = camera((0.2, 0.4, 3.0), (0, 0, 0), film(8, 8), fov=50)
 
 
 def carried():
     """The transform of MOTION over TIME_S."""
-    c = np.array(MOTION.centre)
+    c = np.array(MOTION.rotation_center)
     angle = np.degrees(np.linalg.norm(ω) * TIME_S)
     moved = c + np.array(MOTION.velocity) * TIME_S
     return translate(*moved) @ rotate(unit(ω), angle) @ translate(*-c)
@@ -130,6 +132,54 @@ def ball(motion: Motion = MOTION) -> mi.Scene:
     return with_motions(scene(parts, VIEW, max_depth=2), {"part": motion})
 
 
+PLACE = (0.4, -0.2, 0.3)
+OWN = {
+    "sphere": {"type": "sphere", "center": list(PLACE), "radius": 0.2},
+    "cube": {
+        "type": "cube",
+        "to_world": translate(*PLACE) @ rotate(unit((1, 2, 0)), 40),
+    },
+    "spot": {"type": "spot", "to_world": translate(*PLACE) @ rotate((0, 1, 0), 170)},
+    "point": {"type": "point", "position": list(PLACE)},
+    "sensor": VIEW | {"to_world": translate(*PLACE) @ rotate((0, 1, 0), 10)},
+}
+
+
+@pytest.mark.parametrize("by_name", [False, True])
+@pytest.mark.parametrize("kind", OWN)
+def test_a_part_rotates_about_its_own_center(kind, by_name):
+    """Its center moves by the velocity alone, also where `center` or `position` is not 0."""
+    spin = Motion(velocity=(0.0, 0.5, -0.25), angular_velocity=tuple(ω))
+    moving = {"velocity": list(spin.velocity), "angular_velocity": list(spin.angular_velocity)}
+    part = OWN[kind] | {"id": "part"} | ({} if by_name else moving)
+    view = part if kind == "sensor" else VIEW
+    parts = background() | ({} if kind == "sensor" else {"part": part})
+    described = scene(parts, view, max_depth=2)
+    loaded = with_motions(described, {"part": spin}) if by_name else tofrender.load_scene(described)
+    motion = tofrender.motions_of(loaded)["part"]
+    np.testing.assert_allclose(motion.rotation_center, PLACE, atol=1e-6)
+    there = motion.matrix(TIME_S) @ [*PLACE, 1]
+    np.testing.assert_allclose(there[:3], np.add(PLACE, (0, 0.2, -0.1)), atol=1e-6)
+
+
+def test_a_mesh_rotates_about_the_center_of_its_box(tmp_path):
+    """The sheet's z is from -0.4 to 0."""
+    sheet = {"type": "ply", "filename": ply(tmp_path / "a.ply"), "to_world": translate(*PLACE)}
+    spin = {"angular_velocity": list(ω)}
+    loaded = tofrender.load_scene(scene(background() | {"part": sheet | spin}, VIEW, max_depth=2))
+    center = tofrender.motions_of(loaded)["part"].rotation_center
+    np.testing.assert_allclose(center, np.add(PLACE, (0, 0, -0.2)), atol=1e-6)
+
+
+def test_the_center_of_a_part_is_not_known_without_a_scene():
+    spin = Motion(angular_velocity=(0, 0, 1))
+    with pytest.raises(ValueError, match="rotation_center is None"):
+        spin.matrix(1.0)
+    with pytest.raises(ValueError, match="rotation_center is None"):
+        spin.affine()
+    assert np.array_equal(Motion((0, 0, 2)).matrix(1.0)[:3, 3], (0, 0, 2))
+
+
 def test_a_pose_ends_with_an_error():
     loaded = ball()
     resting, motions = rendered(loaded), tofrender.motions_of(loaded)
@@ -144,7 +194,9 @@ def test_a_pose_has_the_motion_of_its_time():
     loaded = ball()
     with tofrender.posed(loaded, 0.1):
         once = tofrender.motions_of(loaded)["part"]
-        np.testing.assert_allclose(once.centre, np.add(MOTION.centre, (0.03, -0.02, 0.05)))
+        np.testing.assert_allclose(
+            once.rotation_center, np.add(MOTION.rotation_center, (0.03, -0.02, 0.05))
+        )
         assert (once.velocity, once.angular_velocity) == (MOTION.velocity, MOTION.angular_velocity)
         with pytest.raises(RuntimeError, match="another pose"), tofrender.posed(loaded, 0.2):
             pass
@@ -152,7 +204,7 @@ def test_a_pose_has_the_motion_of_its_time():
 
 def test_a_pose_before():
     """A pose at a negative time is that from which the scene comes."""
-    there = Motion(tuple(-np.array(MOTION.velocity)), tuple(-ω), MOTION.centre)
+    there = Motion(tuple(-np.array(MOTION.velocity)), tuple(-ω), MOTION.rotation_center)
     back, forth = ball(), ball(there)
     with tofrender.posed(back, -TIME_S), tofrender.posed(forth, TIME_S):
         np.testing.assert_array_equal(rendered(back), rendered(forth))

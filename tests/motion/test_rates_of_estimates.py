@@ -110,7 +110,7 @@ def room(integrator: str, max_depth: int = 4, lamp: str = "point", **more) -> di
             @ mi.ScalarTransform4f().scale(0.3),
             "bsdf": diffuse(0.8),
             "angular_velocity": [0.0, 4.0, 1.0],
-            "centre": [-0.5, 0.3, 0.0],
+            "rotation_center": [-0.5, 0.3, 0.0],
         },
         "ball": {
             "type": "sphere",
@@ -168,7 +168,11 @@ def exchanged(forth: bool, seed: int) -> np.ndarray:
     parts = {
         "floor": plane(rotate((1, 0, 0), -90), 0.05, bsdf=diffuse(0.6), velocity=[0.5, 1.0, 0.5]),
         "wall": plane(
-            translate(0, 0.05, -0.05), 0.05, bsdf=diffuse(0.7), angular_velocity=[9.0, 4.0, 0.0]
+            translate(0, 0.05, -0.05),
+            0.05,
+            bsdf=diffuse(0.7),
+            angular_velocity=[9.0, 4.0, 0.0],
+            rotation_center=[0.0, 0.0, 0.0],
         ),
         "lamp": point_light(lamp, 3.0) | of_lamp,
     }

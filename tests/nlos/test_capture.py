@@ -209,15 +209,14 @@ def test_bad_aims(aim, words):
 SETUP = nlos.Setup(sensor=DEVICE, laser=LASER, legs=False)
 
 
-def around_the_corner(mode: str = "single", the_film=None, **options) -> dict:
+def around_the_corner(mode: str | None = None, the_film=None, **options) -> dict:
     the_film = the_film or film(3, 2, bins=60, start=1.8, bin_width=0.1)
-    return nlos.single(
-        SETUP, {"hidden": PATCH.shape()}, LIT, the_film, capture_type=mode, **options
-    )
+    decided = {} if mode is None else {"capture_type": mode}
+    return nlos.single(SETUP, {"hidden": PATCH.shape()}, LIT, the_film, **decided, **options)
 
 
 def quiet(mode: str, spp: int = 2048, seed: int = 1, **options):
-    return capture(around_the_corner(**options), mode=mode, spp=spp, seed=seed)
+    return capture(around_the_corner(mode, **options), mode=mode, spp=spp, seed=seed)
 
 
 def intensity() -> float:
@@ -358,7 +357,6 @@ def unwarped(kind: str, mode: str) -> dict:
     if kind == "confocal_transient_path":
         return nlos.confocal(nlos.Setup(sensor=DEVICE), hidden, window, **more)
     setup = nlos.Setup(sensor=DEVICE, laser=LASER)
-    mode = mode if mode == "confocal" else "single"
     return nlos.single(setup, hidden, LIT, window, capture_type=mode, **more)
 
 

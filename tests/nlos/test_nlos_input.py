@@ -211,6 +211,37 @@ def test_captures(described, options, said):
     gc.collect()  # Dr.Jit asks every shape that exists for points, whatever its scene
 
 
+def metered(described: dict, **options) -> dict:
+    """The same scene with options of its capture meter."""
+    wall = described["relay_wall"]
+    return described | {"relay_wall": wall | {"sensor": wall["sensor"] | options}}
+
+
+SCENE_MODES = {
+    "single": (lambda: shot(capture_type="single"), ["single"]),
+    "confocal": (lambda: shot(capture_type=2), ["confocal"]),
+    "exhaustive": (lambda: shot(capture_type="exhaustive"), ["exhaustive"]),
+    "undecided": (shot, ["confocal", "single", "exhaustive"]),
+    "confocal path": (scan, ["confocal"]),
+    "confocal meter": (lambda: metered(shot(), confocal=True), ["confocal"]),
+    "meter that is not": (lambda: metered(shot(), confocal=False), ["single", "exhaustive"]),
+}
+
+
+@pytest.mark.parametrize("name", SCENE_MODES)
+def test_the_scene_decides_the_mode(name):
+    """The first mode is the default; each mode that the scene excludes is an error."""
+    described, modes = SCENE_MODES[name]
+    options = {"spp": 1, "progress": False}
+    assert capture(described(), **options).attrs["mode"] == modes[0]
+    for mode in ("single", "confocal", "exhaustive"):
+        if mode in modes:
+            assert capture(described(), mode=mode, **options).attrs["mode"] == mode
+        else:
+            with pytest.raises(ValueError, match=rf"\Amode = '{mode}': .*'{modes[0]}'.*\Z"):
+                capture(described(), mode=mode, **options)
+
+
 ORDINARY = {"type": "tofrender_transient_path"}
 
 

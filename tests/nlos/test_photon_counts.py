@@ -6,12 +6,14 @@ from helpers.hidden_scenes import Wall, capture_of, letter_f, rectangle
 from helpers.refusals import refused
 from scipy.stats import norm
 
+from tofrender import load_capture, save_capture
 from tofrender.nlos import make_capture, max_projection, reconstruct
 from tofrender.nlos.captures import COUNTS
 from tofrender.nlos.reconstruction.background import find_background
 from tofrender.nlos.reconstruction.fourier import forward
 from tofrender.nlos.reconstruction.light_cone import noise_spectrum, squared_depth
 from tofrender.nlos.reconstruction.volume import VolumeGrid
+from tofrender.sensors import sense
 
 BINS, WIDTH, DARK = 256, 0.02, 0.3
 ALPHA = 1e-4
@@ -63,10 +65,14 @@ def test_background(early, direct):
     np.testing.assert_array_equal(found.variance, counts.sum((0, 1)) * found.kept)
 
 
-def test_nothing_but_dark_counts_is_refused():
+def test_nothing_but_dark_counts_is_a_warning():
+    """No bin stands out: all of them are used. Without any count, nothing can be found."""
     counts = np.random.default_rng(1).poisson(0.3, (24, 24, BINS))
-    with refused("capture: no light above 0.2"):
-        reconstruct(capture(counts), "lct")
+    with pytest.warns(UserWarning, match=r"\Acapture: no bin stands out of the 0.2\d+ dark counts"):
+        volume = reconstruct(capture(counts), "lct", progress=False)
+    assert np.isfinite(volume["intensity"]).all()
+    with refused("capture: no bin after the wall's reflection holds counts"):
+        reconstruct(capture(0 * counts), "lct")
     with refused("capture: bins = 1: must be 2 or more with lct"):
         reconstruct(capture(counts[..., :1]).assign_attrs(quantity="radiance per bin"), "lct")
 
@@ -98,6 +104,69 @@ def test_letters_are_found_without_tuning(seed):
     best = max(letter_found(capture(counts), snr=snr) for snr in (1e-3, 0.1, 10, 1e3))
     assert found > max(0.8, best - 0.04)
     assert letter_found(capture(counts, quantity="radiance per bin")) < 0.6
+
+
+@pytest.mark.statistical
+def test_low_signal_is_found_with_a_warning():
+    """A small patch, whose light is a tenth of a count per bin among ten dark counts.
+
+    Among the brightest hundredth of the voxels are some of the patch. Without its light, the mean
+    ratio of eight volumes is below 1.
+    """
+    patch = rectangle((0.25, 0.4), (-0.4, -0.25), 0.6, 0.05)
+    light = capture_of(patch, Wall(24), start=0, width=WIDTH, bins=BINS)["transient"].values[..., 0]
+    light = light / light.mean((0, 1)).max()
+
+    def mean_ratio(counts_per_bin: float) -> float:
+        ratios = []
+        for seed in range(8):
+            rates = counts_per_bin * light + 10
+            counts = np.random.default_rng(seed).poisson(rates)
+            volume = reconstruct(capture(counts), "phasor", progress=False)["intensity"]
+            volume = volume.sel(z=slice(0.3, 2))
+            near = volume.sel(x=slice(0.2, 0.45), y=slice(-0.45, -0.2), z=slice(0.5, 0.7))
+            ratios.append(float(near.max() / volume.quantile(0.99)))
+        return float(np.mean(ratios))
+
+    with pytest.warns(UserWarning, match="no bin stands out"):
+        assert mean_ratio(0.1) > 1.1
+    with pytest.warns(UserWarning, match="no bin stands out"):
+        assert mean_ratio(0.0) < 0.9
+
+
+SPAD = {"cycles": 4000, "photons": {"photons_per_cycle": 0.05}, "spad": {"mode": "first_photon"}}
+
+
+@pytest.mark.parametrize("legs", [False, True])
+@pytest.mark.parametrize("mode", ["confocal", "single"])
+def test_counts_of_a_sensor_are_a_capture(mode, legs, tmp_path):
+    """`sense` keeps grid, mode and legs: the volume is that of a capture made by hand."""
+    patch = rectangle((-0.2, 0.2), (-0.2, 0.2), 1.0, 0.05)
+    light = capture_of(patch, Wall(8), mode, legs=legs, width=0.02, start=1.5, bins=160)
+    measured = sense(light, SPAD, seed=2)
+    volume = reconstruct(measured, "bp", progress=False)
+    by_hand = light.copy(deep=True).assign_attrs(quantity=COUNTS, units="1")
+    by_hand["transient"].values[..., 0] = measured["counts"].values
+    expected_volume = reconstruct(by_hand, "bp", progress=False)
+    np.testing.assert_allclose(volume["intensity"], expected_volume["intensity"], rtol=1e-4)
+    again = load_capture(save_capture(measured, tmp_path / "a.h5"))
+    assert again.attrs["mode"] == mode
+    np.testing.assert_array_equal(again["transient"][..., 0], measured["counts"])
+
+
+def test_sensors_that_do_not_fit_captures():
+    patch = rectangle((-0.2, 0.2), (-0.2, 0.2), 1.0, 0.05)
+    light = capture_of(patch, Wall(4), width=0.02, start=1.5, bins=60)
+    with refused("sensor: only spad is supported for captures"):
+        sense(
+            light,
+            {name: SPAD[name] for name in ("cycles", "photons")}
+            | {"itof": {"frequencies_hz": [2e7]}},
+        )
+    with refused("sensor.pixels is not supported for captures"):
+        sense(light, SPAD | {"pixels": [2, 2]})
+    with refused("sensor.spad.macro_pixel is not supported for captures"):
+        sense(light, SPAD | {"spad": {"macro_pixel": [2, 2]}})
 
 
 @pytest.mark.parametrize("method", ["bp", "fk", "phasor"])

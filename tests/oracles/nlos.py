@@ -298,7 +298,6 @@ def single(setup: Setup, hidden: dict, lit, the_film: dict | None = None, **opti
     intensity = setup.power * distance**3 / float(np.dot(away, setup.normal))
     integrator = {
         "type": "transient_nlos_path",
-        "capture_type": "single",
         "nlos_laser_sampling": True,
         "nlos_hidden_geometry_sampling": True,
         "account_first_and_last_bounces": setup.legs,

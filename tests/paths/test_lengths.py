@@ -4,6 +4,7 @@ Single paths, compared one by one with the geometry of their own ray in double p
 precision itself leaves 2e-7 of a length: 1 µm at 4 m, 20 µm at 100 m.
 """
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from helpers.support import beam, camera, camera_rays, film, follow, load, refus
 from oracles import films as oracles
 
 import tofrender
-from tofrender.paths.camera import ray_origin
+from tofrender.paths.camera import ray_origin, sample_camera
 from tofrender.paths.refraction import index_around
 
 CAMERAS = {
@@ -60,6 +61,84 @@ def test_ray_origin_of_a_camera_without_near_plane():
     sensor = load(meter)
     ray, _ = sensor.sample_ray(0.0, 0.0, mi.Point2f(0.5), mi.Point2f(0.5))
     assert np.ravel(ray_origin(sensor, ray)) == pytest.approx([1, 2, 3], abs=1e-4)  # Mitsuba's own
+
+
+PATCH = translate(0.4, -0.7, 0.3) @ rotate((0.6, 0.8, 0), 35) @ mi.ScalarTransform4f().scale(0.8)
+"""A tilted square, seen by distant sensors."""
+
+
+def distant_view(target, **film_options) -> dict:
+    """A glowing tilted square and a ball, seen from afar along a direction."""
+    sensor = {
+        "type": "distant",
+        "direction": [0.3, -0.5, -1.2],
+        "film": film(1, 1, **film_options),
+        "sampler": {"type": "independent", "sample_count": 64},
+    }
+    if target is not None:
+        sensor["target"] = target
+    patch = {"type": "rectangle", "to_world": PATCH, "emitter": area_light(0.9)}
+    ball = {"type": "sphere", "center": [-0.5, 0.8, -2.0], "radius": 0.3, "bsdf": diffuse(0)}
+    return scene({"patch": patch, "ball": ball}, sensor, max_depth=1)
+
+
+def start_plane(loaded) -> tuple[np.ndarray, float]:
+    """Direction of the rays, and where along it they start: at the sphere around the scene."""
+    direction = unit([0.3, -0.5, -1.2])
+    sphere = loaded.bbox().bounding_sphere()
+    center = np.ravel(np.array(sphere.center, dtype=float))
+    return direction, float(center @ direction) - float(sphere.radius) * (1 + 1500 / 2**24)
+
+
+TARGETS = [None, [0.1, -0.6, 0.4], [2.0, 1.0, -3.0], {"type": "rectangle", "to_world": PATCH}]
+
+
+@pytest.mark.parametrize("target", TARGETS, ids=["none", "near", "far", "shape"])
+def test_rays_of_a_distant_sensor_start_on_one_plane(target):
+    loaded = load(distant_view(target))
+    direction, start = start_plane(loaded)
+    camera, sampler = loaded.sensors()[0], mi.load_dict({"type": "independent"})
+    sampler.seed(3, 256)
+    pixels = dr.zeros(mi.UInt32, 256)
+    found = sample_camera(camera, camera.film(), sampler, pixels, scene=loaded)
+    along = direction @ np.array(found.origin)
+    assert along == pytest.approx(np.full(along.shape, start), abs=1e-5)
+    across = np.cross(np.array(found.origin - found.ray.o).T, direction)
+    assert across == pytest.approx(np.zeros(across.shape), abs=1e-5)
+
+
+@pytest.mark.parametrize("target", [None, TARGETS[3]], ids=["none", "shape"])
+def test_lengths_of_a_distant_sensor_depend_on_depth(target):
+    """Emission of a square arrives from its nearest to its farthest corner, evenly in between."""
+    corners = [PATCH @ mi.ScalarPoint3f(x, y, 0) for x in (-1, 1) for y in (-1, 1)]
+    direction, start = start_plane(load(distant_view(target)))
+    lengths = np.sort([float(np.array(corner) @ direction) - start for corner in corners])
+    width, bins = 0.01, 600
+    window = {"temporal_bins": bins, "start_opl": 0.2, "bin_width_opl": width}
+    dataset = tofrender.render(distant_view(target, **window), spp=1 << 14, progress=False)
+    light = dataset["transient"].values[0, 0, :, 0].astype(float)
+    lit = np.flatnonzero(light)
+    assert 0.2 + lit[0] * width == pytest.approx(lengths[0], abs=4 * width)
+    assert 0.2 + (lit[-1] + 1) * width == pytest.approx(lengths[3], abs=4 * width)
+    centers = 0.2 + (np.arange(bins) + 0.5) * width
+    mean = (light @ centers) / light.sum()
+    assert mean == pytest.approx(lengths.mean(), abs=0.01)
+    spread = np.sqrt((light @ (centers - mean) ** 2) / light.sum())
+    sides = np.array([lengths[1] - lengths[0], lengths[2] - lengths[0]])  # Sum of two even spreads
+    assert spread == pytest.approx(np.sqrt((sides**2).sum() / 12), rel=0.02)
+
+
+def test_a_distant_sensor_with_a_target_needs_the_scene():
+    loaded = load(distant_view(TARGETS[1]))
+    camera, sampler = loaded.sensors()[0], mi.load_dict({"type": "independent"})
+    sampler.seed(3, 1)
+    pixel = dr.zeros(mi.UInt32, 1)
+    refused("with a target needs the scene", sample_camera, camera, camera.film(), sampler, pixel)
+    depth = tofrender.true_depth(loaded)
+    direction, start = start_plane(loaded)
+    ray, _ = camera.sample_ray(0.0, 0.5, mi.Point2f(0.5), mi.Point2f(0.5))
+    seen = np.ravel(loaded.ray_intersect(mi.Ray3f(ray)).p) @ direction
+    assert depth == pytest.approx(np.full((1, 1), seen - start), abs=1e-5)
 
 
 @pytest.mark.parametrize(("gap", "tolerance"), [(4.0, 1e-4), (100.0, 1e-3)])

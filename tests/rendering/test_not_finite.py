@@ -4,10 +4,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.parts import diffuse, plane, point_light
+from helpers.parts import area_light, diffuse, plane, point_light
 from helpers.support import camera, film, load, scene, with_integrator
 
 import tofrender
+from tofrender.paths.endpoints.emitters import power_heuristic
 
 
 class Broken(mi.BSDF):
@@ -77,6 +78,32 @@ def test_paths_that_break_are_counted():
 def test_a_sound_scene_counts_none():
     dataset = tofrender.render("cornell_box", spp=1, window=(3.5, 15.0), progress=False)
     assert dataset.attrs["contributions_not_finite"] == 0
+
+
+# The normal is (0, -1, 7e-17), as that of a rectangle that an XML file rotates by 90 degrees
+ROTATED = [[0.3, 0, 0, 0.1], [0, 1.8e-17, -0.25, 0.99], [0, 0.25, 1.8e-17, 0.2], [0, 0, 0, 1]]
+
+
+@pytest.mark.parametrize("light_samples", [1, 4])
+def test_a_lamp_that_reflects_its_own_light_counts_none(light_samples):
+    """Points of a flat emitter see each other edge-on, with a density of up to 1e20."""
+    lamp = {"type": "rectangle", "to_world": mi.ScalarTransform4f(ROTATED)}
+    lamp |= {"bsdf": diffuse(0.6), "emitter": area_light(3.0)}
+    eye = camera((0.2, -1.5, 0.3), (0.1, 0.99, 0.2), film(16, 12, 20, 0, 0.5), up=(0, 0, 1), fov=12)
+    loaded = load(scene({"lamp": lamp}, eye, max_depth=3, light_samples=light_samples))
+    dataset = tofrender.render(loaded, spp=2048, progress=False)
+    assert dataset.attrs["contributions_not_finite"] == 0
+    assert dataset["steady"].values.max() == pytest.approx(3.0, rel=1e-4)
+
+
+@pytest.mark.parametrize("density", [0.3, 1e10, 1e19, 1e30, np.inf])
+def test_the_power_heuristic_of_high_densities(density):
+    both = [(density, 0.2), (0.2, density)]
+    weights = [float(power_heuristic(*map(mi.Float, each))[0]) for each in both]
+    assert sum(weights) == pytest.approx(1)
+    expected = 1 / (1 + (0.2 / density) ** 2)
+    assert weights[0] == pytest.approx(expected)
+    assert 0 < float(power_heuristic(mi.Float(density), mi.Float(density))[0]) <= 1
 
 
 def test_a_capture_leaves_out_and_tells_too():

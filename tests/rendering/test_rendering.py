@@ -359,8 +359,8 @@ def test_a_dark_scene_is_said():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"window": "auto"}, r"film = HDRFilm: .* give `bins` and `window`"),
         ({"bin_width": 0.5, "bins": 3}, r"bins = 3: .* is steady; .* give `start_opl` too"),
+        ({"start_opl": 3.5}, r"start_opl = 3.5: .* is steady; .* give `bins` and `bin_width` too"),
     ],
 )
 def test_a_steady_film_lacks_bins(options, message):

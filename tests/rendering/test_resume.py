@@ -35,6 +35,33 @@ def test_two_parts_are_one_render(tmp_path, spp, saved):
     assert (again.attrs["spp"], again.attrs["complete"]) == (64, 1)
 
 
+def filtered(rfilter: str) -> dict:
+    described = with_film(box(width=12, height=9, temporal_bins=40, bin_width_opl=0.5), **BORDER)
+    described["integrator"]["temporal_filter"] = "box"
+    return with_film(described, rfilter={"type": rfilter})
+
+
+BORDER = {"crop_width": 9, "crop_height": 7, "crop_offset_x": 2, "crop_offset_y": 1}
+
+
+@pytest.mark.parametrize("rfilter", ["tent", "gaussian"])
+def test_parts_with_a_filter_differ_by_less_than_the_noise(rfilter):
+    """docs/nothing_lost.md has these numbers. A checkpoint keeps sums, so that nothing differs."""
+    described = filtered(rfilter)
+    whole = render(described, spp=32)
+    noise = off(render(described, spp=32, seed=1), whole)
+    again = render(described, spp=32, resume=render(described, spp=16))
+    for name in ("steady", "transient"):
+        assert 1e-5 < off(again, whole)[name] < 1e-3
+        assert off(again, whole)[name] < 0.05 * noise[name]
+
+
+def off(one, other) -> dict[str, float]:
+    """Differences of the variables, RMS over that of the other."""
+    squares = ((one - other) ** 2).mean() / (other**2).mean()
+    return {str(name): float(np.sqrt(value)) for name, value in squares.items()}
+
+
 @pytest.mark.parametrize("sampler", ["independent", "multijitter"])
 def test_other_samplers_draw_other_points(sampler):
     """Two halves of the same points would be no better than one."""

@@ -1,10 +1,12 @@
 """Films on disk: the render that memory would hold, whatever happens while they grow."""
 
 import errno
+import json
 import os
 import re
 import shutil
 import signal
+import tracemalloc
 from functools import partial
 from pathlib import Path
 
@@ -415,6 +417,61 @@ def test_codecs_that_may_run_code_are_refused(out, whole, where, load):
     (out / where).write_text(text.replace('"crc32c"', '"numcodecs.pickle"', 1))
     with pytest.raises(ValueError, match=r"\Apath = .*zarr.json has the codec .*pickle.*\Z"):
         load(out)
+
+
+@pytest.mark.parametrize("load", [load_zarr, tofrender.load_dataset], ids=["film", "data set"])
+@pytest.mark.parametrize("name", ["attributes", "consolidated_metadata", "metadata"])
+@pytest.mark.parametrize("where", ["listed", "in a folder"])
+def test_codecs_of_arrays_with_names_of_metadata_are_refused(out, whole, load, name, where):
+    """Attributes of users are no codecs, but an array may have the name "attributes"."""
+    save_zarr(whole.assign_attrs(codecs="mine"), out)
+    root = json.loads((out / "zarr.json").read_text())
+    arrays = root["consolidated_metadata"]["metadata"]
+    text = json.dumps(arrays["steady"]).replace("crc32c", "numcodecs.pickle")
+    if where == "listed":
+        arrays[name] = json.loads(text)
+        (out / "zarr.json").write_text(json.dumps(root))
+    else:
+        (out / name).mkdir()
+        (out / name / "zarr.json").write_text(text)
+    with pytest.raises(ValueError, match=r"\Apath = .*zarr.json has the codec .*pickle.*\Z"):
+        load(out)
+
+
+def resized(array: dict, axis: int, size: int, block: int | None = None) -> None:
+    """Change the size of an axis in the metadata of an array, and of its blocks."""
+    array["shape"][axis] = size
+    grid = array["chunk_grid"]["configuration"]["chunk_shape"]
+    inner = [c["configuration"] for c in array["codecs"] if c["name"] == "sharding_indexed"]
+    for shape in (grid, *(each["chunk_shape"] for each in inner)):
+        shape[axis] = shape[axis] if block is None else block
+
+
+BOMBS = {
+    "a long axis": ({"opl": (0, 10**9)}, "opl has 1000000000 values"),
+    "a long axis of small blocks": ({"transient": (2, 10**9, 1)}, "transient has .* blocks"),
+    "a large block": ({"steady": (0, 10**9, 10**9)}, "steady has blocks of .* values"),
+    "no block": ({"steady": (0, 6, 0)}, "is damaged"),
+    "a negative axis": ({"steady": (0, -6)}, "is damaged"),
+}
+
+
+@pytest.mark.parametrize("load", [load_zarr, tofrender.load_dataset], ids=["film", "data set"])
+@pytest.mark.parametrize("name", BOMBS)
+def test_films_that_claim_to_be_large(out, whole, load, name):
+    """Missing files of Zarr read as zeros, so that a few bytes may be gigabytes."""
+    save_zarr(whole, out)
+    changes, said = BOMBS[name]
+    root = json.loads((out / "zarr.json").read_text())
+    for array, change in changes.items():
+        resized(root["consolidated_metadata"]["metadata"][array], *change)
+    (out / "zarr.json").write_text(json.dumps(root))
+    (out / "files.json").write_text("{}")
+    tracemalloc.start()
+    with refused(rf"path = .*zarr\.json.* {said}"):
+        load(out)
+    assert tracemalloc.get_traced_memory()[1] < 64 << 20
+    tracemalloc.stop()
 
 
 def test_a_window_without_light_leaves_nothing(out):

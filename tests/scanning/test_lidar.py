@@ -111,6 +111,49 @@ def test_a_mirror():
     assert not energy(shoot(scene={"mirror": mirror, "target": target}, max_depth=2)).any()
 
 
+def fresnel(degrees, index=1.5):
+    """Reflectance of unpolarized light at an angle of incidence."""
+    c = math.cos(math.radians(degrees))
+    inside = math.sqrt(1 - (1 - c**2) / index**2)
+    s = (c - index * inside) / (c + index * inside)
+    p = (index * c - inside) / (index * c + inside)
+    return (s**2 + p**2) / 2
+
+
+GREY = {**MIRROR, "specular_reflectance": {"type": "rgb", "value": 0.7}}
+BLACK = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
+PLASTIC = {"type": "plastic", "int_ior": 1.5, "ext_ior": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("floor", "reflectance"),
+    [
+        (PLASTIC, fresnel(80)),
+        ({"type": "blendbsdf", "weight": 0.3, "a": BLACK, "b": GREY}, 0.3 * 0.7),
+        ({"type": "blendbsdf", "weight": 0.6, "a": GREY, "b": DIFFUSE["bsdf"]}, 0.4 * 0.7),
+        (
+            {"type": "blendbsdf", "weight": 0.6, "a": GREY, "b": PLASTIC},
+            0.4 * 0.7 + 0.6 * fresnel(80),
+        ),
+    ],
+    ids=["plastic", "black", "diffuse", "two_mirrors"],
+)
+def test_a_mirror_with_smooth_lobes(floor, reflectance):
+    """The echo of the mirrored wall has the reflectance of the mirror's lobe, twice."""
+    bsdf = {"type": "twosided", "bsdf": floor}
+    # The floor is 1 m ahead, and faces the lidar at 80 degrees
+    normal = np.array([math.sin(math.radians(80)), 0, -math.cos(math.radians(80))])
+    out = np.array([0, 0, 1]) - 2 * normal[2] * normal
+    target = wall(np.array([0, 0, 1]) + 3 * out, angle=math.degrees(math.atan2(-out[0], -out[2])))
+    tilted = wall(
+        (0, 0, 1), angle=math.degrees(math.atan2(normal[0], normal[2])), size=2, bsdf=bsdf
+    )
+    shots = shoot(ONE, 1 << 12, scene={"floor": tilted, "wall": target}, max_depth=3)
+    late = shots["opl"].values > 2 * 3.5
+    echo = shots["rate"].values[:, late].sum() / PHOTONS
+    assert echo == pytest.approx(reflectance**2 * RHO / (math.pi * 4**2), rel=0.02)
+
+
 def test_under_water():
     """T^2 rho / (pi (n a + b)^2) from b below a surface at a: radiance in water is n^2 as high."""
     n, a, b = 1.33, 3.0, 2.0

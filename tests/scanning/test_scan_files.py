@@ -1,11 +1,11 @@
 """Scan patterns, CSV files of shots, point clouds as files, and the command `tofrender lidar`."""
 
 import json
-import re
 
 import numpy as np
 import pytest
 import xarray as xr
+from helpers.point_cloud_files import read_ply
 from helpers.refusals import refused
 
 from tofrender import io
@@ -66,18 +66,6 @@ def test_wrong_csv(tmp_path, content, said):
         scan_pattern(path)
 
 
-def read_ply(path):
-    """Vertices of a binary PLY, by its header alone."""
-    header, _, body = path.read_bytes().partition(b"end_header\n")
-    kinds = {"double": "<f8", "uchar": "u1", "int": "<i4"}
-    properties = re.findall(r"property (\w+) (\w+)", header.decode())
-    dtype = [(name, kinds[kind]) for kind, name in properties]
-    table = np.frombuffer(body, dtype)
-    assert f"element vertex {table.size}\n" in header.decode()
-    assert header.startswith(b"ply\nformat binary_little_endian 1.0\n")
-    return table
-
-
 def test_command(tmp_path, capsys):
     out = tmp_path / "cloud.ply"
     assert main([*SMALL, "--out", str(out), "--json"]) == 0
@@ -126,9 +114,64 @@ def test_las(tmp_path):
     laspy = pytest.importorskip("laspy")
     found = laspy.read(io.save_point_cloud(cloud(), tmp_path / "a.las"))
     assert found.xyz[2].tolist() == pytest.approx([-200, 0, 3])
-    assert found.intensity.tolist() == [16384, 32768, 65535]
+    assert found.intensity.tolist() == [1, 2, 4]
     assert np.asarray(found.return_number).tolist() == [1, 2, 1]
     assert found.gps_time.tolist() == [0.0, 0.5, 1.0]
+
+
+def test_las_intensity_has_one_scale_for_all_files(tmp_path):
+    """A point keeps its LAS intensity when brighter points are in the same file."""
+    laspy = pytest.importorskip("laspy")
+    whole = cloud().assign(intensity=("point", [12.4, 700.0, 90_000.0]))
+    scale = {"intensity_scale": 0.5}
+    parts = [whole.isel(point=slice(0, 2)), whole.isel(point=slice(1, 3))]
+    files = [io.save_point_cloud(p, tmp_path / f"{k}.las", **scale) for k, p in enumerate(parts)]
+    first, second = (laspy.read(file).intensity.tolist() for file in files)
+    assert first == [6, 350]
+    assert second == [350, 45_000]
+    with pytest.warns(UserWarning, match=r"1 of 3 points .* pass intensity_scale=0\.7 or less"):
+        path = io.save_point_cloud(whole, tmp_path / "cut.las")
+    assert laspy.read(path).intensity.tolist() == [12, 700, 65_535]
+
+
+@pytest.mark.parametrize(
+    ("offset", "width", "step"),
+    [(0.0, 3.0, 1e-4), (5.3e6, 40.0, 1e-4), (-214_800.0, 5.0, 1e-4), (7.0e5, 1.2e6, 1e-3)],
+)
+def test_las_places_far_clouds(tmp_path, offset, width, step):
+    laspy = pytest.importorskip("laspy")
+    x = offset + width * np.array([0.0, 0.31, 1.0])
+    y = -2 * offset + np.array([1.0, 2.5, -7.0])
+    far = cloud().assign(x=("point", x), y=("point", y))
+    found = laspy.read(io.save_point_cloud(far, tmp_path / "a.las"))
+    assert np.asarray(found.x) == pytest.approx(x, abs=0.51 * step, rel=0)
+    assert np.asarray(found.y) == pytest.approx(y, abs=0.51 * step, rel=0)
+    assert np.asarray(found.z) == pytest.approx([1, 2, 3], abs=0.51 * step, rel=0)
+    assert found.header.scales.tolist() == [step] * 3
+
+
+def test_las_of_no_points(tmp_path):
+    laspy = pytest.importorskip("laspy")
+    path = io.save_point_cloud(cloud().isel(point=slice(0, 0)), tmp_path / "a.las")
+    assert len(laspy.read(path).points) == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "said"),
+    [
+        ("return_number", np.uint8([1, 16, 2]), "return_number = .*must be from 0 to 15 in a LAS"),
+        ("return_number", [1.0, 1.5, 2.0], "return_number = .*must be integers"),
+        ("intensity", [1.0, -2.0, 3.0], "intensity = .*must be from 0 to inf"),
+        ("intensity", [1.0, np.nan, 3.0], "intensity"),
+        ("y", [1.0, np.inf, 3.0], "cloud: y"),
+        ("y", [1.0, 1e13, 3.0], "cloud: y = .*must be from -1e.12 to 1e.12"),
+    ],
+)
+def test_las_refuses_values(tmp_path, name, values, said):
+    pytest.importorskip("laspy")
+    with refused(said):
+        io.save_point_cloud(cloud().assign({name: ("point", values)}), tmp_path / "a.las")
+    assert not list(tmp_path.iterdir())
 
 
 def test_las_without_laspy(tmp_path, monkeypatch, capsys):

@@ -4,6 +4,7 @@ import time
 from contextlib import nullcontext
 from functools import partial
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -239,3 +240,24 @@ def test_a_scene_of_another_variant():
         "scene: belongs to the variant llvm_ad_rgb; must be one of the active variant "
         "llvm_ad_mono, load it again"
     )
+
+
+@pytest.mark.parametrize("angle", [0.01, 0.04])
+def test_spots_that_are_too_narrow_give_a_warning(angle):
+    spot = {"type": "spot", "cutoff_angle": angle, "beam_width": 0.7 * angle}
+    with pytest.warns(UserWarning, match=rf"lamp.cutoff_angle = {angle} degrees: .* wrong"):
+        check_scene(of(lamp=spot))
+
+
+def test_spots_of_a_twentieth_of_a_degree_are_right_to_a_percent():
+    """Power of a beam of full intensity up to 3/4 of the angle, and a linear edge."""
+    angle = np.radians(checking.NARROWEST_SPOT)
+    spot = {"type": "spot", "cutoff_angle": checking.NARROWEST_SPOT, "intensity": 1.0}
+    lamp = mi.load_dict(spot | {"beam_width": 0.75 * checking.NARROWEST_SPOT})
+    check_scene(of(lamp=lamp))
+    θ = np.linspace(0, 1.1 * angle, 100001)
+    at = dr.zeros(mi.SurfaceInteraction3f, θ.size)
+    at.p = mi.Point3f(mi.Float(np.sin(θ)), 0, mi.Float(np.cos(θ)))
+    found = np.array(lamp.sample_direction(at, mi.Point2f(0.5))[1].x)
+    expected = np.clip((angle - θ) / (0.25 * angle), 0, 1)
+    assert np.sum(found * θ) == pytest.approx(np.sum(expected * θ), rel=0.01)

@@ -36,8 +36,8 @@ def surfaces(scene: mi.Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nd
     velocities = np.zeros_like(points)
     for each, motion in motions.items():
         at = ids == each
-        arm = points[at] - motion.centre
-        velocities[at] = np.array(motion.velocity) + np.cross(motion.angular_velocity, arm)
+        at_origin, spin = motion.affine()
+        velocities[at] = at_origin + np.cross(spin, points[at])
     return ids, points, np.array(rays.d).T, velocities
 
 

@@ -215,7 +215,9 @@ def test_the_meter_puts_the_laser_where_it_says(size, tmp_path):
 @pytest.mark.statistical
 @pytest.mark.parametrize("mode", ["single", "confocal"])
 def test_the_letter_before_the_meter_is_its_formula(mode, tmp_path):
-    three = {"path_options": tags("integer", filter_bounces=3), "lookat": at_pixel(1, 2)}
+    kind = {"single": 1, "confocal": 2}[mode]
+    paths = tags("integer", filter_bounces=3, capture_type=kind)
+    three = {"path_options": paths, "lookat": at_pixel(1, 2)}
     path = peer_scenes.nlos_z(tmp_path, **three)
     edited(path, ('name="filter_depth" value="-1"', 'name="rr_depth" value="5"'))
     data = [
@@ -314,12 +316,17 @@ def test_a_laser_at_a_point(point, tmp_path):
 def test_a_film_of_one_pixel_looks_at_the_lit_point(tmp_path):
     """As tools do that capture point by point: pixel (2, 1) of 4 x 3."""
     original = tags("integer", original_film_width=4, original_film_height=3)
-    aim = {"lookat": at_point(0.25, 0), "meter_options": original}
+    confocal = {"path_options": tags("integer", capture_type=2)}
+    aim = {"lookat": at_point(0.25, 0), "meter_options": original} | confocal
     loaded = apart(peer_scenes.nlos_z(tmp_path, size=1, **aim))
     data = tofrender.capture(loaded, mode="confocal", spp=4096, progress=False)
     assert data["sensor_grid"].values.ravel() == pytest.approx([0.25, 0, 0], abs=1e-5)
     whole = tofrender.capture(
-        peer_scenes.nlos_z(tmp_path), mode="confocal", grid=(4, 3), spp=4096, progress=False
+        peer_scenes.nlos_z(tmp_path, **confocal),
+        mode="confocal",
+        grid=(4, 3),
+        spp=4096,
+        progress=False,
     )
     one, all_of_it = (d["transient"].sum("opl").values[..., 0] for d in (data, whole))
     assert one[0, 0] == pytest.approx(all_of_it[1, 2], rel=0.01)
@@ -353,7 +360,9 @@ def test_what_is_refused(tmp_path):
     # In the plane of the wall, where the emitter is if nobody says otherwise: it lights nothing
     flat = edited(file(size=4, lookat=""), ('<point name="laser_origin".*/>', ""))
     assert "laser" in refusal(mi.render, apart(flat), spp=1)
-    said = refusal(tofrender.capture, flat, mode="confocal", spp=1, progress=False)
+    confocal = {"lookat": "", "path_options": tags("integer", capture_type=2)}
+    flat = edited(file(size=4, **confocal), ('<point name="laser_origin".*/>', ""))
+    said = refusal(tofrender.capture, flat, spp=1, progress=False)
     assert said.startswith("laser: is at [0.0, 0.0, 0.0], in the plane of what the sensor sees")
 
 

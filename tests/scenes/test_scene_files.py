@@ -1,5 +1,6 @@
 """Files that would end the process if Mitsuba read them are refused in one line."""
 
+import os
 import struct
 import time
 from pathlib import Path
@@ -8,7 +9,7 @@ import mitsuba as mi
 import pytest
 from helpers.scenes import refusal as refused
 
-from tofrender.scenes.files import MAX_NESTING, require_indices
+from tofrender.scenes.files import MAX_NESTING, require_indices, require_shallow_xml
 from tofrender.scenes.loading import load_scene
 
 BUNNY = Path(__file__).parents[2] / "scenes" / "meshes" / "bunny.ply"
@@ -137,3 +138,94 @@ def test_dicts_within_each_other():
 
     assert refusal(scene(20_000)) == f"scene: has more than {MAX_NESTING} dicts within each other"
     assert isinstance(load_scene(scene(20)), mi.Scene)
+
+
+def include(*names: str) -> str:
+    tags = "".join(f'<include filename="{name}"/>\n' for name in names)
+    return f'<scene version="3.0.0">\n{tags}</scene>'
+
+
+def test_a_file_that_includes_itself(tmp_path):
+    """Directly, or through another file and a parameter; three times a level would take hours."""
+    path = tmp_path / "scene.xml"
+    path.write_text(include("scene.xml", "scene.xml", "scene.xml"))
+    said = refusal(path)
+    assert said.startswith(f"scene = {str(path)!r}: scene.xml includes itself, in line 2 of ")
+    (tmp_path / "sub").mkdir()
+    path.write_text(include("sub/a.xml"))
+    (tmp_path / "sub" / "a.xml").write_text(include("$next", "$next"))
+    assert "scene.xml includes itself" in refusal(path, parameters={"next": "sub/../scene.xml"})
+
+
+def test_files_that_include_too_many(tmp_path):
+    """3^12 files, none of which includes itself."""
+    for level in range(12):
+        name = f"{level + 1}.xml"
+        (tmp_path / f"{level}.xml").write_text(include(name, name, name))
+    (tmp_path / "12.xml").write_text(include())
+    assert "includes more than 1000 files" in refusal(tmp_path / "0.xml")
+
+
+def test_one_file_may_be_included_twice(tmp_path):
+    (tmp_path / "empty.xml").write_text(include())
+    (tmp_path / "both.xml").write_text(include("empty.xml"))
+    path = tmp_path / "scene.xml"
+    path.write_text(include("empty.xml", "both.xml", "empty.xml"))
+    assert isinstance(load_scene(path), mi.Scene)
+
+
+def test_a_name_to_include_is_short(tmp_path):
+    path = tmp_path / "scene.xml"
+    path.write_text(include("a" * 5000))
+    assert "include: filename = 'aaa" in refusal(path)
+
+
+@pytest.mark.parametrize("where", ["attribute", "comment"])
+def test_long_text_takes_time_by_its_length(tmp_path, where):
+    """Four million characters take tens of milliseconds; ten seconds if time goes by its square."""
+    text = "a" * 4_000_000
+    inner = f"<!-- {text} -->" if where == "comment" else f'<default name="x" value="{text}"/>'
+    path = tmp_path / "scene.xml"
+    path.write_text(f'<scene version="3.0.0">{inner}</scene>')
+    start = time.process_time()
+    require_shallow_xml(path, {})
+    assert time.process_time() - start < 2
+
+
+NOT_UTF8 = b"sc\xff\xe9ne"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="names of files are text there")
+def test_a_path_that_is_not_utf8(tmp_path):
+    name = os.fsdecode(NOT_UTF8)
+    folder = tmp_path / name
+    folder.mkdir()
+    ending = "is not valid UTF-8, which Mitsuba cannot read. Rename the file or the folder"
+    for path in (tmp_path / f"{name}.xml", folder / "scene.xml"):
+        path.write_text(include())
+        assert refusal(path) == f"scene = {str(path)!r}: {ending}"
+        assert refusal(str(path)) == f"scene = {str(path)!r}: {ending}"
+    search = {"type": "resources", "path": str(folder)}
+    expected = f"resources: path = {str(folder)!r}: {ending}"
+    assert refusal({"type": "scene", "files": search}) == expected
+    mesh = {"type": "ply", "filename": str(folder / "a.ply")}
+    assert refusal({"type": "scene", "mesh": mesh}).startswith("mesh.filename = ")
+
+
+@pytest.mark.parametrize(
+    ("shape", "text"),
+    [
+        ({"type": "sphere", "radius": 0.0}, "ball.radius = 0.0: must be a finite number other"),
+        ({"type": "sphere", "radius": 0.0, "center": [1, 2, 3]}, "ball.radius = 0.0: must be"),
+        ({"type": "sphere", "radius": float("inf")}, "ball.radius = inf: must be"),
+        ({"type": "sphere", "center": [0, float("nan"), 1]}, "ball.center = [0.0, nan, 1.0]: must"),
+        ({"type": "cylinder", "radius": 0}, "ball.radius = 0: must be"),
+        ({"type": "cylinder", "p1": [0, float("inf"), 1]}, "ball.p1 = [0.0, inf, 1.0]: must be"),
+        (
+            {"type": "cylinder", "p0": [1, 2, 3], "p1": [1, 2, 3]},
+            "ball.p0 = [1.0, 2.0, 3.0]: must differ from p1, the other end",
+        ),
+    ],
+)
+def test_shapes_without_extent_by_their_own_parameters(shape, text):
+    assert text in refusal({"type": "scene", "ball": shape})

@@ -4,8 +4,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.support import agree, refused
-from scipy.stats import norm
+import xarray as xr
+from helpers.support import ALPHA, COMPARISONS, agree, refused, smallest_allowed
+from scipy.ndimage import correlate1d
+from scipy.stats import binom, norm
 
 from tofrender.sensors import (
     Response,
@@ -77,7 +79,7 @@ def test_bound_of_a_gaussian():
 
 def rms(response, signal, background, method):
     counts, position = histograms(response, signal, background)
-    found = estimate_depth(counts, response, method, bin_width_opl=WIDTH)
+    found = estimate_depth(counts, response, method, start_opl=0.0, bin_width_opl=WIDTH)
     error = found["depth"].values[0] - position / 2
     return error, found["depth_std"].values[0]
 
@@ -138,10 +140,12 @@ def test_a_responses_origin_is_no_matter():
     for late in (0, 50):
         recorded = SampledPulse(masses / WIDTH, (late - 50) * WIDTH, WIDTH)
         seen = np.roll(counts, late, axis=-1)
-        found = echoes(seen, recorded, bin_width_opl=WIDTH)
+        found = echoes(seen, recorded, start_opl=0.0, bin_width_opl=WIDTH)
         assert found["number"].values.tolist() == [1, 2] * 25
         assert found["opl"].values[::2] == pytest.approx(np.full(25, 150.5 * WIDTH), abs=0.03)
-        depth = estimate_depth(seen, recorded, "centroid", bin_width_opl=WIDTH)["depth"]
+        depth = estimate_depth(seen, recorded, "centroid", start_opl=0.0, bin_width_opl=WIDTH)[
+            "depth"
+        ]
         assert abs(depth.values - 150.5 * WIDTH / 2).max() < 0.02
 
 
@@ -150,9 +154,11 @@ def test_a_responses_origin_is_no_matter():
 def test_the_likeliest_depth_at_an_end_of_the_window(opl):
     rates = 300 * np.diff(norm.cdf(np.arange(BINS + 1) * WIDTH, opl, SIGMA)) + 0.2
     counts = np.random.default_rng(4).poisson(rates, (1, 400, BINS))
-    found = estimate_depth(counts, GAUSS, bin_width_opl=WIDTH)["depth"].values.ravel()
+    found = estimate_depth(counts, GAUSS, start_opl=0.0, bin_width_opl=WIDTH)[
+        "depth"
+    ].values.ravel()
     assert agree(found, np.array(opl / 2), rounding=0.01)
-    dark = estimate_depth(np.zeros((1, 1, BINS)), GAUSS, bin_width_opl=WIDTH)
+    dark = estimate_depth(np.zeros((1, 1, BINS)), GAUSS, start_opl=0.0, bin_width_opl=WIDTH)
     assert np.isnan(dark["depth"].item())
     assert np.isinf(dark["depth_std"].item())
 
@@ -164,7 +170,7 @@ def test_echoes():
     lags = np.arange(300)[:, None] + [0, 1]
     masses = [np.diff(norm.cdf((lags - at) / 3)).T[0] for at in (80.5, 200.5)]
     counts = rng.poisson(200 * masses[0] + 60 * masses[1] + 0.2, (40, 50, 300))
-    found = echoes(counts, GAUSS, bin_width_opl=WIDTH)
+    found = echoes(counts, GAUSS, start_opl=0.0, bin_width_opl=WIDTH)
     assert found.sizes["echo"] == pytest.approx(2 * 2000, abs=10)
     kinds = [found.sel(echo=np.abs(found["opl"] - opl) < 0.2) for opl in (1.61, 4.01)]
     size = kernel(distribution("response", GAUSS), WIDTH, 1e-3).size
@@ -211,7 +217,7 @@ def test_bounds_of_echoes(response):
 def test_echoes_reach_their_bounds(background):
     """Errors of intensity, width and depth lie between their bounds and 1.2 times these."""
     counts, position = histograms(GAUSS, 300, background)
-    found = echoes(counts, GAUSS, bin_width_opl=WIDTH)
+    found = echoes(counts, GAUSS, start_opl=0.0, bin_width_opl=WIDTH)
     assert found.sizes["echo"] == 2000  # Background near a return is no echo, if hardly known
     errors = {"depth": position / 2, "intensity": 300.0, "width": np.median(found["width"])}
     for name, bound in echo_bounds(300.0, background, GAUSS, WIDTH).items():
@@ -219,15 +225,130 @@ def test_echoes_reach_their_bounds(background):
         assert 0.9 < rms / bound < 1.2, name
 
 
+def share_with_echoes(counts, false_alarm, **options):
+    """Part of the pixels of counts (1, pixel, bin) with an echo."""
+    found = echoes(counts, GAUSS, false_alarm, start_opl=3.0, bin_width_opl=WIDTH, **options)
+    return len(set(found["x"].values)) / counts.shape[1]
+
+
 @pytest.mark.statistical
-@pytest.mark.parametrize("background", [0.2, 2.0])
-def test_false_alarms(background):
-    """No more pixels than asked for have a false return, and with more allowed, some have."""
-    counts = np.random.default_rng(3).poisson(background, (100, 100, BINS))
-    for allowed, least in ((1e-3, 0.0), (0.05, 1e-4), (0.5, 5e-3)):
-        found = echoes(counts, GAUSS, allowed, bin_width_opl=WIDTH)
-        pixels = len(set(zip(found["y"].values, found["x"].values, strict=True))) / 1e4
-        assert least <= pixels <= allowed
+@pytest.mark.parametrize("known", [True, False], ids=["known", "unknown"])
+@pytest.mark.parametrize("asked", [0.1, 0.01, 0.001])
+@pytest.mark.parametrize("background", [3e-3, 0.04, 1.0, 20.0])
+def test_false_alarms(background, asked, known):
+    """Background alone has echoes within a factor 1.5 of the rate that was asked."""
+    count = 20_000
+    counts = np.random.default_rng(3).poisson(background, (1, count, BINS))
+    given = {"background": background} if known else {}
+    found = round(share_with_echoes(counts, asked, **given) * count)
+    unlikely = smallest_allowed(ALPHA, COMPARISONS)
+    assert binom.sf(found - 1, count, 1.5 * asked) > unlikely
+    assert binom.cdf(found, count, asked / 1.5) > unlikely
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("asked", [0.1, 0.01, 0.001])
+@pytest.mark.parametrize(
+    ("background", "signal"), [(1e-4, 1.5), (1e-4, 5.1), (0.02, 5.0), (1.0, 16.0), (20.0, 50.0)]
+)
+def test_weak_echoes_are_detected(background, signal, asked):
+    """As many as the likelihood-ratio detector finds, whose threshold is the empirical one."""
+    empty = np.random.default_rng(5).poisson(background, (20_000, BINS))
+    counts, _ = histograms(GAUSS, signal, background, count=3000)
+    masses = kernel(distribution("response", GAUSS), WIDTH, 1e-3)
+    weights = np.log1p(signal * masses / background)
+    highest, alone = (
+        correlate1d(each.astype(float), weights, axis=-1, mode="constant").max(axis=-1)
+        for each in (counts[0], empty)
+    )
+    limit = np.sort(alone)[-round(asked * alone.size)]
+    best = np.mean(highest > limit * (1 + 1e-9))
+    assert best > 0.05
+    found = share_with_echoes(counts, asked, background=background)
+    assert found > best - 0.05
+
+
+def test_light_in_many_places_is_not_in_echoes():
+    """Fog above a faint known background has as many echoes as above an unknown background."""
+    counts = np.random.default_rng(6).poisson(0.5, (1, 500, 6 * BINS))
+    assert share_with_echoes(counts, 0.01, background=1e-4) == share_with_echoes(counts, 0.01)
+    assert share_with_echoes(counts, 0.01) < 0.03
+
+
+def test_seeds_choose_at_the_threshold_only():
+    """The same seed has the same echoes; strong echoes do not depend on the seed."""
+    counts, _ = histograms(GAUSS, 40, 0.0, count=300)
+    counts[0, :100] = np.random.default_rng(7).poisson(3e-3, (100, BINS))
+    axis = {"start_opl": 0.0, "bin_width_opl": WIDTH, "background": 3e-3}
+    first, again, other = (echoes(counts, GAUSS, 0.1, **axis, seed=seed) for seed in (1, 1, 2))
+    assert first.identical(again)
+    assert not first.identical(other)
+    kept = [each.sel(echo=each["x"] >= 100)["opl"].values for each in (first, other)]
+    np.testing.assert_array_equal(*kept)
+
+
+LATER = 5.0  # Start of the bins [m]
+
+
+def late_rates():
+    """Rates of a sensor whose window starts at 5 m, with returns at different path lengths."""
+    rates = np.full((2, 3, 200), 1e-4)
+    at = np.array([[40, 71, 123], [90, 150, 60]])
+    np.put_along_axis(rates, at[..., None], 0.4, axis=-1)
+    arrays = {"rate": (("y", "x", "bin"), rates), "background": (("y", "x"), rates[..., 0])}
+    axis = {"opl": ("bin", LATER + (np.arange(200) + 0.5) * WIDTH)}
+    attrs = {"start_opl": LATER, "bin_width_opl": WIDTH}
+    return xr.Dataset(arrays, axis, attrs), (LATER + (at + 0.5) * WIDTH) / 2
+
+
+def test_labelled_counts_keep_their_time_axis():
+    """Counts, corrected rates, parts and records of data sets have depths from their own axis."""
+    rates, depth = late_rates()
+    jitter = Response(60e-12)
+    measured = Spad(jitter=jitter).histogram(rates, 5000, 1)
+    counts = measured["counts"]
+    corrected = coates(counts, 5000)
+    assert isinstance(corrected, xr.DataArray)
+    np.testing.assert_array_equal(corrected["opl"], counts["opl"])
+    np.testing.assert_array_equal(corrected.values, coates(counts.values, 5000))
+    places = {f"sensor_{dim}": counts["opl" if dim == "bin" else dim].values for dim in counts.dims}
+    record = xr.DataArray(counts.values, places, list(places))
+    film = counts.swap_dims(bin="opl").drop_vars("bin", errors="ignore")
+    values = corrected.fillna(0) * 5000
+    for each in (measured, counts, record, film, values, values.isel(bin=slice(20, None))):
+        found = estimate_depth(each, jitter)
+        assert found["depth"].values == pytest.approx(depth, abs=3e-3)
+        table = echoes(each, jitter, 1e-6)
+        assert table["depth"].values == pytest.approx(depth.ravel(), abs=3e-3)
+    turned = counts.transpose("bin", "x", "y")
+    assert coates(turned, 5000).dims == turned.dims
+    np.testing.assert_array_equal(coates(turned, 5000).transpose(*counts.dims), corrected)
+    variance = coates_variance(corrected.fillna(0), 5000)
+    np.testing.assert_array_equal(variance["opl"], counts["opl"])
+    assert found["y"].values.tolist() == [0, 1]
+
+
+def test_arrays_have_the_time_axis_that_is_given():
+    rates, depth = late_rates()
+    counts = Spad().histogram(rates, 5000, 1)["counts"].values
+    axis = {"start_opl": LATER, "bin_width_opl": WIDTH}
+    narrow = Response(30e-12)
+    assert estimate_depth(counts, narrow, **axis)["depth"].values == pytest.approx(depth, abs=3e-3)
+    found = echoes(counts, narrow, **axis)["depth"].values
+    assert found == pytest.approx(depth.ravel(), abs=3e-3)
+
+
+@pytest.mark.parametrize("function", [estimate_depth, echoes])
+def test_time_axes_that_are_missing(function):
+    counts = np.ones((1, 1, 99))
+    refused("start_opl = None", function, counts, GAUSS, bin_width_opl=WIDTH)
+    refused("bin_width_opl = None", function, counts, GAUSS, start_opl=0.0)
+    bare = xr.DataArray(counts, dims=("y", "x", "bin"))
+    refused("no coordinate opl", function, bare, GAUSS)
+    labelled = bare.assign_coords(opl=("bin", np.arange(99) * WIDTH))
+    refused("must be None for labelled counts", function, labelled, GAUSS, start_opl=0.0)
+    refused("one time axis", function, bare.rename(bin="time"), GAUSS)
+    refused("rates: a DataArray has no background", Spad().histogram, bare, 10)
 
 
 @pytest.mark.parametrize(
@@ -235,11 +356,26 @@ def test_false_alarms(background):
     [
         (lambda: coates([-1, 2], 5), "counts = -1: must be at least 0"),
         (lambda: coates([4, 2], 5), "cycles = 5: must be at least the counts of a pixel, 6"),
-        (lambda: estimate_depth(np.ones((1, 1, 5)), GAUSS, bin_width_opl=WIDTH), "shorter than"),
-        (lambda: estimate_depth(np.ones((5, 5)), GAUSS, bin_width_opl=WIDTH), "counts with shape"),
-        (lambda: estimate_depth(np.ones((1, 1, 99)), 3.0, bin_width_opl=WIDTH), "response = 3.0"),
-        (lambda: echoes(np.ones((1, 1, 99)), GAUSS, 0.9, bin_width_opl=WIDTH), "false_alarm = 0.9"),
-        (lambda: estimate_depth(np.ones((1, 1, 9)), WIDE, bin_width_opl=WIDTH), "shorter than"),
+        (
+            lambda: estimate_depth(np.ones((1, 1, 5)), GAUSS, start_opl=0.0, bin_width_opl=WIDTH),
+            "shorter than",
+        ),
+        (
+            lambda: estimate_depth(np.ones((5, 5)), GAUSS, start_opl=0.0, bin_width_opl=WIDTH),
+            "counts with shape",
+        ),
+        (
+            lambda: estimate_depth(np.ones((1, 1, 99)), 3.0, start_opl=0.0, bin_width_opl=WIDTH),
+            "response = 3.0",
+        ),
+        (
+            lambda: echoes(np.ones((1, 1, 99)), GAUSS, 0.9, start_opl=0.0, bin_width_opl=WIDTH),
+            "false_alarm = 0.9",
+        ),
+        (
+            lambda: estimate_depth(np.ones((1, 1, 9)), WIDE, start_opl=0.0, bin_width_opl=WIDTH),
+            "shorter than",
+        ),
         (lambda: depth_bound(-1.0, 0.0, GAUSS, WIDTH), "signal = -1: must be at least 0"),
     ],
 )

@@ -9,7 +9,7 @@ from helpers.support import agree, refused
 from scipy.special import erfc
 
 from tofrender.sensors import Itof
-from tofrender.sensors.correlation import multipath_phase_error, phase_deviation
+from tofrender.sensors.correlation import demodulate, multipath_phase_error, phase_deviation
 from tofrender.signals.units import SPEED_OF_LIGHT
 
 WIDTH = 0.05
@@ -36,7 +36,7 @@ def test_means_of_taps(taps):
     exact = 6000 / taps * (1 + 0.7 * np.cos(phi - 2 * np.pi * np.arange(taps) / taps)) + 2000 / taps
     assert found["taps"].values[0, :, 0, 0] == pytest.approx(exact)
     depth = camera.depth(found)
-    assert depth["phase"].item() == pytest.approx(phi % (2 * np.pi))
+    assert depth["phase"].item() == pytest.approx(np.angle(np.exp(1j * phi)))
     assert depth["amplitude"].item() == pytest.approx(6000)
     assert depth["depth"].item() == pytest.approx(opl / 2)
 
@@ -65,7 +65,8 @@ def test_harmonics_wiggle(phi):
     rates, opl = scene(phi / (2 * np.pi * F) * SPEED_OF_LIGHT, 1.0, bins=4000, width=0.005)
     camera = Itof(frequencies_hz=F, contrast=0.7, harmonics=harmonics)
     phi = 2 * np.pi * F * opl / SPEED_OF_LIGHT
-    error = camera.depth(camera.expected(rates))["phase"].item() - phi
+    phase = camera.depth(camera.expected(rates))["phase"].item()
+    error = np.angle(np.exp(1j * (phase - phi)))
     exact = np.angle(1 + np.exp(-4j * phi) / 9 + np.exp(4j * phi) / 25)
     assert error == pytest.approx(exact, abs=1e-9)
     eight = Itof(frequencies_hz=F, taps=8, contrast=0.7, harmonics=harmonics)
@@ -84,6 +85,43 @@ def test_two_returns():
     phase = camera.depth(frames)["phase"].item() - 2 * np.pi * 5000.5 / 20000
     assert phase == pytest.approx(0.357422, abs=1e-4)
     assert phase == pytest.approx(multipath_phase_error(0.35, 1.9), abs=1e-4)
+
+
+# The angle of these taps is -1e-17, so that the angle plus 2 pi rounds to 2 pi.
+NEARLY_A_TURN = np.array([1e17, 0.0, 0.0, 1.0])
+
+
+def test_phases_of_demodulate_are_below_a_turn():
+    _, phase = demodulate(NEARLY_A_TURN, 0.5)
+    assert 0 <= phase < 2 * np.pi
+    _, phases = demodulate(np.stack([NEARLY_A_TURN, [1, 2, 3, 2], [1, 0, 1, 2]], axis=1), 0.5)
+    assert phases == pytest.approx([0, np.pi, 3 * np.pi / 2])
+
+
+@pytest.mark.parametrize("difference", [np.pi, -np.pi, 3 * np.pi])
+def test_a_second_return_in_antiphase(difference):
+    """The error is in (-pi, pi]: 0 for the weaker return, and pi for the stronger return."""
+    assert multipath_phase_error(2, difference) == pytest.approx(np.pi)
+    assert multipath_phase_error(0.5, difference) == pytest.approx(0)
+
+
+@pytest.mark.parametrize("turn", [0.1, 0.45, 0.5, 0.55, 0.9])
+def test_phases_of_frames_are_from_minus_pi_to_pi(turn):
+    """The phase is in (-pi, pi], and the depth c (phase mod 2 pi) / (4 pi f) in [0, c / 2f)."""
+    camera = Itof(frequencies_hz=F)
+    angles = 2 * np.pi * (turn - np.arange(4) / 4)
+    taps = (1 + 0.5 * np.cos(angles)).reshape(1, 4, 1, 1)
+    frames = xr.Dataset({"taps": (("frequency", "tap", "y", "x"), taps)}, {"frequency": [F]})
+    found = camera.depth(frames)
+    expected = 2 * np.pi * (turn if turn <= 0.5 else turn - 1)
+    assert abs(found["phase"].item()) == pytest.approx(abs(expected))
+    if turn != 0.5:
+        assert found["phase"].item() == pytest.approx(expected)
+    assert found["depth"].item() == pytest.approx(turn * SPEED_OF_LIGHT / (2 * F))
+    opposite = frames.assign(taps=frames["taps"].copy(data=[[[[1.0]], [[2.0]], [[3.0]], [[2.0]]]]))
+    assert camera.depth(opposite)["phase"].item() == np.pi
+    near = frames.assign(taps=frames["taps"].copy(data=NEARLY_A_TURN.reshape(1, 4, 1, 1)))
+    assert 0 <= camera.depth(near)["depth"].item() < SPEED_OF_LIGHT / (2 * F)
 
 
 @pytest.mark.statistical

@@ -1,5 +1,9 @@
 """SPAD arrays against closed forms: PHYSICS by mean and variance, limits, order of the chain."""
 
+import heapq
+import re
+import tracemalloc
+
 import dask.array as da
 import numpy as np
 import pytest
@@ -7,10 +11,12 @@ import xarray as xr
 from helpers.support import agree, refused
 from scipy.special import erfc
 
-from tofrender.sensors import Response, Spad
+from tofrender.sensors import Response, Spad, events
+from tofrender.sensors.config import read_sensor
 from tofrender.sensors.dead_time import armed_detections
 from tofrender.sensors.jitter import kernel
 from tofrender.sensors.pile_up import first_photon
+from tofrender.sensors.rates import Block
 from tofrender.sensors.response import distribution
 from tofrender.signals.pulses import SampledPulse
 from tofrender.signals.units import SPEED_OF_LIGHT
@@ -207,6 +213,119 @@ def test_afterpulses_follow_the_dead_time():
     assert agree(samples.sum(axis=1), np.array(detections / (1 - p)), rounding=1e-3)
 
 
+DEAD, PROBABILITY, MEAN_DELAY = 10, 0.5, 5.0
+UNEVEN = 0.2 + 0.1 * np.sin(np.arange(60) / 5)
+
+
+def one_by_one(rng, cycles, free, paralysable):
+    """Histogram of a pixel whose avalanches are simulated one after the other, in order of time."""
+    found = np.zeros(UNEVEN.size)
+    photons = rng.poisson(UNEVEN, (cycles, UNEVEN.size))
+    every = [photons.ravel()] if free else photons
+    for each in every:
+        waiting = np.repeat(np.arange(each.size), each).tolist()
+        blocked_until = -1
+        while waiting:
+            time = heapq.heappop(waiting)
+            is_armed = time > blocked_until
+            if is_armed or paralysable:
+                blocked_until = time + DEAD
+            if is_armed:
+                found[time % UNEVEN.size] += 1
+                caused = time + DEAD + 1 + int(rng.exponential(MEAN_DELAY))
+                if rng.random() < PROBABILITY and caused < each.size:
+                    heapq.heappush(waiting, caused)
+    return found
+
+
+@pytest.mark.statistical
+@pytest.mark.parametrize("paralysable", [False, True])
+@pytest.mark.parametrize(
+    ("mode", "chunk"), [("multi_hit", 1 << 20), ("free_running", 1 << 20), ("free_running", 700)]
+)
+def test_afterpulses_at_high_probability(mode, chunk, paralysable, monkeypatch):
+    """Histograms agree with those of single avalanches: masked avalanches cause no afterpulses."""
+    monkeypatch.setattr(events, "CHUNK", chunk)  # 700 avalanches are one or two cycles
+    spad = Spad(
+        mode=mode,
+        dead_time_s=DEAD * BIN_S,
+        paralysable=paralysable,
+        afterpulse_probability=PROBABILITY,
+        afterpulse_time_s=MEAN_DELAY * BIN_S,
+    )
+    cycles = 50
+    samples = counts(spad, UNEVEN, cycles, seed=11)
+    rng = np.random.default_rng(12)
+    free = mode == "free_running"
+    exact = np.array([one_by_one(rng, cycles, free, paralysable) for _ in samples])
+    assert agree(samples - exact + 1, np.ones(UNEVEN.size))
+    totals, exact_totals = samples.sum(axis=1), exact.sum(axis=1)
+    assert agree(totals - exact_totals + 1, np.array(1.0))
+    off = 1.05 if paralysable else 1.015
+    assert not agree(off * totals - exact_totals + 1, np.array(1.0))  # Power
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {},
+        {"paralysable": True},
+        {"macro_pixel": (2, 2), "coincidence": 2, "coincidence_window_s": 4 * BIN_S},
+        {"macro_pixel": (2, 4), "coincidence": 3, "coincidence_window_s": 9 * BIN_S},
+    ],
+)
+def test_chunks_of_cycles_change_nothing(given, monkeypatch):
+    """The same photons are detected, however the cycles of a free-running SPAD are cut."""
+    rows, cycles, bins = 4, 30, 24
+    layout = events.Layout(
+        (8, cycles, bins), 11, round(given.get("coincidence_window_s", 0) / BIN_S), True
+    )
+    spad = Spad(mode="free_running", dead_time_s=11 * BIN_S, **given)
+    photons = np.random.default_rng(8).poisson(0.15, (rows, 8, cycles * bins))
+    begun = {}
+
+    def arrivals(rng, rates, chunk):
+        row = int(rates[0, 0])
+        first = begun.get(row, 0)
+        begun[row] = first + chunk.cycles * bins
+        pixel, time = np.nonzero(photons[row, :, first : begun[row]])
+        keys = np.repeat(pixel * chunk.pixel_stride + time, photons[row, pixel, first + time])
+        return keys
+
+    monkeypatch.setattr(events, "arrivals", arrivals)
+    values = np.broadcast_to(np.arange(rows, dtype=float)[:, None, None], (rows, 8, bins))
+    found = []
+    for chunk in (1 << 40, 1):
+        monkeypatch.setattr(events, "CHUNK", chunk)
+        begun.clear()
+        stamps = []
+        for row, first, part, keys in events.detections(
+            spad, Block(values, 0, range(rows)), layout, 1, BIN_S
+        ):
+            pixel, cycle, at = part.parts(keys)
+            stamps += zip([row] * keys.size, pixel, (first + cycle) * bins + at, strict=True)
+        found.append(sorted(stamps))
+    assert len(found[0]) > 50
+    assert found[0] == found[1]
+
+
+def test_memory_does_not_grow_with_cycles(monkeypatch):
+    monkeypatch.setattr(events, "CHUNK", 20_000)
+    spad = Spad(
+        mode="free_running", dead_time_s=3 * BIN_S, afterpulse_probability=0.1,
+        afterpulse_time_s=5 * BIN_S, crosstalk_probability=0.1,
+    )  # fmt: skip
+    rates = np.full((2, 8, 24), 0.04)
+    peaks, found = [], []
+    for cycles in (3000, 24_000):
+        tracemalloc.start()
+        found.append(spad.histogram(rates, cycles, 1, bin_width_opl=WIDTH)["counts"].values.sum())
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert found[1] == pytest.approx(8 * found[0], rel=0.01)
+    assert peaks[1] < 1.3 * peaks[0]
+
+
 @pytest.mark.statistical
 def test_crosstalk_goes_to_neighbours():
     rates = np.zeros((24, 24, 3))
@@ -376,6 +495,23 @@ def test_bad_calls(spad, call, text):
 def test_bad_parameters(name, value):
     """Out of range, or not used by anything."""
     refused(name, Spad, **{name: value})
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "cause"),
+    [
+        ("dead_time_s", 1e-8, 'in mode "first_photon". Remove it or choose mode "multi_hit"'),
+        ("afterpulse_probability", 0.1, 'in mode "first_photon". Remove it or choose mode'),
+        ("paralysable", True, "with dead_time_s = 0. Remove it or set dead_time_s"),
+        ("afterpulse_time_s", 1e-9, "with afterpulse_probability = 0"),
+        ("hot_rate_hz", 1.0, "with hot_fraction = 0"),
+        ("coincidence_window_s", 1e-9, "with coincidence = 1"),
+    ],
+)
+def test_messages_name_what_makes_a_parameter_useless(name, value, cause):
+    refused(re.escape(f"{name} has no effect {cause}"), Spad, **{name: value})
+    described = {"cycles": 9, "photons": {"photons_per_cycle": 0.1}, "spad": {name: value}}
+    refused(re.escape(f"sensor.spad.{name} has no effect {cause}"), read_sensor, described)
 
 
 def test_expected_is_refused_where_there_is_no_closed_form():

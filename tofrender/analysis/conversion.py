@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..rendering.cubes import Cube
-from ..rendering.dataset import DIMS, LOST_ENERGY, QUANTITIES, time_axis
+from ..rendering.dataset import DIMS, LOST_ENERGY, QUANTITIES, require_one_render, time_axis
 from ..runtime import checks
 from ..runtime.progress import status
 from ..signals.phasors import phasor_parts
@@ -162,6 +162,7 @@ def _four_axes(cube: Cube) -> Cube:
 
 def _time_axis_and_quantity(dataset: Any, given: Mapping[str, Any]) -> tuple[float, float, str]:
     """Return start and width [m] of a Dataset's bins, and its quantity; given ones must agree."""
+    require_one_render("transient_data", dataset)
     if "transient" not in dataset.data_vars or dataset["transient"].dims != DIMS["transient"]:
         found = {str(name): variable.dims for name, variable in dataset.data_vars.items()}
         raise ValueError(

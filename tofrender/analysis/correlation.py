@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..runtime import checks
+from ..signals.phasors import wrap
 
 
 def four_bucket(
@@ -145,7 +146,7 @@ def multipath_error(depth: Any, true_depth: Any, range_m: float | None = None) -
     error = np.subtract(depth, truth, out=np.full(depth.shape, np.nan), where=known)
     if range_m is not None:
         range_m = checks.metres("range_m", range_m, positive=True)
-        error = np.mod(error + range_m / 2, range_m) - range_m / 2
+        error = wrap(error + range_m / 2, range_m) - range_m / 2
     if not known.any():
         return MultipathError(error, np.nan, np.nan)
     found = error[known]
@@ -181,8 +182,9 @@ def true_depth(scene: Any, sensor: int = 0) -> np.ndarray:
 
     from ..paths.camera import ray_origin
 
-    camera, ray, si, pixels = _pixel_centre_hits(scene, sensor)
-    distance = dr.select(si.is_valid(), dr.norm(si.p - ray_origin(camera, ray)), dr.nan)
+    loaded, camera, ray, si, pixels = _pixel_centre_hits(scene, sensor)
+    origin = ray_origin(camera, ray, loaded)
+    distance = dr.select(si.is_valid(), dr.norm(si.p - origin), dr.nan)
     return np.array(distance, dtype=np.float64).reshape(pixels)
 
 
@@ -202,14 +204,14 @@ def true_normals(scene: Any, sensor: int = 0) -> np.ndarray:
     """
     import drjit as dr
 
-    _, ray, si, pixels = _pixel_centre_hits(scene, sensor)
+    _, _, ray, si, pixels = _pixel_centre_hits(scene, sensor)
     facing = si.n * -dr.sign(dr.dot(si.n, ray.d))
     normals = np.array(dr.select(si.is_valid(), facing, dr.nan), dtype=np.float64)
     return np.ascontiguousarray(normals.T).reshape(*pixels, 3)
 
 
-def _pixel_centre_hits(scene: Any, sensor: int) -> tuple[Any, Any, Any, tuple[int, int]]:
-    """Return sensor, rays through its pixels' centres, first interactions, (height, width)."""
+def _pixel_centre_hits(scene: Any, sensor: int) -> tuple[Any, Any, Any, Any, tuple[int, int]]:
+    """Return scene, sensor, rays through pixels' centres, first interactions, (height, width)."""
     import drjit as dr
     import mitsuba as mi
 
@@ -230,4 +232,4 @@ def _pixel_centre_hits(scene: Any, sensor: int) -> tuple[Any, Any, Any, tuple[in
         hides = getattr(scene.integrator(), "hide_emitters", False)
         si = first_surface(scene, behind_emitters(scene, ray) if hides else ray)
         dr.eval(ray, si)
-    return camera, ray, si, (height, width)
+    return scene, camera, ray, si, (height, width)

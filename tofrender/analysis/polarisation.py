@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from ..runtime import checks
+from ..signals.phasors import wrap
 
 AXIS = -2  # default axis of Stokes components, before the channels
 
@@ -67,8 +68,8 @@ def angle_of_linear_polarisation(stokes: Any, axis: int = AXIS) -> Any:
     """
 
     def angle(s0, s1, s2, s3):
-        found = np.where(np.hypot(s1, s2) > 0, np.arctan2(s2, s1) / 2, np.nan) % np.pi
-        return np.where(found >= np.pi, 0.0, found)[()]
+        found = np.where(np.hypot(s1, s2) > 0, np.arctan2(s2, s1) / 2, np.nan)
+        return wrap(found, np.pi)[()]
 
     return _apply(stokes, axis, angle)
 

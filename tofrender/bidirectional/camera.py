@@ -116,7 +116,7 @@ class LightPathHistory(HistoryUpdates[LightPath]):
         ds = dr.zeros(mi.DirectionSample3f, dr.width(path.depth))
         ds.p, ds.n, ds.uv, ds.emitter = start.origin, start.normal, start.uv, start.emitter
         ds.d, ds.dist = -start.ray.d, vertex.length
-        pdf = self.scene.pdf_emitter_direction(si, ds, first & ~start.delta)
+        pdf = self.emission.samples.pdf_direction(si, ds, first & ~start.delta)
         ratio = self.emission.ratio(start.emitter, ds, pdf, vertex.length)
 
         # Sums over the strategies that connect to it, or hit it

@@ -25,7 +25,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..paths.surfaces import EmitterNormals, Wavefronts, number_of, table_of
+from ..paths.surfaces import EmitterSamples, Wavefronts, number_of, table_of
 from ..runtime.interface import pose
 
 CONES = {"PointLight": "point", "SpotLight": "spot", "Projector": "projector"}
@@ -80,7 +80,7 @@ class Emission:
                     f"emitter {emitter.id()!r}: is a {KINDS.get(kind, kind)}, whose light cannot "
                     f"be followed here; must be {', '.join(allowed.values())}"
                 )
-        self.scene, self.normals = scene, EmitterNormals(scene)
+        self.scene, self.samples = scene, EmitterSamples(scene)
         self.sphere = Wavefronts.around(scene, sensor)
         self.cross_section = dr.pi * self.sphere.radius * self.sphere.radius
         self.pointers = scene.emitters_dr()
@@ -139,11 +139,11 @@ class Emission:
     ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
         """Sample a direction to any emitter that light starts at; returns it and its weight."""
         if self.distribution is None:
-            return self.normals.sample_direction(at, u)
+            return self.samples.sample_direction(at, u)
         index, x, pmf = self.distribution.sample_reuse_pmf(u.x)
         emitter = dr.gather(mi.EmitterPtr, self.pointers, index)
         u = mi.Point2f(x, u.y)
-        ds, radiance = self.normals.by_area(*emitter.sample_direction(at, u, True), u)
+        ds, radiance = self.samples.sample_emitter(emitter, at, u)
         ds.pdf *= pmf
         return ds, radiance / pmf
 
@@ -174,8 +174,8 @@ class Emission:
         ps = self._point_on(emitter, like.time, u_point, active)
         local = mi.warp.square_to_cosine_hemisphere(u)
         n = mi.Normal3f(ps.n)
-        if self.normals.exist:
-            n, _ = self.normals.at(emitter, like.time, u_point, ps.n, active)
+        if self.samples.exist:
+            n, _ = self.samples.at(emitter, like.time, u_point, ps.n, active)
             active &= dr.dot(ps.n, mi.Frame3f(n).to_world(local)) > 0  # Else it is dark there
 
         # Evaluate the radiance

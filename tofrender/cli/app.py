@@ -16,6 +16,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from ..runtime import doctor as diagnosis
 from ..runtime.checks import printable
+from ..runtime.child_processes import safe_children
 from ..runtime.progress import Terminated, ended_by_signals, status, without_bars
 from . import (
     course,
@@ -72,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     set_command()
     try:
-        with warnings.catch_warnings(), ended_by_signals() as received:
+        with safe_children(), warnings.catch_warnings(), ended_by_signals() as received:
             warnings.simplefilter("always", UserWarning)
             warnings.showwarning = _warn
             code = app(args=arguments, prog_name="tofrender", standalone_mode=False) or 0
@@ -85,8 +86,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _explain(error)
 
 
-COURSE = {"docutils", "jupytext", "markdown_it", "mdit_py_plugins", "nbclient", "pytest", "tomlkit"}
-"""Packages of the extra `course`, which other commands than those of courses do not import."""
+COURSE = {
+    "jupytext",
+    "markdown_it",
+    "math_core",
+    "mdit_py_plugins",
+    "nbclient",
+    "pytest",
+    "tomlkit",
+}
+"""Packages of the extra `course`. Only the commands for courses import them."""
 
 
 def _explain(error: BaseException) -> int:

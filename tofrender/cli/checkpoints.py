@@ -1,5 +1,6 @@
 """Checkpoints of commands that take long: they can be stopped, killed, and go on."""
 
+import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +11,7 @@ import typer
 from ..runtime.atomic import DISK_FULL, locked, part_path, remove, remove_leftovers, sibling
 from ..runtime.progress import Stop
 from . import options as opt
+from .answers import answer
 
 if TYPE_CHECKING:
     from ..runtime.checkpoints import Checkpoint
@@ -20,6 +22,7 @@ Resume = Annotated[bool, opt.switch("--resume", "Continue a stopped or killed ru
 NEVER_S = 1e9
 PARTS = 2  # Poses of `tofrender doppler`
 AGAIN = "the same command with --resume goes on"
+RUN = "run"  # Attribute of a written file: recipe and facts of the run, as JSON
 
 
 @contextmanager
@@ -79,6 +82,83 @@ def require_begun(resume: bool, begun: Path | None, out: Path) -> None:
     """Raise a ValueError if there is nothing that `resume` could go on from."""
     if resume and (begun is None or not is_begun(begun)):
         raise ValueError(f"--resume: no run that writes {out} was stopped; must be left out")
+
+
+def recipe_of(scene: Any, sensor: Any, **options: Any) -> dict[str, Any]:
+    """Return everything that the result of a command depends on, as JSON can hold it."""
+    import mitsuba as mi
+
+    from ..integrators.running import made_with
+
+    more = {"variant": mi.variant(), "film": str(sensor.film()), **options}
+    recipe = made_with(scene, sensor, scene.integrator(), more)
+    return json.loads(json.dumps(recipe, default=str))
+
+
+def run_attribute(recipe: Mapping[str, Any], facts: Mapping[str, Any]) -> dict[str, str]:
+    """Return the attribute that `finished_facts` reads from a file of a finished run."""
+    return {RUN: json.dumps({"recipe": recipe, "facts": facts})}
+
+
+def answer_if_finished(
+    command: str, out: Path, name: str, recipe: Mapping[str, Any], as_json: bool
+) -> bool:
+    """Answer for a run that `--resume` finds finished; return whether there is one.
+
+    Args:
+        command: Name of the command.
+        out: Folder of the command.
+        name: File with the attribute of `run_attribute`, or a pattern of such files.
+        recipe: Recipe of this run.
+        as_json: Whether to print JSON.
+
+    Raises:
+        ValueError: `out` is the result of a run with another recipe.
+    """
+    if unfinished_work(out) is not None:
+        return False
+    found = _run_of(out, name)
+    if found is None:
+        return False
+    for key in recipe | found["recipe"]:
+        before = found["recipe"].get(key)
+        now = recipe.get(key)
+        if before != now:
+            raise ValueError(
+                f"--resume: {out} was made with {key} = {opt.checks.quote(before)}; must be "
+                f"{opt.checks.quote(now)}. Leave out --resume to replace the folder"
+            )
+    facts = found["facts"] | {"out": str(out)}
+    lines = [f"{out}: already complete, {recipe['spp']} samples per pixel"]
+    answer(command, as_json, facts, lines)
+    return True
+
+
+def _run_of(out: Path, name: str) -> dict[str, Any] | None:
+    """Read the attribute of `run_attribute`; None if no finished run has written all its files."""
+    import xarray as xr
+
+    from ..io.exr import load_exr_layers
+
+    path = next(iter(sorted(out.glob(name))), None) if out.is_dir() else None
+    if path is None:
+        return None
+    try:
+        if path.suffix == ".exr":
+            attrs: Mapping[Any, Any] = load_exr_layers(path)[1]
+        else:
+            with xr.open_dataset(path, engine="scipy") as file:
+                attrs = file.attrs
+        found = json.loads(attrs[RUN])
+        whole = all((out / each).is_file() for each in found["facts"]["files"])
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        TypeError,
+    ):  # The file is damaged, or another program wrote it
+        return None
+    return found if whole else None
 
 
 def checkpoint_path(out: Path) -> Path:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..io.contents import FRAMES_LIST, FRAMES_STEADY, VIDEO, is_listed
 from ..runtime import atomic
 from ..runtime.progress import EVERY_S, ProgressBar, deferred_stop
 from . import options as opt
@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from ..motion.frames import Shutter
     from ..rendering.job import Job
 
-LIST, STEADY, VIDEO = "frames.json", "steady.npy", "video.mp4"
-OWN = re.compile(rf"frame_\d{{4,}}|{LIST}|{STEADY}|{VIDEO}")
+COMMAND = "render --frames"
 ONE_FRAME = ("workers", "scheduler", "errors", "denoise")  # Options without --frames only
 FPS = 10
 
@@ -43,13 +42,25 @@ def check(options: dict[str, Any]) -> None:
     if options["format"] == "zarr":
         raise ValueError("--format = zarr: must be another one with --frames")
     out = options["out"]
-    foreign = [path.name for path in out.iterdir()] if out.is_dir() else []
-    if (out / LIST).exists():
-        foreign = [name for name in foreign if not OWN.fullmatch(name)]
+    foreign = _foreign(out)
     if foreign or out.is_file():
         what = f"holds other content ({foreign[0]})" if foreign else "is a file"
         raise ValueError(f"--out = {out}: {what}; must be a new folder, or one of frames")
     opt.check_out(out / "frame_0000")
+
+
+def _foreign(out: Path) -> list[str]:
+    """Return the names of files in a folder that this command did not write.
+
+    Temporary files of a killed run are the command's own.
+    """
+    if not out.is_dir():
+        return []
+    names = [path.name for path in out.iterdir()]
+    names = [name for name in names if not name.startswith(atomic.TEMPORARY_PREFIX)]
+    if (out / FRAMES_LIST).exists():
+        names = [name for name in names if not is_listed(name, commands=(COMMAND,))]
+    return sorted(names)
 
 
 def render_frames(job: Job, times: list[float], shutter: Shutter, options: dict[str, Any]) -> None:
@@ -75,11 +86,11 @@ def render_frames(job: Job, times: list[float], shutter: Shutter, options: dict[
             lines = [f"{out}: already complete, {len(times)} frames"]
             answer("render", options["as_json"], listed["facts"], lines)
             return
-        if not (folder / STEADY).exists():
+        if not (folder / FRAMES_STEADY).exists():
             shape = (len(times), *job.film.shape[:2], job.film.base_channels_count())
-            with atomic.replacing(folder / STEADY) as temporary:
+            with atomic.replacing(folder / FRAMES_STEADY) as temporary:
                 np.lib.format.open_memmap(temporary, "w+", np.float32, shape)[:] = np.nan
-        steady = np.lib.format.open_memmap(folder / STEADY, mode="r+")
+        steady = np.lib.format.open_memmap(folder / FRAMES_STEADY, mode="r+")
         left = [k for k in range(len(times)) if np.isnan(steady[k]).any()]
         with ProgressBar("Rendering", len(times)) as bar:
             bar.update(len(times) - len(left))
@@ -95,7 +106,7 @@ def render_frames(job: Job, times: list[float], shutter: Shutter, options: dict[
                     for name, total in TOTALS.items():
                         facts[name] = total([facts[name], so_far.get(name, 0.0)])
                     listed["so_far"] = facts
-                    _store(folder / LIST, listed)
+                    _store(folder / FRAMES_LIST, listed)
                     steady[k] = components_of(frame)[0]["steady"].values
                     steady.flush()
                 if k != left[-1]:
@@ -107,7 +118,7 @@ def render_frames(job: Job, times: list[float], shutter: Shutter, options: dict[
             atomic.move_into_place(folder, out)
             atomic.remove(folder)
         facts = listed["so_far"] | {"files": sorted(path.name for path in out.iterdir())}
-        _store(out / LIST, {"recipe": recipe, "facts": facts})
+        _store(out / FRAMES_LIST, {"recipe": recipe, "facts": facts})
     frames = f"frame_0000 ... frame_{len(times) - 1:04d}"
     lines = [f"{out}: {frames}" + f", {VIDEO}" * options["video"]]
     answer("render", options["as_json"], facts, lines)
@@ -117,8 +128,13 @@ def _begin(out: Path, recipe: dict[str, Any], resume: bool) -> tuple[Path, dict[
     """Begin or resume a run; returns the folder of its frames, and what is listed there."""
     folder, earlier = out, _listed(out)
     beside = atomic.sibling(out, ".frames")
-    if "facts" in _listed(beside):  # Finished frames, which others have replaced
+
+    # Finished frames that others have replaced, or a folder without any frame
+    listed = _listed(beside)
+    if "facts" in listed or not listed:
         atomic.remove(beside)
+    for each in (out, beside):
+        _remove_temporary_files(each)
     if beside.exists() or ("facts" in earlier and not resume):
         folder, earlier = beside, _listed(beside)
     if resume and not earlier:
@@ -130,13 +146,21 @@ def _begin(out: Path, recipe: dict[str, Any], resume: bool) -> tuple[Path, dict[
         _require_same(folder, earlier["recipe"], recipe)
     else:
         folder.mkdir(parents=True, exist_ok=True)
-        _store(folder / LIST, {"recipe": recipe})
+        _store(folder / FRAMES_LIST, {"recipe": recipe})
     return folder, {"recipe": recipe, "so_far": {}} | earlier
+
+
+def _remove_temporary_files(folder: Path) -> None:
+    """Remove what a killed run had not yet moved to its place in a folder of frames."""
+    if not (folder / FRAMES_LIST).exists():
+        return
+    for path in folder.glob(f"{atomic.TEMPORARY_PREFIX}*"):
+        atomic.remove(path)
 
 
 def _listed(folder: Path) -> dict[str, Any]:
     """Return what the list of a folder's frames says, empty if there is none."""
-    path = folder / LIST
+    path = folder / FRAMES_LIST
     return json.loads(path.read_text()) if path.exists() else {}
 
 

@@ -37,7 +37,9 @@ Memory = Annotated[float, real(1, "GiB of memory for one submission.")]
 
 def grade(
     assignment: Name,
-    submission: Annotated[Path | None, named("DIR|ZIP", "What one student has handed in.")] = None,
+    submission: Annotated[
+        Path | None, named("PATH", "Folder, zip, tar or file of one student.")
+    ] = None,
     everyone: Annotated[
         Path | None, named("DIR", "Folder of a class's submissions.", "--all")
     ] = None,
@@ -57,8 +59,10 @@ def grade(
     """Grade a submission, or a class, with all tests.
 
     Grading a class can be interrupted and resumed: finished results are kept, unless the submission
-    or the tests have changed. A sheet can be added later. The seed of the tests that students do
-    not have is drawn, unless seed.txt in the assignment's folder has one; the results name it.
+    or the tests have changed. A sheet can be added later. If this machine fails, a submission is
+    not graded, and the exit status is 1; the same command tries again. The seed of the tests that
+    students do not have is drawn, unless seed.txt in the assignment's folder has one; the results
+    name it.
     """
     if (submission is None) == (everyone is None):
         raise ValueError("--submission and --all: must be exactly one of them")
@@ -79,7 +83,8 @@ def grade(
     found.require_tests()
     members, unknown, marks = [], [], None
     if everyone is not None:
-        those = classes.submissions_in(everyone, out, *([feedback] if feedback else []))
+        reserved = [path for path in (out, csv, feedback, roster, sheet) if path is not None]
+        those = classes.submissions_in(everyone, found, reserved)
         members, unknown = rosters.members(those, roster)
         marks = None if sheet is None else rosters.marks(sheet, found.rubric, members)
     shown = rosters.columns(columns or [], found.rubric)
@@ -103,6 +108,7 @@ def grade(
                 say(f"{csv}: written")
                 if feedback is not None:
                     _write_pages(class_, feedback)
+                _require_graded(class_)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("interrupted; what is graded is kept") from None
 
@@ -116,6 +122,17 @@ def _grade_one(grader: Grader, submission: Path, out: Path) -> None:
         say(f"{problem.id}: {points}{' (bonus)' if problem.bonus else ''}")
     total = f"{results.score:g} of {rubric.points:g} points"
     say(*results.remarks, f"{out}: {total}, {results.seconds:.0f} s")
+
+
+def _require_graded(class_: Class) -> None:
+    """RuntimeError if the machine has failed to grade some submissions."""
+    names = [repr(member.id[: checks.LONGEST]) for member in class_.not_graded]
+    if names:
+        raise RuntimeError(
+            f"{len(names)} submissions were not graded, because this machine failed: "
+            f"{', '.join(names[:10])}. Run the same command again; the column reason of "
+            f"{class_.csv} has the cause"
+        )
 
 
 def _write_pages(class_: Class, folder: Path) -> None:
@@ -133,7 +150,9 @@ def _check_one(
     """Refuse options that do not go together; returns the results file."""
     submission = checks.path("--submission", submission)
     if not submission.is_dir() and not submission.is_file():
-        raise ValueError(f"--submission = {submission}: must be a folder or a zip that exists")
+        raise ValueError(
+            f"--submission = {submission}: must be a folder, an archive or a file that exists"
+        )
     for name, value in {**of_class, "--jobs": jobs if jobs > 1 else None}.items():
         if value is not None:
             raise ValueError(f"{name} = {value}: must be left out without --all")
@@ -226,7 +245,7 @@ def similarity(
     from ..course.grade import classes, similarity
 
     found = find(assignment)
-    written, reasons = similarity.write(found, classes.submissions_in(everyone, out), out)
+    written, reasons = similarity.write(found, classes.submissions_in(everyone, found, [out]), out)
     for reason in reasons:
         note(f"warning: {reason}")
     next_step = f"  {similarity.command(out)}"

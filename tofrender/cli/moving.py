@@ -5,18 +5,19 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Annotated, Any
 
+from ..io.contents import DOPPLER, DOPPLER_LAYERS, ESTIMATES, RANGE_RATE, SPECTRA
 from ..motion.choices import MAX_CYCLES, MAX_LOOKS, WAVEFORMS, WINDOWS
 from ..runtime import checks
 from ..runtime.progress import EVERY_S, deferred_stop
 from . import checkpoints, options as opt
 from .answers import Json, answer
-from .report import RANGE_RATE
 from .time import load, values
 
 if TYPE_CHECKING:
     from ..films.rates import Axis
 
 MOST = (1 << 29) - 1  # Values of an array in a NetCDF 3 file
+FEWER_BINS = "a narrower --window or --rates, a lower --bandwidth or a shorter --chirp"
 
 
 def _window(name: str, value: Any) -> str | tuple[float, float]:
@@ -72,6 +73,12 @@ def doppler(
 
     opt.check_disk_space(out, 2 * 6 * values(sensor))
     modulation: dict[str, Any] = {"frequency_hz": freq, "exposure_s": exposure, "cycles": cycles}
+    pictures: Any = {"figure": figure, "dpi": dpi}
+    recipe = checkpoints.recipe_of(
+        loaded, sensor, **modulation, waveform=waveform, spp=samples, seed=seed, **pictures
+    )
+    if resume and checkpoints.answer_if_finished("doppler", out, DOPPLER, recipe, as_json):
+        return
     with checkpoints.checkpointed(out, checkpoint, resume) as file:
         checkpoints.require_begun(resume, checkpoints.unfinished_work(out), out)
         keep: Any = {"spp": samples, "seed": seed, "checkpoint": file}
@@ -82,20 +89,20 @@ def doppler(
             for name in ("homodyne", "heterodyne")
             for part in "IQ"
         }
-        files = ["doppler.nc", "doppler.exr"]
+        files = [DOPPLER, DOPPLER_LAYERS] + [f"velocity.{figure}"] * (waveform == "sine")
+        width, height = measured.sizes["x"], measured.sizes["y"]
+        facts = {"out": str(out), "files": files, "width": width, "height": height, "scene": scene}
+        facts |= {"frequency_hz": freq, "exposure": exposure, "cycles": cycles}
+        facts |= {"waveform": waveform, "spp": samples, "seed": seed}
+        measured.attrs |= checkpoints.run_attribute(recipe, facts)
         with deferred_stop() as stop, io.output_folder(out, overwrite=True) as folder:
             if waveform == "sine":
                 measured["rate"] = doppler_rate(measured)
                 layers["rate"] = measured["rate"].values[..., None]
-                files.append(f"velocity.{figure}")
                 drawn = vis.velocity_map(measured["rate"], **limit_of(loaded), title=scene)
                 io.save_figure(drawn, folder / files[-1], **opt.dots(dpi))
             save_measurement(measured, folder / files[0])
             io.save_exr_layers(folder / files[1], layers, modulation)
-    width, height = measured.sizes["x"], measured.sizes["y"]
-    facts = {"out": str(out), "files": files, "width": width, "height": height, "scene": scene}
-    facts |= {"frequency_hz": freq, "exposure": exposure, "cycles": cycles, "waveform": waveform}
-    facts |= {"spp": samples, "seed": seed}
     answer("doppler", as_json, facts, [f"{out}: {', '.join(files)}"])
     checkpoints.end_if_stopped(stop)
 
@@ -161,24 +168,33 @@ def fmcw(
     rate = _axis(rates or default_rates(loaded), rate_bins, lidar.resolution[1])
     of_pixel = opl.count * rate.count, lidar.samples(opl, rate)
     if size is None and values(sensor) * max(of_pixel) > MOST // 4:
-        shrink = math.sqrt(MOST / 4 / values(sensor) / max(of_pixel))
-        size = opt.Size(*(max(int(n * shrink), 1) for n in sensor.film().crop_size()))
-        opt.note(f"note: {size} pixels, for a film of half a gigabyte; --size takes others")
+        size = _largest_size(sensor, max(of_pixel), MOST // 4)
+        opt.note(
+            f"note: {size} pixels, for a film of half a gigabyte; --size allows up to "
+            f"{_largest_size(sensor, max(of_pixel), MOST)}, and {FEWER_BINS} allow more"
+        )
         loaded, sensor, samples = load(scene, spp, size, max_depth, variant)
     sizes = tuple(values(sensor) * each for each in of_pixel)
     if max(sizes) > MOST:
+        wanted = opt.Size(*(int(n) for n in sensor.film().crop_size()))
         raise ValueError(
-            f"film of {opl.count} x {rate.count} bins with {max(sizes):,} values: must be at most "
-            f"{MOST:,}, by fewer pixels or bins"
+            f"--size = {wanted}: {opl.count} x {rate.count} bins in each pixel make files with "
+            f"{max(sizes):,} values, at most {MOST:,} are possible. Use --size "
+            f"{_largest_size(sensor, max(of_pixel), MOST)} or less, or {FEWER_BINS}"
         )
     opt.check_disk_space(out, *sizes)
+    axes: Any = {
+        **{"bins": opl.count, "window": (opl.start, opl.start + opl.count * opl.width)},
+        **{"rate_bins": rate.count},
+        "rates": (rate.start, rate.start + rate.count * rate.width),
+    }
+    more: Any = {"window_function": window_function, "looks": looks, "photons": photons}
+    more |= {"spp": samples, "seed": seed, "figure": figure, "dpi": dpi}
+    recipe = checkpoints.recipe_of(loaded, sensor, **chirps, **axes, **more)
+    if resume and checkpoints.answer_if_finished("fmcw", out, RANGE_RATE, recipe, as_json):
+        return
     with checkpoints.checkpointed(out, checkpoint, resume) as file:
         checkpoints.require_begun(resume, file and file.path, out)
-        axes: Any = {
-            **{"bins": opl.count, "window": (opl.start, opl.start + opl.count * opl.width)},
-            **{"rate_bins": rate.count},
-            "rates": (rate.start, rate.start + rate.count * rate.width),
-        }
         film = range_rate(loaded, **axes, spp=samples, seed=seed, checkpoint=file)
         film.attrs["scene"] = scene
         spectra = lidar.spectra(film, seed)
@@ -189,23 +205,34 @@ def fmcw(
                 estimates["rate"], **limit_of(loaded), title=scene
             ),
         }
-        saved = {RANGE_RATE: film, "spectra.nc": spectra, "estimates.nc": estimates}
+        saved = {RANGE_RATE: film, SPECTRA: spectra, ESTIMATES: estimates}
+        files = [*saved, *drawn]
+        width, height = film.sizes["x"], film.sizes["y"]
+        outside = film.attrs["energy_outside_window"]
+        facts = {"out": str(out), "files": files, "width": width, "height": height, "scene": scene}
+        facts |= {"resolution": lidar.resolution[0], "rate_resolution": lidar.resolution[1]}
+        facts |= {"bins": opl.count, "rate_bins": rate.count, "spp": samples, "seed": seed}
+        facts |= {"energy_outside_window": outside}
+        film.attrs |= checkpoints.run_attribute(recipe, facts)
         with deferred_stop() as stop, io.output_folder(out, overwrite=True) as folder:
             for name, dataset in saved.items():
                 save_measurement(dataset.drop_vars("time", errors="ignore"), folder / name)
             for name, each in drawn.items():
                 io.save_figure(each, folder / name, **opt.dots(dpi))
-    files = [*saved, *drawn]
-    width, height = film.sizes["x"], film.sizes["y"]
-    facts = {"out": str(out), "files": files, "width": width, "height": height, "scene": scene}
-    facts |= {"resolution": lidar.resolution[0], "rate_resolution": lidar.resolution[1]}
-    facts |= {"bins": opl.count, "rate_bins": rate.count, "spp": samples, "seed": seed}
-    outside = film.attrs["energy_outside_window"]
-    facts |= {"energy_outside_window": outside}
     about = f"resolution {lidar.resolution[0]:.4g} m and {lidar.resolution[1]:.4g} m/s of path"
     lines = [f"{out}: {', '.join(files)}", f"{about}, {outside:.1%} of the energy outside the bins"]
     answer("fmcw", as_json, facts, lines)
     checkpoints.end_if_stopped(stop)
+
+
+def _largest_size(sensor: Any, of_pixel: int, most: int) -> opt.Size:
+    """Return the largest size like the sensor's with at most `most` values in three channels.
+
+    `of_pixel` is the number of values of a pixel and channel.
+    """
+    shrink = min(1.0, math.sqrt(most / values(sensor) / of_pixel))
+    width, height = (max(int(int(n) * shrink), 1) for n in sensor.film().crop_size())
+    return opt.Size(width, height)
 
 
 def _span(scene: Any, window: Any) -> tuple[float, float]:

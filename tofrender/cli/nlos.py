@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from ..io.contents import VOLUME
 from ..runtime import backend, checks
 from ..runtime.progress import EVERY_S, deferred_stop
 from . import checkpoints, completion, options as opt
@@ -21,7 +22,10 @@ METHODS = ("lct", "fk", "bp", "fbp", "phasor")
 def capture(
     scene: Annotated[str, opt.argument("SCENE", "A scene with a relay wall.", completion.scene)],
     out: Annotated[Path, opt.named("FILE", "HDF5 file to write.")],
-    mode: Annotated[str, opt.choice(MODES, "Capture mode.")] = "confocal",
+    mode: Annotated[
+        str | None,
+        opt.choice(MODES, "Capture mode.", show_default="the scene's, otherwise confocal"),
+    ] = None,
     grid: Annotated[opt.Size | None, opt.size("64x64", "Points on the wall.")] = None,
     wall: Annotated[
         str | None, opt.named("ID", "Shape that is the wall, if not relay_wall.")
@@ -52,15 +56,17 @@ def capture(
     from tofrender import io
     from tofrender.nlos import capture as render_capture
     from tofrender.nlos.capturing import require_same_capture
+    from tofrender.nlos.setup import capture_mode
     from tofrender.scenes.loading import find_scene, load_scene, require_sensor
 
     source = find_scene(scene)
     names = None if wall is None else [each.strip() for each in wall.split(",")]
-    sampling: dict[str, Any] = {"mode": mode, "spp": spp, "seed": seed}
     columns, rows = grid or (None, None)
     loaded = load_scene(source, optimize=False, width=columns, height=rows)
-    require_sensor(loaded)
-    shape = getattr(loaded.sensors()[0].film(), "shape", None)
+    camera: Any = require_sensor(loaded)
+    mode = capture_mode(loaded, camera, mode)
+    sampling: dict[str, Any] = {"mode": mode, "spp": spp, "seed": seed}
+    shape = getattr(camera.film(), "shape", None)
     if shape is not None:
         lasers = shape[0] * shape[1] if mode == "exhaustive" else 1
         opt.check_disk_space(out, math.prod(shape) * lasers)
@@ -141,7 +147,7 @@ def reconstruct(
     brightness, depth = nlos.max_projection(volume), nlos.depth_map(volume)
     with checkpoints.exclusively(out), io.output_folder(out, overwrite=True) as folder:
         arrays: dict[str, Any] = {str(name): v.values for name, v in volume.variables.items()}
-        np.savez_compressed(folder / "volume.npz", **arrays)
+        np.savez_compressed(folder / VOLUME, **arrays)
         images = (("brightness", brightness, "arbitrary"), ("depth", depth, "m"))
         for name, image, units in images:
             values = np.asarray(image.values, np.float32)[..., None]
@@ -152,7 +158,7 @@ def reconstruct(
     seen = depth.values[np.isfinite(depth.values)]
     median = float(np.median(seen)) if seen.size else None
     where = "nothing found" if median is None else f"median depth {median:.3f} m"
-    files = ["volume.npz", "brightness.exr", "depth.exr", f"volume.{figure}"]
+    files = [VOLUME, "brightness.exr", "depth.exr", f"volume.{figure}"]
     facts = {"out": str(out), "files": files, "source": str(source), "method": method}
     facts |= {"median_depth": median}
     answer("reconstruct", as_json, facts, [f"{out}: {', '.join(files)}; {where}"])

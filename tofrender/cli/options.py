@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
+from ..io.contents import FORMATS
 from ..rendering.settings import SETTINGS
 from ..runtime import backend, checks
 from ..runtime.atomic import check_file, check_writable
@@ -30,15 +31,6 @@ if TYPE_CHECKING:
 
 BAD_INPUT, FAILURE, INTERRUPTED = 2, 1, 130  # Exit statuses
 FIGURE_BYTES = 1 << 20  # Size of a figure and a few headers on a disk
-
-FILES = {
-    "frames": "",
-    "png": "",
-    "multipart": "stack.exr",
-    "npz": "transient.npz",
-    "zarr": "transient.zarr",
-}
-"""The file that holds the transient in the output folder, by --format."""
 
 SCENE_TIME = "scene"  # --window and --pulse-width: as the scene has them
 
@@ -247,7 +239,7 @@ Variant = Annotated[
 ]
 Workers = Annotated[int | None, setting("workers")]
 Scheduler = Annotated[str | None, setting("scheduler")]
-Format = Annotated[str, choice(FILES, "How to store the transient.")]
+Format = Annotated[str, choice(FORMATS, "How to store the transient.")]
 Precision = Annotated[str, choice(("half", "float"), "Numbers in the EXR files.")]
 Video = Annotated[bool, typer.Option(help="Write video.mp4 as well.")]
 Figure = Annotated[
@@ -361,9 +353,9 @@ def load_render(out: Path, option: str) -> xr.Dataset:
 
     out = checks.path(option, out)
     for path, load in (
-        (out / FILES["npz"], io.load_npz),
-        (out / FILES["zarr"], load_zarr),
-        (out / FILES["multipart"], io.load_exr_stack),
+        (out / FORMATS["npz"], io.load_npz),
+        (out / FORMATS["zarr"], load_zarr),
+        (out / FORMATS["multipart"], io.load_exr_stack),
         (out / "steady.exr", lambda _: io.load_exr_stack(out)),
     ):
         if path.exists():

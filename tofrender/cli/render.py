@@ -74,7 +74,8 @@ def render(
 
     Options that are not given keep the scene's values, except for time: a built-in scene, or one
     whose film is steady, gets a window that holds its light and a pulse that suits it, unless one
-    of --start-opl, --bin-width, --window and --pulse-width is given. The command writes the
+    of --start-opl, --bin-width, --window and --pulse-width is given. If the film is steady, --bins
+    is 300 by default, and --window is auto by default. The command writes the
     transient image, its sum over time (steady.exr), a video and a summary figure. DIR is written
     atomically and replaces that of an earlier run. A checkpoint is kept beside it; Ctrl-C, SIGTERM
     and SIGHUP also write the result so far. --resume continues a stopped run, or a render in DIR

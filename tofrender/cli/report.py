@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 from zipfile import ZipFile
 
+from ..io.contents import GATE, PHASORS, RANGE_RATE, SENSED, VOLUME
 from ..runtime import backend, checks
 from . import options as opt
 
@@ -15,10 +16,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 SUFFIXES = (".html", ".htm")
-VOLUME = "volume.npz"  # As `tofrender reconstruct` writes it
-SENSED = "sensed.nc"  # As `tofrender sense` does
-RANGE_RATE = "range_rate.nc"  # As `tofrender fmcw` does
-GATE, PHASORS = "gate.exr", "phasor_*Hz.exr"  # As `tofrender gate` and `tofrender phasor` do
 MEGABYTES = partial(checks.number, low=0.1, high=1000)
 
 

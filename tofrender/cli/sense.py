@@ -3,12 +3,12 @@
 from pathlib import Path
 from typing import Annotated
 
+from ..io.contents import SENSED
 from ..runtime import backend
 from ..runtime.progress import deferred_stop
 from ..sensors.presets import PRESETS
 from . import checkpoints, completion, options as opt
 from .answers import Json, answer
-from .report import SENSED
 
 
 def sense(

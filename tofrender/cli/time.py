@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from ..io.contents import GATE, PHASORS
 from ..runtime import checks
 from ..runtime.progress import EVERY_S, deferred_stop
 from . import checkpoints, options as opt
@@ -63,21 +65,22 @@ def phasor(
         opt.check_disk_space(out, len(LAYERS) * len(freq) * rendered["steady"].size)
         parts = transient_to_phasor(rendered, freq)
         with checkpoints.exclusively(out), deferred_stop() as stop:
-            files = _write_phasors(out, freq, parts, source, figure, dpi)
+            facts = _write_phasors(out, freq, parts, source, figure, dpi)
     else:
         loaded, sensor, samples = load(source, spp, size, max_depth, variant)
         from tofrender.integrators.amcw import render_amcw_phasor
 
         opt.check_disk_space(out, len(LAYERS) * len(freq) * values(sensor))
+        more: Any = {"frequencies_hz": freq, "spp": samples, "seed": seed}
+        recipe = checkpoints.recipe_of(loaded, sensor, **more, figure=figure, dpi=dpi)
+        if resume and checkpoints.answer_if_finished("phasor", out, PHASORS, recipe, as_json):
+            return
         with checkpoints.checkpointed(out, checkpoint, resume) as file:
             checkpoints.require_begun(resume, file and file.path, out)
             parts = render_amcw_phasor(loaded, sensor, freq, samples, seed, checkpoint=file)
             with deferred_stop() as stop:
-                files = _write_phasors(out, freq, parts, source, figure, dpi)
-    height, width = parts[0].shape[1:3]
-    facts = {"out": str(out), "files": files, "width": width, "height": height}
-    facts |= {"source": source, "frequencies_hz": freq}
-    answer("phasor", as_json, facts, [f"{out}: {', '.join(files)}"])
+                facts = _write_phasors(out, freq, parts, source, figure, dpi, recipe)
+    answer("phasor", as_json, facts, [f"{out}: {', '.join(facts['files'])}"])
     checkpoints.end_if_stopped(stop)
 
 
@@ -113,20 +116,25 @@ def gate(
     opt.check_disk_space(out, values(sensor))
     integrator = _gated(loaded, pulse_width)
     width: float = integrator.pulse.width_opl
+    more: Any = {"opl": at, "pulse_width_opl": width, "spp": samples, "seed": seed}
+    recipe = checkpoints.recipe_of(loaded, sensor, **more, figure=figure, dpi=dpi)
+    if resume and checkpoints.answer_if_finished("gate", out, GATE, recipe, as_json):
+        return
     with checkpoints.checkpointed(out, checkpoint, resume) as file:
         checkpoints.require_begun(resume, file and file.path, out)
         image = render_at_time(loaded, integrator, sensor, at, samples, seed, checkpoint=file)
         if not image.any():
             raise ValueError(f"--at = {at:g}: no light arrives then; `tofrender render` shows when")
+        files = [GATE, f"picture.{figure}"]
+        rows, columns = image.shape[:2]
+        facts = {"out": str(out), "files": files, "width": columns, "height": rows, "scene": scene}
+        facts |= {"at": at, "pulse_width": width, "spp": samples, "seed": seed}
         attrs = {"opl": at, "pulse_width_opl": width, "units": "W m^-3 sr^-1", "spp": samples}
+        attrs |= checkpoints.run_attribute(recipe, facts)
         with deferred_stop() as stop, io.output_folder(out, overwrite=True) as folder:
-            io.save_exr_layers(folder / "gate.exr", {"": image}, attrs)
+            io.save_exr_layers(folder / files[0], {"": image}, attrs)
             drawn = vis.gate_figure(image, at, width)
-            io.save_figure(drawn, folder / f"picture.{figure}", **opt.dots(dpi))
-    files = ["gate.exr", f"picture.{figure}"]
-    rows, columns = image.shape[:2]
-    facts = {"out": str(out), "files": files, "width": columns, "height": rows, "scene": scene}
-    facts |= {"at": at, "pulse_width": width, "spp": samples, "seed": seed}
+            io.save_figure(drawn, folder / files[1], **opt.dots(dpi))
     answer("gate", as_json, facts, [f"{out}: {', '.join(files)}"])
     checkpoints.end_if_stopped(stop)
 
@@ -191,17 +199,26 @@ def _write_phasors(
     source: str,
     figure: str,
     dpi: int | None,
-) -> list[str]:
-    """Write EXR files and the panel; returns their names."""
+    recipe: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Write EXR files and the panel, and return the facts of the run.
+
+    With a `recipe`, the files have what `--resume` needs to find the run finished.
+    """
     from tofrender import io, vis
 
+    files = [f"phasor_{frequency:.15g}Hz.exr" for frequency in frequencies]
+    files.append(f"panel.{figure}")
+    height, width = parts[0].shape[1:3]
+    facts = {"out": str(out), "files": files, "width": width, "height": height}
+    facts |= {"source": source, "frequencies_hz": frequencies}
+    run = {} if recipe is None else checkpoints.run_attribute(recipe, facts)
+
     with io.output_folder(out, overwrite=True) as folder:
-        files = []
         for k, frequency in enumerate(frequencies):
             layers = {name: part[k] for name, part in zip(LAYERS, parts, strict=True)}
-            files.append(f"phasor_{frequency:.15g}Hz.exr")
-            io.save_exr_layers(folder / files[-1], layers, {"frequency_hz": frequency})
+            attrs = {"frequency_hz": frequency, **run}
+            io.save_exr_layers(folder / files[k], layers, attrs)
         panel = vis.phasor_panel(frequencies, *parts, title=source)
-        files.append(f"panel.{figure}")
         io.save_figure(panel, folder / files[-1], **opt.dots(dpi))
-    return files
+    return facts

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from ..io.contents import FORMATS
 from ..runtime import backend
 from ..runtime.progress import deferred_stop
 from . import options as opt
@@ -85,7 +86,7 @@ def write(
         write_video = partial(io.save_video, intensity, folder / "video.mp4")
         run_concurrently(write_figures, write_transient, *[write_video] * video)
         if format == "zarr":  # Last, as the film would be lost with the folder if others fail
-            film, target = dataset.encoding.get("source"), folder / opt.FILES[format]
+            film, target = dataset.encoding.get("source"), folder / FORMATS[format]
             if film is None:
                 save_zarr(dataset, target)
             else:
@@ -104,14 +105,14 @@ def _write_transient(
     components = components_of(dataset)
     bar: Any = {"progress": progress}
     if format == "npz":
-        io.save_npz(dataset, folder / opt.FILES[format])
+        io.save_npz(dataset, folder / FORMATS[format])
     elif format == "zarr":
         names = dataset["stokes"].values if len(components) > 1 else [""]
         each = zip(names, components, strict=True)
         layers = {str(name): component["steady"].values for name, component in each}
         io.save_exr_layers(folder / "steady.exr", layers, dataset.attrs)
     elif format == "multipart":
-        stack = folder / opt.FILES[format]
+        stack = folder / FORMATS[format]
         io.save_exr_stack(dataset, stack, layout=format, precision=precision, **bar)
     elif format == "png":
         _move_up(io.save_png_frames(components[0], folder / "frames", **bar))

@@ -5,11 +5,12 @@ In the source, a percent script, `# %% [solution] pulse.py` stands for a cell th
 its tests, `%%test pulse.py`.
 """
 
-import os
 import re
 import subprocess
 import tempfile
 from pathlib import Path
+
+from ..runtime.child_processes import safe_environment
 
 NOTEBOOK = "notebook.ipynb"
 TEST = "%%test {}\n# options of pytest, a line each, like: -k density"
@@ -54,7 +55,7 @@ def execute(path: Path, *, timeout_s: float = 600.0, **environment: str) -> None
     notebook = nbformat.read(path, as_version=4)
     with tempfile.TemporaryDirectory() as scratch:
         folders = dict.fromkeys(("IPYTHONDIR", "JUPYTER_RUNTIME_DIR"), scratch)
-        variables = os.environ | folders | environment
+        variables = safe_environment(**folders, **environment)
         client = nbclient.NotebookClient(
             notebook, timeout=timeout_s, resources={"metadata": {"path": str(path.parent)}}
         )

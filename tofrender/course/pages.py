@@ -62,34 +62,30 @@ def table(header: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
-# Patterns of TeX that docutils reads otherwise or not at all, and their replacements
-REPLACED = (
-    (r"\\dots\b", r"\\ldots"),
-    (r"\\[Bb]ig[lrm]?\b", ""),
-    (r"°", r"^{\\circ}"),
-    (r"\\frac(\d)", r"\\frac{\1}"),
-    (r"(\\frac\{[^{}]*\})(\d)", r"\1{\2}"),
-    (r"([\^_]|\\sqrt)(\d)", r"\1{\2}"),
-)
-
-
 def mathml(formula: str, *, block: bool = False) -> str:
-    r"""A formula of TeX as a `<math>` element, whose alternative text is the TeX.
+    r"""Convert a TeX formula to a MathML element, which browsers draw without a script.
 
-    `block` puts it on a line of its own. ValueError in one line if docutils cannot read it.
+    Args:
+        formula: TeX in math mode, without the dollar signs.
+        block: Draw the formula in display style, on a line of its own.
+
+    Returns:
+        A `<math>` element. Its alternative text is the TeX source.
+
+    Raises:
+        ValueError: The formula contains TeX that the converter does not support.
 
     Example:
-        >>> mathml(r"\sigma^2")[:40]
-        '<math alttext="\\sigma^2" xmlns="http://w'
+        >>> mathml(r"\sigma^2")
+        '<math alttext="\\sigma^2"><msup><mi>σ</mi><mn>2</mn></msup></math>'
     """
-    from docutils.utils.math import MathError, latex2mathml
+    from math_core import LatexError, LatexToMathML
 
-    text = formula
-    for pattern, instead in REPLACED:
-        text = re.sub(pattern, instead, text)
+    source = " ".join(formula.split())
+    converter = LatexToMathML(fancy_error=False)
     try:
-        made = latex2mathml.tex2mathml(text, as_block=block)
-    except MathError as error:
-        raise ValueError(f"formula {' '.join(formula.split())!r}: {error}") from None
-    spoken = html.escape(" ".join(formula.split()), quote=True)
-    return made.replace("<math ", f'<math alttext="{spoken}" ', 1)
+        element = converter.convert_with_local_state(formula, displaystyle=block)
+    except LatexError as error:
+        raise ValueError(f"formula {source!r} cannot be converted to MathML: {error}") from None
+    alternative_text = html.escape(source, quote=True)
+    return element.replace("<math", f'<math alttext="{alternative_text}"', 1)

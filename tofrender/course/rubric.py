@@ -12,7 +12,7 @@ from . import toml
 FILE_NAME = "rubric.toml"
 STAFF_TEST = "*_staff.py"
 MAX_SEED = (1 << 31) - 1
-FORBIDDEN = ("warps", "integrators", "light sampling")
+FORBIDDEN = ("warps", "integrators", "sampling")
 """Features that a handout may not allow, see `judge.forbidden`."""
 VISIBILITIES = ("visible", "after_due_date", "after_published", "hidden")
 
@@ -109,6 +109,11 @@ class Rubric:
     def points(self) -> float:
         """Maximum, without bonus and parts graded by hand."""
         return sum(problem.points for problem in self.problems if not problem.bonus)
+
+    @property
+    def files(self) -> list[str]:
+        """Names of the files that the problems ask for, without duplicates."""
+        return list(dict.fromkeys(each.file for each in self.problems if each.file))
 
     @cached_property
     def problem_by_name(self) -> dict[str, Problem]:

@@ -1,4 +1,8 @@
 from .config import Config as Config, read_config as read_config
 from .layout import Plan as Plan
 from .making import make_dataset as make_dataset, plan_dataset as plan_dataset
-from .reading import capture_of as capture_of, load_dataset as load_dataset
+from .reading import (
+    capture_of as capture_of,
+    load_dataset as load_dataset,
+    render_of as render_of,
+)

@@ -1,6 +1,6 @@
 """Put drawn values into a scene: parameters, materials, poses, the camera, objects present."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import mitsuba as mi
@@ -125,18 +125,61 @@ def _set_camera(scene: Dict, sensor: int, changes: list[tuple[Varied, Any]]) -> 
         camera.pop("focal_length", None)
         camera["fov"] = values["fov"]
     if "origin" in values or "target" in values:
-        matrix = _matrix(camera.get("to_world"))
-        origin = np.asarray(values.get("origin", matrix[:3, 3]), float)
-        # Without a target, the direction of view stays
-        target = np.asarray(values.get("target", origin + matrix[:3, 2]), float)
-        up = next((each.up for each, _ in changes if each.up is not None), UP)
-        if np.linalg.norm(np.cross(target - origin, up)) < 1e-6:
-            raise ValueError(
-                f"{where}: looks from {origin.tolist()} to {target.tolist()}, along up = "
-                f"{list(up)}; must look elsewhere"
-            )
-        look_at = mi.ScalarTransform4f().look_at
-        camera["to_world"] = look_at(origin.tolist(), target.tolist(), list(up))
+        up = next((each.up for each, _ in changes if each.up is not None), None)
+        matrix = _aimed(where, _matrix(camera.get("to_world")), values, up)
+        camera["to_world"] = mi.ScalarTransform4f(matrix.tolist())
+
+
+def _aimed(
+    where: str, matrix: np.ndarray, values: Mapping[str, Any], up: Sequence[float] | None
+) -> np.ndarray:
+    """Return a camera's transform with another origin and target.
+
+    The scale and the roll stay. The roll is the angle of the camera about its viewing direction,
+    and it is 0 when the direction `UP` is up in the picture. With `up`, the roll is 0 for that
+    direction.
+    """
+    origin = np.asarray(values.get("origin", matrix[:3, 3]), float)
+    moved = matrix.copy()
+    moved[:3, 3] = origin
+
+    # Without a new target and a new roll, the camera keeps its direction of view
+    if "target" not in values and up is None:
+        return moved
+
+    # Aim the camera; the picture is upright
+    direction = matrix[:3, 2]
+    if "target" in values:
+        direction = np.asarray(values["target"], float) - origin
+    upright = _upright(direction, UP if up is None else up)
+    if upright is None:
+        raise ValueError(
+            f"{where}: the viewing direction {direction.tolist()} has no length, or it is parallel "
+            f"to up = {list(UP if up is None else up)}. Choose another up, origin or target"
+        )
+
+    # Add the scale and the roll that the camera has
+    before = _upright(matrix[:3, 2], UP)
+    scale = np.linalg.norm(matrix[:3, :3], axis=0)
+    scale[0] *= np.sign(np.linalg.det(matrix[:3, :3]))
+    own = np.diag(scale)
+    if up is None and before is not None:
+        own = before.T @ matrix[:3, :3]
+    moved[:3, :3] = upright @ own
+    return moved
+
+
+def _upright(direction: np.ndarray, up: Sequence[float]) -> np.ndarray | None:
+    """Return axes x, y, z of a camera that looks along `direction`, as `look_at` has them.
+
+    The result is None if the direction is 0 or parallel to `up`.
+    """
+    side = np.cross(up, direction)
+    if np.linalg.norm(side) < 1e-6:
+        return None
+    forward = direction / np.linalg.norm(direction)
+    left = side / np.linalg.norm(side)
+    return np.stack([left, np.cross(forward, left), forward], axis=1)
 
 
 SETTERS = {"path": _set_path, "reflectance": _set_reflectance, "material": _set_material}

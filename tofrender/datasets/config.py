@@ -33,7 +33,7 @@ Check = Callable[[str, Any], Any]
 class Capture:
     """A capture of a relay wall."""
 
-    mode: str = "confocal"  # one of `MODES`
+    mode: str | None = None  # one of `MODES`; None for the scene's
     grid: tuple[int, int] | None = None  # points of the wall, width and height; None for the film's
     relay_wall: str | None = None  # id of the wall, None to find it
     hidden_depth: bool = True  # whether the true depth of what is hidden is wanted
@@ -67,6 +67,8 @@ class Config:
         scene: A built-in scene's name, the path of an XML file, or a dict.
         settings: Settings of `load_scene`.
         varied: The varied quantities by name.
+        normalize_each_record: Whether `photons_per_cycle` of the sensor is the mean of each record.
+            Otherwise it is the mean of record 0, and all records have the same factor.
         folder: Folder that names of files are relative to.
         plain: The configuration as JSON can hold it.
         checksum: Checksum of a scene that is a file or a dict.
@@ -87,10 +89,21 @@ class Config:
     materials: dict[str, dict[str, Any]]
     objects: dict[str, dict[str, Any]]
     varied: dict[str, Varied]
+    normalize_each_record: bool
     folder: Path
     plain: dict[str, Any] = field(repr=False)
     checksum: str
     given: dict[str, Any] = field(repr=False)
+
+    @property
+    def photons_per_cycle(self) -> float | None:
+        """Mean signal of the sensor; None without a sensor, or if radiometry gives the signal."""
+        return None if self.sense is None else self.sense["photons"].get("photons_per_cycle")
+
+    @property
+    def shares_photons(self) -> bool:
+        """Whether one factor from radiance to photons, found with record 0, is for all records."""
+        return self.photons_per_cycle is not None and not self.normalize_each_record
 
     def draw(self, record: int, attempt: int = 0) -> dict[str, Any]:
         """The values of a record, which depend on seed, record, attempt and each name alone."""
@@ -248,6 +261,7 @@ CONFIG: dict[str, Check] = {
     "render": _render,
     "outputs": _outputs,
     "sensor": lambda _, value: value,  # Checked where its folder is known
+    "normalize_each_record": boolean,
     "materials": _plugins,
     "objects": _plugins,
     "vary": lambda name, value: {
@@ -258,7 +272,7 @@ CONFIG: dict[str, Check] = {
 
 REQUIRED = ("records", "scene", "outputs")
 DEFAULTS = {name: {} for name in CONFIG if name not in REQUIRED}
-DEFAULTS |= {"seed": 0, "retry": 0, "sensor": None}
+DEFAULTS |= {"seed": 0, "retry": 0, "sensor": None, "normalize_each_record": False}
 
 
 def parse_config(given: dict[str, Any], folder: Path) -> Config:
@@ -278,6 +292,12 @@ def parse_config(given: dict[str, Any], folder: Path) -> Config:
     if isinstance(sense, str) and sense.endswith(".toml"):
         sense = folder / sense
     sense = sense if sense is None else read_sensor(sense)["given"]
+    if found["normalize_each_record"] and "photons_per_cycle" not in (sense or {}).get(
+        "photons", ()
+    ):
+        raise ValueError(
+            "normalize_each_record has no effect without photons_per_cycle in the sensor; remove it"
+        )
     built_in, is_xml = isinstance(scene, str), isinstance(scene, Path)
     if found["arguments"] and not built_in:
         raise ValueError("arguments: must be left out, only built-in scenes have them")

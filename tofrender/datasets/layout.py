@@ -12,6 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..films.image import time_bins
+from ..nlos.setup import capture_mode
 from ..rendering.dataset import pixels_and_channels, transient_dataset
 from ..rendering.window import windowed_film
 from ..runtime import atomic
@@ -80,6 +81,7 @@ class Layout:
     axes: dict[str, np.ndarray] = field(repr=False)  # coordinates by name
     window: tuple[float, float] | None  # start and width of the time bins [m]
     scene: str = ""  # fingerprint of the first scene, with the bytes of its files
+    capture_mode: str | None = None  # of the captures; None without captures
 
     @property
     def bytes(self) -> int:
@@ -99,7 +101,8 @@ class Layout:
 def layout_of(config: Config, records: list[int]) -> Layout:
     """The arrays of a data set, by the first of its scenes that can be loaded."""
     scene = _first_scene(config, records)
-    film: Any = require_sensor(scene, config.sensor, "render.sensor").film()
+    camera: Any = require_sensor(scene, config.sensor, "render.sensor")
+    film = camera.film()
     outputs, capture = config.outputs, config.outputs.capture
     width, height = (int(v) for v in film.crop_size())
     channels = 1 if mi.is_monochromatic else 3
@@ -113,7 +116,10 @@ def layout_of(config: Config, records: list[int]) -> Layout:
         height, width, bins, channels = timed.shape
         window = float(timed.start_opl), float(timed.bin_width_opl)
         opl = window[0] + (np.arange(bins) + 0.5) * window[1]
-    single = capture is not None and capture.mode == "single"
+    mode = None
+    if capture is not None:
+        mode = capture_mode(scene, camera, capture.mode)
+    single = mode == "single"
     coordinates = {
         **pixels_and_channels(film, channels),
         **{"opl": opl, "capture_opl": opl},
@@ -125,10 +131,10 @@ def layout_of(config: Config, records: list[int]) -> Layout:
         "laser_x": np.arange(1 if single else width),
     }
     arrays, axes = [], {}
-    for name in _names(outputs):
+    for name in _names(outputs, mode):
         kind = KINDS[name]
         its = kind.axes
-        if name == "capture" and capture and capture.mode == "exhaustive":
+        if name == "capture" and mode == "exhaustive":
             its = (*LASERS, *its)
         arrays.append(Array(name, its, tuple(len(coordinates[axis]) for axis in its), kind.dtype))
         axes |= {axis: coordinates[axis] for axis in its}
@@ -144,17 +150,17 @@ def layout_of(config: Config, records: list[int]) -> Layout:
             arrays.append(Array(f"sensor_{name}", its, values.shape, dtype))
             places = {axis: measured["opl" if axis == "bin" else axis] for axis in values.dims}
             axes |= {f"sensor_{axis}": each.values for axis, each in places.items()}
-    return Layout(tuple(arrays), axes, window, scene.id())
+    return Layout(tuple(arrays), axes, window, scene.id(), mode)
 
 
-def _names(outputs: Outputs) -> list[str]:
-    """Names of the arrays of these outputs."""
+def _names(outputs: Outputs, capture_mode: str | None) -> list[str]:
+    """Names of the arrays of these outputs, with captures in some mode."""
     rendered = ("transient", "steady", "noisy", "phasor", "depth", "normals")
     names = [name for name in rendered if getattr(outputs, name)]
     capture = outputs.capture
     if capture is None:
         return names
-    with_laser = capture.mode != "confocal"
+    with_laser = capture_mode != "confocal"
     geometry = [name for name in GEOMETRY if with_laser or not name.startswith("laser")]
     names += ["capture", *["hidden_depth"] * capture.hidden_depth, "capture_on_wall"]
     return names + [f"capture_{name}" for name in (*geometry, *ORIGINS)]

@@ -30,7 +30,7 @@ from ..scenes.packing import packed, unpacked
 from .config import Config, parse_config, read_config
 from .layout import Layout, Plan, layout_of
 from .reading import KIND, load_dataset
-from .record import Receipt, make_record
+from .record import FACTOR, Receipt, make_record
 from .store import Store
 
 if TYPE_CHECKING:
@@ -145,11 +145,7 @@ def make_dataset(
         count = len(plan.records)
         if len(left) < count:
             tell(f"resuming from {count - len(left)} of {count} records")
-        done = (
-            _make_locally(plan, store, left)
-            if client is None
-            else distribute(client, partial(_make_on_worker, _worker_task(plan, folder)), left)
-        )
+        done = _make(plan, store, folder, client, left, receipts)
         started = time.perf_counter()
         with ProgressBar("Making", count, unit="record", enabled=progress) as bar:
             bar.update(count - len(left))
@@ -237,10 +233,48 @@ def _texts(value: Any) -> Iterator[str]:
             yield from _texts(each)
 
 
-def _make_locally(plan: Plan, store: Store, records: list[int]) -> Iterator[tuple[int, Receipt]]:
+def _make(
+    plan: Plan,
+    store: Store,
+    folder: Path,
+    client: Client | None,
+    left: list[int],
+    receipts: Mapping[int, Receipt | None],
+) -> Iterator[tuple[int, Receipt]]:
+    """Make the records that are left, in this process or by workers.
+
+    If all records share one factor from radiance to photons, the factor is that of record 0.
+    """
+
+    def make(records: list[int], factor: float | None) -> Iterator[tuple[int, Receipt]]:
+        if client is None:
+            return _make_locally(plan, store, records, factor)
+        task = _worker_task(plan, folder, factor)
+        return distribute(client, partial(_make_on_worker, task), records)
+
+    factor = None
+    if plan.config.shares_photons and left:
+        # Every finished record has the factor in its receipt
+        finished = [receipt for receipt in receipts.values() if receipt is not None]
+        if finished:
+            factor = finished[0].about[FACTOR]
+        elif left[0] == 0:
+            for record, receipt in make(left[:1], None):
+                factor = receipt.about[FACTOR]
+                yield record, receipt
+            left = left[1:]
+        else:
+            factor = make_record(plan.config, plan.layout, 0)[1].about[FACTOR]
+    if left:
+        yield from make(left, factor)
+
+
+def _make_locally(
+    plan: Plan, store: Store, records: list[int], factor: float | None
+) -> Iterator[tuple[int, Receipt]]:
     """Make records in this process."""
     for record in records:
-        arrays, receipt = make_record(plan.config, plan.layout, record)
+        arrays, receipt = make_record(plan.config, plan.layout, record, factor)
         with deferred_stop() as stop:  # A record is there whole or not at all, and is counted
             receipt = store.put(record, arrays, receipt)
         yield record, receipt
@@ -279,7 +313,7 @@ def _attributes(plan: Plan, receipts: Mapping[int, Receipt]) -> dict[str, Any]:
     if window is not None:
         found |= {"start_opl": window[0], "bin_width_opl": window[1]}
     if config.outputs.capture is not None:
-        found["capture_mode"] = config.outputs.capture.mode
+        found["capture_mode"] = plan.layout.capture_mode
     return found
 
 
@@ -304,17 +338,24 @@ class WorkerTask:
     layout: Layout
     folder: str
     checksum: str
+    photons_per_radiance: float | None  # factor of all records; None if each has its own
     variant: str = field(default_factory=lambda: mi.variant() or "")
     key: str = field(default_factory=lambda: uuid.uuid4().hex)
 
 
-def _worker_task(plan: Plan, folder: Path) -> WorkerTask:
+def _worker_task(plan: Plan, folder: Path, photons_per_radiance: float | None) -> WorkerTask:
     config = plan.config
     given = {name: packed(name, value) for name, value in config.given.items()}
     if not isinstance(config.scene, Mapping):
         given["scene"] = str(config.scene)
-    target = str(folder.resolve())
-    return WorkerTask(given, str(config.folder), plan.layout, target, config.checksum)
+    return WorkerTask(
+        given=given,
+        base=str(config.folder),
+        layout=plan.layout,
+        folder=str(folder.resolve()),
+        checksum=config.checksum,
+        photons_per_radiance=photons_per_radiance,
+    )
 
 
 _configs: dict[str, Config] = {}
@@ -335,4 +376,8 @@ def _make_on_worker(task: WorkerTask, record: int) -> Receipt:
             dr.set_thread_count(int(os.environ[THREADS]))
     store = Store(Path(task.folder))
     receipt = store.receipt(record)
-    return receipt or store.put(record, *make_record(_configs[task.key], task.layout, record))
+    if receipt is not None:
+        return receipt
+    config = _configs[task.key]
+    arrays, receipt = make_record(config, task.layout, record, task.photons_per_radiance)
+    return store.put(record, arrays, receipt)

@@ -1,7 +1,8 @@
-"""Read data sets: lazily, and a record's capture as `reconstruct` takes it."""
+"""Read data sets lazily, and the render or the capture of one record."""
 
 import json
 import os
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from ..nlos import make_capture
+from ..rendering.dataset import LOST_ENERGY
 from ..rendering.films_on_disk import FILES, naming_files, require_whole, require_zarr
 from ..rendering.labels import labelled, labels_of
 from ..runtime import checks
@@ -90,10 +92,7 @@ def capture_of(dataset: xr.Dataset, record: int) -> xr.Dataset:
     checks.instance("dataset", dataset, xr.Dataset, "what load_dataset returns")
     if "capture" not in dataset:
         raise ValueError("dataset: has no captures; must be made with outputs.capture")
-    if np.ndim(record) or record not in dataset["record"].values:
-        raise ValueError(f"record = {record!r}: must be one of the coordinate record")
-    one = dataset.sel(record=record)
-    about = json.loads(str(one["made_with"].values))
+    one, about = _record(dataset, record)
     capture = about["capture"]
     names = [name for name in (*GEOMETRY, *ORIGINS) if f"capture_{name}" in one]
     geometry: dict[str, Any] = {name: one[f"capture_{name}"].values for name in names}
@@ -108,3 +107,69 @@ def capture_of(dataset: xr.Dataset, record: int) -> xr.Dataset:
         attrs={"scene": str(about["scene"]), "spp": capture["spp"], "seed": about["render_seed"]},
         **geometry,
     )
+
+
+def render_of(dataset: xr.Dataset, record: int) -> xr.Dataset:
+    """Return the render of a record, as `render` returns it.
+
+    Args:
+        dataset: What `load_dataset` returns.
+        record: Number of the record, a value of the coordinate `record`.
+
+    Returns:
+        A Dataset with `transient (y, x, opl, channel)` and `steady (y, x, channel)` [W m^-2 sr^-1],
+        and the attributes of the render. Without steady pictures in the data set, `steady` is
+        the sum of the bins, which lacks the light outside the window.
+
+    Raises:
+        ValueError: `dataset` lacks transients, or `record` is not one of its records.
+
+    Warns:
+        UserWarning: `steady` is the sum of the bins, and over 1 % of the light is outside them.
+
+    Example:
+        >>> import tempfile, tofrender
+        >>> given = {"records": 2, "scene": "cornell_box", "outputs": {"transient": True}}
+        >>> given["render"] = {"width": 8, "height": 6, "spp": 4}
+        >>> given["render"] |= {"temporal_bins": 60, "window": (3, 15)}
+        >>> out = tempfile.mkdtemp() + "/boxes.zarr"
+        >>> made = tofrender.make_dataset(given, out, tell=str)
+        >>> I, Q, *_ = tofrender.transient_to_phasor(render_of(made, 1), 20e6)
+        >>> I.shape
+        (6, 8, 3)
+    """
+    checks.instance("dataset", dataset, xr.Dataset, "what load_dataset returns")
+    if "transient" not in dataset:
+        raise ValueError("dataset has no transients; make it with outputs.transient = true")
+    one, about = _record(dataset, record)
+    if "render" not in about:
+        raise ValueError("dataset is of an earlier version; make it again")
+    attrs: dict[str, Any] = about["render"]
+
+    # The picture of all time
+    transient = one["transient"]
+    if "steady" in one:
+        steady = one["steady"]
+    else:
+        steady = transient.sum("opl", dtype=np.float64).astype(np.float32)
+        outside = attrs["energy_outside_window"]
+        if outside > LOST_ENERGY:
+            warnings.warn(
+                f"steady is the sum of the bins, and {outside:.1%} of the energy is outside them; "
+                "outputs.steady = true keeps the picture of all time",
+                stacklevel=2,
+            )
+
+    pictures = {"transient": transient, "steady": steady}
+    # Arrays without attributes, so that `labelled` adds the labels of a render
+    arrays = {each: (values.dims, values.values) for each, values in pictures.items()}
+    axes = {axis: one[axis].values for axis in transient.dims}
+    return labelled(xr.Dataset(arrays, axes, attrs))
+
+
+def _record(dataset: xr.Dataset, record: int) -> tuple[xr.Dataset, dict[str, Any]]:
+    """Return the part of a data set that is one record, and how the record was made."""
+    if np.ndim(record) or record not in dataset["record"].values:
+        raise ValueError(f"record = {record!r}: must be one of the coordinate record")
+    one = dataset.sel(record=record)
+    return one, json.loads(str(one["made_with"].values))

@@ -11,6 +11,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
+import xarray as xr
 
 from ..analysis import true_depth, true_normals
 from ..films.image import time_bins
@@ -25,6 +26,9 @@ from .config import Config
 from .layout import GEOMETRY, ORIGINS, Layout
 from .scene import load, scene_of
 
+FACTOR = "photons_per_radiance"
+"""Name of the factor from radiance to the sensor's photons, in receipts."""
+
 
 @dataclass
 class Receipt:
@@ -38,9 +42,18 @@ class Receipt:
 
 
 def make_record(
-    config: Config, layout: Layout, record: int
+    config: Config, layout: Layout, record: int, photons_per_radiance: float | None = None
 ) -> tuple[dict[str, np.ndarray], Receipt]:
-    """Arrays of a record; one whose scene cannot be rendered is drawn again, as `retry` allows."""
+    """Make the arrays of a record. If its scene cannot be rendered, it is drawn again (`retry`).
+
+    Args:
+        config: Description of the data set.
+        layout: Arrays of the data set.
+        record: Number of the record.
+        photons_per_radiance: Factor from mean radiance to `photons_per_cycle`. If it is None, the
+            record's own mean signal is the `photons_per_cycle` of the sensor. The factor is in the
+            receipt.
+    """
     start = time.perf_counter()
     reason = ""
     for attempt in range(config.retry + 1):
@@ -48,7 +61,9 @@ def make_record(
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             try:
-                arrays, about = _rendered(config, layout, record, attempt, drawn)
+                arrays, about = _rendered(
+                    config, layout, record, attempt, drawn, photons_per_radiance
+                )
             except ValueError as error:
                 reason = " ".join(str(error).split())
                 continue
@@ -69,7 +84,12 @@ def shown_value(value: Any) -> str:
 
 
 def _rendered(
-    config: Config, layout: Layout, record: int, attempt: int, drawn: Mapping[str, Any]
+    config: Config,
+    layout: Layout,
+    record: int,
+    attempt: int,
+    drawn: Mapping[str, Any],
+    photons_per_radiance: float | None,
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Arrays of a record, and all that they depend on."""
     scene = load(scene_of(config, drawn), config)
@@ -103,9 +123,11 @@ def _rendered(
         _require_whole(film.attrs)
         keep = ("spp", "integrator", "max_depth", "pulse", "sampler", "energy_outside_window")
         about |= {name: film.attrs[name] for name in keep}
+        about["render"] = dict(film.attrs)
         if config.sense is not None:
             about["sensor_seed"] = config.render_seed(record, attempt, "sensor")
-            measured = sense(film, config.sense, about["sensor_seed"])
+            sensor = _with_photons(config, film, photons_per_radiance, about)
+            measured = sense(film, sensor, about["sensor_seed"])
             arrays |= {f"sensor_{name}": each.values for name, each in measured.items()}
     if outputs.noisy:
         about["noise_seed"] = config.render_seed(record, attempt, "noise")
@@ -127,6 +149,31 @@ def _rendered(
     layout.check(arrays)
     kept = {each.name: arrays[each.name].astype(each.dtype, copy=False) for each in layout.arrays}
     return kept, about
+
+
+def _with_photons(
+    config: Config, film: xr.Dataset, photons_per_radiance: float | None, about: dict[str, Any]
+) -> Mapping[str, Any]:
+    """Return the sensor of a record, with the mean signal that the common factor gives.
+
+    The mean signal is photons_per_radiance times the mean radiance in the bins.
+    """
+    sensor = config.sense
+    assert sensor is not None
+    if config.photons_per_cycle is None:
+        return sensor
+
+    # The mean over pixels of what `expected_photons` scales
+    light = film["transient"].mean("channel", dtype=np.float64).clip(min=0)
+    mean = float(light.sum("opl").mean())
+    if not mean > 0:
+        raise ValueError("transient is black, no light arrives")
+
+    if photons_per_radiance is None:
+        photons_per_radiance = config.photons_per_cycle / mean
+    about[FACTOR] = photons_per_radiance
+    photons = sensor["photons"] | {"photons_per_cycle": photons_per_radiance * mean}
+    return {**sensor, "photons": photons}
 
 
 def _captured(

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..rendering.films_on_disk import require_zarr
+from ..rendering.films_on_disk import require_whole, require_zarr
 from ..rendering.store import BLOCK_BYTES, checksum, put_in_place, put_labels
 from ..runtime import atomic
 from .layout import KINDS, Array, Kind, Plan
@@ -45,6 +45,7 @@ class Store:
         found = cls.planned(folder)
         if found:
             _require_same(folder, found, recipe)
+            require_whole(folder / GROUP, listed=False)
             for left in folder.rglob("*.partial"):  # Of zarr, when it was killed
                 atomic.remove(left)
         else:

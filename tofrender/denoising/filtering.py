@@ -51,7 +51,9 @@ def denoise_film(
 
     Pixels are mixed where their first hits are alike, never those that see an emitter, a mirror or
     clear glass; bins are mixed everywhere but in pixels that see an emitter, which stay as they
-    are. Sums over all bins and the pixels of a kind stay.
+    are. Sums over all bins and the pixels of a kind stay. A pixel gets no light in bins before the
+    first light of its 3 x 3 neighborhood. In bins that are much darker than those around them, the
+    error can grow; docs/denoising.md has numbers.
 
     Args:
         mean: Mean of the films of both halves, float (height, width, bins, channels), finite.
@@ -105,7 +107,8 @@ def denoise_film(
             total += dr.gather(mi.Float, difference, cell * channels + channel) * factor
     film = Packets.of(dr.width(cell), cell, [*values, total])
     before = film.totals(bins)[:, :channels]
-    film = _remove_noise(film, Blocks(height, width, bins), features, colours)
+    reached = _reached_bins(np.any(mean != 0, axis=-1))
+    film = _remove_noise(film, Blocks(height, width, bins), features, colours, reached)
     after = film.totals(bins)[:, :channels]
 
     # Keep the sums of each kind
@@ -124,16 +127,40 @@ def denoise_film(
     return np.array(found).reshape(mean.shape)
 
 
+def _reached_bins(lit: np.ndarray) -> np.ndarray:
+    """Find the bins of each pixel from the first light of its 3 x 3 neighborhood on.
+
+    Args:
+        lit: Whether a bin holds light, bool (height, width, bins).
+
+    Returns:
+        A bool array of the same shape. The filter moves no light into the other bins.
+    """
+    bins = lit.shape[-1]
+    first = np.where(lit.any(axis=-1), lit.argmax(axis=-1), bins)
+    earliest = minimum_filter(first, 3, mode="nearest")
+    return np.arange(bins) >= earliest[..., None]
+
+
 def _remove_noise(
-    film: Packets, blocks: Blocks, features: Mapping[str, np.ndarray], colours: int
+    film: Packets,
+    blocks: Blocks,
+    features: Mapping[str, np.ndarray],
+    colours: int,
+    reached: np.ndarray,
 ) -> Packets:
-    """Remove the stages' residuals as far as they are noise; the film's last channel is noise."""
+    """Remove the stages' residuals as far as they are noise.
+
+    The last channel of the film is its noise. `reached` (height, width, bins) marks the bins that
+    exchange light; the others keep theirs.
+    """
     height, width, bins = blocks.size
     cells = dr.arange(mi.UInt32, height * width * bins)
     pixel = cells // bins
     start = film.at(cells)
     original, noise = _sum(start, colours), start[-1]
     dr.eval(original, noise)
+    exchanging = mi.Bool(reached.ravel())
     emitter = mi.Bool(features["kind"].ravel() == KINDS["emitter"])
 
     # A firefly must not decide for its neighbours, nor reach them
@@ -153,8 +180,10 @@ def _remove_noise(
 
         # Residuals, and what they and the noise tell in each block
         own = film.at(cell, inside)
+        open_here = dr.gather(mi.Bool, exchanging, cell, inside)
         residuals = [mi.Float(0) for _ in own]
         for other, tap, there in taps:
+            there &= open_here & dr.gather(mi.Bool, exchanging, other, there)
             tap &= there
             for channel, value in enumerate(film.at(other, there)):
                 residuals[channel] += tap * (own[channel] - value)

@@ -27,12 +27,30 @@ def stokes_channels() -> list[str]:
 
 
 def transient_film(
-    film: mi.Film, temporal_bins: int, start_opl: float, bin_width_opl: float
+    film: mi.Film, temporal_bins: int, start_opl: float, bin_width_opl: float, **pixels: int
 ) -> TransientHDRFilm:
-    """Return a new `transient_hdr_film` of the same pixels and filter, with the given bins [m]."""
-    bins = {"temporal_bins": temporal_bins, "start_opl": start_opl, "bin_width_opl": bin_width_opl}
+    """Return a new `transient_hdr_film` of the same pixels and filters, with the given bins [m].
+
+    `pixels` replaces some parameters of `pixels_of`.
+    """
+    bins = {
+        "temporal_bins": temporal_bins,
+        "start_opl": start_opl,
+        "bin_width_opl": bin_width_opl,
+        "temporal_filter": temporal_filter_of(film),
+    }
     plugin = plugins.qualified_name("transient_hdr_film")
-    return mi.load_dict({"type": plugin} | pixels_of(film) | bins)
+    return mi.load_dict({"type": plugin} | pixels_of(film) | pixels | bins)
+
+
+def temporal_filter_of(film: mi.Film) -> str:
+    """Return the filter in time of a film: "box", or "" for its `rfilter` in time as well.
+
+    The filter of a film without time bins reconstructs the picture and has no meaning in time.
+    """
+    if time_bins(film) is None:
+        return "box"
+    return getattr(film, "temporal_filter", "")  # The film of mitransient has no such parameter
 
 
 def pixels_of(film: mi.Film) -> dict[str, Any]:

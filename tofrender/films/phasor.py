@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from .exposure import Exposure
     from .recording import PhasorRecording
 
-MAX_FREQUENCIES = 64
-
 
 class PhasorHDRFilm(mi.Film):
     """A film that stores phasors instead of time bins (plugin `phasor_hdr_film`).
@@ -32,7 +30,7 @@ class PhasorHDRFilm(mi.Film):
 
     | parameter | default | meaning |
     |---|---|---|
-    | `frequencies_hz` | | list as text, e.g. "20e6, 50e6" [Hz]; any number up to 64 |
+    | `frequencies_hz` | | list as text, e.g. "20e6, 50e6" [Hz]; as many as fit into memory |
     | `wl_mean`, `wl_sigma` | 100, 1000 | mitransient's choice of wavelengths [m], without a list: |
     | `temporal_bins` | 4096 | those that a Fourier transform of so many bins |
     | `bin_width_opl` | 0.003 | of this width [m] has between c / wl_mean -+ c / (2 wl_sigma) |
@@ -127,7 +125,7 @@ class PhasorHDRFilm(mi.Film):
 
 
 def parse_frequencies(value: Any) -> tuple[float, ...]:
-    """Parse 1 to 64 frequencies [Hz]: a number, a sequence of numbers, or text with commas.
+    """Parse one or more frequencies [Hz]: a number, a sequence of numbers, or text with commas.
 
     Example:
         >>> parse_frequencies("20e6, 50e6")
@@ -136,9 +134,6 @@ def parse_frequencies(value: Any) -> tuple[float, ...]:
     if isinstance(value, str):
         value = [_number(part) for part in value.split(",") if part.strip()]
     frequencies, _ = check_frequencies(value, "frequencies_hz")
-    count, most = len(frequencies), MAX_FREQUENCIES
-    if count > most:
-        raise ValueError(f"frequencies_hz: has {count} entries; must have 1 to {most}")
     return tuple(frequencies)
 
 

@@ -32,6 +32,7 @@ from .sums import Radiance, Splat, Weighted
 from .time_bins import TimeBins
 
 Channels = tuple[list[mi.Float], list[mi.Float]]
+PHASOR_COPIES = 9.0  # Peak memory of phasor images and of what is computed from them, in images
 ONLY_OURS = f"must be this package's {BINS}"
 
 
@@ -303,6 +304,19 @@ class PhasorRecording(Recording):
     """Records phasors, path by path, multiplied by the Fourier transform of the light's pulse."""
 
     kind, emitters_apart = PHASORS, True
+
+    def prepare(self) -> None:
+        """Clear the film; a film that does not fit into memory is refused."""
+        self.require_memory(1)
+        super().prepare()
+
+    def require_memory(self, spp: int) -> None:
+        """Refuse a film whose image and results do not fit."""
+        width, height = (int(n) for n in self.film.crop_size())
+        count = len(self.film.frequencies_hz)
+        channels = (1 + 2 * count) * self.film.base_channels_count() * stokes_count() + 1
+        what = f"film of {width} x {height} pixels x {count} frequencies"
+        memory.require_array(what, width * height * channels, PHASOR_COPIES)
 
     @property
     def image(self) -> mi.Film:

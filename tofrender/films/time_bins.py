@@ -126,6 +126,14 @@ def bins_of_pulse(
     return mi.Int32(dr.clip(first, 0, bins)), mi.Int32(dr.clip(last, -1, bins - 1))
 
 
+def bin_of_instant(film: mi.Film, opl: mi.Float) -> tuple[mi.Int32, mi.Int32]:
+    """Return the bin of light without a pulse, twice; (0, -1) outside the window."""
+    bins, start, width = int(film.temporal_bins), float(film.start_opl), float(film.bin_width_opl)
+    k = mi.Int32(dr.floor(dr.clip((opl - start) / width, -1, bins)))
+    within = (k >= 0) & (k < bins)
+    return dr.select(within, k, 0), dr.select(within, k, -1)
+
+
 def pulse_weight(
     film: mi.Film, pulse: Pulse, k: mi.Int32, opl: mi.Float, at_centres: bool
 ) -> mi.Float:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .recording import BinRecording
 
 T = TypeVar("T")
+TEMPORAL_FILTERS = ("", "box")
 WEIGHT = 3  # Number of the channel that has a picture's weights, behind its colours
 
 
@@ -42,6 +43,7 @@ class TransientHDRFilm(mi.Film):
     | `crop_width` ... `crop_offset_y` | whole film | crop window [pixels] |
     | `sample_border` | false | sample beyond the border, by the filter's radius |
     | `rfilter` | box | reconstruction filter, in space; others than box cost time |
+    | `temporal_filter` | "" | filter in time by default: "box", or "" for `rfilter` |
     | `pixel_format`, ... | | only what is stored: RGB (or luminance) in float32, OpenEXR |
 
     `develop()` returns `(steady, transient)`: tensors of shape (height, width, channels) and
@@ -73,6 +75,8 @@ class TransientHDRFilm(mi.Film):
         self.temporal_bins: int = parameter(props, "temporal_bins", 2048)
         self.bin_width_opl: float = parameter(props, "bin_width_opl", 0.003)
         self.start_opl: float = parameter(props, "start_opl", 0.0)
+        name = props.get("temporal_filter", "")
+        self.temporal_filter: str = checks.one_of("temporal_filter", name, TEMPORAL_FILTERS)
         scans = ("exhaustive_scan", False), ("laser_scan_width", 0), ("laser_scan_height", 0)
         for name, only in scans:
             value = props.get(name, only)

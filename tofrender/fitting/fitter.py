@@ -19,7 +19,7 @@ from ..rendering.dataset import pixels_and_channels, time_axis
 from ..runtime import backend, checks
 from ..runtime.progress import ProgressBar, deferred_stop
 from ..scenes.loading import require_sensor
-from .losses import loss_of, require_same_shape
+from .losses import OF_TWO_RENDERS, WITH_FREQUENCIES, loss_of, require_same_shape
 from .variables import Variables
 
 MAX_STEPS = 1 << 20
@@ -91,6 +91,12 @@ def fit(
     Gradients leave out silhouettes and shadow edges that move: fit what moves in full sight. The
     first step warns of it.
 
+    The derivative of `mi.render` uses other random numbers than its light. Therefore noise does not
+    bias losses whose derivative by the light is linear in the light, as "l2" and "phasor". Noise
+    biases other losses, such as "wasserstein" and functions with phases, ratios or absolute values,
+    and the bias falls only with `spp`. "phase" and "scale_free" render twice per step with
+    independent random numbers, so that products of noise vanish on average.
+
     Args:
         scene: A loaded scene. It has the best values at the end, also after an error.
         params: Names and start values, a number for all components or an array. Without `apply`,
@@ -98,13 +104,17 @@ def fit(
             (`params.keep([...])`) do as well.
         target: Measured light: a result of `mi.render` (of several the last, with the time bins),
             an array of the film's shape, (height, width, bins, channels), or a Dataset of `render`.
+            For loss="phasor" and "phase" also a pair (I, Q), or all that `transient_to_phasor` and
+            `render_amcw_phasor` return, for loss="phase" also a picture of phases [rad]. Their
+            shape is (height, width, channels), with several frequencies before it.
         apply: With it, names are free, and values numbers, 2 to 4 numbers, or arrays of Dr.Jit's.
             `apply(params, values)` writes what follows from the values into the scene's parameters.
         integrator: One with derivatives; by default the scene's.
         sensor: Number of the sensor.
-        loss: "l2", "phasor" or "wasserstein", see `l2_loss` and the others, or a function of the
-            rendered light and the target, both tensors, that returns a number with derivatives.
-        frequency_hz: The frequencies of the phasor loss [Hz].
+        loss: "l2", "phasor", "phase", "scale_free" or "wasserstein", see `l2_loss` and the others,
+            or a function of the rendered light and the target, both tensors, that returns a number
+            with derivatives.
+        frequency_hz: The frequencies of the losses "phasor" and "phase" [Hz].
         optimizer: "adam", "sgd" or an optimiser of Mitsuba's without variables, whose settings are
             copied, but for the learning rate.
         learning_rate: About how far Adam moves a value in a step, in the value's own units, above
@@ -129,8 +139,8 @@ def fit(
 
     Warns:
         UserWarning: The loss does not depend on one of the variables; it or a gradient is not
-            finite, which ends the fit; a variable moves things, see above; or no light is left in
-            the end.
+            finite, which ends the fit; a variable moves things, see above; a value ends at a bound;
+            or no light is left in the end.
 
     Example:
         >>> film = {"type": "hdrfilm", "width": 4, "height": 4}
@@ -166,13 +176,37 @@ def fit(
     variables = Variables(scene, params, apply, bounds)
     rates = variables.rates(learning_rate)
     engine = _make_optimizer(optimizer)
-    measured = _target_tensor(target, film)
+    is_phase = isinstance(loss, str) and loss in WITH_FREQUENCIES
+    measured = _phasor_target(target, film, loss) if is_phase else None
+    if measured is None:
+        measured = _target_tensor(target, film)
+    of_two = isinstance(loss, str) and loss in OF_TWO_RENDERS
 
     engine.update(variables.start)
     plateau = _Plateau(tolerance, patience)
     losses: list[float] = []
     history: list[dict[str, Any]] = []
-    why, converged, light = "all steps are taken", False, measured
+    why, converged, light = "all steps are taken", False, None
+
+    def render(random_numbers: int) -> Any:
+        """Render with random numbers of a step; of several results, the last one has time."""
+        try:
+            rendered = mi.render(
+                scene,
+                params=variables.params,
+                sensor=sensor,
+                integrator=integrator,
+                seed=random_numbers,
+                spp=samples,
+            )
+        except RuntimeError as error:
+            reason = error.__cause__  # Dr.Jit only reports that there is one
+            if not isinstance(reason, ValueError | TypeError):
+                raise
+        else:
+            return rendered[-1] if isinstance(rendered, tuple) else rendered
+        raise reason  # Outside the block, so that the traceback has no circular context
+
     with (
         ProgressBar("Fitting", count, unit="step", enabled=progress) as bar,
         deferred_stop() as stop,
@@ -187,16 +221,10 @@ def fit(
             engine.set_learning_rate({name: rate * plateau.rate for name, rate in rates.items()})
             values = {name: engine[name] for name in rates}
             variables.write(values)
-            light = mi.render(
-                scene,
-                params=variables.params,
-                sensor=sensor,
-                integrator=integrator,
-                seed=mi.sample_tea_32(seed, step)[0],
-                spp=samples,
-            )
-            light = light[-1] if isinstance(light, tuple) else light
-            error = _evaluate(measure, light, measured)
+            first_seed, second_seed = mi.sample_tea_32(seed, step)
+            light = render(first_seed)
+            other = render(second_seed) if of_two else None
+            error = _evaluate(measure, light, measured, other)
             losses.append(float(np.array(dr.detach(error)).item()))
             history.append(variables.plain(values))
 
@@ -233,6 +261,12 @@ def fit(
             if stop.requested or converged or ended:
                 break
     best, lowest = _best(losses, patience)
+    if reached := variables.at_bounds(history[best]):
+        warnings.warn(
+            f"fit: {', '.join(reached)}, which is a bound. Widen the bound, or use "
+            "loss='scale_free' or 'phase' if the gain of the target is unknown",
+            stacklevel=2,
+        )
     if not dr.any(dr.detach(light) != 0, axis=None):
         warnings.warn(
             "fit: no light is left in the film; start nearer, or with loss='wasserstein' or a low "
@@ -265,6 +299,36 @@ def _make_optimizer(given: Any) -> Any:
     checks.instance("optimizer", given, str, allowed)
     kind = checks.one_of("optimizer", given, OPTIMIZERS)
     return mi.ad.Adam(lr=0.0) if kind == "adam" else mi.ad.SGD(lr=0.0)
+
+
+def _phasor_target(given: Any, film: Any, loss: str) -> tuple[mi.TensorXf, mi.TensorXf] | None:
+    """Convert I and Q, or phases with the loss "phase", to a pair of tensors.
+
+    None for light, which `_target_tensor` converts. The loss checks the shapes.
+    """
+    width, height = (int(n) for n in film.crop_size())
+    is_tuple = isinstance(given, tuple)
+    parts = given if is_tuple else (given,)
+    if not parts or hasattr(parts[-1], "data_vars"):
+        return None
+    shapes = [np.shape(part) for part in parts]
+    of_light = shapes[-1][:3] == (height, width, film.temporal_bins)
+    if of_light or (is_tuple and (len(parts) < 2 or shapes[0] != shapes[1])):
+        return None
+    if not is_tuple and loss != "phase":
+        return None
+
+    arrays = []
+    for name, part in zip(("I", "Q") if is_tuple else ("phase",), parts, strict=False):
+        part = np.array(dr.detach(part)) if isinstance(part, dr.ArrayBase) else part
+        array = checks.real_array(f"target: {name}", part, np.float32)
+        pixels = array.shape[-3:-1] == (height, width)
+        allowed = f"(..., {height}, {width}, channels), or the film's with time bins"
+        checks.shape(f"target: {name}", array, pixels and array.size > 0, allowed)
+        arrays.append(checks.finite(f"target: {name}", array))
+    if not is_tuple:
+        arrays = [np.cos(arrays[0]), np.sin(arrays[0])]
+    return mi.TensorXf(arrays[0]), mi.TensorXf(arrays[1])
 
 
 def _target_tensor(given: Any, film: Any) -> mi.TensorXf:
@@ -357,10 +421,11 @@ def _check_dependence(values: Mapping[str, Any]) -> None:
         )
 
 
-def _evaluate(loss: Callable[[Any, Any], Any], light: Any, target: Any) -> Any:
-    """Evaluate the loss, which must return one number."""
-    require_same_shape(light, target)
-    error = loss(light, target)
+def _evaluate(loss: Callable[..., Any], light: Any, target: Any, other: Any) -> Any:
+    """Evaluate the loss, which must return one number; `other` is a second render or None."""
+    if not isinstance(target, tuple):
+        require_same_shape(light, target)
+    error = loss(light, target) if other is None else loss(light, target, other=other)
     number = isinstance(error, dr.ArrayBase) and dr.is_float_v(error)
     if not number or math.prod(error.shape) != 1:
         kind = checks.quote(type(error).__name__)

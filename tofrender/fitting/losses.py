@@ -67,7 +67,8 @@ def phasor_loss(
 
     Args:
         rendered: A tensor (height, width, bins, channels).
-        target: Measured light, a tensor or an array of the same shape.
+        target: Measured light, a tensor or an array of the same shape, or a pair (I, Q) of the
+            shape (height, width, channels) or (frequencies, height, width, channels) each.
         frequency_hz: Modulation frequency [Hz], above 0 and below c / (2 bin_width_opl), or a
             sequence of them.
         start_opl: Start of the first bin [m].
@@ -90,16 +91,128 @@ def phasor_loss(
     start = checks.metres("start_opl", start_opl)
     width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
     frequencies = check_below_limit(frequency_hz, width)
-    rendered, target = _pair(rendered, target, bins=True)
-    opl = start + (np.arange(rendered.shape[TIME]) + 0.5) * width
+    rendered = _bins(rendered)
+    bins = None
+    if not isinstance(target, tuple):
+        bins = _pair(rendered, target)[1]
+    targets = _target_phasors(target, rendered, frequencies, start, width)
     difference, norm = mi.Float(0), mi.Float(0)
-    for frequency in frequencies:
-        angle = 2 * math.pi * frequency / SPEED_OF_LIGHT * opl
-        for wave in (np.cos(angle), np.sin(angle)):
-            wave = mi.TensorXf(wave.astype(np.float32)[None, None, :, None])
-            difference += dr.sum(dr.square(dr.sum((rendered - target) * wave, axis=TIME)).array)
-            norm += dr.sum(dr.square(dr.sum(target * wave, axis=TIME)).array)
+    for frequency, of_target in zip(frequencies, targets, strict=True):
+        if bins is None:
+            of_rendered = _phasors(rendered, frequency, start, width)
+            apart = [own - wanted for own, wanted in zip(of_rendered, of_target, strict=True)]
+        else:  # The difference of bins rounds less than that of phasors
+            apart = _phasors(rendered - bins, frequency, start, width)
+        for each, wanted in zip(apart, of_target, strict=True):
+            difference += dr.sum(dr.square(each).array)
+            norm += dr.sum(dr.square(wanted).array)
     return mi.TensorXf(difference / _nonzero_sum(norm), shape=())
+
+
+def phase_loss(
+    rendered: Any,
+    target: Any,
+    *,
+    other: Any = None,
+    frequency_hz: float | Sequence[float],
+    start_opl: float,
+    bin_width_opl: float,
+) -> Any:
+    """Squared sine of the phase difference, weighted with the squared rendered amplitude.
+
+        L = Σ Im(A u*) Im(B u*) / Σ Re(A B*),   u = P_T / |P_T|
+
+    over pixels, channels and frequencies, with the phasors A of `rendered`, B of `other` and P_T of
+    the target, as in `phasor_loss`. The expectation of numerator and denominator is free of the
+    variance of the noise, because A and B are independent renders of the same scene. `fit` renders
+    both. With A = B, the loss is Σ |A|² sin²(φ_A - φ_T) / Σ |A|²: the variance of the noise adds to
+    it, and a parameter that changes the variance is biased.
+
+    The loss does not depend on the gain of rendered light or target. Phase differences of 0 and of
+    π have the same loss: start where the path length is wrong by less than c / 4f.
+
+    Args:
+        rendered: A tensor (height, width, bins, channels).
+        target: Measured light of the same shape, a pair (I, Q), or phases [rad]. I, Q and phases
+            have the shape (height, width, channels), or (frequencies, height, width, channels).
+        other: A second render with other random numbers. The default is `rendered`, for light
+            without noise.
+        frequency_hz: As for `phasor_loss`.
+        start_opl: Start of the first bin [m].
+        bin_width_opl: Width of a bin [m], above 0.
+
+    Returns:
+        The loss, a tensor with one number.
+
+    Raises:
+        ValueError: A wrong frequency or time axis, shapes that differ, or a target without phasors.
+
+    Example:
+        >>> here, there = np.zeros((2, 1, 1, 100, 1), np.float32)
+        >>> here[0, 0, 20], there[0, 0, 45] = 1, 3  # a quarter of a period apart
+        >>> axis = {"start_opl": 0.0, "bin_width_opl": 0.03}
+        >>> loss = phase_loss(here, there, frequency_hz=SPEED_OF_LIGHT / 3, **axis)
+        >>> round(loss.array[0], 4)
+        1.0
+    """
+    start = checks.metres("start_opl", start_opl)
+    width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
+    frequencies = check_below_limit(frequency_hz, width)
+    first = _bins(rendered)
+    second = first if other is None else _bins(other)
+    targets = _target_phasors(target, first, frequencies, start, width)
+    out_of_phase, power = mi.Float(0), mi.Float(0)
+    for frequency, (target_i, target_q) in zip(frequencies, targets, strict=True):
+        first_i, first_q = _phasors(first, frequency, start, width)
+        second_i, second_q = _phasors(second, frequency, start, width)
+
+        # Components along the direction of the target's phasor, and across
+        amplitude = dr.sqrt(dr.square(target_i) + dr.square(target_q))
+        _nonzero_sum(amplitude)
+        inverse = dr.select(amplitude > 0, 1 / dr.maximum(amplitude, 1e-30), 0)
+        cos, sin = target_i * inverse, target_q * inverse
+        first_across = first_q * cos - first_i * sin
+        second_across = second_q * cos - second_i * sin
+        first_along = first_i * cos + first_q * sin
+        second_along = second_i * cos + second_q * sin
+        out_of_phase += dr.sum((first_across * second_across).array)
+        power += dr.sum((first_along * second_along + first_across * second_across).array)
+    return mi.TensorXf(out_of_phase / power, shape=())
+
+
+def scale_free_loss(rendered: Any, target: Any, *, other: Any = None) -> Any:
+    """Squared difference in all bins with the best gain of the rendered light.
+
+        L = 1 - Σ A T Σ B T / (Σ A B Σ T²)
+
+    with the light A of `rendered` and B of `other`. With A = B = R, this is the least value of
+    Σ (g R - T)² / Σ T² over all gains g. `fit` renders A and B with independent random numbers, so
+    that the variance of the noise does not add to Σ A B.
+
+    Args:
+        rendered: A tensor of any shape.
+        target: Measured light in any unit, a tensor or an array of the same shape.
+        other: A second render with other random numbers. The default is `rendered`, for light
+            without noise.
+
+    Returns:
+        The loss, a tensor with one number, from 0 to 1 without noise.
+
+    Raises:
+        ValueError: Shapes that differ, or a target that is black.
+
+    Example:
+        >>> round(float(scale_free_loss(mi.TensorXf([1.0, 2.0]), [2.5, 5.0]).array[0]), 4)
+        0.0
+    """
+    rendered, target = _pair(rendered, target)
+    other = rendered if other is None else _pair(other, target)[0]
+    norm = _nonzero_sum(dr.square(target))
+
+    # Subtract the parts along the target first, which rounds less than 1 - along / power
+    across = rendered - target * dr.sum(rendered * target, axis=None) / norm
+    other_across = other - target * dr.sum(other * target, axis=None) / norm
+    return dr.sum(across * other_across, axis=None) / dr.sum(rendered * other, axis=None)
 
 
 def wasserstein_loss(rendered: Any, target: Any, *, energy_weight: float = 1.0) -> Any:
@@ -142,25 +255,38 @@ def wasserstein_loss(rendered: Any, target: Any, *, energy_weight: float = 1.0) 
     return dr.sum(target_energy / total * distance + weight * off, axis=None)
 
 
-LOSSES = {"l2": l2_loss, "phasor": phasor_loss, "wasserstein": wasserstein_loss}
+LOSSES = {
+    "l2": l2_loss,
+    "phasor": phasor_loss,
+    "phase": phase_loss,
+    "scale_free": scale_free_loss,
+    "wasserstein": wasserstein_loss,
+}
+
+WITH_FREQUENCIES = ("phasor", "phase")
+
+OF_TWO_RENDERS = ("phase", "scale_free")
+"""Losses whose products need two independent renders; `fit` passes the second one as `other`."""
 
 
 def loss_of(given: Any, frequency_hz: Any, film: Any) -> Callable[[Any, Any], Any]:
     """Return the loss as a function of rendered light and target."""
     name = given if isinstance(given, str) else None
-    fits = name == "phasor" or frequency_hz is None
-    allowed = "left out; only loss='phasor' has frequencies"
+    fits = name in WITH_FREQUENCIES or frequency_hz is None
+    allowed = "left out; only loss='phasor' and loss='phase' have frequencies"
     checks.require("frequency_hz", frequency_hz, fits, allowed)
     if name is None:
         allowed = f"one of {', '.join(LOSSES)}, or a function"
         return checks.require("loss", given, callable(given), allowed)
     loss = LOSSES[checks.one_of("loss", name, tuple(LOSSES))]
-    if name != "l2" and not hasattr(film, "temporal_bins"):
-        raise ValueError(f"loss = {name!r}: must be 'l2' for a film without time bins")
-    if name != "phasor":
+    if name not in ("l2", "scale_free") and not hasattr(film, "temporal_bins"):
+        raise ValueError(
+            f"loss = {name!r}: must be 'l2' or 'scale_free' for a film without time bins"
+        )
+    if name not in WITH_FREQUENCIES:
         return loss
     if frequency_hz is None:
-        raise ValueError("frequency_hz = None: must be given with loss='phasor', in hertz")
+        raise ValueError(f"frequency_hz = None: must be given with loss={name!r}, in hertz")
     axis: dict[str, Any] = {name: getattr(film, name) for name in ("start_opl", "bin_width_opl")}
     check_below_limit(frequency_hz, axis["bin_width_opl"])
     return partial(loss, frequency_hz=frequency_hz, **axis)
@@ -176,16 +302,63 @@ def _cumulate(light: Any) -> tuple[Any, Any]:
     return sums / dr.select(total > 0, total, 1), sums[:, :, :, -1]
 
 
+def _tensor(name: str, values: Any) -> mi.TensorXf:
+    """Convert values to a tensor."""
+    if isinstance(values, mi.TensorXf):
+        return values
+    return mi.TensorXf(checks.real_array(name, values, np.float32))
+
+
+def _bins(rendered: Any) -> mi.TensorXf:
+    """Convert rendered light to a tensor (height, width, bins, channels)."""
+    rendered = _tensor("rendered", rendered)
+    checks.shape("rendered", rendered, rendered.ndim == 4, "(height, width, bins, channels)")
+    return rendered
+
+
 def _pair(rendered: Any, target: Any, bins: bool = False) -> tuple[Any, Any]:
     """Convert both to tensors of one shape."""
-    rendered, target = (
-        x if isinstance(x, mi.TensorXf) else mi.TensorXf(checks.real_array(name, x, np.float32))
-        for name, x in (("rendered", rendered), ("target", target))
-    )
-    valid = not bins or rendered.ndim == 4
-    checks.shape("rendered", rendered, valid, "(height, width, bins, channels)")
+    rendered = _bins(rendered) if bins else _tensor("rendered", rendered)
+    target = _tensor("target", target)
     require_same_shape(rendered, target)
     return rendered, target
+
+
+def _phasors(light: mi.TensorXf, frequency: float, start: float, width: float) -> tuple[Any, Any]:
+    """Return I and Q of bins at a frequency, (height, width, channels) each."""
+    opl = start + (np.arange(light.shape[TIME]) + 0.5) * width
+    angle = 2 * math.pi * frequency / SPEED_OF_LIGHT * opl
+    parts = []
+    for wave in (np.cos(angle), np.sin(angle)):
+        wave = mi.TensorXf(wave.astype(np.float32)[None, None, :, None])
+        parts.append(dr.sum(light * wave, axis=TIME))
+    return parts[0], parts[1]
+
+
+def _target_phasors(
+    target: Any, rendered: mi.TensorXf, frequencies: Sequence[float], start: float, width: float
+) -> list[tuple[Any, Any]]:
+    """Return I and Q of the target at each frequency.
+
+    The target holds bins of the shape of `rendered`, a pair (I, Q), or phases.
+    """
+    if not isinstance(target, tuple):
+        values = _tensor("target", target)
+        if values.shape == rendered.shape:
+            return [_phasors(values, frequency, start, width) for frequency in frequencies]
+        phase = np.array(dr.detach(values))
+        target = (np.cos(phase), np.sin(phase))
+    height, columns, _, channels = rendered.shape
+    shape = (len(frequencies), height, columns, channels)
+    parts = []
+    for name, values in zip(("I", "Q"), target, strict=True):
+        array = np.array(dr.detach(_tensor(f"target: {name}", values)))
+        if array.ndim == 3 and len(frequencies) == 1:
+            array = array[None]
+        allowed = f"{shape[1:]} for one frequency, or {shape}"
+        checks.shape(f"target: {name}", array, array.shape == shape, allowed)
+        parts.append(array)
+    return [(mi.TensorXf(i), mi.TensorXf(q)) for i, q in zip(*parts, strict=True)]
 
 
 def require_same_shape(rendered: Any, target: Any) -> None:

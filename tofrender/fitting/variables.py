@@ -88,6 +88,16 @@ class Variables:
             clipped[name] = value if high is None else dr.minimum(value, high)
         return clipped
 
+    def at_bounds(self, values: Mapping[str, Any]) -> list[str]:
+        """Describe the plain values of which a component equals a bound."""
+        found = []
+        for name, (low, high) in self._bounds.items():
+            value = np.asarray(values[name], np.float32)
+            for bound in (low, high):
+                if bound is not None and np.any(value == np.float32(bound)):
+                    found.append(f"{name} at {bound:g}")
+        return found
+
     def plain(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Convert values to numbers and NumPy arrays."""
         return {name: _plain(value) for name, value in values.items()}
@@ -136,6 +146,14 @@ class Variables:
         label = f"params[{name!r}]"
         if name not in self.params:
             near = difflib.get_close_matches(name, list(self.params.keys()), 1)
+
+            # The same parameter of another object may be that of several merged shapes
+            if near and near[0].partition(".")[2] == name.partition(".")[2] != "":
+                raise ValueError(
+                    f"{label}: is no parameter of the scene. {near[0]!r} may be that of several "
+                    "shapes: equal shapes and materials are merged unless the scene is loaded with "
+                    "optimize=False"
+                )
             hint = f"did you mean {near[0]!r}? Must" if near else "must"
             raise ValueError(
                 f"{label} = {checks.quote(value)}: {hint} be a parameter of the scene, as "

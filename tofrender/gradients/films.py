@@ -22,7 +22,7 @@ from ..films.colours import channels_of
 from ..films.contribution import CameraRays, Contribution
 from ..films.recording import BinRecording, Recording
 from ..films.sums import Radiance
-from ..films.time_bins import TimeBins, bins_of_pulse, pulse_weight
+from ..films.time_bins import TimeBins, bin_of_instant, bins_of_pulse, pulse_weight
 from ..signals.polarisation import no_light, scaled
 
 # Rates of parameters are needed again at the next vertex
@@ -220,9 +220,13 @@ class BinChanges(Changes):
 
     def _reached(self, opl: mi.Float) -> tuple[mi.Int32, mi.Int32]:
         record = self.record
+        if record.profile is None:
+            return bin_of_instant(record.film, opl)
         return bins_of_pulse(record.film, record.profile, opl, record.exposure.at_centres)
 
     def _in_bin(self, light: mi.Spectrum, k: mi.Int32, opl: mi.Float) -> mi.Spectrum:
+        if self.record.profile is None:
+            return light * 1  # Without a derivative by length
         film, gated = self.record.film, self.record.exposure.at_centres
         return scaled(light, pulse_weight(film, self.record.profile, k, opl, gated))
 

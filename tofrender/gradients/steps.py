@@ -66,7 +66,7 @@ class _NoMeasurement:
 @dr.syntax
 def pull(sampler: mi.Sampler, path: Path, parts: Parts, changes: Changes) -> Any:
     """Propagate the gradient of paths' light back; returns that of their first state, packed."""
-    most = parts.limits.iterations if parts.limits.iterations > 0 else MOST_KEPT
+    most = parts.iterations if parts.iterations > 0 else MOST_KEPT
     start, nothing = packed(path), _NoMeasurement()
     states, numbers = tape(path, most), dr.alloc_local(mi.UInt32, most)
     k, here = mi.UInt32(0), path

@@ -134,7 +134,7 @@ def render_amcw_phasor(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Render phasors of one or many frequencies, I and Q of all in one trace.
 
-    `frequency_hz` is a frequency [Hz], or up to 64 of them. The integrator is an
+    `frequency_hz` is a frequency [Hz], or a sequence of them. The integrator is an
     `AMCWTransientPath` (or `TransientPath`), by default the scene's own, with all its parameters
     and its pulse: one of Mitsuba's path tracers, or one that stores no phasors, is taken for a
     `TransientPath` that follows the same paths. The other arguments are those of `render_at_time`.

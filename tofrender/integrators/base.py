@@ -197,7 +197,9 @@ class TransientIntegrator(mi.SamplingIntegrator):
     def _differentiated(self, scene, params, sensor, spp) -> Derivative:
         sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
         record = self.recording(sensor.film())
-        require_derivatives(scene, sensor, record, tracked(params), self._passes_null(scene))
+        attached = self.gradient_sampling == "attached"
+        straight = self._passes_null(scene)
+        require_derivatives(scene, sensor, record, tracked(params), straight, attached)
         plan = self.plan(scene, sensor)
         spp = spp or sensor.sampler().sample_count()
         return Derivative(plan, record, sensor, spp, self.gradient_sampling == "detached")
@@ -208,7 +210,9 @@ class TransientIntegrator(mi.SamplingIntegrator):
         names = [name for part in parts for name in tracked(mi.traverse(part))]
         if names:
             self._require_own_derivatives()
-            require_derivatives(scene, sensor, record, names, self._passes_null(scene))
+            attached = self.gradient_sampling == "attached"
+            straight = self._passes_null(scene)
+            require_derivatives(scene, sensor, record, names, straight, attached)
             warn_of_edges(names)
 
     def _require_own_derivatives(self) -> None:

@@ -128,7 +128,7 @@ class BidirectionalPlan(Plan):
         at.p, at.time, at.wavelengths = mi.Point3f(origin), ray.time, ray.wavelengths
         u = sampler.next_2d()
         if self.mis.exponent:  # The density of hits is that of next-event estimation
-            ds, radiance = self.emission.normals.sample_direction(at, u)
+            ds, radiance = self.emission.samples.sample_direction(at, u)
         else:
             ds, radiance = self.emission.sample_direction(at, u)
         distant = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.Infinite)

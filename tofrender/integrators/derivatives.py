@@ -167,7 +167,8 @@ class Rays:
 
     def _sample(self) -> tuple[CameraSample, Path, Endpoint, list[Contribution]]:
         plan, sampler = self.of.plan, self.sampler
-        camera = sample_camera(self.of.sensor, self.of.record.film, sampler, self.pixel)
+        film = self.of.record.film
+        camera = sample_camera(self.of.sensor, film, sampler, self.pixel, scene=plan.scene)
         lit = plan.illuminate(camera.ray, camera.origin, sampler, mi.Bool(True))
         path = plan.start(lit[0], camera.ray, camera.origin, True, camera.frame)
         return camera, path, *lit

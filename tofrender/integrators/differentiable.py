@@ -86,15 +86,24 @@ def _users_level() -> int:
 
 
 def require_derivatives(
-    scene: mi.Scene, sensor: mi.Sensor, record: Recording, names: Sequence[str], straight: bool
+    scene: mi.Scene,
+    sensor: mi.Sensor,
+    record: Recording,
+    names: Sequence[str],
+    straight: bool,
+    attached: bool,
 ) -> None:
     """Raise a `ValueError` for a render without derivatives by the parameters of some names.
 
-    `straight` says that connections go through surfaces that let light straight through.
+    `straight` says that connections go through surfaces that let light straight through. `attached`
+    says that sampled directions, and so path lengths, change with the parameters.
     """
+    changes_lengths = attached or bool(moving(names))
     reasons = chain(
         _film_reasons(record),
-        _pulse_reasons(record, any(name.endswith("pulse_width_opl") for name in names)),
+        _pulse_reasons(
+            record, any(name.endswith("pulse_width_opl") for name in names), changes_lengths
+        ),
         _material_reasons(scene, straight),
         _motion_reasons(scene, sensor, moving(names), straight) if moving(names) else (),
     )
@@ -190,8 +199,11 @@ def _film_reasons(record: Recording) -> Iterator[str]:
         yield f"film = {kind}: has no derivatives; must be this package's"
 
 
-def _pulse_reasons(record: Recording, by_width: bool) -> Iterator[str]:
-    """Yield refusals of pulses without derivative, by length or by their width."""
+def _pulse_reasons(record: Recording, by_width: bool, changes_lengths: bool) -> Iterator[str]:
+    """Yield refusals of pulses without derivative, by length or by their width.
+
+    Parameters that do not change path lengths need no pulse.
+    """
     if isinstance(record, PhasorRecording) and by_width:
         yield "pulse_width_opl: has no derivative on a phasor_hdr_film; must be on a film with bins"
     exposure = record.exposure
@@ -205,10 +217,11 @@ def _pulse_reasons(record: Recording, by_width: bool) -> Iterator[str]:
         return
     pulse = record.profile
     if pulse is None:
-        yield (
-            "pulse = None: leaves bins without a derivative by length; must be a pulse, e.g. by "
-            "pulse_width_opl = 0.03"
-        )
+        if changes_lengths or exposure.at_centres:
+            yield (
+                "pulse = None: leaves bins without a derivative by length; must be a pulse, e.g. "
+                "by pulse_width_opl = 0.03"
+            )
     elif not exposure.at_centres and not _is_smooth(pulse, pulse.cdf):
         yield (
             f"pulse = {checks.quote(pulse)}: has a cdf without derivative; must be one that is the "

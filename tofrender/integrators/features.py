@@ -36,7 +36,8 @@ def render_features(scene: mi.Scene, sensor: mi.Sensor, film: mi.Film) -> np.nda
     sampler.set_samples_per_wavefront(RAYS)
     lanes = columns * rows * RAYS
     sampler.seed(SEED, lanes)
-    camera = sample_camera(sensor, film, sampler, dr.arange(mi.UInt32, lanes) // RAYS)
+    pixel = dr.arange(mi.UInt32, lanes) // RAYS
+    camera = sample_camera(sensor, film, sampler, pixel, scene=scene)
     si = first_surface(scene, mi.Ray3f(camera.ray))
     bsdf, hit = si.bsdf(), si.is_valid()
     emitter = hit & si.shape.is_emitter()

@@ -7,7 +7,7 @@ import mitsuba as mi
 
 from ..paths.endpoints.emitters import EmitterEndpoint
 from ..paths.records import Connection, Hit, Path, Vertex
-from ..paths.surfaces import first_surface
+from ..paths.surfaces import Boundaries, first_surface
 
 
 class OneSampleLights(EmitterEndpoint):
@@ -17,9 +17,24 @@ class OneSampleLights(EmitterEndpoint):
     the mixture, (p_emitter + p_bsdf) / 2: the one-sample model with the balance heuristic (Veach
     1997, section 9.2.4). It is as good as `SceneLights` at the first surface with half the samples,
     but has to trace another ray to go on. Arguments as for `SceneLights`.
+
+    With `passes_boundaries`, rays pass index-matched boundaries. Emitters on such boundaries are
+    then found by emitter samples alone.
     """
 
     finds_all = True
+
+    def __init__(
+        self,
+        scene: mi.Scene,
+        sensor: mi.Sensor | None = None,
+        hide_emitters: bool = False,
+        discard_direct_light: bool = False,
+        passes_boundaries: bool = False,
+    ) -> None:
+        super().__init__(scene, sensor, hide_emitters, discard_direct_light)
+        self.passes_boundaries = passes_boundaries
+        self.boundaries = Boundaries(scene)
 
     def hit_weight(self, path: Path, vertex: Vertex, hit: Hit) -> mi.Float:
         """Return 1 after delta lobes, else 0."""
@@ -39,14 +54,23 @@ class OneSampleLights(EmitterEndpoint):
         bs, _ = bsdf.sample(ctx, si, sampler.next_1d(), sampler.next_2d(), by_material)
         by_material &= (bs.pdf > 0) & mi.has_flag(bs.sampled_type, mi.BSDFFlags.Smooth)
         ray = si.spawn_ray(si.to_world(bs.wo))
-        seen = first_surface(self.scene, ray, by_material)
+        if self.passes_boundaries:
+            seen = first_surface(self.scene, ray, by_material)
+        else:
+            seen = self.scene.ray_intersect(ray, by_material)
         ahead = Path.start(ray, si.p, by_material)
         ahead.depth = mi.UInt32(1)  # Not what the sensor sees directly
+        ahead.valid_ray = mi.Bool(True)
         found = self.emitted_radiance(Vertex(seen, dr.norm(seen.p - si.p), seen.is_valid()), ahead)
 
         # Emitters that cannot be hit are found by emitter samples alone
         pdf_material = bsdf.pdf(ctx, si, si.to_local(connection.direction), connection.active)
-        pdf_material = dr.select(connection.delta, 0, pdf_material)
+        cannot_be_hit = connection.delta
+        if self.passes_boundaries:
+            shape = connection.emitter.get_shape()
+            on_boundary = self.boundaries.have(shape.bsdf(), connection.active)
+            cannot_be_hit = cannot_be_hit | on_boundary
+        pdf_material = dr.select(cannot_be_hit, 0, pdf_material)
         by_light = connection.weight * connection.pdf
         pdf = 0.5 * dr.select(to_light, connection.pdf + pdf_material, found.pdf + bs.pdf)
         return Connection(

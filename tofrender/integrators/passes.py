@@ -93,7 +93,9 @@ class PixelSampler:
         many contributions were not finite.
         """
         record = self.record
-        camera = sample_camera(self.sensor, record.film, self.sampler, pixel, self.tile)
+        camera = sample_camera(
+            self.sensor, record.film, self.sampler, pixel, self.tile, scene=self.tracer.scene
+        )
         if self.rate > 1:
             camera = replace(camera, weight=camera.weight / self.rate)
         measurement = record.measurement(camera, self.spp)

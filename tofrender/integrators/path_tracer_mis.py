@@ -6,6 +6,7 @@ import mitsuba as mi
 
 from ..paths.endpoints import SceneLights
 from ..runtime import checks
+from ..scenes.media import media_of
 from .one_sample import OneSampleLights
 from .path_tracer import PathTracer
 
@@ -45,5 +46,6 @@ class PathTracerMIS(PathTracer):
     def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> SceneLights | OneSampleLights:
         """Combine emitter and BSDF samples."""
         if self.technique == "one_sample":
-            return self.emitters(OneSampleLights, scene, sensor)
+            in_media = bool(media_of(scene, sensor))
+            return self.emitters(OneSampleLights, scene, sensor, passes_boundaries=in_media)
         return self.emitters(SceneLights, scene, sensor, light_samples=self.light_samples)

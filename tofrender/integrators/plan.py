@@ -102,7 +102,16 @@ class Plan(Parts):
         guide, medium = self.scattering.guide(), self.space.medium_at_sensor(ray)
         velocity = None if self.motion is None else self.motion.at_sensor(origin)
         return Path.start(
-            ray, origin, active, history, guide, medium, frame, self.space.index, velocity
+            ray=ray,
+            origin=origin,
+            active=active,
+            history=history,
+            guide=guide,
+            medium=medium,
+            frame=frame,
+            η=self.space.index,
+            velocity=velocity,
+            stops=self.space.stops and endpoint.has_hits,
         )
 
     @tracing_lock()

@@ -24,7 +24,7 @@ class TransientPath(TransientIntegrator):
 
     | parameter | default | meaning |
     |---|---|---|
-    | `temporal_filter` | "" | "box", "gaussian", or "" for the film's `rfilter` in time as well |
+    | `temporal_filter` | "" | "box", "gaussian", or "" for the `temporal_filter` of the film |
     | `gaussian_stddev` | 2.0 | standard deviation of the Gaussian filter [bins] |
     | `pulse_width_opl` | none | standard deviation of the light's Gaussian pulse [m] |
     | `guiding` | true | send paths towards caustics, see below |

@@ -66,4 +66,4 @@ class UserDefinedTracer:
         return radiance, SampledRays(valid, not_finite)
 
 
-Tracer = Plan | UserDefinedTracer  # Has `trace`, `for_bin_width` and `splats`
+Tracer = Plan | UserDefinedTracer  # Has `trace`, `for_bin_width`, `scene` and `splats`

@@ -64,6 +64,11 @@ class VisibleEmitters:
         splats = not film.rfilter().is_box_filter()
         return cls(plan, pixels, 1 << (rate.bit_length() - 1), splats)
 
+    @property
+    def scene(self) -> mi.Scene:
+        """The scene of the plan."""
+        return self.plan.scene
+
     def trace(self, sampler, ray, origin, measurement, frame=None):
         """Add the emission that camera rays hit first."""
         plan = self.plan

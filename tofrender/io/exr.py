@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 FORMAT = "tofrender transient stack 1"
 LAYERS_FORMAT = "tofrender layers 1"
 LAYER = "error."  # Prefix of the channels of standard errors
+EXACT_INTEGERS = 1 << 24  # Up to it, float32 holds all integers
 LEAST_DIGITS = 4  # Of a frame's number in its name
 # Channels that OpenEXR reads: R, G and B are "RGB", or their common prefix.
 _READ = (("Y",), ("RGB",), tuple(f"{each}.Y" for each in STOKES), STOKES)
@@ -164,7 +165,7 @@ def save_exr_layers(
     layers: Mapping[str, np.ndarray],
     attrs: Mapping[str, str | float | int] | None = None,
 ) -> Path:
-    """Write pictures of one size as the layers of an EXR file.
+    """Write pictures of one size as the layers of an EXR file, in single precision.
 
     Args:
         path: File name; an existing file is replaced.
@@ -173,7 +174,8 @@ def save_exr_layers(
         attrs: Attributes of the header.
 
     Raises:
-        ValueError: There are no layers, their sizes differ, or an attribute's name cannot be used.
+        ValueError: There are no layers, their sizes differ, an attribute's name cannot be used, or
+            single precision cannot hold an integer or the size of a number.
 
     Example:
         >>> import tempfile
@@ -187,7 +189,7 @@ def save_exr_layers(
         raise ValueError(f"attrs with {name!r}: must be others, EXR headers have this one")
     arrays: dict[str, np.ndarray] = {}
     for name, values in checks.mapping("layers", layers).items():
-        array = arrays[name] = checks.real_array(f"layers[{name!r}]", values, np.float32)
+        array = arrays[name] = _as_float32(f"layers[{name!r}]", values)
         valid = array.ndim == 3 and array.shape[2] in (1, 3) and 0 not in array.shape
         allowed = "(height, width, channels) with 1 or 3 channels"
         checks.shape(f"layers[{name!r}]", array, valid, allowed)
@@ -230,6 +232,20 @@ def load_exr_layers(path: str | os.PathLike) -> tuple[dict[str, np.ndarray], dic
         found.setdefault(name[:-2], {})[name[-1]] = channel.pixels  # Named "layer.R" or "R"
     layers = {name: np.stack([c[k] for k in "RGBY" if k in c], -1) for name, c in found.items()}
     return layers, {k: v for k, v in part.header.items() if isinstance(v, str)}
+
+
+def _as_float32(name: str, values: Any) -> np.ndarray:
+    """Convert real numbers to float32, which must hold integers exactly and all finite numbers."""
+    array = checks.real_array(name, values)
+    with np.errstate(over="ignore"):
+        converted = array.astype(np.float32)
+    if array.dtype.kind == "f":
+        fits = np.array_equal(np.isfinite(converted), np.isfinite(array))
+        checks.require(name, array, fits, "below 3.4e38, the largest number of an EXR file")
+    else:
+        fits = not array.size or max(-int(array.min()), int(array.max())) <= EXACT_INTEGERS
+        checks.require(name, array, fits, "integers up to 2^24, or converted to float32")
+    return converted
 
 
 def _by_channel(image: np.ndarray, names: list[str]) -> dict[str, np.ndarray]:

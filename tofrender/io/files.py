@@ -84,7 +84,8 @@ def named(path: str | os.PathLike) -> Iterator[None]:
     try:
         yield
     except (ValueError, MemoryError) as error:
-        text = str(error)
+        # Libraries raise a MemoryError without text
+        text = str(error) or "does not fit into memory; must be a smaller file"
         text = text if text.startswith("path = ") else f"path = {path}: {text}"
         raise (MemoryError if isinstance(error, MemoryError) else ValueError)(text) from None
 

@@ -1,26 +1,47 @@
 """Photon counts of confocal scans of a plane wall: MATLAB files, NumPy archives, CSV, PTU, SDT.
 
-SciPy reads files of MATLAB 5 to 7, h5py those of 7.3, which are HDF5. No reader runs a file's code.
+The module `matlab` reads files of MATLAB 5 to 7. h5py reads files of MATLAB 7.3, which are HDF5.
+No reader runs code of a file, and sizes that a file states are checked before memory is allocated.
 """
 
 import importlib
 import math
+import struct
+from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 from zipfile import ZipFile
 
 import h5py
 import numpy as np
 import xarray as xr
-from scipy.io import loadmat, whosmat
 
 from ..nlos.captures import COUNTS, make_capture
 from ..runtime import checks, memory
 from ..runtime.archives import read_array
 from ..signals.units import SPEED_OF_LIGHT
+from . import matlab
 from .hdf5 import field_of
+from .matlab import ZLIB_RATIO
+
+LONGEST_BIN_S = 1e-7
+"""Greatest width of a bin [s], 30 m of path; a wider one is in picoseconds or nanoseconds."""
 
 GIVEN = ("wall_size", "bin_width_s", "start_s")
+
+PTU_MARKERS = ("ImgHdr_LineStart", "ImgHdr_LineStop", "ImgHdr_Frame")
+MOST_MARKERS = 32
+RECORD_BYTES = 4  # Of a photon in a PTU file
+COUNT_COPIES = 12  # Bytes of a bin while a PTU file is read: uint32, and float32 twice
+BYTES_PER_PIXEL = 200  # Of a capture's wall, while it is made
+
+SDT_HEAD = "<hihiHihIihhHIHH"  # bhfile_header
+SDT_BLOCK = "<BBIIHhII"  # BHFileBlockHeader
+SDT_OLD_BLOCK = "<hiiHhII"
+SDT_NEW_BLOCKS = 15  # First revision that has them
+SDT_MANY_BLOCKS = 0x7FFF  # Their number is elsewhere
+SDT_COMPRESSED = 0x1000
+SDT_COPIES = 12  # Bytes in memory for a byte of a block: its values, and sums as float64
 
 
 def scan(counts: Any, given: dict[str, Any], **known: Any) -> xr.Dataset:
@@ -39,6 +60,11 @@ def scan(counts: Any, given: dict[str, Any], **known: Any) -> xr.Dataset:
     sides = checks.items("wall_size", sides, 2, "a number of metres, or two: width and height")
     width, height = (checks.metres("wall_size", side, positive=True) for side in sides)
     bin_width = checks.number("bin_width_s", known["bin_width_s"], unit="s", positive=True)
+    if bin_width > LONGEST_BIN_S:
+        raise ValueError(
+            f"bin_width_s = {bin_width:g}: a bin of {bin_width * SPEED_OF_LIGHT:.3g} m is too wide "
+            "for a capture; give the width in seconds, for example 4e-12"
+        )
     start = checks.number("start_s", known["start_s"], unit="s")
     values = checks.real_array("counts", counts, np.float32)
     checks.shape("counts", values, values.ndim == 3 and values.size, "(rows, columns, bins)")
@@ -56,8 +82,8 @@ def matlab_names(file: Path) -> set[str]:
     if h5py.is_hdf5(file):
         with h5py.File(file) as opened:
             return set(opened)
-    found = whosmat(str(file))
-    return {str(name) for name, *_ in found} | {"cells" for *_, kind in found if kind == "cell"}
+    heads = matlab.list_arrays(file)
+    return {head.name for head in heads} | {"cells" for head in heads if head.kind == "cell"}
 
 
 def _variable(file: Path, name: str, axes: int) -> np.ndarray:
@@ -68,9 +94,7 @@ def _variable(file: Path, name: str, axes: int) -> np.ndarray:
             memory.require_free(name, 2 * (item.nbytes if item else 0))
             values = np.asarray(item[()] if item else 0.0).T
     else:
-        shape = next(shape for found, shape, _ in whosmat(str(file)) if found == name)
-        memory.require_free(name, 16 * math.prod(shape))
-        values = loadmat(str(file), variable_names=[name])[name]
+        values = matlab.read_array(file, name)
     checks.shape(name, values, values.ndim == axes and values.size, f"of {axes} axes")
     return checks.real_array(name, values)
 
@@ -105,6 +129,11 @@ def read_fk(file: Path, given: dict[str, Any]) -> xr.Dataset:
     delay = checks.finite("tofgrid", _variable(beside, "tofgrid", 2))
     checks.shape("tofgrid", delay, delay.shape == counts.shape[:2], f"{counts.shape[:2]}")
     width = checks.number("bin_width_s", (known | given)["bin_width_s"], unit="s", positive=True)
+    if 0 < delay.max() < width * 1e12:
+        raise ValueError(
+            f"tofgrid: its delays are at most {delay.max():g} ps, less than a bin of "
+            f"{width * 1e12:g} ps. Convert tofgrid to picoseconds, or give start_s"
+        )
     first = np.floor(delay / (width * 1e12)).astype(np.int64)
     bins = counts.shape[2] - first.max()
     checks.require("tofgrid", delay, first.min() >= 0 and bins > 0, "within the bins, in ps")
@@ -117,10 +146,10 @@ def read_cells(file: Path, given: dict[str, Any]) -> xr.Dataset:
 
     As in D. Shin et al., Photon-efficient imaging with a single-photon camera, Nat Commun 7 (2016).
     """
-    cells = [str(name) for name, _, kind in whosmat(str(file)) if kind == "cell"]
+    cells = [head.name for head in matlab.list_arrays(file) if head.kind == "cell"]
     name = "D" if "D" in cells else cells[0]
     checks.require("cells", cells, name == "D" or len(cells) == 1, "one array, or one called D")
-    held = loadmat(str(file), variable_names=[name])[name]
+    held = matlab.read_array(file, name)
     checks.shape(name, held, held.ndim == 2 and held.size, "(rows, columns)")
     times = [checks.real_array(f"{name}: a cell", each).ravel() for each in held.ravel()]
     at, pixel = np.concatenate(times), np.repeat(np.arange(held.size), [t.size for t in times])
@@ -166,8 +195,28 @@ def read_ptu(file: Path, given: dict[str, Any]) -> xr.Dataset:
     """Read histograms of an image, a line or a point in T3 mode, of all channels and frames."""
     with file.open("rb") as opened, _package("ptufile").PtuFile(opened) as ptu:
         checks.require("mode", "T2", ptu.is_t3, "T3, with times since the laser's pulse")
-        whole = len(ptu.read_records()) == ptu.number_records
-        checks.require("records", ptu.number_records, whole, "in the file, which is cut short")
+
+        # Markers are numbers of bits
+        for name in PTU_MARKERS:
+            marker = int(ptu.tags.get(name, 0))
+            checks.require(name, marker, 0 <= marker <= MOST_MARKERS, f"from 0 to {MOST_MARKERS}")
+
+        # Compare the sizes that the header states with the file and the free memory
+        records = ptu.number_records
+        whole = RECORD_BYTES * records <= file.stat().st_size
+        checks.require("records", records, whole, "in the file, which is cut short")
+        _, *sides, _, bins = ptu.shape
+        for side in sides:
+            checks.require(
+                "pixels of a side", side, side <= checks.MAX_SIZE, f"at most {checks.MAX_SIZE}"
+            )
+        pixels = math.prod(sides)
+        memory.require_free("counts", pixels * (COUNT_COPIES * bins + BYTES_PER_PIXEL))
+        if ptu.is_sinusoidal:
+            memory.require_free("a line's time steps", 16 * int(ptu.global_line_time))
+
+        whole = len(ptu.read_records()) == records
+        checks.require("records", records, whole, "in the file, which is cut short")
         counts = ptu.decode_image(frame=-1, channel=-1, dtype=np.uint32)[0, ..., 0, :]
         width = float(ptu.tcspc_resolution)
     return scan(counts[(None,) * (3 - counts.ndim)], given, bin_width_s=width)
@@ -175,16 +224,54 @@ def read_ptu(file: Path, given: dict[str, Any]) -> xr.Dataset:
 
 def read_sdt(file: Path, given: dict[str, Any]) -> xr.Dataset:
     """Read histograms of an image, a line or a point, the sum of all blocks, as of detectors."""
-    with file.open("rb") as opened, _package("sdtfile").SdtFile(opened) as sdt:
-        blocks, times, heads = sdt.data, sdt.times, sdt.block_headers
-    ends = [int(h.data_offs) + int(h.block_length) for h in heads if not h.block_type & 0x1000]
-    checks.require("blocks", ends, max(ends, default=0) <= file.stat().st_size, "in the file")
+    package = _package("sdtfile")
+    _require_sdt_sizes(file)
+    with file.open("rb") as opened, package.SdtFile(opened) as sdt:
+        blocks, times = sdt.data, sdt.times
     shapes = sorted({block.shape for block in blocks})
     fits = len(shapes) == 1 and 1 <= len(shapes[0]) <= 3 and shapes[0][-1] == len(times[0]) > 1
     checks.require("blocks", shapes, fits, "of one shape, (rows, columns, bins) or (bins,)")
     counts = np.asarray(np.sum(blocks, axis=0, dtype=np.float64))
     width = float(np.diff(times[0]).mean())
     return scan(counts[(None,) * (3 - counts.ndim)], given, bin_width_s=width)
+
+
+def _require_sdt_sizes(file: Path) -> None:
+    """Compare the sizes that headers of an SDT file state with the file and the free memory."""
+    length = file.stat().st_size
+    total = 0
+    with file.open("rb") as opened:
+        head = _unpacked(opened, 0, SDT_HEAD)
+        revision, offset, count = head[0], head[5], head[6]
+        if count == SDT_MANY_BLOCKS:
+            count = head[12]
+        block_head = SDT_BLOCK if revision & 0xF >= SDT_NEW_BLOCKS else SDT_OLD_BLOCK
+        for block in range(count):
+            start, following, kind, _, _, size = _unpacked(opened, offset, block_head)[-6:]
+            if block == count - 1 and following <= start:
+                following = length
+            inside = offset < start <= following <= length
+            checks.require("blocks", (start, following), inside, "in the file, one after another")
+            if kind & SDT_COMPRESSED:
+                opened.seek(start)
+                with ZipFile(BytesIO(opened.read(following - start))) as archive:
+                    size = max(size, *(entry.file_size for entry in archive.filelist))
+                most = ZLIB_RATIO * (following - start)
+                checks.require("bytes of a block", size, size <= most, f"at most {most}")
+            else:
+                checks.require("blocks", start + size, start + size <= length, "in the file")
+            total += size
+            offset = following
+    memory.require_free("blocks", SDT_COPIES * total)
+
+
+def _unpacked(opened: BinaryIO, offset: int, form: str) -> tuple[int, ...]:
+    """Read numbers of a header at an offset of a file."""
+    opened.seek(max(offset, 0))
+    content = opened.read(struct.calcsize(form))
+    if offset < 0 or len(content) < struct.calcsize(form):
+        raise ValueError("is cut short; must have all blocks")
+    return struct.unpack(form, content)
 
 
 def _package(name: str) -> Any:

@@ -1,25 +1,16 @@
 """Checks of output paths, before a render starts and again before anything is replaced."""
 
 import os
-import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from ..runtime import checks
 from ..runtime.atomic import TEMPORARY_PREFIX, check_file, check_writable, replacing
+from .contents import is_listed
 
 LAYOUTS = ("frames", "multipart", "npz")
 BYTES_PER_VALUE = {"half": 2, "float": 4}
-# Files with our mark in their first bytes; an output folder of ours holds at least one ...
-_MARKED = re.compile(
-    r"(frame_\d{4,}|steady|phasor_[\w.+-]+|gate|brightness|depth)\.(exr|png)|stack\.exr|transient\.npz"
-    r"|transient\.zarr|sensed\.nc"
-)
-# ... and beside them only these. Nothing but such a folder is ever replaced.
-_UNMARKED = re.compile(
-    r"video\.(mp4|gif)|(summary|polarisation|panel|picture|volume)\.(png|pdf|svg)|volume\.npz|report\.html"
-)
 _MARK = b"tofrender"
 
 
@@ -118,14 +109,20 @@ def _check_folder(path: str | os.PathLike, overwrite: bool) -> None:
             f"path = {path}: is {kind}, which cannot be replaced whole; must be a folder inside it"
         )
     files = [file for file in target.iterdir() if not file.name.startswith(TEMPORARY_PREFIX)]
-    marked = {f.name for f in files if _MARKED.fullmatch(f.name) and _has_mark(f)}
+    # Nothing is replaced but a folder that `contents` describes
+    marked = {f.name for f in files if is_listed(f.name, marked=True) and _has_mark(f)}
     unmarked = sorted(f.name for f in files if f.name not in marked)
-    foreign = [name for name in unmarked if not _UNMARKED.fullmatch(name) or not marked]
+    foreign = [name for name in unmarked if not _is_unmarked(name) or not marked]
     if foreign:
         raise FileExistsError(f"path = {path}: holds other content ({foreign[0]}); {allowed}")
     if files and not overwrite:
         mend = "pass overwrite=True to replace it"
         raise FileExistsError(f"path = {path}: holds an earlier output; {mend}")
+
+
+def _is_unmarked(name: str) -> bool:
+    """Return whether a file of this name may lie next to files with the mark."""
+    return is_listed(name) and not is_listed(name, marked=True)
 
 
 def _has_mark(file: Path) -> bool:

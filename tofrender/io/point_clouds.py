@@ -1,35 +1,65 @@
 """Point clouds of a lidar as PLY, LAS and netCDF."""
 
+import math
 import os
+import re
+import warnings
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from ..runtime import checks
 from ..runtime.atomic import check_file, replacing
+from .netcdf import LARGEST_EXACT, in_netcdf_types
 
 SUFFIXES = (".ply", ".las", ".nc")
-PLY_TYPES = {"u": ("<u1", "uchar"), "i": ("<i4", "int"), "f": ("<f8", "double")}
+PLY_TYPES = {
+    "int8": "char",
+    "uint8": "uchar",
+    "int16": "short",
+    "uint16": "ushort",
+    "int32": "int",
+    "uint32": "uint",
+    "float32": "float",
+    "float64": "double",
+}
+LAS_STEP_M = 1e-4  # Usual step of coordinates
+LAS_STEPS = (1 << 31) - 2  # Largest number of steps from the offset
+LAS_WHITE = (1 << 16) - 1  # Largest intensity
+LAS_RETURNS = 15  # Largest number of a return
 
 
 def save_point_cloud(
-    cloud: xr.Dataset, path: str | os.PathLike[str], *, overwrite: bool = False
+    cloud: xr.Dataset,
+    path: str | os.PathLike[str],
+    *,
+    intensity_scale: float = 1.0,
+    overwrite: bool = False,
 ) -> Path:
-    """Write a point cloud for other programs: all columns, in LAS (1.4, format 6) those it knows.
+    """Write a point cloud as PLY, LAS or netCDF for other programs.
 
-    LAS needs laspy. It has steps of 0.1 mm, and 65535 as the intensity of the brightest point.
+    PLY and netCDF files contain all data variables. LAS files (version 1.4, point format 6) contain
+    the variables that LAS has a field for. LAS needs the package laspy. Its coordinates have steps
+    of 0.1 mm, or larger steps if the cloud is wider than 400 km. Its intensity is an integer,
+    `intensity * intensity_scale`, so that files of one scan are comparable.
 
     Args:
-        cloud: A result of `point_cloud` or `true_points`.
-        path: A file name that ends in .ply, .las or .nc.
+        cloud: Result of `point_cloud` or `true_points`.
+        path: File name that ends in .ply, .las or .nc.
+        intensity_scale: Steps of the LAS intensity per unit of `intensity`, which is a count of
+            photons in `point_cloud`. Other formats ignore this scale.
         overwrite: Replace an existing file.
 
     Raises:
-        ValueError: Another Dataset or suffix, or laspy is not installed.
+        ValueError: `cloud` is another Dataset, the format cannot hold the exact values of a
+            variable, the suffix is unknown, or laspy is not installed.
         OSError: `path` may not be replaced or is not writable.
+
+    Warns:
+        UserWarning: Points are brighter than the largest LAS intensity, 65535, and are written with
+            that intensity.
 
     Example:
         >>> import tempfile
@@ -40,13 +70,21 @@ def save_point_cloud(
     """
     whole = isinstance(cloud, xr.Dataset) and {*"xyz"} <= set(cloud)
     checks.require("cloud", cloud, whole, "a Dataset of point_cloud")
+    for name, column in cloud.items():
+        checks.require(
+            f"cloud: dimensions of {name}", column.dims, column.dims == ("point",), "point"
+        )
+    scale = checks.number("intensity_scale", intensity_scale, positive=True)
     target = check_file(path, *SUFFIXES, overwrite=overwrite, needed_bytes=cloud.nbytes)
     require_laspy("path", target)
-    write: dict[str, Any] = dict(
-        zip(SUFFIXES, (_write_ply, _write_las, xr.Dataset.to_netcdf), strict=True)
-    )
+    suffix = target.suffix.lower()
     with replacing(target) as temporary:
-        write[target.suffix.lower()](cloud, temporary)
+        if suffix == ".ply":
+            _write_ply(cloud, temporary)
+        elif suffix == ".las":
+            _write_las(cloud, temporary, scale)
+        else:
+            in_netcdf_types(cloud).to_netcdf(temporary, engine="scipy")
     return target
 
 
@@ -57,23 +95,95 @@ def require_laspy(name: str, path: Path) -> None:
 
 
 def _write_ply(cloud: xr.Dataset, path: Path) -> None:
-    kinds = {str(name): PLY_TYPES[cloud[name].dtype.kind] for name in cloud}
-    table = np.empty(cloud.sizes["point"], [(name, kind) for name, (kind, _) in kinds.items()])
-    for name in kinds:
-        table[name] = cloud[name]
+    """Write all variables, each with the type of PLY that has the same values."""
+    columns = {str(name): _ply_column(str(name), cloud[name].values) for name in cloud}
+    dtype = [(name, column.dtype) for name, column in columns.items()]
+    table = np.empty(cloud.sizes["point"], dtype)
+    for name, column in columns.items():
+        table[name] = column
     lines = ["ply", "format binary_little_endian 1.0", f"element vertex {table.size}"]
-    lines += [f"property {kind} {name}" for name, (_, kind) in kinds.items()]
-    path.write_bytes("\n".join([*lines, "end_header", ""]).encode() + table.tobytes())
+    for name, column in columns.items():
+        lines.append(f"property {PLY_TYPES[column.dtype.name]} {name}")
+    header = "\n".join([*lines, "end_header", ""])
+    path.write_bytes(header.encode() + table.tobytes())
 
 
-def _write_las(cloud: xr.Dataset, path: Path) -> None:
+def _ply_column(name: str, values: np.ndarray) -> np.ndarray:
+    """Convert a variable to a type of PLY, which has neither 64-bit integers nor bool."""
+    # A blank would end the name in the header
+    is_name = re.fullmatch(r"[!-~]+", name) is not None
+    checks.require("cloud: name of a variable", name, is_name, "printable ASCII without blanks")
+    dtype = values.dtype
+    if dtype.kind == "b":
+        dtype = np.dtype(np.uint8)
+    elif dtype == np.float16:
+        dtype = np.dtype(np.float32)
+    elif dtype.kind in "iu" and dtype.itemsize == 8:
+        dtype = np.dtype(np.int32)
+        limits = np.iinfo(dtype)
+        fits = not values.size or limits.min <= values.min() <= values.max() <= limits.max
+        allowed = "integers that fit into 32 bits in a PLY file, or converted to float64"
+        checks.require(f"cloud: {name}", values, fits, allowed)
+    known = dtype.name in PLY_TYPES
+    checks.require(
+        f"cloud: type of {name}", str(dtype), known, "integers, floats or bool in a PLY file"
+    )
+    return values.astype(dtype.newbyteorder("<"))
+
+
+def _write_las(cloud: xr.Dataset, path: Path, intensity_scale: float) -> None:
+    """Write the variables that LAS has a field for."""
     import laspy  # pyright: ignore[reportMissingImports]
 
+    # Place the coordinates around the middle of the cloud, in steps that 32 bits can count
+    points = np.stack(
+        [_las_column(cloud, axis, -checks.MAX_OPL, checks.MAX_OPL) for axis in "xyz"], axis=-1
+    )
+    low = points.min(axis=0, initial=math.inf)
+    high = points.max(axis=0, initial=-math.inf)
+    offsets = np.rint((low + high) / 2) if len(points) else np.zeros(3)
+    widest = np.abs(points - offsets).max(initial=0.0)
+    step = LAS_STEP_M
+    while widest > LAS_STEPS * step:
+        step *= 10
     header = laspy.LasHeader(point_format=6, version="1.4")
-    header.scales = np.full(3, 1e-4)
+    header.scales = np.full(3, step)
+    header.offsets = offsets
     las = laspy.LasData(header)
-    for name in {"x", "y", "z", "return_number", "number_of_returns", "time"} & set(cloud):
-        las["gps_time" if name == "time" else name] = cloud[name].values
-    if "intensity" in cloud and cloud.sizes["point"]:
-        las.intensity = np.rint(65535 * (cloud["intensity"] / cloud["intensity"].max()).values)
+    las.x, las.y, las.z = points.T
+
+    # Write the columns of echoes
+    for name in ("return_number", "number_of_returns"):
+        if name in cloud:
+            numbers = _las_column(cloud, name, 0, LAS_RETURNS)
+            whole = np.array_equal(numbers, np.rint(numbers))
+            checks.require(f"cloud: {name}", numbers, whole, "integers in a LAS file")
+            las[name] = numbers.astype(np.uint8)
+    if "time" in cloud:
+        las.gps_time = _las_column(cloud, "time", -math.inf, math.inf)
+    if "intensity" in cloud:
+        intensity = _las_column(cloud, "intensity", 0, math.inf) * intensity_scale
+        too_bright = int(np.count_nonzero(intensity > LAS_WHITE))
+        if too_bright:
+            fitting = intensity_scale * LAS_WHITE / intensity.max()
+            warnings.warn(
+                f"{too_bright} of {len(intensity)} points are brighter than the largest LAS "
+                f"intensity, {LAS_WHITE}, and are cut there; pass intensity_scale={fitting:.1g} "
+                "or less to save_point_cloud for all files of a scan, or write .ply",
+                stacklevel=3,
+            )
+        las.intensity = np.rint(np.minimum(intensity, LAS_WHITE)).astype(np.uint16)
     las.write(str(path))
+
+
+def _las_column(cloud: xr.Dataset, name: str, low: float, high: float) -> np.ndarray:
+    """Return a variable as float64; refuse other types and values that LAS cannot hold."""
+    given = checks.real_array(f"cloud: {name}", cloud[name].values)
+    if given.dtype.kind in "iu":
+        # Larger integers would be rounded
+        low = max(low, -LARGEST_EXACT)
+        high = min(high, LARGEST_EXACT)
+    checks.finite(f"cloud: {name}", given)
+    fits = not given.size or (given.min() >= low and given.max() <= high)
+    checks.require(f"cloud: {name}", given, fits, f"from {low:g} to {high:g} in a LAS file")
+    return given.astype(np.float64)

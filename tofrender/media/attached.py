@@ -58,12 +58,15 @@ class AttachedMedia(Media):
             # Behind the last boundary is no medium
             length = dr.select(leaves, flight.distance, length)
         within = path.active & (self.repeats | ~leaves)
-        change = self._transmittance_change(path.medium, ray, o, length, sampler, within)
+        change = self._transmittance_change(
+            path.medium, ray, o, length, sampler, within, path.passed
+        )
         path = replace(
             path, medium=medium, β=multiply_throughput(path.β, weight * change * scattered)
         )
         point, valid = as_surface(si, mei, here), here | si.is_valid()
-        return path, Vertex(point, dr.norm(point.p - o), valid, MediumPoint(mei, here))
+        passes = self._stopped(path, flight, si)
+        return path, Vertex(point, dr.norm(point.p - o), valid, MediumPoint(mei, here), passes)
 
     def transmittance(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
@@ -88,14 +91,16 @@ class AttachedMedia(Media):
         length: mi.Float,
         sampler: mi.Sampler,
         active: mi.Bool,
+        start: mi.Float | None = None,
     ) -> mi.Spectrum:
-        """Return 1, with the derivative of transmittance over a length."""
+        """Return 1, with the derivative of transmittance from `start` (0 if None) to a length."""
         at = mi.Float(0)
         if self.repeats:
             with dr.suspend_grad():
-                at = sampler.next_1d() * length
+                first = mi.Float(0) if start is None else start
+                at = dr.fma(sampler.next_1d(), length - first, first)
                 medium = self._medium_at(medium, ray, o, at, active)
-            length = dr.detach(length)
+            length = dr.detach(length - first)
         inside = active & (medium != None)  # noqa: E711 (a Dr.Jit mask)
         mei = medium_interaction(ray, dr.fma(ray.d, dr.detach(at), o), medium)
         _, _, σ_t = medium.get_scattering_coefficients(mei, inside)

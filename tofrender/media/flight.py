@@ -26,6 +26,7 @@ class Flight:
     needs_intersection: mi.Bool  # lanes whose next surface is not known
     passes_emitters: mi.Bool  # lanes that cross area lights like boundaries
     mueller: mi.Spectrum | None = None  # of null transmission along a connection
+    stops: mi.Bool | None = None  # lanes that stop at emitters on boundaries; None if none do
 
     @classmethod
     def start(

@@ -26,7 +26,7 @@ import mitsuba as mi
 
 from ..paths.protocols import Scattering, Space
 from ..paths.records import Connection, MediumPoint, Path, Vertex
-from ..paths.surfaces import Boundaries, lets_straight_through
+from ..paths.surfaces import Boundaries, is_boundary, lets_straight_through, spawn_ray
 from ..scenes.media import media_of
 from ..signals.polarisation import bsdf_to_world, intensity, multiply_throughput
 from .flight import Flight, channel_probabilities, sample_channel, value_in
@@ -62,7 +62,9 @@ class Media(Space):
         self.straight = straight and lets_straight_through(scene)
         self.has_boundaries = self.boundaries.exist or self.straight
         self.repeats = self.has_grids or self.has_boundaries
-        self.hides = hide_emitters and any(shape.is_emitter() for shape in scene.shapes())
+        shining = [shape for shape in scene.shapes() if shape.is_emitter()]
+        self.hides = hide_emitters and bool(shining)
+        self.stops = any(is_boundary(shape.bsdf()) for shape in shining)
 
     def with_phase_functions(self, surfaces: Scattering, **options: bool) -> Scattering:
         """Return phase functions in media, with the given scattering on surfaces."""
@@ -104,7 +106,23 @@ class Media(Space):
         )
         mei = medium_interaction(path.ray, dr.fma(path.ray.d, flight.distance, o), flight.medium)
         point, valid = as_surface(si, mei, scattered), scattered | si.is_valid()
-        return path, Vertex(point, dr.norm(point.p - o), valid, MediumPoint(mei, scattered))
+        in_medium = MediumPoint(mei, scattered)
+        passes = self._stopped(path, flight, si)
+        return path, Vertex(point, dr.norm(point.p - o), valid, in_medium, passes)
+
+    def _stopped(self, path: Path, flight: Flight, si: mi.SurfaceInteraction3f) -> mi.Bool | None:
+        """Return the lanes whose flight ends at an emitter on a boundary, see `Vertex.passes`."""
+        if path.passed is None:
+            return None
+        at_surface = path.active & ~flight.scattered & si.is_valid()
+        return self.boundaries.contain(si, at_surface) & si.shape.is_emitter()
+
+    def behind_emitter(self, path: Path, vertex: Vertex) -> Path:
+        """Return the path whose ray starts behind the emitter where it has stopped."""
+        ray = spawn_ray(vertex.si, path.ray.d, mi.Bool(True))
+        ray.maxt = path.ray.maxt - dr.norm(ray.o - path.ray.o)
+        medium = self.medium_behind(path, vertex, path.ray.d)
+        return replace(path, ray=ray, medium=medium, passed=dr.detach(vertex.length))
 
     @dr.syntax
     def sample_flight(
@@ -118,6 +136,9 @@ class Media(Space):
         # Fly to the first collision or surface; on through null collisions and boundaries
         passes_emitters = self.hides & (path.depth == 0)
         flight = Flight.start(path.ray, path.medium, path.active, passes_emitters)
+        if path.passed is not None:
+            flight.stops = ~flight.passes_emitters
+            flight.distance = mi.Float(path.passed)
         flight = self._intersect(flight, o, path.depth == 0)
         flight = self._fly(flight, o, channel, sampler)
         if self.repeats:
@@ -208,6 +229,8 @@ class Media(Space):
                 product = multiply_throughput(flight.mueller, factor)
                 flight.mueller = dr.select(at_surface & transmits, product, flight.mueller)
             crosses |= at_surface & transmits
+        if flight.stops is not None:
+            crosses &= ~(flight.stops & si.shape.is_emitter())
         if self.hides:
             crosses |= at_surface & flight.passes_emitters & si.shape.is_emitter()
 

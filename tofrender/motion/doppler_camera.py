@@ -168,7 +168,7 @@ def doppler_rate(measured: xr.Dataset) -> xr.DataArray:
         x = measured.attrs["cycles"] * math.pi * ratio / (1 - ratio)
     omega = 2 * math.pi * measured.attrs["frequency_hz"]
     rate = x * (2 * SPEED_OF_LIGHT / (omega * measured.attrs["exposure_s"]))
-    units = {"units": "m/s", "long_name": "rate of change of path length"}
+    units = {"units": "m/s", "long_name": "change of path length at a fixed pixel"}
     return rate.rename("rate").assign_attrs(units)
 
 

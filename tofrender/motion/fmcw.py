@@ -203,10 +203,15 @@ class Fmcw:
         (up, high), (down, other) = (self._peak(spectra[name].values) for name in ("up", "down"))
         finest_opl, finest_rate = self.resolution
         units = str(spectra["up"].attrs.get("units", "1"))
+        meaning = "change of path length of the material"
         return xr.Dataset(
             {
                 "opl": (("y", "x"), finest_opl * (up + down) / 2, {"units": "m"}),
-                "rate": (("y", "x"), finest_rate * (up - down) / 2, {"units": "m/s"}),
+                "rate": (
+                    ("y", "x"),
+                    finest_rate * (up - down) / 2,
+                    {"units": "m/s", "long_name": meaning},
+                ),
                 "peak": (("y", "x"), (high + other) / 2, {"units": units}),
             },
             {axis: spectra[axis].values for axis in "yx" if axis in spectra.coords},

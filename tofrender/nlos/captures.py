@@ -29,6 +29,9 @@ COUNTS = "photon counts per bin"
 QUANTITIES = {"radiance per bin": "W m^-2 sr^-1", COUNTS: "1"}
 """Quantities of captures, with their units."""
 
+COUNTED_ATTRIBUTES = ("quantity", "units", "mode", "start_opl", "bin_width_opl")
+"""Attributes of a result of `sense` that a capture of its counts replaces."""
+
 DEVICES = ("laser", "sensor")
 ON_WALL = "on_wall"
 _PIXELS, _LASERS = ("y", "x"), ("laser_y", "laser_x")
@@ -172,6 +175,38 @@ def dimensions(mode: str) -> dict[str, tuple[str, ...]]:
         "sensor_origin": ("xyz",),
         "laser_origin": ("xyz",),
     }
+
+
+def as_capture(dataset: Any) -> Any:
+    """Convert photon counts that `sense` measured of a capture to a capture.
+
+    Args:
+        dataset: A capture, or a result of `sense` with the geometry of a capture.
+
+    Returns:
+        A capture of photon counts. Anything else than a result of `sense` is returned unchanged.
+    """
+    variables = set(getattr(dataset, "data_vars", ()))
+    if "transient" in variables or not {"counts", "sensor_grid"} <= variables:
+        return dataset
+    mode = dataset.attrs["mode"]
+    names = [name for name in dimensions(mode) if name != "transient"]
+    if mode == "confocal":
+        names = [name for name in names if name not in ("laser_grid", "laser_normals")]
+    first_center = float(dataset["opl"].values[0])
+    width = float(dataset.attrs["bin_width_opl"])
+    about = {name: value for name, value in dataset.attrs.items() if name not in COUNTED_ATTRIBUTES}
+    return make_capture(
+        dataset["counts"].transpose("y", "x", "bin").values,
+        mode=mode,
+        start_opl=first_center - width / 2,
+        bin_width_opl=width,
+        counts_first_and_last_legs=dataset.attrs["counts_first_and_last_legs"],
+        on_wall=dataset[ON_WALL].values if ON_WALL in variables else None,
+        quantity=COUNTS,
+        attrs=about,
+        **{name: dataset[name].values for name in names},
+    )
 
 
 def check_capture(dataset: Any) -> None:

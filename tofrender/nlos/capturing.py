@@ -43,7 +43,7 @@ RENDER_ATTRIBUTES = ("pulse", "spp", "energy_outside_window", "complete")
 def capture(
     scene: mi.Scene | Mapping[str, Any] | str | os.PathLike[str],
     *,
-    mode: str = "confocal",
+    mode: str | None = None,
     grid: tuple[int, int] | None = None,
     spp: int | None = None,
     seed: int = 0,
@@ -71,8 +71,10 @@ def capture(
         scene: As for `render`. Its integrator must be a `transient_nlos_path` or, for confocal
             captures, a `confocal_transient_path`. A file, name or dict is loaded with its shapes
             apart (`optimize=False`).
-        mode: "confocal": the laser follows the pixel's point; "single": it stays where it is aimed;
-            "exhaustive": it scans the points of the same grid, for all pixels each.
+        mode: "confocal": the laser follows the pixel's point. "single": the laser stays where it is
+            aimed. "exhaustive": the laser scans the points of the grid, and all pixels observe each
+            of its spots. By default the scene decides: `capture_type` of the integrator, then
+            `confocal` of an `nlos_capture_meter`. A scene with neither gives "confocal".
         grid: Width and height of the grid [points]; by default the film's.
         spp: Samples per pixel (and laser spot); by default the sampler's.
         seed: Seed of the random numbers.
@@ -90,8 +92,8 @@ def capture(
         finished of a single or confocal one, with `complete` = 0 and `spp` as far as it got.
 
     Raises:
-        ValueError: An argument is wrong, the scene has no laser or relay wall, the laser misses it,
-            or no pixel looks at it; one line.
+        ValueError: An argument is wrong, `mode` contradicts the scene, the scene has no laser or
+            relay wall, the laser misses it, or no pixel looks at it; one line.
         KeyboardInterrupt: An exhaustive capture was stopped; one line that says how to go on.
         MemoryError: It does not fit; the message says what would.
 
@@ -104,7 +106,8 @@ def capture(
         (('y', 'x', 'opl', 'channel'), 'confocal')
     """
     backend.require_vectorised()
-    checks.one_of("mode", mode, MODES)
+    if mode is not None:
+        checks.one_of("mode", mode, MODES)
     checks.boolean("progress", progress)
     seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
     name = os.fspath(scene) if isinstance(scene, str | os.PathLike) else "scene"
@@ -115,7 +118,7 @@ def capture(
         setup = prepare_capture(
             scene, mode=mode, grid=grid, spp=spp, seed=seed, sensor=sensor, wall=relay_wall
         )
-    scene, camera, integrator = setup.scene, setup.camera, setup.integrator
+    scene, camera, integrator, mode = setup.scene, setup.camera, setup.integrator, setup.mode
     points, normals, on_wall = setup.points
     missing = on_wall.size - int(on_wall.sum())
     if missing:

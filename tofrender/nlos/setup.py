@@ -53,7 +53,7 @@ class CaptureSetup:
 
 
 def prepare_capture(
-    scene: Any, *, mode: str, grid: Any, spp: int | None, seed: int, sensor: Any, wall: Any
+    scene: Any, *, mode: str | None, grid: Any, spp: int | None, seed: int, sensor: Any, wall: Any
 ) -> CaptureSetup:
     """Load and check all that a capture needs."""
     arguments: dict[str, Any] = {"scene": scene, "mode": mode, "grid": grid, "spp": spp}
@@ -65,13 +65,10 @@ def prepare_capture(
         checks.require("grid", grid, grid is None, allowed)
     camera: Any = require_sensor(scene, sensor)
     check_scene(scene, camera, media=True)
+    mode = capture_mode(scene, camera, mode)
     integrator: Any = scene.integrator()
-    kind = type(integrator).__name__.replace("NoneType", "none")
-    if not hasattr(integrator, "capture_plan"):
-        allowed = "transient_nlos_path or confocal_transient_path"
-        raise ValueError(f"integrator = {kind}: must be {allowed}")
-    integrator.require_mode(mode)
     if is_user_defined(integrator):
+        kind = type(integrator).__name__
         problem = "has a sample of its own, which tells no path lengths"
         raise TypeError(f"integrator = {kind}: {problem}; must have none for a capture")
     samples = camera.sampler().sample_count() if spp is None else spp
@@ -82,6 +79,30 @@ def prepare_capture(
     points = wall_points(scene, camera, shapes)
     found = scene, camera, int(sensor), integrator, shapes
     return CaptureSetup(*found, mode, points, samples, seed, arguments)
+
+
+def capture_mode(scene: mi.Scene, camera: Any, mode: str | None) -> str:
+    """Return the mode of a capture: the given one, or the scene's if `mode` is None.
+
+    Raises:
+        ValueError: The scene determines another mode, or its integrator makes no captures.
+    """
+    integrator: Any = scene.integrator()
+    if not hasattr(integrator, "capture_plan"):
+        kind = type(integrator).__name__.replace("NoneType", "none")
+        allowed = "transient_nlos_path or confocal_transient_path"
+        raise ValueError(f"integrator = {kind}: must be {allowed}")
+
+    modes = integrator.capture_modes(camera)
+    if mode is None:
+        return modes[0]
+    if mode not in modes:
+        scene_modes = " or ".join(f"'{each}'" for each in modes)
+        raise ValueError(
+            f"mode = {mode!r}: the scene determines {scene_modes}, by its integrator or by "
+            "`confocal` of its sensor. Omit mode, or change the scene"
+        )
+    return mode
 
 
 def _film_size(grid: Any) -> dict[str, Any]:

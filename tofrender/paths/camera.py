@@ -9,6 +9,7 @@ import mitsuba as mi
 
 from ..runtime.interface import world_transform
 from ..signals.polarisation import sensor_frame
+from .surfaces import Wavefronts
 
 
 @dataclass
@@ -55,10 +56,12 @@ def sample_camera(
     sampler: mi.Sampler,
     pixel: mi.UInt32,
     tile: Tile | None = None,
+    scene: mi.Scene | None = None,
 ) -> CameraSample:
     """Sample one ray through each pixel, given by indices row by row in the sampled area.
 
-    The film is the sensor's own or one of the same size; else a `tile` says where it is there.
+    The film is the sensor's own or one of the same size; else a `tile` says where it is there. The
+    `scene` is needed for a `distant` sensor with a `target`.
     """
     corner = pixel_corner(film, pixel)
     centred = getattr(sensor, "looks_at_pixel_centres", False)
@@ -77,7 +80,7 @@ def sample_camera(
     ray, weight = sensor.sample_ray_differential(time, wavelength, in_crop / crop_size, aperture)
     return CameraSample(
         ray=ray,
-        origin=ray_origin(sensor, ray),
+        origin=ray_origin(sensor, ray, scene),
         weight=mi.unpolarized_spectrum(weight),
         position=corner if film.rfilter().is_box_filter() else position,
         frame=sensor_frame(sensor, ray),
@@ -93,17 +96,37 @@ def pixel_corner(film: mi.Film, pixel: mi.UInt32) -> mi.Point2f:
     return mi.Point2f(x, y) + mi.Vector2f(film.crop_offset()) - border
 
 
-def ray_origin(sensor: mi.Sensor, ray: mi.Ray3f) -> mi.Point3f:
+def ray_origin(sensor: mi.Sensor, ray: mi.Ray3f, scene: mi.Scene | None = None) -> mi.Point3f:
     """Return the point on the sensor that a camera ray comes from.
 
     Mitsuba starts the rays of its projective cameras at the near plane, so that `si.t` is short by
-    near_clip / cos(angle to the axis): 10 mm and more with the default near clip.
+    near_clip / cos(angle to the axis): 10 mm and more with the default near clip. It starts each
+    ray of a `distant` sensor with a `target` two radii of the scene before the target point, so
+    that lengths would not depend on depth. Without a target, all rays start on one plane, which
+    touches the sphere around the scene. Here that plane is the origin of both.
     """
     if not isinstance(sensor, mi.ProjectiveCamera):
-        return mi.Point3f(ray.o)
+        return _on_plane(scene, ray) if _has_target(sensor) else mi.Point3f(ray.o)
     axis = world_transform(sensor) @ mi.Vector3f(0, 0, 1)  # Scaled as near_clip is
     near_clip = mi.traverse(sensor)["near_clip"]
     return ray.o - ray.d * (near_clip * dr.squared_norm(axis) / dr.dot(ray.d, axis))
+
+
+def _has_target(sensor: mi.Sensor) -> bool:
+    """Whether a sensor is a `distant` one with a target, which only its text shows."""
+    is_distant = isinstance(sensor, mi.Sensor) and sensor.class_name() == "DistantSensorImpl"
+    return is_distant and "target = none" not in str(sensor)
+
+
+def _on_plane(scene: mi.Scene | None, ray: mi.Ray3f) -> mi.Point3f:
+    """Return the point of a ray on the plane that touches the sphere around the scene."""
+    if scene is None:
+        raise ValueError(
+            "sensor: a distant sensor with a target needs the scene. Pass `scene` as well"
+        )
+    sphere = Wavefronts.around(scene, None)
+    sphere.radius *= 1 + mi.math.RayEpsilon  # As Mitsuba's sensors do
+    return ray.o - ray.d * sphere.length(ray.o, -ray.d)
 
 
 def behind_emitters(scene: mi.Scene, ray: mi.Ray3f) -> mi.Ray3f:

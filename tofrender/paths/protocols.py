@@ -44,6 +44,7 @@ class Space(ABC):
     """Finds vertices along rays, and the transmittance of connections; by default without media."""
 
     scatters: bool = False  # whether vertices may be points of media
+    stops: bool = False  # whether rays stop at emitters on index-matched boundaries
 
     index: float  # index of refraction around the sensor
 
@@ -72,6 +73,13 @@ class Space(ABC):
     @abstractmethod
     def next_vertex(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
         """Intersect the path's ray; of the path, only throughput and current medium may change."""
+
+    def behind_emitter(self, path: Path, vertex: Vertex) -> Path:
+        """Return the path whose ray starts behind the emitter where it has stopped.
+
+        The path is as `next_vertex` has returned it. Called where `Vertex.passes` is not None.
+        """
+        raise NotImplementedError(f"{type(self).__name__} must define behind_emitter")
 
     @abstractmethod
     def transmittance(
@@ -157,6 +165,7 @@ class Endpoint(ABC):
 
     connects: bool = True  # whether there is next-event estimation at all
     finds_all: bool = True  # whether connections find all light but that of delta lobes
+    has_hits: bool = False  # whether rays may run into emitters, whose light `hit` returns
     importance: bool = False  # whether paths come from lights, and connections end on the sensor
     hide_emitters: bool = False  # whether the sensor looks through area lights
     history: HistoryUpdates | None = None  # for MIS weights that need earlier vertices
@@ -278,6 +287,11 @@ class Parts:
         self.space, self.endpoint = space, endpoint
         self.scattering, self.limits = scattering, limits
         self.motion: Velocities | None = None  # set if rates of change are wanted
+
+    @property
+    def iterations(self) -> int:
+        """Bound on the rays of a path, -1 if there is none."""
+        return -1 if self.space.stops else self.limits.iterations
 
     def with_endpoint(self, endpoint: Endpoint) -> Self:
         """Return the parts with another endpoint."""

@@ -54,6 +54,9 @@ class Path(Generic[H]):
     # rate of change of `opl`, and velocity of the last vertex [m/s]; None where no rates are wanted
     rate: mi.Float | None = None
     velocity: mi.Vector3f | None = None
+    # distance from the last vertex to where `ray` starts, if the ray has passed an emitter on an
+    # index-matched boundary, otherwise 0 [m]; None if rays do not stop at such emitters
+    passed: mi.Float | None = None
 
     @classmethod
     def start(
@@ -67,13 +70,15 @@ class Path(Generic[H]):
         frame: mi.Spectrum | None = None,
         η: float = 1.0,
         velocity: mi.Vector3f | None = None,
+        stops: bool = False,
     ) -> Path[H]:
         """Create a path that has no vertex yet.
 
         Lengths are measured from `origin`, e.g. on the lens, by default the ray's origin. History,
         guide and medium are as from `HistoryUpdates.start`, `Scattering.guide` and
         `Space.medium_at`, `frame` is the Mueller matrix into the sensor's frame; `velocity` that of
-        the origin [m/s], if rates are wanted.
+        the origin [m/s], if rates are wanted. With `stops`, rays stop at emitters on index-matched
+        boundaries, so that their light is added.
         """
         zero, no = dr.zeros(mi.Float, dr.width(ray)), dr.zeros(mi.UInt32, dr.width(ray))
         ray = mi.Ray3f(ray)
@@ -98,9 +103,11 @@ class Path(Generic[H]):
             specular_flag=1 + no,
             rate=None if velocity is None else mi.Float(zero),
             velocity=None if velocity is None else velocity + zero,
+            passed=mi.Float(zero) if stops else None,
         )
 
     active = _mask("active_flag", "lanes whose path goes on")
+    # With `hide_emitters`, null interactions do not count, as in Mitsuba
     valid_ray = _mask("valid_ray_flag", "lanes whose first ray met a surface")
     # No connection competes with such a ray
     specular = _mask("specular_flag", "lanes whose ray comes from a delta lobe or the sensor")
@@ -135,6 +142,9 @@ class Vertex:
     length: mi.Float  # distance from the last vertex, point to point [m]
     valid: mi.Bool  # lanes that met a surface, or a point that scatters
     in_medium: MediumPoint | None = None  # the medium interaction, None in scenes without media
+    # lanes in which the ray has stopped at an emitter on an index-matched boundary. The path adds
+    # the emission and follows the same ray. None if rays do not stop there
+    passes: mi.Bool | None = None
 
     @property
     def medium_point(self) -> MediumPoint:
@@ -225,7 +235,7 @@ class BSDFSample:
     guide: mi.Float | None = None  # new value of `Path.guide`
     pdf_reverse: mi.Float | None = None  # as in `BSDFEval`
     # lanes that sampled a null lobe: the path goes straight through the surface
-    null: mi.Bool | bool = False
+    null: mi.Bool = field(default_factory=lambda: mi.Bool(False))
 
 
 class Limits:

@@ -12,6 +12,10 @@ import numpy as np
 from ..runtime.interface import NORMALS, POSITIONS, make_mesh, rows, world_transform
 from ..scenes.media import BOUNDARY, PLATES
 
+NARROW = 0.00068523  # Squared sine below which Mitsuba samples the cone of a sphere otherwise
+# Extent of a scene, in radii of its smallest sphere light, from which on Mitsuba's densities may be
+# infinite. They are infinite from a distance of 4000 radii on.
+VANISHING = 500
 NORMAL_TOLERANCE = 1e-6  # 1 less the cosine between normals that count as the same
 
 
@@ -66,17 +70,23 @@ class Boundaries:
 
     def contain(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
         """Return lanes whose surface points are on one."""
-        active = active & (si.bsdf().flags() == BOUNDARY)
+        return self.have(si.bsdf(), active)
+
+    def have(self, bsdf: mi.BSDFPtr, active: mi.Bool) -> mi.Bool:
+        """Return lanes whose BSDF is that of a boundary."""
+        active = active & (bsdf.flags() == BOUNDARY)
         for plate in self._plates:
-            active &= si.bsdf() != mi.BSDFPtr(plate)
+            active &= bsdf != mi.BSDFPtr(plate)
         return active
 
 
 @dr.syntax
 def first_surface(
-    scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool | bool = True
+    scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool | bool = True, more_flags: int = 0
 ) -> mi.SurfaceInteraction3f:
     """Intersect rays with surfaces that are no index-matched boundary; `t` is from the last one.
+
+    `more_flags` are `mi.RayFlags` in addition to `All`.
 
     Example:
         >>> fog = {"type": "cube", "bsdf": {"type": "null"}}
@@ -85,13 +95,15 @@ def first_surface(
         >>> first_surface(scene, mi.Ray3f([0, 0, 5], [0, 0, -1])).p
         [[0, 0, 0]]
     """
-    si, boundaries = scene.ray_intersect(ray, mi.Bool(active)), Boundaries(scene)
+    flags = int(mi.RayFlags.All) | more_flags
+    si = scene.ray_intersect(ray, flags, False, mi.Bool(active))
+    boundaries = Boundaries(scene)
     if boundaries.exist:
         ray = mi.Ray3f(ray)
         passing = boundaries.contain(si, mi.Bool(active) & si.is_valid())
         while passing:
             ray = dr.select(passing, spawn_ray(si, ray.d, mi.Bool(True)), ray)
-            si = dr.select(passing, scene.ray_intersect(ray, passing), si)
+            si = dr.select(passing, scene.ray_intersect(ray, flags, False, passing), si)
             passing = boundaries.contain(si, passing & si.is_valid())
     return si
 
@@ -133,15 +145,70 @@ def stretched(
     return changing(element(at), active & is_on(at, shapes))
 
 
-class EmitterNormals:
-    """Geometric normals of emitters, where Mitsuba gives those of a mesh's vertices.
+class NarrowCones:
+    """Densities of directions to sphere lights that fill narrow cones.
 
-    The power of an emitter through an area has the geometric cosine. A mesh with smooth normals has
-    a flat twin without, on which a random number samples the same point.
+    Mitsuba samples such directions correctly, but computes the density 1 / (2 pi (1 - cos)) of the
+    cone in single precision, where 1 - cos cancels. With s = radius / distance, the solid angle is
+
+        2 pi s^2 / (1 + sqrt(1 - s^2)).
+
+    Lights with a texture are excluded: Mitsuba samples them by area.
+    """
+
+    def __init__(self, scene: mi.Scene) -> None:
+        emitters = scene.emitters()
+        textured = mi.EmitterFlags.SpatiallyVarying
+        spheres = np.zeros((len(emitters), 4))
+        for row, emitter in zip(spheres, emitters, strict=True):
+            shape = emitter.get_shape()
+            is_sphere = shape is not None and shape.class_name() == "Sphere"
+            if is_sphere and not mi.has_flag(emitter.flags(), textured):
+                to_world = np.array(mi.traverse(shape)["to_world"].matrix, float).reshape(4, 4)
+                row[:] = [*to_world[:3, 3], np.linalg.norm(to_world[:3, 0])]
+        self.exist = bool(np.any(spheres))
+        if not self.exist:
+            return
+        # Whether Mitsuba's densities may be infinite, so that weights do not tell the radiance
+        smallest = spheres[spheres[:, 3] > 0, 3].min()
+        self.vanish = float(dr.norm(scene.bbox().extents())) > VANISHING * smallest
+        self.spheres = mi.Float(table_of(emitters, spheres, np.float32).ravel())
+        self.total = dr.opaque(mi.Float, sum(float(each.sampling_weight()) for each in emitters))
+        dr.eval(self.spheres)
+
+    def pdf(
+        self, p: mi.Point3f, emitter: mi.EmitterPtr, active: mi.Bool
+    ) -> tuple[mi.Float, mi.Bool]:
+        """Return the density of directions from points to an emitter [1/sr].
+
+        Also returns the lanes in which the emitter is a sphere light that fills a narrow cone. The
+        density is that for the given emitter, without the probability of its choice.
+        """
+        row = number_of(emitter) * 4
+        center = mi.Point3f(*(dr.gather(mi.Float, self.spheres, row + k, active) for k in range(3)))
+        radius = dr.gather(mi.Float, self.spheres, row + 3, active)
+        sin2 = dr.square(radius) / dr.squared_norm(center - p)
+        narrow = active & (sin2 > 0) & (sin2 < NARROW)
+        pdf = (1 + dr.sqrt(1 - sin2)) / (dr.two_pi * sin2)
+        return dr.detach(dr.select(narrow, pdf, 0)), narrow
+
+    def choice(self, emitter: mi.EmitterPtr) -> mi.Float:
+        """Return the probability with which the scene chooses an emitter."""
+        return emitter.sampling_weight() / self.total
+
+
+class EmitterSamples:
+    """Direction samples of emitters, corrected where Mitsuba's densities are wrong.
+
+    There are two corrections. The power of an emitter through an area has the geometric cosine,
+    where Mitsuba uses the normals of a mesh's vertices. A mesh with smooth normals has a flat twin
+    without, on which a random number samples the same point. The other correction is that of
+    `NarrowCones`.
     """
 
     def __init__(self, scene: mi.Scene) -> None:
         self.scene, emitters = scene, scene.emitters()
+        self.cones = NarrowCones(scene)
         twins = [flat_twin(emitter.get_shape()) for emitter in emitters]
         self.twins = [twin for twin in twins if twin is not None]
         self.exist = bool(self.twins)
@@ -171,9 +238,57 @@ class EmitterNormals:
     ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
         """Sample a direction to an emitter; returns it, and radiance over density."""
         ds, weight = self.scene.sample_emitter_direction(at, u, False, active)
+        if self.cones.exist:
+            ds, weight = self._in_cone(
+                at, ds, weight, mi.Bool(active), self.cones.choice(ds.emitter)
+            )
         if not self.exist:
             return ds, weight
         return self.by_area(ds, weight, mi.Point2f(self.scene.sample_emitter(u.x)[2], u.y), active)
+
+    def sample_emitter(
+        self, emitter: mi.EmitterPtr, at: mi.Interaction3f, u: mi.Point2f
+    ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
+        """Sample a direction to an emitter; returns it, and radiance over density."""
+        ds, weight = emitter.sample_direction(at, u, True)
+        if self.cones.exist:
+            ds, weight = self._in_cone(at, ds, weight, mi.Bool(True), mi.Float(1))
+        return self.by_area(ds, weight, u)
+
+    def pdf_direction(
+        self, at: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool | bool = True
+    ) -> mi.Float:
+        """Return the density with which `sample_direction` samples a direction [1/sr]."""
+        pdf = self.scene.pdf_emitter_direction(at, ds, active)
+        if self.cones.exist:
+            in_cone, narrow = self.cones.pdf(at.p, ds.emitter, mi.Bool(active))
+            pdf = dr.select(narrow, self._scaled(pdf, in_cone * self.cones.choice(ds.emitter)), pdf)
+        return pdf
+
+    def _in_cone(
+        self,
+        at: mi.Interaction3f,
+        ds: mi.DirectionSample3f,
+        weight: mi.Spectrum,
+        active: mi.Bool,
+        choice: mi.Float,
+    ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
+        """Return a direction sample with the density of `NarrowCones` where that applies."""
+        pdf, narrow = self.cones.pdf(at.p, ds.emitter, active)
+        narrow &= ds.pdf > 0
+        pdf = self._scaled(ds.pdf, pdf * choice)
+        if self.cones.vanish:
+            radiance = ds.emitter.eval_direction(at, ds, narrow)
+        else:
+            narrow &= dr.isfinite(ds.pdf)
+            radiance = weight * ds.pdf
+        ds.pdf = dr.select(narrow, pdf, ds.pdf)
+        return ds, dr.select(narrow, radiance / pdf, weight)
+
+    def _scaled(self, pdf: mi.Float, value: mi.Float) -> mi.Float:
+        """Return a value with the relative derivative of a density, if that is finite."""
+        own = dr.detach(pdf)
+        return value * dr.select(dr.isfinite(own) & (own > 0), pdf / own, 1)
 
     def by_area(
         self, ds: mi.DirectionSample3f, weight: mi.Spectrum, u: mi.Point2f, active: mi.Bool = True

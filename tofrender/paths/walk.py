@@ -44,7 +44,7 @@ def walk(sampler: mi.Sampler, path: Path, parts: Parts, measurement: M) -> tuple
     optical path length is the sum of index of refraction times point-to-point distance. Returns the
     measurement, and the paths at their ends.
     """
-    while dr.hint(path.active, max_iterations=parts.limits.iterations, label="walk"):
+    while dr.hint(path.active, max_iterations=parts.iterations, label="walk"):
         path = step(sampler, path, parts, measurement)
     return measurement, path
 
@@ -59,10 +59,15 @@ def step(sampler: mi.Sampler, path: Path, parts: Parts, measurement: Measurement
 
     if endpoint.in_media is not None:  # After smooth vertices, `_connect_medium_around` has done it
         along_ray = path.active & path.specular
+        if path.passed is not None:  # The ray was connected when it left the last vertex
+            along_ray &= path.passed == 0
         path.not_finite = path.not_finite + _connect_medium(
             path, along_ray, parts, endpoint.in_media, measurement, sampler
         )
     path, vertex = space.next_vertex(path, sampler)
+    onwards = None
+    if vertex.passes is not None:
+        onwards = space.behind_emitter(path, vertex)
     path = scattering.complete_sample(path, vertex)
 
     # --------------- Add emission that the ray has run into -----------------
@@ -72,7 +77,9 @@ def step(sampler: mi.Sampler, path: Path, parts: Parts, measurement: Measurement
     # ------------ Stop at the maximum depth, or beyond the last bin ----------
 
     active = path.active & vertex.valid
-    path.valid_ray |= active & (path.depth == 0)
+    if vertex.passes is not None:
+        active &= ~vertex.passes
+    reached = active
     below_max_depth = active
     if limits.bounded:  # Null interactions, if they do not count, may follow the last vertex
         below_max_depth = active & (path.depth + 1 < limits.max_depth)
@@ -111,6 +118,10 @@ def step(sampler: mi.Sampler, path: Path, parts: Parts, measurement: Measurement
 
     # ------------------------- Update the path ------------------------------
 
+    if endpoint.hide_emitters:
+        path.valid_ray |= reached & ~bsdf_sample.null
+    else:
+        path.valid_ray |= reached & (path.depth == 0)
     if endpoint.history is not None:
         path.history = endpoint.history.after_sample(path, vertex, bsdf_sample)
     path.medium = space.medium_behind(path, vertex, bsdf_sample.ray.d)
@@ -144,6 +155,14 @@ def step(sampler: mi.Sampler, path: Path, parts: Parts, measurement: Measurement
     active &= ~roulette | (sampler.next_1d() < survival)
 
     path.active = active & dr.any(intensity(path.β) != 0)
+
+    # ------------ Follow the same ray behind an emitter on a boundary --------
+
+    if onwards is not None:
+        onwards.not_finite = path.not_finite
+        if not endpoint.hide_emitters:
+            onwards.valid_ray |= vertex.passes
+        path = dr.select(vertex.passes, onwards, path)
     return path
 
 

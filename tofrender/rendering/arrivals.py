@@ -80,6 +80,17 @@ class Arrivals:
         digit = 10.0 ** (math.floor(math.log10(stop - start)) - 2)
         return math.floor(start / digit) * digit, math.ceil(stop / digit) * digit
 
+    def outside(self, start_opl: float, stop_opl: float, profile: Pulse | None = None) -> float:
+        """Fraction of the energy that arrives outside a window [m], seen through `profile`."""
+        low, high = (0.0, 0.0) if profile is None else profile.support
+        inside = (self.edges[1:] + low > start_opl) & (self.edges[:-1] + high < stop_opl)
+        total = float(self.energy.sum())
+        return float(self.energy[~inside].sum()) / total if total else 0.0
+
+    def joined(self, other: Arrivals) -> Arrivals:
+        """Return the arrivals of both test renders."""
+        return Arrivals(self.edges, self.energy + other.energy, self.hits + other.hits)
+
     def between(self, start_opl: float, stop_opl: float, profile: Pulse | None = None) -> int:
         """Number of contributions in a window [m], seen through `profile`."""
         low, high = (0.0, 0.0) if profile is None else profile.support
@@ -96,7 +107,8 @@ def find_arrivals(plan: Plan, sensor: mi.Sensor, film: TransientHDRFilm, seed: i
     width, height = sampled_size(film)
     pixel = mi.UInt32(sampler.next_1d() * (width * height))
     with dr.suspend_grad():
-        camera = sample_camera(sensor, film, sampler, dr.minimum(pixel, width * height - 1))
+        pixel = dr.minimum(pixel, width * height - 1)
+        camera = sample_camera(sensor, film, sampler, pixel, scene=plan.scene)
         histogram = ArrivalHistogram()
         plan.trace(sampler, camera.ray, camera.origin, histogram)
     edges = FIRST_OPL * (LAST_OPL / FIRST_OPL) ** (np.arange(BINS + 1) / BINS)

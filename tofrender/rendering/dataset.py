@@ -156,6 +156,7 @@ def check_dataset(dataset: object) -> None:
             "dataset: has an axis stokes; must be one component, like "
             "dataset.sel(stokes='S0', drop=True)"
         )
+    require_one_render("dataset", dataset)
     found = {str(name): variable.dims for name, variable in dataset.data_vars.items()}
     known = found in (DIMS, DIMS | ERRORS, DIMS | HALVES)
     if not known or any(v.dtype != np.float32 for v in dataset.data_vars.values()):
@@ -170,6 +171,23 @@ def check_dataset(dataset: object) -> None:
         )
     first_pixel(dataset)
     check_attributes("dataset", dataset)
+
+
+def require_one_render(what: str, dataset: xr.Dataset) -> None:
+    """Refuse several renders in one Dataset: frames of an animation, records of a data set."""
+    if "transient" not in dataset:
+        return
+    for axis in dataset["transient"].dims:
+        if axis == "record":
+            raise ValueError(
+                f"{what}: has the axis 'record' of a data set. Pass the render of one record, like "
+                "datasets.render_of(dataset, 0)"
+            )
+        if axis not in (*DIMS["transient"], "stokes"):
+            raise ValueError(
+                f"{what}: has the axis {str(axis)!r}. Pass one entry of it, like "
+                f"dataset.isel({axis}=0, drop=True)"
+            )
 
 
 def check_attributes(what: str, dataset: xr.Dataset) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,16 @@ CODECS = {
     *("crc32c", "zstd", "gzip", "blosc"),
 }
 """Codecs that are read: others, like numcodecs.pickle, may run code that is in the file."""
+
+
+MOST_LABELS = 1 << 22
+"""Values of an axis, which is read when a film is opened."""
+
+MOST_BLOCKS = 1 << 22
+"""Blocks of an array, each of which has an entry in memory when a film is opened."""
+
+MOST_BLOCK_VALUES = 1 << 30
+"""Values of a block, which is read as a whole."""
 
 
 def require_zarr() -> Any:
@@ -110,20 +121,29 @@ def list_files(film: Path, arrays: Iterable[str] = DIMS | ERRORS) -> None:
 
 
 def require_whole(film: Path, listed: bool = True) -> None:
-    """Refuse a film whose files are not those that are `listed`, or have codecs of their own."""
+    """Refuse a film with other codecs, sizes that do not fit, or files that differ from its list.
+
+    Args:
+        film: Folder of a Zarr group.
+        listed: Whether the group has a list of its files.
+    """
     for file in (film / "zarr.json", *sorted(film.glob("*/zarr.json"))):
+        place = file.relative_to(film)
         try:
-            codecs = _codecs(json.loads(file.read_text()))
-            wrong = sorted(codecs - CODECS)
-        except (OSError, ValueError, TypeError, RecursionError):
+            nodes = list(_nodes(json.loads(file.read_text()), file.parent.name))
+            wrong = sorted({codec for _, node in nodes for codec in _codecs(node)} - CODECS)
+            too_large = [text for name, node in nodes for text in _too_large(name, node)]
+        except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
             raise ValueError(
-                f"path = {film}: {file.relative_to(film)} is damaged; must be as it was written"
+                f"path = {film}: {place} is damaged; must be as it was written"
             ) from None
         if wrong:
             raise ValueError(
-                f"path = {film}: {file.relative_to(film)} has the codec {checks.quote(wrong[0])}; "
+                f"path = {film}: {place} has the codec {checks.quote(wrong[0])}; "
                 f"must be one of {', '.join(sorted(CODECS))}"
             )
+        if too_large:
+            raise ValueError(f"path = {film}: {place}: {too_large[0]}")
     if not listed:
         return
     try:
@@ -138,17 +158,50 @@ def require_whole(film: Path, listed: bool = True) -> None:
         )
 
 
+def _nodes(metadata: Any, name: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield a group or an array and all nodes within, without the attributes of users.
+
+    Only a node has attributes: an array may have the name "attributes".
+    """
+    known = ("attributes", "consolidated_metadata")
+    yield name, {key: value for key, value in metadata.items() if key not in known}
+    within = metadata.get("consolidated_metadata") or {}
+    for inner, node in (within.get("metadata") or {}).items():
+        yield from _nodes(node, inner)
+
+
 def _codecs(metadata: object) -> set[str]:
     """Names of all codecs that metadata have, those within others too."""
     if isinstance(metadata, list):
         return set().union(*map(_codecs, metadata))
     if not isinstance(metadata, dict):
         return set()
-    found = _codecs([value for name, value in metadata.items() if name != "attributes"])
+    found = _codecs(list(metadata.values()))
     for name in ("codecs", "index_codecs", "storage_transformers", "compressor", "filters"):
         for each in metadata.get(name) or ():
             found.add(str(each.get("name") if isinstance(each, dict) else each))
     return found
+
+
+def _too_large(name: str, node: Mapping[str, Any]) -> Iterator[str]:
+    """Describe sizes of an array that would take gigabytes when the film is opened or read."""
+    if node["node_type"] != "array":
+        return
+    shape = [int(side) for side in node["shape"]]
+    blocks = [int(side) for side in node["chunk_grid"]["configuration"]["chunk_shape"]]
+    for codec in node["codecs"]:
+        if codec["name"] == "sharding_indexed":
+            blocks = [int(side) for side in codec["configuration"]["chunk_shape"]]
+    if len(blocks) != len(shape) or min(shape, default=0) < 0 or min(blocks, default=1) < 1:
+        raise ValueError
+    if len(shape) == 1 and shape[0] > MOST_LABELS:
+        yield f"{name} has {shape[0]} values; must have at most {MOST_LABELS}"
+    count = math.prod(-(-side // block) for side, block in zip(shape, blocks, strict=True))
+    if count > MOST_BLOCKS:
+        yield f"{name} has {count} blocks; must have at most {MOST_BLOCKS}"
+    values = math.prod(blocks)
+    if values > MOST_BLOCK_VALUES:
+        yield f"{name} has blocks of {values} values; must be at most {MOST_BLOCK_VALUES}"
 
 
 def _is_whole(file: Path, size: int, crc: int | None) -> bool:

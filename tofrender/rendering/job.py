@@ -25,7 +25,14 @@ from .arrivals import LAST_OPL, Arrivals, find_arrivals
 from .dataset import check_dataset, components_of, coordinates, require_finite, transient_dataset
 from .errors import batches_of
 from .settings import RenderSettings, is_auto
-from .window import WINDOW_OPTION, check_window, warn_of_losses, windowed_film
+from .window import (
+    ARRIVALS_SEED,
+    WINDOW_OPTION,
+    check_window,
+    enlarged,
+    warn_of_losses,
+    windowed_film,
+)
 from .work_items import WorkItem, WorkResult, render_item, whole
 
 if TYPE_CHECKING:
@@ -38,9 +45,6 @@ if TYPE_CHECKING:
 DEFAULT_SAMPLER = "padded_sobol"
 
 DENOISING = 7  # Films that the filter works on besides the one that is rendered
-
-ARRIVALS_SEED = 0
-"""Seed with which light is looked for: renders of all seeds have one window, and can be joined."""
 
 
 @dataclass
@@ -86,7 +90,7 @@ class Job:
             "start_opl": film.start_opl,
             "bin_width_opl": film.bin_width_opl,
             "pulse": str(integrator.pulse or "none"),
-            "temporal_filter": integrator.temporal_filter or "as rfilter",
+            "temporal_filter": integrator.temporal_filter or film.temporal_filter or "as rfilter",
             "sensor": self.settings.sensor,
             "integrator": type(integrator).__name__,
             "max_depth": integrator.max_depth,
@@ -223,7 +227,13 @@ def warn_of_missing(job: Job, attrs: Mapping[str, Any], stacklevel: int) -> None
     if attrs["complete"] and job.arrivals is not None:
         outside = attrs["energy_outside_window"]
         warn_of_losses(
-            job.film, outside, job.arrivals, job.profile, job.window_option, stacklevel + 1
+            job.film,
+            outside,
+            job.arrivals,
+            job.profile,
+            window_option=job.window_option,
+            automatic=is_auto(job.settings.window),
+            stacklevel=stacklevel + 1,
         )
 
 
@@ -234,7 +244,11 @@ def film_of_light(
     exposure = integrator.exposure()
     film = windowed_film(camera.film(), *settings.time_axis)
     profile = seen_pulse(film, exposure)  # Refuses what does not fit together
-    arrivals = find_arrivals(plan, camera, film, ARRIVALS_SEED)
+
+    def look(seed: int) -> Arrivals:
+        return find_arrivals(plan, camera, film, seed)
+
+    arrivals = look(ARRIVALS_SEED)
     if is_auto(settings.window):
         allowed = "must be (start, stop) in metres"
         if not arrivals.any:
@@ -242,6 +256,7 @@ def film_of_light(
         if arrivals.energy[-1] > 0:
             late = f"light arrives after more than {LAST_OPL:g} m, which no window holds"
             raise ValueError(f"window = 'auto': {late}; {allowed}")
+        arrivals = enlarged(arrivals, profile, look)
         film = windowed_film(camera.film(), arrivals.window(integrator.pulse), settings.bins)
         profile = seen_pulse(film, exposure)  # A filter's width is known when that of a bin is
         film = windowed_film(camera.film(), arrivals.window(profile), settings.bins)

@@ -92,7 +92,8 @@ def paths_of(
         sampler.set_samples_per_wavefront(spp)
         sampler.seed(seed, spp)
         pixels = dr.full(mi.UInt32, index, spp)
-        found = _Found(sample_camera(camera, camera.film(), sampler, pixels), low, high)
+        rays = sample_camera(camera, camera.film(), sampler, pixels, scene=loaded)
+        found = _Found(rays, low, high)
         found.trace(plan, sampler)
         chosen = found.chosen(loaded, count, seed)
         on_film = _on_film(camera, chosen["position"].values)
@@ -163,8 +164,13 @@ class _Found:
             dr.eval(path, *(vars(each) for each in measured.found))
             emission, *connections = measured.found
             self._add(emission)
-            self.points.append(np.array(path.prev.p).T)
-            self.lengths.append(np.array(path.opl))
+            point, length = path.prev.p, path.opl
+            if path.passed is not None:  # List emitters on boundaries that the ray has passed
+                passes = path.passed > 0
+                point = dr.select(passes, path.ray.o, point)
+                length = dr.select(passes, dr.fma(path.η, path.passed, length), length)
+            self.points.append(np.array(point).T)
+            self.lengths.append(np.array(length))
             for connection in connections:
                 self._add(connection)
         vertices, lanes, opl, radiance, ends = zip(*self._rows, strict=True)

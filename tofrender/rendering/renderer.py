@@ -18,6 +18,7 @@ from ..runtime.withheld import Withheld
 from ..scenes.checking import check_scene
 from ..scenes.loading import is_steady, load_plugin, load_scene, require_light, require_sensor
 from ..scenes.packing import packed
+from ..signals.pulses import GaussianPulse
 from .collecting import collect
 from .job import Job, dataset_of, decide, remaining
 from .settings import RenderSettings, either, is_auto
@@ -33,8 +34,8 @@ if TYPE_CHECKING:
 
     from ..integrators.base import TransientIntegrator
 
-TIME_SETTINGS = {"temporal_bins", "start_opl", "bin_width_opl", "pulse_width_opl"}
-"""Changes of a scene that say when to look."""
+WINDOW_CHANGES = {"temporal_bins", "start_opl", "bin_width_opl"}
+"""Changes of a scene, in `settings`, that set time bins."""
 
 Integrator = str | Mapping[str, object] | mi.Integrator | None
 
@@ -132,13 +133,13 @@ def render(
             sampler best; Mitsuba's samplers round to what they can do.
         seed: Seed of all random numbers. Two renders with the same seed agree to float rounding.
         size: Width and height of the picture [pixels]; by default the film's.
-        bins: Number of time bins; by default the film's, and 300 of a steady one, which turns
-            transient. If no more is said of time, it gets the window and the pulse "auto".
+        bins: Number of time bins; by default the film's. A scene whose film is steady becomes
+            transient, with 300 bins by default. Its window is "auto" by default. Its pulse is
+            "auto" if neither a window nor a pulse is given.
         start_opl: Path length where bins start [m]; by default the film's.
         bin_width: Width of a time bin [m]; by default the film's.
         window: Start and stop of all bins, path length [m]; "auto" finds what holds 99.9 % of the
-            light. It is given instead of `start_opl` and `bin_width`. With `bins`, a scene whose
-            film is steady turns transient.
+            light. It is given instead of `start_opl` and `bin_width`.
         pulse_width: Standard deviation of a Gaussian pulse [m]; "auto" takes a 128th of the window,
             unless the integrator has a pulse; by default the integrator's.
         max_depth: Longest path in segments, -1 if unlimited; by default the integrator's.
@@ -158,7 +159,8 @@ def render(
             even, and seven films more fit into memory. `raw` has the film with its noise.
         resume: A Dataset of the same render with fewer samples, stopped or complete, to go on
             from: only the samples that are missing are taken. `padded_sobol` goes on in the same
-            point set.
+            point set. With a film filter other than box, the result differs from that of one
+            render by at most a twentieth of the noise.
         checkpoint: A `Checkpoint`, or the name of its file: the film so far is kept there every
             30 s and when the render is stopped. A call with equal arguments, `spp` apart, goes on
             from it to the same result.
@@ -278,18 +280,50 @@ def make_job(
     axis: tuple[int, float, float] | None = None,
     may_be_dark: bool = False,
 ) -> Job:
-    """Decide what is rendered; `axis` and `may_be_dark` as for `decide`."""
+    """Load the scene once, and find its window and pulse.
+
+    `axis` and `may_be_dark` are as for `decide`.
+    """
     settings = with_default_window(settings)
-    if is_auto(settings.pulse_width):
-        without = make_job(replace(settings, pulse_width=None), axis, may_be_dark)
-        width = pulse_width_for(without)
-        if width is None:
-            return without
-        return make_job(replace(settings, pulse_width=width), axis, may_be_dark)
     scene, integrator = open_scene(settings)
+    if not is_auto(settings.pulse_width):
+        return _job_of(settings, scene, integrator, axis, may_be_dark)
+
+    # Find the window of a render without a pulse, and the pulse that suits this window
+    without_pulse = replace(settings, pulse_width=None)
+    job = _job_of(without_pulse, scene, integrator, axis, may_be_dark)
+    width = pulse_width_for(job)
+    if width is None:
+        return job
+
+    # Give the scene's integrator the pulse. A second load could change objects of the caller
+    _require_own_integrator(settings, integrator)
+    integrator.pulse = GaussianPulse(width)
+    with_pulse = replace(settings, pulse_width=width)
+    return _job_of(with_pulse, scene, integrator, axis, may_be_dark)
+
+
+def _job_of(
+    settings: RenderSettings,
+    scene: mi.Scene,
+    integrator: TransientIntegrator,
+    axis: tuple[int, float, float] | None,
+    may_be_dark: bool,
+) -> Job:
+    """Return the job of a loaded scene."""
     plan = integrator.plan(scene, scene.sensors()[settings.sensor])
     origin = _job_in_worker, settings.values
     return decide(plan, integrator, scene, settings, origin, axis, may_be_dark)
+
+
+def _require_own_integrator(settings: RenderSettings, integrator: TransientIntegrator) -> None:
+    """Refuse to set the pulse of an integrator that the caller put into a dict."""
+    parts = settings.scene.values() if isinstance(settings.scene, Mapping) else ()
+    if any(part is integrator for part in parts):
+        raise ValueError(
+            "pulse_width = 'auto': the integrator of the scene is a ready-made object, whose "
+            "pulse is not changed. Describe the integrator by a dict, or set its pulse"
+        )
 
 
 def _job_in_worker(axis: tuple[int, float, float], **settings: Any) -> Job:
@@ -298,23 +332,34 @@ def _job_in_worker(axis: tuple[int, float, float], **settings: Any) -> Job:
 
 
 def with_default_window(settings: RenderSettings) -> RenderSettings:
-    """Add bins and a pulse that suit the light of a steady scene, if none are given.
+    """Add what is missing of the time axis of a steady scene.
 
-    They are "auto" until they are found.
+    The number of bins is 300 by default, the window is "auto". The pulse is "auto" if neither
+    a window nor a pulse is given.
     """
-    given = (settings.start_opl, settings.bin_width, settings.window, settings.pulse_width)
-    if any(value is not None for value in given) or TIME_SETTINGS & set(settings.settings or ()):
+    changes = set(settings.settings or ())
+    if changes & WINDOW_CHANGES or not _is_steady(settings):
         return settings
+    has_start = settings.start_opl is not None
+    has_width = settings.bin_width is not None
+    if has_start != has_width:
+        return settings  # Refused when the scene is loaded, by a message that names the other
+    settings = replace(settings, bins=settings.bins or BINS)
+    if has_start or settings.window is not None:
+        return settings
+    settings = replace(settings, window="auto")
+    has_pulse = settings.pulse_width is not None or "pulse_width_opl" in changes
+    is_fixed = isinstance(settings.scene, mi.Scene) or not isinstance(
+        settings.integrator, str | Mapping | None
+    )
+    return settings if has_pulse or is_fixed else replace(settings, pulse_width="auto")
+
+
+def _is_steady(settings: RenderSettings) -> bool:
+    """Whether the films of a scene, loaded or not, have no time bins."""
     if isinstance(settings.scene, mi.Scene):
-        films = {sensor.film().class_name() for sensor in settings.scene.sensors()}
-        steady, pulse = films == {"HDRFilm"}, None
-    else:
-        made = not isinstance(settings.integrator, str | Mapping | None)
-        steady = is_steady(settings.scene, settings.define or {})
-        pulse = None if made else "auto"
-    if not steady:
-        return settings
-    return replace(settings, window="auto", pulse_width=pulse, bins=settings.bins or BINS)
+        return {sensor.film().class_name() for sensor in settings.scene.sensors()} == {"HDRFilm"}
+    return is_steady(settings.scene, settings.define or {})
 
 
 def open_scene(settings: RenderSettings) -> tuple[mi.Scene, TransientIntegrator]:

@@ -21,7 +21,7 @@ import numpy as np
 from ..runtime import atomic, checks
 from ..runtime.progress import status
 from .dataset import DIMS, ERRORS, check_dataset, in_channels, of_intensity, plain_attributes
-from .films_on_disk import checksum, list_files, load_zarr, require_zarr
+from .films_on_disk import checksum, list_files, load_zarr, require_whole, require_zarr
 from .labels import TIME, labels_of
 from .reduced import relabelled
 from .tiling import tile_size
@@ -68,6 +68,7 @@ class Store:
         plan = json.loads(json.dumps(dict(plan) | {"shape": shape, "tile": tile, "errors": errors}))
         found = cls.planned(folder)
         if found:
+            require_whole(folder / FILM, listed=False)
             for name, value in plan.items():
                 if found.get(name) != value:
                     raise ValueError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from ..films.image import require_resolved, time_bins, transient_film
@@ -17,8 +18,18 @@ if TYPE_CHECKING:
     from ..signals.pulses import Pulse
     from .job import Job
 
+CHECK_HITS = 1 << 12
+"""Contributions that check an automatic window, fewer if the scene has so little light."""
+
+CHECK_RENDERS = 16  # Most test renders in one check of an automatic window
+CHECKS = 4  # Most times that an automatic window is checked and enlarged
+UNCONFIRMED = LOST_ENERGY / 2  # Fraction of the energy outside from which on a window is enlarged
+
 MANY_HITS = 250
 """Contributions near an empty window from which on chance cannot explain that it is empty."""
+
+ARRIVALS_SEED = 0
+"""Seed with which light is looked for: renders of all seeds have one window, and can be joined."""
 
 BINS = 300  # Bins of a scene that has none
 WINDOW_OPTION = "`window='auto'`"  # Setting that finds a better window, for warnings
@@ -57,7 +68,7 @@ def check_window(film: TransientHDRFilm, arrivals: Arrivals, profile: Pulse | No
     start, stop = film.start_opl, film.end_opl()
     if not arrivals.any:
         warnings.warn(
-            f"no light found on {PATHS} test paths: the picture may be black", stacklevel=4
+            f"no light found on {PATHS} test paths: the picture may be black", stacklevel=5
         )
         return
     if arrivals.between(start, stop, profile):
@@ -71,8 +82,38 @@ def check_window(film: TransientHDRFilm, arrivals: Arrivals, profile: Pulse | No
     warnings.warn(
         f"none of {PATHS} test paths arrives between {start:g} m and {stop:g} m: the bins may stay "
         f"empty; light was found from {first:g} m to {last:g} m",
-        stacklevel=4,
+        stacklevel=5,
     )
+
+
+def enlarged(
+    arrivals: Arrivals, profile: Pulse | None, look: Callable[[int], Arrivals]
+) -> Arrivals:
+    """Return arrivals whose window is confirmed by further test renders.
+
+    One test render can miss light that few paths bring. While much of the energy of other test
+    renders is outside the window, their light is added, which enlarges the window.
+
+    Args:
+        arrivals: Light that the first test render found.
+        profile: Pulse that the film sees light with.
+        look: Function that makes the test render of a seed.
+    """
+    seed = ARRIVALS_SEED
+    for _ in range(CHECKS):
+        # Look for light until there is enough to check the window with
+        check = look(seed := seed + 1)
+        for _ in range(CHECK_RENDERS - 1):
+            if check.hits.sum() >= CHECK_HITS:
+                break
+            check = check.joined(look(seed := seed + 1))
+
+        # Is the light within the window?
+        start, stop = arrivals.window(profile)
+        if check.outside(start, stop, profile) <= UNCONFIRMED:
+            break
+        arrivals = arrivals.joined(check)
+    return arrivals
 
 
 def warn_of_losses(
@@ -81,19 +122,29 @@ def warn_of_losses(
     arrivals: Arrivals | None = None,
     profile: Pulse | None = None,
     window_option: str = WINDOW_OPTION,
+    automatic: bool = False,
     stacklevel: int = 4,
 ) -> None:
-    """Say when light is missing, which window would hold it if that is known, and what says so."""
-    if outside > LOST_ENERGY:
-        better = "another one may hold it"
-        if arrivals is not None:
-            first, last = arrivals.window(profile)
-            better = f"{first:g} to {last:g} m would hold 99.9 %"
-        warnings.warn(
-            f"{100 * outside:.1f} % of the energy arrives outside the window {film.start_opl:g} to "
-            f"{film.end_opl():g} m; {better} ({window_option})",
-            stacklevel=stacklevel,
-        )
+    """Warn if light is missing, and name a better window or the setting that finds one.
+
+    `automatic` says that this setting has found the window.
+    """
+    if outside <= LOST_ENERGY:
+        return
+    start, stop = film.start_opl, film.end_opl()
+    remedy = f"another one may hold it ({window_option})"
+    if automatic:
+        more = 0.5 * (stop - start)
+        earlier = max(start - more, min(start, 0.0))
+        remedy = f"set `window` to a wider one, for example {earlier:g} to {stop + more:g} m"
+    elif arrivals is not None:
+        first, last = arrivals.window(profile)
+        remedy = f"{first:g} to {last:g} m would hold 99.9 % ({window_option})"
+    warnings.warn(
+        f"{100 * outside:.1f} % of the energy arrives outside the window {start:g} to {stop:g} m; "
+        f"{remedy}",
+        stacklevel=stacklevel,
+    )
 
 
 def pulse_width_for(job: Job) -> float | None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import mitsuba as mi
 import numpy as np
 
-from ..films.image import pixels_of, transient_film
+from ..films.image import transient_film
 from ..integrators.passes import SampleRange, steps
 from ..integrators.plan import Plan
 from ..integrators.running import UNIT, interrupted, run
@@ -215,11 +215,15 @@ def _film_of(film: TransientHDRFilm, item: WorkItem) -> tuple[TransientHDRFilm, 
     rfilter = film.rfilter()
     reach = 0 if rfilter.is_box_filter() or film.sample_border() else rfilter.border_size()
     y, x = max(0, item.y - reach), max(0, item.x - reach)
-    own: Any = pixels_of(film) | {
-        "height": min(height, item.y + item.height + reach) - y,
-        "width": min(width, item.x + item.width + reach) - x,
+    rows = min(height, item.y + item.height + reach) - y
+    columns = min(width, item.x + item.width + reach) - x
+    own = {
+        "width": columns,
+        "height": rows,
+        "crop_width": columns,
+        "crop_height": rows,
+        "crop_offset_x": 0,
+        "crop_offset_y": 0,
     }
-    for name in ("crop_width", "crop_height", "crop_offset_x", "crop_offset_y"):
-        del own[name]
-    small = mi.load_dict({"type": "hdrfilm"} | own)
-    return transient_film(small, bins, film.start_opl, film.bin_width_opl), Tile(x, y, film)
+    small = transient_film(film, bins, film.start_opl, film.bin_width_opl, **own)
+    return small, Tile(x, y, film)

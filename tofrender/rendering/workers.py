@@ -23,6 +23,7 @@ import mitsuba as mi
 
 from ..runtime import backend, checks
 from ..runtime.backend import versions
+from ..runtime.child_processes import safe_children
 from ..scenes.packing import packed, unpacked
 from .settings import MAX_WORKERS, SETTINGS
 from .store import Receipt, Store
@@ -116,6 +117,8 @@ def local_workers(count: int, threads: int | None = None) -> Iterator[Client]:
     }
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(settings))
+        # The workers, their tracker, and workers that start again later
+        stack.enter_context(safe_children())
         try:
             cluster = distributed.LocalCluster(
                 n_workers=count,

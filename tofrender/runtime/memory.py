@@ -73,11 +73,6 @@ def require_film(
     """Raise a MemoryError for a film that does not fit `copies` times, with what would fit."""
     size = film_bytes(height, width, temporal_bins, channels)
     part = _part_that_fits(size, copies)
-    if part < 1:
-        import drjit as dr
-
-        dr.flush_malloc_cache()
-        part = _part_that_fits(size, copies)
     if part >= 1:
         return
     bins, side = int(part * temporal_bins), math.sqrt(part)
@@ -90,8 +85,30 @@ def require_film(
     )
 
 
+def require_array(what: str, count: int, copies: float) -> None:
+    """Raise a MemoryError if an array of `count` floats does not fit `copies` times."""
+    size = 4 * count
+    part = _part_that_fits(size, copies)
+    if part < 1:
+        raise MemoryError(
+            f"{what}: takes {copies * size / 2**30:.1f} GiB, must be at most "
+            f"{part * copies * size / 2**30:.1f} GiB"
+        )
+
+
 def _part_that_fits(size: int, copies: float) -> float:
     """Fraction of a film of `size` bytes that fits; 1 or more if all of it does."""
+    part = _part_in_free_memory(size, copies)
+    if part < 1:
+        import drjit as dr
+
+        dr.flush_malloc_cache()
+        part = _part_in_free_memory(size, copies)
+    return part
+
+
+def _part_in_free_memory(size: int, copies: float) -> float:
+    """Fraction that fits without the memory that Dr.Jit keeps for later arrays."""
     part = min(max(0, available() - RESERVE) / (copies * size), MAX_FLOATS * 4 / size)
     left = (address_space()[1] - RESERVE) // math.ceil(copies)
     # Dr.Jit maps the next power of two of bytes, and touches what it needs

@@ -9,6 +9,7 @@ Everything else in the package works in any vectorised variant as it is.
 import importlib
 import re
 import sys
+from collections.abc import Collection
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -96,6 +97,14 @@ def qualified_name(plugin_name: str) -> str:
     return f"tofrender_{plugin_name}" if ours else plugin_name
 
 
+_left_out: set[str] = set()
+
+
+def leave_out(names: Collection[str]) -> None:
+    """Choose native plugins that this process must not load; call it before a variant is active."""
+    _left_out.update(names)
+
+
 @cache
 def load_native_plugins() -> frozenset[str]:
     """Load Mitsuba's native plugins from its package's folder, and return their names.
@@ -106,7 +115,7 @@ def load_native_plugins() -> frozenset[str]:
 
     untyped: Any = mi  # the stubs of these functions are not callable
     before, package = untyped.file_resolver(), Path(mi.__file__).parent
-    names = frozenset(each.stem for each in (package / "plugins").iterdir())
+    names = frozenset(each.stem for each in (package / "plugins").iterdir()) - _left_out
     only = mi.FileResolver()
     only.clear()
     only.append(str(package))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -12,10 +11,11 @@ import mitsuba as mi
 from ..integrators.plan import Plan
 from ..nlos.light.laser_spot import LaserSpot, Spot, scatter_beam
 from ..nlos.light.scan import Scan
+from ..paths.delta_lobes import DeltaLobes, Wavefront
 from ..paths.protocols import Endpoint, HistoryUpdates, Parts, Space
 from ..paths.records import BSDFEval, BSDFSample, Connection, Limits, Path, Vertex
 from ..paths.scattering import Materials
-from ..paths.surfaces import has_lobes, materials
+from ..paths.surfaces import has_lobes, materials, spawn_ray
 from ..paths.walk import walk
 from ..runtime import checks
 from ..signals.illuminants import white
@@ -45,106 +45,98 @@ def sample_cone(axis: mi.Vector3f, u: mi.Point2f, half_angle: float) -> mi.Vecto
 
 
 @dataclass
-class Wavefront:
-    """History of a beam on its way: its light, and its ray differentials to both sides."""
+class Beam:
+    """History of a beam on its way: its light, and its wavefront."""
 
     light: mi.UnpolarizedSpectrum  # throughput of the way out, which shares the lobes chosen back
-    p1: mi.Vector3f  # differentials of the point by the direction at the start [m/rad]
-    p2: mi.Vector3f
-    d1: mi.Vector3f  # differentials of the direction
-    d2: mi.Vector3f
+    front: Wavefront
 
 
-class WavefrontUpdates(HistoryUpdates[Wavefront]):
-    """Ray differentials on straight ways and at delta lobes (Igehy, SIGGRAPH 1999)."""
+class BeamUpdates(HistoryUpdates[Beam]):
+    """Light and ray differentials on straight ways and at delta lobes."""
 
     def __init__(self, scene: mi.Scene, ray: mi.Ray3f) -> None:
         self.scene, self.ray = scene, ray
 
-    def start(self) -> Wavefront:
-        """Create the wavefront at the start of the rays."""
-        across, zero = mi.Frame3f(self.ray.d), dr.zeros(mi.Vector3f, dr.width(self.ray))
+    def start(self) -> Beam:
+        """Create the beam at the start of the rays."""
         light = white(self.ray.wavelengths) + dr.zeros(mi.Float, dr.width(self.ray))
-        return Wavefront(light, zero, mi.Vector3f(zero), across.s + zero, across.t + zero)
+        return Beam(light, Wavefront.start(self.ray.d + dr.zeros(mi.Float, dr.width(self.ray))))
 
-    def at_vertex(self, path: Path[Wavefront], vertex: Vertex, active: mi.Bool) -> Wavefront:
+    def at_vertex(self, path: Path[Beam], vertex: Vertex, active: mi.Bool) -> Beam:
         """Spread the wavefront over the segment to a vertex."""
-        front, length = path.history, vertex.length
-        p1, p2 = dr.fma(front.d1, length, front.p1), dr.fma(front.d2, length, front.p2)
-        return replace(front, p1=p1, p2=p2)
+        return Beam(path.history.light, path.history.front.spread(vertex.length))
 
-    def after_sample(
-        self, path: Path[Wavefront], vertex: Vertex, bsdf_sample: BSDFSample
-    ) -> Wavefront:
+    def after_sample(self, path: Path[Beam], vertex: Vertex, bsdf_sample: BSDFSample) -> Beam:
         """Bend the wavefront at a delta lobe; light is not compressed as radiance is."""
-        front, sample = path.history, bsdf_sample
-        p1, d1 = self._bend(front.p1, front.d1, path, sample)
-        p2, d2 = self._bend(front.p2, front.d2, path, sample)
-        weight = mi.unpolarized_spectrum(sample.weight) * (sample.pdf * sample.η**2)
-        return Wavefront(front.light * weight, p1, p2, d1, d2)
-
-    def _bend(
-        self, p: Any, v: Any, path: Path, sample: BSDFSample
-    ) -> tuple[mi.Vector3f, mi.Vector3f]:
-        """Return differentials of point and direction behind a delta lobe."""
-        flags, d = mi.RayFlags.All | mi.RayFlags.dNSdUV, path.ray.d
+        beam, sample = path.history, bsdf_sample
+        flags = mi.RayFlags.All | mi.RayFlags.dNSdUV
         si = self.scene.ray_intersect(path.ray, flags, False, path.active)
-        # Move along the ray onto the surface, and find how its normal changes there
-        p = p - d * (dr.dot(p, si.n) / dr.dot(d, si.n))
-        uu, uv, vv = (
-            dr.squared_norm(si.dp_du),
-            dr.dot(si.dp_du, si.dp_dv),
-            dr.squared_norm(si.dp_dv),
-        )
-        pu, pv, area2 = dr.dot(p, si.dp_du), dr.dot(p, si.dp_dv), uu * vv - uv * uv
-        dn = (si.dn_du * (vv * pu - uv * pv) + si.dn_dv * (uu * pv - uv * pu)) / area2
-        side = -dr.sign(dr.dot(si.sh_frame.n, d))
-        n, dn = mi.Vector3f(si.sh_frame.n) * side, mi.Vector3f(dn) * side
-        # Differentiate d + 2 c n, or η d + (η c - c') n with the cosines c and c'
-        c, out, η = -dr.dot(d, n), -dr.dot(sample.ray.d, n), 1 / sample.η
-        dc = -dr.dot(v, n) - dr.dot(d, dn)
-        refracted = η * v + (η * c - out) * dn + η * dc * (1 - η * c / out) * n
-        return p, dr.select(out < 0, v + 2 * (dc * n + c * dn), refracted)
+        front = beam.front.bend(si, path.ray.d, sample.ray.d, sample.η)
+        weight = mi.unpolarized_spectrum(sample.weight) * (sample.pdf * sample.η**2)
+        return Beam(beam.light * weight, front)
 
 
 class Receiver(Endpoint):
-    """Lidar's receiver: the first vertex that is no delta lobe is seen on the light's own way.
+    """Lidar's receiver: smooth lobes are seen on the light's own way, by delta lobes before.
 
     The way back has the length, the lobes and, but for media, the transmittance of the way there.
     """
 
-    history: WavefrontUpdates
+    history: BeamUpdates
 
     def __init__(self, scene: mi.Scene, ray: mi.Ray3f, origin: mi.Point3f, blocked: bool) -> None:
-        self.history, self.origin, self.blocked = WavefrontUpdates(scene, ray), origin, blocked
+        self.history, self.origin, self.blocked = BeamUpdates(scene, ray), origin, blocked
 
     def connect(
-        self, vertex: Vertex, path: Path[Wavefront], sampler: mi.Sampler, active: mi.Bool
+        self, vertex: Vertex, path: Path[Beam], sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
         """Connect a vertex to the receiver, with light over the wavefront's area."""
-        front, d = path.history, path.ray.d
-        area = dr.abs(dr.dot(dr.cross(front.p1, front.p2), d))
-        back = Connection(self.origin, -d, front.light / area, path.opl / path.η, active)
+        beam, d = path.history, path.ray.d
+        area = beam.front.area(d)
+        back = Connection(self.origin, -d, beam.light / area, path.opl / path.η, active)
         back.unoccluded = mi.Bool(not self.blocked)
         return back
 
 
 class MirrorsAndGlass(Materials):
-    """Materials whose paths end at the first vertex that is no delta lobe."""
+    """Materials whose paths follow delta lobes only, also of surfaces that have smooth lobes."""
+
+    def __init__(self, scene: mi.Scene) -> None:
+        super().__init__(scene)
+        self.lobes = DeltaLobes(scene)
+        with_lobes = [bsdf for bsdf in materials(scene) if DeltaLobes.set_of(bsdf)]
+        self.has_mixtures = any(mi.has_flag(b.flags(), mi.BSDFFlags.Smooth) for b in with_lobes)
 
     def sample(
         self, vertex: Vertex, connection: Connection | None, sampler: mi.Sampler, active: mi.Bool
     ) -> tuple[BSDFEval | None, BSDFSample]:
         """Sample delta lobes, and evaluate a connection if there is one."""
-        _, sample = super().sample(vertex, None, sampler, active & ~self.smooth(vertex))
+        smooth = self.smooth(vertex)
+        _, sample = super().sample(vertex, None, sampler, active & ~smooth)
+        if self.has_mixtures:
+            # A BSDF would choose among all of its lobes
+            mixed = active & smooth
+            lobe = self.lobes.sample(vertex.si, sampler.next_1d(), mixed)
+            mixed &= dr.any(lobe.f > 0)
+            ray = spawn_ray(vertex.si, lobe.direction, mi.Bool(True))
+            weight = mi.Spectrum(lobe.f / lobe.probability)
+            sample = replace(
+                sample,
+                ray=dr.select(mixed, ray, sample.ray),
+                weight=dr.select(mixed, weight, sample.weight),
+                pdf=dr.select(mixed, lobe.probability, sample.pdf),
+                η=dr.select(mixed, lobe.η, sample.η),
+                specular=sample.specular | mixed,
+            )
         return self.eval_connection(vertex, connection), sample
 
 
 class LidarPlan(Plan):
     """Laser and receiver with one cone, of the solid angle W, around each ray's `d_x`.
 
-    A pulse has 1/W of its energy per steradian. Its light that returns on its own way, from the
-    first vertex that is no delta lobe, contributes with the wavefront's area A per solid angle
+    A pulse has 1/W of its energy per steradian. Its light that returns on its own way, from smooth
+    lobes behind any number of delta lobes, contributes with the wavefront's area A per solid angle
 
         W (1/W) f cos / A   [1/m^2 of the aperture],   A = r^2 on a straight way.
 

@@ -3,13 +3,17 @@
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from ..runtime import checks
-from ..sensors.estimators import echoes
+from ..sensors.echo_detection import choices, find_echoes
+from ..sensors.histograms import Returns
 from ..sensors.rates import generator
 from ..sensors.spad import Spad
 from ..signals.pulses import GaussianPulse
+
+BLOCK = 1 << 20  # Bins of the shots that are treated at once
 
 
 def point_cloud(
@@ -30,7 +34,9 @@ def point_cloud(
         detector: A `Spad`; None for one that counts all photons.
         response: Of pulse and detector, as for `echoes`; None for the pulse.
         max_returns: Echoes per shot, 1 to 15; the strongest are kept.
-        false_alarm: Bound of the probability of a false echo in a shot, see `echoes`.
+        false_alarm: Probability of a false echo in a shot, see `echoes`. The background is that of
+            the waveforms. It is estimated from the counts if the detector has afterpulses or hot
+            pixels. With few pulses, dead time makes false echoes rarer than asked.
         seed: Seed of the noise.
 
     Returns:
@@ -53,22 +59,61 @@ def point_cloud(
     for name in ("macro_pixel", "crosstalk_probability") if detector else ():
         value, default = getattr(detector, name), getattr(Spad, name)
         checks.require(f"detector: {name}", value, value == default, f"{default}, of single shots")
-    most, random = checks.integer("max_returns", max_returns, 1, 15), generator(seed)
+    most = checks.integer("max_returns", max_returns, 1, 15)
+    false_alarm = checks.number("false_alarm", false_alarm, positive=True, high=0.5)
     pulses = checks.integer("pulses", pulses, 1, (1 << 31) - 1)
     film = waveforms[["rate", "background"]].rename(shot="y").expand_dims(x=1)
     film = film.transpose("y", "x", "bin")
-    if detector is None:
-        counts = film.assign(counts=film["rate"].copy(data=random.poisson(film["rate"] * pulses)))
-    else:
-        counts = detector.histogram(film, pulses, seed)
     pulse = GaussianPulse(waveforms.attrs["pulse_width_opl"]) if response is None else response
-    found = echoes(counts, pulse, false_alarm).to_dataframe()
+
+    # Count photons and find echoes in blocks of shots, so that memory does not grow
+    random = generator(seed)
+    draws = choices(seed, film.sizes["y"])
+    background = _background(film, pulses, detector)
+    measured = None if detector is None else detector.histogram(film, pulses, seed)
+    step = max(1, BLOCK // film.sizes["bin"])
+    tables = []
+    for start in range(0, film.sizes["y"], step):
+        rows = slice(start, start + step)
+        block = film.isel(y=rows)
+        if measured is None:
+            drawn = random.poisson(block["rate"] * pulses)
+            counts = block.assign(counts=block["rate"].copy(data=drawn))
+        else:
+            counts = measured.isel(y=rows)
+        data = Returns(counts, pulse, None, None)
+        own = None if background is None else background[rows]
+        table = find_echoes(data, false_alarm, own, draws[rows])
+        tables.append(table.assign(y=table["y"] + start))
+    found = pd.concat(tables, ignore_index=True)
+
+    # Keep the strongest echoes of each shot
     found = found[found.groupby("y")["intensity"].rank("first", ascending=False) <= most]
     numbers, shot = found.groupby("y")["number"], found["y"].to_numpy()
     columns = {"range": found["depth"], "intensity": found["intensity"], "width": found["width"]}
     columns["return_number"] = (numbers.cumcount() + 1).astype(np.uint8)
     columns["number_of_returns"] = numbers.transform("size").astype(np.uint8)
     return _points(waveforms, shot, columns).assign_attrs(pulses=pulses)
+
+
+def _background(film: xr.Dataset, pulses: int, detector: Spad | None) -> np.ndarray | None:
+    """Return the expected background counts (y, x) per bin of shots, None if it is not known.
+
+    Behind a detector with dead time, the background depends on the bin. The largest value is used,
+    so that false alarms are at most as frequent as asked.
+    """
+    per_pulse = film["background"].transpose("y", "x").values
+    if detector is None:
+        return per_pulse * pulses
+    if detector.interactions() or detector.hot_fraction:
+        return None
+
+    # Most shots have the same background
+    values, which = np.unique(per_pulse, return_inverse=True)
+    dark = film.isel(y=np.zeros(values.size, int)).assign(background=(("y", "x"), values[:, None]))
+    dark = dark.assign(rate=(dark["background"] + 0 * dark["rate"]).transpose("y", "x", "bin"))
+    counts = detector.expected(dark, pulses)["counts"].max("bin").values
+    return counts.ravel()[which].reshape(per_pulse.shape)
 
 
 def true_points(waveforms: xr.Dataset) -> xr.Dataset:

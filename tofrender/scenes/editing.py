@@ -119,6 +119,7 @@ def _change_film(film: Any, settings: Mapping[str, Any]) -> bool:
                 f"transient, give {' and '.join(f'`{each}`' for each in missing)} too"
             )
         replace_plugin(film, TRANSIENT_FILM, FILM_KEPT)
+        film.props["temporal_filter"] = "box"  # Its filter reconstructs the picture, not the time
     for setting, value in settings.items():
         film.props[setting] = value
     return to_transient

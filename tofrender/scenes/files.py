@@ -1,8 +1,9 @@
-"""Refuse files that would crash Mitsuba: XML nested too deeply, PLY faces without vertices.
+"""Refuse files on which Mitsuba crashes or hangs: nested XML, PLY faces without vertices.
 
 Other errors in files are left to Mitsuba.
 """
 
+import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,12 +13,14 @@ from xml.parsers import expat
 import mitsuba as mi
 import numpy as np
 
+from ..runtime import checks
 from ..runtime.plugins import require_safe_type
 
 MAX_NESTING = 200
 """Most nested tags or dicts; Mitsuba's parser recurses for each until the stack overflows."""
 
 MAX_INCLUDES = 15  # Most nested includes that Mitsuba reads
+MAX_INCLUDED = 1000  # Most files that a scene includes, each counted as often as it is included
 
 _PLY_TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
@@ -27,11 +30,30 @@ _PLY_TYPES = {
 _HEADER = re.compile(rb"\Aply\s.*?\bend_header\r?\n", re.DOTALL)
 
 
-def require_shallow_xml(path: Path, parameters: Mapping[str, str], includes: int = 0) -> None:
-    """Refuse an XML file, or one that it includes, with tags nested too deeply or a second root."""
+def require_shallow_xml(path: Path, parameters: Mapping[str, str]) -> None:
+    """Refuse an XML file that Mitsuba's parser would crash or hang on, by itself or its includes.
+
+    Such a file has tags nested too deeply, a second root, an include of itself, or too many
+    includes.
+    """
+    _require_shallow(path, parameters, (), [])
+
+
+def _require_shallow(
+    path: Path, parameters: Mapping[str, str], owners: tuple[Path, ...], included: list[Path]
+) -> None:
+    """Check one file of a scene, and the files that it includes.
+
+    Args:
+        path: The file.
+        parameters: Values of the names that start with $.
+        owners: Files that include this one, the outermost first.
+        included: All files that were included so far, to which this function adds.
+    """
     depth = 0
     known = dict(parameters)
     reader = expat.ParserCreate()
+    chain = (*owners, path.resolve())
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         nonlocal depth
@@ -43,21 +65,40 @@ def require_shallow_xml(path: Path, parameters: Mapping[str, str], includes: int
             )
         if tag == "default":
             known.setdefault(attributes.get("name", ""), attributes.get("value", ""))
-        if tag == "include" and includes < MAX_INCLUDES:
-            name = attributes.get("filename", "")
-            name = re.sub(r"\$(\w+)", lambda found: known.get(found[1], found[0]), name)
-            inner = resolved_path(name)
-            if inner.is_file():
-                require_shallow_xml(inner, known, includes + 1)
+        if tag == "include" and attributes.get("filename"):
+            include(attributes["filename"])
+
+    def include(filename: str) -> None:
+        # Find the file; one that does not exist is left to Mitsuba's message
+        name = re.sub(r"\$(\w+)", lambda found: known.get(found[1], found[0]), filename)
+        inner = resolved_path(str(checks.path("include: filename", name)))
+        if not inner.is_file():
+            return
+
+        # Refuse includes without end
+        if inner.resolve() in chain:
+            raise ValueError(
+                f"scene = {str(chain[0])!r}: {inner.name} includes itself, in line "
+                f"{reader.CurrentLineNumber} of {path.name}. Remove that <include>"
+            )
+        included.append(inner)
+        if len(included) > MAX_INCLUDED:
+            raise ValueError(
+                f"scene = {str(chain[0])!r}: includes more than {MAX_INCLUDED} files. Use fewer "
+                "<include> tags"
+            )
+        if len(chain) <= MAX_INCLUDES:
+            _require_shallow(inner, known, chain, included)
 
     def end(_tag: str) -> None:
         nonlocal depth
         depth -= 1
 
-    reader.StartElementHandler, reader.EndElementHandler = start, end
+    reader.StartElementHandler = start
+    reader.EndElementHandler = end
     try:
-        with path.open("rb") as file:
-            reader.ParseFile(file)
+        # `ParseFile` reads small blocks, and reads a long attribute again for each of them
+        reader.Parse(path.read_bytes(), True)
     except expat.ExpatError as error:
         if error.code == expat.errors.codes[expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT]:
             raise ValueError(
@@ -65,6 +106,18 @@ def require_shallow_xml(path: Path, parameters: Mapping[str, str], includes: int
                 "scene"
             ) from None
         return  # Mitsuba says what is wrong, and where
+
+
+def require_utf8(name: str, text: str | os.PathLike[str]) -> None:
+    """Refuse a path or text that is not valid UTF-8, which Mitsuba cannot read."""
+    text = os.fspath(text)
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise ValueError(
+            f"{name} = {text!r}: is not valid UTF-8, which Mitsuba cannot read. Rename the file or "
+            "the folder"
+        ) from None
 
 
 def require_readable_dict(description: Mapping[str, Any]) -> None:
@@ -75,6 +128,8 @@ def require_readable_dict(description: Mapping[str, Any]) -> None:
         for name, value in values:
             if value is None:
                 raise ValueError(f"{name} = None: must have a value, or be left out")
+            if isinstance(value, str):
+                require_utf8(name, value)
             if isinstance(value, str) and name.rpartition(".")[2] == "type":
                 require_safe_type(value)
                 if value == "resources" and name.count(".") != 1:

@@ -6,6 +6,7 @@ and the parser instantiates the nodes.
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Iterator, Mapping
@@ -15,6 +16,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Unpack
 from xml.etree import ElementTree
 
+import drjit as dr
 import mitsuba as mi
 
 from ..runtime import checks, plugins
@@ -25,7 +27,7 @@ from . import BUILT_IN
 from .checking import require_inverse
 from .compatibility import translate_names
 from .editing import STEADY_FILM, change, name_shapes, qualify_plugins
-from .files import require_indices, require_readable_dict, require_shallow_xml
+from .files import require_indices, require_readable_dict, require_shallow_xml, require_utf8
 from .fingerprint import describe, remember_description
 from .motion import moving, take_motions
 from .nodes import is_kind
@@ -35,6 +37,12 @@ parser: Any = mi.parser
 
 PACKAGED = {"scenes": "scenes/xml", "docs/datasets": "datasets/examples"}
 """Folders of a checkout, and where the package has their files."""
+
+POINTS: dict[str, dict[str, tuple[float, ...]]] = {
+    "sphere": {"center": (0.0, 0.0, 0.0)},
+    "cylinder": {"p0": (0.0, 0.0, 0.0), "p1": (0.0, 0.0, 1.0)},
+}
+"""Points of shapes that are no transforms, with their defaults [m]."""
 
 LONGEST = 500  # Most characters of an error of Mitsuba's in a message
 
@@ -52,7 +60,8 @@ def load_scene(
     A steady scene (film `hdrfilm`, integrator `path`) becomes a transient one when
     `temporal_bins`, `start_opl` and `bin_width_opl` are all given: its film keeps size, crop and
     the filter that it names (box if it names none), its integrator its depths, which for `path`
-    have no limit unless it names one. An `aov`, `moment` or `stokes` around
+    have no limit unless it names one. The film's filter applies to pixels only; the filter in time
+    is a box unless the integrator has a `temporal_filter`. An `aov`, `moment` or `stokes` around
     a `path` is left out.
 
     A shape of an XML file that has a name and no id gets the name as its id. See also `render`.
@@ -239,7 +248,24 @@ def _parse(config: Any, source: Any, parameters: Mapping[str, Any]) -> Any:
     if source.get("type") != "scene":
         raise ValueError(f"scene: type = {checks.quote(source.get('type'))}, must be 'scene'")
     require_readable_dict(source)
-    return parser.parse_dict(config, {k: v for k, v in source.items() if not _is_folder(v)})
+    parts = {name: part for name, part in source.items() if not _is_folder(part)}
+    return parser.parse_dict(config, _with_own_arrays(parts))
+
+
+def _with_own_arrays(description: Mapping[str, Any]) -> dict[str, Any]:
+    """Copy a dict with its bitmaps and tensors.
+
+    Textures convert a bitmap in place to the spectra of a spectral variant, and empty a tensor.
+    The objects of the caller must stay as they are.
+    """
+    copied: dict[str, Any] = {}
+    for name, value in description.items():
+        if isinstance(value, Mapping):
+            value = _with_own_arrays(value)
+        elif isinstance(value, mi.Bitmap) or dr.is_tensor_v(value):
+            value = type(value)(value)
+        copied[name] = value
+    return copied
 
 
 def _is_folder(part: Any) -> bool:
@@ -254,9 +280,12 @@ def _files_beside(source: Any) -> Iterator[None]:
     before = untyped.file_resolver()
     resolver = mi.FileResolver(before)
     if isinstance(source, os.PathLike):
-        resolver.prepend(str(Path(source).absolute().parent))
+        path = Path(source).absolute()
+        require_utf8("scene", path)
+        resolver.prepend(str(path.parent))
     for part in filter(_is_folder, source.values() if isinstance(source, Mapping) else ()):
         folder = checks.path("resources: path", part.get("path"))
+        require_utf8("resources: path", folder)
         checks.require("resources: path", str(folder), folder.is_dir(), "a folder that exists")
         resolver.prepend(str(folder.absolute()))
     untyped.set_file_resolver(resolver)
@@ -294,11 +323,41 @@ def _require_safe(state: Any) -> None:
         plugins.require_safe_type(props.plugin_name())
         to_world = props.get("to_world", None)
         props.mark_queried("to_world", False)  # Plugins that do not know it are still told of
+        _require_extended(props)
         if is_transform(to_world):  # Meshes keep none, once loaded
             name = f"{props.id() or props.plugin_name()}.to_world"
             require_inverse(name, to_world, flat=True)
         if props.plugin_name() == "ply" and "filename" in props:
             require_indices(str(props["filename"]))
+
+
+def _require_extended(props: mi.Properties) -> None:
+    """Refuse a sphere or a cylinder without extent, by the parameters that the scene gives.
+
+    A loaded shape only has a transform, which would name a parameter that nobody gave.
+    """
+    kind = props.plugin_name()
+    defaults = POINTS.get(kind)
+    if defaults is None:
+        return
+    name = props.id() or kind
+
+    # Has the radius a size?
+    if "radius" in props:
+        radius = props["radius"]
+        valid = isinstance(radius, int | float) and math.isfinite(radius) and radius != 0
+        checks.require(f"{name}.radius", radius, valid, "a finite number other than 0 [m]")
+
+    # Are the points finite, and the ends of a cylinder apart? Other types are left to Mitsuba
+    points = dict(defaults)
+    for point in points:
+        if point in props and props.type(point) == mi.Properties.Type.Vector:
+            vector: Any = props[point]
+            points[point] = tuple(float(each) for each in vector)
+            valid = all(map(math.isfinite, points[point]))
+            checks.require(f"{name}.{point}", list(points[point]), valid, "finite numbers [m]")
+    if kind == "cylinder" and points["p0"] == points["p1"]:
+        raise ValueError(f"{name}.p0 = {list(points['p0'])}: must differ from p1, the other end")
 
 
 def _one_line(message: str) -> str:

@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime.backend import tracing_lock
-from .numbers import floats_of, is_spectral_coefficients, require_all
+from .numbers import floats_of, is_spectral_coefficients, is_wavelength, require_all
 
 BOUNDARY = int(mi.BSDFFlags.Null | mi.BSDFFlags.FrontSide | mi.BSDFFlags.BackSide)
 """BSDF flags of an index-matched boundary between media."""
@@ -26,6 +26,8 @@ PROBES = 256
 
 STEPS = 0.8654415, 0.7489889, 0.6482062, 0.5609843, 0.4854990
 """Steps of a sequence that fills five dimensions evenly (Roberts 2018)."""
+
+BLACK = 0.0, 0.0, -8192.0  # Coefficients of the spectrum of black, as Mitsuba has them
 
 LEAKS = 2  # Number of these rays that may pass between two triangles of a shape
 CROSSINGS = 64  # Most boundaries that such a ray passes
@@ -93,7 +95,7 @@ def require_sound_media(scene: mi.Scene, sensor: mi.Sensor | None = None) -> Non
 def _require_sound(medium: mi.Medium) -> None:
     for name, value in mi.traverse(medium):
         first = name.split(".")[0]
-        if is_spectral_coefficients(value):
+        if is_spectral_coefficients(value) or is_wavelength(name):
             continue
         called = f"{medium.id() or medium.class_name()}.{name}"
         if (first == "albedo" and "to_world" not in name) or ".weight" in name:
@@ -161,9 +163,24 @@ def has_flakes(medium: mi.Medium) -> bool:
 
 def scatters(medium: mi.Medium) -> bool:
     """Whether a medium does more than absorb."""
-    albedos = [value for name, value in mi.traverse(medium) if name.startswith("albedo")]
-    leaves = [leaf for value in albedos for leaf in floats_of(value)]
-    return not leaves or any(np.any(np.asarray(leaf) > 0) for leaf in leaves)
+    albedos = [
+        value
+        for name, value in mi.traverse(medium)
+        if name.startswith("albedo") and not is_wavelength(name)
+    ]
+    numbers = [value for value in albedos if any(True for _ in floats_of(value))]
+    return not numbers or any(_is_bright(value) for value in numbers)
+
+
+def _is_bright(albedo: Any) -> bool:
+    """Whether an albedo is above 0 anywhere."""
+    if not is_spectral_coefficients(albedo):
+        return any(np.any(np.asarray(leaf) > 0) for leaf in floats_of(albedo))
+    if dr.is_tensor_v(albedo) and albedo.shape[-1] == 4:
+        return bool(np.any(np.array(albedo)[..., 3] > 0))
+    coefficients = np.array(albedo)
+    rows = coefficients.reshape(-1, 3) if dr.is_tensor_v(albedo) else coefficients.reshape(3, -1).T
+    return not np.array_equal(np.unique(rows, axis=0), [BLACK])
 
 
 @tracing_lock()

@@ -2,7 +2,9 @@
 
 The motion of each part is rigid: a point x of it moves as
 
-    x(t) = c + v t + R(ω t) (x - c),        velocity v + ω × (x - c) at t = 0.
+    x(t) = c + v t + R(ω t) (x - c),        velocity v + ω × (x - c) at t = 0,
+
+with the velocity v, the angular velocity ω and the rotation center c.
 
 Mitsuba's objects have no place for it, so the scene's id stores it, behind the scene's description.
 """
@@ -34,9 +36,10 @@ class Motion:
     """Rigid motion of a shape, a lamp or a sensor.
 
     Args:
-        velocity: Velocity [m/s] of the centre, at most 1e6 m/s.
+        velocity: Velocity [m/s] of the rotation center, at most 1e6 m/s.
         angular_velocity: Axis of rotation times angular speed [rad/s]; by the right-hand rule.
-        centre: Point of the axis at the time 0 [m].
+        rotation_center: Point of the axis at the time 0 [m]; by default the part's own center. This
+            is the center of a shape's bounding box, and the position of a lamp or a sensor.
 
     Raises:
         ValueError: A component is not finite, or a speed above the limit.
@@ -48,21 +51,35 @@ class Motion:
 
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     angular_velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rotation_center: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            value = tuple(checks.point(each.name, getattr(self, each.name)))
-            object.__setattr__(self, each.name, value)
-            if each.name != "centre":
-                unit = "m/s" if each.name == "velocity" else "rad/s"
-                slow = float(np.linalg.norm(value)) <= FASTEST
-                checks.require(each.name, value, slow, f"at most {FASTEST:g} {unit} in all")
+        for name, unit in (("velocity", "m/s"), ("angular_velocity", "rad/s")):
+            value = tuple(checks.point(name, getattr(self, name)))
+            slow = float(np.linalg.norm(value)) <= FASTEST
+            checks.require(name, value, slow, f"at most {FASTEST:g} {unit} in all")
+            object.__setattr__(self, name, value)
+
+        if self.rotation_center is not None:
+            center = tuple(checks.point("rotation_center", self.rotation_center))
+            object.__setattr__(self, "rotation_center", center)
 
     @property
     def moves(self) -> bool:
         """Whether anything moves."""
         return any(self.velocity) or any(self.angular_velocity)
+
+    @property
+    def _axis_point(self) -> np.ndarray:
+        """Point of the axis at the time 0 [m]; any point if nothing rotates."""
+        if self.rotation_center is not None:
+            return np.array(self.rotation_center)
+        if any(self.angular_velocity):
+            raise ValueError(
+                "rotation_center is None, and only a scene knows the part's own center. Pass "
+                "rotation_center, or read the motion with motions_of(scene)"
+            )
+        return np.zeros(3)
 
     def matrix(self, time_s: float) -> np.ndarray:
         """Return the transform from the pose at 0 to that at a time [s], shape (4, 4)."""
@@ -74,14 +91,14 @@ class Motion:
             transform: Any = mi.ScalarTransform4d
             rotation = np.array(transform().rotate(axis, degrees).matrix)
         there, back = np.eye(4), np.eye(4)
-        there[:3, 3] = np.add(self.centre, np.multiply(self.velocity, time_s))
-        back[:3, 3] = np.negative(self.centre)
+        there[:3, 3] = self._axis_point + np.multiply(self.velocity, time_s)
+        back[:3, 3] = -self._axis_point
         return there @ rotation @ back
 
     def affine(self) -> tuple[np.ndarray, np.ndarray]:
         """Return a and ω of the velocity a + ω × x at a point x, at the time 0."""
         spin = np.array(self.angular_velocity)
-        return np.array(self.velocity) - np.cross(spin, self.centre), spin
+        return np.array(self.velocity) - np.cross(spin, self._axis_point), spin
 
     def speed_at(self, bbox: Any) -> float:
         """Return the largest speed of a corner of a bounding box, at the time 0 [m/s]."""
@@ -112,11 +129,13 @@ def moving(scene: mi.Scene, motions: Mapping[str, Motion]) -> mi.Scene:
         (0.0, 0.0, 1.0)
     """
     checks.instance("scene", scene, mi.Scene, "a loaded scene")
-    given = checks.mapping("motions", motions)
     known = _movable(scene)
-    for name, motion in given.items():
+    given: dict[str, Motion] = {}
+    for name, motion in checks.mapping("motions", motions).items():
         checks.instance(f"motions[{name!r}]", motion, Motion, "a Motion")
-        _require_movable(name, motion, known)
+        _require_movable(name, known)
+        given[name] = _with_center(motion, known[name])
+        _require_slow(given[name], known[name])
     stored = {name: asdict(motion) for name, motion in given.items() if motion.moves}
     if stored:
         _invert_again(scene, stored)
@@ -151,8 +170,27 @@ def motions_of(scene: mi.Scene) -> dict[str, Motion]:
 
 def _later(motion: Motion, time_s: float) -> Motion:
     """Return the motion of a pose at a later time."""
-    centre = np.add(motion.centre, np.multiply(motion.velocity, time_s))
-    return replace(motion, centre=tuple(float(x) for x in centre))
+    if motion.rotation_center is None:
+        return motion
+    center = np.add(motion.rotation_center, np.multiply(motion.velocity, time_s))
+    return replace(motion, rotation_center=tuple(float(x) for x in center))
+
+
+def _with_center(motion: Motion, part: Any) -> Motion:
+    """Return the motion of a part, with the part's own center if it rotates and has no other."""
+    if motion.rotation_center is not None or not any(motion.angular_velocity):
+        return motion
+    if isinstance(part, mi.Shape):
+        box = mi.ScalarBoundingBox3f(part.bbox())
+        center = np.ravel(np.array(box.center(), dtype=float))
+    else:
+        params: Any = mi.traverse(part)
+        pose = pose_name(params)
+        if pose is None:
+            center = np.ravel(np.array(params["position"], dtype=float))
+        else:
+            center = np.array(params[pose].matrix, dtype=float).reshape(4, 4)[:3, 3]
+    return replace(motion, rotation_center=tuple(float(x) for x in center))
 
 
 @contextmanager
@@ -221,8 +259,8 @@ def _moved(params: Any, name: str, change: np.ndarray) -> Iterator[tuple[str, An
 def take_motions(state: Any) -> dict[str, Motion]:
     """Remove motions from a parsed scene, whose plugins do not know them, and return them by id.
 
-    The properties of shapes, lamps and sensors are `velocity`, `angular_velocity` and `centre`,
-    the last beside one of the others.
+    The properties of shapes, lamps and sensors are `velocity`, `angular_velocity` and
+    `rotation_center`, which needs one of the others.
     """
     found: dict[str, Motion] = {}
     for number, node in enumerate(state.nodes):
@@ -251,8 +289,8 @@ def _movable(scene: mi.Scene) -> dict[str, Any]:
     return {each.id(): each for each in parts if each.id()}
 
 
-def _require_movable(name: str, motion: Motion, known: Mapping[str, Any]) -> None:
-    """Refuse ids that are not in the scene, and parts that have no place or move too fast."""
+def _require_movable(name: str, known: Mapping[str, Any]) -> None:
+    """Refuse ids that are not in the scene, and parts whose pose cannot change."""
     allowed = checks.join_names([each for each in known if not each.startswith("__")])
     merged = "; shapes that share a material are one unless loaded with optimize=False"
     checks.require("motions", name, name in known, f"an id of the scene, one of {allowed}{merged}")
@@ -272,5 +310,10 @@ def _require_movable(name: str, motion: Motion, known: Mapping[str, Any]) -> Non
         checks.require(
             "motions", name, not grid, "no shape with a medium on a grid, which is fixed"
         )
+
+
+def _require_slow(motion: Motion, part: Any) -> None:
+    """Refuse a shape that moves too fast at some point."""
+    if isinstance(part, mi.Shape):
         slow = motion.speed_at(part.bbox()) <= FASTEST
-        checks.require("motions", name, slow, f"of speeds up to {FASTEST:g} m/s")
+        checks.require("motions", part.id(), slow, f"of speeds up to {FASTEST:g} m/s")

@@ -58,14 +58,14 @@ def fan(*, angular_speed: float = 40.0, **options: Unpack[TransientOptions]) -> 
         place = pose(HUB, [0, 0, 1], 72.0 * k + 10, [1, 1, 1]) @ pose(
             [0, (TIP + 0.12) / 2, 0], Y, 25, [0.15, (TIP - 0.12) / 2, 0.006]
         )
-        scene[f"blade-{k}"] = shape("cube", place, "blue") | spin | {"centre": HUB.copy()}
+        scene[f"blade-{k}"] = shape("cube", place, "blue") | spin | {"rotation_center": HUB.copy()}
     return scene | {
         "white": diffuse([0.8, 0.78, 0.74]),
         "grey": diffuse([0.3, 0.3, 0.3]),
         "blue": diffuse([0.1, 0.3, 0.6]),
         "flash": _flash(eye, 12.0),
         "wall": shape("rectangle", pose([0, 0, -0.8], Y, 0, [4, 4, 1]), "white"),
-        "hub": sphere(HUB, 0.13, "grey") | spin | {"centre": HUB.copy()},
+        "hub": sphere(HUB, 0.13, "grey") | spin | {"rotation_center": HUB.copy()},
         "stand": cylinder(0.0, -0.2, [-1.5, 0.0], 0.03, "grey"),
         "motor": shape("cube", pose([0, 0, -0.18], Y, 0, [0.07, 0.07, 0.1]), "grey"),
     }
@@ -97,7 +97,10 @@ def corridor(
         scene[name] = shape("cube", pose(middle, Y, 0, half), "cloth") | walk
     for name, (joint, half, angle, sense) in LIMBS.items():
         place = pose(joint, X, angle, [1, 1, 1]) @ pose([0, -half, 0], X, 0, [0.055, half, 0.065])
-        swinging = {"angular_velocity": [sense * turning, 0.0, 0.0], "centre": joint.copy()}
+        swinging = {
+            "angular_velocity": [sense * turning, 0.0, 0.0],
+            "rotation_center": joint.copy(),
+        }
         scene[name] = shape("cube", place, "cloth") | walk | swinging
 
     def wall(position: list[float], axis: list[int], angle: float, half: list[float]) -> Dict:

@@ -228,7 +228,6 @@ def _scene(
         "type": "scene",
         "integrator": {
             "type": "transient_nlos_path",
-            "capture_type": 1,  # one laser point; `tofrender.nlos.capture` changes it
             "laser_power": 1.0,
             "nlos_laser_sampling": True,
             "nlos_hidden_geometry_sampling": True,

@@ -29,8 +29,21 @@ def is_transform(value: Any) -> bool:
 
 
 def is_spectral_coefficients(value: Any) -> bool:
-    """Whether a parameter is a colour's coefficients, of either sign, in a spectral variant."""
-    return bool(mi.is_spectral and isinstance(value, mi.Color3f))
+    """Whether a parameter consists of coefficients of spectra, which may be negative.
+
+    Spectral variants convert RGB colors into three coefficients of a smooth spectrum. Environment
+    maps and volumes have a scale as their fourth channel.
+    """
+    if not mi.is_spectral:
+        return False
+    if dr.is_tensor_v(value):
+        return len(value.shape) > 2 and value.shape[-1] in (3, 4)
+    return isinstance(value, mi.Color3f)
+
+
+def is_wavelength(name: str) -> bool:
+    """Whether a parameter, by its whole name, has the wavelengths [nm] of a spectrum."""
+    return name.rpartition(".")[2] in ("wavelengths", "range")
 
 
 def require_all(

@@ -1,7 +1,8 @@
 from .bounds import depth_bound as depth_bound, echo_bounds as echo_bounds
 from .cameras import GatedCamera as GatedCamera, StreakCamera as StreakCamera
 from .config import sense as sense
-from .estimators import echoes as echoes, estimate_depth as estimate_depth
+from .echo_detection import echoes as echoes
+from .estimators import estimate_depth as estimate_depth
 from .itof import Itof as Itof
 from .pile_up import coates as coates, coates_variance as coates_variance
 from .radiometry import expected_photons as expected_photons

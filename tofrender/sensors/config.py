@@ -11,6 +11,7 @@ from typing import Any
 
 import xarray as xr
 
+from ..nlos.captures import check_capture
 from ..rendering.dataset import check_dataset, components_of
 from ..runtime import checks
 from ..runtime.tables import checked, known_keys, read_toml, table
@@ -22,6 +23,7 @@ from .response import Response
 from .spad import Spad
 
 FOLDER = Path(__file__).parent / "presets"
+CAPTURE_ATTRIBUTES = ("mode", "counts_first_and_last_legs")
 MODELS = {"spad": Spad, "itof": Itof, "gated": GatedCamera, "streak": StreakCamera}
 
 
@@ -29,7 +31,7 @@ def sense(dataset: xr.Dataset, sensor: Any, seed: int = 0) -> xr.Dataset:
     """Measure a render with a sensor that a preset, a TOML file or a mapping describes.
 
     Args:
-        dataset: A Dataset of `render`, "radiance per bin".
+        dataset: A Dataset of `render`, or a single or confocal capture, "radiance per bin".
         sensor: "flash_dtof", "scanning_dtof", "itof", "iccd_gate", "streak", the path of a .toml
             file, or a mapping with its keys; docs/sensors.md lists them.
         seed: Seed of the noise.
@@ -38,6 +40,7 @@ def sense(dataset: xr.Dataset, sensor: Any, seed: int = 0) -> xr.Dataset:
         A Dataset: `counts` of a SPAD, `taps` of an iToF, `images` of a gated or streak camera, as
         their methods return them; `expected`, their expectation, of the same shape, where it has a
         closed form; `depth` [m] of an iToF; the description as JSON in the attribute `sensor`.
+        Of a capture also its geometry, so that `reconstruct` and `save_capture` accept the counts.
 
     Raises:
         ValueError: A key is unknown, a value is not allowed or does not fit the render; one line.
@@ -53,6 +56,9 @@ def sense(dataset: xr.Dataset, sensor: Any, seed: int = 0) -> xr.Dataset:
     """
     config = read_sensor(sensor)
     model, cycles = config["model"], config["cycles"]
+    of_wall = isinstance(dataset, xr.Dataset) and "sensor_grid" in dataset
+    if of_wall:
+        _check_capture(dataset, config)
     if "pixels" in config:
         dataset = _with_pixels(dataset, config["pixels"])
     rates = expected_photons(dataset, **config["photons"])
@@ -64,8 +70,26 @@ def sense(dataset: xr.Dataset, sensor: Any, seed: int = 0) -> xr.Dataset:
             found["expected"] = model.expected(rates, cycles)[found.attrs["quantity"]]
     if isinstance(model, Itof):
         found["depth"] = model.depth(found)["depth"].assign_attrs(units="m")
+    if of_wall:
+        found = found.assign(
+            {name: dataset[name] for name in dataset.data_vars if name != "transient"}
+        )
+        found = found.assign_attrs({name: dataset.attrs[name] for name in CAPTURE_ATTRIBUTES})
     plain = json.dumps(config["given"], default=lambda value: value.tolist())  # Of NumPy's
     return found.assign_attrs(sensor=plain)
+
+
+def _check_capture(capture: xr.Dataset, config: dict[str, Any]) -> None:
+    """Refuse captures and sensors whose counts would not fit the points of the wall."""
+    check_capture(capture)
+    if capture.attrs["mode"] == "exhaustive":
+        raise ValueError("dataset: exhaustive captures are not supported; use single or confocal")
+    if not isinstance(config["model"], Spad):
+        raise ValueError("sensor: only spad is supported for captures")
+    if "pixels" in config:
+        raise ValueError("sensor.pixels is not supported for captures; choose their grid instead")
+    if config["model"].macro_pixel != (1, 1):
+        raise ValueError("sensor.spad.macro_pixel is not supported for captures; remove it")
 
 
 def read_sensor(sensor: Any) -> dict[str, Any]:

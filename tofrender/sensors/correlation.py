@@ -4,6 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from ..signals.phasors import phase_of, wrap
+
 
 def correlation(angle: Any, contrast: float, harmonics: Any = ()) -> np.ndarray:
     """Relative sensitivity of a tap at a phase difference [rad], of any shape.
@@ -49,10 +51,16 @@ def demodulate(taps: Any, contrast: float) -> tuple[np.ndarray, np.ndarray]:
         >>> round(float(amplitude), 6), round(float(phase), 6)
         (4000.0, 1.570796)
     """
+    phasor = phasor_of_taps(taps, contrast)
+    phase = phase_of(phasor.real, phasor.imag)
+    return np.abs(phasor), wrap(phase, 2 * np.pi)
+
+
+def phasor_of_taps(taps: Any, contrast: float) -> np.ndarray:
+    """Return the phasor [electrons] of taps (tap, ...): 2 / contrast times P of `demodulate`."""
     taps = np.asarray(taps, np.float64)
     turns = np.exp(2j * np.pi * np.arange(len(taps)) / len(taps))
-    phasor = np.tensordot(turns, taps, axes=(0, 0))
-    return 2 * np.abs(phasor) / contrast, np.angle(phasor) % (2 * np.pi)
+    return 2 / contrast * np.tensordot(turns, taps, axes=(0, 0))
 
 
 def phase_deviation(
@@ -71,12 +79,14 @@ def phase_deviation(
 
 
 def multipath_phase_error(ratio: Any, difference: Any) -> np.ndarray:
-    """Error of the phase [rad] by a second return, arg(1 + ratio exp(i difference)).
+    """Return the error of the phase by a second return, arg(1 + ratio exp(i difference)).
 
-    Its amplitude is `ratio` times that of the first, its phase greater by `difference` [rad].
+    The error is in (-pi, pi] [rad]. The second return has `ratio` times the amplitude of the first
+    return, and its phase is greater by `difference` [rad].
 
     Example:
         >>> multipath_phase_error(0.35, 1.9).round(6).item()
         0.357422
     """
-    return np.angle(1 + np.asarray(ratio) * np.exp(1j * np.asarray(difference)))
+    both = 1 + np.asarray(ratio) * np.exp(1j * np.asarray(difference))
+    return phase_of(both.real, both.imag)

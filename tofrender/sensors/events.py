@@ -1,20 +1,39 @@
 """Photons of a SPAD array one by one: arrival, dead time, afterpulses, crosstalk, coincidence.
 
-Times are keys, pixel * pixel_stride + cycle * cycle_stride + bin, with gaps between pixels, and
-between cycles that start armed, longer than the dead time: one pass treats a whole sorted row.
+Times are keys, pixel * pixel_stride + cycle * cycle_stride + bin. There are gaps between pixels, and
+between cycles that start armed, which are longer than the dead time. Therefore one pass treats a
+whole sorted row.
+
+The cycles are simulated in chunks, so that memory does not grow with their number. If the dead time
+goes on into the next cycle, a chunk starts with what the chunk before has left: avalanches whose dead
+time has not ended, and afterpulses that have not happened.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..runtime import checks
 from .rates import Block, generator
 
 if TYPE_CHECKING:
     from .spad import Spad
+
+CHUNK = 1 << 20  # Expected avalanches of a row of SPADs in a chunk of cycles
+NOMINAL = 1.0  # Photons per pixel and cycle, where chunks must not depend on the rates
+AFTERPULSES = 4  # Stream of random numbers
+
+
+class Left(NamedTuple):
+    """Avalanches that a chunk leaves for the next one: pixels, and times [bins] from its start."""
+
+    pixel: np.ndarray
+    time: np.ndarray
+
+
+NOTHING = Left(np.zeros(0, np.int64), np.zeros(0, np.int64))
 
 
 class Layout:
@@ -28,9 +47,24 @@ class Layout:
         self.dead, self.window, self.free = dead, window, free
         gap = max(dead or 0, window) + 1
         self.cycle_stride = self.bins + (0 if free else gap)
-        self.pixel_stride = self.cycles * self.cycle_stride + gap
-        fits = self.width * self.pixel_stride < 1 << 62
-        checks.require("cycles", self.cycles, fits, "fewer for so many pixels and bins")
+
+        # Avalanches of the chunk before are in the gap before a pixel
+        self.pixel_stride = self.cycles * self.cycle_stride + 2 * gap
+
+    def chunk(self, cycles: int) -> Layout:
+        """Return the layout of a number of cycles."""
+        return Layout((self.width, cycles, self.bins), self.dead, self.window, self.free)
+
+    def chunks(self, per_cycle: float) -> Iterator[tuple[int, Layout]]:
+        """Cut the cycles into chunks, for so many expected avalanches of a row in a cycle.
+
+        Yields:
+            The first cycle of a chunk, and the layout of its cycles.
+        """
+        most_keys = (1 << 61) // (self.width * (self.cycle_stride + 1))
+        step = int(np.clip(CHUNK / max(per_cycle, 1e-9), 1, min(self.cycles, most_keys)))
+        for first in range(0, self.cycles, step):
+            yield first, self.chunk(min(step, self.cycles - first))
 
     def parts(self, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Pixel, cycle and bin of keys."""
@@ -39,11 +73,16 @@ class Layout:
         cycle = keys // self.cycle_stride
         return pixel, cycle, keys - cycle * self.cycle_stride
 
-    def later(self, keys: np.ndarray, bins: np.ndarray) -> np.ndarray:
-        """Keys later by these bins, without those after the end of the cycle, or of all cycles."""
-        _, cycle, at = self.parts(keys)
-        start, end = (cycle, self.cycles) if self.free else (0, 1)
-        return (keys + bins)[start * self.bins + at + bins < end * self.bins]
+    def keys_of(self, left: Left) -> np.ndarray:
+        """Return the keys of avalanches that the chunk before has left."""
+        return left.pixel * self.pixel_stride + left.time
+
+    def left_over(self, keys: np.ndarray, bins: int) -> Left:
+        """Return the avalanches of the last `bins` bins, for the next chunk."""
+        pixel = keys // self.pixel_stride
+        time = keys - pixel * self.pixel_stride - self.cycles * self.bins
+        last = (time >= -bins) & (time < 0)
+        return Left(pixel[last], time[last])
 
 
 def arrivals(rng: np.random.Generator, rates: np.ndarray, layout: Layout) -> np.ndarray:
@@ -81,50 +120,256 @@ def detected(keys: np.ndarray, dead: int | None, paralysable: bool) -> np.ndarra
     return found
 
 
-def detections(spad: Spad, block: Block, layout: Layout, seed: int, bin_s: float) -> list:
-    """Sorted keys of what each row of a block detects, or each row of macro pixels."""
-    own, caused, rows = [], [], []
-    for k, rates in enumerate(block.values):
-        rng = generator(seed, block.first + k)
-        own.append(arrivals(rng, rates, layout))
-        if spad.crosstalk_probability or spad.afterpulse_probability:
-            parents = own[k][detected(own[k], layout.dead, spad.paralysable)]
-            caused.append(_caused(rng, spad, parents, layout, bin_s))
-    for k in block.inner:
-        more = [caused[k + d][-d] for d in (-1, 0, 1) if 0 <= k + d < len(caused)]
-        keys = np.sort(np.concatenate([own[k], *more])) if more else own[k]
-        rows.append(keys[detected(keys, layout.dead, spad.paralysable)])
-    if spad.macro_pixel == (1, 1):
-        return rows
-    tall, wide = spad.macro_pixel
-    for k in range(0, len(rows), tall):
-        keys = np.concatenate(rows[k : k + tall])
+class Row:
+    """Simulation of the photons and avalanches of a row of SPADs, chunk after chunk.
+
+    Args:
+        spad: The SPAD array.
+        rates: Rates (pixel, bin).
+        seed: Seed of the random numbers.
+        row: Number of the row.
+        bin_s: Width of the bins [s].
+    """
+
+    def __init__(self, spad: Spad, rates: np.ndarray, seed: int, row: int, bin_s: float) -> None:
+        self.spad = spad
+        self.rates = rates
+        self.rng = generator(seed, row)
+        self.afterpulse_rng = generator(seed, row, AFTERPULSES)
+        self.mean_delay = spad.afterpulse_time_s / bin_s
+        self.photons = np.zeros(0, np.int64)
+
+        # What the chunk before has left: without and with what neighbors and afterpulses cause
+        self.blocking_alone = NOTHING
+        self.blocking = NOTHING
+        self.waiting = NOTHING
+
+    def arrive(self, layout: Layout) -> None:
+        """Draw the photons of a chunk."""
+        self.photons = arrivals(self.rng, self.rates, layout)
+
+    def crosstalk(self, layout: Layout) -> dict[int, np.ndarray]:
+        """Draw the avalanches that detected photons cause in neighbors, by the row from here."""
+        keys, before = self._with_blocking(self.photons, self.blocking_alone, layout)
+        found = detected(keys, layout.dead, self.spad.paralysable)
+        if layout.free and layout.dead is not None:
+            blocking = keys if self.spad.paralysable else keys[found]
+            self.blocking_alone = layout.left_over(blocking, layout.dead)
+        parents = keys[found & ~before]
+        sources = parents[self.rng.random(parents.size) < self.spad.crosstalk_probability]
+        side, pixel = self.rng.integers(4, size=sources.size), sources // layout.pixel_stride
+        beside = [sources[(side == 0) & (pixel > 0)] - layout.pixel_stride]
+        beside.append(sources[(side == 2) & (pixel < layout.width - 1)] + layout.pixel_stride)
+        return {0: np.concatenate(beside), -1: sources[side == 1], 1: sources[side == 3]}
+
+    def detect(self, more: list[np.ndarray], layout: Layout) -> np.ndarray:
+        """Return the sorted keys of what is detected of photons and of `more` avalanches."""
+        keys = self.photons
+        if more:
+            keys = np.sort(np.concatenate([keys, *more]))
+        if self.spad.afterpulse_probability:
+            return self._detect_with_afterpulses(keys, layout)
+        keys, before = self._with_blocking(keys, self.blocking, layout)
+        found = detected(keys, layout.dead, self.spad.paralysable)
+        if layout.free and layout.dead is not None:
+            blocking = keys if self.spad.paralysable else keys[found]
+            self.blocking = layout.left_over(blocking, layout.dead)
+        return keys[found & ~before]
+
+    def _with_blocking(
+        self, keys: np.ndarray, blocking: Left, layout: Layout
+    ) -> tuple[np.ndarray, Any]:
+        """Add avalanches of the chunk before to sorted keys, and return which these are."""
+        if not blocking.pixel.size:
+            return keys, np.False_
+        keys = np.concatenate([layout.keys_of(blocking), keys])
+        order = np.argsort(keys, kind="stable")
+        return keys[order], order < blocking.pixel.size
+
+    def _detect_with_afterpulses(self, keys: np.ndarray, layout: Layout) -> np.ndarray:
+        """Return sorted keys of what is detected of sorted keys and of the afterpulses."""
+        # Start with what the chunk before has left
+        length = layout.cycles * layout.bins
+        happens = self.waiting.time < length
+        waiting = Left(*(each[happens] for each in self.waiting))
+        later = Left(self.waiting.pixel[~happens], self.waiting.time[~happens] - length)
+        blocking = layout.keys_of(self.blocking)
+        roots = np.concatenate([keys, layout.keys_of(waiting), blocking])
+        can_cause = np.arange(roots.size - blocking.size)
+
+        # Draw the afterpulse that each avalanche would cause, if it were detected
+        tree = [roots]
+        parents = [np.full(roots.size, -1)]
+        beyond = [(later.pixel, later.time, np.full(later.pixel.size, -1))]
+        count = roots.size
+        pixels = roots[: can_cause.size] // layout.pixel_stride
+        while can_cause.size:
+            causes = self.afterpulse_rng.random(can_cause.size) < self.spad.afterpulse_probability
+            can_cause, pixels = can_cause[causes], pixels[causes]
+            source = tree[-1][: causes.size][causes]
+            delay = self.afterpulse_rng.exponential(self.mean_delay, source.size).astype(np.int64)
+            delay += 0 if layout.dead is None else layout.dead + 1
+            at = source - pixels * layout.pixel_stride
+            if layout.free:
+                inside = at + delay < length
+                late = ~inside
+                beyond.append((pixels[late], (at + delay)[late] - length, can_cause[late]))
+            else:
+                inside = at % layout.cycle_stride + delay < layout.bins
+            tree.append((source + delay)[inside])
+            parents.append(can_cause[inside])
+            pixels = pixels[inside]
+            can_cause = count + np.arange(pixels.size)
+            count += pixels.size
+
+        # Sort by time, and find which avalanches happen and are detected
+        keys = np.concatenate(tree)
+        parent = np.concatenate(parents)
+        order = np.argsort(keys, kind="stable")
+        place = np.empty(count, np.int64)
+        place[order] = np.arange(count)
+        keys = keys[order]
+        parent = np.where(parent < 0, -1, place[parent])[order]
+        happen, found = caused_and_detected(keys, parent, layout.dead, self.spad.paralysable)
+
+        # Leave what the next chunk needs
+        if layout.free:
+            pixel, time, cause = (np.concatenate(each) for each in zip(*beyond, strict=True))
+            comes = (cause < 0) | found[place[cause]]
+            self.waiting = Left(pixel[comes], time[comes])
+            if layout.dead is not None:
+                blocks = happen if self.spad.paralysable else found
+                self.blocking = layout.left_over(keys[blocks], layout.dead)
+        found[place[roots.size - blocking.size : roots.size]] = False
+        return keys[found]
+
+
+def caused_and_detected(
+    keys: np.ndarray, parent: np.ndarray, dead: int | None, paralysable: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find which possible avalanches happen, and which of these are detected.
+
+    An avalanche happens if the avalanche that causes it is detected. Causes are earlier, so that
+    each repetition is right for longer after the first photon, until nothing changes.
+
+    Args:
+        keys: Sorted keys of possible avalanches.
+        parent: Index of the avalanche that causes each; -1 for photons and crosstalk.
+        dead: Dead time [bins], None for none.
+        paralysable: Whether avalanches within the dead time prolong it.
+
+    Example:
+        >>> keys, parent = np.array([0, 4, 5, 9]), np.array([-1, 0, -1, 2])
+        >>> happen, found = caused_and_detected(keys, parent, 3, False)
+        >>> happen.tolist(), found.tolist()  # The afterpulse at 4 masks the photon at 5
+        ([True, True, True, False], [True, True, False, False])
+    """
+    happen = parent < 0
+    if dead is None or not keys.size:
+        return np.ones(keys.size, bool), np.ones(keys.size, bool)
+
+    # Between clusters, there is more than a dead time without any possible avalanche
+    cluster = np.cumsum(np.diff(keys, prepend=keys[0]) > dead)
+    afterpulses = np.flatnonzero(parent >= 0)
+    causes = parent[afterpulses]
+    found = np.zeros(keys.size, bool)
+    again = np.arange(keys.size)
+    while again.size:
+        # Find what is detected in clusters that have changed
+        found[again] = False
+        again = again[happen[again]]
+        found[again] = detected(keys[again], dead, paralysable)
+
+        # Which afterpulses does this change?
+        changed = afterpulses[happen[afterpulses] != found[causes]]
+        happen[changed] = ~happen[changed]
+        touched = np.zeros(cluster[-1] + 1, bool)
+        touched[cluster[changed]] = True
+        again = np.flatnonzero(touched[cluster]) if changed.size else changed
+    return happen, found
+
+
+class MacroPixels:
+    """Detections of a row of macro pixels from those of its SPADs, chunk after chunk."""
+
+    def __init__(self, spad: Spad) -> None:
+        self.spad = spad
+        self.recent = NOTHING
+        self.blocking = NOTHING
+
+    def detect(self, rows: list[np.ndarray], layout: Layout) -> np.ndarray:
+        """Return sorted keys at which enough avalanches of the rows lie within the window."""
+        if self.spad.macro_pixel == (1, 1):
+            return rows[0]
+        keys = np.concatenate(rows)
         pixel = keys // layout.pixel_stride
-        keys = np.sort(keys - (pixel - pixel // wide) * layout.pixel_stride)
-        rows[k] = _coincident(keys, spad, layout)
-    return rows[::tall]
+        keys = np.sort(keys - (pixel - pixel // self.spad.macro_pixel[1]) * layout.pixel_stride)
+        if self.spad.coincidence > 1:
+            keys = self._coincident(keys, layout)
+        if self.spad.mode == "first_photon":
+            keys = keys[detected(keys, layout.dead, paralysable=False)]
+        return keys
+
+    def _coincident(self, keys: np.ndarray, layout: Layout) -> np.ndarray:
+        """Return keys at which `coincidence` avalanches of a macro pixel lie within the window."""
+        # Avalanches of the chunk before count, but their own detections have been returned
+        earlier = layout.keys_of(self.recent)
+        every = np.concatenate([earlier, keys])
+        order = np.argsort(every, kind="stable")
+        every, own = every[order], order >= earlier.size
+        more = self.spad.coincidence - 1
+        first = every[: max(0, every.size - more)]
+        enough = every[more:] - first <= layout.window
+        hits = every[more:][enough & own[more:]]
+
+        # The next detection follows after the window
+        blocking = layout.keys_of(self.blocking)
+        hits = np.concatenate([blocking, hits])
+        order = np.argsort(hits, kind="stable")
+        hits, own = hits[order], order >= blocking.size
+        found = detected(hits, layout.window, paralysable=False)
+        if layout.free:
+            self.recent = layout.left_over(every, layout.window)
+            self.blocking = layout.left_over(hits[found], layout.window)
+        return hits[found & own]
 
 
-def _caused(rng: Any, spad: Spad, parents: np.ndarray, layout: Layout, bin_s: float) -> dict:
-    """Keys of avalanches that detections cause, by the row relative to theirs."""
-    sources = parents[rng.random(parents.size) < spad.crosstalk_probability]
-    side, pixel = rng.integers(4, size=sources.size), sources // layout.pixel_stride
-    found = [sources[(side == 0) & (pixel > 0)] - layout.pixel_stride]
-    found.append(sources[(side == 2) & (pixel < layout.width - 1)] + layout.pixel_stride)
-    while parents.size:
-        parents = parents[rng.random(parents.size) < spad.afterpulse_probability]
-        delay = rng.exponential(spad.afterpulse_time_s / bin_s, parents.size).astype(np.int64)
-        parents = layout.later(parents, delay + (0 if layout.dead is None else layout.dead + 1))
-        found.append(parents)
-    return {0: np.concatenate(found), -1: sources[side == 1], 1: sources[side == 3]}
+def detections(
+    spad: Spad, block: Block, layout: Layout, seed: int, bin_s: float
+) -> Iterator[tuple[int, int, Layout, np.ndarray]]:
+    """Simulate the detections of a block, row by row of macro pixels and chunk by chunk of cycles.
 
+    Yields:
+        Number of the row of macro pixels in the block, first cycle and layout of the chunk, and
+        sorted keys of what it detects.
+    """
+    tall = spad.macro_pixel[0]
+    crosses = spad.crosstalk_probability > 0
+    size = len(block.inner) if crosses else tall
+    for start in range(block.inner.start, block.inner.stop, size):
+        # Rows that cause crosstalk here are simulated, too
+        inner = range(start, start + size)
+        low, high = (0, len(block.values)) if crosses else (inner.start, inner.stop)
+        rows = {
+            k: Row(spad, block.values[k], seed, block.first + k, bin_s) for k in range(low, high)
+        }
+        macro_pixels = {k: MacroPixels(spad) for k in inner[::tall]}
 
-def _coincident(keys: np.ndarray, spad: Spad, layout: Layout) -> np.ndarray:
-    """Keys at which `coincidence` avalanches of a macro pixel lie within the window."""
-    more = spad.coincidence - 1
-    if more:
-        keys = keys[more:][keys[more:] - keys[: max(0, keys.size - more)] <= layout.window]
-        keys = keys[detected(keys, layout.window, paralysable=False)]
-    if spad.mode == "first_photon":
-        keys = keys[detected(keys, layout.dead, paralysable=False)]
-    return keys
+        # Chunks are the same in all blocks that need a row
+        if crosses:
+            per_cycle = NOMINAL * layout.width
+        else:
+            per_cycle = max(float(rows[k].rates.sum()) for k in inner)
+        per_cycle /= 1 - spad.afterpulse_probability
+        for first, chunk in layout.chunks(per_cycle):
+            for row in rows.values():
+                row.arrive(chunk)
+            caused = {k: row.crosstalk(chunk) for k, row in rows.items()} if crosses else {}
+            for k, macro_row in macro_pixels.items():
+                found = []
+                for each in range(k, k + tall):
+                    near = [(each + d, -d) for d in (-1, 0, 1) if each + d in caused]
+                    more = [caused[number][to] for number, to in near]
+                    found.append(rows[each].detect(more, chunk))
+                number = (k - block.inner.start) // tall
+                yield number, first, chunk, macro_row.detect(found, chunk)

@@ -8,9 +8,10 @@ import xarray as xr
 
 from ..analysis.unwrapping import MAX_WRAPS, unambiguous_range, unwrap
 from ..runtime import checks
+from ..signals.phasors import phasor_parts
 from ..signals.units import SPEED_OF_LIGHT, check_below_limit, check_frequencies
 from .cameras import Camera
-from .correlation import correlation, demodulate, sample_taps
+from .correlation import correlation, phasor_of_taps, sample_taps
 from .rates import Rates
 
 
@@ -101,8 +102,9 @@ class Itof(Camera):
         default the largest that it takes.
 
         Returns:
-            A Dataset: `amplitude` [electrons] and `phase` [rad] in [0, 2 pi) (frequency, y, x),
-            `depth` and `residual` [m] (y, x) as of `unwrap`; NaN where a tap was saturated.
+            A Dataset: `amplitude` [electrons] and `phase` [rad] in (-pi, pi] (frequency, y, x),
+            `depth` and `residual` [m] (y, x) as of `unwrap`; NaN where a tap was saturated. With
+            one frequency the depth is in [0, c / 2f), as of `tofrender.phasor_parts`.
         """
         shape = (len(self.frequencies_hz), self.taps)
         own = isinstance(frames, xr.Dataset) and "taps" in frames and frames["taps"].ndim == 4
@@ -115,8 +117,9 @@ class Itof(Camera):
         taps = frames["taps"].values.astype(np.float64)
         if "saturated" in frames:
             taps[:, :, frames["saturated"].values] = np.nan
-        amplitude, phase = demodulate(taps.swapaxes(0, 1), self.contrast)
-        depth = phase[0] * SPEED_OF_LIGHT / (4 * np.pi * self.frequencies_hz[0]), 0 * phase[0]
+        phasor = phasor_of_taps(taps.swapaxes(0, 1), self.contrast)
+        amplitude, phase, depths = phasor_parts(phasor.real, phasor.imag, self.frequencies_hz)
+        depth = depths[0], 0 * depths[0]
         if len(self.frequencies_hz) > 1:
             lit = np.nan_to_num(amplitude)
             limit = MAX_WRAPS * unambiguous_range(max(self.frequencies_hz))

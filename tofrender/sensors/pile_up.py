@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from ..runtime import checks
+from .histograms import along_bins
 from .rates import at_least_0
 
 
@@ -20,7 +21,7 @@ def first_photon(rates: np.ndarray) -> np.ndarray:
     return np.exp(rates - np.cumsum(rates, axis=-1)) * -np.expm1(-rates)
 
 
-def coates(counts: Any, cycles: int) -> np.ndarray:
+def coates(counts: Any, cycles: int) -> Any:
     """Estimate rates from a histogram of first photons, which pile-up distorts.
 
         rate_k = -ln(1 - N_k / (cycles - sum of N before k))
@@ -28,28 +29,43 @@ def coates(counts: Any, cycles: int) -> np.ndarray:
     for counts N (..., bin) of so many cycles, in photons per cycle (..., bin): infinite where all
     that are left detect, NaN after that. The likeliest (Coates 1968), see `coates_variance`.
 
+    A DataArray with the axis bin or opl gives a DataArray with the same axes and coordinates, so
+    that `estimate_depth` and `echoes` find its path lengths. An array gives an array.
+
     Example:
         >>> coates([393469, 238651], 1_000_000).round(4).tolist()
         [0.5, 0.5]
     """
-    counts = at_least_0("counts", counts)
-    checks.shape("counts", counts, counts.ndim and counts.size, "(..., bin)")
-    cycles, most = checks.integer("cycles", cycles, 1, checks.MAX_SEED), counts.sum(axis=-1).max()
-    checks.require("cycles", cycles, most <= cycles, f"at least the counts of a pixel, {most:g}")
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return -np.log1p(-counts / (cycles - (np.cumsum(counts, axis=-1) - counts)))
+    cycles = checks.integer("cycles", cycles, 1, checks.MAX_SEED)
+
+    def corrected(values: Any) -> np.ndarray:
+        counts = at_least_0("counts", values)
+        checks.shape("counts", counts, counts.ndim and counts.size, "(..., bin)")
+        most = counts.sum(axis=-1).max()
+        allowed = f"at least the counts of a pixel, {most:g}"
+        checks.require("cycles", cycles, most <= cycles, allowed)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return -np.log1p(-counts / (cycles - (np.cumsum(counts, axis=-1) - counts)))
+
+    return along_bins("counts", corrected, counts)
 
 
-def coates_variance(rates: Any, cycles: int) -> np.ndarray:
+def coates_variance(rates: Any, cycles: int) -> Any:
     """Variance of `coates`, which attains the bound, for rates (..., bin) per cycle, at least 0.
 
         (exp(rate_k) - 1) / (cycles exp(-sum of rates before k))
+
+    A DataArray gives a DataArray, as for `coates`.
 
     Example:
         >>> coates_variance([0.5, 0.5], 1000).round(6).tolist()
         [0.000649, 0.00107]
     """
-    rates = at_least_0("rates", rates)
-    checks.shape("rates", rates, rates.ndim, "(..., bin)")
     cycles = checks.integer("cycles", cycles, 1, checks.MAX_SEED)
-    return np.expm1(rates) * np.exp(np.cumsum(rates, axis=-1) - rates) / cycles
+
+    def variance(values: Any) -> np.ndarray:
+        mean = at_least_0("rates", values)
+        checks.shape("rates", mean, mean.ndim, "(..., bin)")
+        return np.expm1(mean) * np.exp(np.cumsum(mean, axis=-1) - mean) / cycles
+
+    return along_bins("rates", variance, rates)

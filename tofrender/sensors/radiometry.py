@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ..rendering.dataset import time_axis
+from ..rendering.dataset import require_one_render, time_axis
 from ..runtime import checks
 from ..signals.units import SPEED_OF_LIGHT
 
@@ -133,6 +133,8 @@ def expected_photons(
 
 def _check(dataset: Any, given: dict[str, Any]) -> tuple[float, float]:
     """Refuse bad parameters, and return start and width [m] of the bins."""
+    if isinstance(dataset, xr.Dataset):
+        require_one_render("dataset", dataset)
     film = dataset.get("transient") if isinstance(dataset, xr.Dataset) else None
     whole = film is not None and {"y", "x", "opl", "channel"} <= set(film.dims) and film.size > 0
     checks.require("dataset", dataset, whole, "a Dataset of render")

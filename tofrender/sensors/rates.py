@@ -22,11 +22,19 @@ def axis_of(dataset: xr.Dataset) -> tuple[float, float]:
     if "opl" not in dataset.coords:
         return start, width
     opl = np.asarray(dataset["opl"].values, dtype=float)
-    found = (opl[-1] - opl[0]) / (opl.size - 1) if opl.size > 1 else width
-    even = opl.ndim == 1 and found > 0 and np.allclose(np.diff(opl), found, rtol=1e-3, atol=0)
-    checks.require("opl", opl, even, "the centres of bins of one width, by rising path length")
-    own = np.allclose((opl[0] - found / 2, found), (start, width), rtol=1e-5, atol=1e-5 * width)
-    return (start, width) if own else (float(opl[0] - found / 2), float(found))
+    found = axis_of_centers(opl) if opl.size > 1 else (float(opl[0]) - width / 2, width)
+    own = np.allclose(found, (start, width), rtol=1e-5, atol=1e-5 * width)
+    return (start, width) if own else found
+
+
+def axis_of_centers(opl: Any) -> tuple[float, float]:
+    """Return start and width of bins [m] from their centers, of which there are two or more."""
+    centers = np.asarray(opl, dtype=float)
+    width = float(centers[-1] - centers[0]) / (centers.size - 1)
+    steps = np.diff(centers)
+    even = centers.ndim == 1 and width > 0 and np.allclose(steps, width, rtol=1e-3, atol=0)
+    checks.require("opl", centers, even, "the centres of bins of one width, by rising path length")
+    return float(centers[0]) - width / 2, width
 
 
 class Rates:
@@ -37,6 +45,11 @@ class Rates:
 
     def __init__(self, rates: Any, cycles: Any, bin_width_opl: Any, most: float = np.inf) -> None:
         self.cycles = checks.integer("cycles", cycles, 1, (1 << 31) - 1)
+        if isinstance(rates, xr.DataArray):
+            raise ValueError(
+                "rates: a DataArray has no background. Pass the Dataset of expected_photons, or an "
+                "array with bin_width_opl"
+            )
         if not isinstance(rates, xr.Dataset):
             values = checks.real_array("rates", rates)
             checks.shape("rates", values, values.ndim == 3 and values.size, "(y, x, bin)")

@@ -1,5 +1,6 @@
 """Readout of SPAD arrays: time stamps with jitter and TDC codes, and their histograms."""
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -67,7 +68,10 @@ class Readout:
         """Counts (y, x, code) of a block."""
         block = self._with_hot_pixels(block)
         if self.one_by_one:
-            return np.array([self._bincount(*columns[::2]) for _, columns in self._stamps(block)])
+            found = np.zeros((len(block.inner) // self.spad.macro_pixel[0], *self.shape[1:]), int)
+            for row, pixel, _, code in self._stamps(block):
+                found[row] += self._bincount(pixel, code)
+            return found
         return np.array([self._counts(block.values[k], block.first + k) for k in block.inner])
 
     def expected(self, block: Block) -> np.ndarray:
@@ -77,9 +81,14 @@ class Readout:
 
     def table(self, block: Block) -> list[np.ndarray]:
         """Columns row, pixel, cycle and code of the stamps of a block."""
+        first = (block.first + block.inner.start) // self.spad.macro_pixel[0]
         stamps = self._stamps(self._with_hot_pixels(block))
-        rows = [(np.full(columns[0].size, row), *columns) for row, columns in stamps]
-        return [np.concatenate(parts).astype(np.int32) for parts in zip(*rows, strict=True)]
+        rows = [(np.full(pixel.size, first + row), pixel, *more) for row, pixel, *more in stamps]
+        columns = [np.concatenate(parts).astype(np.int32) for parts in zip(*rows, strict=True)]
+
+        # Chunks of cycles follow each other in each row; sort by pixel, and keep the order of time
+        order = np.lexsort((columns[1], columns[0]))
+        return [column[order] for column in columns]
 
     def _probabilities(self, rates: np.ndarray) -> np.ndarray:
         """Expected stamps per cycle (x, code) of rates (x, bin)."""
@@ -108,16 +117,24 @@ class Readout:
         pixel, bins = np.divmod(np.repeat(np.arange(counts.size), counts.ravel()), layout.bins)
         return self._bincount(*self._read_out(rng, pixel, 0 * pixel, bins)[::2])
 
-    def _stamps(self, block: Block) -> list[tuple[int, tuple[np.ndarray, ...]]]:
-        """Row of (macro) pixels, and pixel, cycle and code of its stamps."""
-        found, tall = [], self.spad.macro_pixel[0]
-        rows = detections(self.spad, block, self.layout, self.seed, self.bin_s)
-        for k, keys in enumerate(rows, (block.first + block.inner.start) // tall):
-            rng = generator(self.seed, k * tall, _STAMPS)
-            found.append((k, self._read_out(rng, *self.layout.parts(keys))))
-        return found
+    def _stamps(self, block: Block) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray]]:
+        """Simulate the stamps of a block, chunk by chunk of the cycles.
 
-    def _read_out(self, rng: Any, pixel: Any, cycle: Any, bins: Any) -> tuple[np.ndarray, ...]:
+        Yields:
+            Row of (macro) pixels in the block, and pixel, cycle and code of its stamps.
+        """
+        tall = self.spad.macro_pixel[0]
+        first_row = block.first + block.inner.start
+        rows = range(len(block.inner) // tall)
+        random = {row: generator(self.seed, first_row + row * tall, _STAMPS) for row in rows}
+        found = detections(self.spad, block, self.layout, self.seed, self.bin_s)
+        for row, first_cycle, chunk, keys in found:
+            pixel, cycle, bins = chunk.parts(keys)
+            yield row, *self._read_out(random[row], pixel, first_cycle + cycle, bins)
+
+    def _read_out(
+        self, rng: Any, pixel: Any, cycle: Any, bins: Any
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Pixel, cycle and TDC code of detections: jitter, then the TDC."""
         if self.masses is not None:
             bins = bins + sample_jitter(rng, self.masses, bins.size)

@@ -24,6 +24,7 @@ class Spad:
     converter (TDC). Time is resolved to the bins of the rates: a dead time covers whole bins, and
     with one a bin detects at most once per cycle. Afterpulses cause further ones; crosstalk goes to
     one of four neighbours and causes no more, which is right to first order in its probability.
+    An avalanche causes an afterpulse only if it is detected.
 
     Args:
         mode: "first_photon": armed when a cycle starts, for one detection; "multi_hit": armed when
@@ -94,16 +95,30 @@ class Spad:
         tall, wide = (checks.integer("macro_pixel", n, 1, 64) for n in sizes)
         object.__setattr__(self, "macro_pixel", (tall, wide))
         checks.integer("coincidence", self.coincidence, 1, tall * wide)
-        for name, used in (
-            ("dead_time_s", self.mode != "first_photon"),
-            ("afterpulse_probability", self.mode != "first_photon"),
-            ("paralysable", self.dead_time_s > 0),
-            ("afterpulse_time_s", self.afterpulse_probability > 0),
-            ("hot_rate_hz", self.hot_fraction > 0),
-            ("coincidence_window_s", self.coincidence > 1),
-        ):
-            value = getattr(self, name)
-            checks.require(name, value, used or not value, "left out where nothing depends on it")
+        self._refuse_parameters_without_effect()
+
+    def _refuse_parameters_without_effect(self) -> None:
+        """Refuse parameters that have no effect in this mode or with these other parameters."""
+        if self.mode == "first_photon":
+            for name in ("dead_time_s", "afterpulse_probability"):
+                if getattr(self, name):
+                    raise ValueError(
+                        f'{name} has no effect in mode "first_photon". Remove it or choose mode '
+                        '"multi_hit" or "free_running"'
+                    )
+        needed = {
+            "paralysable": "dead_time_s",
+            "afterpulse_time_s": "afterpulse_probability",
+            "hot_rate_hz": "hot_fraction",
+        }
+        for name, other in needed.items():
+            if getattr(self, name) and not getattr(self, other):
+                raise ValueError(f"{name} has no effect with {other} = 0. Remove it or set {other}")
+        if self.coincidence_window_s and self.coincidence == 1:
+            raise ValueError(
+                "coincidence_window_s has no effect with coincidence = 1. Remove it or set "
+                "coincidence to 2 or more"
+            )
 
     def histogram(
         self, rates: Any, cycles: int, seed: int = 0, *, bin_width_opl: float | None = None
@@ -112,12 +127,14 @@ class Spad:
 
         Cycles that start armed, without paralysis, afterpulses, crosstalk and macro pixels, are
         drawn from the exact distribution of their counts, at a cost that hardly depends on
-        `cycles`; all else photon by photon. Rows have their own random numbers: chunks change
-        nothing. More photons per cycle than the model is meant for make a warning.
+        `cycles`; all else photon by photon. Rows have their own random numbers: chunks of the film
+        change nothing. Photons are simulated in chunks of cycles, with about 150 MB per thread.
+        More photons per cycle than the model is meant for make a warning.
 
         Args:
             rates: A Dataset of `expected_photons`, or photons per pixel, bin and cycle, at least 0,
-                as an array (y, x, bin). If lazy (Dask), the result is, too.
+                as an array (y, x, bin) that starts at the path length 0. If lazy (Dask), the result
+                is, too.
             cycles: Laser cycles, at least 1.
             seed: Seed of the random numbers.
             bin_width_opl: Width of the bins [m], for an array.

@@ -15,6 +15,32 @@ from ..runtime import checks
 from .units import SPEED_OF_LIGHT, check_frequencies
 
 
+def wrap(values: Any, period: float) -> np.ndarray:
+    """Wrap values to [0, period).
+
+    `np.mod` alone rounds small negative values to the period itself.
+
+    Example:
+        >>> wrap([-1e-20, 7.5], 5.0)
+        array([0. , 2.5])
+    """
+    wrapped = np.mod(values, period)
+    return np.where(wrapped >= period, 0.0, wrapped)
+
+
+def phase_of(I: Any, Q: Any) -> np.ndarray:
+    """Return the phase atan2(Q, I) in (-pi, pi] [rad].
+
+    `np.arctan2` alone returns -pi where Q is -0 or rounds to it.
+
+    Example:
+        >>> phase_of(-1.0, -0.0).round(4).item()
+        3.1416
+    """
+    phase = np.arctan2(Q, I)
+    return np.where(phase <= -math.pi, math.pi, phase)
+
+
 def phasor_parts(
     I: Any, Q: Any, frequency_hz: float | Sequence[float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -45,8 +71,7 @@ def phasor_parts(
     if I.shape != Q.shape or (many and I.shape[:1] != (len(frequencies),)):
         first = f", {len(frequencies)} frequencies first" if many else ""
         raise ValueError(f"I, Q with shapes {I.shape}, {Q.shape}: must be equal{first}")
-    phase = np.arctan2(Q, I)
-    phase = np.where(phase <= -math.pi, math.pi, phase)  # of a Q that rounds to -0
+    phase = phase_of(I, Q)
     ranges = SPEED_OF_LIGHT / (2 * np.array(frequencies))
     ranges = ranges.reshape(-1, *[1] * (I.ndim - 1)) if many else ranges[0]
     depth = np.mod(phase, 2 * math.pi) / (2 * math.pi) * ranges

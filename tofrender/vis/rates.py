@@ -15,6 +15,7 @@ from ..runtime.plots import colour_bar, fit_height, wrap_text
 from .transient import explain_hatch, map_axes, picture_aspect, typeset
 
 DECADES = 4  # Of the colours of light
+CELLS_PER_INCH = 60  # Of a map: low enough that no cell falls between the dots of a picture
 
 
 @in_style()
@@ -26,6 +27,9 @@ def range_velocity_map(
     title: str | None = None,
 ) -> Figure:
     """Draw light over range, half the path length, and velocity, half its rate of change.
+
+    If a film has more bins than the figure can show, each cell of the map shows the largest of its
+    bins. A single bright bin therefore keeps its color.
 
     Args:
         film: A Dataset of `range_rate`; of some pixels, `film.isel(x=..., y=...)`.
@@ -65,7 +69,11 @@ def range_velocity_map(
     most = float(values.max()) or 1.0
     scale: Any = {"cmap": "inferno", "norm": LogNorm(most / 10**DECADES, most, clip=True)}
     extent = (left, right, low, high)
-    shown = axes.imshow(values.T, origin="lower", aspect="auto", extent=extent, **scale)
+    width_inches, height_inches = figure.get_size_inches()
+    most_cells = int(CELLS_PER_INCH * width_inches), int(CELLS_PER_INCH * height_inches)
+    cells = largest_of_cells(values, most_cells)
+    options = scale | {"origin": "lower", "aspect": "auto", "interpolation": "nearest"}
+    shown = axes.imshow(cells.T, extent=extent, **options)
     if lidar is not None:
         along, across = (each / 2 for each in lidar.resolution)
         corner = left + 0.03 * (right - left), low + 0.03 * (high - low)
@@ -74,11 +82,26 @@ def range_velocity_map(
         axes.legend(loc="upper right", labelcolor="white", facecolor="black", framealpha=0.5)
     axes.set(xlabel="range, half the path length [m]", ylabel="velocity, half the rate [m/s]")
     bar = figure.colorbar(shown, ax=axes, extend="min", aspect=22, pad=0.02)
-    bar.set_label(f"radiance per bin [{typeset(film['radiance'].attrs.get('units', '1'))}]")
+    what = "radiance per bin" if cells.shape == values.shape else "largest radiance per bin"
+    bar.set_label(f"{what} [{typeset(film['radiance'].attrs.get('units', '1'))}]")
     seen = "all pixels" if pixel is None else f"pixel ({pixel[0]}, {pixel[1]})"
     name = str(film.attrs.get("scene", "")) if title is None else title
     axes.set_title(wrap_text(", ".join(filter(None, [name, seen])), wide))
     return figure
+
+
+def largest_of_cells(values: np.ndarray, most_cells: tuple[int, int]) -> np.ndarray:
+    """Reduce both axes to at most so many cells, each with the largest value that it covers."""
+    for axis, most in enumerate(most_cells):
+        count = values.shape[axis]
+        cells = min(most, count)
+        largest = []
+        for cell in range(cells):
+            first = cell * count // cells
+            stop = -(-(cell + 1) * count // cells)
+            largest.append(values.take(range(first, stop), axis).max(axis))
+        values = np.stack(largest, axis)
+    return values
 
 
 @in_style()
@@ -87,7 +110,10 @@ def velocity_map(
 ) -> Figure:
     """Draw the velocity of each pixel, half the rate of change of its path length.
 
-    Pixels without light are hatched; faster ones than the limit are clipped.
+    The title states which rate the map shows, as the attribute `long_name` of `rate` describes it:
+    `doppler_rate` measures the change of the path length at a fixed pixel, and FMCW lidars measure
+    the change along the moving material. These rates differ where a tilted surface slides through
+    the view. Pixels without light are hatched, and velocities above the limit are clipped.
 
     Args:
         rate: Result of `doppler_rate`, or `rate` of `Fmcw.estimates`, (y, x) [m/s].
@@ -96,7 +122,7 @@ def velocity_map(
         title: Title of the figure; None for none.
 
     Raises:
-        ValueError: Something else.
+        ValueError: `rate` is something else.
 
     Example:
         >>> import xarray as xr
@@ -123,7 +149,9 @@ def velocity_map(
     extent = (x - 0.5, x + rate.shape[1] - 0.5, y + rate.shape[0] - 0.5, y - 0.5)
     colours: Any = {"cmap": "RdBu_r", "vmin": -fastest, "vmax": fastest, "extent": extent}
     shown = map_axes(axes, velocity, **colours)
-    axes.set_title("receding (red), approaching (blue)")
+    meaning = str(rate.attrs.get("long_name", ""))
+    colors = "receding (red), approaching (blue)"
+    axes.set_title(wrap_text("\n".join(filter(None, [meaning, colors])), wide - 1))
     beyond = "both" if (known > fastest).any() else "neither"
     colour_bar(shown, axes, "velocity, half the rate [m/s]", extend=beyond)
     if title is not None:

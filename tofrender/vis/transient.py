@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..rendering.cubes import Cube, Place
-from ..rendering.dataset import DIMS, QUANTITIES, first_pixel, time_axis
+from ..rendering.dataset import DIMS, QUANTITIES, first_pixel, require_one_render, time_axis
 from ..runtime import checks, plots
 from ..signals.colour import luminance
 from ..signals.units import ns_to_opl, opl_to_ns
@@ -155,6 +155,7 @@ def _cube(name: str, data: Any) -> Cube:
 
 def _require_labels(data: Any) -> None:
     """Refuse a Dataset without the labels that `render` writes."""
+    require_one_render("data", data)
     found = {str(name): variable.dims for name, variable in data.data_vars.items()}
     axes = DIMS["transient"]
     if found.get("transient") != axes or not set(axes) <= set(data.coords):

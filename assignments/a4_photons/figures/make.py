@@ -62,8 +62,8 @@ def depth():
     corrected = np.nan_to_num(coates(counts, CYCLES), posinf=0.0) * CYCLES
     maps = {}
     for name, found in (("first photons", counts), ("corrected", corrected)):
-        depth = estimate_depth(found, RESPONSE, bin_width_opl=WIDTH)["depth"].values
-        maps[name] = depth + START / 2
+        axis = {"start_opl": START, "bin_width_opl": WIDTH}
+        maps[name] = estimate_depth(found, RESPONSE, **axis)["depth"].values
     camera = Itof(frequencies_hz=20e6, contrast=0.6, read_noise=20.0)
     frames = camera.frames(rates, 20_000, seed=2)
     maps["correlation camera, 20 MHz"] = camera.depth(frames)["depth"].values
@@ -123,7 +123,7 @@ def bound():
     for method, label in (("matched", "matched filter"), ("ml", "likeliest")):
         errors = []
         for counts in noisy:
-            found = estimate_depth(counts, RESPONSE, method, bin_width_opl=WIDTH)["depth"].values
+            found = estimate_depth(counts, RESPONSE, method, start_opl=0.0, bin_width_opl=WIDTH)["depth"].values
             errors.append(1000 * np.sqrt(np.mean((found - place / 2) ** 2)))
         ax.loglog(signals, errors, "o-", ms=4, label=label)
     least = 1000 * depth_bound(signals.astype(float), 0.05, RESPONSE, WIDTH)

@@ -108,7 +108,13 @@ def contents_of(
         "facts": facts(data, found),
         "weights": LUMINANCE.tolist() if channels == 3 else [1.0],
         "axis": found.axis | axis,
-        "grid": {"first": found.first, "step": by.space, "height": height, "width": width},
+        "grid": {
+            "first": found.first,
+            "down": found.down,
+            "step": by.space,
+            "height": height,
+            "width": width,
+        },
         "lasers": math.prod(spots),
     }
     for name, (cube, mode) in layers.items():

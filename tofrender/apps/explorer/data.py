@@ -24,6 +24,10 @@ from .compression import Mode
 
 PIXELS = {"transient": "pixels", "capture": "points", "volume": "columns", "phasors": "pixels"}
 
+DOWNWARDS = slice(None)
+UPWARDS = slice(None, None, -1)
+"""Orders of the rows of a wall in which the highest row comes first, by where its rows run."""
+
 FACTS = {
     "mode": "Mode",
     "method": "Method",
@@ -53,6 +57,7 @@ class ExplorerData:
     arrays: dict[str, np.ndarray]  # "peaks" of each pixel [m]; "distance", "points", "hatch"
     layers: dict[str, tuple[Cube, Mode]] = field(default_factory=dict)  # Other cubes
     first: tuple[int, int] = (0, 0)  # Column and row of the first pixel
+    down: int = 1  # Step of row numbers from the top of the picture downwards, 1 or -1
     hatched: str = ""  # What pixels of "hatch" are
     notes: list[str] = field(default_factory=list)  # Sentences for the reader
     warnings: list[str] = field(default_factory=list)  # Those that stand above the picture
@@ -167,9 +172,10 @@ def _transient(data: xr.Dataset, orders: dict[str, Cube], distance_m: Any) -> Ex
 
 def _capture(data: xr.Dataset) -> ExplorerData:
     check_capture(data)
-    light = Cube.of("data: transient", data["transient"])
+    rows = _rows_from_top(_wall_frame(data).axes)
+    light = Cube.of("data: transient", data["transient"]).view((..., rows, *[slice(None)] * 3))
     start, width = time_axis(data)
-    grid = data["sensor_grid"].values.astype(np.float64)
+    grid = data["sensor_grid"].values.astype(np.float64)[rows]
     mode, legs = data.attrs["mode"], bool(data.attrs["counts_first_and_last_legs"])
     views = [Transient(light.view(spot), start, width) for spot in np.ndindex(*light.shape[:-4])]
     geometry: dict[str, Any] = {"mode": mode}
@@ -178,16 +184,32 @@ def _capture(data: xr.Dataset) -> ExplorerData:
     peaks = np.stack([ns_to_opl(view.brightest()[1]) for view in views])
     arrays = {"peaks": peaks, "points": grid}
     if ON_WALL in data:
-        arrays["hatch"] = ~data[ON_WALL].values
+        arrays["hatch"] = ~data[ON_WALL].values[rows]
     is_confocal = mode == "confocal" and not legs
     header = {"kind": "capture", "quantity": _quantity(data.attrs), "geometry": geometry}
     header["depth"] = "a single bounce in the hidden scene, back to the laser spot" * is_confocal
     ends = "laser to wall and wall to sensor included" if legs else "from the wall to the wall"
     axis = {"start": start, "width": width, "what": f"optical path length, {ends}"}
-    first = int(data["x"].values[0]), int(data["y"].values[0])
-    found = ExplorerData(header, light, "sum", axis, arrays, first=first)
+    first = int(data["x"].values[0]), int(data["y"].values[rows][0])
+    down = 1 if rows == DOWNWARDS else -1
+    found = ExplorerData(header, light, "sum", axis, arrays, first=first, down=down)
     found.hatched = "points off the relay wall" if ON_WALL in data else ""
     return found
+
+
+def _wall_frame(capture: xr.Dataset) -> WallFrame:
+    grid, normals = (
+        capture[f"sensor_{name}"].values.astype(np.float64) for name in ("grid", "normals")
+    )
+    return WallFrame.of(grid, normals)
+
+
+def _rows_from_top(frame_axes: np.ndarray) -> slice:
+    """Return the order of rows in which the first row of a wall is the highest one.
+
+    Pictures of a capture, slices of its volume and the 3-D view must agree.
+    """
+    return DOWNWARDS if float(frame_axes[1, 1]) < 0 else UPWARDS
 
 
 def _phasors(data: xr.Dataset) -> ExplorerData:
@@ -205,10 +227,9 @@ def _volume(data: xr.Dataset) -> ExplorerData:
     values = check_volume(data)
     start, step = _axis(data, "z")
     sides = {axis: _axis(data, axis) for axis in "xy"}
-    rows = slice(None)
-    if not ("frame_axes" in data and float(data["frame_axes"].values[1, 1]) < 0):
-        # The first row of a picture is on top
-        rows, (low, size) = slice(None, None, -1), sides["y"]
+    rows = _rows_from_top(data["frame_axes"].values) if "frame_axes" in data else UPWARDS
+    if rows == UPWARDS:
+        low, size = sides["y"]
         sides["y"] = low + size * values.shape[1], -size
     quantity = f"intensity [{data.attrs.get('units', 'arbitrary')}]"
     handed = -math.copysign(1, sides["y"][1])  # Of x, upwards and away from the wall
@@ -229,8 +250,8 @@ def wall_of(volume: xr.Dataset, capture: Any) -> dict[str, np.ndarray]:
     frame = WallFrame(
         *(volume[f"frame_{name}"].values.astype(float) for name in ("origin", "axes"))
     )
-    grid = capture["sensor_grid"].values.astype(float)
-    own = WallFrame.of(grid, capture["sensor_normals"].values.astype(float))
+    own = _wall_frame(capture)
+    grid = capture["sensor_grid"].values.astype(float)[_rows_from_top(own.axes)]
     size = 1e-3 * max(1.0, np.ptp(grid.reshape(-1, 3), axis=0).max())
     same = np.allclose(own.origin, frame.origin, atol=size)
     if not (same and np.allclose(own.axes, frame.axes, atol=1e-3)):

@@ -77,6 +77,33 @@ export function paintMap(values, { low, high, map, width }) {
   return bytes;
 }
 
+/**
+ * Reduce values of some columns and rows to at most so many cells.
+ *
+ * Each cell has the largest value that it covers, so that no bright row or column is lost.
+ */
+export function largestOfCells(values, [width, height], [mostColumns, mostRows]) {
+  const columns = Math.min(width, mostColumns);
+  const rows = Math.min(height, mostRows);
+  const cells = new Float64Array(columns * rows).fill(-Infinity);
+  const ends = (cell, cellCount, count) => [
+    Math.floor((cell * count) / cellCount),
+    Math.ceil(((cell + 1) * count) / cellCount),
+  ];
+  for (let row = 0; row < rows; row++) {
+    const [top, below] = ends(row, rows, height);
+    for (let column = 0; column < columns; column++) {
+      const [left, beside] = ends(column, columns, width);
+      let largest = -Infinity;
+      for (let y = top; y < below; y++) {
+        for (let x = left; x < beside; x++) largest = Math.max(largest, values[y * width + x]);
+      }
+      cells[row * columns + column] = largest;
+    }
+  }
+  return { cells, columns, rows };
+}
+
 /** Least and largest number, those of the outermost hundredth left out. */
 export function range(values, outermost = 0.01) {
   const known = Float32Array.from(values)

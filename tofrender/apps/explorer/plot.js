@@ -98,6 +98,13 @@ export function drawMap(canvas, axis, { low, high }, image, words, ink) {
   pen.drawImage(image, axes.left, axes.top, axes.right - axes.left, tall);
 }
 
+/** How many columns and rows of dots a map has in a canvas. */
+export function dotsOf(canvas) {
+  const ratio = globalThis.devicePixelRatio || 1;
+  const axes = new Axes(canvas, { start: 0, width: 1, count: 1 });
+  return [axes.right - axes.left, axes.bottom - axes.top].map((size) => Math.max(1, Math.floor(ratio * size)));
+}
+
 function drawMarks(pen, axes, { bin, gate }, ink) {
   const edge = (k) => axes.x(axes.start + k * axes.width);
   if (gate) {

@@ -20,6 +20,11 @@ class Layer {
     this.values = Float32Array.from({ length: 256 }, (_, q) =>
       signed && q >= 128 ? -value(q - 128) : value(q),
     );
+    /** Largest error of the value of each code; smaller values than `least` have the code 0. */
+    this.resolutions = this.values.map((size, q) => {
+      const error = q === 0 ? least : Math.abs(size) * (Math.sqrt(ratio) - 1);
+      return whole ? (error < 0.5 ? 0 : error + 0.5) : error;
+    });
   }
 
   /** Where the codes of a bin's channel begin. */
@@ -133,8 +138,8 @@ export class Recording {
 
   /** The pixel at such coordinates. */
   at([x, y]) {
-    const { first, step } = this.about.grid;
-    return [Math.floor((x - first[0]) / step), Math.floor((y - first[1]) / step)];
+    const { first, step, down } = this.about.grid;
+    return [Math.floor((x - first[0]) / step), Math.floor((down * (y - first[1])) / step)];
   }
 
   /** Channels of planes as one. */
@@ -190,22 +195,32 @@ export class Recording {
 
   /** Coordinates of a pixel in the whole film; of a block of pixels, those of its first one. */
   place([column, row]) {
-    const { first, step } = this.about.grid;
-    return [first[0] + column * step, first[1] + row * step];
+    const { first, step, down } = this.about.grid;
+    return [first[0] + column * step, first[1] + down * row * step];
+  }
+
+  /** First and last column, and least and largest row, of the block of pixels that is averaged. */
+  block(pixel) {
+    const { first, step, down, width, height } = this.about.grid;
+    const [column, row] = pixel.map((each) => each * step + step - 1);
+    const [x, y] = this.place(pixel);
+    const [right, end] = [first[0] + Math.min(column, width - 1), first[1] + down * Math.min(row, height - 1)];
+    return [[x, right], [Math.min(y, end), Math.max(y, end)]];
   }
 
   /**
    * What a pixel sees in each bin.
    *
-   * Channels are weighted and added; standard errors likewise, as if channels erred together.
+   * Channels are weighted and added; standard errors likewise, as if channels erred together. The
+   * table has the value of each code, or its largest error.
    */
-  response(pixel, weights = this.weights, layer = this.light) {
+  response(pixel, weights = this.weights, layer = this.light, table = layer.values) {
     const own = new Float64Array(this.about.axis.count);
     const first = this.laser * own.length;
     for (let bin = 0; bin < own.length; bin++) {
       for (let channel = 0; channel < layer.channels; channel++) {
         const code = layer.codes[layer.at(first + bin, channel) + pixel];
-        own[bin] += weights[channel] * layer.values[code];
+        own[bin] += weights[channel] * table[code];
       }
     }
     if (!this.unwarped) return own;

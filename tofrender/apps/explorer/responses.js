@@ -3,8 +3,8 @@
 import { fill, lineSwatch, make } from "../ui/parts.js";
 import { canvasOf, hasPixels } from "./frame.js";
 import { removePixel } from "./input.js";
-import { paintMap } from "./paint.js";
-import { colourOf, drawCurves, drawMap, drawPhasors } from "./plot.js";
+import { largestOfCells, paintMap } from "./paint.js";
+import { colourOf, dotsOf, drawCurves, drawMap, drawPhasors } from "./plot.js";
 import { SPEED_OF_LIGHT } from "./recording.js";
 import { STOKES } from "./stokes.js";
 import { hertz, named, nanoseconds, raised, short, signed, when } from "./words.js";
@@ -39,6 +39,10 @@ export class Responses {
       const components = parts.map((part) => recording.response(pixel, weights, recording.stokes[part]));
       const values = components[0].map((_, bin) => of(...components.map((each) => each[bin])));
       const found = { values, components };
+      if (parts.length === 1) {
+        const layer = recording.stokes[parts[0]];
+        found.resolution = recording.response(pixel, weights, layer, layer.resolutions);
+      }
       if (recording.errors && now.stokes === "S0") found.errors = recording.response(pixel, weights, recording.errors);
       found.orders = recording.orders.map((layer) => ({
         name: layer.name,
@@ -47,7 +51,8 @@ export class Responses {
       this.known.set(name, found);
     }
     const [x, y] = recording.place([column, row]);
-    return { ...this.known.get(name), x, y, style: Math.max(0, k), dots: recording.about.counts };
+    const block = recording.block([column, row]);
+    return { ...this.known.get(name), x, y, block, style: Math.max(0, k), dots: recording.about.counts };
   }
 
   /** Curves of all chosen pixels. */
@@ -146,12 +151,15 @@ export class Responses {
     const { axis, rateAxis } = recording.about;
     const chosen = now.pixels[now.active];
     const pixel = chosen && chosen[1] * recording.light.width + chosen[0];
-    const key = `rates ${pixel}`;
+    const dots = dotsOf(parts.rates);
+    const key = `rates ${pixel} ${dots}`;
     if (!this.known.has(key)) {
       const light = recording.byRates(pixel);
       const top = Math.log10(light.reduce((a, b) => Math.max(a, b)) || 1);
-      const look = { low: top - RATE_DECADES, high: top, map: recording.part("map false"), width: axis.count };
-      this.known.set(key, { top, image: canvasOf(paintMap(light.map(Math.log10), look), axis.count, rateAxis.count) });
+      // The canvas may have fewer dots than there are bins
+      const { cells, columns, rows } = largestOfCells(light, [axis.count, rateAxis.count], dots);
+      const look = { low: top - RATE_DECADES, high: top, map: recording.part("map false"), width: columns };
+      this.known.set(key, { top, image: canvasOf(paintMap(cells.map(Math.log10), look), columns, rows) });
     }
     const { top, image } = this.known.get(key);
     const range = { start: axis.start / 2, width: axis.width / 2, count: axis.count };

@@ -83,20 +83,33 @@ async function saveFilm(explorer, tell) {
   return save(explorer, gif.blob(), "gif");
 }
 
-/** Times, path lengths and curves of the chosen pixels, and standard errors where they are known. */
+/**
+ * Times, path lengths and curves of the chosen pixels.
+ *
+ * Columns of a block of pixels are named by its first and last pixels, and as a mean. Each curve has
+ * its resolution, the largest error of values that are kept as one byte, and standard errors if they
+ * are known.
+ */
 function saveCurves(explorer) {
   const { recording, responses } = explorer;
-  const curves = responses.curves();
-  const errors = curves.filter((curve) => curve.errors);
-  const name = ({ x, y }) => `x${x}_y${y}`;
+  const isBlock = recording.about.grid.step > 1;
   const places = recording.isVolume ? ["z_m"] : ["time_ns", "opl_m"];
+  const curves = responses.curves().map((curve) => {
+    const [x, y] = curve.block.map((ends) => (isBlock ? ends.join("-") : ends[0]));
+    return { ...curve, name: isBlock ? `x${x}_y${y}_mean` : `x${x}_y${y}` };
+  });
+  const columns = [
+    ...curves.map(({ name, values }) => [name, values]),
+    ...curves.map(({ name, errors }) => [`${name}_error`, errors]),
+    ...curves.map(({ name, resolution }) => [`${name}_resolution`, resolution]),
+  ].filter(([, values]) => values);
   const rows = Array.from({ length: recording.count }, (_, bin) => {
     const opl = recording.centre(bin);
     const at = recording.isVolume ? [opl] : [(1e9 * opl) / SPEED_OF_LIGHT, opl];
-    const values = [...curves.map((curve) => curve.values[bin]), ...errors.map((curve) => curve.errors[bin])];
+    const values = columns.map(([, column]) => column[bin]);
     return [...at, ...values].map((value) => String(Number(value.toPrecision(9))));
   });
-  const headings = [...places, ...curves.map(name), ...errors.map((curve) => `${name(curve)}_error`)];
+  const headings = [...places, ...columns.map(([name]) => name)];
   const text = [headings, ...rows].map((row) => `${row.join(",")}\r\n`).join("");
   return save(explorer, new Blob([text], { type: "text/csv" }), "csv");
 }

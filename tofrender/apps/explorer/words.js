@@ -61,6 +61,7 @@ export function named(recording, pixel) {
     const at = ([start, size], k) => short(start + (k + grid.step / 2) * size);
     return `x ${at(geometry.x, x)} m, y ${at(geometry.y, y)} m`;
   }
-  const last = grid.step - 1;
-  return last ? `(${x}–${x + last}, ${y}–${y + last})` : `(${x}, ${y})`;
+  if (grid.step === 1) return `(${x}, ${y})`;
+  const [columns, rows] = recording.block(pixel).map((ends) => ends.join("–"));
+  return `(${columns}, ${rows})`;
 }

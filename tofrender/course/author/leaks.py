@@ -6,7 +6,6 @@ in the released material, and all else must work.
 
 import ast
 import json
-import os
 import re
 import subprocess
 import sys
@@ -14,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from ...runtime.child_processes import safe_environment
 from ..assignments import PACKAGE, Assignment
 from ..edition import chosen, path_of, withheld
 from ..rubric import STAFF_TEST
@@ -81,7 +81,7 @@ def smoke_test(assignment: Assignment, folder: Path) -> list[str]:
     }
     result = subprocess.run(
         [sys.executable, "-P", str(_SMOKE_TEST), json.dumps(expected)],
-        env=os.environ | {"PYTHONPATH": str(folder.resolve()), "PYTHONDONTWRITEBYTECODE": "1"},
+        env=safe_environment(PYTHONPATH=str(folder.resolve()), PYTHONDONTWRITEBYTECODE="1"),
         cwd=folder,
         capture_output=True,
         text=True,

@@ -8,16 +8,18 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ...runtime.child_processes import safe_environment
 from ...runtime.progress import ProgressBar
-from ..assignments import PACKAGE
+from ..assignments import PACKAGE, Assignment
 from ..rubric import Rubric
+from . import unpacking
 from .grading import Extracted, Grader
 from .results import Results, finished, printable
 from .roster import Marks, Member, Standing, write_csv
@@ -72,7 +74,8 @@ class Class:
                         self.content[member.id] = content
                         bar.update()
                         self.write()
-                        points = f"{content['score']:g} of {self.rubric.points:g} points"
+                        score = f"{content['score']:g}" if "score" in content else "none"
+                        points = f"{score} of {self.rubric.points:g} points"
                         name = printable(self.results(member).stem, 100)
                         say(f"[{bar.n}/{len(work)}] {name}: {points}, {note}")
             except BaseException:
@@ -90,6 +93,11 @@ class Class:
         class_ = map(self.standing, done)
         sheet = self.marks is not None
         write_csv(self.csv, self.rubric, class_, self.roster, sheet, self.columns)
+
+    @property
+    def not_graded(self) -> list[Member]:
+        """Members whose submissions the machine has failed to grade."""
+        return [member for member in self.members if not self.standing(member).graded]
 
     @property
     def rubric(self) -> Rubric:
@@ -147,7 +155,7 @@ class Class:
                 raise KeyboardInterrupt
             process = subprocess.Popen(
                 [sys.executable, "-P", "-m", f"{__package__}.grading"],
-                env=os.environ | {"PYTHONPATH": str(PACKAGE.parent)},
+                env=safe_environment(PYTHONPATH=str(PACKAGE.parent)),
                 stdin=subprocess.PIPE,  # all can read a command's arguments, and the seed is secret
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
@@ -177,18 +185,55 @@ class Class:
         return _short(content), f"{content['execution_time']:.0f} s"
 
 
-def submissions_in(folder: Path, *others: Path) -> list[Path]:
-    """Folders and zips of a folder, by name, but for `others`; ValueError if none."""
-    made = {path.resolve() for path in others}
-    found = [
-        path
-        for path in sorted(folder.iterdir())
-        if not path.name.startswith(".")
-        and (path.is_dir() or path.suffix.lower() == ".zip")
-        and path.resolve() not in made
-    ]
+def submissions_in(
+    folder: Path, assignment: Assignment, not_submissions: Iterable[Path] = ()
+) -> list[Path]:
+    """List the submissions of a class: folders, archives and single files, sorted by name.
+
+    Hidden files, and files that operating systems leave behind, are ignored.
+
+    Args:
+        folder: Folder of the class.
+        assignment: Assignment whose files a single file can stand for.
+        not_submissions: Paths in the folder that belong to the teacher, such as the roster.
+
+    Raises:
+        ValueError: There is no submission, or something in the folder is neither a folder, an
+            archive, nor a file of the assignment. The message lists all of them.
+    """
+    ignored = {path.resolve() for path in not_submissions}
+    rubric = assignment.rubric
+    found: list[Path] = []
+    unknown: list[str] = []
+    singles: dict[str, str] = {}
+    for path in sorted(folder.iterdir()):
+        hidden = path.name.startswith(".") or path.name.lower() in unpacking.LITTER
+        if hidden or path.resolve() in ignored:
+            continue
+        if path.is_dir() or unpacking.is_archive(path):
+            found.append(path)
+            continue
+        name = unpacking.asked_name(path.name, rubric.submit, rubric.files)
+        if name is None:
+            unknown.append(path.name)
+            continue
+        owner = path.name.removesuffix(name)
+        if owner in singles and owner != path.name:
+            raise ValueError(
+                f"--all = {folder}: {singles[owner]!a} and {path.name!a} seem to be of one student;"
+                " put the files of each student into a folder"
+            )
+        singles[owner] = path.name
+        found.append(path)
+    if unknown:
+        listed = ", ".join(ascii(name) for name in unknown)
+        raise ValueError(
+            f"--all = {folder}: {len(unknown)} files are not understood: {listed}. "
+            "Pass folders, zip or tar archives, or files with a name of the assignment; "
+            "move other files elsewhere"
+        )
     if not found:
-        raise ValueError(f"--all = {folder}: holds no folders and no zips")
+        raise ValueError(f"--all = {folder}: contains no submissions")
     return found
 
 

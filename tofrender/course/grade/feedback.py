@@ -38,8 +38,10 @@ def page(standing: Standing, tests: Mapping[str, Mapping[str, Any]], folder: Pat
     rubric, marks = standing.rubric, standing.marks
     by_hand = [each for each in rubric.by_hand if each.id in marks.points]
     total = f"**{points_text(standing.total)} of {points_text(standing.most)} points**"
+    if not standing.graded:
+        total = "**Not graded yet**"
     parts = [f"# {pages.plain(rubric.title)}: {pages.plain(standing.member.name)}", total]
-    if standing.lost:
+    if standing.graded and standing.lost:
         days, free = points_text(marks.late_days), points_text(rubric.late.free_days)
         text = f"It came {days} {'day' if days == '1' else 'days'} late"
         text += f", {free} of which cost nothing" if rubric.late.free_days else ""
@@ -62,7 +64,8 @@ def page(standing: Standing, tests: Mapping[str, Mapping[str, Any]], folder: Pat
         [pages.plain(each.title), points_text(marks.points[each.id]), points_text(each.points)]
         for each in by_hand
     ]
-    parts.append(pages.table(["problem", "points", "of"], lines))
+    if standing.graded:
+        parts.append(pages.table(["problem", "points", "of"], lines))
     for problem in rubric.problems:
         parts += _problem(problem, standing, tests, folder)
     return "\n\n".join(parts) + "\n"

@@ -26,6 +26,8 @@ def gradescope(content: Content) -> str:
 
 def prairielearn(content: Content) -> str:
     """PrairieLearn's `results.json`, whose score is a fraction and at most 1."""
+    if not content["extra_data"]["complete"]:
+        return _json({"gradable": False, "format_errors": [content["output"]]})
     tests = [
         {"name": test["name"], "message": reason}
         | {"points": test["score"], "max_points": test["max_score"]}
@@ -38,7 +40,12 @@ def prairielearn(content: Content) -> str:
 
 
 def classroom50(content: Content) -> str:
-    """Classroom 50's `result.json`: hundredths of points without bonus, names of the run."""
+    """Classroom 50's `result.json`: hundredths of points without bonus, names of the run.
+
+    The file is empty, which is no result, if the submission is not graded.
+    """
+    if not content["extra_data"]["complete"]:
+        return ""
     tests = [
         {
             "test-name": test["name"],
@@ -62,6 +69,10 @@ def junit(content: Content) -> str:
     """JUnit's XML, a test case for each test; points are properties."""
     extra = content["extra_data"]
     suite = ElementTree.Element("testsuite", name=extra["assignment"])
+    if not extra["complete"]:
+        case = ElementTree.SubElement(suite, "testcase", name="grading")
+        ElementTree.SubElement(case, "error", message=content["output"])
+        suite.attrib |= {"tests": "1", "errors": "1"}
     for test, reason in _tests(content):
         problem, _, name = test["name"].partition(": ")
         seconds = f"{test['extra_data']['execution_time']:g}"
@@ -73,7 +84,8 @@ def junit(content: Content) -> str:
             failure = ElementTree.SubElement(case, "failure", message=reason.partition("\n")[0])
             failure.text = reason
     failures = sum(test["status"] != "passed" for test in content["tests"])
-    suite.attrib |= {"tests": str(len(content["tests"])), "failures": str(failures)}
+    if extra["complete"]:
+        suite.attrib |= {"tests": str(len(content["tests"])), "failures": str(failures)}
     ElementTree.indent(suite)
     return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"
 

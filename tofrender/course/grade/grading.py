@@ -9,8 +9,8 @@ pytest with the staff's tests, and the judge starts a worker, which runs the sub
 
 Each arrow removes rights, and ends all processes behind it (see `judge.sandbox`). If root grades,
 the worker is a user that nobody else is. A worker that crashes costs the test that asked it, a
-judge that is lost costs the problem's tests that had not ended. A results file with 0 points is
-written before anything else.
+judge that is ended at a limit costs the problem's tests that had not ended. If the machine fails,
+the submission is not graded. A results file without points is written before anything else.
 
 A class is copied before the first submission runs, to a folder that none of them can read or
 write. A submission reads its own part of the scratch folder only, and the edition.
@@ -77,9 +77,8 @@ class Grader:
         """Copy the files of a submission, and given ones that it lacks."""
         folder = Path(tempfile.mkdtemp(dir=self.scratch / CLASS)) / "submission"
         rubric = self.assignment.rubric
-        names = list(dict.fromkeys(problem.file for problem in rubric.problems if problem.file))
         try:
-            unpacking.extract(submission, rubric.submit, folder, names)
+            unpacking.extract(submission, rubric.submit, folder, rubric.files)
         except unpacking.BadSubmission as error:
             remove(folder.parent)
             empty = isinstance(error, unpacking.Nothing)
@@ -96,16 +95,20 @@ class Grader:
         hidden: Sequence[Path] = (),
         pictures: Path | None = None,
     ) -> Results:
-        """Grade a folder, zip or copy by `extract`, which is used up; write the results to `out`.
+        """Grade a submission, or a copy of it by `extract`, which is used up.
+
+        The results are written to `out`.
 
         Call it from a thread that stays: the processes end with that thread. The submission cannot
         read solutions and `hidden` paths. `pictures` is the folder to make of pictures of failures.
+        MachineFailure if the submission is not the reason that a problem cannot be judged; then
+        the results are without points.
         """
         begin = time.monotonic()
         results = Results(self.assignment.rubric, fingerprint=self.fingerprint, seed=self.seed)
         results.format = self.format
         results.missing_protections = sandbox.missing_protections()
-        results.remarks = ["grading was interrupted"]
+        results.remarks = ["not graded: grading was interrupted"]
         results.write(out)
         results.remarks = []
         folder = Path(tempfile.mkdtemp(prefix="submission-", dir=self.scratch))
@@ -120,6 +123,10 @@ class Grader:
                 make_readable(folder / "submission")
                 self._judge_all(folder, results, begin, hidden)
             _keep_pictures(folder / "pictures", pictures)
+        except processes.MachineFailure as failure:
+            results.remarks = [f"not graded: {failure}"]
+            results.write(out)
+            raise
         finally:
             remove(folder)
         results.seconds = time.monotonic() - begin
@@ -205,6 +212,8 @@ class Grader:
             sandbox.command(confinement, pytest),
             timeout_s=timeout_s,
             memory_bytes=int((self.memory_gib + JUDGE_GIB) * 2**30),
+            folder=workspace,
+            uid=uid,
             cwd=judging,
             env=_environment(home, tmp, package),
         )
@@ -214,13 +223,17 @@ class Grader:
         for path in sorted((report / "pictures").glob("*.png"))[:MAX_PICTURES]:
             if path.is_file() and not path.is_symlink() and path.stat().st_size <= MAX_PICTURE:
                 shutil.copyfile(path, pictures / f"{problem.marker}-{path.name}")
-        reason = ""
-        if ended.reason:
-            reason = f"not judged: the problem {ended.reason}"
-        elif ended.status not in (running.OK, running.SOME_FAILED):
-            reason = f"not judged: the judge ended with status {ended.status}\n{ended.output}"
         remove(workspace)
-        return grades_of(problem, lines, reason)
+        if ended.reason:
+            return grades_of(problem, lines, f"not judged: the problem {ended.reason}")
+
+        # Without a limit that was exceeded, all tests have run
+        missing = {test.id for test in problem.tests} - {line["id"] for line in lines}
+        if ended.status not in (running.OK, running.SOME_FAILED) or missing:
+            last = [line for line in ended.output.splitlines() if line.strip()][-1:]
+            status = f"problem {problem.id}: the judge ended with status {ended.status}"
+            raise processes.MachineFailure(": ".join([status, *last]))
+        return grades_of(problem, lines, "")
 
 
 @contextmanager
@@ -322,7 +335,10 @@ def main(request: dict[str, Any]) -> None:
     grader = Grader(**settings | paths | {"assignment": Assignment(paths["assignment"])})
     hidden = [Path(path) for path in request["hidden"]]
     submission = Extracted(**files | {"folder": Path(files["folder"])})
-    grader.grade(submission, Path(request["out"]), hidden, Path(request["pictures"]))
+    try:
+        grader.grade(submission, Path(request["out"]), hidden, Path(request["pictures"]))
+    except processes.MachineFailure as failure:
+        sys.exit(str(failure))
 
 
 if __name__ == "__main__":  # Processes of a submission end with this one, and harm no other

@@ -45,6 +45,7 @@ def write(class_: Class, folder: Path) -> None:
             failed = {n: test["output"] for n, test in tests.items() if test["status"] != "passed"}
             results.append(Result(member.name, scores, failed))
     standings = [class_.standing(member) for member in class_.members]
+    standings = [standing for standing in standings if standing.graded]
     pages.write(folder, NAME, page(class_.grader.assignment, standings, results))
 
 

@@ -28,7 +28,7 @@ class Grade:
 
 @dataclass
 class Results:
-    """Results of a submission; no points at first."""
+    """Results of a submission; not graded at first."""
 
     rubric: Rubric
     grades: dict[str, Grade] = field(default_factory=dict)  # by test id
@@ -61,7 +61,7 @@ class Results:
     def summary(self) -> str:
         """Problems that lost points, with the reason of the first test that did."""
         reasons = list(self.remarks)
-        for problem in self.rubric.problems:
+        for problem in self.rubric.problems if self.complete else ():
             lost = [test for test in problem.tests if not self.grade(test).passed]
             if lost and not problem.bonus:
                 text = " ".join(printable(self.grade(lost[0]).reason, 300).split())
@@ -69,15 +69,16 @@ class Results:
         return "; ".join(dict.fromkeys(reasons))
 
     def gradescope(self) -> dict[str, Any]:
-        """Content of `results.json`."""
-        problems = self.rubric.problems
-        return {
-            "score": self.score,
+        """Content of `results.json`; before grading has ended it is without points and tests."""
+        problems = self.rubric.problems if self.complete else ()
+        tests = [self._entry(problem, test) for problem in problems for test in problem.tests]
+        points = {"score": self.score} if self.complete else {}
+        return points | {
             "execution_time": round(self.seconds, 2),
             "output": "\n".join(self.remarks),
             "visibility": "visible",
             "stdout_visibility": "hidden",
-            "tests": [self._entry(problem, test) for problem in problems for test in problem.tests],
+            "tests": tests,
             "extra_data": {
                 "assignment": self.rubric.id,
                 "max_score": self.rubric.points,

@@ -17,6 +17,7 @@ from ...runtime import checks
 from ...runtime.atomic import replacing
 from ..material import points_text
 from ..rubric import Problem, Rubric
+from . import unpacking
 from .results import printable
 
 COLUMNS = ("id", "name", "email", "section", "submission")  # only the first must be there
@@ -90,7 +91,7 @@ def members(submissions: Sequence[Path], roster: Path | None) -> tuple[list[Memb
             owned[owner] = path
         else:
             unowned.append(path)
-    names = {name for path in submissions for name in (path.name, path.stem)}
+    names = {name for path in submissions for name in (path.name, unpacking.stem_of(path))}
     for row in rows.values():
         named = row.cells.get("submission", "")
         if named and named not in names:
@@ -104,7 +105,7 @@ def members(submissions: Sequence[Path], roster: Path | None) -> tuple[list[Memb
 
 def _owners(path: Path, rows: Mapping[str, Row]) -> list[str]:
     """Ids of the rows whose submission this may be."""
-    stem = path.stem if path.suffix.lower() == ".zip" else path.name
+    stem = unpacking.stem_of(path)
     named = [name for name, row in rows.items() if row.cells.get("submission")]
     if owners := [n for n in named if rows[n].cells["submission"] in (path.name, stem)]:
         return owners
@@ -127,6 +128,11 @@ def marks(sheet: Path, rubric: Rubric, class_: Sequence[Member]) -> dict[str, Ma
         points = {part: _number(row, part, most[part]) for part in most}
         given = {part: value for part, value in points.items() if value is not None}
         late_days = _number(row, "late_days") or 0.0
+        if late_days > 0 and rubric.late.lost_per_day == 0:
+            raise ValueError(
+                f"{row.where}: late_days = {late_days:g} has no effect, because rubric.toml has no "
+                "[late] table with lost_per_day. Add the table, or remove the column late_days"
+            )
         found[name] = Marks(given, late_days, row.cells.get("note", ""))
     return found
 
@@ -139,6 +145,11 @@ class Standing:
     member: Member
     content: Mapping[str, Any] | None  # `results.json`, None if nothing was handed in
     marks: Marks = field(default_factory=Marks)  # given by a person
+
+    @property
+    def graded(self) -> bool:
+        """Whether there are points: the machine has not failed."""
+        return self.content is None or "score" in self.content
 
     def points(self, problem: Problem) -> float:
         """Points of a problem: those of the sheet or, without them, of the tests."""
@@ -211,11 +222,14 @@ def write_csv(
         row: dict[str, str | float | None] = {"id": member.id} if roster or columns else {}
         row |= {name: member.about.get(name, "") for name in about}
         row["submission"] = member.submission.name if member.submission else ""
-        row["total"] = standing.total
-        row |= {problem.id: standing.points(problem) for problem in rubric.problems}
+        row["total"] = standing.total if standing.graded else None
+        graded = [each for each in rubric.problems if standing.graded or each.id in marks.points]
+        row |= dict.fromkeys(problem.id for problem in rubric.problems)
+        row |= {problem.id: standing.points(problem) for problem in graded}
         row |= {part.id: marks.points.get(part.id) for part in rubric.by_hand}
         if sheet or columns:
-            row |= {"late_days": marks.late_days, "lost_late": standing.lost, "note": marks.note}
+            lost = standing.lost if standing.graded else None
+            row |= {"late_days": marks.late_days, "lost_late": lost, "note": marks.note}
         row["reason"] = standing.reason
         rows.append({name: row.get(kind) for name, kind in columns.items()} if columns else row)
     lines = [[*rows[0]], *(map(_cell, row.values()) for row in rows)]

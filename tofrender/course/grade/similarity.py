@@ -29,25 +29,26 @@ def write(
         raise FileExistsError(f"--out = {out}: exists; must be a new folder, or an empty one")
     patterns = [p for p in assignment.rubric.submit if p.endswith(".py")] or ["*.py"]
     given = set(assignment.given)
-    names, reasons = [], []
+    written, reasons = [], []
     with replacing(out, folder=True) as folder:
         for file in sorted(assignment.starter.glob("*.py")):
             copy_file(file, folder / BASE / file.name)
         for number, submission in enumerate(submissions):
-            name = folder_name(submission.stem)
-            name = name if name not in names else f"{name}_{number}"
+            name = folder_name(unpacking.stem_of(submission))
+            name = name if name not in written else f"{name}_{number}"
             target = folder / SUBMISSIONS / name
             try:
-                files = set(unpacking.extract(submission, patterns, target))
+                names = assignment.rubric.files
+                files = set(unpacking.extract(submission, patterns, target, names))
                 for file in files & given:
                     (target / file).unlink()
                 if not files - given:
                     raise unpacking.BadSubmission("has no programs")
-                names.append(name)
+                written.append(name)
             except unpacking.BadSubmission as error:
                 reasons.append(f"{submission.name!a}: {error}")
                 shutil.rmtree(target, ignore_errors=True)
-    return names, reasons
+    return written, reasons
 
 
 def command(out: Path) -> str:

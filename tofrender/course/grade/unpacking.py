@@ -1,13 +1,24 @@
-"""Extract the files that an assignment asks for from a submission, a folder or a zip."""
+"""Extract the files that an assignment asks for from a submission.
 
+A submission is a folder, an archive (zip or tar), or a single file.
+"""
+
+import bz2
+import errno
 import fnmatch
+import gzip
 import io
+import lzma
 import os
+import re
 import stat
+import tarfile
+import tempfile
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import IO
 
@@ -15,14 +26,31 @@ MAX_BYTES = 512 << 20  # of all files together, as they really are
 MAX_FILES = 2000
 LEVELS = 2  # folders around the files
 MAX_NAME = 250  # with its folders [bytes]
-MAX_DIRECTORY = 1 << 20  # of a zip: what it says of its files [bytes]
+MAX_DIRECTORY = 1 << 20  # of an archive: the description of its files [bytes]
+MAX_XZ_MEMORY = 128 << 20  # that the header of an xz file may ask for [bytes]
+ARCHIVES = (".zip", ".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz")
+"""Endings of the archives that can be read."""
+LITTER = {"__macosx", "thumbs.db", "desktop.ini"}
+"""Files and folders that operating systems leave behind, in lower case."""
 # Names of files that configure the judge, in no folder of a submission. All others may be helpers,
 # also `probes.py`, which the tests have, too: neither meets the other.
 NEVER = {
     *("conftest.py", "pytest.ini", ".pytest.ini", "pyproject.toml", "setup.cfg", "tox.ini"),
     *("rubric.toml", "results.json", "sitecustomize.py", "usercustomize.py"),
 }
-BROKEN = (EOFError, NotImplementedError, OSError, RuntimeError, ValueError)
+BROKEN = (
+    EOFError,
+    NotImplementedError,
+    RuntimeError,
+    ValueError,
+    lzma.LZMAError,
+    tarfile.TarError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""Errors of a submission that cannot be read."""
+OF_THE_MACHINE = {errno.EIO, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOSPC, errno.ESTALE}
+"""Numbers of errors that no submission is to blame for."""
 Opener = Callable[[], IO[bytes]]
 
 
@@ -39,17 +67,22 @@ def extract(
 ) -> list[str]:
     """Copy matching files of a submission into a new folder; returns their names, sorted.
 
-    They may lie up to two folders deep, or in the only zip of a folder: those are copied that lie
-    with most of `names`, which are matching files. Links in a folder are passed over.
-    `BadSubmission` for too many or too large files, or a broken or dangerous zip.
+    The files may lie up to two folders deep, or in the only archive of a folder. If several folders
+    hold matching files, the folder with most of `names` is used. Links in a folder are ignored.
+
+    Raises:
+        BadSubmission: There are too many files, the files are too large, or an archive is broken
+            or dangerous.
     """
+    if source.is_file() and not is_archive(source):
+        return _extract_single(source, patterns, target, names)
     depth = LEVELS + max(len(pattern.split("/")) for pattern in patterns)
     with _open_files(source, depth) as files:
         chosen = _chosen(files, patterns, names)
         if not chosen:
-            zips = [name for name in files if name.lower().endswith(".zip")]
-            if source.is_dir() and len(zips) == 1:
-                return extract(source / zips[0], patterns, target, names)
+            archives = [name for name in files if is_archive(Path(name))]
+            if source.is_dir() and len(archives) == 1:
+                return extract(source / archives[0], patterns, target, names)
             shown = ", ".join(sorted(files)[:3]) + ", ..." * (len(files) > 3)
             raise Nothing(f"has none of {', '.join(names or patterns)}; has {shown or 'no files'}")
         if len(chosen) > MAX_FILES:
@@ -69,6 +102,70 @@ def extract(
                         raise BadSubmission(f"unpacks to more than {MAX_BYTES >> 20} MiB")
                     outgoing.write(chunk)
     return sorted(chosen.values())
+
+
+def _extract_single(
+    source: Path, patterns: Sequence[str], target: Path, names: Sequence[str]
+) -> list[str]:
+    """Copy a submission that is one file, under the name that the assignment asks for."""
+    name = asked_name(source.name, patterns, names)
+    if name is None:
+        wanted = ", ".join(names or patterns)
+        raise Nothing(f"is one file, whose name must end in one of {wanted}")
+    with _readable():
+        size = source.stat().st_size
+    if size > MAX_BYTES:
+        raise BadSubmission(f"has more than {MAX_BYTES >> 20} MiB")
+    target.mkdir(parents=True)
+    with (target / name).open("xb") as outgoing:
+        for chunk in _chunks(lambda: source.open("rb")):
+            outgoing.write(chunk)
+    return [name]
+
+
+def asked_name(name: str, patterns: Sequence[str], names: Sequence[str]) -> str | None:
+    """Find the file of an assignment that a single file stands for; None if it is unclear.
+
+    Learning management systems put the student's name in front (`ada_12_tent.py`), and number a
+    repeated upload (`ada_12_tent-1.py`). If the assignment asks for one file of this type only,
+    the file may have any name.
+
+    Args:
+        name: Name of the single file.
+        patterns: Patterns of all files that may be handed in.
+        names: Names of the files that the problems ask for.
+
+    Example:
+        >>> files = (["*.py", "notebook.ipynb"], ["tent.py", "disk.py"])
+        >>> [asked_name(name, *files) for name in ("ada_12_tent-1.py", "x.py", "ada.ipynb")]
+        ['tent.py', None, 'notebook.ipynb']
+    """
+    whole = [pattern for pattern in patterns if not set("*?[/") & set(pattern)]
+    asked = list(dict.fromkeys([*names, *whole]))
+    stem, suffix = os.path.splitext(name)
+    first_upload = re.sub(r"-\d+$", "", stem) + suffix
+    for candidate in (name, first_upload):
+        found = [each for each in asked if re.search(rf"(^|[\s_.-]){re.escape(each)}$", candidate)]
+        if found:
+            return max(found, key=len)
+    same_type = [each for each in asked if each.endswith(suffix)]
+    if suffix and len(same_type) == 1:
+        return same_type[0]
+    return None
+
+
+def is_archive(path: Path) -> bool:
+    """Return whether a file is an archive that can be read, by the ending of its name."""
+    return path.name.lower().endswith(ARCHIVES)
+
+
+def stem_of(path: Path) -> str:
+    """Return the name of a submission without the ending of an archive or of a single file."""
+    name = path.name
+    for ending in (*ARCHIVES, ".py", ".ipynb"):
+        if name.lower().endswith(ending):
+            return name[: -len(ending)]
+    return name
 
 
 def _chosen(files: Iterable[str], patterns: Sequence[str], names: Sequence[str]) -> dict[str, str]:
@@ -115,8 +212,8 @@ def _open_files(source: Path, depth: int) -> Iterator[dict[str, Opener]]:
             if source.is_dir():
                 files = dict(_files_of(source, depth))
             else:
-                file = stack.enter_context(_CarefulFile(source))
-                files = _entries_of(stack.enter_context(zipfile.ZipFile(file)))
+                entries = stack.enter_context(_open_archive(source))
+                files = _checked(entries)
         yield files
 
 
@@ -133,12 +230,16 @@ def _readable() -> Iterator[None]:
         yield
     except BadSubmission:
         raise
-    except (*BROKEN, zipfile.BadZipFile, zlib.error) as error:
+    except OSError as error:
+        if error.errno in OF_THE_MACHINE:
+            raise
+        raise BadSubmission(f"cannot be read: {error}") from None
+    except BROKEN as error:
         raise BadSubmission(f"cannot be read: {error}") from None
 
 
 class _CarefulFile(io.FileIO):
-    """File that reads little at a time, against zips that claim a huge directory."""
+    """File that reads little at a time, for archives that claim a huge directory."""
 
     def read(self, size: int = -1, /) -> bytes:
         if size < 0 or size > MAX_DIRECTORY:
@@ -149,29 +250,124 @@ class _CarefulFile(io.FileIO):
         return data
 
 
-def _entries_of(archive: zipfile.ZipFile) -> dict[str, Opener]:
-    """Files of a zip; BadSubmission if any of its entries is suspicious."""
-    entries = archive.infolist()
+@dataclass(frozen=True)
+class _Entry:
+    """Entry of an archive."""
+
+    name: str  # as the archive spells it
+    is_folder: bool
+    fault: str  # why the entry cannot be used, "" if it can
+    open: Opener
+
+
+@contextmanager
+def _open_archive(source: Path) -> Iterator[list[_Entry]]:
+    """Open a zip or tar archive, and list its entries."""
+    with ExitStack() as stack:
+        if source.name.lower().endswith(".zip"):
+            file = stack.enter_context(_CarefulFile(source))
+            archive = stack.enter_context(zipfile.ZipFile(file))
+            yield [_zip_entry(archive, info) for info in archive.infolist()]
+        else:
+            scratch = stack.enter_context(tempfile.TemporaryDirectory())
+            plain = Path(scratch, "plain.tar")
+            _decompress(source, plain)
+            file = stack.enter_context(_CarefulFile(plain))
+            tar = stack.enter_context(tarfile.open(fileobj=file, mode="r:"))
+            yield [_tar_entry(tar, info) for info in _few(tar)]
+
+
+def _zip_entry(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Entry:
+    kind = stat.S_IFMT(info.external_attr >> 16)
+    fault = ""
+    if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
+        fault = "which is a link or a device"
+    elif info.flag_bits & 1:
+        fault = "which is encrypted"
+    is_folder = info.filename.replace("\\", "/").endswith("/")
+    return _Entry(info.filename, is_folder, fault, lambda: archive.open(info))
+
+
+def _tar_entry(archive: tarfile.TarFile, info: tarfile.TarInfo) -> _Entry:
+    def open_entry() -> IO[bytes]:
+        file = archive.extractfile(info)
+        assert file is not None, "only regular files are opened"
+        return file
+
+    fault = ""
+    if not info.isfile() and not info.isdir():
+        fault = "which is a link or a device"
+    elif info.issparse():
+        fault = "which is a sparse file"
+    return _Entry(info.name, info.isdir(), fault, open_entry)
+
+
+def _few(archive: tarfile.TarFile) -> Iterator[tarfile.TarInfo]:
+    """Yield the members of a tar archive; refuse one with too many."""
+    for number, info in enumerate(archive):
+        if number >= MAX_FILES:
+            raise BadSubmission(f"has more than {MAX_FILES} entries")
+        yield info
+
+
+def _decompress(source: Path, target: Path) -> None:
+    """Write a tar file without compression, and refuse a file that expands to too much."""
+    limit = MAX_BYTES + MAX_FILES * 2 * tarfile.BLOCKSIZE
+    written = 0
+    with source.open("rb") as file, target.open("xb") as outgoing:
+        start = file.read(6)
+        file.seek(0)
+        for chunk in _decompressed(file, start):
+            written += len(chunk)
+            if written > limit:
+                raise BadSubmission(f"unpacks to more than {MAX_BYTES >> 20} MiB")
+            outgoing.write(chunk)
+
+
+def _decompressed(file: IO[bytes], start: bytes) -> Iterator[bytes]:
+    """Yield the content of a file that may be compressed by gzip, bzip2 or xz."""
+    if start.startswith(b"\xfd7zXZ"):
+        yield from _decompressed_xz(file)
+        return
+    reader: IO[bytes] | gzip.GzipFile | bz2.BZ2File = file
+    if start.startswith(b"\x1f\x8b"):
+        reader = gzip.GzipFile(fileobj=file)
+    elif start.startswith(b"BZh"):
+        reader = bz2.BZ2File(file)
+    while chunk := reader.read(1 << 16):
+        yield chunk
+
+
+def _decompressed_xz(file: IO[bytes]) -> Iterator[bytes]:
+    """Yield the content of an xz file, whose header can ask for gigabytes of memory."""
+    decompressor = lzma.LZMADecompressor(memlimit=MAX_XZ_MEMORY)
+    while not decompressor.eof:
+        data = file.read(1 << 16) if decompressor.needs_input else b""
+        if decompressor.needs_input and not data:
+            raise EOFError("the xz file ends too early")
+        yield decompressor.decompress(data, max_length=1 << 16)
+
+
+def _checked(entries: Sequence[_Entry]) -> dict[str, Opener]:
+    """Return the files of an archive; BadSubmission if an entry is suspicious."""
     if len(entries) > MAX_FILES:
         raise BadSubmission(f"has {len(entries)} entries, more than {MAX_FILES}")
     files: dict[str, Opener] = {}
     for entry in entries:
-        name = entry.filename.replace("\\", "/")
-        shown = ascii(entry.filename[:100])
-        path, kind = PurePosixPath(name), stat.S_IFMT(entry.external_attr >> 16)
+        name = entry.name.replace("\\", "/")
+        shown = ascii(entry.name[:100])
+        path = PurePosixPath(name)
         if ".." in path.parts or path.is_absolute() or name[1:2] == ":":
             raise BadSubmission(f"holds {shown}, which lies outside of it")
         if not name.isprintable() or len(name.encode()) > MAX_NAME:
             raise BadSubmission(f"holds {shown}, a name with odd characters or too many")
-        if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
-            raise BadSubmission(f"holds {shown}, which is a link or a device")
-        if entry.flag_bits & 1:
-            raise BadSubmission(f"holds {shown}, which is encrypted")
-        if name.endswith("/") or name.startswith("__MACOSX/"):
+        if entry.fault:
+            raise BadSubmission(f"holds {shown}, {entry.fault}")
+        if entry.is_folder or name.startswith("__MACOSX/") or path.name.startswith("._"):
             continue
         if str(path) in files:
             raise BadSubmission(f"holds {shown} twice")
-        files[str(path)] = lambda entry=entry: archive.open(entry)
+        files[str(path)] = entry.open
     return files
 
 

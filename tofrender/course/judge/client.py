@@ -8,16 +8,18 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, cast
 
-from .. import mutants
+from ...runtime.child_processes import safe_environment
+from .. import mutants, rubric as rubrics
 from ..assignments import PACKAGE
 from ..rubric import STAFF_TEST
-from . import sandbox, wire
-from .processes import Supervised
+from . import forbidden, sandbox, wire
+from .processes import MachineFailure, Supervised, used_up
 
 WORKER = "tofrender.course.judge.worker"
 START_S = 90.0
@@ -44,7 +46,7 @@ class Worker:
     """Runs a submission, by default the package itself, in a process; a new one after a crash.
 
     The assignment's folder has `rubric.toml` and `tests/probes.py`; `edition` is the folder whose
-    `tofrender` the submission imports.
+    `tofrender` the submission imports, and `forbids` has words of `forbidden` besides the rubric's.
     """
 
     def __init__(
@@ -53,9 +55,11 @@ class Worker:
         submission: Path | None,
         edition: Path | None = None,
         limits: Limits | None = None,
+        forbids: Collection[str] = (),
     ) -> None:
         self._assignment, self._submission = assignment, submission
         self._edition, self._limits = edition, limits or Limits()
+        self._forbids = forbids
         self._scratch = _unlisted_folder(None)
         self._folder = self._scratch / "none yet"  # of the current process
         self._running: Supervised | None = None
@@ -65,8 +69,16 @@ class Worker:
     def ask(self, probe: str, arguments: dict[str, Any], timeout_s: float) -> Any:
         """Result of a function of `tests/probes.py`; arguments are data as `wire` takes it.
 
-        NoAnswer with the reason if there is none. The start of a process does not count as time.
+        NoAnswer with the reason if there is none; MachineFailure if the submission is not the
+        reason. The start of a process does not count as time.
         """
+        try:
+            return self._ask(probe, arguments, timeout_s)
+        except OSError as error:  # The submission changes nothing that this process reads or writes
+            raise MachineFailure(f"the judge cannot work: {error}") from error
+
+    def _ask(self, probe: str, arguments: dict[str, Any], timeout_s: float) -> Any:
+        """Result of a probe."""
         running = self._running
         if running is None or running.process.poll() is not None:
             running = self._start()
@@ -86,7 +98,7 @@ class Worker:
         names = uses if isinstance(uses := fields.get("uses"), list) else []
         self.used = {name[:100] for name in names[:MAX_NAMES] if isinstance(name, str)}
         if isinstance(error := fields.get("error"), str):
-            raise NoAnswer(shortened(error))
+            raise self._failure(error)
         if "answer" not in fields:
             raise NoAnswer("the reply is none that the worker writes")
         return fields["answer"]
@@ -115,31 +127,64 @@ class Worker:
             "variant": os.environ.get("TOFRENDER_VARIANT"),
         }
         configuration = questions / "configuration.json"
-        text = json.dumps({name: value and str(value) for name, value in settings.items()})
-        configuration.write_text(text, encoding="utf-8")
         package = self._edition or PACKAGE.parent
-        environment = os.environ | {"PYTHONPATH": str(package), "TMPDIR": str(tmp)}
+        environment = safe_environment(PYTHONPATH=str(package), TMPDIR=str(tmp))
         command = [sys.executable, "-P", "-u", "-m", WORKER, str(configuration)]
         if self._limits.confine:
             environment["HOME"] = str(tmp)  # Dr.Jit keeps its kernels there
-            command = self._confined(command, folders[1:])
-        self._running = Supervised(command, cwd=work, env=environment, stdin=subprocess.PIPE)
-        self._wait(self._running, START_S)
+            confinement = self._confinement(folders[1:])
+            command = sandbox.command(confinement, command)
+        content: dict[str, Any] = {name: value and str(value) for name, value in settings.items()}
+        content["forbids"] = sorted(self._forbids)
+        if self._limits.confine:
+            content["readable"] = self._readable_later(confinement)
+        configuration.write_text(json.dumps(content), encoding="utf-8")
+        self._running = Supervised(
+            command, cwd=work, env=environment, stdin=subprocess.PIPE, uid=self._limits.uid
+        )
+        # Nothing of the submission runs before the first reply
+        try:
+            self._wait(self._running, START_S)
+        except NoAnswer as error:
+            text = f"the process of a submission does not start: {error}"
+            raise MachineFailure(" | ".join(text.splitlines())) from None
         return self._running
 
-    def _confined(self, command: list[str], writable: list[Path]) -> list[str]:
-        """Command in the sandbox, which hides the assignment's tests and solutions from it."""
+    def _failure(self, reason: str) -> NoAnswer | MachineFailure:
+        """Blame the machine for a failure if it lacks something, otherwise the submission."""
+        if lack := used_up(self._scratch):
+            return MachineFailure(f"{lack}; a submission failed: {shortened(reason)[:200]}")
+        return NoAnswer(shortened(reason))
+
+    def _readable_later(self, confinement: dict[str, Any]) -> list[str]:
+        """Paths that a submission can read, without files that bring forbidden features back."""
+        words = {*rubrics.read(self._assignment).forbids, *self._forbids}
+        files = forbidden.files(words, self._edition or PACKAGE.parent)
+        if not files:
+            return []
+        hidden = [*confinement["hidden"], *files, *sandbox.HIDDEN_OF_SYSTEM]
+        readable = [*confinement["readable"], *sandbox.READABLE_OF_SYSTEM]
+        return [*sandbox.everything_but(hidden, readable), *map(str, confinement["writable"])]
+
+    def _confinement(self, writable: list[Path]) -> dict[str, Any]:
+        """Rights in the sandbox, which hides the assignment's tests and solutions."""
         limits = self._limits
         patterns = ("tests/test_*.py", f"tests/{STAFF_TEST}", mutants.FILE_NAME, "solutions")
         hidden = [path for pattern in patterns for path in self._assignment.glob(pattern)]
-        confinement = {
+        package = self._edition or PACKAGE.parent
+        needed = [*sandbox.python_folders(), package, self._assignment, self._folder / "questions"]
+        if self._submission is not None:
+            needed.append(self._submission)
+        return {
             "writable": writable,
-            "hidden": (*limits.hidden, *hidden),
+            "hidden": (*limits.hidden, *hidden, *sandbox.private()),
+            "readable": needed,
+            # Python looks for modules by the names in a folder
+            "listed": (self._assignment / "tests", package),
             "memory_bytes": limits.memory_bytes,
             "uid": limits.uid,
             "reads_all": bool(limits.uid and sandbox.closed_to_others()),
         }
-        return sandbox.command(confinement, command)
 
     def _wait(self, running: Supervised, timeout_s: float) -> Any:
         """Read the reply of the current question; NoAnswer with the reason if there is none."""
@@ -148,7 +193,7 @@ class Worker:
         processor_before_s = running.processor_s()
         while not os.path.lexists(answer):
             if running.process.poll() is not None and not os.path.lexists(answer):
-                raise NoAnswer(_death(running))
+                raise self._failure(_death(running))
             now = time.monotonic()
             if now - looked > 0.1:
                 looked = now
@@ -167,7 +212,7 @@ class Worker:
         try:
             reply = wire.read(answer)
         except ValueError as error:
-            raise NoAnswer(shortened(str(error))) from None
+            raise self._failure(str(error)) from None
         with suppress(OSError):  # it may be a folder by now
             answer.unlink()
         return reply

@@ -1,4 +1,4 @@
-"""Features that a handout does not allow: Mitsuba refuses them while a submission runs.
+"""Features that a handout does not allow: they are gone while a submission runs.
 
 `forbids` in the rubric, for an assignment or for one problem, names parts to be written by hand:
 
@@ -6,91 +6,170 @@
 |---|---|
 | `warps` | `mi.warp` |
 | `integrators` | integrators of Mitsuba and of this package |
-| `light sampling` | Mitsuba's sampling of emitters and shapes, and its densities |
+| `sampling` | everything in Mitsuba that samples: shapes, lights, materials, distributions |
+
+A guard that refuses calls would have to hold what it guards, and Python code can find everything
+that its process holds. Therefore `remove` deletes the features before the process loads a
+submission, and native integrators are never loaded (`plugins.leave_out`). Nothing refers to the
+features any more, so neither closures nor the garbage collector lead to them. In the sandbox the
+process can afterwards read none of the `files` that would bring them back, and start no other
+program.
 """
 
-import importlib
+import gc
+import importlib.util
+import inspect
+import re
 import sys
-import threading
-from collections.abc import Callable, Collection
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterator
+from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
-from types import ModuleType
-from typing import Any
+from types import FunctionType, ModuleType
+from typing import Any, NoReturn
 
-from ..rubric import Rubric
-
-LIGHT_SAMPLING = frozenset(
-    "sample_emitter sample_emitter_ray sample_emitter_direction pdf_emitter sample_position "  # noqa: SIM905
-    "pdf_emitter_direction sample_ray sample_direction pdf_direction pdf_position".split()
+NATIVE_INTEGRATORS = frozenset(
+    "aov depth direct moment path ptracer stokes volpath volpathmis".split()  # noqa: SIM905
 )
+"""Mitsuba's plugins of integrators that are native libraries."""
 LOADERS = {"load_dict", "load_string", "load_file"}
+SAMPLES = re.compile(r"(sample|pdf|eval_pdf|invert|sggx)(_|$)|.*_(sample|pdf)$")
+"""Names of methods and functions of Mitsuba that sample something, or are densities."""
+MATERIALS = {"BSDF", "BSDFPtr", "PhaseFunction", "PhaseFunctionPtr", "MicrofacetDistribution"}
+"""Classes whose values are densities, too."""
+LOOP = "tofrender.paths.walk"  # module of the path loop, which the package's integrators use
+OF_INTEGRATORS = ("tofrender/integrators", "tofrender/nlos/light", "tofrender/paths/walk.py")
 
 
 class Forbidden(Exception):
     """A submission has used a forbidden feature; one line."""
 
 
-def guard(folder: Path, rubric: Rubric, used: Collection[str] = ()) -> None:
-    """Let Mitsuba refuse what a rubric forbids to files of a folder, however they come by it.
+def refuse(what: str) -> NoReturn:
+    """Raise `Forbidden`."""
+    raise Forbidden(f"{what} not allowed in this problem: write it yourself")
 
-    What a problem forbids is refused while `used` has one of its names.
-    """
+
+def remove(words: Collection[str]) -> None:
+    """Delete forbidden features from this process, for good; Mitsuba's variant is active."""
+    if "integrators" in words:
+        _remove_integrators()
+    if "sampling" in words:
+        _remove_sampling()
+    if "warps" in words:
+        _remove_warps()
+    gc.collect()  # Deleted classes and functions refer to each other
+
+
+def files(words: Collection[str], package: Path) -> list[Path]:
+    """Files that would bring forbidden features back; `package` holds the folder `tofrender`."""
+    if not words:
+        return []
+    spec = importlib.util.find_spec("mitsuba")
+    assert spec is not None
+    assert spec.origin is not None
+    mitsuba = Path(spec.origin).parent
+
+    # The modules of Mitsuba's variants hold everything that was deleted
+    found = [path for path in mitsuba.iterdir() if path.name.endswith(EXTENSION_SUFFIXES[0])]
+    if "integrators" in words:
+        found += [path for name in NATIVE_INTEGRATORS for path in mitsuba.glob(f"plugins/{name}.*")]
+        found.append(mitsuba / "python" / "ad" / "integrators")
+        found += [package / name for name in OF_INTEGRATORS]
+    return [path for path in found if path.exists()]
+
+
+def _remove_warps() -> None:
+    """Empty the module `mi.warp`."""
     import mitsuba as mi
 
-    def refuse(word: str, text: str) -> None:
-        """Raise `Forbidden` if the folder's files call, directly or not, or may: in a thread."""
-        asked = (rubric, *(rubric.problem_by_name[name] for name in used))
-        if not any(word in each.forbids for each in asked):
-            return
-        frame = sys._getframe(2)
-        while frame is not None and not frame.f_code.co_filename.startswith(str(folder)):
-            frame = frame.f_back
-        if frame is not None or threading.current_thread() is not threading.main_thread():
-            raise Forbidden(f"{text} not allowed in this problem: write it yourself")
+    def attribute(name: str) -> Any:
+        refuse(f"mi.warp.{name} is")
 
-    def check(
-        owner: Any, name: str, word: str, text: str, refuses: Callable[[Any], bool] = lambda _: True
-    ) -> None:
-        """Let a function refuse some results."""
-        function = getattr(owner, name)
+    for name in list(vars(mi.warp)):
+        delattr(mi.warp, name)
+    setattr(mi.warp, "__getattr__", attribute)  # noqa: B010
 
-        def checked(*arguments: Any, **keywords: Any) -> Any:
+
+def _remove_sampling() -> None:
+    """Replace methods and functions of Mitsuba that sample, except `Integrator.sample`."""
+    import mitsuba as mi
+
+    modules = [vars(sys.modules[f"mitsuba.{mi.variant()}"]), vars(mi)]
+    for content in modules:
+        for name in [name for name, value in content.items() if _is_native(value)]:
+            if SAMPLES.match(name) and not name.startswith("sample_tea"):
+                content[name] = _refusal(f"mi.{name} is")
+    for owner in filter(inspect.isclass, list(modules[0].values())):
+        if issubclass(owner, mi.Integrator | mi.Sampler | mi.Film):
+            continue
+        for name in [name for name, value in vars(owner).items() if _is_native(value)]:
+            if SAMPLES.match(name) or (name == "eval" and owner.__name__ in MATERIALS):
+                setattr(owner, name, _refusal(f"{owner.__name__}.{name} is"))
+
+
+def _is_native(value: object) -> bool:
+    """Whether an object is a function or a method of a native module."""
+    return type(value).__name__ in ("nb_func", "nb_method")
+
+
+def _refusal(what: str) -> Callable[..., NoReturn]:
+    """Function that stands where a forbidden one was."""
+
+    def refused(*_: Any, **__: Any) -> NoReturn:
+        refuse(what)
+
+    return refused
+
+
+def _remove_integrators() -> None:
+    """Delete the methods of all integrators in Python, and the package's path loop."""
+    import mitsuba as mi
+
+    for integrator in set(_subclasses(mi.Integrator)):
+        if integrator.__module__.startswith(("mitsuba.python", "tofrender")):
+            for name, value in list(vars(integrator).items()):
+                if callable(value) or isinstance(value, property | classmethod | staticmethod):
+                    delattr(integrator, name)
+            integrator.__init__ = _refusal(INTEGRATORS)
+    for module in [m for name, m in sys.modules.items() if name.startswith("tofrender.")]:
+        for name, value in list(vars(module).items()):
+            if isinstance(value, FunctionType) and value.__module__ == LOOP:
+                delattr(module, name)
+
+    # Native integrators cannot be deleted; without the sandbox these functions refuse them
+    modules = {id(m): m for name, m in sys.modules.items() if name.startswith("mitsuba")}
+    for owner in modules.values():
+        for name in LOADERS & vars(owner).keys():
+            _refuse_integrators(owner, name)
+    _refuse_integrators(mi.PluginManager, "create_object")
+    _refuse_integrators(mi.Scene, "integrator")
+
+
+INTEGRATORS = "integrators of Mitsuba and the package are"
+
+
+def _subclasses(of: type) -> Iterator[type]:
+    for each in of.__subclasses__():
+        yield each
+        yield from _subclasses(each)
+
+
+def _refuse_integrators(owner: type | ModuleType, name: str) -> None:
+    """Let a function refuse integrators that are its results, or that it cannot load."""
+    import mitsuba as mi
+
+    function = getattr(owner, name)
+    hidden = re.compile(rf"plugins/({'|'.join(NATIVE_INTEGRATORS)})\.")
+
+    def checked(*arguments: Any, **keywords: Any) -> Any:
+        try:
             found = function(*arguments, **keywords)
-            if refuses(found):
-                refuse(word, text)
-            return found
+        except RuntimeError as error:
+            if hidden.search(str(error)):
+                refuse(INTEGRATORS)
+            raise
+        if isinstance(found, mi.Integrator) and type(found).__module__.startswith("mitsuba"):
+            refuse(INTEGRATORS)
+        return found
 
-        setattr(owner, name, checked)
-
-    def is_given(found: Any) -> bool:
-        given = type(found).__module__.startswith(("mitsuba", "tofrender"))
-        return given and isinstance(found, mi.Integrator)
-
-    words = {word for each in (rubric, *rubric.problems) for word in each.forbids}
-    if "integrators" in words:
-        told = "integrators", "integrators of Mitsuba and the package are"
-        for module in [m for name, m in sys.modules.items() if name.startswith("mitsuba")]:
-            for name in LOADERS & vars(module).keys():
-                check(module, name, *told, is_given)
-        check(mi.PluginManager, "create_object", *told, is_given)
-        check(mi.Scene, "integrator", *told, is_given)
-        common = importlib.import_module("mitsuba.python.ad.integrators.common")
-        check(common.ADIntegrator, "__init__", *told)
-        with suppress(ImportError):  # withheld
-            base = importlib.import_module("tofrender.integrators.base")
-            check(base.TransientIntegrator, "__init__", *told)
-    if "light sampling" in words:
-        for owner in (mi.Scene, mi.Endpoint, mi.EmitterPtr, mi.Shape, mi.ShapePtr):
-            for name in LIGHT_SAMPLING & vars(owner).keys():
-                check(owner, name, "light sampling", f"{owner.__name__}.{name} is")
-    if "warps" in words:
-        warp = mi.warp
-
-        def attribute(name: str) -> Any:
-            refuse("warps", f"mi.warp.{name} is")
-            return getattr(warp, name)
-
-        guarded = ModuleType(warp.__name__)
-        vars(guarded)["__getattr__"] = attribute
-        mi.warp = sys.modules["mitsuba.warp"] = guarded
+    setattr(owner, name, checked)

@@ -5,7 +5,8 @@ It reads `rubric.toml` beside the tests, makes a marker of each problem, and off
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -17,13 +18,34 @@ from .. import rubric
 from ..assignments import Assignment
 from . import expect, inputs, wire
 from .client import Limits, NoAnswer, Worker, shortened
+from .processes import MACHINE_FAILED, MachineFailure
 
 RUBRIC = pytest.StashKey[rubric.Rubric]()
-WORKER = pytest.StashKey[Worker]()
+WORKERS = pytest.StashKey["Workers"]()
 SECRET = pytest.StashKey[int]()
 SUBMISSION = pytest.StashKey["Submission"]()
 REPORTS = pytest.StashKey[list[pytest.TestReport]]()  # of set-up, test and tear-down
 MAX_DELIVERED = 1 << 30  # bytes of the arrays in a file that was handed in
+
+
+class Workers:
+    """Workers of a submission: one for all problems that forbid the same features."""
+
+    def __init__(self, make: Callable[[tuple[str, ...]], Worker]) -> None:
+        self._make = make
+        self._by_forbids: dict[tuple[str, ...], Worker] = {}
+
+    def of(self, problem: rubric.Problem | None) -> Worker:
+        """Worker for a problem."""
+        forbids = problem.forbids if problem else ()
+        if forbids not in self._by_forbids:
+            self._by_forbids[forbids] = self._make(forbids)
+        return self._by_forbids[forbids]
+
+    def close(self) -> None:
+        """End them."""
+        for worker in self._by_forbids.values():
+            worker.close()
 
 
 class Submission:
@@ -31,8 +53,9 @@ class Submission:
 
     def __init__(self, request: pytest.FixtureRequest) -> None:
         config = request.config
-        self._worker, self._folder = config.stash[WORKER], _folder(config)
+        self._folder = _folder(config)
         self.assignment, self.problem = Assignment(config.rootpath), _problem(request.node)
+        self._worker = config.stash[WORKERS].of(self.problem)
         self._name = request.node.name
         self._seed = int(config.getoption("--seed") or 0) + 1_000_003 * getattr(request, "param", 0)
         self._seed += inputs.seed_of(config.stash[RUBRIC].term)
@@ -61,7 +84,10 @@ class Submission:
     def ask(self, probe: str, **arguments: Any) -> Any:
         """Answer of a probe in `tests/probes.py`, else `NoAnswer`; arguments as for `wire`."""
         timeout_s = self.problem.timeout_s if self.problem else 60.0
-        answer = self._worker.ask(probe, arguments, timeout_s)
+        try:
+            answer = self._worker.ask(probe, arguments, timeout_s)
+        except MachineFailure as failure:
+            pytest.exit(str(failure), MACHINE_FAILED)
         self.uses |= self._worker.used
         return answer
 
@@ -144,16 +170,16 @@ def pytest_configure(config: pytest.Config) -> None:
         config.getoption("--uid"),
         hidden=tuple(map(str, filter(None, (report, pictures)))),
     )
-    config.stash[WORKER] = Worker(root, folder, edition, limits)
+    config.stash[WORKERS] = Workers(partial(Worker, root, folder, edition, limits))
     if pictures is None and folder and config.getini("submission"):
         pictures = folder / "failures"
     expect.configure(comparisons=assignment.comparisons, pictures=pictures)
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
-    """End the worker."""
-    if WORKER in config.stash:
-        config.stash[WORKER].close()
+    """End the workers."""
+    if WORKERS in config.stash:
+        config.stash[WORKERS].close()
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -185,6 +211,8 @@ def pytest_runtest_makereport(
     error = call.excinfo.value
     if isinstance(error, expect.Failure | NoAnswer):
         text = shortened(str(error))
+    elif isinstance(error, OSError):
+        pytest.exit(f"the judge cannot work: {error}", MACHINE_FAILED)
     elif item.config.getoption("--confine"):  # an answer of an unexpected type broke the test
         frames = call.excinfo.traceback
         lines = [frame.lineno + 1 for frame in frames if Path(frame.path) == item.path]

@@ -22,17 +22,39 @@ import psutil
 from . import sandbox
 
 KEPT_OUTPUT = 20_000
+MACHINE_FAILED = 70  # exit status of a judge, as EX_SOFTWARE of sysexits.h
+LEAST_BYTES = 64 << 20  # free memory, and free space on the disk
+LEAST_FILES = 1000  # free inodes of the disk
 MAX_PROCESSES = 200  # of a command at a time
 MAX_WRITTEN = 4 << 30  # bytes of files that a command may leave in a watched folder
+MAX_FILES = 2000  # files, links and folders that a command may leave in a watched folder
 LOOK_EVERY_S = 0.2
 END_WITHIN_S = 20.0
 SET_CHILD_SUBREAPER = 36
 
 
+class MachineFailure(RuntimeError):
+    """A submission cannot be graded because the machine failed; one line."""
+
+
+def used_up(folder: Path) -> str:
+    """Resource that this machine lacks, "" if there is enough; `folder` is on the disk in use."""
+    state = os.statvfs(folder) if hasattr(os, "statvfs") else None
+    if shutil.disk_usage(folder).free < LEAST_BYTES:
+        return "the disk is full"
+    if state is not None and state.f_files > 0 and state.f_favail < LEAST_FILES:
+        return "the disk has no room for more files (its inodes are used up)"
+    if psutil.virtual_memory().available < LEAST_BYTES:
+        return "the memory is used up"
+    return ""
+
+
 class Supervised:
     """A command and all its children: their output, resources and end; one at a time.
 
-    Other children of this process, and those of its session, stay when it ends.
+    Other children of this process, and those of its session, stay when it ends. `uid` is the user
+    whom the command becomes, if it becomes one that nobody else is: it ends with all processes of
+    this user.
     """
 
     def __init__(
@@ -42,9 +64,11 @@ class Supervised:
         cwd: str | os.PathLike,
         env: dict[str, str],
         stdin: int = subprocess.DEVNULL,
+        uid: int | None = None,
     ) -> None:
         if sys.platform.startswith("linux"):
             sandbox.prctl(SET_CHILD_SUBREAPER, 1)
+        self._uid = uid
         self._free = 0  # most bytes that were free on the disk
         self._others = {child.pid for child in psutil.Process().children()}
         self.process = subprocess.Popen(
@@ -82,9 +106,11 @@ class Supervised:
         return used
 
     def excess(self, memory_bytes: int | None, folder: Path | None = None) -> str:
-        """Limit that is exceeded, "" if none: disk in `folder`, processes, memory together."""
+        """Limit that is exceeded, "" if none: files in `folder`, processes, memory together."""
         if folder is not None and self._fills_disk(folder):
             return f"wrote more than {MAX_WRITTEN >> 30} GiB"
+        if folder is not None and _holds_more_than(folder, MAX_FILES):
+            return f"made more than {MAX_FILES} files"
         below = self._descendants()
         if len(below) > MAX_PROCESSES:
             return f"started more than {MAX_PROCESSES} processes"
@@ -104,8 +130,10 @@ class Supervised:
         return False
 
     def end(self) -> None:
-        """End all processes, those started meanwhile too; RuntimeError after `END_WITHIN_S`."""
+        """End all processes, also new ones; MachineFailure after `END_WITHIN_S`."""
         deadline = time.monotonic() + END_WITHIN_S
+        if self._uid is not None:
+            _end_user(self._uid)
         if hasattr(os, "killpg") and self.process.poll() is None:
             with suppress(ProcessLookupError, PermissionError):  # those that no tree shows, too
                 os.killpg(self.process.pid, signal.SIGKILL)
@@ -120,7 +148,7 @@ class Supervised:
                 with suppress(ChildProcessError):
                     os.waitpid(process.pid, getattr(os, "WNOHANG", 0))
             if time.monotonic() > deadline:
-                raise RuntimeError(f"{len(below)} processes of a submission cannot be ended")
+                raise MachineFailure(f"{len(below)} processes of a submission cannot be ended")
             time.sleep(0.005)
 
     def _descendants(self) -> list[psutil.Process]:
@@ -139,6 +167,40 @@ class Supervised:
             return False
 
         return [child for child in children if not stays(child.pid)]
+
+
+_END_ALL = """
+import os, sys
+os.setgroups([])
+os.setresgid(*[int(sys.argv[1])] * 3)
+os.setresuid(*[int(sys.argv[1])] * 3)
+os.kill(-1, 9)
+"""
+"""Program that ends all other processes of a user, in one step of the kernel."""
+
+
+def _end_user(uid: int) -> None:
+    """End all processes of a user whom only a submission is; no process can start meanwhile."""
+    if uid not in sandbox.SPARE_USERS:
+        raise ValueError(f"uid = {uid}: must be a user that no person has")
+    command = [sys.executable, "-I", "-S", "-c", _END_ALL, str(uid)]
+    with suppress(OSError):  # The machine cannot start a process; they are ended one by one
+        subprocess.run(command, stderr=subprocess.DEVNULL, check=False)
+
+
+def _holds_more_than(folder: Path, most: int) -> bool:
+    """Whether a folder and the folders in it have more entries than this."""
+    count = 0
+    waiting = [str(folder)]
+    while waiting:
+        with suppress(OSError), os.scandir(waiting.pop()) as entries:
+            for entry in entries:
+                count += 1
+                if count > most:
+                    return True
+                if entry.is_dir(follow_symlinks=False):
+                    waiting.append(entry.path)
+    return False
 
 
 def _size(folder: Path) -> int:
@@ -180,8 +242,18 @@ class Ended:
     output: str  # last output of it and its children
 
 
-def run(command: Sequence[str], *, timeout_s: float, memory_bytes: int, **options: Any) -> Ended:
-    """Run a command with options of `Supervised` and end all its children, whatever happens."""
+def run(
+    command: Sequence[str],
+    *,
+    timeout_s: float,
+    memory_bytes: int,
+    folder: Path | None = None,
+    **options: Any,
+) -> Ended:
+    """Run a command with options of `Supervised` and end all its children, whatever happens.
+
+    It may write to `folder` within limits.
+    """
     begin = time.monotonic()
     started = Supervised(command, **options)
     reason = ""
@@ -193,7 +265,7 @@ def run(command: Sequence[str], *, timeout_s: float, memory_bytes: int, **option
             if time.monotonic() - begin > timeout_s:
                 reason = f"took more than {timeout_s:.0f} s"
             else:
-                reason = started.excess(memory_bytes)
+                reason = started.excess(memory_bytes, folder)
     finally:
         started.end()
     return Ended(reason, started.process.returncode, started.output(5.0))

@@ -13,6 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from ...runtime.child_processes import safe_environment
 from ..assignments import PACKAGE
 from ..rubric import Rubric
 
@@ -114,13 +115,15 @@ def pytest(
     """Run pytest in an assignment's folder, quietly, and leave nothing there."""
     if find_spec("pytest") is None:
         raise ModuleNotFoundError("pytest is missing", name="pytest")
-    path = [str((package or PACKAGE.parent).resolve()), os.environ.get("PYTHONPATH", "")]
-    environment = os.environ | {
-        "PYTHONPATH": os.pathsep.join(path),
-        "PYTHONDONTWRITEBYTECODE": "1",
-        "PYTEST_ADDOPTS": "",
-        "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
-    }
+    # An empty entry would be the working folder
+    inherited = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    path = [str((package or PACKAGE.parent).resolve()), *filter(None, inherited)]
+    environment = safe_environment(
+        PYTHONPATH=os.pathsep.join(path),
+        PYTHONDONTWRITEBYTECODE="1",
+        PYTEST_ADDOPTS="",
+        PYTEST_DISABLE_PLUGIN_AUTOLOAD="1",
+    )
     command = [sys.executable, "-P", "-m", "pytest", *PYTEST_OPTIONS, *options]
     return subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, check=False

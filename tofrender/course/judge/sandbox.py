@@ -7,7 +7,8 @@ library and its neighbour `system_calls`, runs first and then executes the comma
 
 | on Linux | refuses |
 |---|---|
-| Landlock (kernel 5.13 and newer, 6.12 for all) | files, TCP, signals to processes outside |
+| Landlock (kernel 5.13 and newer, 6.12 for all) | files and their names, TCP |
+| the same | descriptions of other processes in `/proc`, and signals to them |
 | a filter of system calls (x86_64, aarch64) | sockets, modes and times, shared memory, limits |
 | another user, if root starts it | files of others |
 | namespaces, where allowed | a network, objects of System V and queues, once more |
@@ -35,11 +36,11 @@ except ImportError:  # run as a file, by `command`
 GIB = 1 << 30
 MAX_FILE = 2 * GIB  # largest file that a confined process may write [bytes]
 
-EXECUTE, WRITE_FILE, READ_FILE = 1 << 0, 1 << 1, 1 << 2
+EXECUTE, WRITE_FILE, READ_FILE, READ_DIR = 1 << 0, 1 << 1, 1 << 2, 1 << 3
 TREE = 0b1_1111_1111 << 4  # removing and making: folders, files, devices, sockets, pipes, links
 REFER, TRUNCATE, IOCTL_DEV = 1 << 13, 1 << 14, 1 << 15
 FILE_RIGHTS = EXECUTE | WRITE_FILE | READ_FILE | TRUNCATE
-SINCE = {1: EXECUTE | WRITE_FILE | READ_FILE | TREE, 2: REFER, 3: TRUNCATE, 5: IOCTL_DEV}
+SINCE = {1: EXECUTE | WRITE_FILE | READ_FILE | READ_DIR | TREE, 2: REFER, 3: TRUNCATE, 5: IOCTL_DEV}
 """Rights to files, by the version of Landlock that knows them."""
 TCP = 0b11  # binding and connecting
 OUTSIDE = 0b11  # abstract sockets and signals of processes outside
@@ -54,16 +55,33 @@ KEPT = {DAC_OVERRIDE, READ_ALL}
 KEPT_BY_JUDGE = KEPT | {CHOWN, KILL, SETGID, SETUID, SETPCAP, SYS_PTRACE}
 """Also those to start a submission as another user, to measure it and to end it."""
 SPARE_USERS = range(61184, 65520)  # range of unused users; systemd's dynamic users are there too
-MAX_TASKS = 4096  # threads of a user of its own
+MAX_TASKS = 400  # threads of a submission, in addition to four per processor for its arrays
+MAX_OPEN_FILES = 256  # of each process, since files without a name need space as well
 SYSTEM = frozenset("bin dev etc lib lib32 lib64 libx32 nix proc sbin sys usr".split())  # noqa: SIM905
 """Folders of the root that hold programs, libraries and their settings."""
-DEVICES = ("null", "zero", "full", "random", "urandom")
+HIDDEN_OF_SYSTEM = ("/dev", "/proc")
+READABLE_OF_SYSTEM = (
+    "/dev/null",
+    "/dev/zero",
+    "/dev/full",
+    "/dev/random",
+    "/dev/urandom",
+    "/proc/cpuinfo",
+    "/proc/filesystems",
+    "/proc/loadavg",
+    "/proc/meminfo",
+    "/proc/stat",
+    "/proc/sys",
+    "/proc/uptime",
+)
+"""Devices without effect, and files that describe the machine but no process."""
 
 
 def confine(
     writable: Iterable[str] = (),
     hidden: Iterable[str] = (),
     readable: Iterable[str] = (),
+    listed: Iterable[str] = (),
     memory_bytes: int | None = None,
     uid: int | None = None,
     reads_all: bool = False,
@@ -72,9 +90,13 @@ def confine(
     """Confine this process and all its children, for good; it ends with the thread that started it.
 
     Call it before there are threads: those that exist stay as they are. Everything is allowed below
-    `writable` paths, which exist; the content of `hidden` ones cannot be read, but for `readable`
-    paths in them. `uid` is the user to become, if this is root, who gets all that is writable and
-    with `reads_all` keeps root's right to read. A `judge` confines and ends a submission in turn.
+    `writable` paths, which exist. Files in `hidden` paths cannot be read, except `readable` paths
+    in them. `uid` is the user to become, if this is root, who gets all that is writable and with
+    `reads_all` keeps root's right to read.
+
+    A submission cannot list a folder with hidden files, unless the folder is `listed`, and it
+    cannot read files of other processes in `/proc`. A `judge` can, since it confines and ends a
+    submission in turn.
     """
     if not sys.platform.startswith("linux"):
         return
@@ -82,7 +104,7 @@ def confine(
     os.umask(0o022)
     if judge:
         _leave_the_network()
-    _limit(memory_bytes, uid)
+    _limit(memory_bytes, uid, judge)
     if uid is not None:
         for path in writable:
             os.chown(path, uid, uid)
@@ -91,7 +113,14 @@ def confine(
             prctl(CAPBSET_DROP, capability)  # refused unless root, who has them
     prctl(SET_NO_NEW_PRIVS, 1)
     if landlock_version():
-        _restrict([*writable, os.devnull], hidden, readable)
+        if judge:
+            hidden = [*hidden, "/dev"]
+            readable = [*readable, *READABLE_OF_SYSTEM]
+        else:
+            hidden = [*hidden, *HIDDEN_OF_SYSTEM]
+            readable = [*readable, *READABLE_OF_SYSTEM, "/proc/self"]
+        names = READ_DIR if judge else 0
+        _restrict([*writable, os.devnull], hidden, readable, listed, allowed=names)
     if uid is not None:
         _become(uid, reads_all)
     prctl(SET_PDEATHSIG, SIGKILL)  # after all that changes who this is, which forgets it
@@ -99,6 +128,21 @@ def confine(
         sys.exit("the process that started this one has ended")
     if system_calls.available():
         system_calls.restrict(judge)
+
+
+def hide(readable: Iterable[str]) -> None:
+    """Let this thread, and what it starts, read nothing but `readable` paths, and run no program.
+
+    This removes rights that `confine` still allows.
+    """
+    if not landlock_version():
+        return
+    rights = EXECUTE | READ_FILE
+    rules = _syscall(CREATE_RULESET, struct.pack("=Q", rights), ctypes.c_size_t(8), 0)
+    for path in readable:
+        _allow(rules, path, READ_FILE)
+    _syscall(RESTRICT_SELF, rules, 0)
+    os.close(rules)
 
 
 def command(confinement: dict, arguments: Sequence[str]) -> list[str]:
@@ -231,34 +275,61 @@ def private() -> list[str]:
     return [entry.path for entry in os.scandir("/") if entry.name not in SYSTEM]
 
 
-def _limit(memory_bytes: int | None, uid: int | None) -> None:
-    """Limit core files, file size, address space and threads."""
+def _most_tasks(uid: int | None) -> int:
+    """Return the largest number of threads of the user whom a submission has."""
+    most = MAX_TASKS + 4 * (os.cpu_count() or 1)
+    with open("/proc/self/uid_map", encoding="ascii") as file:
+        users = sum(int(line.split()[2]) for line in file)
+    # The kernel counts by user. Does nobody else have this user, or this namespace of users?
+    if uid is not None or users == 1:
+        return most
+
+    # All other threads of the user count as well
+    for name in filter(str.isdigit, os.listdir("/proc")):
+        with suppress(OSError):  # The process has ended
+            if os.stat(f"/proc/{name}").st_uid == os.getuid():
+                most += len(os.listdir(f"/proc/{name}/task"))
+    return most
+
+
+def _limit(memory_bytes: int | None, uid: int | None, judge: bool) -> None:
+    """Limit core files, file size, address space, open files and threads."""
     import resource
 
-    tasks = resource.RLIM_INFINITY if uid is None else MAX_TASKS  # which are counted by user
+    unlimited = resource.RLIM_INFINITY
     # Dr.Jit crashes on the real limit, and threads reserve much more than they use
-    space = resource.RLIM_INFINITY if memory_bytes is None else 2 * memory_bytes + 8 * GIB
+    space = unlimited if memory_bytes is None else 2 * memory_bytes + 8 * GIB
     for number, bound in (
         (resource.RLIMIT_CORE, 0),
         (resource.RLIMIT_FSIZE, MAX_FILE),
         (resource.RLIMIT_AS, space),
-        (resource.RLIMIT_NPROC, tasks),
+        (resource.RLIMIT_NPROC, unlimited if judge else _most_tasks(uid)),
+        (resource.RLIMIT_NOFILE, unlimited if judge else MAX_OPEN_FILES),
     ):
         hard = resource.getrlimit(number)[1]
-        if hard != resource.RLIM_INFINITY:
-            bound = hard if bound == resource.RLIM_INFINITY else min(bound, hard)
+        if hard != unlimited:
+            bound = hard if bound == unlimited else min(bound, hard)
         resource.setrlimit(number, (bound, bound))
 
 
-def _restrict(writable: Iterable[str], hidden: Iterable[str], readable: Iterable[str]) -> None:
+def _restrict(
+    writable: Iterable[str],
+    hidden: Iterable[str],
+    readable: Iterable[str],
+    listed: Iterable[str],
+    allowed: int,
+) -> None:
+    """Enter a domain of Landlock, in which the rights `allowed` stay."""
     version = landlock_version()
     handled = sum(rights for since, rights in SINCE.items() if since <= version)
+    handled &= ~allowed
     attributes = [handled] + [TCP] * (version >= 4) + [OUTSIDE] * (version >= 6)
     packed = struct.pack(f"={len(attributes)}Q", *attributes)
     rules = _syscall(CREATE_RULESET, packed, ctypes.c_size_t(len(packed)), 0)
-    devices = [f"/dev/{name}" for name in DEVICES]
-    for path in everything_but([*hidden, "/dev"], [*readable, *devices]):
-        _allow(rules, path, (EXECUTE | READ_FILE) & handled)
+    for path in everything_but(hidden, readable):
+        _allow(rules, path, (EXECUTE | READ_FILE | READ_DIR) & handled)
+    for path in listed:
+        _allow(rules, path, READ_DIR & handled)
     for path in writable:
         _allow(rules, path, handled & ~IOCTL_DEV)
     _syscall(RESTRICT_SELF, rules, 0)

@@ -25,13 +25,15 @@ pwritev 296 70, preadv2 327 286, pwritev2 328 287, lseek 8 62, open 2 -, openat 
 openat2 437 437, creat 85 -, close 3 57, close_range 436 436, dup 32 23, dup2 33 -, dup3 292 24,
 pipe 22 -, pipe2 293 59, stat 4 -, fstat 5 80, lstat 6 -, newfstatat 262 79, statx 332 291,
 access 21 -, faccessat 269 48, faccessat2 439 439, readlink 89 -, readlinkat 267 78,
-getdents 78 -, getdents64 217 61, getcwd 79 17, chdir 80 49, fchdir 81 50, mkdir 83 -,
-mkdirat 258 34, rmdir 84 -, unlink 87 -, unlinkat 263 35, rename 82 -, renameat 264 38,
+getdents 78 -, getdents64 217 61, getcwd 79 17, chdir 80 49, fchdir 81 50, rmdir 84 -,
+unlink 87 -, unlinkat 263 35, rename 82 -, renameat 264 38,
 renameat2 316 276, link 86 -, linkat 265 37, symlink 88 -, symlinkat 266 36, truncate 76 45,
-ftruncate 77 46, fallocate 285 47, fsync 74 82, fdatasync 75 83, umask 95 166,
+ftruncate 77 46, fallocate 285 47, fsync 74 82, fdatasync 75 83,
 fadvise64 221 223, readahead 187 213, copy_file_range 326 285, sendfile 40 71, splice 275 76,
 tee 276 77, flock 73 32, statfs 137 43, fstatfs 138 44, getxattr 191 8, lgetxattr 192 9,
 fgetxattr 193 10, listxattr 194 11, llistxattr 195 12, flistxattr 196 13
+-- Fewer rights for itself
+landlock_create_ruleset 444 444, landlock_add_rule 445 445, landlock_restrict_self 446 446
 -- Memory of its own
 mmap 9 222, munmap 11 215, mprotect 10 226, mremap 25 216, madvise 28 233, brk 12 214,
 msync 26 227, membarrier 324 283, mbind 237 235, get_mempolicy 239 236, set_mempolicy 238 237
@@ -59,15 +61,14 @@ eventfd2 290 19, getrandom 318 278
 
 # Allowed with some arguments, see `_conditions`
 CONDITIONAL = """
-clone 56 220, fcntl 72 25, ioctl 16 29, kill 62 129, prctl 157 167, prlimit64 302 261,
-sched_setaffinity 203 122, tgkill 234 131
+clone 56 220, fcntl 72 25, ioctl 16 29, kill 62 129, mkdir 83 -, mkdirat 258 34, prctl 157 167,
+prlimit64 302 261, sched_setaffinity 203 122, tgkill 234 131, umask 95 166
 """
 
 # Also allowed to the judge, which confines and ends a submission
 FOR_THE_JUDGE = """
 kill 62 129, tgkill 234 131, prctl 157 167, capset 126 91, chmod 90 -, fchmod 91 52,
-fchmodat 268 53, chown 92 -, fchown 93 55, fchownat 260 54, landlock_create_ruleset 444 444,
-landlock_add_rule 445 445, landlock_restrict_self 446 446, seccomp 317 277, setgid 106 144,
+fchmodat 268 53, chown 92 -, fchown 93 55, fchownat 260 54, seccomp 317 277, setgid 106 144,
 setgroups 116 159, setpgid 109 154, setresgid 119 149, setresuid 117 147, setuid 105 146
 """
 
@@ -85,6 +86,7 @@ PRCTLS = (3, 15, 16, 21, 23, 39, 0x53564D41)  # names of threads and memory, and
 # Classic BPF: the architecture and the number are words of what the filter gets, arguments follow.
 NUMBER_AT, ARCHITECTURE_AT, ARGUMENTS_AT = 0, 4, 16
 LOAD, IF_EQUAL, IF_ABOVE, IF_ANY_BIT, RETURN = 0x20, 0x15, 0x25, 0x45, 0x06
+EACH_BIT = -1  # no instruction, but a comparison of `_check`
 ALLOW, REFUSE = 0x7FFF0000, 0x00050000
 
 FILTER, SPEC_ALLOW, IS_THERE = 1, 1 << 2, 2  # of seccomp; speed as without a filter
@@ -139,6 +141,7 @@ def program(machine: str, own: int, judge: bool) -> bytes:
 def _conditions(own: int, judge: bool) -> dict[str, list[Condition]]:
     """Required arguments of the calls in `CONDITIONAL`."""
     low, high = (lambda k: 2 * k), (lambda k: 2 * k + 1)
+    owner = (0o400, 0o200, 0o100)  # no folder is closed to the judge, who has the same user or more
     no_new_limit = [(low(2), IF_EQUAL, [0]), (high(2), IF_EQUAL, [0])]
     return {
         "clone": [(low(0), IF_ANY_BIT, [NEW_NAMESPACES | SIBLING])],
@@ -149,14 +152,21 @@ def _conditions(own: int, judge: bool) -> dict[str, list[Condition]]:
         "prctl": [(low(0), IF_EQUAL, PRCTLS)],
         "prlimit64": [(low(0), IF_EQUAL, [0, own]), *([] if judge else no_new_limit)],
         "sched_setaffinity": [(low(0), IF_EQUAL, [0])],
+        "mkdir": [(low(1), EACH_BIT, owner)],
+        "mkdirat": [(low(2), EACH_BIT, owner)],
+        "umask": [(low(0), IF_ANY_BIT, [sum(owner)])],
     }
 
 
 def _check(word: int, comparison: int, values: Sequence[int]) -> list[bytes]:
-    """Refuse unless the word equals one of the values, or if it has a bit of them."""
+    """Refuse unless the word equals a value or has the bits of all values, or if it has a bit."""
     load = _step(LOAD, ARGUMENTS_AT + 4 * word)
     if comparison == IF_EQUAL:
         return [load, *_unless(values)]
+    if comparison == EACH_BIT:
+        refuse = _step(RETURN, REFUSE | EPERM)
+        steps = [(_step(IF_ANY_BIT, value, 1, 0), refuse) for value in values]
+        return [load, *(step for pair in steps for step in pair)]
     return [load, _step(comparison, values[0], 0, 1), _step(RETURN, REFUSE | EPERM)]
 
 

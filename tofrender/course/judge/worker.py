@@ -21,7 +21,7 @@ from types import ModuleType
 from typing import Any
 
 from .. import rubric as rubrics
-from . import forbidden, wire
+from . import forbidden, sandbox, wire
 
 MAX_TEXT = 4000  # characters of a reason that are sent
 MAX_READ = 100_000  # characters of an exception's text that are searched for the traceback inside
@@ -93,16 +93,21 @@ def main(configuration: str) -> None:
 
     import drjit as dr
 
-    from ...runtime import backend
+    from ...runtime import backend, plugins
 
-    backend.activate("llvm_ad_rgb" if settings["variant"] is None else settings["variant"])
     rubric = rubrics.read(settings["rubric"])
     folder = Path(settings["submission"]) if settings["submission"] else None
+    words = {*rubric.forbids, *settings["forbids"]} if folder else set()
+    if "integrators" in words:
+        plugins.leave_out(forbidden.NATIVE_INTEGRATORS)
+    backend.activate("llvm_ad_rgb" if settings["variant"] is None else settings["variant"])
     probes = _load_apart(Path(settings["probes"]))
     names = SubmittedNames(rubric, folder)
     if folder:
         sys.path.insert(0, str(folder))
-        forbidden.guard(folder, rubric, names.used)
+        forbidden.remove(words)
+        if settings.get("readable"):
+            sandbox.hide([*settings["readable"], "/proc/self"])
     wire.write(answers / "0.npz", {"ready": True})
     for number in map(int, numbers):
         probe, arguments = wire.read(questions / f"{number}.npz")

@@ -12,7 +12,8 @@ import mitsuba as mi
 from ...films.contribution import Contribution
 from ...runtime import checks
 from ...signals.illuminants import white
-from .laser_spot import Spot, require_clear_way, trace_beam
+from ..device.relay_wall import first_hits
+from .laser_spot import Spot, require_clear_way, require_smooth_spot, trace_beam
 from .relay_wall_path import RelayWallPath
 from .scan import Scan
 
@@ -75,7 +76,10 @@ class ConfocalTransientIntegrator(RelayWallPath):
         """Describe the scan; a beam of no width must have a clear way."""
         if self.projector is None and sensor is not None:
             require_clear_way(scene, sensor, self.laser_origin(scene, sensor))
-        return super().scan(scene, sensor, wall)
+        scan = super().scan(scene, sensor, wall)
+        if sensor is not None:
+            require_smooth_spot(scan, first_hits(scene, sensor)[1])
+        return scan
 
     def laser(
         self, scan: Scan, ray: mi.Ray3f, origin: mi.Point3f, sampler: mi.Sampler, active: mi.Bool
@@ -102,13 +106,12 @@ class ConfocalTransientIntegrator(RelayWallPath):
         seen = self.single_bounce(scan, ray, origin, source, irradiance, sampler, active)
         return self.laser_spot(scan, beam), seen
 
-    def require_mode(self, mode: str) -> None:
-        """Refuse all modes but confocal, and a projector that does not follow the camera."""
-        allowed = "'confocal' with a confocal_transient_path; others need a transient_nlos_path"
-        checks.require("mode", mode, mode == "confocal", allowed)
+    def capture_modes(self, sensor: mi.Sensor | None) -> tuple[str, ...]:
+        """Return "confocal", and refuse a projector that does not follow the camera."""
         follows = self.projector is None or self.projector.is_confocal
         allowed = "True for a capture, whose laser follows the camera"
         checks.require("is_confocal", follows, follows, allowed)
+        return ("confocal",)
 
     def to_string(self) -> str:
         """The integrator's parameters."""

@@ -13,10 +13,11 @@ import numpy as np
 from ...paths.protocols import Endpoint, HistoryUpdates
 from ...paths.records import Connection, Path, Vertex
 from ...paths.scattering import Materials
-from ...paths.surfaces import first_surface, is_on
+from ...paths.surfaces import first_surface, is_on, spawn_ray
 from ...runtime.backend import tracing_lock
 from ...scenes.media import media_of, scatterer_on
 from ..device.relay_wall import first_hits
+from .specular import MOST_VERTICES, SpecularConnections, random_number, random_seeds
 
 if TYPE_CHECKING:
     from .scan import Scan
@@ -33,6 +34,9 @@ class Spot:
     distance: mi.Float  # optical length from the laser that counts [m]
     beam: mi.Ray3f | None = None
     origin: mi.Point3f | None = None  # start of the beam's length [m]
+    # number of delta vertices that the beam has passed, and lanes where one is off the relay wall
+    bounces: mi.UInt32 | int = 0
+    off_wall: mi.Bool | bool = False
 
     def eval(self, direction: mi.Vector3f, active: mi.Bool) -> Any:
         """BSDF times cosine for light of the beam that leaves in a direction [1/sr]."""
@@ -68,11 +72,20 @@ class OffWallHistory(HistoryUpdates[mi.UInt32]):
         return dr.select(active & ~is_on(vertex.si, self.wall), mi.UInt32(1), path.history)
 
 
-def counted_lanes(scan: Scan, path: Path, bounces: mi.UInt32, active: mi.Bool) -> mi.Bool:
-    """Lanes whose paths count: with a vertex off the wall, or of so many bounces."""
+def counted_lanes(
+    scan: Scan,
+    path: Path,
+    bounces: mi.UInt32,
+    active: mi.Bool,
+    off_wall: mi.Bool | bool = False,
+) -> mi.Bool:
+    """Lanes whose paths count: with a vertex off the wall, or of so many bounces.
+
+    `off_wall` are lanes with a vertex off the wall that is not in the path's history.
+    """
     if scan.bounces >= 0:
         active = active & (bounces == scan.bounces)
-    return active & (path.history != 0) if scan.hidden_only else active
+    return active & ((path.history != 0) | off_wall) if scan.hidden_only else active
 
 
 class LaserSpot(Endpoint):
@@ -84,12 +97,21 @@ class LaserSpot(Endpoint):
 
     so that a connection from y at the distance r receives I / r^2 and has the optical length
     r + |p - laser|. Rays that hit the spot by chance see no light. `beam` is called for each
-    connection, since a beam with a width lands on another point each time.
+    connection, since a beam with a width lands on another point each time. Where the scene has
+    mirrors or glass, further connections go by way of those (`SpecularConnections`).
+
+    Args:
+        scan: The scan.
+        beam: The laser spot of a connection; None for a spot that nothing connects to.
+        max_depth: Longest path in segments, -1 for any.
     """
 
-    def __init__(self, scan: Scan, beam: Beam) -> None:
+    def __init__(self, scan: Scan, beam: Beam, max_depth: int = -1) -> None:
         self.scan, self.beam, self.hide_emitters = scan, beam, scan.hide_emitters
+        self.max_depth = max_depth
         self.history = OffWallHistory(scan.wall) if scan.hidden_only else None
+        if scan.specular is not None:
+            self.further = SpecularConnections(scan, beam, max_depth)
 
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
@@ -104,8 +126,11 @@ class LaserSpot(Endpoint):
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
         """Connect to the laser spot, without a MIS weight."""
-        active = counted_lanes(self.scan, path, path.depth + 2, active)
         spot = self.beam(sampler, active)
+        segments = path.depth + 2 + spot.bounces
+        active = counted_lanes(self.scan, path, segments, active, spot.off_wall)
+        if self.scan.specular is not None and self.max_depth >= 0:
+            active = active & (segments <= self.max_depth)
         to_spot = spot.si.p - vertex.si.p
         r2 = dr.squared_norm(to_spot)
         active = active & (r2 > 0) & dr.any(spot.power > 0)
@@ -117,6 +142,59 @@ class LaserSpot(Endpoint):
         unoccluded = dr.squared_norm(spot.si.p - path.prev.p) <= COINCIDENT * r2
         weight = dr.select(active, weight, 0)
         return Connection(spot.si.p, d, weight, length, active, unoccluded=unoccluded)
+
+
+def follow_beam(scan: Scan, beam: Beam) -> Beam:
+    """Beam that goes on by mirrors and glass where it lands on such, sampled for each connection.
+
+    Where a surface also has smooth lobes, such as plastic, half of the beams go on.
+    """
+
+    def followed(sampler: mi.Sampler, active: mi.Bool) -> Spot:
+        return _follow_lobes(scan, beam(sampler, active), random_seeds(sampler), active)
+
+    return followed
+
+
+@dr.syntax
+def _follow_lobes(scan: Scan, spot: Spot, seeds: list[mi.UInt32], active: mi.Bool) -> Spot:
+    """Follow random delta lobes from a laser spot to the next one."""
+    assert scan.specular is not None
+    lobes = scan.specular.lobes
+    nothing = dr.zeros(mi.Float, dr.width(active))
+    si = dr.select(active, spot.si, dr.zeros(mi.SurfaceInteraction3f))
+    power = mi.UnpolarizedSpectrum(spot.power) + nothing
+    distance = spot.distance + nothing
+    η = 1 + nothing
+    bounces = mi.UInt32(0)
+    off_wall = mi.Bool(False)
+    number = mi.UInt32(seeds[0])
+    following = active & si.is_valid()
+    while following:
+        # Does the beam end here? Half of those do that could
+        has_lobes = lobes.at(si, following) != 0
+        smooth = mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Smooth)
+        power = dr.select(following & has_lobes & smooth, 2 * power, power)
+        following &= has_lobes & (~smooth | (random_number(number, seeds[1]) < 0.5))
+
+        # Follow a lobe; light is not compressed as radiance is
+        lobe = lobes.sample(si, random_number(number + 1, seeds[1]), following)
+        weight = lobe.f * (dr.square(lobe.η) / lobe.probability)
+        power = dr.select(following, power * weight, power)
+        off_wall |= following & ~is_on(si, scan.wall)
+        ray = spawn_ray(si, lobe.direction, mi.Bool(True))
+        found = first_surface(scan.scene, ray, following)
+
+        # Land on the next surface
+        η = dr.select(following, η * lobe.η, η)
+        segment = dr.fma(η, dr.norm(found.p - si.p), distance)
+        distance = dr.select(following, segment, distance)
+        power = dr.select(following & ~found.is_valid(), 0, power)
+        si = dr.select(following, found, si)
+        bounces = dr.select(following, bounces + 1, bounces)
+        following &= found.is_valid() & dr.any(power > 0) & (bounces < MOST_VERTICES)
+        number += 2
+    return Spot(si, power, distance, bounces=bounces, off_wall=off_wall)
 
 
 @dataclass
@@ -152,6 +230,18 @@ def scatter_beam(scan: Scan, beam: Beam) -> Beam:
         return FirstScattering(vertex.si, power, distance, vertex=vertex, scattering=scattering)
 
     return scattered
+
+
+@tracing_lock()
+def require_smooth_spot(scan: Scan, si: mi.SurfaceInteraction3f) -> None:
+    """Refuse laser spots on mirrors or glass in scenes with media, where no beam follows those."""
+    if scan.specular is None or not scan.space.scatters:
+        return
+    if dr.any(scan.specular.lobes.at(si, mi.Bool(True)) != 0):
+        raise ValueError(
+            "laser: lights a mirror or glass in a scene with media, which is not supported. Make "
+            "the surface rough, or remove the media"
+        )
 
 
 @tracing_lock()

@@ -23,8 +23,9 @@ from ..device.laser import position_of
 from ..device.relay_wall import DEFAULT_ID, find_relay_wall, find_shapes, parse_ids, seen_shapes
 from .corner import walked_weight
 from .guided import Guided, Targets
-from .laser_spot import Beam, LaserSpot, scatter_beam
+from .laser_spot import Beam, LaserSpot, follow_beam, scatter_beam
 from .scan import Scan, ScanPlan
+from .specular import Specular
 
 HIDDEN_SAMPLING = "nlos_hidden_geometry_sampling"
 
@@ -51,6 +52,9 @@ class RelayWallPath(TransientPath):
     but by the wall's material alone. Where nothing says which shape is the wall, and sampling is
     requested by name, paths are sent from the shapes that the camera's pixels look at to the
     others. After a load, `relay_wall` and `hidden_shapes` can be set to lists of shapes or ids.
+
+    Where paths connect to the laser spot, they also do so by way of mirrors and clear glass, see
+    `nlos.light.specular`.
     """
 
     needs_lights = False
@@ -94,19 +98,24 @@ class RelayWallPath(TransientPath):
 
     def laser_spot(self, scan: Scan, beam: Beam) -> LaserSpot:
         """Make connections to the spot of a beam."""
-        return LaserSpot(scan, scatter_beam(scan, beam) if scan.space.scatters else beam)
+        if scan.space.scatters:
+            beam = scatter_beam(scan, beam)
+        elif scan.specular is not None:
+            beam = follow_beam(scan, beam)
+        return LaserSpot(scan, beam, self.limits().max_depth)
 
     def plan(self, scene, sensor=None, weight=None) -> ScanPlan:
         """Plan the scan of a sensor's rays, with relay wall and mode as the parameters say."""
         return self.capture_plan(scene, sensor)
 
-    def require_mode(self, mode: str) -> None:
-        """Refuse a mode of capture that this integrator does not have."""
+    def capture_modes(self, sensor: mi.Sensor | None) -> tuple[str, ...]:
+        """Return the modes of capture that the scene allows; the first one is the default."""
+        return ("confocal", "single", "exhaustive")
 
     def capture_plan(
         self, scene: mi.Scene, sensor: mi.Sensor | None, wall: Any = None, mode: str | None = None
     ) -> ScanPlan:
-        """Plan a capture with a wall, a list of shapes, in a mode that `require_mode` accepts."""
+        """Plan a capture with a wall, a list of shapes, in one of its `capture_modes`."""
         scan = self.scan(scene, sensor, self.wall(scene, sensor) if wall is None else wall)
         counts_spot = not self.use_nlos_only and self.filter_bounces in (-1, 1)
         return ScanPlan(scan, self.laser, self.limits(), counts_spot)
@@ -141,6 +150,7 @@ class RelayWallPath(TransientPath):
             bounces=self.filter_bounces,
             counts_legs=self.counts_legs,
             hide_emitters=self.hide_emitters,
+            specular=Specular.of(scene, space) if self.lights_a_point else None,
             mis_weight=partial(walked_weight, guided) if corner else None,
         )
 

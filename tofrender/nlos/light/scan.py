@@ -18,6 +18,7 @@ from ...paths.scattering import Materials
 from .corner import CornerConnections, accumulate_corner
 from .guided import Guided
 from .laser_spot import Beam, Spot
+from .specular import Specular
 
 
 @dataclass
@@ -33,6 +34,7 @@ class Scan:
     bounces: int  # count only paths of so many surface points with the laser spot; -1: all
     counts_legs: bool  # count the leg from the laser in lengths
     hide_emitters: bool  # let the sensor look through area lights
+    specular: Specular | None = None  # mirrors and glass, None if there are none
     mis_weight: Callable[..., mi.Float] | None = None  # of walked paths, if connections compete
     follows_camera: bool = False  # aim the laser at the first surface of each camera ray
     solid_angle: Any = math.nan  # of the laser's beam [sr], if its spot is seen
@@ -71,6 +73,12 @@ class ScanPlan(Plan):
         if self.space.scatters:
             mend = "must be left out of the scene"
             raise ValueError(f"medium: has no derivatives around the corner; {mend}")
+        if self.scan.specular is not None:
+            shapes = ", ".join(repr(shape.id()) for shape in self.scan.specular.targets.shapes)
+            raise ValueError(
+                f"derivatives of light around the corner by mirrors or glass are not supported; "
+                f"make {shapes} rough"
+            )
         return self._with(mis_weight=None, reuses_spot=False)
 
     def counting_from(self, first_opl: float) -> ScanPlan:

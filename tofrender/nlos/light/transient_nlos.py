@@ -18,7 +18,14 @@ from ...signals.illuminants import white
 from ..captures import MODES
 from ..device.laser import apply_meters, axis, find_laser, position_of, require_aim, solid_angle
 from ..device.relay_wall import first_hits, trace_laser_spot
-from .laser_spot import OffWallHistory, Spot, counted_lanes, require_clear_way, trace_beam
+from .laser_spot import (
+    OffWallHistory,
+    Spot,
+    counted_lanes,
+    require_clear_way,
+    require_smooth_spot,
+    trace_beam,
+)
 from .relay_wall_path import HIDDEN_SAMPLING, RelayWallPath, flag, warn_no_effect
 from .scan import Scan, ScanPlan
 
@@ -45,7 +52,7 @@ class TransientNLOSPath(RelayWallPath):
 
     | parameter | default | meaning |
     |---|---|---|
-    | `capture_type` | "single" | "confocal" or "exhaustive" (1, 2, 3), which needs `capture` |
+    | `capture_type` | none | "single", "confocal" or "exhaustive" (1, 2, 3), see below |
     | `laser_power` | none | power that arrives on the wall, wherever it is lit [W] |
     | `nlos_laser_sampling` | false | connect to the laser spot; else to the emitter |
     | `nlos_hidden_geometry_sampling` | false | as in `RelayWallPath` |
@@ -56,6 +63,9 @@ class TransientNLOSPath(RelayWallPath):
     | `filter_depth` | -1 | one more than `filter_bounces`, instead of it |
     | `force_equal_illumination_scanning` | true | exhaustive captures light the sensor's points |
     | `illumination_scan_fov` | 20 | a warning: there are no others |
+
+    `capture` uses `capture_type` as its mode. Without `capture_type`, `render` renders the light of
+    a single laser spot. Only `capture` renders exhaustive captures.
 
     Unlike in mitransient, light of a single bounce is shown, occluded light does not count,
     surfaces count from both sides, and choosing between two samplings keeps the energy.
@@ -76,7 +86,6 @@ class TransientNLOSPath(RelayWallPath):
         if kind is not None:
             checks.one_of("capture_type", kind, MODES)
         self.capture_type: str | None = kind
-        self._type_is_given = kind is not None
         _read_mitransient(props)
         self.lights_a_point = flag(props, "nlos_laser_sampling")
         self.discard_direct_paths = flag(props, "discard_direct_paths")
@@ -132,13 +141,22 @@ class TransientNLOSPath(RelayWallPath):
         """Position of the scene's laser [m]."""
         return position_of(find_laser(scene))
 
+    def capture_modes(self, sensor: mi.Sensor | None) -> tuple[str, ...]:
+        """Return the mode of `capture_type`, otherwise the modes that the sensor allows."""
+        if self.capture_type is not None:
+            return (self.capture_type,)
+        confocal = getattr(sensor, "confocal", None)
+        if confocal is None:
+            return super().capture_modes(sensor)
+        return ("confocal",) if confocal else ("single", "exhaustive")
+
     def _kind(self, sensor: mi.Sensor | None) -> str:
         """Return the capture type, by default the sensor's."""
         confocal = getattr(sensor, "confocal", None)
         if self.capture_type is None:
             return "confocal" if confocal else "single"
         differs = confocal is not None and confocal != (self.capture_type == "confocal")
-        if differs and self._type_is_given:
+        if differs:
             warn_no_effect("confocal", confocal, f"capture_type is {self.capture_type!r}")
         return self.capture_type
 
@@ -148,9 +166,12 @@ class TransientNLOSPath(RelayWallPath):
         if kind == "single":
             require_aim(scan.scene)
             trace_laser_spot(scan.scene, scan.wall)
+            beam = mi.Ray3f(*axis(find_laser(scan.scene)))
+            require_smooth_spot(scan, first_surface(scan.scene, beam))
         elif sensor is not None:
             origin = axis(find_laser(scan.scene))[0]
             _, si = first_hits(scan.scene, sensor)
+            require_smooth_spot(scan, si)
             cos = dr.dot(si.n, dr.normalize(origin - si.p))
             if not dr.any(si.is_valid() & (dr.abs(cos) > GRAZING)):
                 where = np.array(origin).ravel().tolist()

@@ -4,6 +4,7 @@ A measured histogram starts with the reflection by the wall itself, which decays
 bins; then come dark and ambient counts alone, until light of the hidden scene arrives.
 """
 
+import warnings
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +28,9 @@ def find_background(counts: np.ndarray, pixels: int, zero: int) -> Background:
     `zero` is the bin of path length 0, where the wall's own reflection is the largest: if there is
     one, the smoothed histogram peaks within a 64th of all bins around. It ends in the bin after
     which that rises by the largest factor.
+
+    Warns:
+        UserWarning: No bin stands out of the dark counts; all bins after the reflection are kept.
     """
     window = max(1, len(counts) // PARTS)
     one = 1 / (pixels * window)
@@ -39,6 +43,15 @@ def find_background(counts: np.ndarray, pixels: int, zero: int) -> Background:
     dark = float(np.quantile(mean[first:], 0.05))
     least = max(SIGMAS * np.sqrt(max(dark, one) * one), SHARE * (mean[first:].max() - dark))
     kept = (mean - dark > least) & (np.arange(len(mean)) >= first)
+    if not counts[first:].any():
+        raise ValueError("capture: no bin after the wall's reflection holds counts; measure longer")
+
+    # Without bins that stand out, weak light may still be found from many pixels together
     if not kept.any():
-        raise ValueError(f"capture: no light above {dark:.3g} counts a bin; must hold light")
+        kept = np.arange(len(mean)) >= first
+        warnings.warn(
+            f"capture: no bin stands out of the {dark:.3g} dark counts per bin and pixel, so that "
+            "all bins are used and the result is noisy; measure longer",
+            stacklevel=4,
+        )
     return Background(dark, kept.astype(np.float32), counts * kept)

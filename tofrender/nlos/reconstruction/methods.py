@@ -12,7 +12,7 @@ from ...rendering.cubes import Cube
 from ...rendering.workers import require_client
 from ...runtime import checks
 from ...runtime.progress import ProgressBar
-from ..captures import check_capture, without_first_and_last_legs
+from ..captures import as_capture, check_capture, without_first_and_last_legs
 from .backprojection import WEIGHTINGS, backproject, sharpen
 from .fk import fk_migration
 from .light_cone import SNR, SURFACES, light_cone_transform
@@ -77,7 +77,8 @@ def reconstruct(
       they are.
 
     Args:
-        capture: A result of `capture`, `make_capture` or `load_capture`.
+        capture: A result of `capture`, `make_capture` or `load_capture`, or photon counts that
+            `sense` measured of one.
         method: One of the above.
         volume: A `VolumeGrid`, or its axes ((x low, x high, count), y, z) [m] in the wall's frame:
             origin at the centre of the sensor's grid, x along growing columns, y along growing
@@ -106,6 +107,10 @@ def reconstruct(
             line says which it does), a volume or option that cannot be.
         MemoryError: It would not fit.
 
+    Warns:
+        UserWarning: The light of photon counts stands out of the dark counts in no bin. All bins
+            after the wall's own reflection are used then.
+
     Example:
         >>> from tofrender import capture
         >>> found = reconstruct(capture("nlos_patch", grid=(8, 8), spp=64), "fk")["intensity"]
@@ -120,6 +125,7 @@ def reconstruct(
         checks.require("client", client, method in ("bp", "fbp"), allowed)
         require_client(client)
     wanted = None if volume is None else VolumeGrid.of(volume)
+    capture = as_capture(capture)
     check_capture(capture)
     checks.boolean("progress", progress)
     Cube(capture["transient"]).require_finite("capture: transient")

@@ -13,8 +13,11 @@ import mitsuba as mi
 from ...runtime import checks
 from ..protocols import Endpoint
 from ..records import Connection, Hit, Path, Vertex
-from ..surfaces import EmitterNormals, Wavefronts, stretched
+from ..surfaces import EmitterSamples, Wavefronts, stretched
 
+# Density whose square float32 can represent [1/sr]. A point of an emitter that is seen edge-on has
+# higher ones, and no light.
+HIGHEST = 1e18
 MANY_EMITTERS = 8  # number of emitters above which a single bounding box bounds their distance
 
 
@@ -22,6 +25,7 @@ class EmitterEndpoint(Endpoint):
     """Abstract base of the techniques that sample a scene's emitters, see `SceneLights`."""
 
     finds_all = False
+    has_hits = True
 
     def __init__(
         self,
@@ -34,7 +38,7 @@ class EmitterEndpoint(Endpoint):
         checks.instance("sensor", sensor, mi.Sensor | None, "a sensor or None")
         self.hide_emitters = checks.boolean("hide_emitters", hide_emitters)
         self.discard_direct_light = checks.boolean("discard_direct_light", discard_direct_light)
-        self.normals = EmitterNormals(scene)
+        self.samples = EmitterSamples(scene)
         self.moving_meshes: list[mi.Shape] = []
         flags = [emitter.flags() for emitter in scene.emitters()]
         has_distant = any(mi.has_flag(each, mi.EmitterFlags.Infinite) for each in flags)
@@ -92,7 +96,7 @@ class EmitterEndpoint(Endpoint):
         self, vertex: Vertex, u: mi.Point2f, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
         """Sample a direction to an emitter; returns it, and radiance over density."""
-        ds, weight = self.normals.sample_direction(vertex.si, u, active)
+        ds, weight = self.samples.sample_direction(vertex.si, u, active)
         if self.moving_meshes:
             lit = active & (ds.pdf != 0)
             stretch = stretched(self.scene, self.moving_meshes, vertex.si, ds.p, lit)
@@ -126,14 +130,14 @@ class EmitterEndpoint(Endpoint):
             reference = prev
         else:
             ds = mi.DirectionSample3f(self.scene, si=si, ref=reference)
-        if self.normals.exist:
+        if self.samples.exist:
             ds.n = si.n
-        pdf = self.scene.pdf_emitter_direction(reference, ds, active)
+        pdf = self.samples.pdf_direction(reference, ds, active)
         length = vertex.length
         if self.sphere is not None:
             length = dr.select(vertex.valid, length, self.sphere.length(prev.p, path.ray.d))
         if self.hide_emitters:  # `Plan.start` skips area lights, here the environment
-            active = active & ((path.depth > 0) | vertex.valid)
+            active = active & (path.valid_ray | vertex.valid)
         if self.discard_direct_light:
             active = active & (path.depth > 0)
         return Hit(radiance, pdf, length, active, mis_weight=mi.Float(1))
@@ -146,6 +150,11 @@ class EmitterEndpoint(Endpoint):
 
 
 def power_heuristic(pdf_a: mi.Float, pdf_b: mi.Float) -> mi.Float:
-    """Return the MIS weight a² / (a² + b²) of a sample from density a (Veach 1997, eq. 9.13)."""
-    a2 = pdf_a * pdf_a
-    return dr.select(pdf_a > 0, a2 / dr.fma(pdf_b, pdf_b, a2), 0)
+    """Return the MIS weight a² / (a² + b²) of a sample from density a (Veach 1997, eq. 9.13).
+
+    Densities above `HIGHEST` count as `HIGHEST`.
+    """
+    a = dr.minimum(pdf_a, HIGHEST)
+    b = dr.minimum(pdf_b, HIGHEST)
+    a2 = a * a
+    return dr.select(a > 0, a2 / dr.fma(b, b, a2), 0)
