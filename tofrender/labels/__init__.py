@@ -12,6 +12,8 @@ from .kinds import (
     COUNTS,
     FILM,
     RATES,
+    TAPS,
+    TRANSIENT,
     WAVEFORMS,
     Kind,
 )
@@ -24,6 +26,8 @@ __all__ = [
     "FILM",
     "RATES",
     "STOKES",
+    "TAPS",
+    "TRANSIENT",
     "WAVEFORMS",
     "Bins",
     "Kind",

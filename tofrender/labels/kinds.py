@@ -52,6 +52,9 @@ FILM = Kind(
 )
 """Result of `render`. Polarized films have the axis `stokes` before `channel`."""
 
+TRANSIENT = Kind("a Dataset of render", variables={"transient": _FILM}, bins="opl")
+"""Time-resolved light of `render`, or of a single or confocal capture."""
+
 CAPTURE = Kind(
     "a capture",
     variables={"transient": _FILM},
@@ -82,6 +85,13 @@ COUNTS = Kind(
     bins="bin",
 )
 """Photon counts per pixel and bin."""
+
+TAPS = Kind(
+    "a Dataset of Itof.frames or Itof.expected",
+    variables={"taps": ("frequency", "tap", *_PIXELS)},
+    optional={"saturated": _PIXELS},
+)
+"""Taps of a correlation camera [electrons]."""
 
 WAVEFORMS = Kind(
     "a Dataset of lidar",

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from ..signals.units import opl_to_ns
 from .axes import CHANNELS, STOKES, Bins
 from .kinds import Kind
 
@@ -12,7 +13,7 @@ SAME_WIDTH = 1e-3  # Relative error of the distance of bins that rounding explai
 SAME_START = 1e-5  # Error of the start of bins that rounding explains [bins]
 ORDERED = {"channel": CHANNELS, "stokes": STOKES}
 """Names along an axis in their order. Other names keep the order that they have."""
-RISING = ("y", "x", "laser_y", "laser_x", "shot")
+RISING = ("y", "x", "laser_y", "laser_x", "shot", "tap")
 """Axes of indices that rise."""
 
 
@@ -67,20 +68,22 @@ def bins_of(data: xr.Dataset | xr.DataArray, parameter: str, axis: str = "opl") 
     Raises:
         ValueError: The coordinate is missing, or the bins are not consecutive and equally wide.
     """
-    if "opl" not in data.coords or data["opl"].dims != (axis,) or data["opl"].size == 0:
+    if "opl" not in data.coords or data["opl"].dims != (axis,):
         raise ValueError(
             f"{parameter}: the coordinate opl along the axis {axis} is missing. It contains the "
             "centers of the bins in m; select bins with a slice or a list"
         )
     centers = np.asarray(data["opl"].values, np.float64)
-    stated = data.attrs.get("bin_width_opl")
+    if "time" in data.coords:
+        _require_times(data["time"].values, centers, parameter)
+    stated: Any = data.attrs.get("bin_width_opl")
     is_stated = isinstance(stated, float | int | np.number) and np.isfinite(stated) and stated > 0
+    if not is_stated and (isinstance(data, xr.Dataset) or len(centers) == 1):
+        raise ValueError(
+            f"{parameter}: the attribute bin_width_opl, the width of a bin in m, is missing. Keep "
+            "attributes with xarray.set_options(keep_attrs=True)"
+        )
     if len(centers) == 1:
-        if not is_stated:
-            raise ValueError(
-                f"{parameter}: the attribute bin_width_opl is missing, and a single bin has no "
-                "other width. Keep attributes with xarray.set_options(keep_attrs=True)"
-            )
         width = float(stated)
     else:
         steps = np.diff(centers)
@@ -93,10 +96,10 @@ def bins_of(data: xr.Dataset | xr.DataArray, parameter: str, axis: str = "opl") 
             )
         width = float(stated) if is_stated else width
     start = float(centers[0] - width / 2)
-    stated_start = data.attrs.get("start_opl")
-    if isinstance(stated_start, float | int | np.number):
-        if abs(start - stated_start) <= SAME_START * width:
-            start = float(stated_start)
+    stated_start: Any = data.attrs.get("start_opl")
+    is_stated = isinstance(stated_start, float | int | np.number)
+    if is_stated and abs(start - stated_start) <= SAME_START * width:
+        start = float(stated_start)
     return Bins(start, width, len(centers))
 
 
@@ -145,6 +148,11 @@ def _require_variables(data: xr.Dataset, kind: Kind, parameter: str) -> None:
                 )
             continue
         found = set(data[name].dims) - {"stokes"}
+        for axis, size in data[name].sizes.items():
+            if size == 0:
+                raise ValueError(
+                    f"{parameter}: the axis {axis} is empty. Select one entry of it or more"
+                )
         for axis in axes:
             if axis not in found:
                 raise ValueError(
@@ -229,6 +237,16 @@ def _require_even_steps(steps: np.ndarray, width: float, parameter: str) -> None
         raise ValueError(
             f"{parameter}: the bins are not consecutive: the distances of the centers in the "
             f"coordinate opl are {steps.min():g} to {steps.max():g} m. Select bins with a slice"
+        )
+
+
+def _require_times(time_ns: np.ndarray, opl: np.ndarray, parameter: str) -> None:
+    """Refuse times that are not those of the path lengths."""
+    own = opl_to_ns(opl)
+    if time_ns.shape != own.shape or not np.allclose(time_ns, own, rtol=1e-9, atol=1e-9):
+        raise ValueError(
+            f"{parameter}: the coordinate time is not opl / c in ns. Drop it where opl is changed: "
+            "drop_vars('time')"
         )
 
 

@@ -196,6 +196,8 @@ def as_capture(dataset: Any) -> Any:
     first_center = float(dataset["opl"].values[0])
     width = float(dataset.attrs["bin_width_opl"])
     about = {name: value for name, value in dataset.attrs.items() if name not in COUNTED_ATTRIBUTES}
+    if "cycles" in variables:
+        about["cycles"] = int(dataset["cycles"].max())
     return make_capture(
         dataset["counts"].transpose("y", "x", "bin").values,
         mode=mode,
