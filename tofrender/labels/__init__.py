@@ -7,6 +7,7 @@ refuses everything else in one line.
 """
 
 from .axes import CHANNELS, STOKES, Bins
+from .energy import energy_outside_window
 from .kinds import (
     CAPTURE,
     COUNTS,
@@ -32,6 +33,7 @@ __all__ = [
     "Bins",
     "Kind",
     "bins_of",
+    "energy_outside_window",
     "intensity",
     "read",
     "require_consecutive",

@@ -10,6 +10,9 @@ CHANNELS = ("R", "G", "B", "L")
 STOKES = ("S0", "S1", "S2", "S3")
 """Names of the components of the Stokes vector in their order."""
 
+XYZ = ("x", "y", "z")
+"""Axes of the world in their order."""
+
 
 @dataclass(frozen=True)
 class Bins:

@@ -55,22 +55,8 @@ FILM = Kind(
 TRANSIENT = Kind("a Dataset of render", variables={"transient": _FILM}, bins="opl")
 """Time-resolved light of `render`, or of a single or confocal capture."""
 
-CAPTURE = Kind(
-    "a capture",
-    variables={"transient": _FILM},
-    optional={
-        "sensor_grid": (*_PIXELS, "xyz"),
-        "sensor_normals": (*_PIXELS, "xyz"),
-        "laser_grid": ("laser_y", "laser_x", "xyz"),
-        "laser_normals": ("laser_y", "laser_x", "xyz"),
-        "sensor_origin": ("xyz",),
-        "laser_origin": ("xyz",),
-        "on_wall": _PIXELS,
-    },
-    bins="opl",
-    closed=True,
-)
-"""Result of `capture`. Its mode decides on the axes of the laser."""
+CAPTURE = Kind("a capture", variables={"transient": _FILM}, bins="opl")
+"""Result of `capture`. The mode decides on the axes of the laser, see `nlos.captures`."""
 
 RATES = Kind(
     "a Dataset of expected_photons",

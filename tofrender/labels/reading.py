@@ -6,12 +6,12 @@ import numpy as np
 import xarray as xr
 
 from ..signals.units import opl_to_ns
-from .axes import CHANNELS, STOKES, Bins
+from .axes import CHANNELS, STOKES, XYZ, Bins
 from .kinds import Kind
 
 SAME_WIDTH = 1e-3  # Relative error of the distance of bins that rounding explains
 SAME_START = 1e-5  # Error of the start of bins that rounding explains [bins]
-ORDERED = {"channel": CHANNELS, "stokes": STOKES}
+ORDERED = {"channel": CHANNELS, "stokes": STOKES, "xyz": XYZ}
 """Names along an axis in their order. Other names keep the order that they have."""
 RISING = ("y", "x", "laser_y", "laser_x", "shot", "tap")
 """Axes of indices that rise."""
@@ -80,8 +80,8 @@ def bins_of(data: xr.Dataset | xr.DataArray, parameter: str, axis: str = "opl") 
     is_stated = isinstance(stated, float | int | np.number) and np.isfinite(stated) and stated > 0
     if not is_stated and (isinstance(data, xr.Dataset) or len(centers) == 1):
         raise ValueError(
-            f"{parameter}: the attribute bin_width_opl, the width of a bin in m, is missing. Keep "
-            "attributes with xarray.set_options(keep_attrs=True)"
+            f"{parameter}: the attribute bin_width_opl is missing. It is the width of a bin in m. "
+            "Keep attributes with xarray.set_options(keep_attrs=True)"
         )
     if len(centers) == 1:
         width = float(stated)
@@ -201,8 +201,8 @@ def _order_along(data: xr.Dataset, axis: str, kind: Kind, parameter: str) -> np.
     labels = data[axis].values
     if axis != "shot" and labels.dtype.kind not in "iu":
         raise ValueError(
-            f"{parameter}: the axis {axis} has no integer indices, as after coarsen. Select pixels "
-            "by isel, and render with fewer pixels for a coarser picture"
+            f"{parameter}: the axis {axis} has no integer indices, as after coarsen. For coarser "
+            "pixels, use tofrender.rebin(..., pixels=(columns, rows))"
         )
     _require_different(labels, axis, parameter)
     return np.argsort(labels, kind="stable")
@@ -211,6 +211,8 @@ def _order_along(data: xr.Dataset, axis: str, kind: Kind, parameter: str) -> np.
 def _order_of_names(data: xr.Dataset, axis: str, parameter: str) -> np.ndarray:
     """Return the indices that bring channels or Stokes components to their order."""
     known = ORDERED[axis]
+    if axis not in data.coords and axis == "channel" and data.sizes[axis] == 1:
+        return np.arange(1)
     if axis not in data.coords:
         raise ValueError(
             f"{parameter}: the axis {axis} has no labels. Assign them, for example "

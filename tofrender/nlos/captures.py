@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..labels import Kind, read
 from ..rendering.cubes import Cube
 from ..rendering.dataset import check_attributes, plain_attributes, time_axis
 from ..rendering.labels import TIME, labelled, with_time
@@ -209,6 +210,26 @@ def as_capture(dataset: Any) -> Any:
         attrs=about,
         **{name: dataset[name].values for name in names},
     )
+
+
+def read_capture(dataset: Any, parameter: str) -> xr.Dataset:
+    """Return a capture with axes, channels and bins in their order.
+
+    Parts of the window, crops, and choices of channels are accepted.
+
+    Raises:
+        ValueError: Anything but a capture, or a part of one; one line.
+    """
+    import xarray as xr
+
+    attrs = dataset.attrs if isinstance(dataset, xr.Dataset) else {}
+    mode = attrs.get("mode", MODES[0])
+    checks.one_of(f"{parameter}: attribute mode", mode, MODES)
+    optional = {ON_WALL: _PIXELS}
+    kind = Kind("a capture", dimensions(mode), optional, bins="opl", closed=True)
+    dataset = read(dataset, kind, parameter)
+    check_capture(dataset)
+    return dataset
 
 
 def check_capture(dataset: Any) -> None:
