@@ -61,7 +61,7 @@ def save_exr_stack(
     See also `load_exr_stack`.
 
     Args:
-        dataset: The result of `render`, or a part of it: `transient` (y, x, opl, channel), `steady`.
+        dataset: The result of `render`, or a part of it.
         path: Folder for `frame_0000.exr`, ..., `steady.exr` (`"frames"`), or the name of
             one .exr file whose parts have these names, the steady image first (`"multipart"`).
         layout: `"frames"` or `"multipart"`.
