@@ -41,7 +41,8 @@ def paths(*arrivals, bins=300, channels=1):
 
 def dataset(data=None, drop=(), **attrs):
     data = paths((40, 1.0)) if data is None else data
-    coords = {"opl": centre(np.arange(data.shape[2]))}
+    names = ["R", "G", "B"] if data.shape[3] == 3 else ["L"]
+    coords = {"opl": centre(np.arange(data.shape[2])), "channel": names}
     attrs = {
         "quantity": "radiance per bin",
         "bin_width_opl": WIDTH,
@@ -172,13 +173,12 @@ def test_lost_energy_warns():
         ("attribute quantity is missing", dataset(drop=["quantity"])),
         ("attribute bin_width_opl is missing", dataset(drop=["bin_width_opl"])),
         ("attribute energy_outside_window is missing", dataset(drop=["energy_outside_window"])),
-        ("coordinate opl is missing", dataset().drop_vars("opl")),
-        ("must hold transient", dataset().rename(transient="light")),
-        ("must hold transient", dataset().transpose("y", "x", "channel", "opl")),
-        ("bin_width_opl = 'wide'", dataset(bin_width_opl="wide")),
-        ("coordinate opl", dataset(bin_width_opl=0.03)),
+        ("coordinate opl along the axis opl is missing", dataset().drop_vars("opl")),
+        ("variable transient is missing", dataset().rename(transient="light")),
+        ("attribute bin_width_opl", dataset(bin_width_opl="wide")),
+        ("0.02 m apart, but 0.03 m wide", dataset(bin_width_opl=0.03)),
         ("quantity = 'photons'", dataset(quantity="photons")),
-        ("energy_outside_window = 'none'", dataset(energy_outside_window="none")),
+        ("energy_outside_window = 'none' is not", dataset(energy_outside_window="none")),
     ],
 )
 def test_a_dataset_that_is_wrong(said, bad):

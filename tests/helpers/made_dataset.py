@@ -22,7 +22,7 @@ def make_dataset(height=6, width=10, bins=5, channels="RGB", x0=0, y0=0, **attrs
         **{"scene": "bördér", "integrator": "transient_path", "sampler": "multijitter"},
         **{"spp": 64, "seed": 2**32 - 1, "variant": "llvm_ad_rgb"},
         "versions": json.dumps({"tofrender": "0.1.0", "mitsuba": "3.9.1"}),
-        **{"energy_outside_window": 1 / 3, "complete": 1, "render_seconds": 0.1},
+        **{"energy_outside_window": 1e-3 / 3, "complete": 1, "render_seconds": 0.1},
     }
     arrays = {
         "transient": (("y", "x", "opl", "channel"), transient, {"long_name": "radiance"}),

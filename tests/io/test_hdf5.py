@@ -64,9 +64,10 @@ def test_round_trip_is_exact(tmp_path, mode, legs, origins):
 def test_parts_come_back_and_other_numbers_are_refused(tmp_path):
     capture = example()
     for part in (capture.isel(x=slice(None, None, -2)), capture.isel(y=[3, 0])):
-        assert load_capture(save_capture(part, tmp_path / "c.h5", overwrite=True)).identical(part)
+        loaded = load_capture(save_capture(part, tmp_path / "c.h5", overwrite=True))
+        assert loaded.identical(part.sortby(["y", "x"]))  # Files have the order of labels
     for wrong, said in (
-        (capture.assign_coords(x=capture["x"] * 0.5), r"pixels: x = \[0.0, 0.5, .*: must be 5 int"),
+        (capture.assign_coords(x=capture["x"] * 0.5), "capture: the axis x has no integer indices"),
         (capture.astype(float), "capture: type of .*float64.*: must be float32"),
     ):
         with refused(said):

@@ -115,7 +115,7 @@ def test_times_of_other_lengths_are_refused(tmp_path):
         lambda: tofrender.transient_to_phasor(moved, 2e7),
         lambda: tofrender.summary_figure(moved),
     ):
-        with pytest.raises(ValueError, match=r"coordinate time: must be opl / c in ns"):
+        with pytest.raises(ValueError, match=r"coordinate time.* opl / c in ns"):
             use()
     assert not list(tmp_path.iterdir())
     mended = moved.drop_vars("time").assign_attrs(start_opl=4.5)

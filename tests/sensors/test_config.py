@@ -28,7 +28,7 @@ def fits(measured: xr.Dataset, expected: xr.DataArray) -> bool:
     model = read_sensor(json.loads(measured.attrs["sensor"]))["model"]
     variance = expected * getattr(model, "excess_noise", 1.0)
     if isinstance(model, Spad) and model.mode == "first_photon":
-        variance = expected * (1 - expected.sum("bin") / measured.attrs["cycles"])
+        variance = expected * (1 - expected.sum("bin") / measured["cycles"])
     variance = variance + getattr(model, "read_noise", 0.0) ** 2
     if getattr(model, "adc_bits", None):
         variance = variance + (model.full_well / ((1 << model.adc_bits) - 1)) ** 2 / 12

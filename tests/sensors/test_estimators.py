@@ -123,11 +123,12 @@ def test_depth_from_a_sensor():
     assert found["depth"].values == pytest.approx(123.5 * WIDTH / 2, abs=2e-3)
     assert (found["depth_std"].values < 5e-4).all()
     later, both = slice(40, None), counts.isel(x=slice(2))
-    parts = (counts.isel(bin=later), counts.transpose("bin", "x", "y"), both.coarsen(bin=2).sum())
+    parts = (counts.isel(bin=later), counts.transpose("bin", "x", "y"), both)
     for part in parts:  # Bins are where their coordinate says
         again = estimate_depth(part, jitter)["depth"]
         assert again.values == pytest.approx(123.5 * WIDTH / 2, abs=4e-3)
-    refused("opl = .*: must be the centres", estimate_depth, counts.isel(bin=[0, 1, 9]), jitter)
+    refused("counts: the bins are not cons", estimate_depth, counts.isel(bin=[0, 1, 9]), jitter)
+    refused("2 m wide.* tofrender.rebin", estimate_depth, counts.coarsen(bin=2).sum(), jitter)
 
 
 def test_a_responses_origin_is_no_matter():
@@ -384,7 +385,12 @@ def test_time_axes_that_are_missing(function):
     labelled = bare.assign_coords(opl=("bin", np.arange(99) * WIDTH))
     refused("must be None for labelled counts", function, labelled, GAUSS, start_opl=0.0)
     refused("one time axis", function, bare.rename(bin="time"), GAUSS)
-    refused("rates: a DataArray has no background", Spad().histogram, bare, 10)
+    refused(
+        "rates: expected a Dataset of expected_photons, found a DataArray",
+        Spad().histogram,
+        bare,
+        10,
+    )
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,8 @@ def scene(phase_opl, signal, background=0.0, pixels=(1, 1), bins=400, width=WIDT
     arrays = {"rate": (("y", "x", "bin"), rates)}
     arrays["background"] = ("y", "x"), np.full(pixels, background / bins)
     opl = (int(phase_opl / width) + 0.5) * width
-    return xr.Dataset(arrays, attrs={"start_opl": 0.0, "bin_width_opl": width}), opl
+    centers = {"opl": ("bin", (np.arange(bins) + 0.5) * width)}
+    return xr.Dataset(arrays, centers, {"start_opl": 0.0, "bin_width_opl": width}), opl
 
 
 @pytest.mark.parametrize("taps", [3, 4, 5, 8])

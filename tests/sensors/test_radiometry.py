@@ -103,7 +103,12 @@ def test_bad_parameters(changes, text):
 
 
 def test_bad_datasets():
-    refused("must be a Dataset of render", expected_photons, np.ones((2, 2)), photons_per_cycle=1)
+    refused(
+        "expected a Dataset of render, found ndarray",
+        expected_photons,
+        np.ones((2, 2)),
+        photons_per_cycle=1,
+    )
     dark = make_dataset() * 0
     dark.attrs = make_dataset().attrs
     refused(

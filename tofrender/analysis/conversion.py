@@ -12,12 +12,14 @@ with the radiance L_k of bin k and the path length opl_k of its centre.
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import xarray as xr
 
+from ..labels import TRANSIENT, bins_of, energy_outside_window, intensity, read
 from ..rendering.cubes import Cube
-from ..rendering.dataset import DIMS, LOST_ENERGY, QUANTITIES, require_one_render, time_axis
+from ..rendering.dataset import LOST_ENERGY, QUANTITIES
 from ..runtime import checks
 from ..runtime.progress import status
 from ..signals.phasors import phasor_parts
@@ -26,7 +28,7 @@ from ..signals.units import SPEED_OF_LIGHT, check_below_limit, check_frequencies
 
 @status("Converting to phasors")
 def transient_to_phasor(
-    transient_data: Any,
+    transient_data: Annotated[Any, TRANSIENT],
     frequency_hz: float | Sequence[float],
     start_opl: float | None = None,
     bin_width_opl: float | None = None,
@@ -46,8 +48,8 @@ def transient_to_phasor(
       function, exp(-(2 pi f s / c)^2 / 2) for a Gaussian: 0.9995 for s = 0.03 m at 50 MHz.
 
     Args:
-        transient_data: A Dataset of `render`, or an array (height, width, bins, channels) with 1 or
-            3 channels, or (height, width, bins).
+        transient_data: A Dataset of `render`, a part of one, or an array (height, width, bins,
+            channels) with 1 or 3 channels, or (height, width, bins). Of Stokes vectors S0 counts.
         frequency_hz: Modulation frequency [Hz], above 0 and below c / (2 bin_width_opl), or a
             sequence of them.
         start_opl: Start of the first bin [m], by default the Dataset's.
@@ -75,18 +77,23 @@ def transient_to_phasor(
     """
     frequencies, many = check_frequencies(frequency_hz)
     outside = 0.0
-    if hasattr(transient_data, "data_vars"):
+    if isinstance(transient_data, xr.Dataset | xr.DataArray):
         given = {"start_opl": start_opl, "bin_width_opl": bin_width_opl, "quantity": quantity}
-        start, width, quantity = _time_axis_and_quantity(transient_data, given)
-        values = transient_data["transient"]
-        outside = transient_data.attrs["energy_outside_window"]
+        film = read(transient_data, TRANSIENT, "transient_data")
+        start, width, quantity = _agreeing(given, film)
+        outside = energy_outside_window(film, "transient_data")
+        if outside is None:
+            raise ValueError(
+                "transient_data: attribute energy_outside_window is missing; must be as `render` "
+                "has it"
+            )
+        cube = Cube.of("transient_data", intensity(film["transient"], "transient_data"))
     else:
         start = checks.metres("start_opl", start_opl)
         width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
         quantity = QUANTITIES[0] if quantity is None else quantity
         quantity = checks.one_of("quantity", quantity, QUANTITIES)
-        values = transient_data
-    cube = _four_axes(Cube.of("transient_data", values))
+        cube = _four_axes(Cube.of("transient_data", transient_data))
     check_below_limit(frequencies, width)
     if outside > LOST_ENERGY:
         warnings.warn(
@@ -160,30 +167,32 @@ def _four_axes(cube: Cube) -> Cube:
     return cube
 
 
-def _time_axis_and_quantity(dataset: Any, given: Mapping[str, Any]) -> tuple[float, float, str]:
+def _agreeing(given: Mapping[str, Any], dataset: xr.Dataset) -> tuple[float, float, str]:
     """Return start and width [m] of a Dataset's bins, and its quantity; given ones must agree."""
-    require_one_render("transient_data", dataset)
-    if "transient" not in dataset.data_vars or dataset["transient"].dims != DIMS["transient"]:
-        found = {str(name): variable.dims for name, variable in dataset.data_vars.items()}
+    if dataset.attrs.get("camera_unwarp"):
         raise ValueError(
-            f"transient_data = Dataset with {found}: must hold transient {DIMS['transient']}"
+            "transient_data has path lengths without the camera's segment (camera_unwarp = 1), "
+            "whose phases are not those of a camera. Pass the render before unwarp_camera"
         )
-    if "opl" not in dataset.coords or dataset.sizes["opl"] == 0:
-        raise ValueError("dataset: coordinate opl is missing; must be the centres of the bins in m")
-    for name in ("quantity", "bin_width_opl", "energy_outside_window"):
-        if name not in dataset.attrs:
-            raise ValueError(f"dataset: attribute {name} is missing; must be as `render` writes it")
-    checks.number("energy_outside_window", dataset.attrs["energy_outside_window"])
-    start, width = time_axis(dataset)
+    if "quantity" not in dataset.attrs:
+        raise ValueError(
+            "transient_data: attribute quantity is missing; must be as `render` has it"
+        )
+    bins = bins_of(dataset, "transient_data")
     quantity = checks.one_of("quantity", dataset.attrs["quantity"], QUANTITIES)
-    own: Any
-    for name, own in (("start_opl", start), ("bin_width_opl", width), ("quantity", quantity)):
+    own: dict[str, Any] = {
+        "start_opl": bins.start_opl,
+        "bin_width_opl": bins.bin_width_opl,
+        "quantity": quantity,
+    }
+    for name, found in own.items():
         value = given[name]
-        if value is None or value == own:
+        if value is None or value == found:
             continue
-        valid = name != "quantity" and abs(checks.metres(name, value) - own) <= 1e-3 * width
-        checks.require(name, value, valid, f"{own!r}, as the Dataset has it, or left out")
-    return start, width, quantity
+        valid = name != "quantity"
+        valid = valid and abs(checks.metres(name, value) - found) <= 1e-3 * bins.bin_width_opl
+        checks.require(name, value, valid, f"{found!r}, as the Dataset has it, or left out")
+    return bins.start_opl, bins.bin_width_opl, quantity
 
 
 def _correlate(cube: Cube, waves: np.ndarray) -> np.ndarray:

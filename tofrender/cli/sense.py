@@ -55,7 +55,7 @@ def sense(
     facts |= {
         "quantity": quantity,
         "seed": seed,
-        "cycles": measured.attrs["cycles"],
+        "cycles": int(measured["cycles"]),
         "expected": None,
     } | sums
     about = f", {sums['expected']:,.0f} expected" if "expected" in sums else ""

@@ -143,7 +143,7 @@ def layout_of(config: Config, records: list[int]) -> Layout:
         attrs = {"quantity": "radiance per bin"}
         attrs |= {"start_opl": timed.start_opl, "bin_width_opl": timed.bin_width_opl}
         film = transient_dataset({"transient": dim, "steady": dim[:, :, 0]}, timed, attrs)
-        measured = sense(film, config.sense)
+        measured = sense(film, config.sense).drop_vars("cycles")  # The config has them
         for name, values in measured.items():
             its = tuple(f"sensor_{axis}" for axis in values.dims)
             dtype = "bool" if values.dtype == bool else "float32"

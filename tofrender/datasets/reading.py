@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from ..labels import bins_of
 from ..nlos import make_capture
 from ..rendering.dataset import LOST_ENERGY
 from ..rendering.films_on_disk import FILES, naming_files, require_whole, require_zarr
@@ -94,18 +95,29 @@ def capture_of(dataset: xr.Dataset, record: int) -> xr.Dataset:
         raise ValueError("dataset: has no captures; must be made with outputs.capture")
     one, about = _record(dataset, record)
     capture = about["capture"]
-    names = [name for name in (*GEOMETRY, *ORIGINS) if f"capture_{name}" in one]
-    geometry: dict[str, Any] = {name: one[f"capture_{name}"].values for name in names}
-    on_wall = one["capture_on_wall"].values
+    names_of = [name for name in (*GEOMETRY, *ORIGINS) if f"capture_{name}" in one]
+    # The axes of a wall are those of a capture with a prefix
+    names = {"wall_y": "y", "wall_x": "x", "capture_opl": "opl"}
+    fields = ["transient", *names_of, "on_wall"]
+    stored = {field: f"capture_{field}" for field in fields} | {"transient": "capture"}
+    arrays: dict[str, Any] = {}
+    for field, name in stored.items():
+        values = one[name]
+        renamed = {axis: plain for axis, plain in names.items() if axis in values.dims}
+        arrays[field] = values.drop_vars("time", errors="ignore").rename(renamed)
+    places = arrays["transient"].transpose(..., "opl").to_dataset(name="transient")
+    stated = {name: capture[name] for name in ("start_opl", "bin_width_opl")}
+    places = places.assign_attrs(stated).sortby("opl")
+    bins = bins_of(places, "dataset")
+    on_wall = arrays.pop("on_wall")
     return make_capture(
-        one["capture"].values,
+        **arrays,
         mode=capture["mode"],
-        start_opl=capture["start_opl"],
-        bin_width_opl=capture["bin_width_opl"],
+        start_opl=bins.start_opl,
+        bin_width_opl=bins.bin_width_opl,
         counts_first_and_last_legs=bool(capture["counts_first_and_last_legs"]),
-        on_wall=None if on_wall.all() else on_wall,
+        on_wall=None if on_wall.values.all() else on_wall,
         attrs={"scene": str(about["scene"]), "spp": capture["spp"], "seed": about["render_seed"]},
-        **geometry,
     )
 
 
@@ -169,7 +181,7 @@ def render_of(dataset: xr.Dataset, record: int) -> xr.Dataset:
 
 def _record(dataset: xr.Dataset, record: int) -> tuple[xr.Dataset, dict[str, Any]]:
     """Return the part of a data set that is one record, and how the record was made."""
-    if np.ndim(record) or record not in dataset["record"].values:
+    if np.ndim(record) or record not in np.atleast_1d(dataset["record"].values):
         raise ValueError(f"record = {record!r}: must be one of the coordinate record")
-    one = dataset.sel(record=record)
+    one = dataset.sel(record=record) if "record" in dataset.dims else dataset
     return one, json.loads(str(one["made_with"].values))

@@ -127,7 +127,7 @@ def _rendered(
         if config.sense is not None:
             about["sensor_seed"] = config.render_seed(record, attempt, "sensor")
             sensor = _with_photons(config, film, photons_per_radiance, about)
-            measured = sense(film, sensor, about["sensor_seed"])
+            measured = sense(film, sensor, about["sensor_seed"]).drop_vars("cycles")
             arrays |= {f"sensor_{name}": each.values for name, each in measured.items()}
     if outputs.noisy:
         about["noise_seed"] = config.render_seed(record, attempt, "noise")

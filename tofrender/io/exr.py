@@ -8,14 +8,14 @@ import math
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import OpenEXR
 
+from ..labels import FILM
 from ..rendering.cubes import Cube
-from ..rendering.dataset import DIMS, check_dataset, in_channels, plain_attributes, require_finite
-from ..rendering.reduced import relabelled
+from ..rendering.dataset import DIMS, for_file, plain_attributes, require_finite
 from ..runtime import checks, memory
 from ..runtime.atomic import check_file, replacing
 from ..signals.polarisation import STOKES
@@ -42,7 +42,7 @@ _RESERVED = {
 
 
 def save_exr_stack(
-    dataset: xr.Dataset,
+    dataset: Annotated[xr.Dataset, FILM],
     path: str | os.PathLike,
     *,
     layout: str = "frames",
@@ -61,7 +61,7 @@ def save_exr_stack(
     See also `load_exr_stack`.
 
     Args:
-        dataset: The result of `render`: `transient` (y, x, opl, channel), `steady`.
+        dataset: The result of `render`, or a part of it.
         path: Folder for `frame_0000.exr`, ..., `steady.exr` (`"frames"`), or the name of
             one .exr file whose parts have these names, the steady image first (`"multipart"`).
         layout: `"frames"` or `"multipart"`.
@@ -92,7 +92,7 @@ def save_exr_stack(
     checks.one_of("layout", layout, ("frames", "multipart"))
     checks.boolean("progress", progress)
     checks.one_of("precision", precision, BYTES_PER_VALUE)
-    dataset = in_channels(relabelled(dataset))
+    dataset = for_file(dataset)
     stack = _Stack(dataset, precision)
     shape = dataset["transient"].shape
     target = check_output(path, shape, layout=layout, precision=precision, overwrite=overwrite)
@@ -257,15 +257,20 @@ class _Stack:
     """A Dataset as EXR parts: headers and pixels at the chosen precision."""
 
     def __init__(self, dataset: xr.Dataset, precision: str):
-        check_dataset(dataset)
         self.dataset, self.films = dataset, {"": (Cube(dataset["transient"]), dataset["steady"])}
         if "transient_error" in dataset:
             self.films[LAYER] = Cube(dataset["transient_error"]), dataset["steady_error"]
         self.dtype = np.float16 if precision == "half" else np.float32
         names = [str(name) for name in dataset["channel"].values]
-        colours = dict.fromkeys(name.rpartition(".")[2] for name in names)
-        checks.one_of("channel", "".join(colours), ("RGB", "L"))
-        self.channels = [name.replace("L", "Y") for name in names]
+        colours = list(dict.fromkeys(name.rpartition(".")[2] for name in names))
+        if len(colours) == 1:  # Viewers show Y as gray
+            names = [name.removesuffix(colours[0]) + "Y" for name in names]
+        elif colours != ["R", "G", "B"]:
+            raise ValueError(
+                f"dataset: the axis channel has {', '.join(colours)}. EXR files have one channel, "
+                "or R, G and B; select one with isel(channel=[0])"
+            )
+        self.channels = names
         self.opl = dataset["opl"].values
         self.bins = len(self.opl)
         self.digits = max(LEAST_DIGITS, len(str(self.bins - 1)))
@@ -326,7 +331,7 @@ def _double(value: float) -> np.ndarray:
 
 def _windows(dataset: xr.Dataset) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     first, last = ([int(dataset[axis].values[end]) for axis in "xy"] for end in (0, -1))
-    film = [dataset.attrs.get(f"film_{side}", 0) - 1 for side in ("width", "height")]
+    film = [math.ceil(dataset.attrs.get(f"film_{side}", 0)) - 1 for side in ("width", "height")]
     origin = np.minimum(first, 0)
     return {
         "dataWindow": (np.array(first, dtype=np.int32), np.array(last, dtype=np.int32)),

@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from ..nlos.captures import COUNTS, DEVICES, MODES, ON_WALL, as_capture, check_capture, make_capture
+from ..nlos.captures import COUNTS, DEVICES, MODES, ON_WALL, as_capture, make_capture, read_capture
 from ..rendering.cubes import Cube
 from ..rendering.dataset import plain_attributes
 from ..rendering.labels import TIME, labelled, labels_of
@@ -75,8 +75,7 @@ def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: boo
         ...     load_capture(save_capture(capture, folder + "/wall.h5")).identical(capture)
         True
     """
-    capture = as_capture(capture)
-    check_capture(capture)
+    capture = read_capture(as_capture(capture), "capture")
     for name, variable in capture.data_vars.items():
         allowed = "float32, as the file holds it; see astype"
         checks.require(f"capture: type of {name}", variable.dtype, variable.dtype in KINDS, allowed)

@@ -3,15 +3,16 @@
 import json
 import os
 from pathlib import Path
+from typing import Annotated
 from zipfile import ZipFile
 
 import numpy as np
 import xarray as xr
 from numpy.lib import format as npy
 
+from ..labels import FILM
 from ..rendering.cubes import Cube
-from ..rendering.dataset import ERRORS, HALVES, check_dataset, in_channels, require_finite
-from ..rendering.reduced import relabelled
+from ..rendering.dataset import ERRORS, HALVES, for_file, require_finite
 from ..runtime.archives import read_array
 from ..runtime.atomic import replacing
 from ..runtime.progress import status
@@ -23,7 +24,9 @@ _ARRAYS = ("transient", "steady", "y", "x", "opl")
 
 
 @status("Writing NPZ")
-def save_npz(dataset: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = False) -> Path:
+def save_npz(
+    dataset: Annotated[xr.Dataset, FILM], path: str | os.PathLike, *, overwrite: bool = False
+) -> Path:
     """Write a rendered Dataset as one .npz file that `numpy.load` opens as well.
 
     The arrays have the Dataset's names; `tofrender` is a JSON text with sizes, channels and all
@@ -31,7 +34,7 @@ def save_npz(dataset: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = 
     or not at all. See also `load_npz`.
 
     Args:
-        dataset: The result of `render`.
+        dataset: The result of `render`, or a part of it.
         path: A file name that ends in .npz.
         overwrite: Replace an existing file.
 
@@ -50,8 +53,7 @@ def save_npz(dataset: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = 
         ...     save_npz(dataset, folder + "/box.npz").name
         'box.npz'
     """
-    dataset = in_channels(relabelled(dataset), halves=True)
-    check_dataset(dataset)
+    dataset = for_file(dataset, halves=True)
     shape = dataset["transient"].shape
     target = check_output(path, shape, layout="npz", overwrite=overwrite)
     warn_not_finite(dataset, stacklevel=4)

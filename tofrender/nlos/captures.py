@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
+from ..labels import CAPTURE, COUNTS as COUNTED, Kind, bins_of, read
 from ..rendering.cubes import Cube
 from ..rendering.dataset import check_attributes, plain_attributes, time_axis
 from ..rendering.labels import TIME, labelled, with_time
@@ -97,6 +98,7 @@ def make_capture(
     start = checks.metres("start_opl", start_opl)
     width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
     dims = dimensions(mode)["transient"]
+    transient = _by_axes("transient", transient, dims)
     values = checks.real_array("transient", transient, np.float32)
     more = checks.mapping("attrs", attrs)
     legs = counts_first_and_last_legs
@@ -125,13 +127,13 @@ def make_capture(
     }
     variables = {}
     for name, axes in dimensions(mode).items():
-        array = checks.real_array(name, arrays[name], np.float32)
+        array = checks.real_array(name, _by_axes(name, arrays[name], axes), np.float32)
         valid = array.ndim == len(axes) and (axes[-1] != "xyz" or array.shape[-1] == 3)
         checks.shape(name, array, valid, f"{axes}, xyz of size 3")
         variables[name] = (axes, array if name == "transient" else array.copy())
     if on_wall is not None:
         try:
-            mask = np.asarray(on_wall)
+            mask = np.asarray(_by_axes("on_wall", on_wall, _PIXELS))
         except (TypeError, ValueError):
             mask = np.array(None)
         valid = mask.dtype == bool and mask.ndim == 2
@@ -163,6 +165,23 @@ def make_capture(
     return capture
 
 
+def _by_axes(name: str, values: Any, axes: tuple[str, ...]) -> Any:
+    """Return the values of a DataArray in the order of the axes and of their labels.
+
+    Arrays without labels stay as they are. The axis of channels may be missing.
+    """
+    import xarray as xr
+
+    if not isinstance(values, xr.DataArray):
+        return values
+    axes = tuple(axis for axis in axes if axis != "channel" or axis in values.dims)
+    kind = Kind(f"an array with the axes {', '.join(axes)}", {name: axes})
+    found = read(xr.Dataset({name: values}), kind, "make_capture")[name]
+    if "opl" in found.coords and found["opl"].dims == ("opl",):
+        found = found.sortby("opl")
+    return found.values
+
+
 def dimensions(mode: str) -> dict[str, tuple[str, ...]]:
     """Axes of each variable of a capture in this mode."""
     laser = _PIXELS if mode == "confocal" else _LASERS
@@ -190,23 +209,48 @@ def as_capture(dataset: Any) -> Any:
     if "transient" in variables or not {"counts", "sensor_grid"} <= variables:
         return dataset
     mode = dataset.attrs["mode"]
-    names = [name for name in dimensions(mode) if name != "transient"]
+    axes = dimensions(mode)
+    axes.pop("transient")
     if mode == "confocal":
-        names = [name for name in names if name not in ("laser_grid", "laser_normals")]
-    first_center = float(dataset["opl"].values[0])
-    width = float(dataset.attrs["bin_width_opl"])
+        del axes["laser_grid"], axes["laser_normals"]
+    optional = {ON_WALL: _PIXELS}
+    kind = Kind("a result of sense", COUNTED.variables | axes, optional, bins="bin")
+    dataset = read(dataset, kind, "capture")
+    bins = bins_of(dataset, "capture", "bin")
     about = {name: value for name, value in dataset.attrs.items() if name not in COUNTED_ATTRIBUTES}
+    if "cycles" in variables:
+        about["cycles"] = int(dataset["cycles"].max())
     return make_capture(
-        dataset["counts"].transpose("y", "x", "bin").values,
+        dataset["counts"].values,
         mode=mode,
-        start_opl=first_center - width / 2,
-        bin_width_opl=width,
+        start_opl=bins.start_opl,
+        bin_width_opl=bins.bin_width_opl,
         counts_first_and_last_legs=dataset.attrs["counts_first_and_last_legs"],
         on_wall=dataset[ON_WALL].values if ON_WALL in variables else None,
         quantity=COUNTS,
         attrs=about,
-        **{name: dataset[name].values for name in names},
+        **{name: dataset[name].values for name in axes},
     )
+
+
+def read_capture(dataset: Any, parameter: str) -> xr.Dataset:
+    """Return a capture with axes, channels and bins in their order.
+
+    Parts of the window, crops, and choices of channels are accepted.
+
+    Raises:
+        ValueError: Anything but a capture, or a part of one; one line.
+    """
+    import xarray as xr
+
+    attrs = dataset.attrs if isinstance(dataset, xr.Dataset) else {}
+    mode = attrs.get("mode", MODES[0])
+    checks.one_of(f"{parameter}: attribute mode", mode, MODES)
+    optional = {ON_WALL: _PIXELS}
+    kind = Kind("a capture", dimensions(mode), optional, bins="opl", closed=True)
+    dataset = read(dataset, kind, parameter)
+    check_capture(dataset)
+    return dataset
 
 
 def check_capture(dataset: Any) -> None:
@@ -287,7 +331,7 @@ def first_and_last_legs(capture: xr.Dataset, devices: Collection[str] = DEVICES)
     return legs if capture.attrs["counts_first_and_last_legs"] else np.zeros(legs.shape)
 
 
-def without_first_and_last_legs(capture: xr.Dataset) -> xr.Dataset:
+def without_first_and_last_legs(capture: Annotated[xr.Dataset, CAPTURE]) -> xr.Dataset:
     """Subtract the first and last legs: path lengths from wall to wall only.
 
     Each pixel's bins move by the pixel's own legs. Light that falls between two new bins is divided
@@ -309,7 +353,7 @@ def without_first_and_last_legs(capture: xr.Dataset) -> xr.Dataset:
         >>> round(bare.attrs["start_opl"], 3), bare["transient"].values[0, 0, :, 0].round(3)
         (0.172, array([0.172, 0.828, 0.   ], dtype=float32))
     """
-    check_capture(capture)
+    capture = read_capture(capture, "capture")
     if not capture.attrs["counts_first_and_last_legs"]:
         return capture
     return subtract_legs(capture, first_and_last_legs(capture))

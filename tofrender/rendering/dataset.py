@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..labels import FILM, energy_outside_window, read, require_whole_stokes
 from ..runtime import checks
 from ..signals.polarisation import STOKES
 from .cubes import Cube
@@ -111,6 +112,26 @@ def in_channels(dataset: Any, halves: bool = False) -> Any:
     flat = type(dataset)(variables, coords | {"channel": names}, dataset.attrs)
     flat["channel"].attrs.update(dataset["channel"].attrs)
     return flat
+
+
+def for_file(dataset: Any, halves: bool = False) -> xr.Dataset:
+    """A Dataset of `render`, or a part of one, in the order and with the labels that files have.
+
+    The energy outside of the window is that of the part. `halves` is that of `in_channels`.
+
+    Raises:
+        ValueError: Another Dataset, or one whose bins or pixels xarray has coarsened.
+    """
+    dataset = read(dataset, FILM, "dataset")
+    require_whole_stokes(dataset, "dataset")
+    if "channel" not in dataset.coords:  # A single one, of a sum that has kept its axis
+        dataset = dataset.assign_coords(channel=["L"])
+    outside = energy_outside_window(dataset, "dataset")
+    if outside is not None:
+        dataset = dataset.assign_attrs(energy_outside_window=outside)
+    dataset = in_channels(dataset, halves)
+    check_dataset(dataset)
+    return dataset
 
 
 def in_components(dataset: xr.Dataset) -> xr.Dataset:

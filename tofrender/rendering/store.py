@@ -14,16 +14,16 @@ import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
+from ..labels import FILM as RENDERED
 from ..runtime import atomic, checks
 from ..runtime.progress import status
-from .dataset import DIMS, ERRORS, check_dataset, in_channels, of_intensity, plain_attributes
+from .dataset import DIMS, ERRORS, for_file, of_intensity, plain_attributes
 from .films_on_disk import checksum, list_files, load_zarr, require_whole, require_zarr
 from .labels import TIME, labels_of
-from .reduced import relabelled
 from .tiling import tile_size
 from .work_items import WorkItem, WorkResult
 
@@ -197,7 +197,7 @@ def put_in_place(folder: Path, target: Path, arrays: Iterable[str] = DIMS | ERRO
 
 
 @status("Writing Zarr")
-def save_zarr(dataset: xr.Dataset, path: str | os.PathLike[str]) -> xr.Dataset:
+def save_zarr(dataset: Annotated[xr.Dataset, RENDERED], path: str | os.PathLike[str]) -> xr.Dataset:
     """Write a Dataset of `render` as a film on disk, tile by tile.
 
     See also `load_zarr`.
@@ -221,8 +221,7 @@ def save_zarr(dataset: xr.Dataset, path: str | os.PathLike[str]) -> xr.Dataset:
         >>> film.sizes["opl"]
         50
     """
-    dataset = in_channels(relabelled(dataset))
-    check_dataset(dataset)
+    dataset = for_file(dataset)
     target = check_film(path, "path")
     shape: Any = dataset["transient"].shape
     rows, columns = tile = tile_size(shape)

@@ -1,7 +1,7 @@
 """Gated and streak cameras, with their noise. Parameters out of range raise a ValueError."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import xarray as xr
@@ -9,6 +9,7 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 from scipy.special import erf
 
 from ..analysis.rebinning import sums_between
+from ..labels import RATES, require_consecutive
 from ..runtime import checks
 from ..signals.units import SPEED_OF_LIGHT
 from .rates import Rates, generator
@@ -20,12 +21,23 @@ class Camera:
     _expected: Any  # (rates) -> Dataset
     _noisy: Any  # (random numbers, expected Dataset) -> Dataset
 
-    def expected(self, rates: Any, cycles: int = 1, *, bin_width_opl: Any = None) -> xr.Dataset:
+    def expected(
+        self,
+        rates: Annotated[Any, RATES],
+        cycles: int = 1,
+        *,
+        bin_width_opl: Any = None,
+    ) -> xr.Dataset:
         """Compute the expectation of `frames`, float64, before saturation and quantisation."""
         return self._expected(Rates(rates, cycles, bin_width_opl))
 
     def frames(
-        self, rates: Any, cycles: int, seed: int = 0, *, bin_width_opl: Any = None
+        self,
+        rates: Annotated[Any, RATES],
+        cycles: int,
+        seed: int = 0,
+        *,
+        bin_width_opl: Any = None,
     ) -> xr.Dataset:
         """Simulate what the camera reads out, with the arguments and errors of `Spad.histogram`.
 
@@ -152,6 +164,7 @@ class StreakCamera(Multiplier):
             checks.number(name, getattr(self, name), unit="pixels", low=0, high=1e4)
 
     def _expected(self, rates: Rates) -> xr.Dataset:
+        require_consecutive(rates.dataset, "rates")  # Slit and spread reach to neighbors
         bins, step = rates.values.shape[2], self.sweep_opl / rates.width
         checks.require("sweep_opl", self.sweep_opl, step <= bins, "at most the window")
         edges = np.minimum(np.arange(int(bins / step + 1e-9) + 1) * step, bins)
@@ -163,4 +176,5 @@ class StreakCamera(Multiplier):
                 light = gaussian_filter1d(light, spread, axis=along, mode="constant", truncate=6)
         centres = rates.edges[0] + (np.arange(light.shape[1]) + 0.5) * self.sweep_opl
         sweep = {"sweep": ("sweep", centres, {"units": "m"})}
-        return rates.result("images", ("y", "sweep", "x"), light, "electrons", **sweep)
+        found = rates.result("images", ("y", "sweep", "x"), light, "electrons", **sweep)
+        return found.assign_attrs(bin_width_opl=self.sweep_opl)

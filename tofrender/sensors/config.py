@@ -7,12 +7,13 @@ import warnings
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import xarray as xr
 
-from ..nlos.captures import check_capture
-from ..rendering.dataset import check_dataset, components_of
+from ..analysis.rebinning import with_pixels
+from ..labels import TRANSIENT, intensity, read
+from ..nlos.captures import read_capture
 from ..runtime import checks
 from ..runtime.tables import checked, known_keys, read_toml, table
 from .cameras import GatedCamera, StreakCamera
@@ -27,7 +28,7 @@ CAPTURE_ATTRIBUTES = ("mode", "counts_first_and_last_legs")
 MODELS = {"spad": Spad, "itof": Itof, "gated": GatedCamera, "streak": StreakCamera}
 
 
-def sense(dataset: xr.Dataset, sensor: Any, seed: int = 0) -> xr.Dataset:
+def sense(dataset: Annotated[xr.Dataset, TRANSIENT], sensor: Any, seed: int = 0) -> xr.Dataset:
     """Measure a render with a sensor that a preset, a TOML file or a mapping describes.
 
     Args:
@@ -58,9 +59,11 @@ def sense(dataset: xr.Dataset, sensor: Any, seed: int = 0) -> xr.Dataset:
     model, cycles = config["model"], config["cycles"]
     of_wall = isinstance(dataset, xr.Dataset) and "sensor_grid" in dataset
     if of_wall:
-        _check_capture(dataset, config)
+        dataset = _capture(dataset, config)
     if "pixels" in config:
-        dataset = _with_pixels(dataset, config["pixels"])
+        dataset = read(dataset, TRANSIENT, "dataset")
+        light = intensity(dataset[["transient"]], "dataset")
+        dataset = with_pixels(light, config["pixels"], "sensor.pixels")
     rates = expected_photons(dataset, **config["photons"])
     is_spad = isinstance(model, Spad)
     found = (model.histogram if is_spad else model.frames)(rates, cycles, seed)
@@ -79,9 +82,9 @@ def sense(dataset: xr.Dataset, sensor: Any, seed: int = 0) -> xr.Dataset:
     return found.assign_attrs(sensor=plain)
 
 
-def _check_capture(capture: xr.Dataset, config: dict[str, Any]) -> None:
-    """Refuse captures and sensors whose counts would not fit the points of the wall."""
-    check_capture(capture)
+def _capture(capture: xr.Dataset, config: dict[str, Any]) -> xr.Dataset:
+    """Read a capture. Refuse captures and sensors whose counts would not fit its points."""
+    capture = read_capture(capture, "dataset")
     if capture.attrs["mode"] == "exhaustive":
         raise ValueError("dataset: exhaustive captures are not supported; use single or confocal")
     if not isinstance(config["model"], Spad):
@@ -90,6 +93,7 @@ def _check_capture(capture: xr.Dataset, config: dict[str, Any]) -> None:
         raise ValueError("sensor.pixels is not supported for captures; choose their grid instead")
     if config["model"].macro_pixel != (1, 1):
         raise ValueError("sensor.spad.macro_pixel is not supported for captures; remove it")
+    return capture
 
 
 def read_sensor(sensor: Any) -> dict[str, Any]:
@@ -140,21 +144,3 @@ CHECKS: dict[str, Any] = {
     **{"pixels": _pixels, "photons": _photons},
     **{name: partial(_model, kind) for name, kind in MODELS.items()},
 }
-
-
-def _with_pixels(dataset: xr.Dataset, sides: list[int]) -> xr.Dataset:
-    """A render of as many pixels, each the mean of some of the film's."""
-    dataset = components_of(dataset)[0]
-    check_dataset(dataset)
-    film = [dataset.sizes[axis] for axis in "xy"]
-    x, y = (n // side for n, side in zip(film, sides, strict=True))
-    allowed = f"numbers that divide the film of {film[0]} x {film[1]} pixels"
-    checks.require("sensor.pixels", sides, film == [x * sides[0], y * sides[1]], allowed)
-    begun = [int(dataset[axis][0]) % step for axis, step in (("x", x), ("y", y))]
-    allowed = "left out: the crop window starts within one of these pixels"
-    checks.require("sensor.pixels", sides, begun == [0, 0], allowed)
-    light: Any = dataset[["transient"]].coarsen({"x": x, "y": y}, coord_func="min")  # type: ignore
-    ends = ("film_width", film[0], x), ("film_height", film[1], y)
-    sizes = {name: dataset.attrs.get(name, n) / step for name, n, step in ends}
-    found = light.mean(keep_attrs=True).assign_attrs(sizes)
-    return found.assign_coords(x=found["x"] // x, y=found["y"] // y)

@@ -1,16 +1,17 @@
 """Echoes in histograms of photons."""
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 from scipy import ndimage, signal as filters, stats
 
+from ..labels import COUNTS
 from ..runtime import checks
 from .false_alarms import ROUNDING, thresholds
 from .histograms import Returns, around
-from .rates import at_least_0, generator
+from .rates import generator
 
 PASSES = 4  # Passes in which a background is estimated
 SEPARATE = 5  # Echoes of a pixel above which its light is not in separate echoes
@@ -24,7 +25,7 @@ _Found = dict[int, tuple[np.ndarray, float]]
 
 
 def echoes(
-    counts: Any,
+    counts: Annotated[Any, COUNTS],
     response: Any,
     false_alarm: float = 1e-3,
     *,
@@ -89,8 +90,7 @@ def echoes(
     draws = choices(seed, pixels[0] * pixels[1])
     if background is None:
         return find_echoes(data, false_alarm, None, draws).to_xarray()
-    known = at_least_0("background", background)
-    checks.shape("background", known, known.shape in ((), pixels), f"a number or {pixels}")
+    known = data.of_pixels("background", background)
     return find_echoes(data, false_alarm, np.broadcast_to(known, pixels), draws).to_xarray()
 
 

@@ -1,10 +1,11 @@
 """Estimators of depths from histograms of photons."""
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import xarray as xr
 
+from ..labels import COUNTS
 from ..runtime import checks
 from .bounds import depth_bound
 from .histograms import Returns, around
@@ -13,7 +14,7 @@ METHODS = ("matched", "log_matched", "centroid", "ml")
 
 
 def estimate_depth(
-    counts: Any,
+    counts: Annotated[Any, COUNTS],
     response: Any,
     method: str = "ml",
     *,

@@ -6,9 +6,10 @@ import numpy as np
 import xarray as xr
 from scipy import ndimage
 
+from ..labels import COUNTS, bins_of, read
 from ..runtime import checks
 from .jitter import kernel
-from .rates import AXIS, DIMS, at_least_0, axis_of, axis_of_centers
+from .rates import AXIS, at_least_0
 from .response import distribution
 
 BIN_DIMS = ("bin", "opl")
@@ -28,11 +29,20 @@ def bin_dimension(name: str, values: xr.DataArray) -> str:
 
 
 def along_bins(name: str, function: Any, values: Any) -> Any:
-    """Apply a function of arrays (..., bin); a DataArray keeps its axes and coordinates."""
+    """Apply a function of arrays (..., bin); a DataArray keeps its axes and coordinates.
+
+    The function gets the bins of a DataArray by rising path length.
+    """
     if not isinstance(values, xr.DataArray):
         return function(values)
-    last = values.transpose(..., bin_dimension(name, values))
-    found = last.copy(data=function(last.values))
+    time = bin_dimension(name, values)
+    order = np.arange(values.sizes[time])
+    if _has_places(values, time) and values.sizes[time] > 1:
+        centers = _places(values, time)
+        order = np.argsort(centers, kind="stable")
+        _require_even(name, centers[order])
+    last = values.transpose(..., time)
+    found = last.copy(data=function(last.values[..., order])[..., np.argsort(order)])
     return found.transpose(*values.dims)
 
 
@@ -50,9 +60,14 @@ class Histogram:
         self.pixels: dict[str, Any] = {}
         axis = dict(zip(AXIS, (start_opl, bin_width_opl), strict=True))
         if isinstance(counts, xr.Dataset | xr.DataArray):
-            counts, self.start, self.width = self._read(counts)
             for name, value in axis.items():
                 checks.require(name, value, value is None, "None for labelled counts")
+            found = read(_as_dataset(counts), COUNTS, "counts")
+            bins = bins_of(found, "counts", "bin")
+            self.start = bins.start_opl
+            self.width = bins.bin_width_opl
+            self.pixels = {name: found[name].values for name in ("y", "x")}
+            counts = found["counts"].values
         else:
             self.start = checks.metres(AXIS[0], start_opl)
             self.width = checks.width(AXIS[1], bin_width_opl)
@@ -60,39 +75,70 @@ class Histogram:
         whole = self.n.ndim == 3 and self.n.size > 0
         checks.shape("counts", self.n, whole, "(y, x, bin)")
 
-    def _read(self, labelled: xr.Dataset | xr.DataArray) -> tuple[Any, float, float]:
-        """Return the counts (y, x, bin), and start and width [m] of the bins."""
-        if isinstance(labelled, xr.Dataset):
-            whole = "counts" in labelled and set(AXIS) <= set(labelled.attrs)
-            checks.require("counts", labelled, whole, "a Dataset of Spad.histogram")
-            start, width = axis_of(labelled)
-            values = labelled["counts"]
-        else:
-            values = labelled
-            start, width = _axis_of_array(values)
-
-        # Axes of records of data sets have a prefix
-        time = bin_dimension("counts", values)
-        plain = {dim: str(dim).removeprefix(SENSOR) for dim in values.dims} | {time: "bin"}
-        right = sorted(plain.values()) == sorted(DIMS)
-        checks.require("counts", values.dims, right, "a DataArray of (y, x, bin)")
-        self.pixels = {
-            axis: np.asarray(values[dim].values) for dim, axis in plain.items() if axis != "bin"
-        }
-        order = [next(dim for dim in plain if plain[dim] == axis) for axis in DIMS]
-        return values.transpose(*order).values, start, width
+    def of_pixels(self, name: str, values: Any) -> np.ndarray:
+        """Return numbers of at least 0, a number or (y, x), for the pixels of these counts."""
+        if isinstance(values, xr.DataArray) and values.ndim:
+            if set(values.dims) != {"y", "x"}:
+                raise ValueError(f"{name} has the axes {tuple(values.dims)}. Pass the axes y and x")
+            labels = {axis: values[axis].values for axis in values.dims}
+            for axis, own in self.pixels.items():
+                if not np.array_equal(np.sort(labels[axis]), own):
+                    raise ValueError(
+                        f"{name}: the axis {axis} has other pixels than the counts. Select the "
+                        "same pixels"
+                    )
+            order = {axis: np.argsort(each, kind="stable") for axis, each in labels.items()}
+            values = values.isel(order).transpose("y", "x").values
+        known = at_least_0(name, values)
+        pixels = self.n.shape[:2]
+        checks.shape(name, known, known.shape in ((), pixels), f"a number or {pixels}")
+        return known
 
 
-def _axis_of_array(values: xr.DataArray) -> tuple[float, float]:
-    """Return start and width of the bins [m] of a DataArray, from its coordinate."""
+def _as_dataset(labelled: xr.Dataset | xr.DataArray) -> xr.Dataset:
+    """Return counts as a Dataset of `Spad.histogram` has them.
+
+    Axes of records of data sets have a prefix. Such a record has attributes of the film, not of
+    the sensor. Therefore the width of its bins comes from the coordinate alone.
+    """
+    values: Any = labelled
+    if isinstance(labelled, xr.Dataset):
+        name = "counts" if "counts" in labelled else f"{SENSOR}counts"
+        if name not in labelled:
+            return labelled
+        values = labelled[name]
+        if not any(str(dim).startswith(SENSOR) for dim in values.dims):
+            return labelled
     time = bin_dimension("counts", values)
-    name = "opl" if "opl" in values.coords else time
-    if name not in values.coords or values.sizes[time] < 2:
+    if not _has_places(values, time) or values.sizes[time] < 2:
         raise ValueError(
             "counts: the DataArray needs a coordinate opl with two bins or more. Pass its Dataset, "
             "or its values with start_opl and bin_width_opl"
         )
-    return axis_of_centers(values[name].values)
+    centers = _places(values, time)
+    names = {dim: str(dim).removeprefix(SENSOR) for dim in values.dims} | {time: "bin"}
+    coordinates: dict[str, Any] = {
+        names[dim]: values[dim].values for dim in values.dims if dim != time
+    }
+    coordinates["opl"] = ("bin", centers)
+    dims = [names[dim] for dim in values.dims]
+    width = float(np.ptp(centers)) / (centers.size - 1)
+    return xr.Dataset({"counts": (dims, values.values)}, coordinates, {AXIS[1]: width})
+
+
+def _has_places(values: xr.DataArray, time: str) -> bool:
+    return "opl" in values.coords or time in values.coords
+
+
+def _places(values: xr.DataArray, time: str) -> np.ndarray:
+    """Return the centers of the bins [m], from the coordinate of a DataArray."""
+    name = "opl" if "opl" in values.coords else time
+    return np.asarray(values[name].values, np.float64)
+
+
+def _require_even(name: str, centers: np.ndarray) -> None:
+    bins = xr.DataArray(centers, {"opl": centers}, "opl")
+    bins_of(bins, name)
 
 
 class _Centered:

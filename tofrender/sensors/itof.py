@@ -1,12 +1,13 @@
 """Correlation cameras (iToF, AMCW). Parameters that are not allowed raise a ValueError."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import xarray as xr
 
 from ..analysis.unwrapping import MAX_WRAPS, unambiguous_range, unwrap
+from ..labels import TAPS, read
 from ..runtime import checks
 from ..signals.phasors import phasor_parts
 from ..signals.units import SPEED_OF_LIGHT, check_below_limit, check_frequencies
@@ -82,7 +83,8 @@ class Itof(Camera):
         modulated = np.asarray(rates.values) - ambient[..., None]
         taps = np.tensordot(waves, modulated, axes=(2, 2)) + ambient * centres.size
         taps, dims = np.maximum(taps * rates.cycles / self.taps, 0), ("frequency", "tap", "y", "x")
-        return rates.result("taps", dims, taps, "electrons", frequency=list(self.frequencies_hz))
+        frames = {"frequency": list(self.frequencies_hz), "tap": np.arange(self.taps)}
+        return rates.result("taps", dims, taps, "electrons", **frames)
 
     def _noisy(self, rng: np.random.Generator, expected: xr.Dataset) -> xr.Dataset:
         means = expected["taps"].values
@@ -95,7 +97,9 @@ class Itof(Camera):
         taps = expected["taps"].copy(data=taps)
         return expected.assign(taps=taps, saturated=(("y", "x"), saturated))
 
-    def depth(self, frames: xr.Dataset, max_depth: float | None = None) -> xr.Dataset:
+    def depth(
+        self, frames: Annotated[xr.Dataset, TAPS], max_depth: float | None = None
+    ) -> xr.Dataset:
         """Compute amplitude, phase and depth from `frames` or `expected` of this camera.
 
         Several frequencies are unwrapped, by `tofrender.unwrap` up to `max_depth` [m], by
@@ -103,20 +107,17 @@ class Itof(Camera):
 
         Returns:
             A Dataset: `amplitude` [electrons] and `phase` [rad] in (-pi, pi] (frequency, y, x),
-            `depth` and `residual` [m] (y, x) as of `unwrap`; NaN where a tap was saturated. With
+            `depth` and `residual` [m] (y, x) as of `unwrap`; NaN where a tap was saturated, in
+            any exposure of a sum. With
             one frequency the depth is in [0, c / 2f), as of `tofrender.phasor_parts`.
         """
-        shape = (len(self.frequencies_hz), self.taps)
-        own = isinstance(frames, xr.Dataset) and "taps" in frames and frames["taps"].ndim == 4
-        own = own and frames["taps"].shape[:2] == shape
-        own = own and np.array_equal(frames.get("frequency", []), self.frequencies_hz)
-        allowed = f"a Dataset with {shape} frames and taps, of this camera's frequencies"
-        checks.require("frames", frames, own, allowed)
-        if shape[0] == 1:
+        frames = self._in_order(read(frames, TAPS, "frames"))
+        if len(self.frequencies_hz) == 1:
             checks.require("max_depth", max_depth, max_depth is None, "None with one frequency")
         taps = frames["taps"].values.astype(np.float64)
         if "saturated" in frames:
-            taps[:, :, frames["saturated"].values] = np.nan
+            saturated = frames["saturated"].values != 0  # A sum of exposures holds counts.
+            taps[:, :, saturated] = np.nan
         phasor: Any = phasor_of_taps(taps.swapaxes(0, 1), self.contrast)
         amplitude, phase, depths = phasor_parts(phasor.real, phasor.imag, self.frequencies_hz)
         depth = depths[0], 0 * depths[0]
@@ -129,4 +130,20 @@ class Itof(Camera):
         found = {"amplitude": amplitude, "phase": phase, "depth": depth[0], "residual": depth[1]}
         dims = ("frequency", "y", "x")
         images = {name: (dims[-image.ndim :], image) for name, image in found.items()}
-        return frames.drop_vars(frames.data_vars).assign(images)
+        return frames.drop_vars([*frames.data_vars, "tap"], errors="ignore").assign(images)
+
+    def _in_order(self, frames: xr.Dataset) -> xr.Dataset:
+        """Require all taps and frequencies of this camera, and bring them to their order."""
+        shape = (len(self.frequencies_hz), self.taps)
+        given = frames["frequency"].values
+        own = frames["taps"].shape[:2] == shape and "frequency" in frames.coords
+        own = own and np.array_equal(np.sort(given), np.sort(self.frequencies_hz))
+        own = own and np.array_equal(frames["tap"], np.arange(self.taps))
+        if not own:
+            raise ValueError(
+                f"frames: the axes frequency and tap must have {shape[0]} and {shape[1]} entries, "
+                "of this camera's frequencies. Pass all frames of this camera"
+            )
+        if np.array_equal(given, self.frequencies_hz):
+            return frames
+        return frames.sel(frequency=list(self.frequencies_hz))

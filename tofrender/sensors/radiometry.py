@@ -1,22 +1,26 @@
 """From rendered radiance to the photons that a sensor's pixel expects."""
 
 from types import SimpleNamespace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import xarray as xr
 
-from ..rendering.dataset import require_one_render, time_axis
+from ..labels import TRANSIENT, Bins, bins_of, intensity, read
 from ..runtime import checks
 from ..signals.units import SPEED_OF_LIGHT
 
 PLANCK = 6.62607015e-34  # [J s]
 NEEDED = {"pulse_energy_j", "lamp_power_w", "wavelength_m", "f_number", "pixel_pitch_m"}
+LONG_NAMES = {
+    "rate": "expected photons per bin and cycle",
+    "background": "expected background photons per bin and cycle",
+}
 FRACTIONS = {"fill_factor", "transmission", "detection_efficiency"}
 
 
 def expected_photons(
-    dataset: xr.Dataset,
+    dataset: Annotated[xr.Dataset, TRANSIENT],
     *,
     photons_per_cycle: float | None = None,
     background_per_cycle: float = 0.0,
@@ -88,13 +92,12 @@ def expected_photons(
     """
     given = {name: value for name, value in locals().items() if name != "dataset"}
     o: Any = SimpleNamespace(**given)
-    start, width = _check(dataset, given)
-    transient = dataset["transient"]
-    if "stokes" in transient.dims:
-        transient = transient.sel(stokes="S0", drop=True)
-    signal = transient.mean("channel", dtype=np.float64).transpose("y", "x", "opl")
+    dataset = read(dataset, TRANSIENT, "dataset")
+    window = _check(dataset, given)
+    transient = intensity(dataset["transient"], "dataset")
+    signal = transient.mean("channel", dtype=np.float64)
     signal = signal.clip(min=0)  # Filters have negative lobes
-    bins, bin_s = signal.sizes["opl"], width / SPEED_OF_LIGHT
+    bins, bin_s = window.count, window.bin_width_opl / SPEED_OF_LIGHT
     if photons_per_cycle is not None:
         mean = signal.sum("opl").mean()
         if not hasattr(mean.data, "dask"):
@@ -127,17 +130,20 @@ def expected_photons(
     opl = "bin", dataset["opl"].values, dataset["opl"].attrs
     kept = {name: value for name, value in given.items() if value is not None}
     kept |= {"scene": dataset.attrs.get("scene", ""), "quantity": "rate", "units": "1"}
-    kept |= {"start_opl": start, "bin_width_opl": width}
-    return xr.Dataset({"rate": rate, "background": background}, {"opl": opl}, kept)
+    kept |= {"start_opl": window.start_opl, "bin_width_opl": window.bin_width_opl}
+    found = xr.Dataset({"rate": rate, "background": background}, {"opl": opl}, kept)
+    for name, long_name in LONG_NAMES.items():
+        found[name].attrs = {"units": "1", "long_name": long_name}
+    return found
 
 
-def _check(dataset: Any, given: dict[str, Any]) -> tuple[float, float]:
-    """Refuse bad parameters, and return start and width [m] of the bins."""
-    if isinstance(dataset, xr.Dataset):
-        require_one_render("dataset", dataset)
-    film = dataset.get("transient") if isinstance(dataset, xr.Dataset) else None
-    whole = film is not None and {"y", "x", "opl", "channel"} <= set(film.dims) and film.size > 0
-    checks.require("dataset", dataset, whole, "a Dataset of render")
+def _check(dataset: xr.Dataset, given: dict[str, Any]) -> Bins:
+    """Refuse bad parameters, and return the bins."""
+    if dataset.attrs.get("camera_unwarp"):
+        raise ValueError(
+            "dataset has path lengths without the camera's segment (camera_unwarp = 1), which "
+            "sensors do not measure. Pass the render before unwarp_camera"
+        )
     quantity = dataset.attrs.get("quantity")
     checks.require("quantity", quantity, quantity == "radiance per bin", "radiance per bin")
     short = given["photons_per_cycle"] is not None
@@ -156,4 +162,4 @@ def _check(dataset: Any, given: dict[str, Any]) -> tuple[float, float]:
             valid = pair == [None, None] if valid else None not in pair
             allowed = "given, or mean_power_w and repetition_rate_hz, and not both"
         checks.require(name, value, short or valid or name not in NEEDED, allowed)
-    return time_axis(dataset)
+    return bins_of(dataset, "dataset")

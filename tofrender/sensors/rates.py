@@ -9,32 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from ..labels import RATES, Bins, bins_of, read
 from ..runtime import checks
 from ..signals.units import SPEED_OF_LIGHT
 
 DIMS = ("y", "x", "bin")
 AXIS = ("start_opl", "bin_width_opl")
-
-
-def axis_of(dataset: xr.Dataset) -> tuple[float, float]:
-    """Start and width of bins [m]: by the coordinate `opl`, if there is one, which parts keep."""
-    start, width = (float(dataset.attrs[name]) for name in AXIS)
-    if "opl" not in dataset.coords:
-        return start, width
-    opl = np.asarray(dataset["opl"].values, dtype=float)
-    found = axis_of_centers(opl) if opl.size > 1 else (float(opl[0]) - width / 2, width)
-    own = np.allclose(found, (start, width), rtol=1e-5, atol=1e-5 * width)
-    return (start, width) if own else found
-
-
-def axis_of_centers(opl: Any) -> tuple[float, float]:
-    """Return start and width of bins [m] from their centers, of which there are two or more."""
-    centers = np.asarray(opl, dtype=float)
-    width = float(centers[-1] - centers[0]) / (centers.size - 1)
-    steps = np.diff(centers)
-    even = centers.ndim == 1 and width > 0 and np.allclose(steps, width, rtol=1e-3, atol=0)
-    checks.require("opl", centers, even, "the centres of bins of one width, by rising path length")
-    return float(centers[0]) - width / 2, width
 
 
 class Rates:
@@ -45,30 +25,25 @@ class Rates:
 
     def __init__(self, rates: Any, cycles: Any, bin_width_opl: Any, most: float = np.inf) -> None:
         self.cycles = checks.integer("cycles", cycles, 1, (1 << 31) - 1)
-        if isinstance(rates, xr.DataArray):
-            raise ValueError(
-                "rates: a DataArray has no background. Pass the Dataset of expected_photons, or an "
-                "array with bin_width_opl"
-            )
-        if not isinstance(rates, xr.Dataset):
+        if isinstance(rates, xr.Dataset | xr.DataArray):
+            checks.require(AXIS[1], bin_width_opl, bin_width_opl is None, "None for a Dataset")
+            rates = read(rates, RATES, "rates")
+            bins = bins_of(rates, "rates", "bin")
+        else:
             values = checks.real_array("rates", rates)
             checks.shape("rates", values, values.ndim == 3 and values.size, "(y, x, bin)")
-            attrs = {AXIS[0]: 0.0, AXIS[1]: checks.width(AXIS[1], bin_width_opl)}
+            bins = Bins(0.0, checks.width(AXIS[1], bin_width_opl), values.shape[2])
+            attrs = {AXIS[0]: bins.start_opl, AXIS[1]: bins.bin_width_opl}
             arrays = {"rate": (DIMS, values), "background": (DIMS[:2], 0.0 * values[..., 0])}
             rates = xr.Dataset(arrays, attrs=attrs)
-        else:
-            checks.require(AXIS[1], bin_width_opl, bin_width_opl is None, "None for a Dataset")
-        whole = {"rate", "background"} <= set(rates) and set(AXIS) <= set(rates.attrs)
-        whole = whole and rates["rate"].dims == DIMS and rates["rate"].size > 0
-        checks.require("rates", rates, whole, "an array or a Dataset of expected_photons")
         self.dataset, self.values = rates, rates["rate"].data
         if hasattr(self.values, "dask"):
             whole = self.values.rechunk({2: -1})
             self.values = whole.map_blocks(check, most, dtype=whole.dtype)
         else:
             check(self.values, most)
-        start, self.width = axis_of(rates)
-        self.edges = start + np.arange(self.values.shape[2] + 1) * self.width
+        self.width = bins.bin_width_opl
+        self.edges = bins.edges_opl
 
     def bins_of(self, name: str, time_s: float) -> int:
         """Whole bins of a time [s], which must be shorter than the window."""
@@ -79,11 +54,16 @@ class Rates:
     def result(
         self, name: str, dims: Any, values: Any, units: str, step: Any = (1, 1), **coords: Any
     ) -> xr.Dataset:
-        """Dataset of what a sensor measures, with each `step` (y, x) pixel of the rates."""
+        """Dataset of what a sensor measures, with each `step` (y, x) pixel of the rates.
+
+        The number of cycles is a variable, so that it is right in a sum of two Datasets.
+        """
         pixels = {name: self.dataset[name][::n] for name, n in zip("yx", step, strict=True)}
         attrs = self.dataset.attrs | dict(zip(AXIS, (self.edges[0], self.width), strict=True))
-        attrs |= {"cycles": self.cycles, "quantity": name, "units": units}
-        return xr.Dataset({name: (dims, values, {"units": units})}, pixels | coords, attrs)
+        attrs |= {"quantity": name, "units": units}
+        cycles = ((), np.int64(self.cycles), {"units": "1", "long_name": "laser cycles"})
+        arrays = {name: (dims, values, {"units": units}), "cycles": cycles}
+        return xr.Dataset(arrays, pixels | coords, attrs)
 
 
 def at_least_0(name: str, values: Any, dtype: Any = np.float64) -> np.ndarray:

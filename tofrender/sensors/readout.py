@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..analysis.rebinning import sums_between
+from ..labels import require_consecutive
 from ..runtime import checks
 from ..signals.units import SPEED_OF_LIGHT
 from .dead_time import armed_detections, sample_counts
@@ -31,6 +32,8 @@ class Readout:
     def __init__(self, spad: "Spad", rates: Rates, seed: int = 0) -> None:
         self.spad, self.rates, self.seed = spad, rates, seed
         self.bin_s = rates.width / SPEED_OF_LIGHT
+        if spad.crosstalk_probability or spad.macro_pixel != (1, 1):  # Neighbors matter
+            require_consecutive(rates.dataset, "rates")
         (height, width, bins), (tall, wide) = rates.values.shape, spad.macro_pixel
         whole = height % tall == width % wide == 0
         allowed = f"numbers that divide the film of {height} x {width} pixels"

@@ -1,11 +1,12 @@
 """Arrays of single-photon avalanche diodes (SPAD): time stamps and histograms of photons."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import xarray as xr
 
+from ..labels import RATES
 from ..runtime import checks
 from .rates import Rates, by_blocks
 from .readout import Readout
@@ -53,7 +54,7 @@ class Spad:
         >>> rates = np.full((2, 3, 50), 0.02)  # Photons per bin and cycle
         >>> counts = Spad().histogram(rates, 10_000, seed=1, bin_width_opl=0.02)["counts"]
         >>> counts.dims, counts.dtype, bool(counts.sum("bin").max() < 10_000)
-        (('y', 'x', 'bin'), dtype('uint16'), True)
+        (('y', 'x', 'bin'), dtype('int64'), True)
     """
 
     mode: str = "first_photon"
@@ -121,7 +122,12 @@ class Spad:
             )
 
     def histogram(
-        self, rates: Any, cycles: int, seed: int = 0, *, bin_width_opl: float | None = None
+        self,
+        rates: Annotated[Any, RATES],
+        cycles: int,
+        seed: int = 0,
+        *,
+        bin_width_opl: float | None = None,
     ) -> xr.Dataset:
         """Simulate histograms of time stamps.
 
@@ -140,17 +146,23 @@ class Spad:
             bin_width_opl: Width of the bins [m], for an array.
 
         Returns:
-            A Dataset with `counts` (y, x, bin), uint16 for "first_photon" with at most 65535
-            cycles, else uint32; nominal centres of the codes as the coordinate opl [m].
+            A Dataset with `counts` (y, x, bin), int64, so that sums of counts do not overflow, and
+            `cycles`;
+            nominal centres of the codes as the coordinate opl [m].
 
         Raises:
             ValueError: Wrong rates, or a dead time, TDC or macro pixels that do not fit them.
         """
         readout = Readout(self, Rates(rates, cycles, bin_width_opl, MAX_RATE), seed)
-        few = self.mode == "first_photon" and cycles < 1 << 16
-        return self._counts(readout, readout.histogram, np.uint16 if few else np.uint32)
+        return self._counts(readout, readout.histogram, np.int64)
 
-    def expected(self, rates: Any, cycles: int = 1, *, bin_width_opl: Any = None) -> xr.Dataset:
+    def expected(
+        self,
+        rates: Annotated[Any, RATES],
+        cycles: int = 1,
+        *,
+        bin_width_opl: Any = None,
+    ) -> xr.Dataset:
         """Compute the expectation of `histogram`, float64; for "free_running" the stationary one.
 
         Afterpulses, crosstalk and macro pixels have no closed form and are refused.
@@ -167,7 +179,12 @@ class Spad:
         return {name: value for name, value in given.items() if value not in (0, (1, 1))}
 
     def photons(
-        self, rates: Any, cycles: int, seed: int = 0, *, bin_width_opl: float | None = None
+        self,
+        rates: Annotated[Any, RATES],
+        cycles: int,
+        seed: int = 0,
+        *,
+        bin_width_opl: float | None = None,
     ) -> xr.Dataset:
         """Simulate a table of time stamps, sorted by row, pixel and time of detection.
 
@@ -190,6 +207,7 @@ class Spad:
         columns.append(readout.centres[columns[3]])
         named = zip(("y", "x", "cycle", "bin", "opl"), columns, strict=True)
         attrs = readout.rates.result("photons", (), 0, "1").attrs | readout.attrs
+        attrs["cycles"] = cycles
         return xr.Dataset({name: ("photon", column) for name, column in named}, attrs=attrs)
 
     def _counts(self, readout: Readout, function: Any, dtype: Any) -> xr.Dataset:

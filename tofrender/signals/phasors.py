@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from ..runtime import checks
 from .units import SPEED_OF_LIGHT, check_frequencies
@@ -41,6 +42,24 @@ def phase_of(I: Any, Q: Any) -> np.ndarray:
     return np.where(phase <= -math.pi, math.pi, phase)
 
 
+def _frequencies_first(name: str, values: Any, frequencies: Sequence[float]) -> Any:
+    """Bring the axis `frequency` of a DataArray to the front; others stay as they are."""
+    if not isinstance(values, xr.DataArray):
+        return values
+    if "frequency" not in values.dims:
+        raise ValueError(
+            f"{name} has the axes {tuple(values.dims)}, without frequency. Pass frequency_hz as a "
+            "number, or name the axis of the frequencies: rename(...='frequency')"
+        )
+    given = values["frequency"].values
+    if "frequency" in values.coords and not np.array_equal(given, frequencies):
+        raise ValueError(
+            f"{name} has the frequencies {given.tolist()} Hz, but frequency_hz differs. Pass "
+            "frequency_hz in the same order"
+        )
+    return values.transpose("frequency", ...)
+
+
 def phasor_parts(
     I: Any, Q: Any, frequency_hz: float | Sequence[float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -50,7 +69,8 @@ def phasor_parts(
     distance of a surface if light and camera coincide and all light is direct.
 
     Args:
-        I: Real part, any shape; for a sequence of frequencies the first axis is theirs.
+        I: Real part, any shape; for a sequence of frequencies the first axis is theirs, of a
+            DataArray the axis `frequency`.
         Q: Imaginary part, of the same shape.
         frequency_hz: Modulation frequency [Hz], above 0, or a sequence of them.
 
@@ -67,6 +87,8 @@ def phasor_parts(
         True
     """
     frequencies, many = check_frequencies(frequency_hz)
+    if many:
+        I, Q = (_frequencies_first(name, each, frequencies) for name, each in (("I", I), ("Q", Q)))
     I, Q = checks.real_array("I", I, np.float64), checks.real_array("Q", Q, np.float64)
     if I.shape != Q.shape or (many and I.shape[:1] != (len(frequencies),)):
         first = f", {len(frequencies)} frequencies first" if many else ""

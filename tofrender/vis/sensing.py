@@ -59,5 +59,6 @@ def measurement_figure(measured: xr.Dataset) -> Figure:
     units = "counts" if name == "counts" else attrs["units"]
     plot.set(xlabel=AXES.get(str(axis), "frame and tap"), ylabel=units)
     plot.legend(title=f"pixel ({column}, {row})", frameon=False)
-    figure.suptitle(wrap_text(f"{attrs['scene']}, {attrs['cycles']} cycles", width))
+    cycles = int(measured["cycles"].max())
+    figure.suptitle(wrap_text(f"{attrs['scene']}, {cycles} cycles", width))
     return figure

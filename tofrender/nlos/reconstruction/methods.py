@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
+from ...labels import CAPTURE
 from ...rendering.cubes import Cube
 from ...rendering.workers import require_client
 from ...runtime import checks
 from ...runtime.progress import ProgressBar
-from ..captures import as_capture, check_capture, without_first_and_last_legs
+from ..captures import as_capture, read_capture, without_first_and_last_legs
 from .backprojection import WEIGHTINGS, backproject, sharpen
 from .fk import fk_migration
 from .light_cone import SNR, SURFACES, light_cone_transform
@@ -39,7 +40,7 @@ OPTIONS = {
 
 
 def reconstruct(
-    capture: xr.Dataset,
+    capture: Annotated[xr.Dataset, CAPTURE],
     method: str,
     *,
     volume: Any = None,
@@ -125,8 +126,7 @@ def reconstruct(
         checks.require("client", client, method in ("bp", "fbp"), allowed)
         require_client(client)
     wanted = None if volume is None else VolumeGrid.of(volume)
-    capture = as_capture(capture)
-    check_capture(capture)
+    capture = read_capture(as_capture(capture), "capture")
     checks.boolean("progress", progress)
     Cube(capture["transient"]).require_finite("capture: transient")
     measured = Measured.of(capture)

@@ -1,0 +1,56 @@
+"""The part of the light that no time bin of a film contains."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from .reading import intensity
+
+NAME = "energy_outside_window"
+AGREES = 1e-3  # Difference of a stored number that rounding and filters explain
+
+
+def energy_outside_window(film: xr.Dataset, parameter: str) -> float | None:
+    """Return the part of the energy of a film that no bin contains, from 0 to 1.
+
+    It is 1 - light / steady, of the sums over all pixels and channels, for polarized films of S0.
+    The stored attribute is returned if it agrees with this. It is stale after a choice of pixels
+    or bins.
+
+    Args:
+        film: A Dataset in the order of `read`, with or without `steady`.
+        parameter: Name of the function's parameter, for messages.
+
+    Returns:
+        The part, or None if there is neither `steady` nor an attribute.
+
+    Raises:
+        ValueError: The attribute is not a number, or S0 is missing.
+
+    Example:
+        >>> light = (("y", "x", "opl", "channel"), np.ones((1, 1, 3, 1)))
+        >>> film = xr.Dataset({"transient": light}, attrs={"energy_outside_window": 0.0})
+        >>> film["steady"] = (("y", "x", "channel"), np.full((1, 1, 1), 4.0))
+        >>> energy_outside_window(film, "film")
+        0.25
+    """
+    stored: Any = film.attrs.get(NAME)
+    is_number = isinstance(stored, float | int | np.number) and bool(np.isfinite(stored))
+    if stored is not None and not is_number:
+        raise ValueError(f"{parameter}: the attribute {NAME} = {stored!r} is not a finite number")
+    known = None if stored is None else float(stored)
+    if "steady" not in film:
+        return known
+    light, steady = (
+        float(intensity(film[name], parameter).sum(dtype=np.float64))
+        for name in ("transient", "steady")
+    )
+    if film.attrs.get("quantity") == "radiance per metre":
+        light *= film.attrs["bin_width_opl"]
+    if not (steady > 0 and np.isfinite(light)):
+        return known
+    found = min(max(1 - light / steady, 0.0), 1.0)
+    if known is not None and abs(found - known) <= AGREES:
+        return known
+    return found

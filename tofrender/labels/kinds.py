@@ -1,0 +1,87 @@
+"""Kinds of Datasets that functions take and return: variables, axes and their order.
+
+A public function declares the kind of a parameter by an annotation, for example
+`dataset: Annotated[xr.Dataset, FILM]`. The tests of labels find all functions by it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Kind of Dataset.
+
+    Attributes:
+        name: What messages call a Dataset of this kind.
+        variables: Axes of the variables that must be there, in the order that `read` returns.
+        optional: Axes of further variables. Variables of other names are not allowed if `closed`.
+        bins: Axis of the time bins, whose centers are the coordinate `opl`; "" without bins.
+        closed: Whether variables of other names are refused.
+    """
+
+    name: str
+    variables: Mapping[str, tuple[str, ...]]
+    optional: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    bins: str = ""
+    closed: bool = False
+
+    @property
+    def all_variables(self) -> dict[str, tuple[str, ...]]:
+        """Axes of all variables that may be there."""
+        return {**self.variables, **self.optional}
+
+
+_PIXELS = ("y", "x")
+_IMAGE = (*_PIXELS, "channel")
+_FILM = (*_PIXELS, "opl", "channel")
+
+FILM = Kind(
+    "a Dataset of render",
+    variables={"transient": _FILM, "steady": _IMAGE},
+    optional={
+        "transient_error": _FILM,
+        "steady_error": _IMAGE,
+        "raw": _FILM,
+        "half_difference": _FILM,
+        "direct": _FILM,
+        "features": (*_PIXELS, "feature"),
+    },
+    bins="opl",
+    closed=True,
+)
+"""Result of `render`. Polarized films have the axis `stokes` before `channel`."""
+
+TRANSIENT = Kind("a Dataset of render", variables={"transient": _FILM}, bins="opl")
+"""Time-resolved light of `render`, or of a single or confocal capture."""
+
+CAPTURE = Kind("a capture", variables={"transient": _FILM}, bins="opl")
+"""Result of `capture`. The mode decides on the axes of the laser, see `nlos.captures`."""
+
+RATES = Kind(
+    "a Dataset of expected_photons",
+    variables={"rate": (*_PIXELS, "bin"), "background": _PIXELS},
+    bins="bin",
+)
+"""Expected photons per pixel, bin and laser cycle."""
+
+COUNTS = Kind(
+    "a Dataset of Spad.histogram",
+    variables={"counts": (*_PIXELS, "bin")},
+    bins="bin",
+)
+"""Photon counts per pixel and bin."""
+
+TAPS = Kind(
+    "a Dataset of Itof.frames or Itof.expected",
+    variables={"taps": ("frequency", "tap", *_PIXELS)},
+    optional={"saturated": _PIXELS},
+)
+"""Taps of a correlation camera [electrons]."""
+
+WAVEFORMS = Kind(
+    "a Dataset of lidar",
+    variables={"rate": ("shot", "bin"), "direction": ("shot", "axis"), "origin": ("shot", "axis")},
+    bins="bin",
+)
+"""Waveforms of the shots of a lidar."""

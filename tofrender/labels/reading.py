@@ -1,0 +1,260 @@
+"""Read labeled data: find axes by name, bring them to one order, and check the time bins."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from ..signals.units import opl_to_ns
+from .axes import CHANNELS, STOKES, XYZ, Bins
+from .kinds import Kind
+
+SAME_WIDTH = 1e-3  # Relative error of the distance of bins that rounding explains
+SAME_START = 1e-5  # Error of the start of bins that rounding explains [bins]
+ORDERED = {"channel": CHANNELS, "stokes": STOKES, "xyz": XYZ}
+"""Names along an axis in their order. Other names keep the order that they have."""
+RISING = ("y", "x", "laser_y", "laser_x", "shot", "tap")
+"""Axes of indices that rise."""
+
+
+def read(data: Any, kind: Kind, parameter: str) -> xr.Dataset:
+    """Return a Dataset with the axes, channels and bins of a kind in their order.
+
+    A Dataset that is in order already is returned as it is. Parts of the window, crops, and
+    choices of channels are accepted. The attributes `start_opl` and `bin_width_opl` of the result
+    follow the coordinate `opl`.
+
+    Args:
+        data: What a user has passed.
+        kind: Kind of the Dataset that the function takes.
+        parameter: Name of the function's parameter, for messages.
+
+    Raises:
+        ValueError: Another object, a missing variable or axis, an axis without labels or with equal
+            labels, or bins that do not follow each other.
+
+    Example:
+        >>> x = np.arange(3)
+        >>> opl = 1.0 + 0.5 * (np.arange(4) + 0.5)
+        >>> counts = xr.Dataset(
+        ...     {"counts": (("y", "x", "bin"), np.zeros((2, 3, 4)))},
+        ...     {"y": np.arange(2), "x": x, "opl": ("bin", opl)},
+        ...     {"start_opl": 1.0, "bin_width_opl": 0.5},
+        ... )
+        >>> from tofrender.labels import COUNTS
+        >>> part = counts.isel(bin=slice(2, None), x=[2, 0]).transpose("bin", "x", "y")
+        >>> found = read(part, COUNTS, "counts")
+        >>> found["counts"].dims, found["x"].values.tolist(), found.attrs["start_opl"]
+        (('y', 'x', 'bin'), [0, 2], 2.0)
+    """
+    if not isinstance(data, xr.Dataset):
+        raise ValueError(f"{parameter}: expected {kind.name}, found {_description(data)}")
+    _require_variables(data, kind, parameter)
+    data = _in_order(data, kind, parameter)
+    if kind.bins:
+        bins = bins_of(data, parameter, kind.bins)
+        data = _with_bins(data, bins)
+    return data
+
+
+def bins_of(data: xr.Dataset | xr.DataArray, parameter: str, axis: str = "opl") -> Bins:
+    """Return the time bins of labeled data, from the coordinate `opl`.
+
+    Args:
+        data: Dataset or DataArray with the centers of the bins as the coordinate `opl` [m].
+        parameter: Name of the function's parameter, for messages.
+        axis: Axis of the bins.
+
+    Raises:
+        ValueError: The coordinate is missing, or the bins are not consecutive and equally wide.
+    """
+    if "opl" not in data.coords or data["opl"].dims != (axis,):
+        raise ValueError(
+            f"{parameter}: the coordinate opl along the axis {axis} is missing. It contains the "
+            "centers of the bins in m; select bins with a slice or a list"
+        )
+    centers = np.asarray(data["opl"].values, np.float64)
+    if "time" in data.coords:
+        _require_times(data["time"].values, centers, parameter)
+    stated: Any = data.attrs.get("bin_width_opl")
+    is_stated = isinstance(stated, float | int | np.number) and np.isfinite(stated) and stated > 0
+    if not is_stated and (isinstance(data, xr.Dataset) or len(centers) == 1):
+        raise ValueError(
+            f"{parameter}: the attribute bin_width_opl is missing. It is the width of a bin in m. "
+            "Keep attributes with xarray.set_options(keep_attrs=True)"
+        )
+    if len(centers) == 1:
+        width = float(stated)
+    else:
+        steps = np.diff(centers)
+        width = float((centers[-1] - centers[0]) / len(steps))
+        _require_even_steps(steps, width, parameter)
+        if is_stated and not np.isclose(width, stated, rtol=SAME_WIDTH, atol=0):
+            raise ValueError(
+                f"{parameter}: the bins are {width:g} m apart, but {float(stated):g} m wide. To "
+                "make wider bins, use tofrender.rebin instead of coarsen; do not skip bins"
+            )
+        width = float(stated) if is_stated else width
+    start = float(centers[0] - width / 2)
+    stated_start: Any = data.attrs.get("start_opl")
+    is_stated = isinstance(stated_start, float | int | np.number)
+    if is_stated and abs(start - stated_start) <= SAME_START * width:
+        start = float(stated_start)
+    return Bins(start, width, len(centers))
+
+
+def intensity(data: xr.Dataset | xr.DataArray, parameter: str) -> Any:
+    """Return the component S0 of polarized data, and other data as they are."""
+    if "stokes" not in data.dims:
+        return data
+    if "S0" not in data["stokes"].values:
+        raise ValueError(f"{parameter}: the axis stokes does not contain S0, the intensity")
+    return data.sel(stokes="S0", drop=True)
+
+
+def require_whole_stokes(data: xr.Dataset, parameter: str) -> None:
+    """Refuse polarized data without one of the four Stokes components."""
+    found = [str(name) for name in data["stokes"].values] if "stokes" in data.dims else [*STOKES]
+    if found != [*STOKES]:
+        raise ValueError(
+            f"{parameter}: the axis stokes contains {', '.join(found)} only. Pass all of "
+            "S0, S1, S2 and S3, or one of them without its axis: sel(stokes='S0', drop=True)"
+        )
+
+
+def require_consecutive(data: xr.Dataset, parameter: str) -> None:
+    """Refuse pixels that are not a rectangle of a film without gaps."""
+    for axis in ("y", "x"):
+        pixels = data[axis].values
+        if (np.diff(pixels) != 1).any():
+            raise ValueError(
+                f"{parameter}: the axis {axis} skips pixels. Select pixels with a slice"
+            )
+
+
+def _description(data: Any) -> str:
+    if isinstance(data, xr.DataArray):
+        return f"a DataArray{f' named {data.name}' if data.name else ''}; pass the whole Dataset"
+    return type(data).__name__
+
+
+def _require_variables(data: xr.Dataset, kind: Kind, parameter: str) -> None:
+    """Refuse missing and unknown variables, and missing and unknown axes."""
+    for name, axes in kind.all_variables.items():
+        if name not in data.data_vars:
+            if name in kind.variables:
+                raise ValueError(
+                    f"{parameter}: expected {kind.name}, but the variable {name} is missing"
+                )
+            continue
+        found = set(data[name].dims) - {"stokes"}
+        for axis, size in data[name].sizes.items():
+            if size == 0:
+                raise ValueError(
+                    f"{parameter}: the axis {axis} is empty. Select one entry of it or more"
+                )
+        for axis in axes:
+            if axis not in found:
+                raise ValueError(
+                    f"{parameter}: the variable {name} has no axis {axis}. To choose along the "
+                    f"axis, keep it: isel({axis}=[0]) instead of isel({axis}=0)"
+                )
+        for axis in sorted(map(str, found - set(axes))):
+            raise ValueError(
+                f"{parameter}: the variable {name} has the additional axis {axis}. Choose along "
+                f"the axis: isel({axis}=0, drop=True)"
+            )
+    unknown = sorted(str(name) for name in set(data.data_vars) - set(kind.all_variables))
+    if kind.closed and unknown:
+        raise ValueError(
+            f"{parameter}: {kind.name} has no variable {unknown[0]}. Drop the variable: "
+            f"drop_vars('{unknown[0]}')"
+        )
+
+
+def _in_order(data: xr.Dataset, kind: Kind, parameter: str) -> xr.Dataset:
+    """Bring axes, and the labels along them, to their order."""
+    for axis in map(str, data.dims):
+        order = _order_along(data, axis, kind, parameter)
+        if order is not None and (np.diff(order) < 0).any():
+            data = data.isel({axis: order})
+    changes = {}
+    for name, axes in kind.all_variables.items():
+        if name in data.data_vars:
+            wanted = list(axes)
+            if "stokes" in data[name].dims:
+                wanted.insert(wanted.index("channel"), "stokes")
+            if data[name].dims != tuple(wanted):
+                changes[name] = data[name].transpose(*wanted)
+    return data.assign(changes) if changes else data
+
+
+def _order_along(data: xr.Dataset, axis: str, kind: Kind, parameter: str) -> np.ndarray | None:
+    """Return the indices that bring the labels along an axis to their order."""
+    if axis in ORDERED:
+        return _order_of_names(data, axis, parameter)
+    if axis == kind.bins:
+        centers = data["opl"].values if "opl" in data.coords else np.arange(data.sizes[axis])
+        return np.argsort(centers, kind="stable")
+    if axis not in RISING or axis not in data.coords:
+        return None
+    labels = data[axis].values
+    if axis != "shot" and labels.dtype.kind not in "iu":
+        raise ValueError(
+            f"{parameter}: the axis {axis} has no integer indices, as after coarsen. For coarser "
+            "pixels, use tofrender.rebin(..., pixels=(columns, rows))"
+        )
+    _require_different(labels, axis, parameter)
+    return np.argsort(labels, kind="stable")
+
+
+def _order_of_names(data: xr.Dataset, axis: str, parameter: str) -> np.ndarray:
+    """Return the indices that bring channels or Stokes components to their order."""
+    known = ORDERED[axis]
+    if axis not in data.coords and axis == "channel" and data.sizes[axis] == 1:
+        return np.arange(1)
+    if axis not in data.coords:
+        raise ValueError(
+            f"{parameter}: the axis {axis} has no labels. Assign them, for example "
+            f"assign_coords({axis}={list(known[: data.sizes[axis]])})"
+        )
+    names = [str(name) for name in data[axis].values]
+    _require_different(np.array(names), axis, parameter)
+    if not set(names) <= set(known):
+        return np.arange(len(names))  # Names of another kind keep their order
+    return np.argsort([known.index(name) for name in names], kind="stable")
+
+
+def _require_different(labels: np.ndarray, axis: str, parameter: str) -> None:
+    values, counts = np.unique(labels, return_counts=True)
+    if (counts > 1).any():
+        raise ValueError(
+            f"{parameter}: the label {values[counts > 1][0]} occurs {counts.max()} times along "
+            f"the axis {axis}. Each label must occur once"
+        )
+
+
+def _require_even_steps(steps: np.ndarray, width: float, parameter: str) -> None:
+    if width <= 0 or not np.allclose(steps, width, rtol=SAME_WIDTH, atol=0):
+        raise ValueError(
+            f"{parameter}: the bins are not consecutive: the distances of the centers in the "
+            f"coordinate opl are {steps.min():g} to {steps.max():g} m. Select bins with a slice"
+        )
+
+
+def _require_times(time_ns: np.ndarray, opl: np.ndarray, parameter: str) -> None:
+    """Refuse times that are not those of the path lengths."""
+    own = opl_to_ns(opl)
+    if time_ns.shape != own.shape or not np.allclose(time_ns, own, rtol=1e-9, atol=1e-9):
+        raise ValueError(
+            f"{parameter}: the coordinate time is not opl / c in ns. Drop it where opl is changed: "
+            "drop_vars('time')"
+        )
+
+
+def _with_bins(data: xr.Dataset, bins: Bins) -> xr.Dataset:
+    """Let the attributes of the time bins follow the coordinate."""
+    stated = {"start_opl": bins.start_opl, "bin_width_opl": bins.bin_width_opl}
+    if all(data.attrs.get(name) == value for name, value in stated.items()):
+        return data
+    return data.assign_attrs(stated)
