@@ -28,7 +28,7 @@ def test_doppler_writes_what_the_function_measures(tmp_path, capsys):
     scene = tofrender.load_scene("cornell_box_flash", width=6, height=5)
     given = tofrender.doppler(scene, cycles=2, spp=8, seed=3, progress=False)
     measured = xr.load_dataset(out / "doppler.nc")
-    layers, _ = load_exr_layers(out / "doppler.exr")
+    layers, *_ = load_exr_layers(out / "doppler.exr")
     assert np.allclose(measured["homodyne"], given["homodyne"], rtol=1e-4)
     assert np.array_equal(layers["homodyne.Q"], measured["homodyne"].values[:, :, 1])
     assert np.array_equal(layers["rate"][..., 0], measured["rate"].astype(np.float32))

@@ -191,6 +191,7 @@ MORE_TEXTS: dict[str, list[str]] = {
     "pulse-width": ["AUTO"],
     "span": ["3", "1,2,3", "6,-6", "3,3", "3,nan", "a,b"],
     "window": ["3", "1,2,3", "15,3", "3,3", "AUTO", "3,nan", "0,1e13", "a,b"],
+    "angles": ["0x8", "8x", "8x8x8", "-8x8", "361x8", "8x181", "nanx8", "8  8"],
     "sizes": ["0x8", "8x", "8x8x8", "-8x8", "8.5x8", "70000x8", "nanx8", "8  8"],
     "address": [
         *("tcp://127.0.0.1", "tcp://127.0.0.1:0", "tcp://127.0.0.1:70000", "tcp://:8786"),
@@ -278,7 +279,7 @@ def one_clear_line(error: BaseException, name: str, value: Any = ...) -> str:
         return f"Python's words, not ours: {said!r}"
     if not re.search(rf"(?<!\w){re.escape(name)}(?!\w)", said):
         return f"does not name {name}: {said!r}"
-    if not re.search(r"[mM]ust |does not exist|expected <|needs up to ", said):
+    if not re.search(r"[mM]ust |does not exist|expected |Select |needs up to ", said):
         return f"does not say what is allowed: {said!r}"
     if value is not ... and not any(word in said for word in _words(value)):
         return f"does not name the value: {said!r}"

@@ -60,7 +60,8 @@ KINDS = {
         "from 30": "--time-limit",
         "host": "--host",
         "render": "sources",
-        "sizes": "--grid --shots --fov",
+        "angles": "--fov",
+        "sizes": "--grid --shots",
     },
 }
 """The kind of each option and argument, see `bad_inputs.KINDS`."""

@@ -87,7 +87,7 @@ def test_data_that_are_not_finite_are_not_read(tmp_path, layout, name, bad):
 def test_names_of_layers_come_back(tmp_path):
     layers = {name: np.full((2, 3, 3), k) for k, name in enumerate(["X", "XY", "Y", "a.Y", "RGB"])}
     layers |= {name: np.full((2, 3, 1), 0.5) for name in ("", "a", "aRGB", "RGBA", "a.R")}
-    found, _ = exr.load_exr_layers(io.save_exr_layers(tmp_path / "a.exr", layers))
+    found, *_ = exr.load_exr_layers(io.save_exr_layers(tmp_path / "a.exr", layers))
     assert sorted(found) == sorted(layers)
     for name, values in layers.items():
         np.testing.assert_array_equal(found[name], values)

@@ -90,7 +90,7 @@ def test_command(tmp_path, capsys):
         (["--pattern", "no.csv"], "--pattern = no.csv"),
         (["--shots", "0x4"], "--shots = 0x4: must be"),
         (["--divergence", "-1"], "--divergence = -1: must be"),
-        (["--fov", "400x10"], "fov_deg = 400"),
+        (["--fov", "400x10"], "--fov = '400x10'"),
     ],
 )
 def test_bad_commands(tmp_path, capsys, more, said):

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from ..labels import STOKES
 from ..runtime import checks
 from ..signals.phasors import wrap
 
@@ -79,10 +80,11 @@ def _apply(stokes: Any, axis: int, formula: Any) -> Any:
     import xarray as xr
 
     if isinstance(stokes, xr.DataArray):
-        if stokes.sizes.get("stokes") != 4:
+        names = [str(n) for n in stokes["stokes"].values] if "stokes" in stokes.indexes else STOKES
+        if stokes.sizes.get("stokes") != 4 or {*names} != {*STOKES}:
             found = dict(stokes.sizes)
             raise ValueError(f"stokes = DataArray with {found}: must have 4 components stokes")
-        parts = [stokes.isel(stokes=k, drop=True) for k in range(4)]
+        parts = [stokes.isel(stokes=names.index(name), drop=True) for name in STOKES]
         values = formula(*(np.asarray(each.values, np.float64) for each in parts))
         return xr.DataArray(values, parts[0].coords, parts[0].dims)
     array = checks.real_array("stokes", stokes, np.float64)

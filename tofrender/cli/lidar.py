@@ -11,6 +11,17 @@ from .answers import Json, answer
 HALF_ANGLE = partial(checks.number, low=0, high=0.5)
 
 
+def _field_of_view(name: str, value: Any) -> tuple[float, float]:
+    """Check the width and height of a field of view [degrees], like 40x22.5."""
+    try:
+        width, height = (opt.number(side) for side in str(value).lower().split("x"))
+        across = checks.number(name, width, positive=True, high=360)
+        return across, checks.number(name, height, positive=True, high=180)
+    except ValueError:
+        allowed = "width x height in degrees up to 360x180, like 40x22.5"
+        raise ValueError(f"{name} = {checks.quote(value)}: must be {allowed}") from None
+
+
 def lidar(
     scene: opt.Scene,
     out: Annotated[Path, opt.named("FILE", "Point cloud to write: .ply, .las or .nc.")],
@@ -18,7 +29,9 @@ def lidar(
         str, opt.named("NAME|CSV", "raster, spinning, rosette, or a file.")
     ] = "raster",
     shots: Annotated[Any, opt.size("64x48", "Columns and rows or rings.")] = "64x48",
-    fov: Annotated[Any, opt.size("40x30", "Field of view, degrees.")] = "40x30",
+    fov: Annotated[
+        Any, opt.checked(_field_of_view, "Field of view, degrees.", metavar="WxH")
+    ] = "40x30",
     divergence: Annotated[
         float, opt.checked(HALF_ANGLE, "Half angle of the beam, radians.", min=0, max=0.5)
     ] = 1e-3,

@@ -11,7 +11,7 @@ from ..runtime import checks
 from ..runtime.progress import EVERY_S, deferred_stop
 from . import checkpoints, options as opt
 from .answers import Json, answer
-from .time import load, values
+from .time import first_pixel, load, values
 
 if TYPE_CHECKING:
     from ..films.rates import Axis
@@ -102,7 +102,8 @@ def doppler(
                 drawn = vis.velocity_map(measured["rate"], **limit_of(loaded), title=scene)
                 io.save_figure(drawn, folder / files[-1], **opt.dots(dpi))
             save_measurement(measured, folder / files[0])
-            io.save_exr_layers(folder / files[1], layers, modulation)
+            first = first_pixel(sensor)
+            io.save_exr_layers(folder / files[1], layers, modulation, first_pixel=first)
     answer("doppler", as_json, facts, [f"{out}: {', '.join(files)}"])
     checkpoints.end_if_stopped(stop)
 

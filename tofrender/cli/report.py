@@ -121,12 +121,12 @@ def _load_gate(path: Path) -> xr.Dataset:
 
     from tofrender.io.exr import load_exr_layers
 
-    layers, attrs = load_exr_layers(path)
+    layers, attrs, (x0, y0) = load_exr_layers(path)
     image = layers[""][:, :, None]
     centre = float(attrs["opl"])
     width = math.sqrt(2 * math.pi) * float(attrs["pulse_width_opl"])  # Of a box of equal height
     height, columns, _, channels = image.shape
-    axes = {"y": np.arange(height), "x": np.arange(columns), "opl": [centre]}
+    axes = {"y": y0 + np.arange(height), "x": x0 + np.arange(columns), "opl": [centre]}
     axes["channel"] = list("RGB" if channels == 3 else "L")
     about = {"quantity": "radiance per metre", "start_opl": centre - width / 2}
     about |= {"bin_width_opl": width, "units": attrs["units"], "spp": attrs["spp"]}
@@ -143,12 +143,18 @@ def _load_phasors(paths: list[Path]) -> xr.Dataset:
 
     files = [load_exr_layers(path) for path in paths]
     files.sort(key=lambda file: float(file[1]["frequency_hz"]))
-    shapes = {layers["I"].shape for layers, _ in files}
+    shapes = {(layers["I"].shape, first) for layers, _, first in files}
     if len(shapes) > 1:
-        raise ValueError(f"phasor files of shapes {sorted(shapes)}: must be of one render")
+        raise ValueError(
+            f"phasor files of shapes and first pixels {sorted(shapes)}: must be of one render"
+        )
+    (((height, width, channels), (x0, y0)),) = shapes
     dims = ("frequency", "y", "x", "channel")
-    parts = {k: (dims, np.stack([layers[k] for layers, _ in files])) for k in "IQ"}
-    return xr.Dataset(parts, {"frequency": [float(attrs["frequency_hz"]) for _, attrs in files]})
+    parts = {k: (dims, np.stack([layers[k] for layers, *_ in files])) for k in "IQ"}
+    axes = {"frequency": [float(attrs["frequency_hz"]) for _, attrs, _ in files]}
+    axes |= {"y": y0 + np.arange(height), "x": x0 + np.arange(width)}
+    axes["channel"] = list("RGB" if channels == 3 else "L")
+    return xr.Dataset(parts, axes)
 
 
 def _load_volume(path: Path) -> xr.Dataset:

@@ -64,8 +64,9 @@ def phasor(
         rendered = components_of(opt.load_render(Path(source), "RENDER_DIR"))[0]
         opt.check_disk_space(out, len(LAYERS) * len(freq) * rendered["steady"].size)
         parts = transient_to_phasor(rendered, freq)
+        first = int(rendered["x"][0]), int(rendered["y"][0])
         with checkpoints.exclusively(out), deferred_stop() as stop:
-            facts = _write_phasors(out, freq, parts, source, figure, dpi)
+            facts = _write_phasors(out, freq, parts, source, figure, dpi, first)
     else:
         loaded, sensor, samples = load(source, spp, size, max_depth, variant)
         from tofrender.integrators.amcw import render_amcw_phasor
@@ -79,7 +80,8 @@ def phasor(
             checkpoints.require_begun(resume, file and file.path, out)
             parts = render_amcw_phasor(loaded, sensor, freq, samples, seed, checkpoint=file)
             with deferred_stop() as stop:
-                facts = _write_phasors(out, freq, parts, source, figure, dpi, recipe)
+                first = first_pixel(sensor)
+                facts = _write_phasors(out, freq, parts, source, figure, dpi, first, recipe)
     answer("phasor", as_json, facts, [f"{out}: {', '.join(facts['files'])}"])
     checkpoints.end_if_stopped(stop)
 
@@ -132,7 +134,8 @@ def gate(
         attrs = {"opl": at, "pulse_width_opl": width, "units": "W m^-3 sr^-1", "spp": samples}
         attrs |= checkpoints.run_attribute(recipe, facts)
         with deferred_stop() as stop, io.output_folder(out, overwrite=True) as folder:
-            io.save_exr_layers(folder / files[0], {"": image}, attrs)
+            first = first_pixel(sensor)
+            io.save_exr_layers(folder / files[0], {"": image}, attrs, first_pixel=first)
             drawn = vis.gate_figure(image, at, width)
             io.save_figure(drawn, folder / files[1], **opt.dots(dpi))
     answer("gate", as_json, facts, [f"{out}: {', '.join(files)}"])
@@ -192,6 +195,12 @@ def values(sensor: Any) -> int:
     return 3 * int(width) * int(height)
 
 
+def first_pixel(sensor: Any) -> tuple[int, int]:
+    """Column and row of the first pixel of the sensor's picture."""
+    column, row = sensor.film().crop_offset()
+    return int(column), int(row)
+
+
 def _write_phasors(
     out: Path,
     frequencies: list[float],
@@ -199,6 +208,7 @@ def _write_phasors(
     source: str,
     figure: str,
     dpi: int | None,
+    first: tuple[int, int],
     recipe: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Write EXR files and the panel, and return the facts of the run.
@@ -218,7 +228,7 @@ def _write_phasors(
         for k, frequency in enumerate(frequencies):
             layers = {name: part[k] for name, part in zip(LAYERS, parts, strict=True)}
             attrs = {"frequency_hz": frequency, **run}
-            io.save_exr_layers(folder / files[k], layers, attrs)
+            io.save_exr_layers(folder / files[k], layers, attrs, first_pixel=first)
         panel = vis.phasor_panel(frequencies, *parts, title=source)
         io.save_figure(panel, folder / files[-1], **opt.dots(dpi))
     return facts

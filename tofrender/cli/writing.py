@@ -110,7 +110,8 @@ def _write_transient(
         names = dataset["stokes"].values if len(components) > 1 else [""]
         each = zip(names, components, strict=True)
         layers = {str(name): component["steady"].values for name, component in each}
-        io.save_exr_layers(folder / "steady.exr", layers, dataset.attrs)
+        first = int(dataset["x"][0]), int(dataset["y"][0])
+        io.save_exr_layers(folder / "steady.exr", layers, dataset.attrs, first_pixel=first)
     elif format == "multipart":
         stack = folder / FORMATS[format]
         io.save_exr_stack(dataset, stack, layout=format, precision=precision, **bar)

@@ -6,7 +6,7 @@ import io
 import json
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -164,6 +164,8 @@ def save_exr_layers(
     path: str | os.PathLike,
     layers: Mapping[str, np.ndarray],
     attrs: Mapping[str, str | float | int] | None = None,
+    *,
+    first_pixel: Sequence[int] = (0, 0),
 ) -> Path:
     """Write pictures of one size as the layers of an EXR file, in single precision.
 
@@ -172,6 +174,7 @@ def save_exr_layers(
         layers: Pictures by name, shape (height, width, channels) with 1 or 3 channels. The name
             "" stands for the channels R, G, B or Y that every viewer shows.
         attrs: Attributes of the header.
+        first_pixel: Column and row of the first pixel, at least 0, of pictures of a cropped film.
 
     Raises:
         ValueError: There are no layers, their sizes differ, an attribute's name cannot be used, or
@@ -193,6 +196,8 @@ def save_exr_layers(
         valid = array.ndim == 3 and array.shape[2] in (1, 3) and 0 not in array.shape
         allowed = "(height, width, channels) with 1 or 3 channels"
         checks.shape(f"layers[{name!r}]", array, valid, allowed)
+    ends = checks.items("first_pixel", first_pixel, 2, "column and row")
+    column, row = (checks.integer("first_pixel", each, 0, checks.MAX_SIZE) for each in ends)
     sizes = {array.shape[:2] for array in arrays.values()}
     if len(sizes) != 1:
         given = checks.quote(layers)
@@ -205,13 +210,24 @@ def save_exr_layers(
         channels |= _by_channel(array, [f"{name}.{c}" if name else c for c in letters])
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     header |= {"format": LAYERS_FORMAT, **{k: str(value) for k, value in attrs.items()}}
+    if (column, row) != (0, 0):
+        ((height, width),) = sizes
+        first = np.array([column, row], np.int32)
+        last = first + np.array([width - 1, height - 1], np.int32)
+        header |= {"dataWindow": (first, last), "displayWindow": (0 * first, last)}
     with replacing(target) as temporary:
         OpenEXR.File(header, channels).write(str(temporary))
     return target
 
 
-def load_exr_layers(path: str | os.PathLike) -> tuple[dict[str, np.ndarray], dict[str, str]]:
-    """Read what `save_exr_layers` wrote: layers by name, (height, width, channels), and attributes.
+def load_exr_layers(
+    path: str | os.PathLike,
+) -> tuple[dict[str, np.ndarray], dict[str, str], tuple[int, int]]:
+    """Read what `save_exr_layers` wrote.
+
+    Returns:
+        (layers, attributes, first pixel): the layers by name, (height, width, channels), and column
+        and row of the first pixel.
 
     Raises:
         ValueError: It is another file, or a damaged one.
@@ -220,9 +236,9 @@ def load_exr_layers(path: str | os.PathLike) -> tuple[dict[str, np.ndarray], dic
         >>> import tempfile
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     file = save_exr_layers(folder + "/a.exr", {"I": np.zeros((2, 3, 3))}, {"opl": 0.5})
-        ...     layers, attrs = load_exr_layers(file)
-        >>> layers["I"].shape, attrs["opl"]
-        ((2, 3, 3), '0.5')
+        ...     layers, attrs, first_pixel = load_exr_layers(file)
+        >>> layers["I"].shape, attrs["opl"], first_pixel
+        ((2, 3, 3), '0.5', (0, 0))
     """
     part = _read(Path(path), separate_channels=True)[0]
     if part.header.get("format") != LAYERS_FORMAT:
@@ -231,7 +247,8 @@ def load_exr_layers(path: str | os.PathLike) -> tuple[dict[str, np.ndarray], dic
     for name, channel in part.channels.items():
         found.setdefault(name[:-2], {})[name[-1]] = channel.pixels  # Named "layer.R" or "R"
     layers = {name: np.stack([c[k] for k in "RGBY" if k in c], -1) for name, c in found.items()}
-    return layers, {k: v for k, v in part.header.items() if isinstance(v, str)}
+    column, row = (int(each) for each in part.header["dataWindow"][0])
+    return layers, {k: v for k, v in part.header.items() if isinstance(v, str)}, (column, row)
 
 
 def _as_float32(name: str, values: Any) -> np.ndarray:

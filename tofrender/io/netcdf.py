@@ -11,6 +11,8 @@ from ..runtime.atomic import replacing
 from ..runtime.backend import versions
 from .files import reading, seal_file
 
+# Attributes of SciPy's file object, which attributes of a Dataset would replace
+RESERVED = {"dimensions", "filename", "fp", "maskandscale", "mode", "use_mmap", "variables"}
 LARGEST_EXACT = 1 << 53  # Up to it, float64 holds all integers
 
 
@@ -30,8 +32,14 @@ def in_netcdf_types(dataset: xr.Dataset) -> xr.Dataset:
     float64, and float16 becomes float32.
 
     Raises:
-        ValueError: A variable has another type, or an integer beyond 2^53; one line.
+        ValueError: A variable has another type, or an integer beyond 2^53, or SciPy's writer does
+            not support the name of an attribute; one line.
     """
+    for name in sorted(RESERVED & {*map(str, dataset.attrs)}):
+        raise ValueError(
+            f"attribute {name} is not supported in NetCDF files, as SciPy's writer uses the name. "
+            "Save captures by save_capture, or rename the attribute"
+        )
     converted = {name: _in_netcdf_type(str(name), each) for name, each in dataset.variables.items()}
     attrs: dict[str, Any] = {}
     for name, value in dataset.attrs.items():

@@ -11,14 +11,14 @@ import tempfile
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import BinaryIO, cast
+from typing import Annotated, BinaryIO, cast
 
 import imageio_ffmpeg
 import numpy as np
 import xarray as xr
 from PIL import Image, ImageDraw, ImageFont, PngImagePlugin
 
-from ..rendering.dataset import check_dataset
+from ..labels import FILM, read
 from ..runtime import checks
 from ..runtime.atomic import check_file, check_writable, replacing
 from ..runtime.progress import ProgressBar
@@ -34,7 +34,7 @@ _TEXT, _BACKGROUND = (235, 235, 235), (16, 16, 16)
 
 
 def save_png_frames(
-    dataset: xr.Dataset,
+    dataset: Annotated[xr.Dataset, FILM],
     path: str | os.PathLike,
     *,
     exposure: float | None = None,
@@ -45,7 +45,7 @@ def save_png_frames(
     """Write a folder of tone-mapped pictures, `frame_0000.png` ..., one for each bin.
 
     Args:
-        dataset: The result of `render`.
+        dataset: The result of `render`, or a part of it. Of Stokes vectors S0 is shown.
         path: The folder; it appears whole or not at all.
         exposure: Gain for all frames; None shows the 99.5th percentile of the light as white, and
             late light brighter, see `vis.growing_exposure`.
@@ -91,7 +91,7 @@ def _save_png(picture: Image.Image, path: Path) -> None:
 
 
 def save_video(
-    dataset: xr.Dataset,
+    dataset: Annotated[xr.Dataset, FILM],
     path: str | os.PathLike,
     *,
     fps: float = 30,
@@ -103,7 +103,7 @@ def save_video(
     """Write a video with a frame for each bin that is not dark: H.264 in .mp4, or a .gif.
 
     Args:
-        dataset: The result of `render`.
+        dataset: The result of `render`, or a part of it. Of Stokes vectors S0 is shown.
         path: A file name that ends in .mp4 or .gif. An existing file is replaced when the new one
             is complete.
         fps: Frames per second, above 0 and at most 120; at most 50 for a .gif.
@@ -145,8 +145,7 @@ class _Frames:
 
     def __init__(self, dataset: xr.Dataset, exposure: float | None, min_size: int):
         checks.integer("min_size", min_size, 1, _LONGEST_SIDE)
-        check_dataset(dataset)
-        self.sequence = Transient.of(dataset)
+        self.sequence = Transient.of(read(dataset, FILM, "dataset"))
         (height, width), self.count = self.sequence.size, self.sequence.bins
         if exposure is None:
             self.gains = growing_exposure(self.sequence.values, share=_COMPENSATION)

@@ -7,26 +7,53 @@ refuses everything else in one line.
 """
 
 from .axes import CHANNELS, STOKES, Bins
-from .energy import energy_outside_window
+from .energy import energy_outside_window, with_energy
 from .kinds import (
     CAPTURE,
     COUNTS,
     FILM,
+    FRAMES,
+    GATES,
+    IMAGE,
+    LIGHT,
+    PHASORS,
+    PIXELS,
+    PYRAMID,
     RATES,
+    SENSED,
+    STREAK,
     TAPS,
     TRANSIENT,
     WAVEFORMS,
     Kind,
 )
-from .reading import bins_of, intensity, read, require_consecutive, require_whole_stokes
+from .reading import (
+    bins_of,
+    intensity,
+    on_pixels,
+    pixel_steps,
+    read,
+    read_array,
+    require_consecutive,
+    require_whole_stokes,
+)
 
 __all__ = [
     "CAPTURE",
     "CHANNELS",
     "COUNTS",
     "FILM",
+    "FRAMES",
+    "GATES",
+    "IMAGE",
+    "LIGHT",
+    "PHASORS",
+    "PIXELS",
+    "PYRAMID",
     "RATES",
+    "SENSED",
     "STOKES",
+    "STREAK",
     "TAPS",
     "TRANSIENT",
     "WAVEFORMS",
@@ -35,7 +62,11 @@ __all__ = [
     "bins_of",
     "energy_outside_window",
     "intensity",
+    "on_pixels",
+    "pixel_steps",
     "read",
+    "read_array",
     "require_consecutive",
     "require_whole_stokes",
+    "with_energy",
 ]

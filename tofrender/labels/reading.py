@@ -7,7 +7,7 @@ import xarray as xr
 
 from ..signals.units import opl_to_ns
 from .axes import CHANNELS, STOKES, XYZ, Bins
-from .kinds import Kind
+from .kinds import PIXELS, Kind
 
 SAME_WIDTH = 1e-3  # Relative error of the distance of bins that rounding explains
 SAME_START = 1e-5  # Error of the start of bins that rounding explains [bins]
@@ -17,7 +17,7 @@ RISING = ("y", "x", "laser_y", "laser_x", "shot", "tap")
 """Axes of indices that rise."""
 
 
-def read(data: Any, kind: Kind, parameter: str) -> xr.Dataset:
+def read(data: Any, kind: Kind | tuple[Kind, ...], parameter: str) -> xr.Dataset:
     """Return a Dataset with the axes, channels and bins of a kind in their order.
 
     A Dataset that is in order already is returned as it is. Parts of the window, crops, and
@@ -26,7 +26,8 @@ def read(data: Any, kind: Kind, parameter: str) -> xr.Dataset:
 
     Args:
         data: What a user has passed.
-        kind: Kind of the Dataset that the function takes.
+        kind: Kind of the Dataset that the function takes. Of several kinds, the one with the
+            variables and axes of the Dataset is chosen.
         parameter: Name of the function's parameter, for messages.
 
     Raises:
@@ -47,14 +48,54 @@ def read(data: Any, kind: Kind, parameter: str) -> xr.Dataset:
         >>> found["counts"].dims, found["x"].values.tolist(), found.attrs["start_opl"]
         (('y', 'x', 'bin'), [0, 2], 2.0)
     """
+    kinds = kind if isinstance(kind, tuple) else (kind,)
     if not isinstance(data, xr.Dataset):
-        raise ValueError(f"{parameter}: expected {kind.name}, found {_description(data)}")
+        names = " or ".join(dict.fromkeys(each.name for each in kinds))
+        raise ValueError(f"{parameter}: expected {names}, found {_description(data)}")
+    kind = _fitting(data, kinds)
     _require_variables(data, kind, parameter)
     data = _in_order(data, kind, parameter)
-    if kind.bins:
+    if kind.bins in data.dims:
         bins = bins_of(data, parameter, kind.bins)
         data = _with_bins(data, bins)
     return data
+
+
+def read_array(values: xr.DataArray, kind: Kind, parameter: str) -> xr.DataArray:
+    """Return a DataArray with its axes, and the labels along them, in the order of a kind.
+
+    Example:
+        >>> from tofrender.labels import PIXELS
+        >>> picture = xr.DataArray([[1, 2, 3]], {"x": [5], "y": [2, 1, 0]}, ("x", "y"))
+        >>> read_array(picture, PIXELS, "picture").values.tolist()
+        [[3], [2], [1]]
+    """
+    (name,) = kind.variables
+    found = read(values.to_dataset(name=name), kind, parameter)[name]
+    return found.sortby("opl") if "opl" in found.indexes else found
+
+
+def on_pixels(values: Any, film: xr.Dataset, parameter: str) -> Any:
+    """Return numbers for the pixels of a film, in the film's order, if they have labels.
+
+    Args:
+        values: A DataArray with the axes y and x. Other numbers are returned as they are.
+        film: A Dataset in the order of `read`.
+        parameter: Name of the function's parameter, for messages.
+
+    Raises:
+        ValueError: The labels are those of other pixels.
+    """
+    if not isinstance(values, xr.DataArray) or not values.ndim:
+        return values
+    found = read_array(values, PIXELS, parameter)
+    for axis in ("y", "x"):
+        if axis in found.coords and not np.array_equal(found[axis], film[axis]):
+            raise ValueError(
+                f"{parameter}: the axis {axis} has other pixels than the data. Select the same "
+                "pixels"
+            )
+    return found.values
 
 
 def bins_of(data: xr.Dataset | xr.DataArray, parameter: str, axis: str = "opl") -> Bins:
@@ -112,7 +153,7 @@ def intensity(data: xr.Dataset | xr.DataArray, parameter: str) -> Any:
     return data.sel(stokes="S0", drop=True)
 
 
-def require_whole_stokes(data: xr.Dataset, parameter: str) -> None:
+def require_whole_stokes(data: xr.Dataset | xr.DataArray, parameter: str) -> None:
     """Refuse polarized data without one of the four Stokes components."""
     found = [str(name) for name in data["stokes"].values] if "stokes" in data.dims else [*STOKES]
     if found != [*STOKES]:
@@ -122,14 +163,34 @@ def require_whole_stokes(data: xr.Dataset, parameter: str) -> None:
         )
 
 
-def require_consecutive(data: xr.Dataset, parameter: str) -> None:
+def pixel_steps(data: xr.Dataset | xr.DataArray, parameter: str) -> dict[str, int]:
+    """Return the distance of neighboring pixels along y and x, which must be even.
+
+    Sensors with larger pixels keep the numbers of the film's pixels, in steps.
+    """
+    steps = {}
+    for axis in ("y", "x"):
+        distances = np.diff(data[axis].values)
+        steps[axis] = int(distances[0]) if distances.size else 1
+        _require_no_gaps(distances, steps[axis], axis, parameter)
+    return steps
+
+
+def require_consecutive(data: xr.Dataset | xr.DataArray, parameter: str) -> None:
     """Refuse pixels that are not a rectangle of a film without gaps."""
     for axis in ("y", "x"):
-        pixels = data[axis].values
-        if (np.diff(pixels) != 1).any():
-            raise ValueError(
-                f"{parameter}: the axis {axis} skips pixels. Select pixels with a slice"
-            )
+        _require_no_gaps(np.diff(data[axis].values), 1, axis, parameter)
+
+
+def _fitting(data: xr.Dataset, kinds: tuple[Kind, ...]) -> Kind:
+    """Return the kind that has most variables and axes of a Dataset."""
+    found = {*map(str, data.data_vars), *map(str, data.dims)}
+
+    def common(kind: Kind) -> int:
+        axes = {axis for each in kind.variables.values() for axis in each}
+        return len(found & (axes | {*kind.variables}))
+
+    return max(kinds, key=common)
 
 
 def _description(data: Any) -> str:
@@ -232,6 +293,11 @@ def _require_different(labels: np.ndarray, axis: str, parameter: str) -> None:
             f"{parameter}: the label {values[counts > 1][0]} occurs {counts.max()} times along "
             f"the axis {axis}. Each label must occur once"
         )
+
+
+def _require_no_gaps(distances: np.ndarray, step: int, axis: str, parameter: str) -> None:
+    if (distances != step).any():
+        raise ValueError(f"{parameter}: the axis {axis} skips pixels. Select pixels with a slice")
 
 
 def _require_even_steps(steps: np.ndarray, width: float, parameter: str) -> None:

@@ -18,7 +18,7 @@ def opl_to_ns(opl):
         >>> round(opl_to_ns(3.0), 4)
         10.0069
     """
-    return _times("opl", opl, 1e9 / SPEED_OF_LIGHT)
+    return _times("opl", opl, 1e9 / SPEED_OF_LIGHT, {"units": "ns", "long_name": "time"})
 
 
 def ns_to_opl(time_ns):
@@ -28,15 +28,20 @@ def ns_to_opl(time_ns):
         >>> round(ns_to_opl(10.0), 8)
         2.99792458
     """
-    return _times("time_ns", time_ns, SPEED_OF_LIGHT * 1e-9)
+    labels = {"units": "m", "long_name": "optical path length"}
+    return _times("time_ns", time_ns, SPEED_OF_LIGHT * 1e-9, labels)
 
 
-def _times(name, value, factor):
+def _times(name, value, factor, labels):
+    """Multiply by a factor; labeled values get labels of their own."""
     try:
-        return value * factor
+        found = value * factor
     except (TypeError, OverflowError):
         given = checks.quote(value)
         raise ValueError(f"{name} = {given}: must be a number or an array of any") from None
+    if hasattr(found, "attrs") and hasattr(found, "dtype"):  # A DataArray, of units of its own
+        found.attrs = labels
+    return found
 
 
 def check_frequency(name: str, value: Any) -> float:

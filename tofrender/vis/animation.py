@@ -4,18 +4,20 @@ import base64
 import io
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import xarray as xr
 from matplotlib import rc_context
 from matplotlib.animation import FFMpegWriter, FuncAnimation
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from ..labels import TRANSIENT
 from ..runtime.canvas import figure_width, in_style, new_figure, palette
 from ..signals.units import opl_to_ns
 from .tone import auto_exposure, tonemap
-from .transient import Transient, picture_aspect, pixel_axes, time_axes
+from .transient import Transient, picture_aspect, pixel_axes, read_light, time_axes
 
 _INTERVAL_MS = 50
 _PLAYER_FRAMES, _PLAYER_DPI = 100, 108
@@ -23,7 +25,9 @@ _PLAYER_FRAMES, _PLAYER_DPI = 100, 108
 
 @in_style()
 def visualize_transient(
-    data: Any, start_opl: float | None = None, bin_width_opl: float | None = None
+    data: Annotated[Any, TRANSIENT],
+    start_opl: float | None = None,
+    bin_width_opl: float | None = None,
 ) -> FuncAnimation:
     """Animate light moving through the scene; the title shows the time of each bin's centre.
 
@@ -33,6 +37,7 @@ def visualize_transient(
 
     Args:
         data: Array (height, width, bins) or (height, width, bins, channels), or a Dataset.
+            Of Stokes vectors S0 is shown.
         start_opl: Start of the first bin [m]; by default that of a Dataset.
         bin_width_opl: Width of a bin [m], above 0; by default that of a Dataset.
 
@@ -122,7 +127,7 @@ def _inlined(kind: str, data: bytes) -> str:
 
 @in_style()
 def plot_pixel_transient(
-    data: Any,
+    data: Annotated[Any, TRANSIENT],
     x: int,
     y: int,
     start_opl: float | None = None,
@@ -136,6 +141,7 @@ def plot_pixel_transient(
 
     Args:
         data: Array (height, width, bins) or (height, width, bins, channels), or a Dataset.
+            Of Stokes vectors S0 is shown.
         x: Column; of a cropped Dataset in pixels of the whole film, like its coordinates.
         y: Row, likewise.
         start_opl: Start of the first bin [m]; by default that of a Dataset.
@@ -154,6 +160,7 @@ def plot_pixel_transient(
         >>> figure.axes[0].get_xlabel()
         'time [ns]'
     """
+    data = read_light(data) if isinstance(data, xr.Dataset) else data
     sequence = Transient.of(data, start_opl, bin_width_opl, quantity)
     response = sequence.pixel(x, y)
     width = figure_width(5.5)
@@ -163,7 +170,7 @@ def plot_pixel_transient(
     if response.shape[1] == 3:
         styles = list(zip(palette().channels, "RGB", ("-", "--", ":"), strict=True))
     errors = np.zeros_like(response)
-    has_errors = hasattr(data, "data_vars") and "transient_error" in data
+    has_errors = isinstance(data, xr.Dataset) and "transient_error" in data
     if has_errors:
         errors = data["transient_error"].sel(x=int(x), y=int(y)).values
     time_ns = opl_to_ns(sequence.opl)

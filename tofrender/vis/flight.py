@@ -1,13 +1,15 @@
 """Single pictures of light in flight: arrival times of all light, and one time gate."""
 
 import math
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import xarray as xr
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 
+from ..labels import TRANSIENT
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure
 from ..runtime.plots import colour_bar, fit_height, percentile_range, wrap_text
@@ -15,7 +17,7 @@ from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
 from .colours import hue_map, time_map
 from .tone import auto_exposure, tonemap
-from .transient import Transient, explain_hatch, picture_aspect, pixel_axes
+from .transient import Transient, explain_hatch, picture_aspect, pixel_axes, read_light
 
 STYLES = {"arrival": "arrival time", "peak": "peak time", "rainbow": "isochrones"}
 """Titles by style."""
@@ -23,7 +25,7 @@ STYLES = {"arrival": "arrival time", "peak": "peak time", "rainbow": "isochrones
 
 @in_style()
 def light_in_flight(
-    data: Any,
+    data: Annotated[Any, TRANSIENT],
     start_opl: float | None = None,
     bin_width_opl: float | None = None,
     *,
@@ -44,8 +46,8 @@ def light_in_flight(
     Pixels whose light all arrives outside the window are grey; unfinished ones (NaN) are hatched.
 
     Args:
-        data: A Dataset, or an array (height, width, bins) or (height, width, bins, channels),
-            whose sum over bins replaces the steady image.
+        data: A Dataset, of Stokes vectors S0, or an array (height, width, bins) or (height, width,
+            bins, channels). Without a steady image, the sum over bins replaces it.
         start_opl: Start of the first bin [m]; by default that of a Dataset.
         bin_width_opl: Width of a bin [m], above 0; by default that of a Dataset.
         style: "arrival", "peak" or "rainbow".
@@ -63,12 +65,14 @@ def light_in_flight(
         'isochrones'
     """
     checks.one_of("style", style, STYLES)
+    data = read_light(data) if isinstance(data, xr.Dataset) else data
     sequence = Transient.of(data, start_opl, bin_width_opl)
     if period_ns is not None:
         _check_period(period_ns, style, sequence)
     if exposure is not None:
         checks.number("exposure", exposure, positive=True)
-    steady = data["steady"].values if hasattr(data, "data_vars") else _sum_over_bins(sequence)
+    has_steady = isinstance(data, xr.Dataset) and "steady" in data
+    steady = data["steady"].values if has_steady else _sum_over_bins(sequence)
     unfinished = np.asarray(np.isnan(steady).any(axis=2))
     for (rows, columns, *_), values in sequence.values.pieces():
         unfinished[rows, columns] |= np.isnan(values).any(axis=(2, 3))

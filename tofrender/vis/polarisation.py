@@ -1,7 +1,7 @@
 """Pictures of polarised light in false colours."""
 
 import math
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import xarray as xr
@@ -14,6 +14,7 @@ from ..analysis.polarisation import (
     degree_of_linear_polarisation,
     degree_of_polarisation,
 )
+from ..labels import IMAGE, read_array, require_whole_stokes
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style
 from ..runtime.plots import COLUMN, PictureGrid
@@ -27,7 +28,7 @@ SHOWN = ("intensity", "degree", "angle", "circular", "colours")
 
 
 def polarisation_picture(
-    stokes: Any, shown: str = "colours", *, exposure: float | None = None
+    stokes: Annotated[Any, IMAGE], shown: str = "colours", *, exposure: float | None = None
 ) -> np.ndarray:
     """Draw polarised light in false colours.
 
@@ -76,12 +77,12 @@ def polarisation_picture(
 
 def _checked(stokes: Any, exposure: float | None) -> tuple[np.ndarray, np.ndarray, float]:
     """Stokes vectors (height, width, 4, channels), their mean over channels, and the gain."""
-    dims = stokes.dims if isinstance(stokes, xr.DataArray) else None
+    if isinstance(stokes, xr.DataArray):
+        stokes = read_array(stokes, IMAGE, "stokes")
+        require_whole_stokes(stokes, "stokes")
     values = checks.real_array("stokes", stokes, np.float64)
-    named = dims in (None, ("y", "x", "stokes", "channel"))
-    if not named or values.ndim != 4 or values.shape[2] != 4 or not values.size:
-        found = f"dimensions {dims}" if dims else f"shape {values.shape}"
-        raise ValueError(f"stokes with {found}: must be (y, x, stokes, channel), with 4 components")
+    valid = values.ndim == 4 and values.shape[2] == 4 and values.size > 0
+    checks.shape("stokes", values, valid, "(y, x, stokes, channel), with 4 components")
     light = values.mean(axis=3)
     gain = auto_exposure(light[:, :, 0], percentile=98) if exposure is None else exposure
     return values, light, checks.number("exposure", gain, positive=True)
@@ -89,7 +90,7 @@ def _checked(stokes: Any, exposure: float | None) -> tuple[np.ndarray, np.ndarra
 
 @in_style()
 def polarisation_figure(
-    stokes: Any, *, exposure: float | None = None, title: str | None = None
+    stokes: Annotated[Any, IMAGE], *, exposure: float | None = None, title: str | None = None
 ) -> Figure:
     """Draw intensity, degree and angle of linear polarisation, and circular polarisation.
 

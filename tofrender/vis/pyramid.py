@@ -1,11 +1,11 @@
 """The strategies of bidirectional path tracing as a pyramid of pictures."""
 
-from typing import Any
+from typing import Annotated, Any
 
 import xarray as xr
 from matplotlib.figure import Figure
 
-from ..rendering.dataset import time_axis
+from ..labels import PYRAMID, bins_of, read
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure
 from ..runtime.plots import wrap_text
@@ -18,7 +18,7 @@ _WIDTH, _LEAST, _WITH_TITLE, _GAP, _ABOVE = 1.2, 0.42, 0.8, 0.07, 0.2
 
 @in_style()
 def pyramid_figure(
-    pyramid: xr.Dataset,
+    pyramid: Annotated[xr.Dataset, PYRAMID],
     *,
     weighting: str = "mis",
     opl: float | None = None,
@@ -49,9 +49,7 @@ def pyramid_figure(
         >>> [axes.get_title() for axes in pyramid_figure(pyramid).axes]
         ['s = 0, t = 2', 's = 1, t = 1', 's = 0, t = 3', 's = 1, t = 2', 's = 2, t = 1']
     """
-    if "strategy" not in getattr(pyramid, "dims", ()):
-        kind = type(pyramid).__name__
-        raise ValueError(f"pyramid = {kind}: must be a result of strategy_pyramid")
+    pyramid = read(pyramid, PYRAMID, "pyramid")
     checks.text("title", title)
     weighting = checks.one_of("weighting", weighting, ("mis", "none"))
     stops = checks.number("stops_per_row", stops_per_row, low=0, high=100)
@@ -89,9 +87,9 @@ def pyramid_figure(
 
 def _bin_of(pyramid: xr.Dataset, opl: Any) -> int:
     """Index of the bin of a path length."""
-    start, width = time_axis(pyramid)
-    stop = start + width * pyramid.sizes["opl"]
+    bins = bins_of(pyramid, "pyramid")
+    start, stop = bins.start_opl, bins.stop_opl
     opl = checks.metres("opl", opl)
     if not start <= opl < stop:
         raise ValueError(f"opl = {opl:g} m: must be in the bins, {start:g} m to {stop:g} m")
-    return min(int((opl - start) / width), pyramid.sizes["opl"] - 1)
+    return min(int((opl - start) / bins.bin_width_opl), bins.count - 1)

@@ -1,6 +1,6 @@
 """Figures of moving scenes: light over range and velocity, and maps of velocities."""
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import xarray as xr
@@ -8,6 +8,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from ..labels import PIXELS, read_array, require_consecutive
 from ..motion.fmcw import Fmcw, checked_film
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure
@@ -106,7 +107,7 @@ def largest_of_cells(values: np.ndarray, most_cells: tuple[int, int]) -> np.ndar
 
 @in_style()
 def velocity_map(
-    rate: xr.DataArray, *, limit_m_s: float | None = None, title: str | None = None
+    rate: Annotated[xr.DataArray, PIXELS], *, limit_m_s: float | None = None, title: str | None = None
 ) -> Figure:
     """Draw the velocity of each pixel, half the rate of change of its path length.
 
@@ -130,8 +131,9 @@ def velocity_map(
         'receding (red), approaching (blue)'
     """
     checks.instance("rate", rate, xr.DataArray, "a DataArray of doppler_rate")
-    valid = rate.dims == ("y", "x") and rate.size and rate.dtype.kind == "f"
-    checks.require("rate", rate, valid, "numbers with the dimensions y, x")
+    rate = read_array(rate, PIXELS, "rate")
+    require_consecutive(rate, "rate")
+    checks.require("rate", rate, rate.dtype.kind == "f", "real numbers")
     title = checks.text("title", title)
     velocity = rate.values / 2
     known = np.abs(velocity[np.isfinite(velocity)])
@@ -145,7 +147,7 @@ def velocity_map(
         wide, wide * picture_aspect(*rate.shape, low=0.4, high=2.0) + 1.0, "compressed"
     )
     axes = figure.add_subplot()
-    x, y = (float(rate[axis][0]) if axis in rate.coords else 0.0 for axis in "xy")
+    x, y = (int(rate[axis][0]) for axis in "xy")
     extent = (x - 0.5, x + rate.shape[1] - 0.5, y + rate.shape[0] - 0.5, y - 0.5)
     colours: Any = {"cmap": "RdBu_r", "vmin": -fastest, "vmax": fastest, "extent": extent}
     shown = map_axes(axes, velocity, **colours)

@@ -1,11 +1,12 @@
 """Figure of a sensor's measurement beside its expectation."""
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
+from ..labels import SENSED, pixel_steps, read
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure, palette
 from ..runtime.plots import colour_bar, percentile_range, wrap_text
@@ -15,7 +16,7 @@ AXES |= {"sweep": "path length along the sweep [m]"}
 
 
 @in_style()
-def measurement_figure(measured: xr.Dataset) -> Figure:
+def measurement_figure(measured: Annotated[xr.Dataset, SENSED]) -> Figure:
     """Draw a result of `sense`: sums, peaks or depths, and a bright pixel with its expectation.
 
     The pixel is brighter than 90 % of them. Another Dataset is a ValueError.
@@ -31,12 +32,20 @@ def measurement_figure(measured: xr.Dataset) -> Figure:
     valid = "sensor" in attrs and attrs.get("quantity") in measured
     checks.require("measured", measured, valid, "a Dataset of sense")
     name = str(attrs["quantity"])
+    measured = read(measured, SENSED, "measured")
+    steps = pixel_steps(measured, "measured")
     lines = {name: measured[name], "expectation": measured.get("expected")}
     curves = {k: v.transpose("y", "x", ...).values for k, v in lines.items() if v is not None}
     curves = {k: v.reshape(*v.shape[:2], -1) for k, v in curves.items()}
     total = curves[name].sum(axis=-1, dtype=np.float64)
     at = np.argsort(total, axis=None, kind="stable")[int(0.9 * (total.size - 1))]
     row, column = (int(n) for n in np.unravel_index(at, total.shape))
+    y, x = (int(measured[side][n]) for side, n in (("y", row), ("x", column)))
+    (left, right), (top, bottom) = (
+        (int(measured[side][0]) - steps[side] / 2, int(measured[side][-1]) + steps[side] / 2)
+        for side in ("x", "y")
+    )
+    extent = (left, right, bottom, top)
     axis = next((each for each in AXES if each in measured.coords), None)
     places = measured[axis].values if axis else np.arange(curves[name].shape[2])
     peaks = np.where(total > 0, places[curves[name].argmax(axis=-1)], np.nan)
@@ -48,8 +57,9 @@ def measurement_figure(measured: xr.Dataset) -> Figure:
     for k, (title, picture) in enumerate(maps.items()):
         axes = figure.add_subplot(grid[0, k])
         low, high, beyond = percentile_range(picture)
-        shown = axes.imshow(picture, cmap="viridis" if k else "inferno", vmin=low, vmax=high)
-        axes.plot(column, row, "o", mfc="none", mec="white")
+        colors: Any = {"cmap": "viridis" if k else "inferno", "vmin": low, "vmax": high}
+        shown = axes.imshow(picture, extent=extent, **colors)
+        axes.plot(x, y, "o", mfc="none", mec="white")
         axes.set_title(title)
         colour_bar(shown, axes, "", extend=beyond)
     plot = figure.add_subplot(grid[1, :])
@@ -58,7 +68,7 @@ def measurement_figure(measured: xr.Dataset) -> Figure:
         plot.plot(places, curve[row, column], style, color=color, **steps)
     units = "counts" if name == "counts" else attrs["units"]
     plot.set(xlabel=AXES.get(str(axis), "frame and tap"), ylabel=units)
-    plot.legend(title=f"pixel ({column}, {row})", frameon=False)
+    plot.legend(title=f"pixel ({x}, {y})", frameon=False)
     cycles = int(measured["cycles"].max())
     figure.suptitle(wrap_text(f"{attrs['scene']}, {cycles} cycles", width))
     return figure

@@ -1,13 +1,13 @@
 """Summary of a render on one page."""
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..rendering.dataset import check_dataset
+from ..labels import FILM, intensity, read, with_energy
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure, palette
 from ..runtime.plots import COLUMN, colour_bar, percentile_range, wrap_text
@@ -20,11 +20,11 @@ from .transient import Transient, explain_hatch, map_axes, picture_aspect, pixel
 
 @status("Drawing the summary")
 @in_style()
-def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
+def summary_figure(dataset: Annotated[xr.Dataset, FILM], pixels: Any = None) -> Figure:
     """Draw a render on one page: steady image, time of the brightest bin, some responses.
 
     Args:
-        dataset: The result of `render`.
+        dataset: The result of `render`, or a part of it. Of Stokes vectors S0 is drawn.
         pixels: (x, y) pairs to plot, in the Dataset's pixel coordinates. By default a bright
             pixel, one that peaks early and one that peaks late.
 
@@ -37,7 +37,7 @@ def summary_figure(dataset: xr.Dataset, pixels: Any = None) -> Figure:
         >>> [axes.get_title() for axes in summary_figure(dataset).axes[:2]]
         ['steady image', 'time of the brightest bin']
     """
-    check_dataset(dataset)
+    dataset = with_energy(intensity(read(dataset, FILM, "dataset"), "dataset"), "dataset")
     for name in ("scene", "spp", "energy_outside_window", "complete"):
         if name not in dataset.attrs:
             raise ValueError(f"dataset: attribute {name} is missing; must be as `render` writes it")

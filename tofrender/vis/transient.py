@@ -9,9 +9,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
 
+from ..labels import LIGHT, TRANSIENT, bins_of, intensity, read, read_array, require_consecutive
 from ..rendering.cubes import Cube, Place
-from ..rendering.dataset import DIMS, QUANTITIES, first_pixel, require_one_render, time_axis
+from ..rendering.dataset import DIMS, QUANTITIES
 from ..runtime import checks, plots
 from ..signals.colour import luminance
 from ..signals.units import ns_to_opl, opl_to_ns
@@ -50,18 +52,20 @@ class Transient:
         bin_width_opl: float | None = None,
         quantity: str | None = None,
     ):
-        """Check a Dataset of `render`, or an array with its time axis."""
+        """Read a Dataset of `render`, of Stokes vectors S0, or an array with its time axis."""
         first = (0, 0)
         if quantity is not None:
             checks.one_of("quantity", quantity, QUANTITIES)
-        if hasattr(data, "data_vars"):
-            _require_labels(data)
-            start, width = time_axis(data)
-            start_opl = start if start_opl is None else start_opl
-            bin_width_opl = width if bin_width_opl is None else bin_width_opl
-            first = first_pixel(data)
-            quantity = quantity or f"{data.attrs['quantity']} [{typeset(data.attrs['units'])}]"
-            data = data["transient"]
+        if isinstance(data, xr.Dataset):
+            film = read_light(data)
+            bins = bins_of(film, "data")
+            start_opl = bins.start_opl if start_opl is None else start_opl
+            bin_width_opl = bins.bin_width_opl if bin_width_opl is None else bin_width_opl
+            first = int(film["x"][0]), int(film["y"][0])
+            quantity = quantity or f"{film.attrs['quantity']} [{typeset(film.attrs['units'])}]"
+            data = film["transient"]
+        elif isinstance(data, xr.DataArray) and set(data.dims) == set(DIMS["transient"]):
+            data = read_array(data, LIGHT, "data")
         rest: Any = start_opl, bin_width_opl, *first, quantity or cls.quantity
         return cls(_cube("data", data), *rest)
 
@@ -153,18 +157,13 @@ def _cube(name: str, data: Any) -> Cube:
     return cube
 
 
-def _require_labels(data: Any) -> None:
-    """Refuse a Dataset without the labels that `render` writes."""
-    require_one_render("data", data)
-    found = {str(name): variable.dims for name, variable in data.data_vars.items()}
-    axes = DIMS["transient"]
-    if found.get("transient") != axes or not set(axes) <= set(data.coords):
-        raise ValueError(f"data = Dataset with {found}: must hold transient {axes}")
-    if not data["transient"].size:
-        shape = data["transient"].shape
-        raise ValueError(f"data = Dataset with transient {shape}: must have a pixel and a bin")
+def read_light(data: Any) -> xr.Dataset:
+    """Read the parameter `data` of a figure: a film without gaps, of Stokes vectors S0."""
+    film = intensity(read(data, TRANSIENT, "data"), "data")
+    require_consecutive(film, "data")
     for name in ("quantity", "units"):
-        checks.instance(f"data: attribute {name}", data.attrs.get(name), str, "text")
+        checks.instance(f"data: attribute {name}", film.attrs.get(name), str, "text")
+    return film
 
 
 def pixel_axes(axes: Axes) -> None:

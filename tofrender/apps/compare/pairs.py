@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import mitsuba as mi
 import numpy as np
 
+from ...labels import TRANSIENT, intensity, read
 from ...runtime import checks
 from ...signals.colour import luminance
 from ...vis.transient import Transient
@@ -31,6 +32,7 @@ class Picture:
     name: str
     pixels: np.ndarray  # Linear values, float32 (height, width, 1 or 3)
     film: Transient | None = None
+    first_pixel: tuple[int, int] | None = None  # Column and row on the whole film, if known
 
 
 @dataclass(frozen=True)
@@ -68,18 +70,20 @@ def load(path: Any, load_film: "Callable[[Path], xr.Dataset]") -> Picture:
 
 def _from_film(name: str, data: "xr.Dataset") -> Picture:
     if "taps" in data:
-        return Picture(f"{name}, mean of taps", picture_of_taps(data))
+        first = int(data["x"].min()), int(data["y"].min())
+        return Picture(f"{name}, mean of taps", picture_of_taps(data), first_pixel=first)
     if "frame" in data.dims:
         name = f"{name}, frame 1 of {data.sizes['frame']}"
-        data = data.isel(frame=0).drop_vars("frame")
+        data = data.isel(frame=0, drop=True)
     if is_film(data):
         measured = film_of(data)
         data = measured.film
         film = replace(Transient.of(data), quantity=measured.quantity)
     else:
+        data = intensity(read(data, TRANSIENT, "data"), "data")
         film = Transient.of(data)
     steady = data["steady"] if "steady" in data else data["transient"].sum("opl")
-    return Picture(name, np.asarray(steady, np.float32), film)
+    return Picture(name, np.asarray(steady, np.float32), film, (film.x0, film.y0))
 
 
 class Pair:
@@ -101,6 +105,12 @@ class Pair:
         sizes = [f"{each.pixels.shape[1]} x {each.pixels.shape[0]}" for each in (one, other)]
         if sizes[0] != sizes[1]:
             raise ValueError(f"{other.name}: {sizes[1]} pixels; must be {sizes[0]}, as {one.name}")
+        known = None not in (one.first_pixel, other.first_pixel)
+        if known and one.first_pixel != other.first_pixel:
+            raise ValueError(
+                f"{other.name} begins at the pixel {other.first_pixel}, and {one.name} at "
+                f"{one.first_pixel}. Compare the same crop of both"
+            )
         self.pictures = (one, other)
         self.clock: Clock | None = None
         self.quantity, self._factors = "", [1.0, 1.0]

@@ -8,12 +8,23 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from ...labels import (
+    FRAMES,
+    PHASORS,
+    PYRAMID,
+    TRANSIENT,
+    bins_of,
+    intensity,
+    on_pixels,
+    read,
+    with_energy,
+)
 from ...motion.fmcw import checked_film
-from ...nlos.captures import ON_WALL, check_capture
+from ...nlos.captures import ON_WALL, read_capture
 from ...nlos.reconstruction.depths import check_volume, depth_map
 from ...nlos.reconstruction.measured import WallFrame
 from ...rendering.cubes import Cube
-from ...rendering.dataset import QUANTITIES, components_of, time_axis
+from ...rendering.dataset import DIMS, QUANTITIES
 from ...runtime import checks
 from ...signals.colour import luminance
 from ...signals.polarisation import STOKES
@@ -92,12 +103,15 @@ def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> Expl
             if measured.expectation is not None:
                 own = {"expectation": measured.expectation}
         elif "strategy" in data.dims:
-            data, own = _strategies(data)
+            data, own = _strategies(read(data, PYRAMID, "data"))
+        data = read(data, (TRANSIENT, FRAMES), "data")
         orders = own if orders is None else orders
-        light, *others = components_of(data)
+        light = intensity(data, "data")
         found = _transient(light, _orders(orders, light), distance_m)
-        for name, each in zip(STOKES[1:], others, strict=False):
-            found.layers[f"stokes {name}"] = Cube(each["transient"]), found.mode
+        for name in STOKES[1:]:
+            if "stokes" in data.dims and name in data["stokes"].values:
+                component = data["transient"].sel(stokes=name)
+                found.layers[f"stokes {name}"] = Cube(component), found.mode
         if rates is not None:
             found.layers["rates"], found.header["rateAxis"] = rates
         if measured is not None:
@@ -136,6 +150,8 @@ def _find_flaws(found: ExplorerData) -> None:
 def facts(data: xr.Dataset, found: ExplorerData) -> list[tuple[str, str]]:
     """Size and attributes as labels and texts."""
     kind = found.header["kind"]
+    if "transient" in data and kind == "transient" and "frame" not in data.dims:
+        data = with_energy(read(data, TRANSIENT, "data"), "data")
     *spots, height, width, bins, _ = found.light.shape
     unit = f"{'voxel' if kind == 'volume' else 'bin'}{'s' * (bins > 1)}"
     unit = "MHz" if kind == "phasors" else f"{unit} of {1000 * found.axis['width']:.4g} mm"
@@ -155,15 +171,14 @@ def _quantity(attrs: Mapping[str, Any]) -> str:
 
 
 def _transient(data: xr.Dataset, orders: dict[str, Cube], distance_m: Any) -> ExplorerData:
-    frames = (
-        [data.isel(frame=k) for k in range(data.sizes["frame"])] if "frame" in data.dims else []
-    )
-    views = [Transient.of(each.drop_vars("frame")) for each in frames] or [Transient.of(data)]
+    frames = "frame" in data.dims
+    count = data.sizes["frame"] if frames else 0
+    views = [Transient.of(data.isel(frame=k, drop=True)) for k in range(count)]
+    views = views or [Transient.of(data)]
     seen = views[0]
 
     def cube(name: str) -> Cube:
-        variable = data[name].transpose("frame", ...) if frames else data[name]
-        return Cube.of(f"data: {name}", variable)
+        return Cube.of(f"data: {name}", data[name])
 
     unwarped = bool(data.attrs.get("camera_unwarp"))
     per_metre = data.attrs["quantity"] == "radiance per metre"
@@ -182,21 +197,21 @@ def _transient(data: xr.Dataset, orders: dict[str, Cube], distance_m: Any) -> Ex
     found.layers |= {f"orders {name}": (each, mode) for name, each in orders.items()}
     if "steady" in data:
         steady = cube("steady")
-        if steady.shape[-3:] != (*seen.size, seen.values.shape[3]):
-            raise ValueError(f"data: steady with shape {steady.shape}: must be as transient has it")
         found.layers["steady"] = steady.view(np.s_[..., None, :]), "mean"
     if distance_m is not None:
         allowed = "None, as data is unwarped already"
         checks.require("distance_m", distance_m, not unwarped, allowed)
-        found.arrays["distance"] = _distances(distance_m, seen.size, found.notes)
+        distances = on_pixels(distance_m, data, "distance_m")
+        found.arrays["distance"] = _distances(distances, seen.size, found.notes)
     return found
 
 
 def _capture(data: xr.Dataset) -> ExplorerData:
-    check_capture(data)
+    data = read_capture(data, "data")
     rows = _rows_from_top(_wall_frame(data).axes)
     light = Cube.of("data: transient", data["transient"]).view((..., rows, *[slice(None)] * 3))
-    start, width = time_axis(data)
+    bins = bins_of(data, "data")
+    start, width = bins.start_opl, bins.bin_width_opl
     grid = data["sensor_grid"].values.astype(np.float64)[rows]
     mode, legs = data.attrs["mode"], bool(data.attrs["counts_first_and_last_legs"])
     views = [Transient(light.view(spot), start, width) for spot in np.ndindex(*light.shape[:-4])]
@@ -236,6 +251,7 @@ def _rows_from_top(frame_axes: np.ndarray) -> slice:
 
 def _phasors(data: xr.Dataset) -> ExplorerData:
     """Phasors I + iQ (frequency, y, x, channel), of `tofrender phasor` or of an iToF camera."""
+    data = read(data, PHASORS, "data")
     re, im = (luminance(data[name].values).astype(np.float64) for name in "IQ")
     frequencies = [float(each) for each in data["frequency"].values]
     amplitude = Cube(np.moveaxis(np.hypot(re, im), 0, -1)[..., None])
@@ -244,7 +260,8 @@ def _phasors(data: xr.Dataset) -> ExplorerData:
     header = {"kind": "phasors", "quantity": quantity, "frequencies": frequencies}
     axis = {"start": 0.0, "width": 1.0, "what": ""}
     arrays = {"peaks": np.zeros((1, 0, 0)), "I": re, "Q": im}
-    return ExplorerData(header, amplitude, "mean", axis, arrays)
+    first = int(data["x"][0]), int(data["y"][0])
+    return ExplorerData(header, amplitude, "mean", axis, arrays, first=first)
 
 
 def _volume(data: xr.Dataset) -> ExplorerData:
@@ -268,7 +285,7 @@ def _volume(data: xr.Dataset) -> ExplorerData:
 
 def wall_of(volume: xr.Dataset, capture: Any) -> dict[str, np.ndarray]:
     """Points of a capture's wall, its laser spots and the origins of legs in the volume's frame."""
-    check_capture(capture)
+    capture = read_capture(capture, "capture")
     if not {"frame_origin", "frame_axes"} <= set(volume.data_vars):
         raise ValueError("data: frame_origin, frame_axes: must be there, as reconstruct has them")
     frame = WallFrame(
@@ -321,12 +338,15 @@ def _range_rate(data: xr.Dataset) -> tuple[xr.Dataset, Any]:
 def _orders(orders: Any, data: xr.Dataset) -> dict[str, Cube]:
     found = {}
     for name, each in checks.mapping("orders", orders).items():
-        valid = "transient" in getattr(each, "data_vars", ())
-        checks.require(f"orders[{name!r}]", each, valid, "a Dataset of render")
-        cube = Cube.of(f"orders[{name!r}]", each["transient"])
-        if cube.shape != data["transient"].shape or not np.array_equal(each["opl"], data["opl"]):
-            raise ValueError(f"orders[{name!r}]: must have the pixels and the bins of data")
-        found[name] = cube
+        parameter = f"orders[{name!r}]"
+        part = intensity(read(each, TRANSIENT, parameter), parameter)
+        for axis in DIMS["transient"]:
+            if not np.array_equal(part[axis], data[axis]):
+                raise ValueError(
+                    f"{parameter}: the axis {axis} differs from that of data. Pass light in the "
+                    "pixels, bins and channels of data"
+                )
+        found[name] = Cube.of(parameter, part["transient"])
     return found
 
 

@@ -1,11 +1,12 @@
 """Measurements of sensors as films and phasors, which explorers and comparisons show."""
 
 import json
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
+from ...labels import COUNTS, GATES, STREAK, TAPS, pixel_steps, read
 from ...rendering.dataset import QUANTITIES
 from ...runtime import checks
 from ...sensors.config import read_sensor
@@ -40,14 +41,16 @@ def film_of(data: xr.Dataset) -> Measured:
     electrons along a sweep, are summed.
     """
     name = "counts" if "counts" in data else "images"
-    axes = [axis for axis in LABELS if axis in data[name].dims]
-    whole = len(axes) == 1 and set(data[name].dims) == {"y", "x", *axes}
-    checks.require("data", data, whole, f"a result of sense with {name}")
-    (axis,) = axes
+    data = read(data, (COUNTS, GATES, STREAK), "data")
+    axis = next(axis for axis in LABELS if axis in data[name].dims)
+    if axis != "bin":
+        data = data.sortby(axis)
     start, step, centers = _time_axis(data, axis)
     attrs = data.attrs | {"start_opl": start, "bin_width_opl": step}
     attrs["quantity"] = QUANTITIES[1] if axis == "delay_opl" else QUANTITIES[0]
-    coords = {side: _pixels(data, side) for side in "yx"} | {"opl": centers, "channel": ["L"]}
+    coords: dict[str, Any] = {"opl": centers, "channel": ["L"]}
+    for side, distance in pixel_steps(data, "data").items():  # Larger pixels count themselves
+        coords[side] = data[side].values[0] // distance + np.arange(data.sizes[side])
     films = {}
     for variable in (name, "expected"):
         if variable in data:
@@ -70,35 +73,22 @@ def phasors_of(data: xr.Dataset) -> xr.Dataset:
         raise ValueError(f"data: attribute sensor: {error}") from None
     checks.instance("data: attribute sensor", camera, Itof, "an iToF camera")
     found = camera.depth(data)
-    dims = ("frequency", "y", "x", "channel")
-    phasor = (found["amplitude"] * np.exp(1j * found["phase"])).transpose(*dims[:3]).values
-    parts = {"I": (dims, phasor.real[..., None]), "Q": (dims, phasor.imag[..., None])}
-    return xr.Dataset(parts, {"frequency": data["frequency"].values}, data.attrs)
+    phasor = (found["amplitude"] * np.exp(1j * found["phase"])).expand_dims(channel=["L"], axis=3)
+    return xr.Dataset({"I": phasor.real, "Q": phasor.imag}, attrs=data.attrs)
 
 
 def picture_of_taps(data: xr.Dataset) -> np.ndarray:
     """Return the mean of all taps, (height, width, 1) [electrons]."""
-    mean = data["taps"].mean(("frequency", "tap")).transpose("y", "x")
+    mean = read(data, TAPS, "data")["taps"].mean(("frequency", "tap"))
     return mean.values[..., None].astype(np.float32)
 
 
 def _time_axis(data: xr.Dataset, axis: str) -> tuple[float, float, np.ndarray]:
     """Return start and width of bins [m], and their centers."""
     name = "opl" if axis == "bin" else axis
-    checks.require("data", list(data.coords), name in data.coords, f"with the coordinate {name}")
     centers = np.asarray(data[name].values, float)
     steps = np.diff(centers)
     step = float(steps.mean()) if steps.size else float(data.attrs.get("bin_width_opl", 1.0))
     even = step > 0 and np.allclose(steps, step, rtol=1e-3, atol=0)
     checks.require(f"data: {name}", centers, even, "at equal steps that grow")
     return float(centers[0]) - step / 2, step, centers
-
-
-def _pixels(data: xr.Dataset, side: str) -> np.ndarray:
-    """Return the numbers of rows or columns; sensors with larger pixels count their own."""
-    count = data.sizes[side]
-    if side in data.coords:
-        numbers = data[side].values
-        if numbers.dtype.kind in "iu" and (np.diff(numbers) == 1).all():
-            return numbers
-    return np.arange(count)

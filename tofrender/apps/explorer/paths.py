@@ -62,7 +62,7 @@ def path_tracer(scene: Any, data: Any, kind: str) -> Callable[[Any, Any], dict[s
         scene = load_scene(scene, width=size[0], height=size[1], optimize=False)
     film = scene.sensors()[sensor].film()
     own = *map(int, film.crop_size()), *map(int, film.crop_offset())
-    wanted = *size, int(data["x"][0]), int(data["y"][0])
+    wanted = *size, int(data["x"].min()), int(data["y"].min())
     allowed = f"{wanted} (width, height, first column and row), as the data have it"
     checks.require("film of the scene", own, own == wanted, allowed)
     pulse = _pulse(data, scene)
