@@ -516,15 +516,24 @@ def test_who_does_not_follow_polarised_light_says_so(integrator):
     assert said.startswith("variant = 'llvm_ad_mono_polarized': must be one")
 
 
-def test_who_takes_one_component_says_so(tmp_path):
+def test_functions_of_light_use_s0(tmp_path):
     dataset = tofrender.render(traced_by(metals(**LONG)), spp=1, progress=False)
-    for call, *more in (
-        (tofrender.save_video, tmp_path / "a.mp4"),
-        (tofrender.summary_figure,),
-        (tofrender.visualize_transient,),
-        (tofrender.transient_to_phasor, 20e6),
+    intensity = dataset.sel(stokes="S0", drop=True)
+    for light, other in zip(
+        *(tofrender.transient_to_phasor(each, 20e6) for each in (dataset, intensity)), strict=True
     ):
-        assert "stokes" in refusal(call, dataset, *more), call
+        np.testing.assert_array_equal(light, other)
+    pictures = [
+        tofrender.summary_figure(each).axes[1].images[0].get_array()
+        for each in (dataset, intensity)
+    ]
+    np.testing.assert_array_equal(*pictures)
+    for name, each in (("a", dataset), ("b", intensity)):
+        tofrender.save_video(each, tmp_path / f"{name}.gif")
+    assert (tmp_path / "a.gif").read_bytes() == (tmp_path / "b.gif").read_bytes()
+    lost = dataset.isel(stokes=[1, 2, 3])
+    for call in (tofrender.summary_figure, tofrender.visualize_transient):
+        assert "does not contain S0" in refusal(call, lost)
 
 
 def test_degrees_and_angles_of_a_render():

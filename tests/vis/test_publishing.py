@@ -61,7 +61,7 @@ def strategies(depth: int = 5) -> xr.Dataset:
     pairs = [(s, n + 1 - s) for n in range(1, depth + 1) for s in range(n + 1) if n + 1 - s]
     shape = (2, len(pairs), 8, 9, 3)
     steady = np.random.default_rng(2).random(shape).astype(np.float32)
-    coords = {"weighting": ["mis", "none"]}
+    coords = {"weighting": ["mis", "none"], "channel": ["R", "G", "B"]}
     coords |= {name: ("strategy", [pair[k] for pair in pairs]) for k, name in enumerate("st")}
     dims = ("weighting", "strategy", "y", "x", "channel")
     return xr.Dataset({"steady": (dims, steady)}, coords)

@@ -9,12 +9,13 @@ import json
 import math
 import os
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import h5py
 import numpy as np
 import xarray as xr
 
+from ..labels import CAPTURE
 from ..nlos.captures import COUNTS, DEVICES, MODES, ON_WALL, as_capture, make_capture, read_capture
 from ..rendering.cubes import Cube
 from ..rendering.dataset import plain_attributes
@@ -42,7 +43,9 @@ _IN_FIELDS = ("mode", "start_opl", "bin_width_opl", "counts_first_and_last_legs"
 
 
 @status("Writing HDF5")
-def save_capture(capture: xr.Dataset, path: str | os.PathLike, *, overwrite: bool = False) -> Path:
+def save_capture(
+    capture: Annotated[xr.Dataset, CAPTURE], path: str | os.PathLike, *, overwrite: bool = False
+) -> Path:
     """Write a capture as HDF5 in the layout of y-tal, which can read it.
 
     That layout has no colour: of a capture with three channels, `H` is the luminance (ITU-R

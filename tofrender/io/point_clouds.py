@@ -6,10 +6,12 @@ import re
 import warnings
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import xarray as xr
 
+from ..labels import CLOUD, read
 from ..runtime import checks
 from ..runtime.atomic import check_file, replacing
 from .netcdf import LARGEST_EXACT, in_netcdf_types
@@ -32,7 +34,7 @@ LAS_RETURNS = 15  # Largest number of a return
 
 
 def save_point_cloud(
-    cloud: xr.Dataset,
+    cloud: Annotated[xr.Dataset, CLOUD],
     path: str | os.PathLike[str],
     *,
     intensity_scale: float = 1.0,
@@ -68,8 +70,7 @@ def save_point_cloud(
         ...     save_point_cloud(cloud, folder + "/cloud.ply").stat().st_size
         166
     """
-    whole = isinstance(cloud, xr.Dataset) and {*"xyz"} <= set(cloud)
-    checks.require("cloud", cloud, whole, "a Dataset of point_cloud")
+    cloud = read(cloud, CLOUD, "cloud")
     for name, column in cloud.items():
         checks.require(
             f"cloud: dimensions of {name}", column.dims, column.dims == ("point",), "point"

@@ -1,20 +1,28 @@
 """Read labeled data: find axes by name, bring them to one order, and check the time bins."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from ..signals.units import opl_to_ns
-from .axes import CHANNELS, STOKES, XYZ, Bins
-from .kinds import PIXELS, Kind
+from .axes import CHANNELS, PARTS, STOKES, XYZ, Bins
+from .kinds import Kind
 
 SAME_WIDTH = 1e-3  # Relative error of the distance of bins that rounding explains
 SAME_START = 1e-5  # Error of the start of bins that rounding explains [bins]
-ORDERED = {"channel": CHANNELS, "stokes": STOKES, "xyz": XYZ}
+ORDERED = {"channel": CHANNELS, "stokes": STOKES, "xyz": XYZ, "axis": XYZ, "part": PARTS}
 """Names along an axis in their order. Other names keep the order that they have."""
+WHOLE = ("xyz", "axis", "part")
+"""Axes whose names must all be there: no function is defined on a choice of them."""
 RISING = ("y", "x", "laser_y", "laser_x", "shot", "tap")
 """Axes of indices that rise."""
+OF_A_FRAME: dict[str, tuple[str, Callable[[Any], Any]]] = {
+    "frame": ("time_s", float),
+    "fingerprint": ("fingerprint", str),
+}
+"""Coordinates along `frame`, with the name and the type of the attribute of a single frame."""
 
 
 def read(data: Any, kind: Kind | tuple[Kind, ...], parameter: str) -> xr.Dataset:
@@ -22,7 +30,8 @@ def read(data: Any, kind: Kind | tuple[Kind, ...], parameter: str) -> xr.Dataset
 
     A Dataset that is in order already is returned as it is. Parts of the window, crops, and
     choices of channels are accepted. The attributes `start_opl` and `bin_width_opl` of the result
-    follow the coordinate `opl`.
+    follow the coordinate `opl`. Coordinates without an axis, which remain after `isel(frame=2)`,
+    are dropped. Time and fingerprint of the frame become attributes.
 
     Args:
         data: What a user has passed.
@@ -53,6 +62,7 @@ def read(data: Any, kind: Kind | tuple[Kind, ...], parameter: str) -> xr.Dataset
         names = " or ".join(dict.fromkeys(each.name for each in kinds))
         raise ValueError(f"{parameter}: expected {names}, found {_description(data)}")
     kind = _fitting(data, kinds)
+    data = _without_choices(data)
     _require_variables(data, kind, parameter)
     data = _in_order(data, kind, parameter)
     if kind.bins in data.dims:
@@ -73,29 +83,6 @@ def read_array(values: xr.DataArray, kind: Kind, parameter: str) -> xr.DataArray
     (name,) = kind.variables
     found = read(values.to_dataset(name=name), kind, parameter)[name]
     return found.sortby("opl") if "opl" in found.indexes else found
-
-
-def on_pixels(values: Any, film: xr.Dataset, parameter: str) -> Any:
-    """Return numbers for the pixels of a film, in the film's order, if they have labels.
-
-    Args:
-        values: A DataArray with the axes y and x. Other numbers are returned as they are.
-        film: A Dataset in the order of `read`.
-        parameter: Name of the function's parameter, for messages.
-
-    Raises:
-        ValueError: The labels are those of other pixels.
-    """
-    if not isinstance(values, xr.DataArray) or not values.ndim:
-        return values
-    found = read_array(values, PIXELS, parameter)
-    for axis in ("y", "x"):
-        if axis in found.coords and not np.array_equal(found[axis], film[axis]):
-            raise ValueError(
-                f"{parameter}: the axis {axis} has other pixels than the data. Select the same "
-                "pixels"
-            )
-    return found.values
 
 
 def bins_of(data: xr.Dataset | xr.DataArray, parameter: str, axis: str = "opl") -> Bins:
@@ -182,6 +169,38 @@ def require_consecutive(data: xr.Dataset | xr.DataArray, parameter: str) -> None
         _require_no_gaps(np.diff(data[axis].values), 1, axis, parameter)
 
 
+def by_pixel(values: Any, data: Any, parameter: str) -> Any:
+    """Return values of pixels (y, x) in the order in which `read` returns a Dataset.
+
+    Args:
+        values: An array (y, x) in the order of the rows and columns of the Dataset, or a DataArray,
+            whose labels must be those of the Dataset.
+        data: The Dataset, as a user has passed it.
+        parameter: Name of the parameter of the values, for messages.
+
+    Raises:
+        ValueError: A DataArray of other pixels or axes.
+    """
+    axes = ("y", "x")
+    if not isinstance(data, xr.Dataset) or not set(axes) <= set(data.dims):
+        return values  # `read` refuses the Dataset
+    labels = [data[axis].values for axis in axes]
+    if not isinstance(values, xr.DataArray):
+        order = [np.argsort(each, kind="stable") for each in labels]
+        fits = np.shape(values) == tuple(each.size for each in order)
+        return np.asarray(values)[np.ix_(*order)] if fits else values
+    kind = Kind("an array with the axes y and x", {"values": axes}, real=axes)
+    found = read(xr.Dataset({"values": values}), kind, parameter)["values"]
+    for axis, own in zip(axes, labels, strict=True):
+        same = found.sizes[axis] == own.size and np.allclose(found[axis].values, np.sort(own))
+        if not same:
+            raise ValueError(
+                f"{parameter}: the axis {axis} has other labels than the Dataset. Select the same "
+                "pixels"
+            )
+    return found.values
+
+
 def _fitting(data: xr.Dataset, kinds: tuple[Kind, ...]) -> Kind:
     """Return the kind that has most variables and axes of a Dataset."""
     found = {*map(str, data.data_vars), *map(str, data.dims)}
@@ -197,6 +216,19 @@ def _description(data: Any) -> str:
     if isinstance(data, xr.DataArray):
         return f"a DataArray{f' named {data.name}' if data.name else ''}; pass the whole Dataset"
     return type(data).__name__
+
+
+def _without_choices(data: xr.Dataset) -> xr.Dataset:
+    """Drop coordinates without an axis. Those of a frame become attributes."""
+    names = [name for name, each in data.coords.items() if not each.dims]
+    if not names:
+        return data
+    attrs = {
+        attribute: type_of(data[name].item())
+        for name, (attribute, type_of) in OF_A_FRAME.items()
+        if name in names
+    }
+    return data.drop_vars(names).assign_attrs(attrs)
 
 
 def _require_variables(data: xr.Dataset, kind: Kind, parameter: str) -> None:
@@ -223,7 +255,7 @@ def _require_variables(data: xr.Dataset, kind: Kind, parameter: str) -> None:
         for axis in sorted(map(str, found - set(axes))):
             raise ValueError(
                 f"{parameter}: the variable {name} has the additional axis {axis}. Choose along "
-                f"the axis: isel({axis}=0, drop=True)"
+                f"the axis: isel({axis}=0)"
             )
     unknown = sorted(str(name) for name in set(data.data_vars) - set(kind.all_variables))
     if kind.closed and unknown:
@@ -257,10 +289,13 @@ def _order_along(data: xr.Dataset, axis: str, kind: Kind, parameter: str) -> np.
     if axis == kind.bins:
         centers = data["opl"].values if "opl" in data.coords else np.arange(data.sizes[axis])
         return np.argsort(centers, kind="stable")
-    if axis not in RISING or axis not in data.coords:
+    if axis not in (*RISING, *kind.real) or axis not in data.coords:
         return None
     labels = data[axis].values
-    if axis != "shot" and labels.dtype.kind not in "iu":
+    if axis in kind.real:
+        if labels.dtype.kind not in "iuf" or not np.isfinite(labels).all():
+            raise ValueError(f"{parameter}: the coordinate {axis} must contain finite numbers")
+    elif axis != "shot" and labels.dtype.kind not in "iu":
         raise ValueError(
             f"{parameter}: the axis {axis} has no integer indices, as after coarsen. For coarser "
             "pixels, use tofrender.rebin(..., pixels=(columns, rows))"
@@ -281,6 +316,11 @@ def _order_of_names(data: xr.Dataset, axis: str, parameter: str) -> np.ndarray:
         )
     names = [str(name) for name in data[axis].values]
     _require_different(np.array(names), axis, parameter)
+    if axis in WHOLE and set(names) != set(known):
+        raise ValueError(
+            f"{parameter}: the axis {axis} contains {', '.join(names)} only. Pass all of "
+            f"{', '.join(known)}"
+        )
     if not set(names) <= set(known):
         return np.arange(len(names))  # Names of another kind keep their order
     return np.argsort([known.index(name) for name in names], kind="stable")

@@ -8,7 +8,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from ..labels import PIXELS, read_array, require_consecutive
+from ..labels import PIXELS, RANGE_RATES, read, read_array, require_consecutive
 from ..motion.fmcw import Fmcw, checked_film
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure
@@ -21,7 +21,7 @@ CELLS_PER_INCH = 60  # Of a map: low enough that no cell falls between the dots 
 
 @in_style()
 def range_velocity_map(
-    film: xr.Dataset,
+    film: Annotated[xr.Dataset, RANGE_RATES],
     *,
     lidar: Fmcw | None = None,
     pixel: tuple[int, int] | None = None,
@@ -48,6 +48,8 @@ def range_velocity_map(
         >>> range_velocity_map(light).axes[0].get_ylabel()
         'velocity, half the rate [m/s]'
     """
+    film = read(film, RANGE_RATES, "film")
+    require_consecutive(film, "film")
     light, *axes_of_film = checked_film(film)
     checks.instance("lidar", lidar, Fmcw | None, "an Fmcw or None")
     title = checks.text("title", title)
@@ -107,7 +109,10 @@ def largest_of_cells(values: np.ndarray, most_cells: tuple[int, int]) -> np.ndar
 
 @in_style()
 def velocity_map(
-    rate: Annotated[xr.DataArray, PIXELS], *, limit_m_s: float | None = None, title: str | None = None
+    rate: Annotated[xr.DataArray, PIXELS],
+    *,
+    limit_m_s: float | None = None,
+    title: str | None = None,
 ) -> Figure:
     """Draw the velocity of each pixel, half the rate of change of its path length.
 

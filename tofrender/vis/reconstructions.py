@@ -1,12 +1,13 @@
 """Figure of a reconstructed volume: three projections and the depth."""
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from ..labels import VOLUME, read
 from ..nlos.reconstruction.depths import check_volume, depth_map
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style
@@ -15,7 +16,7 @@ from ..runtime.plots import COLUMN, HATCH, PictureGrid, few_ticks
 
 @in_style()
 def reconstruction_figure(
-    volume: xr.Dataset, *, threshold: float = 0.2, title: str | None = None
+    volume: Annotated[xr.Dataset, VOLUME], *, threshold: float = 0.2, title: str | None = None
 ) -> Figure:
     """Draw maximum projections of a volume from the front, the side and above, and its depth.
 
@@ -40,6 +41,7 @@ def reconstruction_figure(
         ['front', 'side', 'top', 'depth']
     """
     checks.text("title", title)
+    volume = read(volume, VOLUME, "volume")
     values = check_volume(volume)
     depth = depth_map(volume, threshold).values
     edges = {axis: _edges(volume[axis].values) for axis in "xyz"}

@@ -41,10 +41,11 @@ def measurement_figure(measured: Annotated[xr.Dataset, SENSED]) -> Figure:
     at = np.argsort(total, axis=None, kind="stable")[int(0.9 * (total.size - 1))]
     row, column = (int(n) for n in np.unravel_index(at, total.shape))
     y, x = (int(measured[side][n]) for side, n in (("y", row), ("x", column)))
-    (left, right), (top, bottom) = (
-        (int(measured[side][0]) - steps[side] / 2, int(measured[side][-1]) + steps[side] / 2)
+    (left, right), (top, bottom) = (  # Larger pixels have the number of their first pixel
+        (int(measured[side][0]) - 0.5, int(measured[side][-1]) + steps[side] - 0.5)
         for side in ("x", "y")
     )
+    middle = x + (steps["x"] - 1) / 2, y + (steps["y"] - 1) / 2
     extent = (left, right, bottom, top)
     axis = next((each for each in AXES if each in measured.coords), None)
     places = measured[axis].values if axis else np.arange(curves[name].shape[2])
@@ -59,7 +60,7 @@ def measurement_figure(measured: Annotated[xr.Dataset, SENSED]) -> Figure:
         low, high, beyond = percentile_range(picture)
         colors: Any = {"cmap": "viridis" if k else "inferno", "vmin": low, "vmax": high}
         shown = axes.imshow(picture, extent=extent, **colors)
-        axes.plot(x, y, "o", mfc="none", mec="white")
+        axes.plot(*middle, "o", mfc="none", mec="white")
         axes.set_title(title)
         colour_bar(shown, axes, "", extend=beyond)
     plot = figure.add_subplot(grid[1, :])

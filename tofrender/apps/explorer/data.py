@@ -12,10 +12,12 @@ from ...labels import (
     FRAMES,
     PHASORS,
     PYRAMID,
+    RANGE_RATES,
     TRANSIENT,
+    VOLUME,
     bins_of,
+    by_pixel,
     intensity,
-    on_pixels,
     read,
     with_energy,
 )
@@ -78,6 +80,7 @@ class ExplorerData:
 def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> ExplorerData:
     """Check a Dataset that `explore` supports, and prepare what an explorer shows of it."""
     checks.require("data", data, isinstance(data, xr.Dataset), "an xarray.Dataset")
+    distance_m = by_pixel(distance_m, data, "distance_m")
     rates = None
     if "rate" in data.dims:
         distances = "None, as data is of range_rate"
@@ -150,7 +153,8 @@ def _find_flaws(found: ExplorerData) -> None:
 def facts(data: xr.Dataset, found: ExplorerData) -> list[tuple[str, str]]:
     """Size and attributes as labels and texts."""
     kind = found.header["kind"]
-    if "transient" in data and kind == "transient" and "frame" not in data.dims:
+    is_render = "transient" in data and kind == "transient" and "frame" not in data.dims
+    if is_render and "energy_outside_window" in data.attrs:
         data = with_energy(read(data, TRANSIENT, "data"), "data")
     *spots, height, width, bins, _ = found.light.shape
     unit = f"{'voxel' if kind == 'volume' else 'bin'}{'s' * (bins > 1)}"
@@ -201,8 +205,7 @@ def _transient(data: xr.Dataset, orders: dict[str, Cube], distance_m: Any) -> Ex
     if distance_m is not None:
         allowed = "None, as data is unwarped already"
         checks.require("distance_m", distance_m, not unwarped, allowed)
-        distances = on_pixels(distance_m, data, "distance_m")
-        found.arrays["distance"] = _distances(distances, seen.size, found.notes)
+        found.arrays["distance"] = _distances(distance_m, seen.size, found.notes)
     return found
 
 
@@ -265,6 +268,7 @@ def _phasors(data: xr.Dataset) -> ExplorerData:
 
 
 def _volume(data: xr.Dataset) -> ExplorerData:
+    data = read(data, VOLUME, "data")
     values = check_volume(data)
     start, step = _axis(data, "z")
     sides = {axis: _axis(data, axis) for axis in "xy"}
@@ -325,6 +329,7 @@ def _strategies(data: xr.Dataset) -> tuple[xr.Dataset, dict[str, xr.Dataset]]:
 
 def _range_rate(data: xr.Dataset) -> tuple[xr.Dataset, Any]:
     """Light of all rates as a film, and a layer (rate, y, x, bins, 1) with its axis."""
+    data = read(data, RANGE_RATES, "data")
     light, opl, rate = checked_film(data, "data")
     kept = [name for name in ("radiance", "steady") if name in data]
     film = data[kept].rename(radiance="transient")

@@ -9,10 +9,11 @@ import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from string import Template
-from typing import Any
+from typing import Annotated, Any
 
 import xarray as xr
 
+from ...labels import EXPLORED
 from ...runtime import checks
 from ...runtime.atomic import check_file, check_writable, replacing
 from ..ui.bundle import text_of
@@ -21,7 +22,7 @@ from .module import javascript, style
 
 
 def report(
-    data: xr.Dataset,
+    data: Annotated[xr.Dataset, EXPLORED],
     path: str | os.PathLike,
     *,
     capture: xr.Dataset | None = None,

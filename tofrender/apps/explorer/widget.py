@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+from ...labels import EXPLORED
 from ...runtime import checks
 from ..ui.bundle import text_of
 from .contents import contents_of
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def explore(
-    data: xr.Dataset,
+    data: Annotated[xr.Dataset, EXPLORED],
     *,
     capture: xr.Dataset | None = None,
     orders: Mapping[str, xr.Dataset] | None = None,
