@@ -116,12 +116,18 @@ _SWEEPS = ("y", "sweep", "x")
 _TAPS = ("frequency", "tap", *_PIXELS)
 
 GATES = Kind(
-    "a Dataset of GatedCamera", variables={"images": _GATES}, optional={"expected": _GATES}
+    "a Dataset of GatedCamera",
+    variables={"images": _GATES},
+    optional={"expected": _GATES},
+    real=("delay_opl",),
 )
 """Images of a gated camera [electrons]."""
 
 STREAK = Kind(
-    "a Dataset of StreakCamera", variables={"images": _SWEEPS}, optional={"expected": _SWEEPS}
+    "a Dataset of StreakCamera",
+    variables={"images": _SWEEPS},
+    optional={"expected": _SWEEPS},
+    real=("sweep",),
 )
 """Screens of a streak camera [electrons], one for each row of the slit."""
 

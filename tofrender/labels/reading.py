@@ -7,14 +7,21 @@ import numpy as np
 import xarray as xr
 
 from ..signals.units import opl_to_ns
-from .axes import CHANNELS, PARTS, STOKES, XYZ, Bins
+from .axes import CHANNELS, PARTS, STOKES, WEIGHTINGS, XYZ, Bins
 from .kinds import Kind
 
 SAME_WIDTH = 1e-3  # Relative error of the distance of bins that rounding explains
 SAME_START = 1e-5  # Error of the start of bins that rounding explains [bins]
-ORDERED = {"channel": CHANNELS, "stokes": STOKES, "xyz": XYZ, "axis": XYZ, "part": PARTS}
+ORDERED = {
+    "channel": CHANNELS,
+    "stokes": STOKES,
+    "xyz": XYZ,
+    "axis": XYZ,
+    "part": PARTS,
+    "weighting": WEIGHTINGS,
+}
 """Names along an axis in their order. Other names keep the order that they have."""
-WHOLE = ("xyz", "axis", "part")
+WHOLE = ("xyz", "axis", "part", "weighting")
 """Axes whose names must all be there: no function is defined on a choice of them."""
 RISING = ("y", "x", "laser_y", "laser_x", "shot", "tap")
 """Axes of indices that rise."""
@@ -173,8 +180,8 @@ def by_pixel(values: Any, data: Any, parameter: str) -> Any:
     """Return values of pixels (y, x) in the order in which `read` returns a Dataset.
 
     Args:
-        values: An array (y, x) in the order of the rows and columns of the Dataset, or a DataArray,
-            whose labels must be those of the Dataset.
+        values: An array (y, x) in the order of the rows and columns of the Dataset, or a DataArray.
+            If the DataArray has labels, they must be those of the Dataset.
         data: The Dataset, as a user has passed it.
         parameter: Name of the parameter of the values, for messages.
 
@@ -189,6 +196,12 @@ def by_pixel(values: Any, data: Any, parameter: str) -> Any:
         order = [np.argsort(each, kind="stable") for each in labels]
         fits = np.shape(values) == tuple(each.size for each in order)
         return np.asarray(values)[np.ix_(*order)] if fits else values
+    missing = {
+        axis: own
+        for axis, own in zip(axes, labels, strict=True)
+        if axis not in values.coords and values.sizes.get(axis) == own.size
+    }
+    values = values.assign_coords(missing)
     kind = Kind("an array with the axes y and x", {"values": axes}, real=axes)
     found = read(xr.Dataset({"values": values}), kind, parameter)["values"]
     for axis, own in zip(axes, labels, strict=True):
@@ -240,6 +253,11 @@ def _require_variables(data: xr.Dataset, kind: Kind, parameter: str) -> None:
                     f"{parameter}: expected {kind.name}, but the variable {name} is missing"
                 )
             continue
+        if data[name].dtype.kind not in "biuf":
+            raise ValueError(
+                f"{parameter}: the variable {name} has the type {data[name].dtype}. It must contain "
+                "real numbers"
+            )
         found = set(data[name].dims) - {"stokes"}
         for axis, size in data[name].sizes.items():
             if size == 0:
@@ -267,7 +285,10 @@ def _require_variables(data: xr.Dataset, kind: Kind, parameter: str) -> None:
 
 def _in_order(data: xr.Dataset, kind: Kind, parameter: str) -> xr.Dataset:
     """Bring axes, and the labels along them, to their order."""
+    known = {axis for axes in kind.all_variables.values() for axis in axes} | {"stokes"}
     for axis in map(str, data.dims):
+        if axis not in known:
+            continue  # Of a variable that no function of this kind reads
         order = _order_along(data, axis, kind, parameter)
         if order is not None and (np.diff(order) < 0).any():
             data = data.isel({axis: order})
@@ -289,6 +310,8 @@ def _order_along(data: xr.Dataset, axis: str, kind: Kind, parameter: str) -> np.
     if axis == kind.bins:
         centers = data["opl"].values if "opl" in data.coords else np.arange(data.sizes[axis])
         return np.argsort(centers, kind="stable")
+    if axis in kind.real and axis not in data.coords:
+        raise ValueError(f"{parameter}: the coordinate {axis} is missing")
     if axis not in (*RISING, *kind.real) or axis not in data.coords:
         return None
     labels = data[axis].values

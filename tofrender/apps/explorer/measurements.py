@@ -43,8 +43,6 @@ def film_of(data: xr.Dataset) -> Measured:
     name = "counts" if "counts" in data else "images"
     data = read(data, (COUNTS, GATES, STREAK), "data")
     axis = next(axis for axis in LABELS if axis in data[name].dims)
-    if axis != "bin":
-        data = data.sortby(axis)
     start, step, centers = _time_axis(data, axis)
     attrs = data.attrs | {"start_opl": start, "bin_width_opl": step}
     attrs["quantity"] = QUANTITIES[1] if axis == "delay_opl" else QUANTITIES[0]
