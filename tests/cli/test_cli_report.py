@@ -14,7 +14,7 @@ import tofrender
 from tofrender.apps.compare.pairs import Pair, load
 from tofrender.apps.explorer.contents import contents_of
 from tofrender.cli.app import main
-from tofrender.cli.report import load_intensity, load_result
+from tofrender.cli.report import load_result
 from tofrender.io.netcdf import save_measurement
 from tofrender.sensors.config import read_sensor
 
@@ -248,7 +248,7 @@ def test_comparisons_of_measurements_and_frames(tmp_path, kind):
         else:
             name = "counts" if kind == "counts" else "images"
             expected = measured[name].transpose("y", "x", ...).values.sum(axis=2)[..., None]
-    pair = Pair(*(load(source, load_intensity) for _ in range(2)))
+    pair = Pair(*(load(source, load_result) for _ in range(2)))
     for picture in pair.pictures:
         np.testing.assert_allclose(picture.pixels, expected, rtol=1e-5, atol=1e-4)
     assert (pair.clock is None) == (kind == "taps")

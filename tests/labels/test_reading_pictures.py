@@ -14,7 +14,7 @@ from tofrender import io, sensors, vis
 from tofrender.apps.compare.pairs import Pair, load
 from tofrender.apps.explorer.contents import contents_of
 from tofrender.cli.app import main
-from tofrender.cli.report import load_intensity, load_result
+from tofrender.cli.report import load_result
 from tofrender.io.netcdf import save_measurement
 
 PHOTONS = {"photons_per_cycle": 0.5}
@@ -271,7 +271,7 @@ def test_orders_have_the_pixels_of_the_data():
 
 def test_crops_of_equal_size_are_not_compared(tmp_path):
     one, same, other = (
-        load(io.save_npz(each, tmp_path / f"{name}.npz"), load_intensity)
+        load(io.save_npz(each, tmp_path / f"{name}.npz"), load_result)
         for name, each in (("one", film()), ("same", film()), ("other", film(x0=3)))
     )
     assert Pair(one, same).clock is not None

@@ -55,13 +55,6 @@ def report(
     opt.say(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
 
 
-def load_intensity(source: Path) -> xr.Dataset:
-    """Load the Dataset of a folder or a file; of Stokes vectors S0."""
-    from tofrender.rendering.dataset import components_of
-
-    return components_of(load_result(source))[0]
-
-
 def load_result(source: Path) -> xr.Dataset:
     """Load the Dataset of a folder or a file, with Stokes vectors if it has them."""
     from tofrender import io

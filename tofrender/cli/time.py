@@ -59,9 +59,8 @@ def phasor(
             if value is not None:
                 raise ValueError(f"{option} = {value}: must be left out, {source} is rendered")
         from tofrender.analysis import transient_to_phasor
-        from tofrender.rendering.dataset import components_of
 
-        rendered = components_of(opt.load_render(Path(source), "RENDER_DIR"))[0]
+        rendered = opt.load_render(Path(source), "RENDER_DIR")
         opt.check_disk_space(out, len(LAYERS) * len(freq) * rendered["steady"].size)
         parts = transient_to_phasor(rendered, freq)
         first = int(rendered["x"][0]), int(rendered["y"][0])

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from ..runtime import checks
 from . import options as opt
-from .report import load_intensity, load_result
+from .report import load_result
 from .warp import Browser, Host, Port
 
 MAX_SPP = 1024
@@ -99,5 +99,5 @@ def compare(
     if two is None:
         make = application(scene=checks.one_of("SCENE|DIR|FILE", one, SCENES))
     else:
-        make = application(pair=Pair(*(load(each, load_intensity) for each in (one, two))))
+        make = application(pair=Pair(*(load(each, load_result) for each in (one, two))))
     serve(make, "Comparison", host=host, port=port, browser=browser, tell=opt.say)

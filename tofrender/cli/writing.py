@@ -68,22 +68,20 @@ def write(
     from tofrender import io, vis
     from tofrender.io.files import run_concurrently
     from tofrender.io.output import stack_bytes
-    from tofrender.rendering.dataset import components_of, in_channels
+    from tofrender.rendering.dataset import in_channels
     from tofrender.rendering.store import save_zarr
 
-    intensity, *polarised = components_of(dataset)
-
     def write_figures() -> None:
-        page = vis.summary_figure(intensity)
+        page = vis.summary_figure(dataset)
         io.save_figure(page, folder / f"summary.{figure}", **opt.dots(dpi))
-        if polarised:
+        if "stokes" in dataset.dims:
             page = vis.polarisation_figure(dataset["steady"])
             io.save_figure(page, folder / f"polarisation.{figure}", **opt.dots(dpi))
 
     needed = stack_bytes(in_channels(dataset)["transient"].shape, precision)
     with io.output_folder(out, overwrite=True, needed_bytes=needed) as folder:
         write_transient = partial(_write_transient, dataset, folder, format, precision, not video)
-        write_video = partial(io.save_video, intensity, folder / "video.mp4")
+        write_video = partial(io.save_video, dataset, folder / "video.mp4")
         run_concurrently(write_figures, write_transient, *[write_video] * video)
         if format == "zarr":  # Last, as the film would be lost with the folder if others fail
             film, target = dataset.encoding.get("source"), folder / FORMATS[format]
@@ -116,7 +114,7 @@ def _write_transient(
         stack = folder / FORMATS[format]
         io.save_exr_stack(dataset, stack, layout=format, precision=precision, **bar)
     elif format == "png":
-        _move_up(io.save_png_frames(components[0], folder / "frames", **bar))
+        _move_up(io.save_png_frames(dataset, folder / "frames", **bar))
         write_png(vis.tonemap(components[0]["steady"].values), folder / "steady.png")
     else:
         _move_up(io.save_exr_stack(dataset, folder / "frames", precision=precision, **bar))

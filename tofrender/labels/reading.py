@@ -255,8 +255,8 @@ def _require_variables(data: xr.Dataset, kind: Kind, parameter: str) -> None:
             continue
         if data[name].dtype.kind not in "biuf":
             raise ValueError(
-                f"{parameter}: the variable {name} has the type {data[name].dtype}. It must contain "
-                "real numbers"
+                f"{parameter}: the variable {name} has the type {data[name].dtype}; it must "
+                "contain real numbers"
             )
         found = set(data[name].dims) - {"stokes"}
         for axis, size in data[name].sizes.items():

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from scipy import ndimage
 
-from ..labels import COUNTS, bins_of, read
+from ..labels import COUNTS, PIXELS, bins_of, read, read_array
 from ..runtime import checks
 from .jitter import kernel
 from .rates import AXIS, at_least_0
@@ -78,17 +78,14 @@ class Histogram:
     def of_pixels(self, name: str, values: Any) -> np.ndarray:
         """Return numbers of at least 0, a number or (y, x), for the pixels of these counts."""
         if isinstance(values, xr.DataArray) and values.ndim:
-            if set(values.dims) != {"y", "x"}:
-                raise ValueError(f"{name} has the axes {tuple(values.dims)}. Pass the axes y and x")
-            labels = {axis: values[axis].values for axis in values.dims}
+            found = read_array(values, PIXELS, name)
             for axis, own in self.pixels.items():
-                if not np.array_equal(np.sort(labels[axis]), own):
+                if not np.array_equal(found[axis], own):
                     raise ValueError(
                         f"{name}: the axis {axis} has other pixels than the counts. Select the "
                         "same pixels"
                     )
-            order = {axis: np.argsort(each, kind="stable") for axis, each in labels.items()}
-            values = values.isel(order).transpose("y", "x").values
+            values = found.values
         known = at_least_0(name, values)
         pixels = self.n.shape[:2]
         checks.shape(name, known, known.shape in ((), pixels), f"a number or {pixels}")
