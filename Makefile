@@ -36,8 +36,8 @@ mutants: setup ## plant more than 180 bugs, one at a time, and see that the test
 test-kills: setup ## kill and stop commands at sixty random moments, and go on with each, in about five minutes
 	TOFRENDER_KILLS=20 .venv/bin/python -m pytest -k random_moment tests/cli/test_cli_stopped.py $(ARGS)
 
-test-inputs: setup ## try every bad input and thousands of damaged files; make test-all tries a sample
-	.venv/bin/python -m pytest -n auto --dist worksteal --all-inputs tests/inputs $(ARGS)
+test-inputs: setup ## try every bad input, damaged file and order of labels; make test-all tries a sample
+	.venv/bin/python -m pytest -n auto --dist worksteal --all-inputs tests/inputs tests/labels $(ARGS)
 
 verify: setup ## check all assignments with all of their wrong solutions
 	for a in a1 a2 a3 a4; do .venv/bin/tofrender verify $$a $(ARGS) || exit 1; done

@@ -161,7 +161,8 @@ def _load_volume(path: Path) -> xr.Dataset:
             axes = {axis: read_array(archive, axis) for axis in "zyx"}
             shape = tuple(axis.size for axis in axes.values())
             intensity = read_array(archive, "intensity", shape)
-            volume = xr.Dataset({"intensity": (("z", "y", "x"), intensity)}, axes)
+            names = {"xyz": list("xyz"), "axis": list("xyz")}
+            volume = xr.Dataset({"intensity": (("z", "y", "x"), intensity)}, axes | names)
             for name, axes in (("frame_origin", ("xyz",)), ("frame_axes", ("axis", "xyz"))):
                 if f"{name}.npy" in archive.namelist():
                     volume[name] = axes, read_array(archive, name)

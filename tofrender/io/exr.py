@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import OpenEXR
 
-from ..labels import FILM
+from ..labels import FILM, bins_of
 from ..rendering.cubes import Cube
 from ..rendering.dataset import DIMS, for_file, plain_attributes, require_finite
 from ..runtime import checks, memory
@@ -289,6 +289,7 @@ class _Stack:
             )
         self.channels = names
         self.opl = dataset["opl"].values
+        self.edges_opl = bins_of(dataset, "dataset").edges_opl
         self.bins = len(self.opl)
         self.digits = max(LEAST_DIGITS, len(str(self.bins - 1)))
         attributes = plain_attributes(dataset)
@@ -305,11 +306,10 @@ class _Stack:
         if index < 0:
             header["dataset"] = json.dumps(describe(self.dataset))
         else:
-            start, width = (self.dataset.attrs[key] for key in ("start_opl", "bin_width_opl"))
             header["bin_index"] = index
             header["opl_center"] = _double(self.opl[index])
-            header["opl_start"] = _double(start + index * width)
-            header["opl_stop"] = _double(start + (index + 1) * width)
+            header["opl_start"] = _double(self.edges_opl[index])
+            header["opl_stop"] = _double(self.edges_opl[index + 1])
         channels = {}
         for layer, (transient, steady) in self.films.items():
             values = self._round(steady.values if index < 0 else transient.frame(index))

@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from ..labels import CAPTURE
+from ..labels import CAPTURE, bins_of
 from ..nlos.captures import COUNTS, DEVICES, MODES, ON_WALL, as_capture, make_capture, read_capture
 from ..rendering.cubes import Cube
 from ..rendering.dataset import plain_attributes
@@ -111,10 +111,11 @@ def _write_light(file: h5py.File, cube: Cube) -> None:
 
 def _fields(capture: xr.Dataset) -> dict[str, Any]:
     exhaustive = capture.attrs["mode"] == "exhaustive"
+    bins = bins_of(capture, "capture")
     fields: dict[str, Any] = {
         "H_format": np.array([2 if exhaustive else 1], np.int32),
-        "delta_t": float(capture.attrs["bin_width_opl"]),
-        "t_start": float(capture.attrs["start_opl"]),
+        "delta_t": bins.bin_width_opl,
+        "t_start": bins.start_opl,
         "t_accounts_first_and_last_bounces": bool(capture.attrs["counts_first_and_last_legs"]),
         "volume_format": None,
         "scene_info": _yaml({_OURS: _about(capture)}),
