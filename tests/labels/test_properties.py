@@ -11,6 +11,7 @@ import hashlib
 import importlib.util
 import inspect
 import itertools
+import json
 import re
 import shutil
 import traceback
@@ -41,7 +42,7 @@ SLOW = {
 }
 """Functions that take 20 to 200 ms. Most share their reader with faster ones."""
 
-NOT_CALLED = {"lidar"}
+NOT_CALLED = {"fit", "lidar", "render"}
 """Functions that render, and are tested where their package is."""
 
 PACKAGES = [
@@ -60,6 +61,7 @@ def distances(data):
 VALUES = {
     **{"frequency_hz": 20e6, "bins": 1, "cycles": 50, "response": GaussianPulse(0.08), "seed": 3},
     **{"method": "bp", "progress": False, "distance_m": distances, "min_size": 4},
+    **{"record": 1, "scene": "nlos_plane", "truth": lambda data: 1 + distances(data)},
     **{"x": lambda data: int(data["x"].max()), "y": lambda data: int(data["y"].max())},
     "sensor": {"cycles": 50, "photons": {"photons_per_cycle": 0.5}, "spad": {}},
 }
@@ -129,7 +131,7 @@ def film(stokes=False, bins=8, halves=False):
     return labelled(xr.Dataset(variables, axes, attrs))
 
 
-FEATURES = 12  # Of a render for `denoise`
+FEATURES = 11  # Of a render for `denoise`
 
 
 def frames():
@@ -195,6 +197,28 @@ def cloud():
     return xr.Dataset({name: ("point", rng.random(5)) for name in ("x", "y", "z", "intensity")})
 
 
+def records():
+    """Return a data set of two renders."""
+    whole = xr.concat([film(bins=4), 2 * film(bins=4)], "record").drop_vars("time")
+    about = json.dumps({"render": film(bins=4).attrs})
+    axes = {"record": [0, 1], "made_with": ("record", [about] * 2)}
+    attrs = {"start_opl": START, "bin_width_opl": WIDTH, "quantity": "radiance per bin"}
+    return whole.drop_attrs().assign_coords(axes).assign_attrs(attrs)
+
+
+def captures():
+    """Return a data set of two captures."""
+    axes = {"y": "wall_y", "x": "wall_x", "opl": "capture_opl"}
+    stored = {}
+    for name in ("transient", "sensor_grid", "sensor_normals", "sensor_origin", "laser_origin"):
+        values = CAPTURE[name].drop_vars("time", errors="ignore")
+        values = values.rename({axis: axes[axis] for axis in axes if axis in values.dims})
+        stored["capture" if name == "transient" else f"capture_{name}"] = values
+    about = {"scene": "s", "render_seed": 3, "capture": CAPTURE.attrs | {"spp": 4}}
+    axes = {"record": [0, 1], "made_with": ("record", [json.dumps(about)] * 2)}
+    return xr.concat([xr.Dataset(stored)] * 2, "record").drop_attrs().assign_coords(axes)
+
+
 def phasors():
     """Return the real and imaginary parts of phasors at two frequencies."""
     axis = xr.IndexVariable("frequency", [2e7, 5e7])
@@ -212,6 +236,7 @@ RATES = sensors.expected_photons(film(bins=12), photons_per_cycle=1.0, backgroun
 CAPTURE = small_capture().isel(x=slice(3), y=slice(2), opl=slice(8))
 EXAMPLES = {
     "CAPTURE": [CAPTURE],
+    "CAPTURES": [captures()],
     "CLOUD": [cloud()],
     "COUNTS": [sensed({"spad": {}})],
     "DOPPLER": [doppler()],
@@ -231,6 +256,7 @@ EXAMPLES = {
     "PYRAMID": [pyramid()],
     "RANGE_RATES": [range_rates()],
     "RATES": [RATES],
+    "RECORDS": [records()],
     "SPECTRA": [INSTANCES["Fmcw"].spectra(range_rates().isel(y=[0]))],
     "STREAK": [sensed({"streak": {"sweep_opl": 0.25}})],
     "TAPS": [sensed({"itof": {"frequencies_hz": [20e6, 50e6], "contrast": 0.7}})],
@@ -298,16 +324,18 @@ def called(name, data, folder):
     if owner:
         function = getattr(INSTANCES[owner], method)
     parameters = list(inspect.signature(function).parameters.values())
+    labeled = next(each.name for each in parameters if kinds_of(function, each)[0])
     options = {
         each.name: VALUES[each.name]
-        for each in parameters[1:]
+        for each in parameters
+        if each.name != labeled
         if each.name in VALUES and (each.default is each.empty or each.name in OPTIONAL)
     }
     options = {key: f(data) if inspect.isfunction(f) else f for key, f in options.items()}
     options |= OPTIONS.get(name, {})
     given = [data, data.assign_attrs(seed=4)] if is_sequence else data
     if name not in LOADERS:
-        return function(given, **options)
+        return function(**{labeled: given}, **options)
     load, suffix = LOADERS[name]
     path = folder / f"file{suffix}"
     try:
