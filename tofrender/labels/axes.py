@@ -13,6 +13,9 @@ STOKES = ("S0", "S1", "S2", "S3")
 XYZ = ("x", "y", "z")
 """Axes of the world in their order."""
 
+PARTS = ("I", "Q")
+"""Parts of a phasor in their order."""
+
 
 @dataclass(frozen=True)
 class Bins:

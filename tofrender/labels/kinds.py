@@ -17,6 +17,7 @@ class Kind:
         variables: Axes of the variables that must be there, in the order that `read` returns.
         optional: Axes of further variables. Variables of other names are not allowed if `closed`.
         bins: Axis of the time bins, whose centers are the coordinate `opl`; "" without bins.
+        real: Axes whose coordinates are rising real numbers instead of indices.
         closed: Whether variables of other names are refused.
     """
 
@@ -24,6 +25,7 @@ class Kind:
     variables: Mapping[str, tuple[str, ...]]
     optional: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     bins: str = ""
+    real: tuple[str, ...] = ()
     closed: bool = False
 
     @property
@@ -35,6 +37,7 @@ class Kind:
 _PIXELS = ("y", "x")
 _IMAGE = (*_PIXELS, "channel")
 _FILM = (*_PIXELS, "opl", "channel")
+_SHOTS = ("shot",)
 
 FILM = Kind(
     "a Dataset of render",
@@ -79,9 +82,64 @@ TAPS = Kind(
 )
 """Taps of a correlation camera [electrons]."""
 
+PATTERN = Kind(
+    "a Dataset of scan_pattern",
+    variables={"azimuth": _SHOTS, "elevation": _SHOTS, "time": _SHOTS},
+)
+"""Directions [rad] and times [s] of the shots of a lidar."""
+
 WAVEFORMS = Kind(
     "a Dataset of lidar",
-    variables={"rate": ("shot", "bin"), "direction": ("shot", "axis"), "origin": ("shot", "axis")},
+    variables={
+        "rate": (*_SHOTS, "bin"),
+        "background": _SHOTS,
+        "true_range": _SHOTS,
+        "time": _SHOTS,
+        "direction": (*_SHOTS, "axis"),
+        "origin": ("axis",),
+    },
     bins="bin",
 )
-"""Waveforms of the shots of a lidar."""
+"""Waveforms of the shots of a lidar. The origin has the axis `shot` too if the lidar moves."""
+
+RANGE_RATES = Kind(
+    "a Dataset of range_rate",
+    variables={"radiance": (*_PIXELS, "opl", "rate", "channel")},
+    optional={"steady": _IMAGE},
+    real=("opl", "rate"),
+)
+"""Light by path length [m] and by its rate of change [m/s]."""
+
+SPECTRA = Kind(
+    "a Dataset of Fmcw.spectra",
+    variables={"up": (*_PIXELS, "beat"), "down": (*_PIXELS, "beat")},
+    real=("beat",),
+)
+"""Power of up and down chirps by the frequency of the beat [Hz]."""
+
+DOPPLER = Kind(
+    "a Dataset of doppler",
+    variables={
+        "homodyne": (*_PIXELS, "part", "channel"),
+        "heterodyne": (*_PIXELS, "part", "channel"),
+    },
+    optional={"steady": _IMAGE},
+)
+"""Parts "I" and "Q" of the means over an exposure."""
+
+VOLUME = Kind(
+    "a Dataset of reconstruct",
+    variables={"intensity": ("z", *_PIXELS)},
+    optional={"frame_origin": ("xyz",), "frame_axes": ("axis", "xyz")},
+    real=("z", *_PIXELS),
+)
+"""Intensities of voxels, whose coordinates are in m."""
+
+RECORDS = Kind("a data set with transients", variables={"transient": ("record", *_FILM)})
+"""Renders of a data set. The axis `record` is missing after the choice of a record."""
+
+CAPTURES = Kind(
+    "a data set with captures",
+    variables={"capture": ("record", "wall_y", "wall_x", "capture_opl", "channel")},
+)
+"""Captures of a data set. The mode decides on the axes of the laser, see `nlos.captures`."""

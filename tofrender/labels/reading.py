@@ -1,20 +1,28 @@
 """Read labeled data: find axes by name, bring them to one order, and check the time bins."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from ..signals.units import opl_to_ns
-from .axes import CHANNELS, STOKES, XYZ, Bins
+from .axes import CHANNELS, PARTS, STOKES, XYZ, Bins
 from .kinds import Kind
 
 SAME_WIDTH = 1e-3  # Relative error of the distance of bins that rounding explains
 SAME_START = 1e-5  # Error of the start of bins that rounding explains [bins]
-ORDERED = {"channel": CHANNELS, "stokes": STOKES, "xyz": XYZ}
+ORDERED = {"channel": CHANNELS, "stokes": STOKES, "xyz": XYZ, "axis": XYZ, "part": PARTS}
 """Names along an axis in their order. Other names keep the order that they have."""
+WHOLE = ("xyz", "axis", "part")
+"""Axes whose names must all be there: no function is defined on a choice of them."""
 RISING = ("y", "x", "laser_y", "laser_x", "shot", "tap")
 """Axes of indices that rise."""
+OF_A_FRAME: dict[str, tuple[str, Callable[[Any], Any]]] = {
+    "frame": ("time_s", float),
+    "fingerprint": ("fingerprint", str),
+}
+"""Coordinates along `frame`, with the name and the type of the attribute of a single frame."""
 
 
 def read(data: Any, kind: Kind, parameter: str) -> xr.Dataset:
@@ -22,7 +30,8 @@ def read(data: Any, kind: Kind, parameter: str) -> xr.Dataset:
 
     A Dataset that is in order already is returned as it is. Parts of the window, crops, and
     choices of channels are accepted. The attributes `start_opl` and `bin_width_opl` of the result
-    follow the coordinate `opl`.
+    follow the coordinate `opl`. Coordinates without an axis, which remain after `isel(frame=2)`,
+    are dropped. Time and fingerprint of the frame become attributes.
 
     Args:
         data: What a user has passed.
@@ -49,6 +58,7 @@ def read(data: Any, kind: Kind, parameter: str) -> xr.Dataset:
     """
     if not isinstance(data, xr.Dataset):
         raise ValueError(f"{parameter}: expected {kind.name}, found {_description(data)}")
+    data = _without_choices(data)
     _require_variables(data, kind, parameter)
     data = _in_order(data, kind, parameter)
     if kind.bins:
@@ -138,6 +148,19 @@ def _description(data: Any) -> str:
     return type(data).__name__
 
 
+def _without_choices(data: xr.Dataset) -> xr.Dataset:
+    """Drop coordinates without an axis. Those of a frame become attributes."""
+    names = [name for name, each in data.coords.items() if not each.dims]
+    if not names:
+        return data
+    attrs = {
+        attribute: type_of(data[name].item())
+        for name, (attribute, type_of) in OF_A_FRAME.items()
+        if name in names
+    }
+    return data.drop_vars(names).assign_attrs(attrs)
+
+
 def _require_variables(data: xr.Dataset, kind: Kind, parameter: str) -> None:
     """Refuse missing and unknown variables, and missing and unknown axes."""
     for name, axes in kind.all_variables.items():
@@ -162,7 +185,7 @@ def _require_variables(data: xr.Dataset, kind: Kind, parameter: str) -> None:
         for axis in sorted(map(str, found - set(axes))):
             raise ValueError(
                 f"{parameter}: the variable {name} has the additional axis {axis}. Choose along "
-                f"the axis: isel({axis}=0, drop=True)"
+                f"the axis: isel({axis}=0)"
             )
     unknown = sorted(str(name) for name in set(data.data_vars) - set(kind.all_variables))
     if kind.closed and unknown:
@@ -196,10 +219,13 @@ def _order_along(data: xr.Dataset, axis: str, kind: Kind, parameter: str) -> np.
     if axis == kind.bins:
         centers = data["opl"].values if "opl" in data.coords else np.arange(data.sizes[axis])
         return np.argsort(centers, kind="stable")
-    if axis not in RISING or axis not in data.coords:
+    if axis not in (*RISING, *kind.real) or axis not in data.coords:
         return None
     labels = data[axis].values
-    if axis != "shot" and labels.dtype.kind not in "iu":
+    if axis in kind.real:
+        if labels.dtype.kind not in "iuf" or not np.isfinite(labels).all():
+            raise ValueError(f"{parameter}: the coordinate {axis} must contain finite numbers")
+    elif axis != "shot" and labels.dtype.kind not in "iu":
         raise ValueError(
             f"{parameter}: the axis {axis} has no integer indices, as after coarsen. For coarser "
             "pixels, use tofrender.rebin(..., pixels=(columns, rows))"
@@ -220,6 +246,11 @@ def _order_of_names(data: xr.Dataset, axis: str, parameter: str) -> np.ndarray:
         )
     names = [str(name) for name in data[axis].values]
     _require_different(np.array(names), axis, parameter)
+    if axis in WHOLE and set(names) != set(known):
+        raise ValueError(
+            f"{parameter}: the axis {axis} contains {', '.join(names)} only. Pass all of "
+            f"{', '.join(known)}"
+        )
     if not set(names) <= set(known):
         return np.arange(len(names))  # Names of another kind keep their order
     return np.argsort([known.index(name) for name in names], kind="stable")
