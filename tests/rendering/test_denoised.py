@@ -6,6 +6,7 @@ import signal
 import mitsuba as mi
 import numpy as np
 import pytest
+import xarray as xr
 from helpers.films_in_parts import (
     box as small_box,
     differences,

@@ -54,3 +54,9 @@ def energy_outside_window(film: xr.Dataset, parameter: str) -> float | None:
     if known is not None and abs(found - known) <= AGREES:
         return known
     return found
+
+
+def with_energy(film: xr.Dataset, parameter: str) -> xr.Dataset:
+    """Return a film whose attribute `energy_outside_window` is that of its pixels and bins."""
+    outside = energy_outside_window(film, parameter)
+    return film if outside is None else film.assign_attrs({NAME: outside})

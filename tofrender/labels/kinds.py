@@ -39,12 +39,22 @@ _IMAGE = (*_PIXELS, "channel")
 _FILM = (*_PIXELS, "opl", "channel")
 _SHOTS = ("shot",)
 
+PIXELS = Kind("a DataArray with the axes y and x", variables={"array": _PIXELS})
+"""A number for each pixel."""
+
+IMAGE = Kind("a DataArray with the axes y, x and channel", variables={"array": _IMAGE})
+"""A picture. Polarized pictures have the axis `stokes` before `channel`."""
+
+LIGHT = Kind("a DataArray with the axes y, x, opl and channel", variables={"array": _FILM})
+"""Time-resolved light without the other variables of a film."""
+
+_ERRORS = {"transient_error": _FILM, "steady_error": _IMAGE}
+
 FILM = Kind(
     "a Dataset of render",
     variables={"transient": _FILM, "steady": _IMAGE},
     optional={
-        "transient_error": _FILM,
-        "steady_error": _IMAGE,
+        **_ERRORS,
         "raw": _FILM,
         "half_difference": _FILM,
         "direct": _FILM,
@@ -55,8 +65,33 @@ FILM = Kind(
 )
 """Result of `render`. Polarized films have the axis `stokes` before `channel`."""
 
-TRANSIENT = Kind("a Dataset of render", variables={"transient": _FILM}, bins="opl")
+TRANSIENT = Kind(
+    "a Dataset of render",
+    variables={"transient": _FILM},
+    optional={"steady": _IMAGE, **_ERRORS},
+    bins="opl",
+)
 """Time-resolved light of `render`, or of a single or confocal capture."""
+
+FRAMES = Kind(
+    "frames of render_frames",
+    variables={"transient": ("frame", *_FILM)},
+    optional={
+        "steady": ("frame", *_IMAGE),
+        "transient_error": ("frame", *_FILM),
+        "steady_error": ("frame", *_IMAGE),
+    },
+    bins="opl",
+)
+"""Films of a moving scene, one after the other."""
+
+PYRAMID = Kind(
+    "a result of strategy_pyramid",
+    variables={"steady": ("weighting", "strategy", *_IMAGE)},
+    optional={"transient": ("weighting", "strategy", *_FILM)},
+    bins="opl",
+)
+"""Light of each strategy of bidirectional path tracing."""
 
 CAPTURE = Kind("a capture", variables={"transient": _FILM}, bins="opl")
 """Result of `capture`. The mode decides on the axes of the laser, see `nlos.captures`."""
@@ -71,16 +106,37 @@ RATES = Kind(
 COUNTS = Kind(
     "a Dataset of Spad.histogram",
     variables={"counts": (*_PIXELS, "bin")},
+    optional={"expected": (*_PIXELS, "bin")},
     bins="bin",
 )
 """Photon counts per pixel and bin."""
 
+_GATES = ("delay_opl", *_PIXELS)
+_SWEEPS = ("y", "sweep", "x")
+_TAPS = ("frequency", "tap", *_PIXELS)
+
+GATES = Kind(
+    "a Dataset of GatedCamera", variables={"images": _GATES}, optional={"expected": _GATES}
+)
+"""Images of a gated camera [electrons]."""
+
+STREAK = Kind(
+    "a Dataset of StreakCamera", variables={"images": _SWEEPS}, optional={"expected": _SWEEPS}
+)
+"""Screens of a streak camera [electrons], one for each row of the slit."""
+
+PHASORS = Kind("phasors", variables=dict.fromkeys(("I", "Q"), ("frequency", *_IMAGE)))
+"""Real and imaginary parts of phasors."""
+
 TAPS = Kind(
     "a Dataset of Itof.frames or Itof.expected",
-    variables={"taps": ("frequency", "tap", *_PIXELS)},
-    optional={"saturated": _PIXELS},
+    variables={"taps": _TAPS},
+    optional={"saturated": _PIXELS, "expected": _TAPS, "depth": _PIXELS},
 )
 """Taps of a correlation camera [electrons]."""
+
+SENSED = (COUNTS, TAPS, GATES, STREAK)
+"""What `sense` returns."""
 
 PATTERN = Kind(
     "a Dataset of scan_pattern",

@@ -25,7 +25,7 @@ OF_A_FRAME: dict[str, tuple[str, Callable[[Any], Any]]] = {
 """Coordinates along `frame`, with the name and the type of the attribute of a single frame."""
 
 
-def read(data: Any, kind: Kind, parameter: str) -> xr.Dataset:
+def read(data: Any, kind: Kind | tuple[Kind, ...], parameter: str) -> xr.Dataset:
     """Return a Dataset with the axes, channels and bins of a kind in their order.
 
     A Dataset that is in order already is returned as it is. Parts of the window, crops, and
@@ -35,7 +35,8 @@ def read(data: Any, kind: Kind, parameter: str) -> xr.Dataset:
 
     Args:
         data: What a user has passed.
-        kind: Kind of the Dataset that the function takes.
+        kind: Kind of the Dataset that the function takes. Of several kinds, the one with the
+            variables and axes of the Dataset is chosen.
         parameter: Name of the function's parameter, for messages.
 
     Raises:
@@ -56,15 +57,32 @@ def read(data: Any, kind: Kind, parameter: str) -> xr.Dataset:
         >>> found["counts"].dims, found["x"].values.tolist(), found.attrs["start_opl"]
         (('y', 'x', 'bin'), [0, 2], 2.0)
     """
+    kinds = kind if isinstance(kind, tuple) else (kind,)
     if not isinstance(data, xr.Dataset):
-        raise ValueError(f"{parameter}: expected {kind.name}, found {_description(data)}")
+        names = " or ".join(dict.fromkeys(each.name for each in kinds))
+        raise ValueError(f"{parameter}: expected {names}, found {_description(data)}")
+    kind = _fitting(data, kinds)
     data = _without_choices(data)
     _require_variables(data, kind, parameter)
     data = _in_order(data, kind, parameter)
-    if kind.bins:
+    if kind.bins in data.dims:
         bins = bins_of(data, parameter, kind.bins)
         data = _with_bins(data, bins)
     return data
+
+
+def read_array(values: xr.DataArray, kind: Kind, parameter: str) -> xr.DataArray:
+    """Return a DataArray with its axes, and the labels along them, in the order of a kind.
+
+    Example:
+        >>> from tofrender.labels import PIXELS
+        >>> picture = xr.DataArray([[1, 2, 3]], {"x": [5], "y": [2, 1, 0]}, ("x", "y"))
+        >>> read_array(picture, PIXELS, "picture").values.tolist()
+        [[3], [2], [1]]
+    """
+    (name,) = kind.variables
+    found = read(values.to_dataset(name=name), kind, parameter)[name]
+    return found.sortby("opl") if "opl" in found.indexes else found
 
 
 def bins_of(data: xr.Dataset | xr.DataArray, parameter: str, axis: str = "opl") -> Bins:
@@ -122,7 +140,7 @@ def intensity(data: xr.Dataset | xr.DataArray, parameter: str) -> Any:
     return data.sel(stokes="S0", drop=True)
 
 
-def require_whole_stokes(data: xr.Dataset, parameter: str) -> None:
+def require_whole_stokes(data: xr.Dataset | xr.DataArray, parameter: str) -> None:
     """Refuse polarized data without one of the four Stokes components."""
     found = [str(name) for name in data["stokes"].values] if "stokes" in data.dims else [*STOKES]
     if found != [*STOKES]:
@@ -132,14 +150,66 @@ def require_whole_stokes(data: xr.Dataset, parameter: str) -> None:
         )
 
 
-def require_consecutive(data: xr.Dataset, parameter: str) -> None:
+def pixel_steps(data: xr.Dataset | xr.DataArray, parameter: str) -> dict[str, int]:
+    """Return the distance of neighboring pixels along y and x, which must be even.
+
+    Sensors with larger pixels keep the numbers of the film's pixels, in steps.
+    """
+    steps = {}
+    for axis in ("y", "x"):
+        distances = np.diff(data[axis].values)
+        steps[axis] = int(distances[0]) if distances.size else 1
+        _require_no_gaps(distances, steps[axis], axis, parameter)
+    return steps
+
+
+def require_consecutive(data: xr.Dataset | xr.DataArray, parameter: str) -> None:
     """Refuse pixels that are not a rectangle of a film without gaps."""
     for axis in ("y", "x"):
-        pixels = data[axis].values
-        if (np.diff(pixels) != 1).any():
+        _require_no_gaps(np.diff(data[axis].values), 1, axis, parameter)
+
+
+def by_pixel(values: Any, data: Any, parameter: str) -> Any:
+    """Return values of pixels (y, x) in the order in which `read` returns a Dataset.
+
+    Args:
+        values: An array (y, x) in the order of the rows and columns of the Dataset, or a DataArray,
+            whose labels must be those of the Dataset.
+        data: The Dataset, as a user has passed it.
+        parameter: Name of the parameter of the values, for messages.
+
+    Raises:
+        ValueError: A DataArray of other pixels or axes.
+    """
+    axes = ("y", "x")
+    if not isinstance(data, xr.Dataset) or not set(axes) <= set(data.dims):
+        return values  # `read` refuses the Dataset
+    labels = [data[axis].values for axis in axes]
+    if not isinstance(values, xr.DataArray):
+        order = [np.argsort(each, kind="stable") for each in labels]
+        fits = np.shape(values) == tuple(each.size for each in order)
+        return np.asarray(values)[np.ix_(*order)] if fits else values
+    kind = Kind("an array with the axes y and x", {"values": axes}, real=axes)
+    found = read(xr.Dataset({"values": values}), kind, parameter)["values"]
+    for axis, own in zip(axes, labels, strict=True):
+        same = found.sizes[axis] == own.size and np.allclose(found[axis].values, np.sort(own))
+        if not same:
             raise ValueError(
-                f"{parameter}: the axis {axis} skips pixels. Select pixels with a slice"
+                f"{parameter}: the axis {axis} has other labels than the Dataset. Select the same "
+                "pixels"
             )
+    return found.values
+
+
+def _fitting(data: xr.Dataset, kinds: tuple[Kind, ...]) -> Kind:
+    """Return the kind that has most variables and axes of a Dataset."""
+    found = {*map(str, data.data_vars), *map(str, data.dims)}
+
+    def common(kind: Kind) -> int:
+        axes = {axis for each in kind.variables.values() for axis in each}
+        return len(found & (axes | {*kind.variables}))
+
+    return max(kinds, key=common)
 
 
 def _description(data: Any) -> str:
@@ -263,6 +333,11 @@ def _require_different(labels: np.ndarray, axis: str, parameter: str) -> None:
             f"{parameter}: the label {values[counts > 1][0]} occurs {counts.max()} times along "
             f"the axis {axis}. Each label must occur once"
         )
+
+
+def _require_no_gaps(distances: np.ndarray, step: int, axis: str, parameter: str) -> None:
+    if (distances != step).any():
+        raise ValueError(f"{parameter}: the axis {axis} skips pixels. Select pixels with a slice")
 
 
 def _require_even_steps(steps: np.ndarray, width: float, parameter: str) -> None:
