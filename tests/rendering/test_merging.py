@@ -48,9 +48,9 @@ def test_the_order_of_axes_does_not_matter(parts):
     xr.testing.assert_identical(merge([parts[0], turned]), merge(parts[:2]))
     xr.testing.assert_identical(merge([turned, parts[0]]), merge(parts[1::-1]))
     late = [each.isel(opl=slice(20, None)) for each in parts[:2]]
-    outside = 1 - sum(w * float(p["transient"].sum()) for w, p in zip((1, 2), late, strict=True)) / (
-        sum(w * float(p["steady"].sum()) for w, p in zip((1, 2), late, strict=True))
-    )
+    outside = 1 - sum(
+        w * float(p["transient"].sum()) for w, p in zip((1, 2), late, strict=True)
+    ) / (sum(w * float(p["steady"].sum()) for w, p in zip((1, 2), late, strict=True)))
     assert merge(late).attrs["energy_outside_window"] == pytest.approx(outside, abs=0.01)
     with refused(r"renders\[1\]: the axis x has no integer indices"):
         merge([parts[0], parts[1].coarsen(x=2).mean()])
