@@ -173,8 +173,8 @@ def by_pixel(values: Any, data: Any, parameter: str) -> Any:
     """Return values of pixels (y, x) in the order in which `read` returns a Dataset.
 
     Args:
-        values: An array (y, x) in the order of the rows and columns of the Dataset, or a DataArray,
-            whose labels must be those of the Dataset.
+        values: An array (y, x) in the order of the rows and columns of the Dataset, or a DataArray.
+            If the DataArray has labels, they must be those of the Dataset.
         data: The Dataset, as a user has passed it.
         parameter: Name of the parameter of the values, for messages.
 
@@ -189,6 +189,12 @@ def by_pixel(values: Any, data: Any, parameter: str) -> Any:
         order = [np.argsort(each, kind="stable") for each in labels]
         fits = np.shape(values) == tuple(each.size for each in order)
         return np.asarray(values)[np.ix_(*order)] if fits else values
+    missing = {
+        axis: own
+        for axis, own in zip(axes, labels, strict=True)
+        if axis not in values.coords and values.sizes.get(axis) == own.size
+    }
+    values = values.assign_coords(missing)
     kind = Kind("an array with the axes y and x", {"values": axes}, real=axes)
     found = read(xr.Dataset({"values": values}), kind, parameter)["values"]
     for axis, own in zip(axes, labels, strict=True):
@@ -289,6 +295,8 @@ def _order_along(data: xr.Dataset, axis: str, kind: Kind, parameter: str) -> np.
     if axis == kind.bins:
         centers = data["opl"].values if "opl" in data.coords else np.arange(data.sizes[axis])
         return np.argsort(centers, kind="stable")
+    if axis in kind.real and axis not in data.coords:
+        raise ValueError(f"{parameter}: the coordinate {axis} is missing")
     if axis not in (*RISING, *kind.real) or axis not in data.coords:
         return None
     labels = data[axis].values
