@@ -16,6 +16,9 @@ XYZ = ("x", "y", "z")
 PARTS = ("I", "Q")
 """Parts of a phasor in their order."""
 
+WEIGHTINGS = ("mis", "none")
+"""Weights of the strategies of bidirectional path tracing, in their order."""
+
 
 @dataclass(frozen=True)
 class Bins:

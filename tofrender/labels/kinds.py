@@ -116,12 +116,18 @@ _SWEEPS = ("y", "sweep", "x")
 _TAPS = ("frequency", "tap", *_PIXELS)
 
 GATES = Kind(
-    "a Dataset of GatedCamera", variables={"images": _GATES}, optional={"expected": _GATES}
+    "a Dataset of GatedCamera",
+    variables={"images": _GATES},
+    optional={"expected": _GATES},
+    real=("delay_opl",),
 )
 """Images of a gated camera [electrons]."""
 
 STREAK = Kind(
-    "a Dataset of StreakCamera", variables={"images": _SWEEPS}, optional={"expected": _SWEEPS}
+    "a Dataset of StreakCamera",
+    variables={"images": _SWEEPS},
+    optional={"expected": _SWEEPS},
+    real=("sweep",),
 )
 """Screens of a streak camera [electrons], one for each row of the slit."""
 
@@ -199,3 +205,9 @@ CAPTURES = Kind(
     variables={"capture": ("record", "wall_y", "wall_x", "capture_opl", "channel")},
 )
 """Captures of a data set. The mode decides on the axes of the laser, see `nlos.captures`."""
+
+CLOUD = Kind("a Dataset of point_cloud", variables=dict.fromkeys("xyz", ("point",)))
+"""Points [m], with further columns along the axis `point`."""
+
+EXPLORED = (TRANSIENT, FRAMES, PYRAMID, CAPTURE, RANGE_RATES, VOLUME, PHASORS, *SENSED)
+"""What `explore` and `report` show."""

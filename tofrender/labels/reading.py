@@ -7,14 +7,21 @@ import numpy as np
 import xarray as xr
 
 from ..signals.units import opl_to_ns
-from .axes import CHANNELS, PARTS, STOKES, XYZ, Bins
+from .axes import CHANNELS, PARTS, STOKES, WEIGHTINGS, XYZ, Bins
 from .kinds import Kind
 
 SAME_WIDTH = 1e-3  # Relative error of the distance of bins that rounding explains
 SAME_START = 1e-5  # Error of the start of bins that rounding explains [bins]
-ORDERED = {"channel": CHANNELS, "stokes": STOKES, "xyz": XYZ, "axis": XYZ, "part": PARTS}
+ORDERED = {
+    "channel": CHANNELS,
+    "stokes": STOKES,
+    "xyz": XYZ,
+    "axis": XYZ,
+    "part": PARTS,
+    "weighting": WEIGHTINGS,
+}
 """Names along an axis in their order. Other names keep the order that they have."""
-WHOLE = ("xyz", "axis", "part")
+WHOLE = ("xyz", "axis", "part", "weighting")
 """Axes whose names must all be there: no function is defined on a choice of them."""
 RISING = ("y", "x", "laser_y", "laser_x", "shot", "tap")
 """Axes of indices that rise."""
@@ -246,6 +253,11 @@ def _require_variables(data: xr.Dataset, kind: Kind, parameter: str) -> None:
                     f"{parameter}: expected {kind.name}, but the variable {name} is missing"
                 )
             continue
+        if data[name].dtype.kind not in "biuf":
+            raise ValueError(
+                f"{parameter}: the variable {name} has the type {data[name].dtype}; it must "
+                "contain real numbers"
+            )
         found = set(data[name].dims) - {"stokes"}
         for axis, size in data[name].sizes.items():
             if size == 0:
@@ -273,7 +285,10 @@ def _require_variables(data: xr.Dataset, kind: Kind, parameter: str) -> None:
 
 def _in_order(data: xr.Dataset, kind: Kind, parameter: str) -> xr.Dataset:
     """Bring axes, and the labels along them, to their order."""
+    known = {axis for axes in kind.all_variables.values() for axis in axes} | {"stokes"}
     for axis in map(str, data.dims):
+        if axis not in known:
+            continue  # Of a variable that no function of this kind reads
         order = _order_along(data, axis, kind, parameter)
         if order is not None and (np.diff(order) < 0).any():
             data = data.isel({axis: order})
