@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import drjit as dr
 import mitsuba as mi
@@ -64,7 +64,7 @@ class Fit:
 def fit(
     scene: mi.Scene,
     params: Mapping[str, Any],
-    target: Any,
+    target: Annotated[Any, TRANSIENT],
     *,
     apply: Callable[[mi.SceneParameters, dict[str, Any]], Any] | None = None,
     integrator: mi.Integrator | None = None,

@@ -49,18 +49,14 @@ def unwarp_camera(dataset: Annotated[xr.Dataset, FILM], distance_m: Any) -> xr.D
     """
     distance_m = by_pixel(distance_m, dataset, "distance_m")
     dataset = read(dataset, FILM, "dataset")
-    if "stokes" in dataset.dims:
-        raise ValueError(
-            "dataset: polarized films are not supported. Pass one component, "
-            "dataset.sel(stokes='S0')"
-        )
     if dataset.attrs.get("camera_unwarp"):
         raise ValueError(
             "dataset: its path lengths lack the camera's segment already (camera_unwarp = 1). Pass "
             "a film in camera time"
         )
     film = dataset[["transient", "steady"]]
-    cube = Cube(film["transient"])
+    light = film["transient"]
+    cube = Cube(light.data.reshape(*light.shape[:3], -1))  # Stokes components are channels
     distances = checked_distances(distance_m, cube.shape[:2])
     width = bins_of(film, "dataset").bin_width_opl
     start = float(film["opl"].values[0] - width / 2)
@@ -80,8 +76,9 @@ def unwarp_camera(dataset: Annotated[xr.Dataset, FILM], distance_m: Any) -> xr.D
     attrs = {name: value for name, value in film.attrs.items() if name != "fingerprint"}
     attrs |= {"start_opl": start + first * width, "camera_unwarp": 1}
     name = {"units": "m", "long_name": "optical path length without the camera's segment"}
-    light = (film["transient"].dims, unwarped, film["transient"].attrs)
-    result = film.drop_dims("opl").assign(transient=light, steady=film["steady"])
+    shape = (*light.shape[:2], stop - first, *light.shape[3:])
+    moved = (light.dims, unwarped.reshape(shape), light.attrs)
+    result = film.drop_dims("opl").assign(transient=moved, steady=film["steady"])
     result = result.assign_coords(opl=("opl", opl, name))[["transient", "steady"]]
     result.attrs = attrs
     return labelled(result)
