@@ -58,7 +58,7 @@ def test_polarized_films():
     stokes = data.assign({name: (data[name] * axis).astype(np.float32) for name in data})
     assert unwarp_camera(stokes, DISTANCES)["transient"].dims[-2:] == ("stokes", "channel")
     found = unwarp_camera(stokes.isel(stokes=[2, 0, 3, 1]), DISTANCES)
-    for name, scale in zip("S0 S1 S2 S3".split(), axis.values, strict=True):
+    for name, scale in zip(["S0", "S1", "S2", "S3"], axis.values, strict=True):
         right = scale * unwarp_camera(data, DISTANCES)["transient"]
         np.testing.assert_allclose(found["transient"].sel(stokes=name), right, rtol=1e-6)
 

@@ -131,13 +131,18 @@ STREAK = Kind(
 )
 """Screens of a streak camera [electrons], one for each row of the slit."""
 
-PHASORS = Kind("phasors", variables=dict.fromkeys(("I", "Q"), ("frequency", *_IMAGE)))
+PHASORS = Kind(
+    "phasors",
+    variables=dict.fromkeys(("I", "Q"), ("frequency", *_IMAGE)),
+    real=("frequency",),
+)
 """Real and imaginary parts of phasors."""
 
 TAPS = Kind(
     "a Dataset of Itof.frames or Itof.expected",
     variables={"taps": _TAPS},
     optional={"saturated": _PIXELS, "expected": _TAPS, "depth": _PIXELS},
+    real=("frequency",),
 )
 """Taps of a correlation camera [electrons]."""
 

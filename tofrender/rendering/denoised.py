@@ -8,7 +8,7 @@ import numpy as np
 
 from ..denoising.filtering import denoise_film
 from ..integrators.features import by_name, render_features
-from ..labels import FILM, read, require_consecutive, require_whole_stokes
+from ..labels import FILM, read, require_consecutive, require_whole_stokes, with_energy
 from ..runtime.progress import status
 from .dataset import HALVES
 from .labels import labelled
@@ -46,7 +46,7 @@ def denoise(dataset: Annotated[xr.Dataset, FILM]) -> xr.Dataset:
         >>> denoise(once).identical(once)
         True
     """
-    dataset = read(dataset, FILM, "dataset")
+    dataset = with_energy(read(dataset, FILM, "dataset"), "dataset")
     require_whole_stokes(dataset, "dataset")
     require_consecutive(dataset, "dataset")
     missing = [name for name in HALVES if name not in dataset]

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import numpy as np
 import xarray as xr
 
-from ..labels import FILM, bins_of, by_pixel, read
+from ..labels import FILM, bins_of, by_pixel, read, with_energy
 from ..rendering.cubes import Cube
 from ..rendering.labels import labelled
 from ..runtime import checks, memory
@@ -48,7 +48,7 @@ def unwarp_camera(dataset: Annotated[xr.Dataset, FILM], distance_m: Any) -> xr.D
         True
     """
     distance_m = by_pixel(distance_m, dataset, "distance_m")
-    dataset = read(dataset, FILM, "dataset")
+    dataset = with_energy(read(dataset, FILM, "dataset"), "dataset")
     if dataset.attrs.get("camera_unwarp"):
         raise ValueError(
             "dataset: its path lengths lack the camera's segment already (camera_unwarp = 1). Pass "
