@@ -538,6 +538,12 @@ def test_functions_of_renders_accept_a_record(made, tmp_path, name):
     RENDER_READERS[name](datasets.render_of(made[0], 1), tmp_path)
 
 
+@pytest.mark.parametrize("name", ["transient_to_phasor", "light_in_flight", "sense"])
+def test_functions_of_light_accept_a_record_as_it_is(made, tmp_path, name):
+    """The attributes of the data set say what its light is."""
+    RENDER_READERS[name](made[0].isel(record=1), tmp_path)
+
+
 def test_the_render_of_a_record_is_that_of_render(made):
     found = datasets.render_of(made[0], 2)
     about = told(made[0], 2)
@@ -573,7 +579,7 @@ def test_records_that_are_no_render(made, tmp_path):
     steady = make(CONFIG | {"records": 1, "outputs": {"steady": True}}, tmp_path / "a.zarr")
     with refused("dataset has no transients; make it with outputs.transient = true"):
         datasets.render_of(steady, 0)
-    with refused(r"has the axis 'record' of a data set. Pass the render of one record"):
+    with refused(r"the additional axis record. Choose along the axis: isel\(record=0\)"):
         tofrender.transient_to_phasor(made[0], 20e6)
 
 

@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+import xarray as xr
 from helpers.made_dataset import make_dataset
 from helpers.parts import diffuse, plane, translate
 from helpers.support import camera, scene as described
@@ -98,13 +99,50 @@ def test_takes_a_dataset():
     with pytest.raises(ValueError, match=said):
         find(along_opl(target, 0.4), steps=3)
     dataset = along_opl(target, 0.5)
-    turned = find(dataset.transpose("x", "y", "opl", "channel"), steps=3)
-    assert turned.losses.tolist() == of_tensor
     backwards = slice(None, None, -1)
-    with pytest.raises(ValueError, match=r"^target with channels \['B', 'G', 'R'\]: must be"):
-        find(dataset.isel(channel=backwards), steps=3)
-    with pytest.raises(ValueError, match=r"^target: its coordinate y falls"):
-        find(dataset.isel(y=backwards), steps=3)
+    mixed = dataset.isel(y=backwards, opl=backwards, channel=backwards).transpose("x", "opl", ...)
+    for each in (mixed, mixed["transient"]):
+        assert find(each, steps=3).losses.tolist() == of_tensor
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda d: d.assign_coords(x=d["x"] + 2), r"the axis x has the labels \[2, 3, 4, 5\]"),
+        (lambda d: d.assign_coords(y=d["y"] * 2), r"the axis y has the labels \[0, 2, 4, 6\]"),
+        (lambda d: d.isel(x=slice(0, 3)), r"the axis x has the labels \[0, 1, 2\]"),
+        (lambda d: d.isel(channel=[0]), r"the axis channel has the labels \['R'\]"),
+        (lambda d: d.isel(opl=slice(None, None, 2)), "the bins are 0.1 m apart"),
+        (lambda d: d["transient"].isel(opl=slice(None, None, 2)), "the bins are 0.1 m apart"),
+        (lambda d: d.expand_dims(frame=1), "the additional axis frame"),
+        (lambda d: d.assign_attrs(camera_unwarp=1), "lack the segment to the camera"),
+        (lambda d: d.assign_attrs(quantity="radiance per metre"), "radiance per bin"),
+    ],
+)
+def test_other_pixels_bins_and_path_lengths_are_refused(change, said):
+    dataset = along_opl(np.array(measured()[1]), 0.5)
+    with pytest.raises(ValueError, match=f"^target: .*{said}") as error:
+        find(change(dataset), steps=3)
+    assert "\n" not in str(error.value)
+
+
+def test_phasors_are_found_by_their_labels():
+    target = along_opl(np.array(measured()[1]), 0.5)
+    frequencies = [5e7, 1e8]
+    bare = tofrender.transient_to_phasor(target.drop_vars("steady"), frequencies)[:2]
+    axes = {"frequency": frequencies, **{axis: target[axis].values for axis in ("y", "x")}}
+    dims = ("frequency", "y", "x", "channel")
+    axes["channel"] = target["channel"].values
+    parts = [xr.DataArray(each, axes, dims).transpose("x", "channel", ...) for each in bare]
+    options = {"loss": "phasor", "steps": 3}
+    right = find(bare, frequency_hz=frequencies, **options).losses
+    found = find(tuple(parts), frequency_hz=frequencies, **options).losses
+    np.testing.assert_allclose(found, right, rtol=1e-6)
+    with pytest.raises(ValueError, match=r"Pass them as frequency_hz"):
+        find(tuple(parts), frequency_hz=frequencies[::-1], **options)
+    moved = tuple(each.assign_coords(x=each["x"] + 1) for each in parts)
+    with pytest.raises(ValueError, match=r"^target: the axis x has the labels"):
+        find(moved, frequency_hz=frequencies, **options)
 
 
 def along_opl(target: np.ndarray, start: float):

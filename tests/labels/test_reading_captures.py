@@ -5,10 +5,11 @@ import json
 import numpy as np
 import pytest
 import xarray as xr
-from helpers.hidden_scenes import small_capture
+from helpers.hidden_scenes import Wall, capture_of, rectangle, small_capture
 from helpers.support import refused
 
 from tofrender import datasets, load_capture, make_capture, reconstruct, save_capture
+from tofrender.sensors import sense
 
 PARAMETERS = ("mode", "start_opl", "bin_width_opl", "counts_first_and_last_legs")
 
@@ -94,6 +95,14 @@ def test_what_is_no_capture(change, said):
     with xr.set_options(keep_attrs=True):
         bad = change(colored())
     refused(said, reconstruct, bad, "bp")
+
+
+def test_counts_of_exhaustive_captures_are_refused():
+    capture = capture_of(rectangle((-0.1, 0.1), (-0.1, 0.1), 1.0, 0.1), Wall(4), "exhaustive")
+    assert capture.attrs["mode"] == "exhaustive"
+    sensor = {"cycles": 50, "photons": {"photons_per_cycle": 0.5}, "spad": {}}
+    for each in (capture, turned(capture)):
+        refused("exhaustive captures are not supported", sense, each, sensor)
 
 
 def test_labeled_arrays_are_found_by_their_axes():

@@ -6,6 +6,7 @@ import signal
 import mitsuba as mi
 import numpy as np
 import pytest
+import xarray as xr
 from helpers.films_in_parts import (
     box as small_box,
     differences,
@@ -157,6 +158,11 @@ def test_features_of_a_plane():
     np.testing.assert_allclose(features["distance"][own], length[own], rtol=1e-2)
 
 
+def test_the_order_of_axes_does_not_matter(found):
+    turned = found.isel(x=slice(None, None, -1), channel=[2, 0, 1]).transpose("opl", "x", "y", ...)
+    xr.testing.assert_identical(denoise(turned), denoise(found))
+
+
 def test_what_has_no_halves_is_refused(box, found, tmp_path):
     for text, options in {
         "^spp = 1: must be even": {"spp": 1},
@@ -172,7 +178,8 @@ def test_what_has_no_halves_is_refused(box, found, tmp_path):
     for text, dataset in {
         "^dataset: has no raw": render(box, spp=2),
         "^mean: .* not finite": found.assign(raw=found["raw"] * np.nan),
-        "^dataset with": found.drop_vars("features"),
+        "^dataset: has no features": found.drop_vars("features"),
+        "^dataset: the axis x skips pixels": found.isel(x=slice(None, None, 2)),
         "^features: position with shape|coordinates": found.isel(feature=slice(1)),
     }.items():
         with refused(text):

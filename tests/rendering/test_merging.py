@@ -43,6 +43,19 @@ def test_samples_weigh_alike(parts):
         np.testing.assert_allclose(merged[name].values, weighted(parts[:3], name), rtol=1e-5)
 
 
+def test_the_order_of_axes_does_not_matter(parts):
+    turned = parts[1].isel(x=slice(None, None, -1), channel=[2, 0, 1]).transpose("opl", "x", ...)
+    xr.testing.assert_identical(merge([parts[0], turned]), merge(parts[:2]))
+    xr.testing.assert_identical(merge([turned, parts[0]]), merge(parts[1::-1]))
+    late = [each.isel(opl=slice(20, None)) for each in parts[:2]]
+    outside = 1 - sum(
+        w * float(p["transient"].sum()) for w, p in zip((1, 2), late, strict=True)
+    ) / (sum(w * float(p["steady"].sum()) for w, p in zip((1, 2), late, strict=True)))
+    assert merge(late).attrs["energy_outside_window"] == pytest.approx(outside, abs=0.01)
+    with refused(r"renders\[1\]: the axis x has no integer indices"):
+        merge([parts[0], parts[1].coarsen(x=2).mean()])
+
+
 def test_attributes_of_all(parts):
     merged, first = merge(parts[:3]), parts[0]
     assert (merged.attrs["spp"], merged.attrs["seed"]) == (8 + 16 + 32, "0, 1, 2")
@@ -142,7 +155,7 @@ def spoilt(parts) -> list[xr.Dataset]:
         (lambda parts: [], "renders: has 0; must have two or more"),
         (lambda parts: parts[:1], "renders: has 1; must have two or more"),
         (lambda parts: [*parts[:2], parts[0]], "seed = 0: is that of two renders"),
-        (lambda parts: [parts[0], {"spp": 1}], r"must be an xarray\.Dataset"),
+        (lambda parts: [parts[0], {"spp": 1}], r"renders\[1\]: expected .*, found dict"),
         (lambda parts: spoilt(parts), "steady: 324 of 324 values"),
         (
             lambda parts: [parts[0], parts[1].assign_attrs(variant="llvm_ad_mono")],

@@ -35,6 +35,13 @@ def test_two_parts_are_one_render(tmp_path, spp, saved):
     assert (again.attrs["spp"], again.attrs["complete"]) == (64, 1)
 
 
+def test_the_order_of_axes_does_not_matter(earlier):
+    turned = earlier.isel(x=slice(None, None, -1), channel=[1, 2, 0]).transpose("x", "y", ...)
+    again = [render(box(), spp=24, resume=each) for each in (earlier, turned)]
+    np.testing.assert_array_equal(again[0]["transient"], again[1]["transient"])
+    np.testing.assert_array_equal(again[0]["steady"], again[1]["steady"])
+
+
 def filtered(rfilter: str) -> dict:
     described = with_film(box(width=12, height=9, temporal_bins=40, bin_width_opl=0.5), **BORDER)
     described["integrator"]["temporal_filter"] = "box"

@@ -4,20 +4,23 @@ import json
 import os
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import xarray as xr
 
-from ..labels import bins_of
+from ..labels import CAPTURES, RECORDS, TRANSIENT, Kind, bins_of, read, with_energy
 from ..nlos import make_capture
+from ..nlos.captures import ON_WALL, dimensions
 from ..rendering.dataset import LOST_ENERGY
 from ..rendering.films_on_disk import FILES, naming_files, require_whole, require_zarr
 from ..rendering.labels import labelled, labels_of
 from ..runtime import checks
-from .layout import GEOMETRY, ORIGINS
+from .layout import RADIANCE
 
 KIND = "tofrender data set"
+BINS = "temporal_bins"
+"""Attribute of a loaded data set: number of the bins of its renders."""
 
 
 def load_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
@@ -31,7 +34,8 @@ def load_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
     Returns:
         A Dataset whose large variables are read from disk when they are used (dask arrays). The
         attribute `parameters` names the varied quantities, each a variable; `made_with` says of
-        each record, as JSON, all that made it.
+        each record, as JSON, all that made it. The film of one record, `dataset.isel(record=0)`,
+        is accepted by functions that take time-resolved light; `render_of` has all its attributes.
 
     Raises:
         FileNotFoundError: There is nothing at `path`.
@@ -57,7 +61,11 @@ def load_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
     if not (folder / FILES).is_file():
         _require_records(folder, dataset)
     texts = {n: list(map(str, c.values)) for n, c in dataset.coords.items() if c.dtype.kind in "OT"}
-    dataset = labelled(dataset.assign_coords(texts))
+    dataset = dataset.assign_coords(texts)
+    if "transient" in dataset:
+        light = {"quantity": "radiance per bin", "units": RADIANCE}
+        dataset = dataset.assign_attrs(light | {BINS: dataset.sizes["opl"]})
+    dataset = labelled(dataset)
     for name, variable in dataset.variables.items():  # Only the config knows units of draws
         default = {"long_name": str(name).replace("_", " ")}
         for key, text in (default | labels_of(str(name).removeprefix("capture_"), {})).items():
@@ -80,48 +88,51 @@ def _require_records(folder: Path, dataset: xr.Dataset) -> None:
                     )
 
 
-def capture_of(dataset: xr.Dataset, record: int) -> xr.Dataset:
+def capture_of(dataset: Annotated[xr.Dataset, CAPTURES], record: int) -> xr.Dataset:
     """The capture of a record, which `reconstruct` takes.
 
     Args:
-        dataset: What `load_dataset` returns.
+        dataset: What `load_dataset` returns, or a part of it. Parts of the window and of the wall
+            are accepted.
         record: Its number, a value of the coordinate `record`.
 
     Raises:
         ValueError: The data set has no captures, or no such record; one line.
     """
-    checks.instance("dataset", dataset, xr.Dataset, "what load_dataset returns")
+    one, about = _record(dataset, record)
     if "capture" not in dataset:
         raise ValueError("dataset: has no captures; must be made with outputs.capture")
-    one, about = _record(dataset, record)
-    capture = about["capture"]
-    names_of = [name for name in (*GEOMETRY, *ORIGINS) if f"capture_{name}" in one]
-    # The axes of a wall are those of a capture with a prefix
-    names = {"wall_y": "y", "wall_x": "x", "capture_opl": "opl"}
-    fields = ["transient", *names_of, "on_wall"]
-    stored = {field: f"capture_{field}" for field in fields} | {"transient": "capture"}
-    arrays: dict[str, Any] = {}
-    for field, name in stored.items():
-        values = one[name]
-        renamed = {axis: plain for axis, plain in names.items() if axis in values.dims}
-        arrays[field] = values.drop_vars("time", errors="ignore").rename(renamed)
-    places = arrays["transient"].transpose(..., "opl").to_dataset(name="transient")
-    stated = {name: capture[name] for name in ("start_opl", "bin_width_opl")}
-    places = places.assign_attrs(stated).sortby("opl")
-    bins = bins_of(places, "dataset")
-    on_wall = arrays.pop("on_wall")
+    stated = about["capture"]
+    axes = dimensions(stated["mode"])
+    if stated["mode"] == "confocal":  # The laser follows the sensor
+        del axes["laser_grid"], axes["laser_normals"]
+
+    # Names of a capture, without the prefix
+    names = {f"capture_{name}": name for name in (*axes, ON_WALL)} | {"capture": "transient"}
+    names |= {"wall_y": "y", "wall_x": "x", "capture_opl": "opl"}
+    capture = one[[name for name in names if name in one.data_vars]].drop_vars(
+        "time", errors="ignore"
+    )
+    known = {own: name for own, name in names.items() if own in {*capture.variables, *capture.dims}}
+    capture = capture.rename(known).assign_attrs(stated)
+
+    kind = Kind(CAPTURES.name, axes, optional={ON_WALL: ("y", "x")}, bins="opl")
+    found = read(capture, kind, "dataset")
+    bins = bins_of(found, "dataset")
+    arrays = {str(name): each.values for name, each in found.data_vars.items()}
+    on_wall = arrays.pop(ON_WALL, np.ones(1, bool))
     return make_capture(
         **arrays,
-        mode=capture["mode"],
+        mode=stated["mode"],
         start_opl=bins.start_opl,
         bin_width_opl=bins.bin_width_opl,
-        counts_first_and_last_legs=bool(capture["counts_first_and_last_legs"]),
-        on_wall=None if on_wall.values.all() else on_wall,
-        attrs={"scene": str(about["scene"]), "spp": capture["spp"], "seed": about["render_seed"]},
+        counts_first_and_last_legs=bool(stated["counts_first_and_last_legs"]),
+        on_wall=None if on_wall.all() else on_wall,
+        attrs={"scene": str(about["scene"]), "spp": stated["spp"], "seed": about["render_seed"]},
     )
 
 
-def render_of(dataset: xr.Dataset, record: int) -> xr.Dataset:
+def render_of(dataset: Annotated[xr.Dataset, RECORDS], record: int) -> xr.Dataset:
     """Return the render of a record, as `render` returns it.
 
     Args:
@@ -150,21 +161,29 @@ def render_of(dataset: xr.Dataset, record: int) -> xr.Dataset:
         >>> I.shape
         (6, 8, 3)
     """
-    checks.instance("dataset", dataset, xr.Dataset, "what load_dataset returns")
+    one, about = _record(dataset, record)
     if "transient" not in dataset:
         raise ValueError("dataset has no transients; make it with outputs.transient = true")
-    one, about = _record(dataset, record)
     if "render" not in about:
         raise ValueError("dataset is of an earlier version; make it again")
-    attrs: dict[str, Any] = about["render"]
+    names = [name for name in ("transient", "steady") if name in one]
+    film = read(
+        one[names].drop_attrs(deep=False).assign_attrs(about["render"]), TRANSIENT, "dataset"
+    )
+    transient = film["transient"]
 
     # The picture of all time
-    transient = one["transient"]
-    if "steady" in one:
-        steady = one["steady"]
+    if "steady" in film:
+        steady = film["steady"]
     else:
+        bins = dataset.attrs.get(BINS, transient.sizes["opl"])
+        if transient.sizes["opl"] != bins:
+            raise ValueError(
+                f"dataset: has {transient.sizes['opl']} of {bins} bins, and no steady pictures. "
+                "Select bins after render_of"
+            )
         steady = transient.sum("opl", dtype=np.float64).astype(np.float32)
-        outside = attrs["energy_outside_window"]
+        outside = film.attrs["energy_outside_window"]
         if outside > LOST_ENERGY:
             warnings.warn(
                 f"steady is the sum of the bins, and {outside:.1%} of the energy is outside them; "
@@ -175,13 +194,27 @@ def render_of(dataset: xr.Dataset, record: int) -> xr.Dataset:
     pictures = {"transient": transient, "steady": steady}
     # Arrays without attributes, so that `labelled` adds the labels of a render
     arrays = {each: (values.dims, values.values) for each, values in pictures.items()}
-    axes = {axis: one[axis].values for axis in transient.dims}
-    return labelled(xr.Dataset(arrays, axes, attrs))
+    axes = {axis: film[axis].values for axis in transient.dims}
+    found = labelled(xr.Dataset(arrays, axes, film.attrs))
+    return with_energy(found, "dataset") if "steady" in film else found
 
 
-def _record(dataset: xr.Dataset, record: int) -> tuple[xr.Dataset, dict[str, Any]]:
+def _record(dataset: Any, record: int) -> tuple[xr.Dataset, dict[str, Any]]:
     """Return the part of a data set that is one record, and how the record was made."""
-    if np.ndim(record) or record not in np.atleast_1d(dataset["record"].values):
+    checks.instance("dataset", dataset, xr.Dataset, "what load_dataset returns")
+    for name in ("record", "made_with"):
+        if name not in dataset.variables:
+            raise ValueError(
+                f"dataset: {name} is missing. Pass what load_dataset returns; select records "
+                "without drop"
+            )
+    numbers = np.atleast_1d(dataset["record"].values)
+    if np.ndim(record) or np.count_nonzero(numbers == record) != 1:
         raise ValueError(f"record = {record!r}: must be one of the coordinate record")
     one = dataset.sel(record=record) if "record" in dataset.dims else dataset
+    if one["made_with"].ndim:
+        raise ValueError(
+            f"dataset: made_with has the additional axis {one['made_with'].dims[0]}. Choose along "
+            "the axis"
+        )
     return one, json.loads(str(one["made_with"].values))

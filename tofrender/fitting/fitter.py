@@ -8,14 +8,16 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+import xarray as xr
 
 from ..integrators.differentiable import VisibilityWarning
-from ..rendering.dataset import pixels_and_channels, time_axis
+from ..labels import TRANSIENT, Kind, bins_of, read, require_whole_stokes
+from ..rendering.dataset import pixels_and_channels
 from ..runtime import backend, checks
 from ..runtime.progress import ProgressBar, deferred_stop
 from ..scenes.loading import require_sensor
@@ -62,7 +64,7 @@ class Fit:
 def fit(
     scene: mi.Scene,
     params: Mapping[str, Any],
-    target: Any,
+    target: Annotated[Any, TRANSIENT],
     *,
     apply: Callable[[mi.SceneParameters, dict[str, Any]], Any] | None = None,
     integrator: mi.Integrator | None = None,
@@ -103,7 +105,8 @@ def fit(
             names are those of `mi.traverse(scene)`, and its parameters themselves
             (`params.keep([...])`) do as well.
         target: Measured light: a result of `mi.render` (of several the last, with the time bins),
-            an array of the film's shape, (height, width, bins, channels), or a Dataset of `render`.
+            an array of the film's shape, (height, width, bins, channels), or a Dataset of `render`
+            with the film's pixels, bins and channels, in any order.
             For loss="phasor" and "phase" also a pair (I, Q), or all that `transient_to_phasor` and
             `render_amcw_phasor` return, for loss="phase" also a picture of phases [rad]. Their
             shape is (height, width, channels), with several frequencies before it.
@@ -177,9 +180,11 @@ def fit(
     rates = variables.rates(learning_rate)
     engine = _make_optimizer(optimizer)
     is_phase = isinstance(loss, str) and loss in WITH_FREQUENCIES
-    measured = _phasor_target(target, film, loss) if is_phase else None
+    measured = _phasor_target(target, film, loss, frequency_hz) if is_phase else None
     if measured is None:
-        measured = _target_tensor(target, film)
+        tracer = scene.integrator() if integrator is None else integrator
+        camera_unwarp = bool(getattr(tracer, "camera_unwarp", False))  # Mitsuba's have none
+        measured = _target_tensor(target, film, camera_unwarp)
     of_two = isinstance(loss, str) and loss in OF_TWO_RENDERS
 
     engine.update(variables.start)
@@ -301,7 +306,9 @@ def _make_optimizer(given: Any) -> Any:
     return mi.ad.Adam(lr=0.0) if kind == "adam" else mi.ad.SGD(lr=0.0)
 
 
-def _phasor_target(given: Any, film: Any, loss: str) -> tuple[mi.TensorXf, mi.TensorXf] | None:
+def _phasor_target(
+    given: Any, film: Any, loss: str, frequency_hz: Any
+) -> tuple[mi.TensorXf, mi.TensorXf] | None:
     """Convert I and Q, or phases with the loss "phase", to a pair of tensors.
 
     None for light, which `_target_tensor` converts. The loss checks the shapes.
@@ -309,8 +316,9 @@ def _phasor_target(given: Any, film: Any, loss: str) -> tuple[mi.TensorXf, mi.Te
     width, height = (int(n) for n in film.crop_size())
     is_tuple = isinstance(given, tuple)
     parts = given if is_tuple else (given,)
-    if not parts or hasattr(parts[-1], "data_vars"):
+    if not parts or isinstance(parts[-1], xr.Dataset):
         return None
+    parts = [_phasor_by_labels(part, film, frequency_hz) for part in parts]
     shapes = [np.shape(part) for part in parts]
     of_light = shapes[-1][:3] == (height, width, film.temporal_bins)
     if of_light or (is_tuple and (len(parts) < 2 or shapes[0] != shapes[1])):
@@ -331,12 +339,30 @@ def _phasor_target(given: Any, film: Any, loss: str) -> tuple[mi.TensorXf, mi.Te
     return mi.TensorXf(arrays[0]), mi.TensorXf(arrays[1])
 
 
-def _target_tensor(given: Any, film: Any) -> mi.TensorXf:
+def _phasor_by_labels(values: Any, film: Any, frequency_hz: Any) -> Any:
+    """Return the values of labeled phasors in the order of the film; others as they are."""
+    if not isinstance(values, xr.DataArray) or "opl" in values.dims:
+        return values
+    axes = ("y", "x", "channel")
+    if "frequency" in values.dims:
+        axes = ("frequency", *axes)
+        found = values["frequency"].values
+        if not np.array_equal(found, np.atleast_1d(frequency_hz)):
+            raise ValueError(
+                f"target has the frequencies {found.tolist()} Hz. Pass them as frequency_hz"
+            )
+    kind = Kind("phasors of the film's pixels", {"phasor": axes})
+    phasors = read(xr.Dataset({"phasor": values}), kind, "target")
+    _require_same_pixels(phasors, film)
+    return phasors["phasor"].values
+
+
+def _target_tensor(given: Any, film: Any, camera_unwarp: bool) -> mi.TensorXf:
     """Convert a target to a tensor of the film's shape."""
     if isinstance(given, tuple) and given:
         given = given[-1]
-    if hasattr(given, "data_vars"):
-        given = _dataset_bins(given, film)
+    if isinstance(given, xr.Dataset | xr.DataArray):
+        given = _labeled_bins(given, film, camera_unwarp)
     if isinstance(given, dr.ArrayBase):
         given = np.array(dr.detach(given))
     array = checks.real_array("target", given, np.float32)
@@ -350,29 +376,48 @@ def _target_tensor(given: Any, film: Any) -> mi.TensorXf:
     return mi.TensorXf(checks.finite("target", array))
 
 
-def _dataset_bins(dataset: Any, film: Any) -> np.ndarray:
-    """Return the bins of a Dataset that has the film's time axis."""
-    if "transient" not in dataset.data_vars or "opl" not in dataset.coords:
-        raise ValueError("target = Dataset: must hold `transient` along `opl`, as of `render`")
+def _labeled_bins(given: xr.Dataset | xr.DataArray, film: Any, camera_unwarp: bool) -> np.ndarray:
+    """Return the light of a Dataset that has the pixels, bins and channels of the film."""
     if not hasattr(film, "temporal_bins"):
         raise ValueError("target = Dataset: must be an array for a film without time bins")
-    start, width = time_axis(dataset)
-    own = film.start_opl, film.bin_width_opl
-    if not np.allclose((start, width), own, rtol=1e-4, atol=1e-3 * own[1]):
+    if isinstance(given, xr.DataArray):  # The widths of its bins are checked against the film's
+        given = given.to_dataset(name="transient").assign_attrs(bin_width_opl=film.bin_width_opl)
+    target = read(given, TRANSIENT, "target")
+    require_whole_stokes(target, "target")
+    _require_same_pixels(target, film)
+
+    # The light must have the time axis of the renders
+    bins = bins_of(target, "target")
+    start, width = film.start_opl, film.bin_width_opl
+    found = (bins.start_opl, bins.bin_width_opl)
+    if not np.allclose(found, (start, width), rtol=1e-4, atol=1e-3 * width):
         raise ValueError(
-            f"target with bins of {width:g} m from {start:g} m on: must be {own[1]:g} m from "
-            f"{own[0]:g} m on, as the film's"
+            f"target with bins of {found[1]:g} m from {found[0]:g} m on: must be {width:g} m from "
+            f"{start:g} m on, as the film's"
         )
-    names = pixels_and_channels(film, dataset.sizes["channel"])["channel"]
-    if "channel" in dataset.coords and not np.array_equal(dataset["channel"].values, names):
-        found = dataset["channel"].values.tolist()
-        raise ValueError(f"target with channels {found}: must be {names.tolist()}, as the film's")
-    for axis in "yx":
-        if axis in dataset.coords and np.any(np.diff(dataset[axis].values) <= 0):
-            raise ValueError(f"target: its coordinate {axis} falls; must rise, as the film's")
-    axes = [name for name in ("y", "x", "opl", "stokes", "channel") if name in dataset.dims]
-    values = dataset["transient"].transpose(*axes).values
-    return values.reshape(*values.shape[:-2], -1) if "stokes" in dataset.dims else values
+    if bool(target.attrs.get("camera_unwarp", camera_unwarp)) != camera_unwarp:
+        raise ValueError(
+            f"target: its path lengths {'include' if camera_unwarp else 'lack'} the segment to the "
+            f"camera, the integrator has camera_unwarp = {camera_unwarp}. Pass the render before "
+            "unwarp_camera, or an integrator with the same camera_unwarp"
+        )
+    quantity = target.attrs.get("quantity", "radiance per bin")
+    checks.require("target: quantity", quantity, quantity == "radiance per bin", "radiance per bin")
+    values = target["transient"].values
+    return values.reshape(*values.shape[:3], -1)
+
+
+def _require_same_pixels(target: xr.Dataset, film: Any) -> None:
+    """Refuse other pixels or channels than those of the film."""
+    wanted = pixels_and_channels(film, target.sizes["channel"])
+    for axis in ("y", "x", "channel"):
+        found = target[axis].values
+        if not np.array_equal(found, wanted[axis]):
+            raise ValueError(
+                f"target: the axis {axis} has the labels {checks.quote(found.tolist())}, the film "
+                f"has {checks.quote(wanted[axis].tolist())}. Pass the pixels and channels of the "
+                "film"
+            )
 
 
 @dataclass

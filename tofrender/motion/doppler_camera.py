@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from os import PathLike
-from typing import Any, Unpack
+from typing import Annotated, Any, Unpack
 
 import drjit as dr
 import mitsuba as mi
@@ -31,6 +31,7 @@ from ..films.image import pixels_of
 from ..films.phasor_sum import Factor
 from ..films.rates import DopplerRecording
 from ..integrators.running import render_all
+from ..labels import DOPPLER, read
 from ..rendering.dataset import pixels_and_channels
 from ..rendering.labels import labelled
 from ..runtime import checks, plugins
@@ -41,6 +42,7 @@ from .opening import MovingSettings, open_moving, separated
 
 HARMONICS = 4  # Odd harmonics of waveforms other than the sine
 POSES = (-0.25, 0.25)  # Times of the poses, from the middle of the exposure, over the exposure
+PARAMETERS = ("waveform", "cycles", "frequency_hz", "exposure_s")  # Attributes of a measurement
 SMALL = 0.05  # Phase below which the integrals are series [rad]
 
 
@@ -135,7 +137,7 @@ def doppler(
     )
 
 
-def doppler_rate(measured: xr.Dataset) -> xr.DataArray:
+def doppler_rate(measured: Annotated[xr.Dataset, DOPPLER]) -> xr.DataArray:
     """Return the rate of change of path lengths that a Doppler measurement tells.
 
     From the real part r of heterodyne over homodyne, as complex numbers I + i Q of the sum of all
@@ -154,11 +156,13 @@ def doppler_rate(measured: xr.Dataset) -> xr.DataArray:
     Raises:
         ValueError: The Dataset is of another kind or waveform.
     """
-    checks.instance("measured", measured, xr.Dataset, "a Dataset of doppler")
-    known = {"homodyne", "heterodyne"} <= set(measured.data_vars) and "channel" in measured.dims
-    known &= {"waveform", "cycles", "frequency_hz", "exposure_s"} <= set(measured.attrs)
-    shown = sorted(map(str, measured.data_vars))
-    checks.require("measured", shown, known, "a Dataset of doppler, with its attributes")
+    measured = read(measured, DOPPLER, "measured")
+    missing = [name for name in PARAMETERS if name not in measured.attrs]
+    if missing:
+        raise ValueError(
+            f"measured: the attribute {missing[0]} is missing. Keep attributes with "
+            "xarray.set_options(keep_attrs=True)"
+        )
     checks.one_of("waveform", measured.attrs["waveform"], ("sine",))
     homodyne, heterodyne = (
         _complex_of(measured[name].sum("channel")) for name in ("homodyne", "heterodyne")

@@ -10,12 +10,13 @@ L = c (f_up + f_down) / (2γ) and V = λ (f_up - f_down) / 2 have the resolution
 
 import math
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import xarray as xr
 
 from ..films.rates import Axis
+from ..labels import RANGE_RATES, SPECTRA, read
 from ..runtime import checks, memory
 from ..signals.units import SPEED_OF_LIGHT
 from .choices import MAX_LOOKS, WINDOWS
@@ -115,7 +116,7 @@ class Fmcw:
         enough: Any = next_fast_len(math.ceil(highest) + 4)
         return 2 * int(enough)
 
-    def spectra(self, film: xr.Dataset, seed: int = 0) -> xr.Dataset:
+    def spectra(self, film: Annotated[xr.Dataset, RANGE_RATES], seed: int = 0) -> xr.Dataset:
         """Compute the spectra of up and down chirps.
 
         Args:
@@ -144,6 +145,7 @@ class Fmcw:
             (5.1, 0.1)
         """
         seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
+        film = read(film, RANGE_RATES, "film")
         light, opl, rate = checked_film(film)
         count = self.samples(opl, rate)
         height, width = light.shape[:2]
@@ -177,7 +179,7 @@ class Fmcw:
             {**film.attrs, **about, "seed_of_spectra": seed, "quantity": "up"},
         )
 
-    def estimates(self, spectra: xr.Dataset) -> xr.Dataset:
+    def estimates(self, spectra: Annotated[xr.Dataset, SPECTRA]) -> xr.Dataset:
         """Estimate path lengths and rates from the highest peaks of spectra.
 
         A parabola through the logarithms of three bins finds a peak's frequency.
@@ -189,17 +191,15 @@ class Fmcw:
         Raises:
             ValueError: `spectra` are not from this lidar's `spectra`.
         """
-        checks.instance("spectra", spectra, xr.Dataset, "a Dataset of Fmcw.spectra")
-        own = {"up", "down", "beat"} <= set(spectra.variables) and all(
+        spectra = read(spectra, SPECTRA, "spectra")
+        own = all(
             spectra.attrs.get(name) == getattr(self, name)
             for name in ("bandwidth_hz", "chirp_s", "wavelength_m")
         )
-        if own:
-            beat = (np.arange(spectra["beat"].size) - spectra["beat"].size // 2) / self.chirp_s
-            own = np.allclose(spectra["beat"], beat) and set(spectra["up"].dims) == {*"yx", "beat"}
+        beat = (np.arange(spectra["beat"].size) - spectra["beat"].size // 2) / self.chirp_s
+        own &= np.allclose(spectra["beat"], beat)
         allowed = "a Dataset of this lidar's spectra, with all beats"
         checks.require("spectra", list(spectra), own, allowed)
-        spectra = spectra.transpose("y", "x", "beat")
         (up, high), (down, other) = (self._peak(spectra[name].values) for name in ("up", "down"))
         finest_opl, finest_rate = self.resolution
         units = str(spectra["up"].attrs.get("units", "1"))
@@ -301,22 +301,29 @@ def _splitter(pixel: np.ndarray, beats: np.ndarray, shape: tuple[int, int], near
 
 def checked_film(film: Any, name: str = "film") -> tuple[np.ndarray, Axis, Axis]:
     """Return radiance (y, x, opl, rate) and the axes of a Dataset of `range_rate`."""
-    checks.instance(name, film, xr.Dataset, "a Dataset of range_rate")
-    dims = ("y", "x", "opl", "rate", "channel")
-    known = "radiance" in film and film["radiance"].dims == dims and {*dims[2:4]} <= {*film.coords}
-    checks.require(name, list(map(str, film)), known, f"a Dataset with radiance {dims}")
+    film = read(film, RANGE_RATES, name)
     values = checks.real_array(name, film["radiance"].values)
     light = values.sum(axis=-1, dtype=np.float32)
-    whole = light.size and np.isfinite(light).all() and light.min() >= 0
-    checks.require(name, light, whole, "finite, at least 0, and not empty")
-    return light, axis_of(film, "opl"), axis_of(film, "rate")
+    whole = np.isfinite(light).all() and light.min() >= 0
+    checks.require(name, light, whole, "finite and at least 0")
+    return light, axis_of(film, "opl", name), axis_of(film, "rate", name)
 
 
-def axis_of(film: xr.Dataset, name: str) -> Axis:
-    """Return the bins along an axis of a film, from their centres."""
-    centres = np.asarray(film[name].values, float)
-    widths = np.diff(centres)
-    even = centres.size > 1 and widths[0] > 0 and np.allclose(widths, widths[0], rtol=1e-3, atol=0)
-    checks.require(f"film: {name}", centres, even, "the centres of at least 2 bins of equal width")
-    width = float(centres[-1] - centres[0]) / (centres.size - 1)
-    return Axis(centres.size, float(centres[0]) - width / 2, width)
+def axis_of(film: xr.Dataset, axis: str, name: str = "film") -> Axis:
+    """Return the bins along an axis of a film, from their centers.
+
+    Films of `range_rate` state the width of their bins, so that gaps are found.
+    """
+    centers = np.asarray(film[axis].values, float)
+    widths = np.diff(centers)
+    even = widths.size > 0 and widths[0] > 0 and np.allclose(widths, widths[0], rtol=1e-3, atol=0)
+    allowed = "the centers of at least 2 bins of equal width without gaps"
+    checks.require(f"{name}: {axis}", centers, even, allowed)
+    width = float(centers[-1] - centers[0]) / (centers.size - 1)
+    stated = film.attrs.get(f"bin_width_{axis}", width)
+    if not np.isclose(width, stated, rtol=1e-3, atol=0):
+        raise ValueError(
+            f"{name}: the bins of {axis} are {width:g} apart, but {stated:g} wide. Render fewer "
+            "bins instead of coarsen; do not skip bins"
+        )
+    return Axis(centers.size, float(centers[0]) - width / 2, width)

@@ -27,6 +27,10 @@ from ..scenes.motion import posed
 POSES = 8  # Default number of poses in an exposure
 MAX_POSES = 4096
 TOTALS = {"energy_outside_window": max, "render_seconds": sum}  # Attributes of all frames together
+
+OF_ONE_FRAME = ("time_s", "fingerprint")
+"""Attributes of a frame that are coordinates along `frame` of several frames."""
+
 NOT_OF_FRAMES = ("scene", "errors", "denoise")  # Settings of a render that frames do not have
 
 
@@ -108,9 +112,10 @@ def render_frames(
             as for `render`. The window "auto" holds the light of the first and last frame.
 
     Returns:
-        A Dataset as of `render` with an axis `frame` before the others, whose coordinate is
-        `times_s`. Ctrl-C, SIGTERM and SIGHUP return the frames that are finished, with `complete` =
-        0.
+        A Dataset as of `render` with an axis `frame` before the others. The coordinates along it
+        are `frame`, the times `times_s` [s], and `fingerprint`, which identifies the scene in its
+        pose. Functions that take a render take one frame, `film.isel(frame=2)`. Ctrl-C, SIGTERM
+        and SIGHUP return the frames that are finished, with `complete` = 0.
 
     Raises:
         ValueError: An argument or the scene is wrong.
@@ -152,15 +157,18 @@ def render_frames(
 
 
 def join_frames(frames: list[xr.Dataset], *, complete: bool) -> xr.Dataset:
-    """Join frames, each with its `time_s`, along a first axis `frame`; their times [s] label it."""
+    """Join frames along a first axis `frame`, with their times [s] and fingerprints."""
     attrs = dict(frames[0].attrs)
-    times = [each.attrs["time_s"] for each in frames]
     for name, total in TOTALS.items():
         attrs[name] = total(each.attrs[name] for each in frames)
     attrs["complete"] = int(complete)
+    times = [each.attrs["time_s"] for each in frames]
+    prints = [each.attrs["fingerprint"] for each in frames]
+    for name in OF_ONE_FRAME:
+        del attrs[name]
     start = xr.DataArray(times, dims="frame", attrs={"units": "s"})
     joined = xr.concat(frames, start.rename("frame"), combine_attrs="drop")
-    return joined.assign_attrs(attrs)
+    return joined.assign_coords(fingerprint=("frame", prints)).assign_attrs(attrs)
 
 
 def open_frames(settings: RenderSettings, times_s: Any, shutter: Shutter) -> tuple[Job, Shutter]:

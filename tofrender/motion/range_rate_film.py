@@ -107,6 +107,7 @@ def range_rate(
                 **{"scene": wanted.scene_label, "spp": spp, "seed": wanted.seed},
                 "quantity": "radiance",
                 "energy_outside_window": min(max(1 - inside, 0.0), 1.0),
+                **{"bin_width_opl": opl.width, "bin_width_rate": rate.width},
             },
         )
     )

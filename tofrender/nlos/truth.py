@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import replace
+from typing import Annotated, Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import xarray as xr
 
+from ..labels import VOLUME, Kind, read
 from ..paths.surfaces import is_on
 from ..runtime.backend import tracing_lock
 from ..scenes.loading import load_scene
@@ -18,11 +20,16 @@ from .device.relay_wall import DEFAULT_ID, find_shapes
 
 LAYERS = 256  # most surfaces that a ray passes on its way to a hidden one
 
+_POINTS = Kind(
+    "a capture", variables=dict.fromkeys(("sensor_grid", "sensor_normals"), ("y", "x", "xyz"))
+)
+_VOXELS = replace(VOLUME, variables=VOLUME.optional, optional=VOLUME.variables)
+
 
 @tracing_lock()
 def hidden_depth(
     scene: mi.Scene | Mapping[str, Any] | str | os.PathLike[str],
-    where: xr.Dataset,
+    where: Annotated[xr.Dataset, VOLUME],
     *,
     hidden_shapes: Any = None,
 ) -> xr.DataArray:
@@ -50,6 +57,7 @@ def hidden_depth(
         >>> depth.values.round(6).tolist()
         [[1.0, 1.0], [1.0, 1.0]]
     """
+    where = read(where, (_VOXELS, _POINTS), "where")
     points, normals = _rays(where)
     if not isinstance(scene, mi.Scene):
         scene = load_scene(scene, optimize=False)
@@ -72,19 +80,15 @@ def hidden_depth(
     return xr.DataArray(depth, coords, ("y", "x"), "depth", {"units": "m", "long_name": "depth"})
 
 
-def _rays(where: Any) -> tuple[np.ndarray, np.ndarray]:
+def _rays(where: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     """Return points of the wall and its normals there, both (rows, columns, 3)."""
-    names = set(where.data_vars) if isinstance(where, xr.Dataset) else set()
-    if {"frame_axes", "frame_origin"} <= names:
-        x, y = np.meshgrid(where["x"].values, where["y"].values)
-        along_x, along_y, along_z = where["frame_axes"].values.astype(np.float64)
-        points = where["frame_origin"].values + x[..., None] * along_x + y[..., None] * along_y
-        return points, np.broadcast_to(along_z, points.shape)
-    if {"sensor_grid", "sensor_normals"} <= names:
+    if "sensor_grid" in where:
         points, normals = where["sensor_grid"].values, where["sensor_normals"].values
         return points.astype(float), normals.astype(float)
-    kind = type(where).__name__
-    raise ValueError(f"where = {kind}: must be a result of reconstruct() or capture()")
+    x, y = np.meshgrid(where["x"].values, where["y"].values)
+    along_x, along_y, along_z = where["frame_axes"].values.astype(np.float64)
+    points = where["frame_origin"].values + x[..., None] * along_x + y[..., None] * along_y
+    return points, np.broadcast_to(along_z, points.shape)
 
 
 def _hidden(scene: mi.Scene, given: Any) -> list[mi.Shape]:

@@ -185,7 +185,8 @@ def check_dataset(dataset: object) -> None:
             f"dataset with {found}: must hold the float32 variables {DIMS}, their errors or no "
             "other, or those of a denoised render"
         )
-    if set(dataset.coords) - {TIME} != set(DIMS["transient"]) or not all(dataset.sizes.values()):
+    along_axes = {name for name, each in dataset.coords.items() if each.dims}
+    if along_axes - {TIME} != set(DIMS["transient"]) or not all(dataset.sizes.values()):
         raise ValueError(
             f"dataset with {dict(dataset.sizes)}: must have coordinates on all axes, and no "
             "other but time"
@@ -207,7 +208,7 @@ def require_one_render(what: str, dataset: xr.Dataset) -> None:
         if axis not in (*DIMS["transient"], "stokes"):
             raise ValueError(
                 f"{what}: has the axis {str(axis)!r}. Pass one entry of it, like "
-                f"dataset.isel({axis}=0, drop=True)"
+                f"dataset.isel({axis}=0)"
             )
 
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
 from ..denoising.filtering import denoise_film
 from ..integrators.features import by_name, render_features
+from ..labels import FILM, read, require_consecutive, require_whole_stokes, with_energy
 from ..runtime.progress import status
-from .dataset import HALVES, check_dataset, components_of
+from .dataset import HALVES
 from .labels import labelled
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @status("Removing noise")
-def denoise(dataset: xr.Dataset) -> xr.Dataset:
+def denoise(dataset: Annotated[xr.Dataset, FILM]) -> xr.Dataset:
     """Remove noise from a render whose samples are known in two halves.
 
     See also `denoise_film`, which has the method. Stokes components are mixed as S0 is. Errors
@@ -35,7 +36,8 @@ def denoise(dataset: xr.Dataset) -> xr.Dataset:
         "half_difference", "features"])` saves their memory.
 
     Raises:
-        ValueError: The Dataset has no halves or features, or values that are not finite; one line.
+        ValueError: The Dataset has no halves or features, its pixels are not a rectangle without
+            gaps, or values are not finite.
 
     Example:
         >>> import tofrender
@@ -44,8 +46,9 @@ def denoise(dataset: xr.Dataset) -> xr.Dataset:
         >>> denoise(once).identical(once)
         True
     """
-    for component in components_of(dataset):
-        check_dataset(component)
+    dataset = with_energy(read(dataset, FILM, "dataset"), "dataset")
+    require_whole_stokes(dataset, "dataset")
+    require_consecutive(dataset, "dataset")
     missing = [name for name in HALVES if name not in dataset]
     if missing:
         raise ValueError(f"dataset: has no {missing[0]}; must be of render(..., denoise=True)")

@@ -17,12 +17,13 @@ from ..films.image import transient_film
 from ..films.recording import Recording, recording, warn_not_finite
 from ..integrators.plan import Plan
 from ..integrators.user_defined import is_user_defined
+from ..labels import FILM, read
 from ..runtime import checks, memory, plugins
 from ..runtime.backend import versions
 from ..runtime.settings import SAMPLERS
 from ..scenes.fingerprint import fingerprint
 from .arrivals import LAST_OPL, Arrivals, find_arrivals
-from .dataset import check_dataset, components_of, coordinates, require_finite, transient_dataset
+from .dataset import coordinates, require_finite, transient_dataset
 from .errors import batches_of
 from .settings import RenderSettings, is_auto
 from .window import (
@@ -164,10 +165,11 @@ def decide(
 
 def remaining(job: Job, resume: xr.Dataset | None = None) -> WorkItem:
     """All pixels, and the samples that an earlier render lacks; refuses what cannot be resumed."""
-    item = whole(job, 0 if resume is None else _samples_of(resume))
+    earlier, first = (None, 0) if resume is None else _read_earlier(resume)
+    item = whole(job, first)
     job.require_memory(item.count)
-    if resume is not None:
-        check_resume(resume, job)
+    if earlier is not None:
+        check_resume(earlier, job)
         if job.settings.denoise:
             raise ValueError("resume: must be left out with denoise")
     return item
@@ -175,23 +177,23 @@ def remaining(job: Job, resume: xr.Dataset | None = None) -> WorkItem:
 
 def dataset_of(job: Job, result: WorkResult, resume: xr.Dataset | None = None) -> xr.Dataset:
     """The Dataset of a whole film and of an earlier render; warns of what is missing in it."""
-    first = 0 if resume is None else _samples_of(resume)
+    earlier, first = (None, 0) if resume is None else _read_earlier(resume)
     count = whole(job, first).count
     if result.done < count:
         what = f"returning {result.done} of {count} samples per pixel"
         warnings.warn(f"interrupted: {what}", stacklevel=3)
     arrays = result.arrays
     seconds, not_finite = result.seconds, result.not_finite
-    if resume is not None:
+    if earlier is not None:
         earlier_part = np.float32(first / (first + result.done))
         for name, array in arrays.items():
-            earlier = resume[name].values.reshape(array.shape)
+            before = earlier[name].values.reshape(array.shape)
             if name.endswith("_error"):
-                array[:] = np.hypot(earlier_part * earlier, (1 - earlier_part) * array)
+                array[:] = np.hypot(earlier_part * before, (1 - earlier_part) * array)
             else:
-                array += earlier_part * (earlier - array)
-        seconds += resume.attrs["render_seconds"]
-        not_finite += int(resume.attrs.get("contributions_not_finite", 0))
+                array += earlier_part * (before - array)
+        seconds += earlier.attrs["render_seconds"]
+        not_finite += int(earlier.attrs.get("contributions_not_finite", 0))
     colours = job.film.base_channels_count()  # Of S0, the others may be negative
     steady, transient = (
         float(np.sum(arrays[name][..., :colours], dtype=np.float64))
@@ -278,13 +280,12 @@ def sampler_for(camera: mi.Sensor, sampler: object, spp: int | None, first: int 
     return mi.load_dict({"type": plugins.qualified_name(kind), "sample_count": count - first})
 
 
-def _samples_of(resume: xr.Dataset) -> int:
-    """Samples per pixel of a Dataset to go on from."""
+def _read_earlier(resume: object) -> tuple[xr.Dataset, int]:
+    """Read a Dataset to continue from. Return it with its samples per pixel."""
+    earlier = read(resume, FILM, "resume")
     try:
-        for component in components_of(resume):
-            check_dataset(component)
-        require_finite(resume)
-        return checks.integer("spp", resume.attrs.get("spp"), 1, checks.MAX_SPP)
+        require_finite(earlier)
+        return earlier, checks.integer("spp", earlier.attrs.get("spp"), 1, checks.MAX_SPP)
     except ValueError as error:
         raise ValueError(f"resume: {error}") from None
 

@@ -91,7 +91,7 @@ def labelled(dataset: xr.Dataset) -> xr.Dataset:
 def with_time(dataset: xr.Dataset) -> xr.Dataset:
     """The Dataset with `time` made anew from its `opl`, if it has that along an axis."""
     if "opl" not in dataset.dims or "opl" not in dataset.coords:
-        return dataset.drop_vars(TIME, errors="ignore")
+        return dataset.drop_vars(TIME) if TIME in dataset.coords else dataset
     time = opl_to_ns(np.asarray(dataset["opl"].values, np.float64))
     if TIME in dataset.coords:
         dataset = dataset.drop_vars(TIME)

@@ -1,14 +1,15 @@
 """Joining renders of one scene that have different seeds, from any machines."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import Annotated, Any
 
 import numpy as np
 import xarray as xr
 
+from ..labels import FILM, energy_outside_window, read
 from ..runtime import checks
 from ..runtime.progress import status
-from .dataset import DIMS, ERRORS, HALVES, check_dataset, components_of, require_finite
+from .dataset import DIMS, ERRORS, HALVES, require_finite
 from .labels import labelled
 
 OWN = {
@@ -21,7 +22,7 @@ MOST_SPP = 1 << 48  # Samples per pixel of a render that was itself joined
 
 
 @status("Joining renders")
-def merge(renders: Sequence[xr.Dataset]) -> xr.Dataset:
+def merge(renders: Sequence[Annotated[xr.Dataset, FILM]]) -> xr.Dataset:
     """Join renders of one scene into one with all their samples.
 
     Each is weighted by its samples per pixel. Standard errors are joined where all have them; four
@@ -48,14 +49,7 @@ def merge(renders: Sequence[xr.Dataset]) -> xr.Dataset:
     renders = list(checks.instance("renders", renders, list | tuple, "a list of Datasets"))
     if len(renders) < 2:
         raise ValueError(f"renders: has {len(renders)}; must have two or more")
-    for number, render in enumerate(renders):
-        try:
-            for component in components_of(render):
-                check_dataset(component)
-            require_finite(render)
-            _check_numbers(render.attrs)
-        except ValueError as error:
-            raise ValueError(f"renders[{number}]: {error}") from None
+    renders = [_read(render, f"renders[{number}]") for number, render in enumerate(renders)]
     _check_alike(renders)
     counts = np.array([int(render.attrs["spp"]) for render in renders])
     weights = (counts / counts.sum()).astype(np.float32)
@@ -68,7 +62,7 @@ def merge(renders: Sequence[xr.Dataset]) -> xr.Dataset:
         if error is not None:
             variables[f"{name}_error"] = (dims, error)
     first, attrs = renders[0], dict(renders[0].attrs)
-    outside = [render.attrs["energy_outside_window"] for render in renders]
+    outside: list[Any] = [energy_outside_window(render, "renders") for render in renders]
     attrs |= {
         "spp": int(counts.sum()),
         "seed": ", ".join(str(render.attrs["seed"]) for render in renders),
@@ -84,13 +78,23 @@ def merge(renders: Sequence[xr.Dataset]) -> xr.Dataset:
     return labelled(merged)
 
 
-def _check_numbers(attrs: Mapping[str, object]) -> None:
-    """Refuse attributes that cannot be joined."""
-    checks.integer("spp", attrs.get("spp"), 1, MOST_SPP)
-    for name in ("complete", "energy_outside_window", "render_seconds"):
-        checks.number(name, attrs.get(name), low=0)
-    if "seed" not in attrs:
-        raise ValueError("dataset: has no attribute seed; must have one")
+def _read(render: object, parameter: str) -> xr.Dataset:
+    """Read a render. Refuse attributes that cannot be joined."""
+    found = read(render, FILM, parameter)
+    try:
+        require_finite(found)
+        checks.integer("spp", found.attrs.get("spp"), 1, MOST_SPP)
+        for name in ("complete", "energy_outside_window", "render_seconds"):
+            checks.number(name, found.attrs.get(name), low=0)
+    except ValueError as error:
+        raise ValueError(f"{parameter}: {error}") from None
+    for name in ("seed", "fingerprint"):
+        if name not in found.attrs:
+            raise ValueError(
+                f"{parameter}: the attribute {name} is missing. Pass a film of render before "
+                "unwarp_camera, or a frame that was selected without drop, isel(frame=0)"
+            )
+    return found
 
 
 def _error(

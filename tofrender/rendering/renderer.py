@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import fields, replace
 from os import PathLike
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Annotated, Any, overload
 
 import mitsuba as mi
 
 from ..integrators.user_defined import follows_beams
+from ..labels import FILM
 from ..runtime import backend, checks
 from ..runtime.checkpoints import Checkpoint
 from ..runtime.progress import status, without_bars
@@ -64,7 +65,7 @@ def render(
     define: Mapping[str, object] | None = None,
     errors: bool = False,
     denoise: bool = False,
-    resume: xr.Dataset | None = None,
+    resume: Annotated[xr.Dataset, FILM] | None = None,
     checkpoint: Checkpoint | str | PathLike[str] | None = None,
     out: str | PathLike[str] | None = None,
     workers: int | None = None,
@@ -108,7 +109,7 @@ def render(
     define: Mapping[str, object] | None = None,
     errors: bool = False,
     denoise: bool = False,
-    resume: xr.Dataset | None = None,
+    resume: Annotated[xr.Dataset, FILM] | None = None,
     checkpoint: Checkpoint | str | PathLike[str] | None = None,
     out: str | PathLike[str] | None = None,
     workers: int | None = None,

@@ -137,6 +137,7 @@ def strategy_pyramid(
     }
     attrs = {
         "scene": settings.scene_label,
+        "quantity": "radiance per bin",
         "units": "W m^-2 sr^-1",
         "start_opl": film.start_opl,
         "bin_width_opl": film.bin_width_opl,

@@ -1,15 +1,18 @@
 """Point clouds from the waveforms of a lidar."""
 
-from typing import Any
+from dataclasses import replace
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
+from ..labels import WAVEFORMS, read
 from ..runtime import checks
 from ..sensors.echo_detection import choices, find_echoes
 from ..sensors.histograms import Returns
 from ..sensors.rates import generator
+from ..sensors.response import blurred
 from ..sensors.spad import Spad
 from ..signals.pulses import GaussianPulse
 
@@ -17,7 +20,7 @@ BLOCK = 1 << 20  # Bins of the shots that are treated at once
 
 
 def point_cloud(
-    waveforms: xr.Dataset,
+    waveforms: Annotated[xr.Dataset, WAVEFORMS],
     *,
     pulses: int = 1,
     detector: Any = None,
@@ -32,7 +35,8 @@ def point_cloud(
         waveforms: The result of `lidar`.
         pulses: Pulses per shot, whose counts add up.
         detector: A `Spad`; None for one that counts all photons.
-        response: Of pulse and detector, as for `echoes`; None for the pulse.
+        response: Of pulse and detector, as for `echoes`. By default the pulse of the waveforms,
+            convolved with the jitter of the detector.
         max_returns: Echoes per shot, 1 to 15; the strongest are kept.
         false_alarm: Probability of a false echo in a shot, see `echoes`. The background is that of
             the waveforms. It is estimated from the counts if the detector has afterpulses or hot
@@ -41,11 +45,11 @@ def point_cloud(
 
     Returns:
         A Dataset along "point": `x`, `y`, `z`, `range` [m], `intensity` [counts], `width` [m],
-        `return_number` from 1 by distance, `number_of_returns`, `time` [s], the index `shot`, and
-        the shot's `true_range` [m].
+        `return_number` from 1 by distance, `number_of_returns`, `time` [s], the index `shot` (the
+        label of the shot if the waveforms have the coordinate), and the shot's `true_range` [m].
 
     Raises:
-        ValueError: Other waveforms, or a value out of range; one line.
+        ValueError: Other waveforms, bins that do not follow each other, or a value out of range.
 
     Example:
         >>> from tofrender.scanning import lidar, scan_pattern
@@ -54,7 +58,7 @@ def point_cloud(
         >>> bool(abs(first["range"] - first["true_range"]).max() < 0.1)
         True
     """
-    _require(waveforms)
+    waveforms = _read(waveforms)
     checks.instance("detector", detector, Spad | None, "a Spad or None")
     for name in ("macro_pixel", "crosstalk_probability") if detector else ():
         value, default = getattr(detector, name), getattr(Spad, name)
@@ -62,9 +66,14 @@ def point_cloud(
     most = checks.integer("max_returns", max_returns, 1, 15)
     false_alarm = checks.number("false_alarm", false_alarm, positive=True, high=0.5)
     pulses = checks.integer("pulses", pulses, 1, (1 << 31) - 1)
-    film = waveforms[["rate", "background"]].rename(shot="y").expand_dims(x=1)
-    film = film.transpose("y", "x", "bin")
-    pulse = GaussianPulse(waveforms.attrs["pulse_width_opl"]) if response is None else response
+    film = waveforms[["rate", "background"]].drop_vars("shot", errors="ignore")
+    film = film.rename(shot="y").expand_dims(x=1).transpose("y", "x", "bin")
+    if response is None:
+        pulse = checks.width(
+            "waveforms: attribute pulse_width_opl", waveforms.attrs.get("pulse_width_opl")
+        )
+        jitter = None if detector is None else detector.jitter
+        response = GaussianPulse(pulse) if jitter is None else blurred(jitter, pulse)
 
     # Count photons and find echoes in blocks of shots, so that memory does not grow
     random = generator(seed)
@@ -81,7 +90,7 @@ def point_cloud(
             counts = block.assign(counts=block["rate"].copy(data=drawn))
         else:
             counts = measured.isel(y=rows)
-        data = Returns(counts, pulse, None, None)
+        data = Returns(counts, response, None, None)
         own = None if background is None else background[rows]
         table = find_echoes(data, false_alarm, own, draws[rows])
         tables.append(table.assign(y=table["y"] + start))
@@ -102,7 +111,7 @@ def _background(film: xr.Dataset, pulses: int, detector: Spad | None) -> np.ndar
     Behind a detector with dead time, the background depends on the bin. The largest value is used,
     so that false alarms are at most as frequent as asked.
     """
-    per_pulse = film["background"].transpose("y", "x").values
+    per_pulse = film["background"].values
     if detector is None:
         return per_pulse * pulses
     if detector.interactions() or detector.hot_fraction:
@@ -116,7 +125,7 @@ def _background(film: xr.Dataset, pulses: int, detector: Spad | None) -> np.ndar
     return counts.ravel()[which].reshape(per_pulse.shape)
 
 
-def true_points(waveforms: xr.Dataset) -> xr.Dataset:
+def true_points(waveforms: Annotated[xr.Dataset, WAVEFORMS]) -> xr.Dataset:
     """Points of the first surfaces on the axes of those shots that meet one.
 
     Args:
@@ -125,24 +134,29 @@ def true_points(waveforms: xr.Dataset) -> xr.Dataset:
     Returns:
         A Dataset along "point": `x`, `y`, `z`, `range`, `true_range` [m], `time` [s], `shot`.
     """
-    _require(waveforms)
-    shot = np.flatnonzero(np.isfinite(waveforms["true_range"]))
-    return _points(waveforms, shot, {"range": waveforms["true_range"].values[shot]})
+    waveforms = _read(waveforms)
+    distances = waveforms["true_range"].values
+    shot = np.flatnonzero(np.isfinite(distances))
+    return _points(waveforms, shot, {"range": distances[shot]})
 
 
 def _points(waveforms: xr.Dataset, shot: np.ndarray, columns: dict[str, Any]) -> xr.Dataset:
     """Place points at the column "range" of shots, and add columns of the shots."""
     arrays = {name: np.asarray(each) for name, each in columns.items()}
-    ways = waveforms["direction"].transpose("shot", "axis").values
-    origins = np.broadcast_to(waveforms["origin"].transpose(..., "axis").values, ways.shape)
+    ways = waveforms["direction"].values
+    origins = np.broadcast_to(waveforms["origin"].values, ways.shape)
     points = origins[shot] + ways[shot] * arrays["range"][:, None]
     arrays |= dict(zip("xyz", points.T, strict=True))
     arrays |= {name: waveforms[name].values[shot] for name in ("time", "true_range")}
+    arrays["shot"] = waveforms["shot"].values[shot]
     attrs = waveforms.attrs | {"quantity": "points", "units": "m"}
-    return xr.Dataset({k: ("point", v) for k, v in {**arrays, "shot": shot}.items()}, attrs=attrs)
+    return xr.Dataset({name: ("point", each) for name, each in arrays.items()}, attrs=attrs)
 
 
-def _require(waveforms: Any) -> None:
-    """Refuse all but Datasets of `lidar`."""
-    whole = isinstance(waveforms, xr.Dataset) and {"rate", "direction", "origin"} <= set(waveforms)
-    checks.require("waveforms", waveforms, whole, "a Dataset of lidar")
+def _read(waveforms: object) -> xr.Dataset:
+    """Read a Dataset of `lidar`. The origin of a lidar that moves differs between shots."""
+    kind = WAVEFORMS
+    origin = waveforms.get("origin") if isinstance(waveforms, xr.Dataset) else None
+    if origin is not None and "shot" in origin.dims:
+        kind = replace(kind, variables={**kind.variables, "origin": ("shot", "axis")})
+    return read(waveforms, kind, "waveforms")

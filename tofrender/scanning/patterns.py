@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from ..labels import PATTERN, read
 from ..runtime import checks
 
 PATTERNS = ("raster", "spinning", "rosette")
@@ -85,11 +86,15 @@ def _read(path: Any) -> pd.DataFrame:
     raise ValueError(f"pattern = {path}: {reason}; must be {allowed}")
 
 
-def directions(pattern: Any) -> np.ndarray:
+def read_pattern(pattern: Any) -> xr.Dataset:
+    """Read a Dataset of `scan_pattern`, or the pattern of a result of `lidar`."""
+    found = read(pattern, PATTERN, "pattern")
+    for name in PATTERN.variables:
+        checks.finite("pattern", checks.real_array("pattern", found[name].values))
+    return found.drop_dims(["bin", "axis"], errors="ignore")
+
+
+def directions(pattern: xr.Dataset) -> np.ndarray:
     """Unit vectors (shot, 3) in a sensor's space: x to the left, y up, z ahead."""
-    valid, names = isinstance(pattern, xr.Dataset), ("azimuth", "elevation", "time")
-    valid = valid and all(name in pattern and pattern[name].dims == ("shot",) for name in names)
-    valid = valid and pattern.sizes["shot"] > 0
-    checks.require("pattern", pattern, valid, "a Dataset of scan_pattern with a shot or more")
-    a, e, _ = (checks.finite("pattern", checks.real_array("pattern", pattern[n])) for n in names)
+    a, e = (pattern[name].values for name in ("azimuth", "elevation"))
     return np.stack([np.cos(e) * np.sin(a), np.sin(e), np.cos(e) * np.cos(a)], axis=1)

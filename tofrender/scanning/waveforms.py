@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from os import PathLike
-from typing import Any
+from typing import Annotated, Any
 
 import drjit as dr
 import mitsuba as mi
@@ -15,6 +15,7 @@ import xarray as xr
 from ..films.recording import warn_not_finite
 from ..integrators.passes import best_sampler, steps
 from ..integrators.running import UNIT, interrupted, run
+from ..labels import PATTERN
 from ..paths.surfaces import first_surface
 from ..rendering.window import warn_of_losses
 from ..runtime import backend, checks
@@ -24,7 +25,7 @@ from ..scenes.loading import load_plugin, load_scene, require_sensor
 from ..scenes.motion import motions_of, posed
 from ..signals.units import SPEED_OF_LIGHT
 from .beam import LidarPlan, require_followed
-from .patterns import directions, scan_pattern
+from .patterns import directions, read_pattern, scan_pattern
 from .scanner import Scanner
 
 COLUMNS = 4096  # Of the film, whose pixels are the shots
@@ -32,7 +33,7 @@ COLUMNS = 4096  # Of the film, whose pixels are the shots
 
 def lidar(
     scene: mi.Scene | Mapping[str, object] | str | PathLike[str],
-    pattern: xr.Dataset | str | PathLike[str] = "raster",
+    pattern: Annotated[xr.Dataset | str | PathLike[str], PATTERN] = "raster",
     *,
     sensor: int = 0,
     divergence_rad: float = 1e-3,
@@ -61,7 +62,8 @@ def lidar(
 
     Args:
         scene: As for `render`.
-        pattern: A Dataset of `scan_pattern`, or a kind of it.
+        pattern: A Dataset of `scan_pattern`, a kind of it, or a result of `lidar`, whose shots are
+            fired again.
         sensor: Number of the sensor in whose place the lidar is.
         divergence_rad: Half angle of the cone [rad], from 0 to 0.5.
         max_range: End of the waveform [m]; None for beyond the scene, where mirror images are.
@@ -104,7 +106,8 @@ def lidar(
     integrator, sampler = load_plugin("integrator", kind), best_sampler(spp)
     seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
     progress = checks.boolean("progress", progress)
-    shots = pattern if isinstance(pattern, xr.Dataset) else scan_pattern(pattern)
+    given = pattern if isinstance(pattern, xr.Dataset) else scan_pattern(pattern)
+    shots = read_pattern(given)
     pose_time_s = checks.number("pose_time_s", pose_time_s, positive=True, unit="seconds")
     local, attrs = directions(shots), {"scene": scene if isinstance(scene, str) else "scene"}
 

@@ -1,5 +1,6 @@
 """Temporal response of a detector or of a whole system: Gaussian with an exponential tail."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +10,9 @@ from scipy import stats
 from ..runtime import checks
 from ..signals.pulses import GaussianPulse, SampledPulse
 from ..signals.units import SPEED_OF_LIGHT
+from .jitter import kernel
+
+FINE = 8  # Bins of a convolution in a standard deviation of the Gaussian
 
 
 @dataclass(frozen=True)
@@ -50,3 +54,31 @@ def distribution(name: str, response: Any) -> Any:
     if tail < 1e-3 * sigma:  # Differs by less than 1e-6 of the variance; avoids overflow
         return stats.norm(tail, sigma)
     return stats.exponnorm(tail / sigma, 0, sigma)
+
+
+def blurred(response: Any, width_opl: float) -> Response | GaussianPulse | SampledPulse:
+    """Convolve a response with a Gaussian pulse.
+
+    The convolution of a `SampledPulse` has bins of at most an eighth of the width.
+
+    Args:
+        response: A `Response`, a `GaussianPulse` or a `SampledPulse`.
+        width_opl: Standard deviation of the pulse [m], above 0.
+
+    Example:
+        >>> blurred(GaussianPulse(0.03), 0.04)
+        GaussianPulse(width_opl=0.05)
+    """
+    if isinstance(response, GaussianPulse):
+        return GaussianPulse(math.hypot(response.width_opl, width_opl))
+    if isinstance(response, Response):
+        sigma = math.hypot(response.sigma_s, width_opl / SPEED_OF_LIGHT)
+        return Response(sigma, response.tail_s)
+
+    # Divide the bins of a measured response, and move each part by the Gaussian
+    parts = math.ceil(FINE * response.bin_width_opl / width_opl)
+    step = response.bin_width_opl / parts
+    masses = kernel(stats.norm(0, width_opl), step)
+    values = np.convolve(np.repeat(response.density, parts), masses)
+    start = response.start_opl - step * (masses.size // 2)
+    return SampledPulse(values, start, step)

@@ -1,19 +1,19 @@
 """Camera unwarping of a finished render: from camera time to scene time."""
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import xarray as xr
 
+from ..labels import FILM, bins_of, by_pixel, read, with_energy
 from ..rendering.cubes import Cube
-from ..rendering.dataset import DIMS, check_dataset, time_axis
-from ..rendering.labels import TIME, labelled
+from ..rendering.labels import labelled
 from ..runtime import checks, memory
 from ..runtime.progress import status
 
 
 @status("Unwarping")
-def unwarp_camera(dataset: xr.Dataset, distance_m: Any) -> xr.Dataset:
+def unwarp_camera(dataset: Annotated[xr.Dataset, FILM], distance_m: Any) -> xr.Dataset:
     """Subtract the camera segment from the path lengths of every pixel.
 
     A camera sees a distant surface later than a near one. Here each pixel's time axis moves back
@@ -26,12 +26,14 @@ def unwarp_camera(dataset: xr.Dataset, distance_m: Any) -> xr.Dataset:
         dataset: The result of `render`, in camera time.
         distance_m: (height, width), distance [m] from the camera's position to the surface in each
             pixel (not the depth along the axis), at least 0. NaN or infinity where there is none;
-            such a pixel becomes dark, or, if light arrived there, unknown (NaN).
+            such a pixel becomes dark, or, if light arrived there, unknown (NaN). The labels of a
+            DataArray must be those of the Dataset; an array has the order of its rows and columns.
 
     Returns:
         A Dataset of the same pixels and bin width. Its window spans the bins in which any pixel
         has light. The attribute `camera_unwarp` is 1; `fingerprint` is removed, since a render
-        cannot be resumed from this.
+        cannot be resumed from this. Standard errors are left out, as those of neighboring bins are
+        not independent, and so are the variables that only `denoise` needs.
 
     Raises:
         ValueError: A Dataset that is unwarped already or not one of `render`, another shape, or a
@@ -45,12 +47,19 @@ def unwarp_camera(dataset: xr.Dataset, distance_m: Any) -> xr.Dataset:
         >>> float(unwarped.opl[0]) < float(dataset.opl[0])
         True
     """
-    check_dataset(dataset)
+    distance_m = by_pixel(distance_m, dataset, "distance_m")
+    dataset = with_energy(read(dataset, FILM, "dataset"), "dataset")
     if dataset.attrs.get("camera_unwarp"):
-        raise ValueError("dataset with camera_unwarp = 1: must be in camera time")
-    cube = Cube(dataset["transient"])
+        raise ValueError(
+            "dataset: its path lengths lack the camera's segment already (camera_unwarp = 1). Pass "
+            "a film in camera time"
+        )
+    film = dataset[["transient", "steady"]]
+    light = film["transient"]
+    cube = Cube(light.data.reshape(*light.shape[:3], -1))  # Stokes components are channels
     distances = checked_distances(distance_m, cube.shape[:2])
-    start, width = time_axis(dataset)
+    width = bins_of(film, "dataset").bin_width_opl
+    start = float(film["opl"].values[0] - width / 2)
     seen = np.isfinite(distances)
     shift = np.where(seen, distances, 0) / width
     # Rounding must not spill light of a shift by whole bins into the next one.
@@ -62,15 +71,17 @@ def unwarp_camera(dataset: xr.Dataset, distance_m: Any) -> xr.Dataset:
     unwarped[unfinished] = np.nan
     unwarped[~seen] = np.where(lit[~seen][:, None, None], np.nan, 0)
 
+    # Label the result
     opl = start + (np.arange(first, stop) + 0.5) * width
-    attrs = {name: value for name, value in dataset.attrs.items() if name != "fingerprint"}
+    attrs = {name: value for name, value in film.attrs.items() if name != "fingerprint"}
     attrs |= {"start_opl": start + first * width, "camera_unwarp": 1}
     name = {"units": "m", "long_name": "optical path length without the camera's segment"}
-    cube = (DIMS["transient"], unwarped, dataset["transient"].attrs)
-    result = dataset.drop_vars(["transient", "opl", TIME], errors="ignore").assign(transient=cube)
-    result = result.assign_coords(opl=("opl", opl, name))
+    shape = (*light.shape[:2], stop - first, *light.shape[3:])
+    moved = (light.dims, unwarped.reshape(shape), light.attrs)
+    result = film.drop_dims("opl").assign(transient=moved, steady=film["steady"])
+    result = result.assign_coords(opl=("opl", opl, name))[["transient", "steady"]]
     result.attrs = attrs
-    return labelled(result[["transient", "steady"]])
+    return labelled(result)
 
 
 def _shifted(cube: Cube, whole: np.ndarray, part: np.ndarray, bins: np.ndarray) -> np.ndarray:

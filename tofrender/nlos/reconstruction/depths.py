@@ -1,37 +1,43 @@
 """Maximum projection and depth map of a volume, and the error of the depth."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import xarray as xr
 
+from ...labels import VOLUME, by_pixel, read
 from ...runtime import checks
 
 
 def check_volume(volume: Any) -> np.ndarray:
     """Return the finite intensities (z, y, x) of a result of `reconstruct`."""
-    if not isinstance(volume, xr.Dataset) or volume.get("intensity", np.array(0)).ndim != 3:
-        raise ValueError(f"volume = {type(volume).__name__}: must be a result of reconstruct()")
-    intensity = volume["intensity"]
-    if intensity.dims != ("z", "y", "x"):
-        raise ValueError(f"volume with axes {intensity.dims}: must be ('z', 'y', 'x')")
-    if not intensity.size:
-        raise ValueError(f"volume = Dataset with intensity {intensity.shape}: must have a voxel")
-    return checks.finite("volume: intensity", intensity.values)
+    return _intensity(volume).values
 
 
-def max_projection(volume: xr.Dataset) -> xr.DataArray:
+def _intensity(volume: Any) -> xr.DataArray:
+    """Read the intensities (z, y, x), which must be finite and in even steps of z."""
+    intensity = read(volume, VOLUME, "volume")["intensity"]
+    checks.finite("volume: intensity", checks.real_array("volume: intensity", intensity.values))
+    steps = np.diff(intensity["z"].values)
+    if steps.size and not np.allclose(steps, steps.mean(), rtol=1e-3, atol=0):
+        raise ValueError(
+            f"volume: the steps along z are {steps.min():g} to {steps.max():g} m. Select voxels "
+            "with a slice"
+        )
+    return intensity
+
+
+def max_projection(volume: Annotated[xr.Dataset, VOLUME]) -> xr.DataArray:
     """Largest intensity along z, (y, x).
 
     Raises:
         ValueError: Not a result of `reconstruct`.
     """
-    check_volume(volume)
-    return volume["intensity"].max("z")
+    return _intensity(volume).max("z")
 
 
-def depth_map(volume: xr.Dataset, threshold: float = 0.2) -> xr.DataArray:
+def depth_map(volume: Annotated[xr.Dataset, VOLUME], threshold: float = 0.2) -> xr.DataArray:
     """Depth of the brightest voxel behind each (y, x).
 
     Args:
@@ -44,11 +50,12 @@ def depth_map(volume: xr.Dataset, threshold: float = 0.2) -> xr.DataArray:
         after it; NaN where there is nothing.
 
     Raises:
-        ValueError: Not a result of `reconstruct`, or a threshold out of range.
+        ValueError: Not a result of `reconstruct`, uneven steps of z, or a threshold out of range.
     """
-    values = check_volume(volume)
+    intensity = _intensity(volume)
+    values = intensity.values
     threshold = checks.number("threshold", threshold, low=0, high=1)
-    z = volume["z"].values
+    z = intensity["z"].values
     peak = values.argmax(axis=0)
     inner = np.clip(peak, 1, max(len(z) - 2, 1))
     depth = z[peak]
@@ -64,7 +71,7 @@ def depth_map(volume: xr.Dataset, threshold: float = 0.2) -> xr.DataArray:
     brightest = values.max(axis=0)
     found = (brightest > 0) & (brightest >= threshold * values.max())
     depth = np.where(found, depth, np.nan)
-    coords = {axis: volume[axis] for axis in ("y", "x")}
+    coords = {axis: intensity[axis] for axis in ("y", "x")}
     return xr.DataArray(depth, coords, ("y", "x"), "depth", {"units": "m", "long_name": "depth"})
 
 
@@ -81,13 +88,15 @@ class DepthError:
     extra: float  # fraction of the pixels with a depth where in truth there is nothing
 
 
-def depth_error(volume: xr.Dataset, truth: Any, threshold: float = 0.2) -> DepthError:
+def depth_error(
+    volume: Annotated[xr.Dataset, VOLUME], truth: Any, threshold: float = 0.2
+) -> DepthError:
     """Compare the depth map of a volume with the true one.
 
     Args:
         volume: A result of `reconstruct`.
         truth: Distance of the nearest hidden surface from the wall [m] at the volume's (y, x), NaN
-            where there is none; coordinates that it has must be the volume's.
+            where there is none. The labels of a DataArray must be those of the volume.
         threshold: As in `depth_map`.
 
     Returns:
@@ -105,14 +114,8 @@ def depth_error(volume: xr.Dataset, truth: Any, threshold: float = 0.2) -> Depth
         >>> round(depth_error(volume, np.full((2, 2), 1.02)).median, 3)
         0.02
     """
-    depth = depth_map(volume, threshold)
-    if isinstance(truth, xr.DataArray) and {*truth.dims} == {*"yx"}:
-        truth = truth.transpose("y", "x")
-        for axis in {*"yx"} & {*truth.coords} & {*depth.coords}:
-            same = truth.sizes == depth.sizes and np.allclose(truth[axis], depth[axis])
-            checks.require(f"truth: {axis}", truth[axis].values, same, "that of the volume")
-    depth = depth.values
-    true = checks.real_array("truth", truth, np.float64)
+    depth = depth_map(volume, threshold).values
+    true = checks.real_array("truth", by_pixel(truth, volume, "truth"), np.float64)
     valid = true.shape == depth.shape
     checks.shape("truth", true, valid, f"{depth.shape}, as the volume has")
     there, seen = np.isfinite(true), np.isfinite(depth)
