@@ -85,10 +85,13 @@ def test_a_stopped_run_goes_on_frame_by_frame(tmp_path, capsys, monkeypatch):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--frames", "3"], "--frame-time: must be given with --frames"),
-        (["--exposure", "1"], "--exposure: must be left out without --frames"),
-        (["--row-time", "1"], "--row-time: must be left out without --frames"),
-        (["--frames", "3", "--frame-time", "1", "--denoise"], "--denoise: must be left out with"),
+        (["--frames", "3"], "--frame-time is missing"),
+        (["--exposure", "1"], "--exposure requires --frames"),
+        (["--row-time", "1"], "--row-time requires --frames"),
+        (
+            ["--frames", "3", "--frame-time", "1", "--denoise"],
+            "--denoise cannot be combined with --frames",
+        ),
         (["--frames", "3", "--frame-time", "1", "--checkpoint", "2"], "--checkpoint: must be left"),
         (["--frames", "3", "--frame-time", "1", "--format", "zarr"], "--format = zarr: must be an"),
         (["--frames", "3", "--frame-time", "1", "--resume"], "--resume: "),

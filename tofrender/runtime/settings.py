@@ -66,27 +66,27 @@ class SceneSettings(TypedDict, total=False):
     width: Annotated[int | None, integer("Width of the picture [pixels]", 1, checks.MAX_SIZE)]
     height: Annotated[int | None, integer("Height of the picture [pixels]", 1, checks.MAX_SIZE)]
     temporal_bins: Annotated[int | None, integer("Number of time bins", 1, checks.MAX_BINS)]
-    start_opl: Annotated[float | None, Setting("Path length where bins start [m]", checks.metres)]
-    bin_width_opl: Annotated[float | None, Setting("Width of a time bin [m]", _check_length)]
+    start_opl: Annotated[float | None, Setting("Start of the first time bin, optical path length [m]", checks.metres)]
+    bin_width_opl: Annotated[float | None, Setting("Width of a time bin, optical path length [m]", _check_length)]
     spp: Annotated[int | None, integer("Samples per pixel", 1, checks.MAX_SPP)]
     sampler: Annotated[
         str | None,
         Setting(
-            "Plugin that draws the random numbers",
+            "Plugin of random numbers",
             partial(checks.one_of, allowed=SAMPLERS),
             choices=SAMPLERS,
         ),
     ]
     max_depth: Annotated[
         int | None,
-        Setting("Longest path in segments, -1 if unlimited", checks.depth, -1, checks.MAX_DEPTH),
+        Setting("Longest path in segments, -1 for no limit", checks.depth, -1, checks.MAX_DEPTH),
     ]
     integrator: Annotated[
         str | Mapping[str, Any] | None,
         Setting("Integrator plugin", _check_integrator, choices=INTEGRATORS),
     ]
     pulse_width_opl: Annotated[
-        float | None, Setting("Standard deviation of a Gaussian pulse [m]", checks.width)
+        float | None, Setting("Standard deviation of the Gaussian pulse [m]", checks.width)
     ]
 
 
