@@ -86,7 +86,7 @@ EXTRAS = (
         (
             ["start", "a1", "mine"],
             1,
-            "error: tomlkit is missing; run: pip install 'tofrender[course]'",
+            "error: tomlkit is not installed. Run: pip install 'tofrender[course]'",
         ),
     ],
 )
@@ -208,7 +208,9 @@ REFUSALS: dict[str, list[tuple[str, str]]] = {
         ("cornel_box --freq 2e7", "did you mean cornell_box"),
     ],
     "gate cornell_box": [("--at 1 --size 8x8", "--at = 1: no light")],
-    "capture nlos-z": [("--out missing/z.h5", "--out = missing/z.h5: its folder does not exist")],
+    "capture nlos-z": [
+        ("--out missing/z.h5", "--out = missing/z.h5: the folder of the file does not exist")
+    ],
     "capture cornell_box": [("--out c.h5", "integrator = TransientPath: must be transient_nlos_")],
     "warp": [
         ("bekmann", "NAME = 'bekmann': did you mean 'beckmann'? Must be one of tent, uniform_"),

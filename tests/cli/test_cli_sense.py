@@ -56,4 +56,4 @@ def test_bad_sensors_are_one_line(tmp_path, capsys, render):
     options = ["--sensor", "itof", "--out", tmp_path.parent / "other"]
     assert "does not contain a render" in refused(capsys, "sense", tmp_path, *options)
     inside = ["--sensor", "itof", "--out", render / "a"]
-    assert "must be apart" in refused(capsys, "sense", render, *inside)
+    assert "must be outside of" in refused(capsys, "sense", render, *inside)

@@ -193,7 +193,7 @@ def test_a_killed_run_goes_on(capsys, out, monkeypatch, whole, kind):
     try:
         assert process.stdout.readline() == "here\n", process.stderr.read()
         text = refused(capsys, *arguments)
-        assert "another process writes it" in text
+        assert "another process is writing it" in text
     finally:
         end(process)
     assert process.returncode == -signal.SIGKILL
@@ -302,7 +302,7 @@ def test_merge(capsys, tmp_path, format):
     left = atomic.sibling(tmp_path / "all", "-0a1b2c3d")  # By one that was killed as it wrote
     (left / "frames").mkdir(parents=True)
     with atomic.locked(tmp_path / "all"):
-        assert "another process writes it" in refused(capsys, *arguments)
+        assert "another process is writing it" in refused(capsys, *arguments)
     assert left.is_dir()
     done(capsys, *arguments)
     renders = [render("cornell_box", settings=SETTINGS, spp=16, seed=seed) for seed in range(3)]

@@ -163,11 +163,13 @@ def render(
         shutter = Shutter(exposure, poses, row_time)
         times = [k * frame_time for k in range(frames)]
         job, shutter = open_frames(settings, times, shutter)
-        _report_time(settings, job)
+        if window is None:
+            _report_time(settings, job)
         animation.render_frames(job, times, shutter, options)
         return
     job = make_job(settings)
-    _report_time(settings, job)
+    if window is None:
+        _report_time(settings, job)
     height, width, count, channels = job.film.shape
     films = 2 if errors else 1
     cells = height * width * films * count
@@ -242,7 +244,7 @@ def _with_time(options: dict[str, Any]) -> RenderSettings:
 def _report_time(settings: RenderSettings, job: Job) -> None:
     """Print the automatic window and pulse."""
     if settings.window != "auto":
-        return
+        return  # The scene's own bins
     found = f"bins from {job.film.start_opl:.4g} to {job.film.end_opl():.4g} m"
     if settings.pulse_width == "auto" and isinstance(job.settings.pulse_width, float):
         found += f" and a pulse of {job.settings.pulse_width:g} m"

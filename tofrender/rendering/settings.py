@@ -107,7 +107,9 @@ class RenderSettings:
         Mapping[str, Any] | None,
         Setting("More changes of the scene while it is loaded", checks.mapping),
     ] = None
-    errors: Annotated[bool, Setting("Estimate the standard error of each bin", checks.boolean)] = False
+    errors: Annotated[bool, Setting("Estimate the standard error of each bin", checks.boolean)] = (
+        False
+    )
     denoise: Annotated[bool, Setting("Remove noise from the film", checks.boolean)] = False
 
     def __post_init__(self) -> None:
