@@ -208,9 +208,7 @@ REFUSALS: dict[str, list[tuple[str, str]]] = {
         ("cornel_box --freq 2e7", "did you mean cornell_box"),
     ],
     "gate cornell_box": [("--at 1 --size 8x8", "--at = 1: no light")],
-    "capture nlos-z": [
-        ("--out missing/z.h5", "--out = missing/z.h5: the folder of the file does not exist")
-    ],
+    "capture nlos-z": [("--out missing/z.h5", "--out = missing/z.h5: the folder")],
     "capture cornell_box": [("--out c.h5", "integrator = TransientPath: must be transient_nlos_")],
     "warp": [
         ("bekmann", "NAME = 'bekmann': did you mean 'beckmann'? Must be one of tent, uniform_"),

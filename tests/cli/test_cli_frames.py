@@ -58,9 +58,7 @@ def test_a_stopped_run_goes_on_frame_by_frame(tmp_path, capsys, monkeypatch):
     assert f"interrupted after 1 of 3 frames; {AGAIN}" in capsys.readouterr().err
     assert sorted(p.name for p in out.iterdir()) == ["frame_0000", "frames.json", "steady.npy"]
     before = (out / "frame_0000" / "transient.npz").stat().st_mtime_ns
-    assert "holds frames of a stopped run; the same command with --resume" in refused(
-        capsys, *command
-    )
+    assert "a stopped run has left frames in" in refused(capsys, *command)
     said = refused(capsys, *command, "--resume", "--row-time", "0.001")
     assert "have row_time_s = 0.0; must be 0.001" in said
     assert refused(capsys, *command, "--resume", "--seed", "2").startswith("--resume: frames in")
@@ -93,11 +91,11 @@ def test_a_stopped_run_goes_on_frame_by_frame(tmp_path, capsys, monkeypatch):
         ),
         (
             ["--frames", "3", "--frame-time", "1", "--checkpoint", "2"],
-            "--checkpoint cannot be combined with --frames",
+            "--checkpoint cannot be combined",
         ),
         (
             ["--frames", "3", "--frame-time", "1", "--format", "zarr"],
-            "--format = zarr cannot be combined with --frames",
+            "--format = zarr cannot be combined",
         ),
         (["--frames", "3", "--frame-time", "1", "--resume"], "--resume: "),
     ],
