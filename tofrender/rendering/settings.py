@@ -211,13 +211,3 @@ SETTINGS = settings_of(RenderSettings) | {
     "progress": Setting("Show progress bars of long work", checks.boolean),
 }
 """The table of settings: those of `RenderSettings`, and of how the work is done."""
-
-
-def either(name: str, value: Any, old: Any) -> Any:
-    """The value of a setting that may be given by its old name, as in `load_scene`, instead."""
-    if old is None:
-        return value
-    old_name = SCENE_NAMES[name]
-    if value is not None:
-        raise ValueError(f"{old_name} = {old}: must be left out with `{name}`, its new name")
-    return SETTINGS[name].check(old_name, old)
