@@ -214,7 +214,7 @@ def test_wrong_axis_order(shape):
 
 
 LIGHT = paths((5, 1))
-NO_REAL = "transient_data of type .* must hold real numbers"
+NO_REAL = "transient_data of type .* must contain real numbers"
 
 
 @pytest.mark.parametrize(

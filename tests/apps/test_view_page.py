@@ -99,10 +99,10 @@ def test_what_cannot_be_viewed(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bad.npz").write_bytes(b"text")
     for arguments, said in (
-        (["cornell_box"], "DIR|FILE|SCENE = 'cornell_box': add --live to render it"),
-        (["no.npz"], "DIR|FILE|SCENE = 'no.npz': must exist, or be a scene"),
+        (["cornell_box"], "DIR|FILE|SCENE = 'cornell_box' is a scene. Add --live"),
+        (["no.npz"], "DIR|FILE|SCENE = 'no.npz' does not exist"),
         (["bad.npz"], "path = bad.npz: File is not a zip file"),
-        ([".", "--spp", "4"], "--live: must be given with --spp"),
+        ([".", "--spp", "4"], "--spp, --size, --max-depth and --out require --live"),
     ):
         assert main(["view", *arguments, "--no-browser"]) == 2
         err = capsys.readouterr().err

@@ -262,9 +262,9 @@ def test_headless_tests_all_of_the_package(tmp_path, capsys):
 def test_bad_options_of_the_command(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for arguments, said in (
-        ("--out a.png", "--out = a.png: must be left out without --headless"),
-        ("--headless --out a.png", "--out = a.png: must be left out without NAME"),
-        ("--headless --alpha 1", "NAME: must be given with --alpha, --image or -D"),
+        ("--out a.png", "--out = a.png requires --headless"),
+        ("--headless --out a.png", "--out = a.png requires the argument NAME"),
+        ("--headless --alpha 1", "--alpha, --image and -D require the argument NAME"),
         ("tent -D alpha=1", "alpha = 1: must be left out; tent has the parameters: none"),
     ):
         assert main(["warptest", *arguments.split()]) == 2

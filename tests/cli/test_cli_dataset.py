@@ -67,7 +67,7 @@ def test_all_and_one_of_them(config, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ([], "--out: must be given, or --plan"),
+        ([], "--out is missing"),
         (["--out", "boxes"], "out = boxes: must be the name of a folder that ends in .zarr"),
         (["--out", "x.zarr", "--only", "x"], "--only = x: must be numbers of records, like 17 or"),
         (["--out", "x.zarr", "--only", "3-1"], "--only = 3-1: must be numbers of records, like 17"),

@@ -101,7 +101,7 @@ def test_what_cannot_be_read_is_one_line(tmp_path, capsys, kind):
 def test_not_finite_values_of_a_volume_are_refused(tmp_path, capsys):
     axes = {axis: np.arange(1.0, 3.0) for axis in "xyz"}
     np.savez(tmp_path / "volume.npz", intensity=np.full((2, 2, 2), np.nan), **axes)
-    assert "must all be" in refused(capsys, "report", tmp_path, "-o", tmp_path / "a.html")
+    assert "must be finite" in refused(capsys, "report", tmp_path, "-o", tmp_path / "a.html")
 
 
 SENSORS = {

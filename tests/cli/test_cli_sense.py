@@ -54,6 +54,6 @@ def test_bad_sensors_are_one_line(tmp_path, capsys, render):
         assert said in refused(capsys, "sense", render, "--sensor", sensor, "--out", tmp_path / "a")
         assert not (tmp_path / "a").exists()
     options = ["--sensor", "itof", "--out", tmp_path.parent / "other"]
-    assert "holds no render" in refused(capsys, "sense", tmp_path, *options)
+    assert "does not contain a render" in refused(capsys, "sense", tmp_path, *options)
     inside = ["--sensor", "itof", "--out", render / "a"]
-    assert "must be apart" in refused(capsys, "sense", render, *inside)
+    assert "must be outside of" in refused(capsys, "sense", render, *inside)

@@ -27,6 +27,7 @@ from test_cli import done, refused, run
 import tofrender
 from tofrender.cli import checkpoints as checkpoints_of_commands, render as cli_render
 from tofrender.cli.app import main
+from tofrender.cli.checkpoints import AGAIN
 from tofrender.integrators import passes
 from tofrender.runtime import atomic, checkpoints
 from tofrender.runtime.checkpoints import Checkpoint
@@ -189,7 +190,7 @@ def test_stopped(capsys, tmp_path, name, by):
     assert status == 130, err
     said = one_line(err)
     assert said.startswith("error: interrupted after ")
-    assert said.endswith("; the same command with --resume goes on")
+    assert said.endswith(f"; {AGAIN}")
     assert hidden(tmp_path) == [kept(out).name]
     assert out.exists() == (name in WRITES_PARTS)
     if out.exists():
@@ -486,7 +487,7 @@ def test_without_resume_nothing_is_thrown_away(capsys, tmp_path, stopped):
     assert hidden(tmp_path) == [kept(out).name]
     before = kept(out).read_bytes()
     stopped.after(0)
-    said = f"{kept(out)} is of a stopped run; the same command with --resume goes on, or remove it"
+    said = f"a stopped run has left {kept(out)}. Either {AGAIN}, or remove it"
     assert refused(capsys, *arguments("gate", out)) == f"--out = {out}: {said}"
     assert kept(out).read_bytes() == before
     kept(out).unlink()
@@ -603,6 +604,6 @@ def test_files_become_whole(capsys, tmp_path, monkeypatch, name, module, writer)
     monkeypatch.setattr(module, writer, interrupted)
     status, _, err = run(capsys, *arguments(name, out))
     assert status == 130
-    assert one_line(err) == "error: interrupted while files were written, which are whole"
+    assert one_line(err).startswith("error: interrupted after all files")
     require_equal(out, expected)
     assert os.listdir(tmp_path) == [out.name]

@@ -15,7 +15,7 @@ from helpers.hidden_scenes import small_capture
 from test_cli import done, refused
 
 import tofrender
-from tofrender.cli.checkpoints import film_path
+from tofrender.cli.checkpoints import AGAIN, film_path
 from tofrender.rendering import workers
 from tofrender.runtime import atomic, memory
 
@@ -95,7 +95,7 @@ def test_formats(capsys, out, monkeypatch, whole, format, short):
     _, err = done(capsys, "render", "cornell_box", "--out", out, *TINY, "--format", format)
     if format != "zarr":
         assert err.startswith("note: film of 12 x 9 pixels x 40 bins: takes ")
-        assert "it is rendered tile by tile on the disk\n" in err
+        assert "the film is rendered in tiles on the disk\n" in err
         assert err.count("\n") == 2  # And the plan
     else:
         assert names(out) == {"transient.zarr", "steady.exr", "summary.png"}
@@ -193,7 +193,7 @@ def test_a_killed_run_goes_on(capsys, out, monkeypatch, whole, kind):
     try:
         assert process.stdout.readline() == "here\n", process.stderr.read()
         text = refused(capsys, *arguments)
-        assert "another process writes it" in text
+        assert "another process is writing it" in text
     finally:
         end(process)
     assert process.returncode == -signal.SIGKILL
@@ -247,7 +247,7 @@ def test_a_scheduler_that_is_lost(capsys, out, address, arguments, unit):
     assert process.returncode == 1
     said = err.splitlines()[-1]
     assert said.startswith("error: the scheduler of the workers is lost: interrupted after ")
-    assert said.endswith(f" {unit}; the same command with --resume goes on")
+    assert said.endswith(f" {unit}; {AGAIN}")
     assert "Traceback" not in err
     count = int(said.partition("after ")[2].split()[0])
     _, err = done(capsys, *arguments, "--scheduler", address, "--resume")
@@ -302,7 +302,7 @@ def test_merge(capsys, tmp_path, format):
     left = atomic.sibling(tmp_path / "all", "-0a1b2c3d")  # By one that was killed as it wrote
     (left / "frames").mkdir(parents=True)
     with atomic.locked(tmp_path / "all"):
-        assert "another process writes it" in refused(capsys, *arguments)
+        assert "another process is writing it" in refused(capsys, *arguments)
     assert left.is_dir()
     done(capsys, *arguments)
     renders = [render("cornell_box", settings=SETTINGS, spp=16, seed=seed) for seed in range(3)]
@@ -328,6 +328,8 @@ def test_merge_refuses_what_does_not_fit(capsys, tmp_path, whole):
     assert "max_depth = 3" in refused(capsys, "merge", folders[0], folders[2], *out)
     assert "must have two or more" in refused(capsys, "merge", folders[0], *out)
     among = ["--out", folders[0]]
-    assert "is among what is joined" in refused(capsys, "merge", *folders[:2], *among)
-    assert "holds no render" in refused(capsys, "merge", folders[0], tmp_path / "none", *out)
+    assert "is one of the joined folders" in refused(capsys, "merge", *folders[:2], *among)
+    assert "does not contain a render" in refused(
+        capsys, "merge", folders[0], tmp_path / "none", *out
+    )
     assert names(tmp_path) == {"0", "1", "2"}

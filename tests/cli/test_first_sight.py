@@ -52,26 +52,34 @@ def test_a_built_in_scene_gets_a_window_and_a_pulse_as_python_has_them(tmp_path,
     width = float(dataset.attrs["pulse"].split("=")[1].rstrip(")"))
     assert width == pytest.approx(span / PULSES, rel=0.15)  # Of the window without the pulse
     assert dataset.attrs["energy_outside_window"] < 0.01
-    line = next(line for line in said.splitlines() if line.startswith("note: bins from "))
+    line = next(line for line in said.splitlines() if line.startswith("note: chose bins from "))
     assert f"bins from {start_of(dataset):.4g} to" in line
-    assert f"a pulse of {width:g} m suit this scene; --window scene has the scene's own" in line
+    assert f"a pulse of {width:g} m automatically" in line
 
 
 @pytest.mark.parametrize(
     ("options", "start"),
     [
         ("--window scene", 3.5),
-        ("--pulse-width scene", 3.5),
         ("--window 3,20 --bins 10", 3.0),
         ("--window 3,20 --pulse-width auto", 3.0),  # Bins from 3 to 20 m were not found
     ],
 )
 def test_whoever_speaks_of_time_gets_what_they_say(tmp_path, capfd, options, start):
     dataset, said = rendered(tmp_path, capfd, "cornell_box", *options.split())
-    assert "suit this scene" not in said
+    assert "automatically" not in said
     assert (dataset.attrs["pulse"] == "none") == ("auto" not in options)
     assert start_of(dataset) == pytest.approx(start)
     assert "--bins" not in options or dataset.sizes["opl"] == 10
+
+
+@pytest.mark.parametrize(("pulse", "width"), [("scene", "none"), ("0.25", "0.25")])
+def test_a_pulse_does_not_switch_the_automatic_window_off(tmp_path, capfd, pulse, width):
+    dataset, said = rendered(tmp_path, capfd, "cornell_box", "--pulse-width", pulse)
+    assert "note: chose bins from" in said
+    assert start_of(dataset) != pytest.approx(3.5)
+    assert dataset.attrs["energy_outside_window"] < 0.01
+    assert width in dataset.attrs["pulse"]
 
 
 def test_a_file_with_bins_of_its_own_keeps_them(tmp_path, capfd):
@@ -81,7 +89,7 @@ def test_a_file_with_bins_of_its_own_keeps_them(tmp_path, capfd):
     dataset, said = rendered(tmp_path, capfd, file)
     assert (start_of(dataset), dataset.sizes["opl"]) == (pytest.approx(6.0), 50)
     assert dataset.attrs["pulse"] == "none"
-    assert "suit this scene" not in said
+    assert "automatically" not in said
 
 
 def test_a_loaded_scene_has_its_pulse():
@@ -132,7 +140,7 @@ def test_a_steady_scene_has_the_same_bins_from_python(tmp_path, capfd, kind):
     assert kind == "loaded" or dataset.attrs["pulse"].startswith("GaussianPulse")
     np.testing.assert_allclose(dataset.opl, same.opl, rtol=1e-6)
     assert dataset.attrs["pulse"] == same.attrs["pulse"]
-    assert ("suit this scene" in said) == (kind != "loaded")
+    assert ("and a pulse of" in said) == (kind != "loaded")
 
 
 def test_a_steady_scene_has_no_window_of_its_own(tmp_path, capfd):

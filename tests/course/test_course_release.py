@@ -300,7 +300,7 @@ def test_submit_shows_points(tiny, student, run):
     assert "A pulse 4 of 4, 1.5 from tests that are not public" in lines
     assert "The range 0 of 4 bonus" in lines
     assert "not written yet: 1 tests" in lines
-    assert "warning: wrapping.py is as it came" in said
+    assert "warning: wrapping.py was not changed" in said
     assert (student.parent / "my-a0.zip").is_file()
 
 

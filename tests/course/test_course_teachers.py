@@ -166,7 +166,7 @@ def test_class_with_roster_sheet_pages_and_jobs(staff, tmp_path, monkeypatch, ca
     words += ["--feedback", str(tmp_path / "pages"), "--jobs", "2"]
     assert cli.main(words) == 0
     shown = capsys.readouterr()
-    assert "'unknown.zip' is nobody's" in shown.err
+    assert "no student has the submission 'unknown.zip'" in shown.err
     assert "[4/4]" in shown.out
     table = {row["id"]: row for row in rows(tmp_path / "g.csv")}
     assert list(table) == ["ada", "ben", "carl", "17", "unknown.zip"]
@@ -489,25 +489,28 @@ def test_a_new_term_draws_other_inputs(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("grade a0", "--submission and --all: must be exactly one of them"),
-        ("grade a0 --submission . ", "--out: must be the file to write"),
-        ("grade a0 --submission . -o .", "--out = .: is a folder"),
-        ("grade a0 --all nowhere --csv x.csv", "--all = nowhere: is no folder"),
-        ("grade a0 --all . ", "--csv: must be the file to write"),
-        ("grade a0 --all . --csv .", "--csv = .: is a folder"),
+        ("grade a0", "pass either --submission PATH or --all DIR"),
+        ("grade a0 --submission . ", "--out is missing"),
+        ("grade a0 --submission . -o .", "--out = . is a folder"),
+        ("grade a0 --all nowhere --csv x.csv", "--all = nowhere is not a folder"),
+        ("grade a0 --all . ", "--csv is missing"),
+        ("grade a0 --all . --csv .", "--csv = . is a folder"),
         ("grade a0 --all . --csv x.csv --jobs 200", "--jobs = 200: must be "),
         *(
-            (f"grade a0 --submission . -o r --{name} 2", f"--{name} = 2: must be left out")
+            (f"grade a0 --submission . -o r --{name} 2", f"--{name} = 2 requires --all")
             for name in ("csv", "jobs", "roster", "sheet", "feedback", "columns")
         ),
         ("grade a2 --all @ --csv x.csv --roster no.csv", "--roster = no.csv: must be a CSV file"),
         ("grade a2 --all @ --csv x.csv --sheet no.csv", "--sheet = no.csv: must be a CSV file"),
-        ("gradescope a2 -o .", "--out = .: is a folder"),
+        ("gradescope a2 -o .", "--out = . is a folder"),
         ("prairielearn a2 -o x.tar", "--out = x.tar: must end in .zip"),
         ("grade a2 --all @ --csv x.csv --columns x", "--columns = x: must be NAME=FIELD"),
         ("grade a2 --all @ --csv x.csv --columns x=y", "--columns = x=y: must be NAME=FIELD"),
-        ("grade a2 --all @ --csv x.csv --format junit", "--format = junit: must be left out"),
-        ("similarity a2 --all no -o x", "--all = no: is no folder"),
+        (
+            "grade a2 --all @ --csv x.csv --format junit",
+            "--format = junit cannot be combined with --all",
+        ),
+        ("similarity a2 --all no -o x", "--all = no is not a folder"),
         ("similarity a2 --all . -o x", "--all = .: holds no folders and no zips"),
     ],
 )

@@ -499,7 +499,9 @@ def test_a_small_disk_is_refused_before_work(tmp_path, monkeypatch):
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(10, 9, 1000))
     monkeypatch.setattr(making, "make_record", None)
-    with pytest.raises(OSError, match=r"too little room; needs up to .* KiB, 1000 bytes is free"):
+    with pytest.raises(
+        OSError, match=r"the disk is too full; needs up to .* KiB, 1000 bytes is free"
+    ):
         make(CONFIG, tmp_path / "x.zarr")
     assert not list(tmp_path.iterdir())
 

@@ -266,6 +266,13 @@ def sample(kind: str, everything: bool, start: int, texts: bool = False) -> dict
     return {name: value for name, value in found.items() if name not in left_out}
 
 
+_REMEDY = re.compile(
+    r"[mM]ust |does not exist|expected |needs up to |requires? |cannot be combined|is missing|"
+    r"\b(Add|Remove|Use|Choose|Select|Pass|Make|Run|Continue) "
+)
+"""Words by which a message says what to change."""
+
+
 def one_clear_line(error: BaseException, name: str, value: Any = ...) -> str:
     """What is wrong with how an error tells of a parameter and its bad value; "" if nothing is."""
     said = str(error)
@@ -279,7 +286,7 @@ def one_clear_line(error: BaseException, name: str, value: Any = ...) -> str:
         return f"Python's words, not ours: {said!r}"
     if not re.search(rf"(?<!\w){re.escape(name)}(?!\w)", said):
         return f"does not name {name}: {said!r}"
-    if not re.search(r"[mM]ust |does not exist|expected |Select |needs up to ", said):
+    if not _REMEDY.search(said):
         return f"does not say what is allowed: {said!r}"
     if value is not ... and not any(word in said for word in _words(value)):
         return f"does not name the value: {said!r}"

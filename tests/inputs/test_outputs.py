@@ -148,7 +148,7 @@ Usage = namedtuple("Usage", "total used free")
 def test_a_full_disk(tmp_path, monkeypatch, writer):
     suffix, save = WRITERS[writer]
     monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(100, 90, 10))
-    said = "too little room; needs up to .*, 10 bytes is free"
+    said = "the disk is too full; needs up to .*, 10 bytes is free"
     with refused(said, OSError) as error:
         save(tmp_path / f"a{suffix}")
     assert error.value.errno == errno.ENOSPC
@@ -162,7 +162,7 @@ def test_a_full_disk_for_a_command(tmp_path, monkeypatch, capsys, sources, comma
     status, said = run(capsys, sources, command, str(tmp_path / f"a{COMMANDS[command][0]}"))
     assert (status, said.count("\n")) == (2, 1), said
     assert said.startswith("error: --out = ")
-    assert "too little room; needs up to" in said
+    assert "the disk is too full; needs up to" in said
     assert not os.listdir(tmp_path)
 
 

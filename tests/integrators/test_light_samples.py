@@ -307,6 +307,6 @@ def test_the_window_that_is_rendered_counts(window, monkeypatch):
     monkeypatch.setattr(
         scene_lights, "points_that_pay", lambda scene, width, sphere: widths.append(width) or 8
     )
-    found = tofrender.render(small(), spp=4, window=window, temporal_bins=50, progress=False)
+    found = tofrender.render(small(), spp=4, window=window, bins=50, progress=False)
     assert widths == [pytest.approx(found.attrs["bin_width_opl"])]
     assert found.attrs["bin_width_opl"] > 0.1

@@ -375,7 +375,7 @@ def test_failing_writes_leave_nothing(tmp_path, monkeypatch, writer, earlier, fa
     assert len(os.listdir(tmp_path)) == earlier
     if isinstance(failure, OSError):
         assert str(caught.value).startswith(f"path = {tmp_path}")
-        assert "too little room; needs" in str(caught.value)
+        assert "the disk is too full; needs" in str(caught.value)
         assert caught.value.errno == errno.ENOSPC
 
 

@@ -8,7 +8,6 @@ from helpers.parts import unit
 from helpers.scenes import numbers
 from helpers.support import camera, film, load
 
-from tofrender.bidirectional import emission
 from tofrender.bidirectional.lens import Lens
 from tofrender.paths.camera import pixel_corner, ray_origin, sampled_size
 
@@ -142,12 +141,3 @@ def test_points_on_the_lens():
     inside = np.sort((offset**2).sum(axis=1)) / THIN["aperture_radius"] ** 2
     assert inside == pytest.approx((np.arange(inside.size) + 0.5) / inside.size, abs=0.01)
     assert offset.mean(axis=0) == pytest.approx(np.zeros(3), abs=2e-3)
-
-
-def test_the_old_module_of_emission_warns():
-    """Starters of assignments that are released import from it."""
-    with pytest.warns(DeprecationWarning, match="import tofrender.bidirectional.emission"):
-        from tofrender.paths.emission import Emission
-    assert Emission is emission.Emission
-    with pytest.raises(ImportError):
-        from tofrender.paths.emission import Lens as _  # noqa: F401

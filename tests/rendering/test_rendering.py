@@ -108,7 +108,7 @@ def test_attributes_say_how_it_was_made():
 
 def test_a_loaded_scene_is_left_as_it_was():
     loaded = mi.load_dict(box(temporal_bins=300))
-    render(loaded, spp=16, window=(3.0, 30.0), temporal_bins=7, sampler="independent")
+    render(loaded, spp=16, window=(3.0, 30.0), bins=7, sampler="independent")
     sensor = loaded.sensors()[0]
     assert sensor.film().temporal_bins == 300
     assert sensor.film().start_opl == 3.5
@@ -233,10 +233,10 @@ def test_window_by_numbers():
     assert dataset.sizes["opl"] == 120
     assert dataset.attrs["start_opl"] == 3.0
     assert dataset.attrs["bin_width_opl"] == pytest.approx(0.25)
-    more = render(box(), temporal_bins=200)
+    more = render(box(), bins=200)
     assert more.sizes["opl"] == 200
     assert (more.attrs["start_opl"], more.attrs["bin_width_opl"]) == (3.5, 0.25)
-    coarse = render(box(), window=(3.0, 33.0), temporal_bins=10)
+    coarse = render(box(), window=(3.0, 33.0), bins=10)
     assert coarse.sizes["opl"] == 10
     assert coarse.attrs["bin_width_opl"] == pytest.approx(3.0)
     few, many = (each.transient.sum(("y", "x", "channel")).values for each in (coarse, dataset))
@@ -247,7 +247,7 @@ def test_window_by_numbers():
 @pytest.mark.parametrize("change", CHANGES)
 def test_auto_window_holds_99_9_percent(change):
     """Within the accuracy of 16384 test paths: a quarter of the 0.1 % left out, at one sigma."""
-    dataset = render(CHANGES[change](box(16)), spp=256, window="auto", temporal_bins=300)
+    dataset = render(CHANGES[change](box(16)), spp=256, window="auto", bins=300)
     assert outside(dataset) < 0.002
     assert change == "pulse" or outside(dataset) > 0.0003  # No wider than it need be
     energy = dataset.transient.sum(("y", "x", "channel")).values
@@ -264,7 +264,7 @@ def test_windows_far_away(distance):
     eye = camera((0, 0, 0), (0, 0, -1), film(4, 4), fov=2, far_clip=9 * distance)
     described = scene({"wall": wall, "lamp": lamp}, eye, max_depth=2)
     for window in ("auto", (1.9 * distance, 2.1 * distance)):
-        dataset = render(described, window=window, temporal_bins=50)
+        dataset = render(described, window=window, bins=50)
         assert outside(dataset) < 1e-3
         assert float(dataset.transient.sum()) > 0
         assert 1.9 * distance < dataset.opl[0] < 2.1 * distance
@@ -278,7 +278,7 @@ def test_bins_that_lengths_are_too_coarse_for(monkeypatch):
     loaded = mi.load_dict(box())
     for name, work in (
         ("bin", lambda: render(far)),
-        ("bin", lambda: render(box(), window=(9999.0, 10000.0), temporal_bins=1000)),
+        ("bin", lambda: render(box(), window=(9999.0, 10000.0), bins=1000)),
         ("bin", lambda: tofrender.TransientPath(mi.Properties()).render(mi.load_dict(far))),
         ("pulse", lambda: tofrender.render_at_time(loaded, gate, loaded.sensors()[0], 10000.0)),
     ):

@@ -114,13 +114,6 @@ def test_words_and_settings_ask_for_the_same():
     assert (one.attrs["max_depth"], one.attrs["scene"]) == (3, "cornell_box")
 
 
-def test_the_old_name_of_bins():
-    one, other = (
-        render(box(), spp=4, window=(3.5, 15.0), **{name: 7}) for name in ("bins", "temporal_bins")
-    )
-    check_same(one, other)
-
-
 def test_a_loaded_scene_takes_another_time_axis():
     dataset = render(loaded(), spp=1, bins=20, start_opl=3.0, bin_width=0.6)
     np.testing.assert_allclose(dataset.opl, 3.0 + (np.arange(20) + 0.5) * 0.6)

@@ -305,7 +305,7 @@ def test_a_changed_byte_of_a_finished_film_is_found(out, array):
 def test_a_film_that_the_disk_cannot_hold_is_refused(out, monkeypatch):
     usage = shutil.disk_usage("/")
     monkeypatch.setattr(shutil, "disk_usage", lambda *_: usage._replace(free=20000))
-    with pytest.raises(OSError, match=r"too little room; needs .* KiB is free") as error:
+    with pytest.raises(OSError, match=r"the disk is too full; needs .* KiB is free") as error:
         render(box(), out=out)
     assert str(out.parent) in one_line(error)
     assert names(out.parent) == set()

@@ -183,7 +183,7 @@ def test_a_disk_without_inodes(tmp_path, monkeypatch):
     counts[5:8] = 4, 0, 0  # f_files, f_ffree, f_favail
     monkeypatch.setattr(atomic.tempfile, "mkdtemp", full)
     monkeypatch.setattr(os, "statvfs", lambda _: os.statvfs_result(counts))
-    said = "^path = .*/film: too little room; needs more, no inode is free for another file$"
+    said = "^path = .*/film: the disk is too full; needs more, no inode is free for another file$"
     with refused(said, OSError) as error:
         check_writable(tmp_path / "film")
     assert error.value.errno == errno.ENOSPC

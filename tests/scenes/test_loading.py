@@ -151,7 +151,7 @@ def test_files_named_in_xml_are_found_beside_it(tmp_path):
 
 
 def test_unknown_settings_scenes_and_files(tmp_path):
-    with pytest.raises(TypeError, match="spps: no such setting; there are width, height"):
+    with pytest.raises(TypeError, match="spps: unknown setting; must be one of width, height"):
         check_settings({"spps": 3})
     assert "did you mean cornell_box" in refusal("cornel_box")
     assert "must be one of cornell_box, cornell_box_mirror" in refusal("kitchen")

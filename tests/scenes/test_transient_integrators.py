@@ -54,7 +54,7 @@ def test_a_closed_white_box_is_as_bright_as_mitsubas(wrapper):
     path = {"type": "path"}
     expected = np.array(mi.render(mi.load_dict(white_box(path)), spp=256)).mean()
     described = white_box(around(wrapper, path) if wrapper else path)
-    ours = tofrender.render(described, window=(0, 400), temporal_bins=4, spp=256, progress=False)
+    ours = tofrender.render(described, window=(0, 400), bins=4, spp=256, progress=False)
     assert expected == pytest.approx(5, rel=0.02)
     assert float(ours.steady.mean()) == pytest.approx(5, rel=0.02)
     assert float(ours.transient.sum("opl").mean()) == pytest.approx(5, rel=0.02)

@@ -99,7 +99,11 @@ def test_parts_of_a_phasor_must_fit():
         (20e6, parts_of(random_phasors(4, 6, 2)), r"I with shape .*must be \(height, width, chan"),
         (20e6, (real, imaginary[:, :5], *good[2:]), r"Q with shape \(4, 5, 3\): must be \(4, 6, 3"),
         (20e6, (*good[:3], phase[:2], depth), r"phase with shape .* must be \(4, 6, 3\) or \(4, 6"),
-        (20e6, (real, imaginary * 1j, *good[2:]), "Q of type complex128: must hold real numbers"),
+        (
+            20e6,
+            (real, imaginary * 1j, *good[2:]),
+            "Q of type complex128: must contain real numbers",
+        ),
     ):
         refused(said, vis.phasor_panel, frequencies, *parts)
 
@@ -153,7 +157,7 @@ def test_rainbow_repeats_after_a_period_and_turns_grey_when_light_is_spread():
     assert same.axes[1].get_ylabel() == "arrival time, modulo 0.6671 ns [ns]"
 
 
-def test_colour_bar_of_a_rainbow_says_when_light_arrived():
+def test_color_bar_of_a_rainbow_says_when_light_arrived():
     """Looked up in the bar, a pixel's colour gives its time, to the steps of a colour."""
     bins, period = 120, opl_to_ns(120 * 0.02)
     options = {"style": "rainbow", "period_ns": period, "exposure": 1.0}
@@ -170,7 +174,7 @@ def test_colour_bar_of_a_rainbow_says_when_light_arrived():
 @pytest.mark.parametrize(
     ("rare", "extend"), [([], "neither"), ([35], "max"), ([3], "min"), ([3, 35], "both")]
 )
-def test_colour_bar_of_arrivals_points_to_what_lies_beyond(rare, extend):
+def test_color_bar_of_arrivals_points_to_what_lies_beyond(rare, extend):
     data = np.zeros((20, 20, 40), np.float32)
     data[:, :10, 10], data[:, 10:, 20] = 1, 1
     for row, index in enumerate(rare):

@@ -1,6 +1,7 @@
-"""Output of commands that are done: lines for people or, with --json, one object for scripts.
+"""Output of finished commands: lines of text, or with --json one object for scripts.
 
-`SCHEMAS` lists the objects' keys, and docs/for_scripts.md describes them; keys may be added.
+`SCHEMAS` lists the keys of the objects. The page docs/for_scripts.md describes them. Later versions
+may add keys.
 """
 
 import json
@@ -19,10 +20,26 @@ _CHECK = {"name": str, "ok": bool, "detail": str, "remedy": str, "required": boo
 _WRITTEN = {"out": str, "files": list[str]}
 _PICTURE = _WRITTEN | {"width": int, "height": int}
 _SAMPLING = {"spp": int, "seed": int}
-_BINNED = {"out": str, "complete": bool, "scene": str, "bins": int, "start_opl": float}
-_BINNED |= {"bin_width": float, **_SAMPLING}
-_RENDER = {"channels": int, "integrator": str, "pulse": str, "max_depth": int, "sampler": str}
-_RENDER |= {"variant": str, "render_seconds": float, "energy_outside_window": float}
+_BINNED = {
+    "out": str,
+    "complete": bool,
+    "scene": str,
+    "bins": int,
+    "start_opl": float,
+    "bin_width": float,
+    "spp": int,
+    "seed": int,
+}
+_RENDER = {
+    "channels": int,
+    "integrator": str,
+    "pulse": str,
+    "max_depth": int,
+    "sampler": str,
+    "variant": str,
+    "render_seconds": float,
+    "energy_outside_window": float,
+}
 
 SCHEMAS: dict[str, dict[str, Any]] = {
     "scenes": {"scenes": [{"name": str, "description": str}]},
@@ -43,11 +60,18 @@ SCHEMAS: dict[str, dict[str, Any]] = {
     "lidar": _WRITTEN | {"scene": str, "shots": int, "points": int},
     "reconstruct": _WRITTEN | {"source": str, "method": str, "median_depth": float | None},
 }
-"""Types of the values that each command's object has, in their order."""
+"""Keys of the object of each command in their order, with the types of the values."""
 
 
 def answer(command: str, as_json: bool, facts: Any, lines: Iterable[str]) -> None:
-    """Print what a command has done on stdout: its facts, or lines of text."""
+    """Print the result of a command on stdout, as one JSON object or as lines of text.
+
+    Args:
+        command: Name of the command.
+        as_json: Whether to print `facts` instead of `lines`.
+        facts: Values of the command's schema.
+        lines: Lines for people.
+    """
     from tofrender import __version__
 
     if as_json:
@@ -57,16 +81,19 @@ def answer(command: str, as_json: bool, facts: Any, lines: Iterable[str]) -> Non
 
 
 def dataset_facts(command: str, dataset: "xr.Dataset", more: Mapping[str, Any]) -> dict[str, Any]:
-    """Facts of a command's schema from a Dataset's attributes, and more."""
-    attrs = dataset.attrs
-    given = {"bins": dataset.sizes["opl"], "bin_width": attrs["bin_width_opl"], **more}
-    complete = {"complete": attrs.get("complete", 1)}  # Captures of earlier versions have none
-    found = complete | attrs | given
+    """Return the values of a command's schema from the attributes of a Dataset and from `more`."""
+    found: dict[str, Any] = {
+        "complete": 1,
+        **dataset.attrs,
+        "bins": dataset.sizes["opl"],
+        "bin_width": dataset.attrs["bin_width_opl"],
+        **more,
+    }
     return {name: convert(found[name]) for name, convert in SCHEMAS[command].items()}
 
 
 def render_facts(dataset: "xr.Dataset", out: Path, files: list[str]) -> dict[str, Any]:
-    """Facts of a render."""
+    """Return the values of the schema of `render`."""
     sizes = dataset.sizes
     picture = {"width": sizes["x"], "height": sizes["y"], "channels": sizes["channel"]}
     return dataset_facts("render", dataset, {"out": out, "files": files, **picture})

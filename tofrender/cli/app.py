@@ -1,7 +1,7 @@
-"""The `tofrender` command: its groups of commands, and one line for whatever goes wrong.
+"""The `tofrender` command: groups of commands, the layout of their help, and error messages.
 
-Only the standard library and Typer are imported here, so that `--help` answers at once; each
-command imports what it needs, after its options are checked.
+This module imports the standard library and Typer only, so that `--help` answers at once. Each
+command imports what it needs after its options are checked.
 """
 
 import os
@@ -37,33 +37,43 @@ from .answers import Json, answer
 from .messages import set_command, with_option_names
 from .options import BAD_INPUT, FAILURE, INTERRUPTED, note, with_progress
 
+LONGEST_SUMMARY = 48
+"""Characters of a command's summary. It fits beside the command's name in 80 columns."""
+
 
 class Groups(TyperGroup):
-    """The command, whose help lists its commands in `GROUPS`."""
+    """The `tofrender` command. Its help lists the commands by the groups of `GROUPS`."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write a section for each group."""
-        space = formatter.width - 6 - max(map(len, self.commands))
         for title, names in GROUPS.items():
             with formatter.section(title):
-                lines = [(n, self.commands[n].get_short_help_str(space)) for n in names]
-                formatter.write_dl(lines)
+                summaries = [
+                    self.commands[name].get_short_help_str(LONGEST_SUMMARY) for name in names
+                ]
+                formatter.write_dl(list(zip(names, summaries, strict=True)))
 
 
 app = typer.Typer(
     cls=Groups,
-    help="Renders light in flight: transient images of Mitsuba scenes.",
+    help="Render light in flight: transient images of Mitsuba scenes.",
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command with `arguments`, by default the process's, and return its exit status.
+    """Run the command and return its exit status.
 
-    That is 0 on success, 2 for bad input, 1 for a failure, 130 after Ctrl-C or if work that can go
-    on was stopped, else 143 after SIGTERM and 129 after SIGHUP. All but the first leave one line on
-    stderr; with TOFRENDER_DEBUG=1 an error is raised instead.
+    Every status except 0 comes with one line on stderr. If the environment variable
+    TOFRENDER_DEBUG is 1, an error is raised instead.
+
+    Args:
+        arguments: Arguments of the command; by default `sys.argv[1:]`.
+
+    Returns:
+        0 on success, 1 for a failure, 2 for bad input, 130 after Ctrl-C or if work that can be
+        resumed was stopped, 143 after SIGTERM, and 129 after SIGHUP.
 
     Example:
         >>> main(["--version"]) == 0
@@ -77,7 +87,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             warnings.simplefilter("always", UserWarning)
             warnings.showwarning = _warn
             code = app(args=arguments, prog_name="tofrender", standalone_mode=False) or 0
-            if received and code == INTERRUPTED:  # Before the command starts; Typer says nothing
+            # A signal that arrives before the command starts. Typer does not report it.
+            if received and code == INTERRUPTED:
                 raise Terminated(received[0])
             return code
     except (Exception, KeyboardInterrupt) as error:
@@ -99,20 +110,24 @@ COURSE = {
 
 
 def _explain(error: BaseException) -> int:
-    """Print an error in one line on stderr; returns the exit status."""
-    explain = getattr(error, "format_message", None)  # Typer's errors about the command line
+    """Print an error in one line on stderr, and return the exit status."""
+    # Errors of Typer about the command line
+    explain = getattr(error, "format_message", None)
     if explain is not None:
         return _complain(explain(), BAD_INPUT)
-    while error.__cause__ is not None:  # Dr.Jit wraps what is raised inside a loop
+
+    # Dr.Jit wraps errors that are raised inside a loop
+    while error.__cause__ is not None:
         error = error.__cause__
     package = str(getattr(error, "name", None)).partition(".")[0]
     if isinstance(error, ModuleNotFoundError) and package in COURSE:
-        return _complain(f"{package} is missing; run: pip install 'tofrender[course]'", FAILURE)
+        remedy = "pip install 'tofrender[course]'"
+        return _complain(f"{package} is not installed. Run: {remedy}", FAILURE)
     if isinstance(error, KeyboardInterrupt | typer.Abort):
         message = str(error) if str(error).startswith("interrupted") else "interrupted"
         return _complain(message, getattr(error, "status", INTERRUPTED))
-    bad = (ValueError, MemoryError, FileNotFoundError, FileExistsError, PermissionError)
-    status = BAD_INPUT if isinstance(error, bad) else FAILURE
+    bad_input = (ValueError, MemoryError, FileNotFoundError, FileExistsError, PermissionError)
+    status = BAD_INPUT if isinstance(error, bad_input) else FAILURE
     return _complain(with_option_names(str(error)) or type(error).__name__, status)
 
 
@@ -125,10 +140,49 @@ def _complain(message: str, status: int) -> int:
     return status
 
 
-class Command(TyperCommand):
-    """Command with a status line, whose errors name its options.
+EXAMPLES = "\n\nExamples:\n"
+"""Heading in the docstring of a command. The lines below are printed as they are."""
 
-    Its Ctrl-C reaches `_explain` in another error: Typer would end it without a word.
+
+class Described(TyperCommand):
+    """A command with examples at the end of its help. They are written in its docstring."""
+
+    def format_help_text(self, ctx: Any, formatter: Any) -> None:
+        """Write the description without the examples."""
+        text, _, _ = (self.help or "").partition(EXAMPLES)
+        formatter.write_paragraph()
+        with formatter.indentation():
+            formatter.write_text(text)
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write the arguments and the options, without Typer's names of types."""
+        sections: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx)
+            if record is None:
+                continue
+            name, text = record
+            if parameter.param_type_name == "argument":
+                sections["Arguments"].append((parameter.metavar or name, text))
+            else:
+                sections["Options"].append((name, text))
+        for title, records in sections.items():
+            if records:
+                with formatter.section(title):
+                    formatter.write_dl(records)
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Write the examples."""
+        _, _, examples = (self.help or "").partition(EXAMPLES)
+        with formatter.section("Examples"):
+            for line in examples.splitlines():
+                formatter.write(f"  {line.strip()}\n")
+
+
+class Command(Described):
+    """A command with a status line and with error messages that name its options.
+
+    After Ctrl-C, `invoke` raises another error, because Typer would end without a message.
     """
 
     def invoke(self, ctx: Any) -> Any:
@@ -161,9 +215,14 @@ def _options(
     pass
 
 
-@app.command()
+@app.command(cls=Described)
 def scenes(as_json: Json = False) -> None:
-    """List the built-in scenes."""
+    """List the built-in scenes.
+
+    Examples:
+        tofrender scenes
+        tofrender scenes --json
+    """
     from tofrender.scenes import BUILT_IN, describe
 
     width = max(map(len, BUILT_IN))
@@ -172,9 +231,16 @@ def scenes(as_json: Json = False) -> None:
     answer("scenes", as_json, {"scenes": found}, lines)
 
 
-@app.command()
+@app.command(cls=Described)
 def doctor(as_json: Json = False) -> None:
-    """Check whether rendering works here, and explain how to fix it if not."""
+    """Check the installation and print remedies.
+
+    The exit status is 0 if rendering works.
+
+    Examples:
+        tofrender doctor
+        tofrender doctor --json
+    """
     if not as_json:
         raise typer.Exit(diagnosis.main())
     checks = diagnosis.diagnose()
@@ -184,13 +250,21 @@ def doctor(as_json: Json = False) -> None:
 
 
 SHOWN = (
-    *(time.phasor, time.gate, nlos.capture, nlos.reconstruct, warp.warp, report.report),
-    *(moving.doppler, moving.fmcw),
-    *(render.render, lidar.lidar, writing.merge, sense.sense, dataset.dataset),
+    render.render,
+    time.gate,
+    time.phasor,
+    moving.doppler,
+    moving.fmcw,
+    lidar.lidar,
+    dataset.dataset,
+    writing.merge,
+    nlos.capture,
+    nlos.reconstruct,
+    sense.sense,
+    report.report,
+    warp.warp,
 )
-"""Commands with a status line; the others print each thing that they have done."""
-
-_TEACHERS = ("release", "verify", "grade", "gradescope", "prairielearn", "classroom50")
+"""Commands with a status line. The other commands print a line for each result."""
 
 GROUPS = {
     "Render": ("render", "gate", "phasor", "doppler", "fmcw", "lidar", "dataset", "merge"),
@@ -198,15 +272,34 @@ GROUPS = {
     "Measure and look": ("sense", "report", "view", "compare"),
     "Learn sampling": ("warp", "warptest"),
     "Students": ("start", "submit"),
-    "Teachers": (*_TEACHERS, "similarity", "new-term"),
+    "Teachers": (
+        "release",
+        "verify",
+        "grade",
+        "gradescope",
+        "prairielearn",
+        "classroom50",
+        "similarity",
+        "new-term",
+    ),
     "This installation": ("scenes", "doctor"),
 }
-"""Names of the commands by the headings under which --help lists them."""
+"""Headings of `tofrender --help`, and the names of the commands below each."""
 
 for command in (
     *SHOWN,
-    *(course.start, course.submit, course.release, course.verify, grade.grade),
-    *(grade.gradescope, grade.prairielearn, grade.classroom50, grade.similarity, grade.new_term),
-    *(warp.warptest, view.view, view.compare),
+    view.view,
+    view.compare,
+    warp.warptest,
+    course.start,
+    course.submit,
+    course.release,
+    course.verify,
+    grade.grade,
+    grade.gradescope,
+    grade.prairielearn,
+    grade.classroom50,
+    grade.similarity,
+    grade.new_term,
 ):
     app.command(cls=Command)(with_progress(command))

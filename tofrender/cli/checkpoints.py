@@ -1,4 +1,4 @@
-"""Checkpoints of commands that take long: they can be stopped, killed, and go on."""
+"""Checkpoints for resuming a stopped or killed command."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -16,21 +16,40 @@ from .answers import answer
 if TYPE_CHECKING:
     from ..runtime.checkpoints import Checkpoint
 
-Seconds = Annotated[float, opt.real(0, "Seconds of work between checkpoints; 0: never.")]
+Seconds = Annotated[float, opt.real(0, "Time between checkpoints [s], 0 for no checkpoints")]
 Resume = Annotated[bool, opt.switch("--resume", "Continue a stopped or killed run, up to --spp.")]
 
 NEVER_S = 1e9
-PARTS = 2  # Poses of `tofrender doppler`
-AGAIN = "the same command with --resume goes on"
-RUN = "run"  # Attribute of a written file: recipe and facts of the run, as JSON
+"""Time between checkpoints if there are none [s]."""
+
+PARTS = 2
+"""Number of parts of `tofrender doppler`, each with a checkpoint."""
+
+AGAIN = "run the same command with --resume to continue"
+"""Remedy in messages of stopped runs."""
+
+RUN = "run"
+"""Attribute of a written file: recipe and facts of the run as JSON."""
 
 
 @contextmanager
 def checkpointed(out: Path, seconds: float, resume: bool) -> "Iterator[Checkpoint | None]":
-    """Lock `out`, and yield the checkpoint of the command that writes it, if there is to be one.
+    """Lock `out`, and yield the checkpoint of the command that writes it.
 
-    Temporary files of killed runs are removed; so is the checkpoint when the block ends without an
-    error or `typer.Exit`.
+    Temporary files of killed runs are removed. The checkpoint is removed when the block ends
+    without an error and without `typer.Exit`.
+
+    Args:
+        out: Folder or file that the command writes.
+        seconds: Time between checkpoints [s]; 0 for none.
+        resume: Whether to continue a stopped run.
+
+    Yields:
+        The checkpoint, or None if `seconds` is 0 and no run is continued.
+
+    Raises:
+        ValueError: A stopped run has left a checkpoint, and `resume` is False.
+        OSError: The disk is full.
     """
     from ..runtime.checkpoints import Checkpoint
 
@@ -41,7 +60,7 @@ def checkpointed(out: Path, seconds: float, resume: bool) -> "Iterator[Checkpoin
         unfinished = unfinished_work(out)
         if unfinished is not None and not resume:
             raise ValueError(
-                f"--out = {out}: {unfinished} is of a stopped run; {AGAIN}, or remove it"
+                f"--out = {out}: a stopped run has left {unfinished}. Either {AGAIN}, or remove it"
             )
         checkpoint = None
         if seconds or (resume and unfinished is not None):
@@ -51,7 +70,7 @@ def checkpointed(out: Path, seconds: float, resume: bool) -> "Iterator[Checkpoin
         except OSError as error:
             if error.errno not in DISK_FULL or not is_begun(path, film_path(out)):
                 raise
-            raise OSError(f"{error}; with more room, {AGAIN}") from None
+            raise OSError(f"{error}. Free space on the disk, then {AGAIN}") from None
         for each in _files(out):
             each.unlink(missing_ok=True)
         remove(film_path(out))
@@ -75,17 +94,17 @@ def end_if_incomplete(attrs: Mapping[str, Any]) -> None:
 def end_if_stopped(stop: Stop) -> None:
     """End the command if it was stopped while its files were written."""
     if stop.requested:
-        raise KeyboardInterrupt("interrupted while files were written, which are whole")
+        raise KeyboardInterrupt("interrupted after all files were written completely")
 
 
 def require_begun(resume: bool, begun: Path | None, out: Path) -> None:
-    """Raise a ValueError if there is nothing that `resume` could go on from."""
+    """Raise a ValueError if `resume` is set and no run was stopped."""
     if resume and (begun is None or not is_begun(begun)):
-        raise ValueError(f"--resume: no run that writes {out} was stopped; must be left out")
+        raise ValueError(f"--resume: no run that writes {out} was stopped. Remove the option")
 
 
 def recipe_of(scene: Any, sensor: Any, **options: Any) -> dict[str, Any]:
-    """Return everything that the result of a command depends on, as JSON can hold it."""
+    """Return everything that the result of a command depends on, as values of JSON."""
     import mitsuba as mi
 
     from ..integrators.running import made_with
@@ -103,7 +122,7 @@ def run_attribute(recipe: Mapping[str, Any], facts: Mapping[str, Any]) -> dict[s
 def answer_if_finished(
     command: str, out: Path, name: str, recipe: Mapping[str, Any], as_json: bool
 ) -> bool:
-    """Answer for a run that `--resume` finds finished; return whether there is one.
+    """Print the result of a run that is finished already, and return whether there is one.
 
     Args:
         command: Name of the command.
@@ -125,8 +144,8 @@ def answer_if_finished(
         now = recipe.get(key)
         if before != now:
             raise ValueError(
-                f"--resume: {out} was made with {key} = {opt.checks.quote(before)}; must be "
-                f"{opt.checks.quote(now)}. Leave out --resume to replace the folder"
+                f"--resume: {out} was made with {key} = {opt.checks.quote(before)} instead of "
+                f"{opt.checks.quote(now)}. Remove --resume to replace the folder"
             )
     facts = found["facts"] | {"out": str(out)}
     lines = [f"{out}: already complete, {recipe['spp']} samples per pixel"]
@@ -135,7 +154,7 @@ def answer_if_finished(
 
 
 def _run_of(out: Path, name: str) -> dict[str, Any] | None:
-    """Read the attribute of `run_attribute`; None if no finished run has written all its files."""
+    """Read the attribute of `run_attribute`; return None if files of the run are missing."""
     import xarray as xr
 
     from ..io.exr import load_exr_layers
@@ -151,34 +170,30 @@ def _run_of(out: Path, name: str) -> dict[str, Any] | None:
                 attrs = file.attrs
         found = json.loads(attrs[RUN])
         whole = all((out / each).is_file() for each in found["facts"]["files"])
-    except (
-        OSError,
-        ValueError,
-        KeyError,
-        TypeError,
-    ):  # The file is damaged, or another program wrote it
+    except (OSError, ValueError, KeyError, TypeError):
+        # The file is damaged, or another program has written it
         return None
     return found if whole else None
 
 
 def checkpoint_path(out: Path) -> Path:
-    """Hidden checkpoint beside `out`."""
+    """Return the path of the hidden checkpoint next to `out`."""
     return sibling(out, ".checkpoint.npz")
 
 
 def _files(out: Path) -> list[Path]:
-    """Checkpoints that a command that writes `out` may have: one, or one of each pose."""
+    """Return the paths of all checkpoints that belong to `out`: one, or one for each part."""
     path = checkpoint_path(out)
     return [path, *(part_path(path, number) for number in range(PARTS))]
 
 
 def film_path(out: Path) -> Path:
-    """Hidden film on the disk, beside `out`."""
+    """Return the path of the hidden film on the disk next to `out`."""
     return sibling(out, ".zarr")
 
 
 def unfinished_work(out: Path) -> Path | None:
-    """Checkpoint or tiles of `out` by a stopped or killed run, if there are any."""
+    """Return the checkpoint or the tiles of a stopped or killed run; None without one."""
     film = film_path(out)
     folder = sibling(film, ".film")
     if any(folder.glob("receipts/tile *")):
@@ -187,5 +202,5 @@ def unfinished_work(out: Path) -> Path | None:
 
 
 def is_begun(*begun: Path) -> bool:
-    """Whether there is a checkpoint, or a film on the disk, finished or not."""
+    """Return whether a checkpoint exists, or a film on the disk, finished or not."""
     return any(each.exists() or sibling(each, ".film").exists() for each in begun)

@@ -1,22 +1,25 @@
-"""Completions for shells: names that are known without importing what has them."""
+"""Completions for shells. They need no import of Mitsuba."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from ..runtime.lazy import public_names
 
-VARIANTS = tuple(
-    f"{backend}_{kind}"
-    for backend in ("llvm", "cuda")
-    for kind in (
-        *("ad_rgb", "ad_mono", "ad_spectral", "ad_mono_polarized", "ad_spectral_polarized"),
-        *("mono", "rgb", "spectral"),
-    )
+KINDS = (
+    "ad_rgb",
+    "ad_mono",
+    "ad_spectral",
+    "ad_mono_polarized",
+    "ad_spectral_polarized",
+    "mono",
+    "rgb",
+    "spectral",
 )
+VARIANTS = tuple(f"{backend}_{kind}" for backend in ("llvm", "cuda") for kind in KINDS)
 
 
 def among(names: Iterable[str]) -> Callable[[str], list[str]]:
-    """Make a function that completes text to one of some names."""
+    """Return a function that completes text to one of `names`."""
     known = tuple(names)
     return lambda incomplete: [name for name in known if name.startswith(incomplete)]
 
@@ -25,19 +28,19 @@ variant = among(VARIANTS)
 
 
 def scene_names() -> list[str]:
-    """Names of the built-in scenes, as the package's stub lists them."""
+    """Return the names of the built-in scenes, read from the package's stub."""
     names = public_names("tofrender", str(Path(__file__).parents[1] / "__init__.py"))
     return [name for name, module in names.items() if module == "tofrender.scenes"]
 
 
 def scene(incomplete: str) -> list[str]:
-    """Completions to a built-in scene, an XML file, or a folder on the way to one."""
+    """Complete text to a built-in scene, an XML file, or a folder."""
     names = [n.replace("_", "-") if "-" in incomplete else n for n in scene_names()]
     return among(names)(incomplete) + paths(incomplete, ".xml")
 
 
 def paths(incomplete: str, *suffixes: str) -> list[str]:
-    """Completions to files that end in one of these, and folders."""
+    """Complete text to a folder, or to a file with one of `suffixes`."""
     folder, _, start = incomplete.rpartition("/")
     root = f"{folder}/" if "/" in incomplete else ""
     try:

@@ -16,18 +16,26 @@ from .options import argument, integer, named, note, say, switch
 MAX_SEEDS = 10_000
 CHECKS = "structure, edition, starter, reference, solutions, mutants, or a mutant's id"
 
-Name = Annotated[str, argument("ASSIGNMENT", "For example a2, or its folder.")]
+Name = Annotated[
+    str, argument("ASSIGNMENT", "Name of the assignment, for example a2, or its folder.")
+]
 
 
 def release(
     assignment: Name,
-    out: Annotated[Path, named("DIR", "Where to make it.", "--out", "-o")],
-    pdf: Annotated[bool, switch("--pdf", "PDF, too; Chromium prints it.")] = False,
+    out: Annotated[Path, named("DIR", "Folder in which the edition is made.", "--out", "-o")],
+    pdf: Annotated[
+        bool, switch("--pdf", "Print the handout as PDF as well, with Chromium.")
+    ] = False,
 ) -> None:
-    """Make the students' edition of an assignment: a new folder in DIR.
+    """Make the students' edition of an assignment.
 
-    It holds the handout and the package, without the modules that students write themselves. If
-    any of them is still there, nothing is made.
+    The edition is a new folder in DIR. It contains the handout and the package without the modules
+    that students write themselves. The command fails if the edition would contain such a module.
+
+    Examples:
+        tofrender release a1 -o dist
+        tofrender release a2 -o dist --pdf
     """
     from tofrender.course import edition
     from tofrender.course.author.release import PACKAGE_FOLDER, release as make
@@ -40,23 +48,35 @@ def release(
     say(f"{made}: README and exercises ({kinds}), figures and {PACKAGE_FOLDER}/")
     say(f"withheld: {', '.join(sorted(chosen))}")
     if alone:
-        say(f"left out, since they need one of these: {', '.join(alone)}")
+        say(f"also left out, because they need a withheld module: {', '.join(alone)}")
     say(f'students run: pip install "./{PACKAGE_FOLDER}[course]"')
 
 
 def verify(
     assignment: Name,
-    seeds: Annotated[int, integer(1, MAX_SEEDS, "Seeds under which right code must pass.")] = 1,
+    seeds: Annotated[
+        int, integer(1, MAX_SEEDS, "Number of seeds with which correct solutions must pass")
+    ] = 1,
     wrong: Annotated[
-        int | None, integer(1, MAX_SEEDS, "Try N of the wrong solutions only, evenly spread.")
+        int | None,
+        integer(
+            1, MAX_SEEDS, "Number of wrong solutions to try, evenly spread", show_default="all"
+        ),
     ] = None,
-    only: Annotated[list[str] | None, named("WHAT", f"{CHECKS}; repeatable.")] = None,
+    only: Annotated[
+        list[str] | None,
+        named("CHECK", f"Run this check only: {CHECKS}. Repeat the option for more checks."),
+    ] = None,
 ) -> None:
-    """Check that an assignment is consistent before it is released.
+    """Check an assignment before its release.
 
-    Correct solutions get all points, stubs none, each wrong one fails exactly its tests, nothing
-    withheld is in the students' edition, and rubric, tests and handout agree. If anything does not
-    hold, the exit status is 1.
+    Correct solutions must get all points and stubs none. Each wrong solution must fail exactly its
+    tests. The students' edition must not contain withheld modules. Rubric, tests and handout must
+    agree. If a check fails, the exit status is 1.
+
+    Examples:
+        tofrender verify a1
+        tofrender verify a2 --only solutions --seeds 20
     """
     from rich.console import Console
 
@@ -78,8 +98,17 @@ def verify(
         raise typer.Exit(1)
 
 
-def start(assignment: Name, folder: Annotated[Path, argument("FOLDER", "A new folder.")]) -> None:
-    """Make a folder to work in: stubs, tests, handout and notebook of an assignment."""
+def start(
+    assignment: Name, folder: Annotated[Path, argument("FOLDER", "New folder to work in.")]
+) -> None:
+    """Make a folder to work on an assignment.
+
+    The folder contains stubs, tests, handout and notebook of the assignment.
+
+    Examples:
+        tofrender start a1 my_a1
+        tofrender start a2 ~/course/a2
+    """
     from tofrender.course.notebooks import NOTEBOOK
     from tofrender.course.student.folders import start as make
 
@@ -99,11 +128,15 @@ def start(assignment: Name, folder: Annotated[Path, argument("FOLDER", "A new fo
 
 def submit(
     assignment: Name,
-    folder: Annotated[Path, argument("FOLDER", "The folder that `start` has made.")],
+    folder: Annotated[Path, argument("FOLDER", "Folder that `tofrender start` has made.")],
 ) -> None:
-    """Run the public tests, and pack what is handed in: FOLDER.zip beside FOLDER.
+    """Run the public tests and pack the submission.
 
-    Failed tests do not keep you from handing in.
+    The submission is FOLDER.zip next to FOLDER. It is packed even if tests fail.
+
+    Examples:
+        tofrender submit a1 my_a1
+        tofrender submit a2 .
     """
     from tofrender.course.student import folders
 
@@ -113,18 +146,19 @@ def submit(
     say("Running the public tests ...")
     try:
         _table(found.rubric, folders.run_public_tests(found, folder))
-    except RuntimeError as error:  # no reason not to hand in
+    except RuntimeError as error:
+        # Tests that cannot run do not prevent handing in
         note(f"warning: {error}")
     handed = folders.pack(found, folder, folder.with_name(f"{folder.name}.zip"))
     for name in handed.missing:
         note(f"warning: {name} is missing")
     for name in handed.unchanged:
-        note(f"warning: {name} is as it came")
+        note(f"warning: {name} was not changed")
     say(f"{handed.archive}: {', '.join(handed.files)}")
 
 
 def _table(rubric: Rubric, outcomes: dict[str, Outcome]) -> None:
-    """Print the points of each problem, and the tests that failed."""
+    """Print the points of each problem, and the failed tests."""
     reached = points_of(rubric, outcomes)
     width = max(len(problem.title) for problem in rubric.problems)
     total = 0.0

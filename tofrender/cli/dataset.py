@@ -11,38 +11,48 @@ LAST = 10_000_000
 
 
 def numbers(name: str, value: Any) -> list[int]:
-    """Check numbers and ranges, like 17 or 0-99,250, and list the numbers."""
+    """Check indices and ranges of records, like 17 or 0-99,250, and return all indices."""
     found: list[int] = []
     for part in str(value).split(","):
         ends = re.fullmatch(r"(\d{1,8})(-(\d{1,8}))?", part, re.ASCII)
         low, high = (int(ends[1]), int(ends[3] or ends[1])) if ends else (1, 0)
         if not low <= high <= LAST:
-            raise ValueError(f"{name} = {value}: must be numbers of records, like 17 or 0-99,250")
+            raise ValueError(f"{name} = {value}: must be indices of records, like 17 or 0-99,250")
         found += range(low, high + 1)
     return found
 
 
 def dataset(
-    config: Annotated[Path, opt.argument("CONFIG", "TOML file: what to make.")],
-    out: Annotated[Path | None, opt.named("DIR", "Folder to write, ends in .zarr.")] = None,
-    only: Annotated[
-        Any, opt.checked(numbers, "Only these records, e.g. 17 or 0-99.", metavar="N,N-N")
+    config: Annotated[Path, opt.argument("CONFIG", "TOML file that describes the data set.")],
+    out: Annotated[
+        Path | None, opt.named("DIR", "Folder to write. Its name ends in .zarr.")
     ] = None,
-    plan: Annotated[bool, opt.switch("--plan", "Show the plan and stop.")] = False,
+    only: Annotated[
+        Any,
+        opt.checked(numbers, "Make these records only, for example 17 or 0-99.", metavar="N,N-N"),
+    ] = None,
+    plan: Annotated[
+        bool, opt.switch("--plan", "Print the size of the data set without making it.")
+    ] = False,
     variant: opt.Variant = None,
     workers: opt.Workers = None,
     scheduler: opt.Scheduler = None,
     resume: Annotated[bool, opt.switch("--resume", "Continue a stopped or killed run.")] = False,
 ) -> None:
-    """Make a data set: many scenes with varied cameras, lights, materials and objects.
+    """Make a data set of varied scenes.
 
-    CONFIG says how many, what is varied, and what each record holds; docs/datasets.md has all its
-    keys. DIR is one Zarr group, which appears when all records are there. --resume continues a
-    stopped or killed run; a complete DIR is not changed. With --only, some records are made alone,
-    equal to those of the complete set.
+    CONFIG defines the number of records, their contents, and the cameras, lights, materials and
+    objects that vary. The page docs/datasets.md describes its keys. DIR is one Zarr group. It
+    appears when all records are complete. With --resume the command continues a stopped or killed
+    run. A complete data set is not changed. With --only, the command makes the same records as in
+    the whole data set.
+
+    Examples:
+        tofrender dataset boxes.toml --plan
+        tofrender dataset boxes.toml --only 0-3 --out boxes.zarr
     """
     if out is None and not plan:
-        raise ValueError("--out: must be given, or --plan")
+        raise ValueError("--out is missing. Add --out DIR, or --plan to see the size only")
     opt.activate(variant)
 
     from tofrender.datasets.making import make_dataset, plan_dataset, require_complete, under_way
@@ -57,7 +67,7 @@ def dataset(
             count = require_complete(config, out, only).sizes["record"]
             opt.say(f"{out}: already complete, {count} record{'s' * (count != 1)}")
             return
-        raise ValueError(f"--resume: no run that makes {out} was stopped; must be left out")
+        raise ValueError(f"--resume: no run that makes {out} was stopped. Remove the option")
     with opt.client_of(workers, scheduler) as client:
         made = make_dataset(
             config, out, only=only, client=client, resume=resume, tell=opt.note, again=AGAIN

@@ -1,8 +1,9 @@
-"""Frames of an animation, for `tofrender render --frames`."""
+"""Animations: `tofrender render --frames`."""
 
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,38 +22,41 @@ if TYPE_CHECKING:
     from ..rendering.job import Job
 
 COMMAND = "render --frames"
-ONE_FRAME = ("workers", "scheduler", "errors", "denoise")  # Options without --frames only
+ONE_FRAME = ("workers", "scheduler", "errors", "denoise")
+"""Options that cannot be combined with --frames."""
+
 FPS = 10
+"""Frames per second of the video."""
 
 
 def check(options: dict[str, Any]) -> None:
-    """Refuse options that do not suit --frames, or that need it."""
+    """Refuse options that cannot be combined with --frames, and options that require it."""
     of_frames = {"frame_time": None, "exposure": 0.0, "poses": None, "row_time": 0.0}
     if options["frames"] is None:
         for name, default in of_frames.items():
             if options[name] != default:
-                raise ValueError(f"--{name.replace('_', '-')}: must be left out without --frames")
+                raise ValueError(f"--{name.replace('_', '-')} requires --frames")
         return
     if options["frame_time"] is None:
-        raise ValueError("--frame-time: must be given with --frames, the seconds between them")
+        raise ValueError("--frame-time is missing. Add the time between two frames in seconds")
     wrong = [name for name in ONE_FRAME if options[name]]
     wrong += ["checkpoint"] * (options["checkpoint"] != EVERY_S)
     if wrong:
-        raise ValueError(f"--{wrong[0]}: must be left out with --frames")
+        raise ValueError(f"--{wrong[0]} cannot be combined with --frames. Remove one of them")
     if options["format"] == "zarr":
-        raise ValueError("--format = zarr: must be another one with --frames")
+        raise ValueError("--format = zarr cannot be combined with --frames. Use another format")
     out = options["out"]
     foreign = _foreign(out)
     if foreign or out.is_file():
-        what = f"holds other content ({foreign[0]})" if foreign else "is a file"
-        raise ValueError(f"--out = {out}: {what}; must be a new folder, or one of frames")
+        what = f"contains other files ({foreign[0]})" if foreign else "is a file"
+        raise ValueError(f"--out = {out} {what}. Use a new folder, or a folder of frames")
     opt.check_out(out / "frame_0000")
 
 
 def _foreign(out: Path) -> list[str]:
     """Return the names of files in a folder that this command did not write.
 
-    Temporary files of a killed run are the command's own.
+    Temporary files of a killed run count as files of the command.
     """
     if not out.is_dir():
         return []
@@ -64,10 +68,16 @@ def _foreign(out: Path) -> list[str]:
 
 
 def render_frames(job: Job, times: list[float], shutter: Shutter, options: dict[str, Any]) -> None:
-    """Render frames into folders of `out`, from the first one on that is not there.
+    """Render the frames of an animation that are missing in `out`.
 
-    Finished frames of an earlier run stay there until these, in a hidden folder beside it, are all
-    finished.
+    If `out` contains the finished frames of another run, the new frames are written into a hidden
+    folder next to `out`. They replace the old frames when all new frames are finished.
+
+    Args:
+        job: The render of one frame.
+        times: Start of each frame [s].
+        shutter: Exposure of a frame.
+        options: Options of the command by parameter.
     """
     import numpy as np
 
@@ -102,7 +112,8 @@ def render_frames(job: Job, times: list[float], shutter: Shutter, options: dict[
                     raise KeyboardInterrupt(done) from None
                 with deferred_stop() as stop:
                     write(frame, folder / f"frame_{k:04d}", **files)
-                    facts, so_far = render_facts(frame, out, []), listed["so_far"]
+                    facts = render_facts(frame, out, [])
+                    so_far = listed["so_far"]
                     for name, total in TOTALS.items():
                         facts[name] = total([facts[name], so_far.get(name, 0.0)])
                     listed["so_far"] = facts
@@ -125,23 +136,35 @@ def render_frames(job: Job, times: list[float], shutter: Shutter, options: dict[
 
 
 def _begin(out: Path, recipe: dict[str, Any], resume: bool) -> tuple[Path, dict[str, Any]]:
-    """Begin or resume a run; returns the folder of its frames, and what is listed there."""
-    folder, earlier = out, _listed(out)
-    beside = atomic.sibling(out, ".frames")
+    """Begin or resume a run.
 
-    # Finished frames that others have replaced, or a folder without any frame
-    listed = _listed(beside)
+    Returns:
+        The folder of the frames, and the content of its list.
+    """
+    folder = out
+    earlier = _listed(out)
+    hidden = atomic.sibling(out, ".frames")
+
+    # Remove a hidden folder without frames, or with finished frames that were moved already
+    listed = _listed(hidden)
     if "facts" in listed or not listed:
-        atomic.remove(beside)
-    for each in (out, beside):
+        atomic.remove(hidden)
+    for each in (out, hidden):
         _remove_temporary_files(each)
-    if beside.exists() or ("facts" in earlier and not resume):
-        folder, earlier = beside, _listed(beside)
+
+    # Choose the folder of the frames
+    if hidden.exists() or ("facts" in earlier and not resume):
+        folder = hidden
+        earlier = _listed(hidden)
     if resume and not earlier:
-        raise ValueError(f"--resume: {out} holds no frames; must be left out")
+        raise ValueError(f"--resume: {out} does not contain frames. Remove the option")
     if earlier and not resume:
-        what = f"{folder} holds frames of a stopped run"
-        raise ValueError(f"--out = {out}: {what}; {AGAIN}, or remove it")
+        raise ValueError(
+            f"--out = {out}: a stopped run has left frames in {folder}. Either {AGAIN}, or remove "
+            "the folder"
+        )
+
+    # Begin a list of frames, or compare the existing list
     if earlier:
         _require_same(folder, earlier["recipe"], recipe)
     else:
@@ -151,7 +174,7 @@ def _begin(out: Path, recipe: dict[str, Any], resume: bool) -> tuple[Path, dict[
 
 
 def _remove_temporary_files(folder: Path) -> None:
-    """Remove what a killed run had not yet moved to its place in a folder of frames."""
+    """Remove the temporary files of a killed run from a folder of frames."""
     if not (folder / FRAMES_LIST).exists():
         return
     for path in folder.glob(f"{atomic.TEMPORARY_PREFIX}*"):
@@ -159,18 +182,19 @@ def _remove_temporary_files(folder: Path) -> None:
 
 
 def _listed(folder: Path) -> dict[str, Any]:
-    """Return what the list of a folder's frames says, empty if there is none."""
+    """Return the content of a folder's list of frames; an empty one without a list."""
     path = folder / FRAMES_LIST
     return json.loads(path.read_text()) if path.exists() else {}
 
 
 def _require_same(out: Path, earlier: dict[str, Any], recipe: dict[str, Any]) -> None:
-    """Refuse to go on with frames of another kind."""
+    """Refuse to continue frames that were rendered with other settings."""
     for name, value in recipe.items():
         if earlier.get(name) != value:
             raise ValueError(
-                f"--resume: frames in {out} have {name} = {opt.checks.quote(earlier.get(name))}; "
-                f"must be {opt.checks.quote(value)}"
+                f"--resume: the frames in {out} have {name} = "
+                f"{opt.checks.quote(earlier.get(name))} instead of {opt.checks.quote(value)}. "
+                "Use the same options, or another folder"
             )
 
 
@@ -180,7 +204,12 @@ def _store(path: Path, content: dict[str, Any]) -> None:
 
 
 def save_video(steady: np.ndarray, path: Path) -> None:
-    """Write a video of pictures (frame, height, width, channel), all of one exposure."""
+    """Write a video of pictures with one exposure for all.
+
+    Args:
+        steady: Pictures (frame, height, width, channel).
+        path: File to write. Its suffix chooses the format.
+    """
     from PIL import Image
 
     from ..io.pictures import encode_video
@@ -188,7 +217,7 @@ def save_video(steady: np.ndarray, path: Path) -> None:
 
     count, height, width, channels = steady.shape
     pictures = tonemap(steady.reshape(count * height, width, channels))
-    scale = 2 * -(-192 // min(height, width))  # To an even size of at least 384 pixels
+    scale = 2 * math.ceil(192 / min(height, width))  # Even sides of at least 384 pixels
     size = scale * width, scale * height
     enlarged = (
         Image.fromarray(each).resize(size, Image.Resampling.NEAREST)

@@ -19,61 +19,79 @@ if TYPE_CHECKING:
 
 MAX_JOBS = 256
 
-RESULTS = "Results file; with --all the folder of the results files, else beside --csv."
-ROSTER = "With --all, CSV of the class: id, and name, email, section, submission."
+RESULTS = "Results file to write. With --all, folder of results files."
+ROSTER = (
+    "With --all, CSV file of the class with the column id, and optionally name, email, section "
+    "and submission."
+)
 SHEET = (
-    "With --all, CSV of manual entries: id, and late_days, note, ids of problems (points instead "
-    "of the tests') and of what is graded by hand."
+    "With --all, CSV file of manual entries with the column id, and optionally late_days, note, "
+    "ids of problems (points that replace those of the tests) and of parts graded by hand."
 )
 COLUMNS = (
-    'With --all, a column of --csv, as "SIS Login ID=email"; repeatable. FIELD is id, name, email, '
-    "section, submission, total, a problem's id, late_days, lost_late, note or reason."
+    'With --all, a column of --csv, for example "SIS Login ID=email". Repeat the option for more '
+    "columns. FIELD is id, name, email, section, submission, total, the id of a problem, "
+    "late_days, lost_late, note or reason."
 )
 FORMATS = ("gradescope", "prairielearn", "classroom50", "junit")
 
-TimeLimit = Annotated[float, real(30, "Seconds for one submission.")]
-Memory = Annotated[float, real(1, "GiB of memory for one submission.")]
+TimeLimit = Annotated[float, real(30, "Time limit of one submission [s]")]
+Memory = Annotated[float, real(1, "Memory limit of one submission [GiB]")]
 
 
 def grade(
     assignment: Name,
     submission: Annotated[
-        Path | None, named("PATH", "Folder, zip, tar or file of one student.")
+        Path | None, named("PATH", "Submission of one student: folder, zip, tar or Python file.")
     ] = None,
     everyone: Annotated[
-        Path | None, named("DIR", "Folder of a class's submissions.", "--all")
+        Path | None, named("DIR", "Folder with the submissions of a class.", "--all")
     ] = None,
     out: Annotated[Path | None, named("FILE|DIR", RESULTS, "--out", "-o")] = None,
-    csv: Annotated[Path | None, named("FILE", "With --all, one row per student.")] = None,
+    csv: Annotated[
+        Path | None, named("FILE", "With --all, CSV file to write, one row per student.")
+    ] = None,
     columns: Annotated[list[str] | None, named("NAME=FIELD", COLUMNS)] = None,
-    jobs: Annotated[int, integer(1, MAX_JOBS, "With --all, submissions at a time.")] = 1,
+    jobs: Annotated[int, integer(1, MAX_JOBS, "With --all, submissions graded in parallel")] = 1,
     roster: Annotated[Path | None, named("FILE", ROSTER)] = None,
     sheet: Annotated[Path | None, named("FILE", SHEET)] = None,
     feedback: Annotated[
-        Path | None, named("DIR", "With --all, folder of a page a student, and one of the class.")
+        Path | None,
+        named("DIR", "With --all, folder for a page per student and an overview of the class."),
     ] = None,
     time_limit: TimeLimit = 540,
     memory: Memory = 4,
-    format: Annotated[str, choice(FORMATS, "Of --out, without --all.")] = "gradescope",
+    format: Annotated[str, choice(FORMATS, "Format of --out for one submission")] = "gradescope",
 ) -> None:
-    """Grade a submission, or a class, with all tests.
+    """Grade one submission or a whole class.
 
-    Grading a class can be interrupted and resumed: finished results are kept, unless the submission
-    or the tests have changed. A sheet can be added later. If this machine fails, a submission is
-    not graded, and the exit status is 1; the same command tries again. The seed of the tests that
-    students do not have is drawn, unless seed.txt in the assignment's folder has one; the results
-    name it.
+    Grading a class can be interrupted and resumed. Finished results are kept, unless the submission
+    or the tests have changed. The sheet of manual entries can be added later. If the machine fails,
+    submissions are reported as not graded, and the exit status is 1. Run the same command again
+    to grade them.
+
+    The hidden tests use a random seed, unless the file seed.txt in the assignment's folder contains
+    one. The results contain the seed.
+
+    Examples:
+        tofrender grade a1 --submission ana.zip --out results.json
+        tofrender grade a1 --all submissions --csv grades.csv --feedback feedback
     """
     if (submission is None) == (everyone is None):
-        raise ValueError("--submission and --all: must be exactly one of them")
-    of_class = {"--csv": csv, "--roster": roster, "--sheet": sheet, "--feedback": feedback}
-    of_class |= {"--columns": columns[0] if columns else None}
+        raise ValueError("pass either --submission PATH or --all DIR")
+    of_class = {
+        "--csv": csv,
+        "--roster": roster,
+        "--sheet": sheet,
+        "--feedback": feedback,
+        "--columns": columns[0] if columns else None,
+    }
     if submission is not None:
         out = _check_one(submission, out, of_class, jobs)
     else:
         assert everyone is not None
         if format != "gradescope":
-            raise ValueError(f"--format = {format}: must be left out with --all")
+            raise ValueError(f"--format = {format} cannot be combined with --all")
         out, csv = _check_class(everyone, out, csv, feedback, jobs)
 
     from ..course.grade import classes, grading, results, roster as rosters
@@ -91,7 +109,7 @@ def grade(
     for risk in sandbox.missing_protections():
         note(f"warning: this machine cannot keep a submission from {risk}")
     for name in unknown:
-        note(f"warning: --roster = {roster}: {name!a} is nobody's")
+        note(f"warning: --roster = {roster}: no student has the submission {name!a}")
     try:
         before = results.seed_of_before(out) if submission is None else 0
         more = {"time_limit_s": time_limit, "memory_gib": memory, "format": format}
@@ -110,7 +128,7 @@ def grade(
                     _write_pages(class_, feedback)
                 _require_graded(class_)
     except KeyboardInterrupt:
-        raise KeyboardInterrupt("interrupted; what is graded is kept") from None
+        raise KeyboardInterrupt("interrupted; finished results are kept") from None
 
 
 def _grade_one(grader: Grader, submission: Path, out: Path) -> None:
@@ -125,7 +143,7 @@ def _grade_one(grader: Grader, submission: Path, out: Path) -> None:
 
 
 def _require_graded(class_: Class) -> None:
-    """RuntimeError if the machine has failed to grade some submissions."""
+    """Raise a RuntimeError if the machine has failed to grade some submissions."""
     names = [repr(member.id[: checks.LONGEST]) for member in class_.not_graded]
     if names:
         raise RuntimeError(
@@ -136,7 +154,7 @@ def _require_graded(class_: Class) -> None:
 
 
 def _write_pages(class_: Class, folder: Path) -> None:
-    """Write `FOLDER/students/ID/feedback.html` for each, and `FOLDER/overview.html`."""
+    """Write `students/ID/feedback.html` for each student, and `overview.html`."""
     from ..course.grade import feedback, overview
 
     feedback.write(class_, folder / "students")
@@ -147,7 +165,7 @@ def _write_pages(class_: Class, folder: Path) -> None:
 def _check_one(
     submission: Path, out: Path | None, of_class: Mapping[str, object], jobs: int
 ) -> Path:
-    """Refuse options that do not go together; returns the results file."""
+    """Refuse options that cannot be combined, and return the results file."""
     submission = checks.path("--submission", submission)
     if not submission.is_dir() and not submission.is_file():
         raise ValueError(
@@ -155,44 +173,58 @@ def _check_one(
         )
     for name, value in {**of_class, "--jobs": jobs if jobs > 1 else None}.items():
         if value is not None:
-            raise ValueError(f"{name} = {value}: must be left out without --all")
+            raise ValueError(f"{name} = {value} requires --all")
     if out is None:
-        raise ValueError("--out: must be the file to write, for example results.json")
-    if out.is_dir():
-        raise ValueError(f"--out = {out}: is a folder; must be a file")
+        raise ValueError("--out is missing. Add the file to write, for example results.json")
+    _require_no_folder("--out", out)
     return out
 
 
 def _check_class(
     everyone: Path, out: Path | None, csv: Path | None, feedback: Path | None, jobs: int
 ) -> tuple[Path, Path]:
-    """Refuse options that do not go together; returns the folder of results and the CSV file."""
-    if not everyone.is_dir():
-        raise ValueError(f"--all = {everyone}: is no folder; must be one of submissions")
+    """Refuse options that cannot be combined; return the folder of results and the CSV file."""
+    _require_folder("--all", everyone)
     if csv is None:
-        raise ValueError("--csv: must be the file to write, for example grades.csv")
-    if csv.is_dir():
-        raise ValueError(f"--csv = {csv}: is a folder; must be a file")
+        raise ValueError("--csv is missing. Add the file to write, for example grades.csv")
+    _require_no_folder("--csv", csv)
     if out is None:
         out = csv.absolute().with_name(f"{csv.stem}_results")
     for name, path in (("--out", out), ("--feedback", feedback)):
         if path is not None and path.exists() and not path.is_dir():
-            raise ValueError(f"{name} = {path}: is a file; must be a folder")
+            raise ValueError(f"{name} = {path} is a file. Choose a folder")
     cores = os.cpu_count() or 1
-    allowed = f"{cores} or less, the number of cores; tests have time limits"
+    allowed = f"{cores} or less, the number of cores, because tests have time limits"
     checks.require("--jobs", jobs, jobs <= cores, allowed)
     return out, csv
 
 
-Archive = Annotated[Path, named("FILE", "Zip to write: autograder.zip.", "--out", "-o")]
+def _require_folder(option: str, path: Path) -> None:
+    if not path.is_dir():
+        raise ValueError(f"{option} = {path} is not a folder")
+
+
+def _require_no_folder(option: str, path: Path) -> None:
+    if path.is_dir():
+        raise ValueError(f"{option} = {path} is a folder. Choose a file")
+
+
+Archive = Annotated[
+    Path, named("FILE", "Archive to write, for example autograder.zip.", "--out", "-o")
+]
 
 
 def gradescope(
     assignment: Name, out: Archive, time_limit: TimeLimit = 540, memory: Memory = 4
 ) -> None:
-    """Make an autograder for Gradescope: setup.sh, run_autograder, and all that they need.
+    """Make an autograder for Gradescope.
 
-    Upload it as it is. Choose the largest container, and there a limit above --time-limit.
+    Upload the archive without changes. Choose the largest container, and a time limit of Gradescope
+    that is longer than --time-limit.
+
+    Examples:
+        tofrender gradescope a1 -o autograder.zip
+        tofrender gradescope a2 -o autograder.zip --time-limit 900
     """
     _archive("gradescope", assignment, out, time_limit, memory)
 
@@ -200,9 +232,14 @@ def gradescope(
 def prairielearn(
     assignment: Name, out: Archive, time_limit: TimeLimit = 540, memory: Memory = 4
 ) -> None:
-    """Make an external grader for PrairieLearn: Dockerfile, grade.sh, and all that they need.
+    """Make an external grader for PrairieLearn.
 
-    Build the image, and copy info.json into that of the question. It needs no network.
+    Build the image from the Dockerfile, and copy the entries of info.json into the question's
+    info.json. The grader does not need a network.
+
+    Examples:
+        tofrender prairielearn a1 -o grader.zip
+        tofrender prairielearn a2 -o grader.zip --memory 8
     """
     _archive("prairielearn", assignment, out, time_limit, memory)
 
@@ -210,16 +247,20 @@ def prairielearn(
 def classroom50(
     assignment: Name, out: Archive, time_limit: TimeLimit = 540, memory: Memory = 4
 ) -> None:
-    """Make an autograder for Classroom 50 on GitHub Actions: autograder.py, and all that it needs.
+    """Make an autograder for Classroom 50.
 
-    Unpack it in CLASSROOM/autograders/ASSIGNMENT/. Classroom 50 publishes what is there.
+    The autograder runs on GitHub Actions. Unpack the archive in CLASSROOM/autograders/ASSIGNMENT/.
+    Classroom 50 publishes all files there.
+
+    Examples:
+        tofrender classroom50 a1 -o autograder.zip
+        tofrender classroom50 a2 -o autograder.zip --time-limit 900
     """
     _archive("classroom50", assignment, out, time_limit, memory)
 
 
 def _archive(platform: str, assignment: str, out: Path, time_limit: float, memory: float) -> None:
-    if out.is_dir():
-        raise ValueError(f"--out = {out}: is a folder; must be a file")
+    _require_no_folder("--out", out)
     if out.suffix.lower() != ".zip":
         raise ValueError(f"--out = {out}: must end in .zip")
     from ..course.grade import autograders
@@ -233,15 +274,19 @@ def _archive(platform: str, assignment: str, out: Path, time_limit: float, memor
 
 def similarity(
     assignment: Name,
-    everyone: Annotated[Path, named("DIR", "Folder of a class's submissions.", "--all")],
-    out: Annotated[Path, named("DIR", "A new folder, for JPlag.", "--out", "-o")],
+    everyone: Annotated[Path, named("DIR", "Folder with the submissions of a class.", "--all")],
+    out: Annotated[Path, named("DIR", "New folder for JPlag.", "--out", "-o")],
 ) -> None:
-    """Put a class's programs where JPlag compares them, and say how to run it.
+    """Prepare submissions for a comparison with JPlag.
 
-    Stubs are separate, so that given code is ignored.
+    The command copies the programs into a new folder and prints the command that runs JPlag. The
+    stubs are in a separate folder, so that JPlag ignores the given code.
+
+    Examples:
+        tofrender similarity a1 --all submissions -o jplag
+        tofrender similarity a2 --all class_2026 -o jplag_a2
     """
-    if not everyone.is_dir():
-        raise ValueError(f"--all = {everyone}: is no folder; must be one of submissions")
+    _require_folder("--all", everyone)
     from ..course.grade import classes, similarity
 
     found = find(assignment)
@@ -255,16 +300,22 @@ def similarity(
 def new_term(
     assignment: Name,
     term: Annotated[
-        int | None, integer(0, MAX_SEED, "The term; 0 is that of the first year. Else drawn.")
+        int | None,
+        integer(0, MAX_SEED, "Seed of the term, 0 for the first year", show_default="random"),
     ] = None,
 ) -> None:
-    """Draw new inputs for the public tests, so that last year's answers fail.
+    """Draw new inputs for the public tests.
 
-    It writes one line of the rubric. Commit it after `tofrender verify` has passed.
+    Answers of an earlier term then fail. The command changes one line of the rubric. Commit this
+    line after `tofrender verify` has passed.
+
+    Examples:
+        tofrender new-term a1
+        tofrender new-term a1 --term 0
     """
     from ..course.author.release import new_term as write_term
 
     found = find(assignment)
     before, now = write_term(found, term)
-    say(f"{found.rubric.id}: term {before} is term {now} now", "Next:")
+    say(f"{found.rubric.id}: changed the term from {before} to {now}", "Next:")
     say(f"  tofrender verify {assignment} --seeds 200", f"  tofrender release {assignment} -o dist")

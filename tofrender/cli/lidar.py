@@ -26,31 +26,48 @@ def lidar(
     scene: opt.Scene,
     out: Annotated[Path, opt.named("FILE", "Point cloud to write: .ply, .las or .nc.")],
     pattern: Annotated[
-        str, opt.named("NAME|CSV", "raster, spinning, rosette, or a file.")
+        str, opt.named("NAME|CSV", "Scan pattern: raster, spinning, rosette, or a CSV file.")
     ] = "raster",
-    shots: Annotated[Any, opt.size("64x48", "Columns and rows or rings.")] = "64x48",
+    shots: Annotated[
+        Any, opt.size("64x48", "Columns and rows of the pattern; rows are rings if it spins.")
+    ] = "64x48",
     fov: Annotated[
-        Any, opt.checked(_field_of_view, "Field of view, degrees.", metavar="WxH")
+        Any,
+        opt.checked(
+            _field_of_view,
+            "Field of view, horizontally and vertically [degrees].",
+            metavar="WxH",
+        ),
     ] = "40x30",
     divergence: Annotated[
-        float, opt.checked(HALF_ANGLE, "Half angle of the beam, radians.", min=0, max=0.5)
+        float,
+        opt.checked(HALF_ANGLE, "Half angle of the beam [rad] (0 to 0.5).", metavar="NUMBER"),
     ] = 1e-3,
-    pulses: Annotated[int, opt.integer(1, checks.MAX_SEED >> 1, "Pulses per shot.")] = 1,
-    rate: Annotated[float, opt.positive("Hz", "Shots per second.")] = 100e3,
+    pulses: Annotated[
+        int, opt.integer(1, checks.MAX_SEED >> 1, "Number of pulses of each shot")
+    ] = 1,
+    rate: Annotated[float, opt.positive("Hz", "Shots per second [Hz]")] = 100e3,
     pose_time: Annotated[
-        float, opt.positive("seconds", "Seconds that shots share a pose of a moving scene.")
+        float,
+        opt.positive("seconds", "Time between two poses of a moving scene during a scan [s]"),
     ] = 1e-3,
-    max_depth: Annotated[int, opt.setting("max_depth")] = 6,
-    spp: Annotated[int, opt.setting("spp")] = 64,
+    max_depth: Annotated[int, opt.setting("max_depth", default=None)] = 6,
+    spp: Annotated[int, opt.setting("spp", default=None)] = 64,
     seed: opt.Seed = 0,
     variant: opt.Variant = None,
     as_json: Json = False,
 ) -> None:
-    """Scan SCENE by a lidar in the place of its sensor.
+    """Scan a scene with a lidar at its sensor's pose.
 
-    FILE has the points of all echoes, with intensity, return number and time; beside it, the file
-    FILE_truth has those of the scene's first surfaces. A CSV file of shots has the columns
-    azimuth_deg and elevation_deg, and perhaps time_s; --shots, --fov and --rate are of the others.
+    FILE contains the points of all echoes with intensity, return number and time. The file
+    FILE_truth next to FILE contains the true points on the first surfaces of the scene.
+
+    A CSV file of shots has the columns azimuth_deg and elevation_deg, and optionally time_s.
+    --shots, --fov and --rate describe the other patterns.
+
+    Examples:
+        tofrender lidar cornell_box --out box.ply
+        tofrender lidar scene.xml --pattern spinning --shots 512x32 --fov 360x30 --out hall.las
     """
     from tofrender.io.point_clouds import SUFFIXES, require_laspy
 
@@ -63,14 +80,25 @@ def lidar(
     from tofrender import io, scanning
     from tofrender.scenes.loading import find_scene
 
-    of_shots = scanning.scan_pattern(pattern, shots=shots, fov_deg=fov, rate_hz=rate)
-    sampling: dict[str, Any] = {"max_depth": max_depth, "spp": spp, "seed": seed}
-    sampling["pose_time_s"] = pose_time
-    found = scanning.lidar(find_scene(scene), of_shots, divergence_rad=divergence, **sampling)
+    scan = scanning.scan_pattern(pattern, shots=shots, fov_deg=fov, rate_hz=rate)
+    found = scanning.lidar(
+        find_scene(scene),
+        scan,
+        divergence_rad=divergence,
+        max_depth=max_depth,
+        spp=spp,
+        seed=seed,
+        pose_time_s=pose_time,
+    )
     cloud = scanning.point_cloud(found, pulses=pulses, seed=seed)
     io.save_point_cloud(cloud, out, overwrite=True)
     io.save_point_cloud(scanning.true_points(found), truth, overwrite=True)
-    facts = {"out": str(out), "files": [out.name, truth.name], "scene": scene}
-    facts |= {"shots": found.sizes["shot"], "points": cloud.sizes["point"]}
+    facts = {
+        "out": str(out),
+        "files": [out.name, truth.name],
+        "scene": scene,
+        "shots": found.sizes["shot"],
+        "points": cloud.sizes["point"],
+    }
     line = f"{out}: {facts['points']} points of {facts['shots']} shots; {truth.name}"
     answer("lidar", as_json, facts, [line])

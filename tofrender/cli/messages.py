@@ -1,4 +1,4 @@
-"""Messages of the package with the names of the command's options in them."""
+"""Replace names of parameters by names of options in messages of the package."""
 
 import re
 from typing import Any
@@ -7,14 +7,14 @@ from ..rendering.settings import SCENE_NAMES
 
 OPTION_NAMES = {scene_name: name for name, scene_name in SCENE_NAMES.items()}
 OPTION_NAMES |= {"width": "size", "height": "size"}
-"""Parameters of commands by the names of the same settings in scenes and films."""
+"""Parameter of a command for each name of a setting in scenes and films."""
 
 _options: dict[str, tuple[str, bool]] = {}
-"""Options of the running command by parameter, with whether each is given."""
+"""For each parameter of the running command, its option and whether the user has given it."""
 
 
 def set_command(context: Any = None) -> None:
-    """Set the command that messages are about, by the context of its call; None for no command."""
+    """Set the running command by the context of its call; None for no command."""
     _options.clear()
     for parameter in context.command.params if context else ():
         if parameter.param_type_name == "option":
@@ -25,8 +25,8 @@ def set_command(context: Any = None) -> None:
 def with_option_names(message: str) -> str:
     """Replace names of parameters in a message by options of the running command.
 
-    The first word is replaced if that option was given, a word in backticks wherever the command
-    has the option.
+    The first word of the message is replaced if the user has given this option. A word in backticks
+    is replaced if the command has the option.
     """
 
     def first(found: re.Match[str]) -> str:

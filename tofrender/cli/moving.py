@@ -16,19 +16,22 @@ from .time import first_pixel, load, values
 if TYPE_CHECKING:
     from ..films.rates import Axis
 
-MOST = (1 << 29) - 1  # Values of an array in a NetCDF 3 file
+MAX_VALUES = (1 << 29) - 1
+"""Largest number of values of an array in a NetCDF 3 file."""
+
 FEWER_BINS = "a narrower --window or --rates, a lower --bandwidth or a shorter --chirp"
+"""Options that reduce the number of bins."""
 
 
 def _window(name: str, value: Any) -> str | tuple[float, float]:
-    """Check a window: auto, or where it starts and stops."""
+    """Check a window: auto, or its start and stop [m]."""
     found = opt.span(name, value)
     checks.require(name, value, found != opt.SCENE_TIME, "auto or start,stop in metres of path")
     return found
 
 
 def _rates(name: str, value: Any) -> tuple[float, float]:
-    """Check where rates start and stop."""
+    """Check the start and stop of rates [m/s]."""
     ends = [opt.number(end) for end in str(value).split(",")]
     allowed = "start,stop in metres per second, like -6,6"
     checks.require(name, value, not any(isinstance(end, str) for end in ends), allowed)
@@ -39,11 +42,14 @@ def doppler(
     scene: opt.Scene,
     out: opt.Out,
     freq: Annotated[float, opt.frequency("Modulation frequency")] = 30e6,
-    exposure: Annotated[float, opt.positive("seconds", "Exposure, seconds.")] = 1.5e-3,
+    exposure: Annotated[float, opt.positive("seconds", "Exposure time [s]")] = 1.5e-3,
     cycles: Annotated[
-        int, opt.integer(1, MAX_CYCLES, "Cycles by which light and sensor differ in it.")
+        int,
+        opt.integer(1, MAX_CYCLES, "Difference of the cycles of light and sensor in one exposure"),
     ] = 1,
-    waveform: Annotated[str, opt.choice(WAVEFORMS, "Correlation of light and sensor.")] = "sine",
+    waveform: Annotated[
+        str, opt.choice(WAVEFORMS, "Correlation of the modulation of light and sensor")
+    ] = "sine",
     spp: opt.Spp = None,
     size: opt.Pixels = None,
     max_depth: opt.MaxDepth = None,
@@ -55,15 +61,20 @@ def doppler(
     resume: checkpoints.Resume = False,
     as_json: Json = False,
 ) -> None:
-    """Render what a Doppler time-of-flight camera measures of SCENE, whose parts move.
+    """Simulate a Doppler ToF camera in a moving scene.
 
     The command writes I and Q of the homodyne and the heterodyne measurement to doppler.nc and
-    doppler.exr. A sine tells the rate of change of path lengths [m/s] as well, which is in both
-    files and, as a velocity, in the figure velocity.png; other waveforms have neither.
+    doppler.exr. With --waveform sine, both files also contain the rate of change of the path length
+    [m/s], and the figure velocity.png shows the velocity.
+
+    Examples:
+        tofrender doppler corridor --out doppler
+        tofrender doppler scene.xml --freq 50MHz --exposure 1e-3 --out doppler
     """
     if waveform != "sine" and (figure != "png" or dpi is not None):
         raise ValueError(
-            f"--waveform = {waveform}: has no figure; must be sine with --figure, --dpi"
+            f"--figure and --dpi require --waveform sine, because {waveform} does not give a "
+            "velocity to draw. Remove the two options, or use --waveform sine"
         )
     opt.check_out(out)
     loaded, sensor, samples = load(scene, spp, size, max_depth, variant)
@@ -73,27 +84,45 @@ def doppler(
 
     opt.check_disk_space(out, 2 * 6 * values(sensor))
     modulation: dict[str, Any] = {"frequency_hz": freq, "exposure_s": exposure, "cycles": cycles}
-    pictures: Any = {"figure": figure, "dpi": dpi}
     recipe = checkpoints.recipe_of(
-        loaded, sensor, **modulation, waveform=waveform, spp=samples, seed=seed, **pictures
+        loaded,
+        sensor,
+        **modulation,
+        waveform=waveform,
+        spp=samples,
+        seed=seed,
+        figure=figure,
+        dpi=dpi,
     )
     if resume and checkpoints.answer_if_finished("doppler", out, DOPPLER, recipe, as_json):
         return
     with checkpoints.checkpointed(out, checkpoint, resume) as file:
         checkpoints.require_begun(resume, checkpoints.unfinished_work(out), out)
-        keep: Any = {"spp": samples, "seed": seed, "checkpoint": file}
-        measured = measure(loaded, **modulation, waveform=waveform, **keep)
+        measured = measure(
+            loaded, **modulation, waveform=waveform, spp=samples, seed=seed, checkpoint=file
+        )
         measured.attrs |= {"scene": scene, "quantity": "heterodyne"}
         layers = {
             f"{name}.{part}": measured[name].sel(part=part).values
             for name in ("homodyne", "heterodyne")
             for part in "IQ"
         }
-        files = [DOPPLER, DOPPLER_LAYERS] + [f"velocity.{figure}"] * (waveform == "sine")
-        width, height = measured.sizes["x"], measured.sizes["y"]
-        facts = {"out": str(out), "files": files, "width": width, "height": height, "scene": scene}
-        facts |= {"frequency_hz": freq, "exposure": exposure, "cycles": cycles}
-        facts |= {"waveform": waveform, "spp": samples, "seed": seed}
+        files = [DOPPLER, DOPPLER_LAYERS]
+        if waveform == "sine":
+            files.append(f"velocity.{figure}")
+        facts = {
+            "out": str(out),
+            "files": files,
+            "width": measured.sizes["x"],
+            "height": measured.sizes["y"],
+            "scene": scene,
+            "frequency_hz": freq,
+            "exposure": exposure,
+            "cycles": cycles,
+            "waveform": waveform,
+            "spp": samples,
+            "seed": seed,
+        }
         measured.attrs |= checkpoints.run_attribute(recipe, facts)
         with deferred_stop() as stop, io.output_folder(out, overwrite=True) as folder:
             if waveform == "sine":
@@ -111,33 +140,49 @@ def doppler(
 def fmcw(
     scene: opt.Scene,
     out: opt.Out,
-    bandwidth: Annotated[float, opt.positive("hertz", "Bandwidth of a chirp, hertz.")] = 1e9,
-    chirp: Annotated[float, opt.positive("seconds", "Duration of a chirp, seconds.")] = 1e-5,
-    wavelength: Annotated[float, opt.positive("metres", "Wavelength, metres.")] = 1.55e-6,
-    window_function: Annotated[str, opt.choice(WINDOWS, "Window of the spectra.")] = "hann",
+    bandwidth: Annotated[float, opt.positive("hertz", "Bandwidth of a chirp [Hz]")] = 1e9,
+    chirp: Annotated[float, opt.positive("seconds", "Duration of a chirp [s]")] = 1e-5,
+    wavelength: Annotated[float, opt.positive("metres", "Wavelength of the laser [m]")] = 1.55e-6,
+    window_function: Annotated[str, opt.choice(WINDOWS, "Window function of the spectra")] = "hann",
     looks: Annotated[
-        int, opt.integer(0, MAX_LOOKS, "Looks with speckle to average; 0: the expectation.")
+        int,
+        opt.integer(
+            0, MAX_LOOKS, "Number of measurements with speckle to average, 0 for the expectation"
+        ),
     ] = 0,
     photons: Annotated[
         float | None,
-        opt.positive("photons", "Mean photons of a chirp, for shot noise; else there is none."),
+        opt.positive("photons", "Mean number of photons in a chirp", show_default="no shot noise"),
     ] = None,
     window: Annotated[
         Any,
-        opt.checked(_window, "Path lengths, metres; else the scene's.", metavar="auto|START,STOP"),
+        opt.checked(
+            _window,
+            "Start and stop of the path lengths [m].",
+            metavar="auto|START,STOP",
+            show_default=opt.FROM_SCENE,
+        ),
     ] = None,
     bins: Annotated[
-        int | None, opt.setting("bins", more="; else two in the lidar's resolution")
+        int | None, opt.setting("bins", default="two in the resolution of the lidar")
     ] = None,
     rates: Annotated[
         Any,
         opt.checked(
-            _rates, "Rates of path lengths, m/s; else by the fastest part.", metavar="START,STOP"
+            _rates,
+            "Start and stop of the rates of change of the path length [m/s].",
+            metavar="START,STOP",
+            show_default="from the fastest part of the scene",
         ),
     ] = None,
     rate_bins: Annotated[
         int | None,
-        opt.integer(2, checks.MAX_BINS, "Bins of rates; else two in the lidar's resolution."),
+        opt.integer(
+            2,
+            checks.MAX_BINS,
+            "Number of bins of the rates",
+            show_default="two in the resolution of the lidar",
+        ),
     ] = None,
     spp: opt.Spp = None,
     size: opt.Pixels = None,
@@ -150,11 +195,16 @@ def fmcw(
     resume: checkpoints.Resume = False,
     as_json: Json = False,
 ) -> None:
-    """Render SCENE, whose parts move, by path length and its rate of change; simulate FMCW lidar.
+    """Simulate an FMCW lidar in a moving scene.
 
-    The command writes NetCDF files: range_rate.nc, the light over both, spectra.nc, the beats of up
-    and down chirps, and estimates.nc, the path length and rate of each pixel. Figures are
-    range_velocity.png, of all pixels, and velocity.png.
+    The command renders the light over path length and its rate of change. It writes three NetCDF
+    files: range_rate.nc is this light, spectra.nc contains the spectra of the beats of up and down
+    chirps, and estimates.nc the path length and the rate of each pixel. The figure
+    range_velocity.png shows the light of all pixels, and velocity.png the estimated velocities.
+
+    Examples:
+        tofrender fmcw fan --out fan
+        tofrender fmcw scene.xml --bandwidth 2e9 --chirp 2e-5 --size 32x24 --out beats
     """
     opt.check_out(out)
     loaded, sensor, samples = load(scene, spp, size, max_depth, variant)
@@ -168,30 +218,41 @@ def fmcw(
     opl = _axis(_span(loaded, window), bins, lidar.resolution[0])
     rate = _axis(rates or default_rates(loaded), rate_bins, lidar.resolution[1])
     of_pixel = opl.count * rate.count, lidar.samples(opl, rate)
-    if size is None and values(sensor) * max(of_pixel) > MOST // 4:
-        size = _largest_size(sensor, max(of_pixel), MOST // 4)
+    if size is None and values(sensor) * max(of_pixel) > MAX_VALUES // 4:
+        size = _largest_size(sensor, max(of_pixel), MAX_VALUES // 4)
         opt.note(
-            f"note: {size} pixels, for a film of half a gigabyte; --size allows up to "
-            f"{_largest_size(sensor, max(of_pixel), MOST)}, and {FEWER_BINS} allow more"
+            f"note: rendering {size} pixels, so that the film has half a gigabyte; --size allows "
+            f"up to {_largest_size(sensor, max(of_pixel), MAX_VALUES)}, and more with {FEWER_BINS}"
         )
         loaded, sensor, samples = load(scene, spp, size, max_depth, variant)
     sizes = tuple(values(sensor) * each for each in of_pixel)
-    if max(sizes) > MOST:
+    if max(sizes) > MAX_VALUES:
         wanted = opt.Size(*(int(n) for n in sensor.film().crop_size()))
         raise ValueError(
-            f"--size = {wanted}: {opl.count} x {rate.count} bins in each pixel make files with "
-            f"{max(sizes):,} values, at most {MOST:,} are possible. Use --size "
-            f"{_largest_size(sensor, max(of_pixel), MOST)} or less, or {FEWER_BINS}"
+            f"--size = {wanted}: the files would contain {max(sizes):,} values, because each pixel "
+            f"has {opl.count} x {rate.count} bins. At most {MAX_VALUES:,} are possible. Use --size "
+            f"{_largest_size(sensor, max(of_pixel), MAX_VALUES)} or less, or {FEWER_BINS}"
         )
     opt.check_disk_space(out, *sizes)
     axes: Any = {
-        **{"bins": opl.count, "window": (opl.start, opl.start + opl.count * opl.width)},
-        **{"rate_bins": rate.count},
+        "bins": opl.count,
+        "window": (opl.start, opl.start + opl.count * opl.width),
+        "rate_bins": rate.count,
         "rates": (rate.start, rate.start + rate.count * rate.width),
     }
-    more: Any = {"window_function": window_function, "looks": looks, "photons": photons}
-    more |= {"spp": samples, "seed": seed, "figure": figure, "dpi": dpi}
-    recipe = checkpoints.recipe_of(loaded, sensor, **chirps, **axes, **more)
+    recipe = checkpoints.recipe_of(
+        loaded,
+        sensor,
+        **chirps,
+        **axes,
+        window_function=window_function,
+        looks=looks,
+        photons=photons,
+        spp=samples,
+        seed=seed,
+        figure=figure,
+        dpi=dpi,
+    )
     if resume and checkpoints.answer_if_finished("fmcw", out, RANGE_RATE, recipe, as_json):
         return
     with checkpoints.checkpointed(out, checkpoint, resume) as file:
@@ -208,12 +269,21 @@ def fmcw(
         }
         saved = {RANGE_RATE: film, SPECTRA: spectra, ESTIMATES: estimates}
         files = [*saved, *drawn]
-        width, height = film.sizes["x"], film.sizes["y"]
         outside = film.attrs["energy_outside_window"]
-        facts = {"out": str(out), "files": files, "width": width, "height": height, "scene": scene}
-        facts |= {"resolution": lidar.resolution[0], "rate_resolution": lidar.resolution[1]}
-        facts |= {"bins": opl.count, "rate_bins": rate.count, "spp": samples, "seed": seed}
-        facts |= {"energy_outside_window": outside}
+        facts = {
+            "out": str(out),
+            "files": files,
+            "width": film.sizes["x"],
+            "height": film.sizes["y"],
+            "scene": scene,
+            "resolution": lidar.resolution[0],
+            "rate_resolution": lidar.resolution[1],
+            "bins": opl.count,
+            "rate_bins": rate.count,
+            "spp": samples,
+            "seed": seed,
+            "energy_outside_window": outside,
+        }
         film.attrs |= checkpoints.run_attribute(recipe, facts)
         with deferred_stop() as stop, io.output_folder(out, overwrite=True) as folder:
             for name, dataset in saved.items():
@@ -227,9 +297,12 @@ def fmcw(
 
 
 def _largest_size(sensor: Any, of_pixel: int, most: int) -> opt.Size:
-    """Return the largest size like the sensor's with at most `most` values in three channels.
+    """Return the largest size with the sensor's ratio of sides and at most `most` values.
 
-    `of_pixel` is the number of values of a pixel and channel.
+    Args:
+        sensor: The scene's sensor.
+        of_pixel: Number of values of a pixel and channel.
+        most: Largest number of values in three channels.
     """
     shrink = min(1.0, math.sqrt(most / values(sensor) / of_pixel))
     width, height = (max(int(int(n) * shrink), 1) for n in sensor.film().crop_size())
@@ -237,7 +310,10 @@ def _largest_size(sensor: Any, of_pixel: int, most: int) -> opt.Size:
 
 
 def _span(scene: Any, window: Any) -> tuple[float, float]:
-    """Start and stop of path lengths: given, the film's own, or found where it has none."""
+    """Return the start and stop of the path lengths [m].
+
+    The window is given, or belongs to the film. For a film without bins it is automatic.
+    """
     if window not in (None, "auto"):
         return window
     from tofrender.rendering.renderer import make_job, with_default_window
@@ -250,16 +326,20 @@ def _span(scene: Any, window: Any) -> tuple[float, float]:
 
 
 def _axis(span: tuple[float, float], bins: int | None, resolution: float) -> Axis:
-    """Bins of a span; unless their number is given, an odd one, with two in the resolution."""
+    """Return the bins of a span. By default their number is odd, with two bins per resolution."""
     from tofrender.films.rates import Axis
 
     start, stop = span
-    count = bins or math.ceil(2 * (stop - start) / resolution * (1 - 1e-9)) + 1 | 1
-    return Axis(checks.integer("bins", count, 2, checks.MAX_BINS), start, (stop - start) / count)
+    count = bins
+    if count is None:
+        count = math.ceil(2 * (stop - start) / resolution * (1 - 1e-9)) + 1
+        count += 1 - count % 2
+    checks.integer("bins", count, 2, checks.MAX_BINS)
+    return Axis(count, start, (stop - start) / count)
 
 
 def limit_of(scene: Any) -> dict[str, float]:
-    """Limit of a velocity map: the speed of the scene's fastest part, if one moves."""
+    """Return the limit of a velocity map: the speed of the fastest part, if a part moves."""
     from tofrender.motion.range_rate_film import fastest
 
     speed = fastest(scene)

@@ -6,6 +6,8 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
+
 from ..io.contents import VOLUME
 from ..runtime import backend, checks
 from ..runtime.progress import EVERY_S, deferred_stop
@@ -17,6 +19,8 @@ if TYPE_CHECKING:
 
 MODES = ("confocal", "single", "exhaustive")
 METHODS = ("lct", "fk", "bp", "fbp", "phasor")
+FROM_FILE = "from the file"
+"""Default of options that describe measured data."""
 
 
 def capture(
@@ -24,11 +28,19 @@ def capture(
     out: Annotated[Path, opt.named("FILE", "HDF5 file to write.")],
     mode: Annotated[
         str | None,
-        opt.choice(MODES, "Capture mode.", show_default="the scene's, otherwise confocal"),
+        opt.choice(MODES, "Capture mode", show_default="from the scene, otherwise confocal"),
     ] = None,
-    grid: Annotated[opt.Size | None, opt.size("64x64", "Points on the wall.")] = None,
+    grid: Annotated[
+        opt.Size | None,
+        opt.size("64x64", "Columns and rows of points on the wall.", show_default=opt.FROM_SCENE),
+    ] = None,
     wall: Annotated[
-        str | None, opt.named("ID", "Shape that is the wall, if not relay_wall.")
+        str | None,
+        typer.Option(
+            metavar="ID",
+            help="Shape that is the relay wall; separate several shapes by commas.",
+            show_default="relay_wall",
+        ),
     ] = None,
     spp: opt.Spp = None,
     seed: opt.Seed = 0,
@@ -39,18 +51,23 @@ def capture(
     resume: checkpoints.Resume = False,
     as_json: Json = False,
 ) -> None:
-    """Capture a hidden scene by its relay wall.
+    """Capture a hidden scene through its relay wall.
 
-    FILE holds the transient of every point, with all geometry, as reconstruction tools read it.
-    A checkpoint is kept beside it; Ctrl-C, SIGTERM and SIGHUP also write a confocal or single
-    capture so far. --resume continues a stopped capture; a complete one is not changed.
+    FILE contains the transient of each point on the wall, and the geometry that reconstruction
+    tools need. Until FILE is complete, a checkpoint is kept next to it. Ctrl-C, SIGTERM and SIGHUP
+    also write the result so far of a confocal or single capture. With --resume the command
+    continues a stopped capture. A complete capture is not changed.
+
+    Examples:
+        tofrender capture nlos_z --out wall.h5
+        tofrender capture scene.xml --mode single --grid 32x32 --spp 4096 --out wall.h5
     """
     opt.check_client(workers, scheduler)
     opt.check_file_out(out, ".h5", ".hdf5", overwrite=True)
     if out.exists() and not resume:
-        raise ValueError(f"--out = {out}: exists already; must be a new file")
+        raise ValueError(f"--out = {out} exists already. Choose a new file, or add --resume")
     if not out.absolute().parent.is_dir():
-        raise ValueError(f"--out = {out}: its folder does not exist; must be in one that does")
+        raise ValueError(f"--out = {out}: the folder of the file does not exist. Make it first")
     opt.activate(variant)
 
     from tofrender import io
@@ -104,15 +121,31 @@ def _facts(captured: xr.Dataset, out: Path) -> dict[str, Any]:
 
 
 def reconstruct(
-    source: Annotated[Path, opt.argument("FILE", "What `capture` wrote, or measured data.")],
+    source: Annotated[
+        Path, opt.argument("FILE", "File of `tofrender capture`, or of measured data.")
+    ],
     out: opt.Out,
-    method: Annotated[str, opt.choice(METHODS, "How to reconstruct.")] = "lct",
+    method: Annotated[str, opt.choice(METHODS, "Reconstruction method")] = "lct",
     wall_size: Annotated[
-        Any, opt.checked(opt.sides, "Sides of the scanned wall [m].", metavar="SIDE|WIDTH,HEIGHT")
+        Any,
+        opt.checked(
+            opt.sides,
+            "Sides of the scanned wall between the first and the last point [m].",
+            metavar="SIDE|WIDTH,HEIGHT",
+            show_default=FROM_FILE,
+        ),
     ] = None,
-    bin_width_s: Annotated[float | None, opt.positive("s", "Width of a bin [s].")] = None,
+    bin_width_s: Annotated[
+        float | None, opt.positive("s", "Width of a time bin [s]", show_default=FROM_FILE)
+    ] = None,
     start_s: Annotated[
-        float | None, opt.checked(checks.number, "Start of the first bin [s].", metavar="<float>")
+        float | None,
+        opt.checked(
+            checks.number,
+            "Start of the first bin, measured from the time when light leaves the wall [s].",
+            metavar="NUMBER",
+            show_default=FROM_FILE,
+        ),
     ] = None,
     figure: opt.Figure = "png",
     dpi: opt.Dpi = 150,
@@ -122,16 +155,23 @@ def reconstruct(
 ) -> None:
     """Reconstruct the hidden scene of a capture.
 
-    DIR gets volume.npz, brightness and depth as EXR files, and a picture of the volume. Of measured
-    data whose files do not state them, the options say the sides of the wall, from the first to the
-    last point, and times, which begin when light has met the wall.
+    The command writes volume.npz, the brightness and the depth as EXR files, and a picture of the
+    volume. Some files of measured data do not contain the size of the wall or the times. Use
+    --wall-size, --bin-width-s and --start-s for such files.
+
+    Examples:
+        tofrender reconstruct wall.h5 --out hidden
+        tofrender reconstruct measured.mat --method fk --wall-size 2 --out hidden
     """
     opt.check_client(workers, scheduler)
     opt.check_out(out)
     opt.check_apart(out, source)
     for name, value in (("workers", workers), ("scheduler", scheduler)):
         if value is not None and method not in ("bp", "fbp"):
-            raise ValueError(f"{name} = {value}: must be left out with `method={method}`")
+            raise ValueError(
+                f"--{name} = {value} requires --method bp or fbp, but the method is {method}. "
+                "Remove the option, or change the method"
+            )
     backend.activate()
 
     import numpy as np
@@ -144,7 +184,8 @@ def reconstruct(
     opt.check_disk_space(out, captured["transient"].size)
     with opt.client_of(workers, scheduler) as client:
         volume = nlos.reconstruct(captured, method, client=client)
-    brightness, depth = nlos.max_projection(volume), nlos.depth_map(volume)
+    brightness = nlos.max_projection(volume)
+    depth = nlos.depth_map(volume)
     with checkpoints.exclusively(out), io.output_folder(out, overwrite=True) as folder:
         arrays: dict[str, Any] = {str(name): v.values for name, v in volume.variables.items()}
         np.savez_compressed(folder / VOLUME, **arrays)
@@ -159,6 +200,11 @@ def reconstruct(
     median = float(np.median(seen)) if seen.size else None
     where = "nothing found" if median is None else f"median depth {median:.3f} m"
     files = [VOLUME, "brightness.exr", "depth.exr", f"volume.{figure}"]
-    facts = {"out": str(out), "files": files, "source": str(source), "method": method}
-    facts |= {"median_depth": median}
+    facts = {
+        "out": str(out),
+        "files": files,
+        "source": str(source),
+        "method": method,
+        "median_depth": median,
+    }
     answer("reconstruct", as_json, facts, [f"{out}: {', '.join(files)}; {where}"])

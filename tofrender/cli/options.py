@@ -1,8 +1,9 @@
-"""Options that commands share, with the checks of their values.
+"""Options that several commands share, and the checks of their values.
 
-Options of `render`'s settings come from the table in `rendering/settings.py`. Typer shows types,
-ranges and choices in `--help`, but its messages for bad values lack the value: here each is refused
-in one line, `--option = value: must be ...`. Nothing here imports Mitsuba.
+The options of `render` come from the table in `rendering/settings.py`. Typer prints the help, but
+its messages for bad values do not contain the value. Therefore each option here has a check that
+refuses a bad value in one line: `--option = value: must be ...`. This module does not import
+Mitsuba, so that `--help` answers at once.
 """
 
 from __future__ import annotations
@@ -29,14 +30,23 @@ if TYPE_CHECKING:
     import xarray as xr
     from distributed import Client
 
-BAD_INPUT, FAILURE, INTERRUPTED = 2, 1, 130  # Exit statuses
-FIGURE_BYTES = 1 << 20  # Size of a figure and a few headers on a disk
+# Exit statuses
+FAILURE = 1
+BAD_INPUT = 2
+INTERRUPTED = 130
 
-SCENE_TIME = "scene"  # --window and --pulse-width: as the scene has them
+FIGURE_BYTES = 1 << 20
+"""Space on the disk that a figure and a few headers need."""
+
+SCENE_TIME = "scene"
+"""Value of --window and --pulse-width that keeps what the scene defines."""
+
+FROM_SCENE = "from the scene"
+"""Default of options that change a scene."""
 
 
 class Size(NamedTuple):
-    """Width and height, of pixels or points."""
+    """Width and height in pixels or points."""
 
     width: int
     height: int
@@ -46,20 +56,28 @@ class Size(NamedTuple):
 
 
 class BadValue(typer.BadParameter):
-    """A bad value; the message is what follows the option's name."""
+    """Error of a bad value. Its message begins after the name of the option."""
 
     def format_message(self) -> str:
-        """Format the whole line."""
+        """Return the message with the name of the option in front."""
         name = self.param.opts[0] if self.param else ""
         return f"{name if name.startswith('-') else name.upper()}{self.message}"
 
 
+# ---------------------------------------------------------------------- kinds of options
 def checked(
     check: Callable[[str, Any], Any], help: str, *names: str, kind: Any = typer.Option, **info: Any
 ) -> Any:
-    """An option or argument whose value is `check("", text)`, where numbers are no text.
+    """Declare an option or an argument with a check of its value.
 
-    For a bad value `check` raises a ValueError, whose message follows the option's name.
+    Args:
+        check: Called with an empty name, and with the text or the number that the text stands
+            for. The check returns the value, or raises a ValueError. The option's name is put in
+            front of its message.
+        help: One sentence for `--help`.
+        *names: Names of the option; by default the name of the parameter.
+        kind: `typer.Option` or `typer.Argument`.
+        **info: Further arguments of `kind`.
     """
 
     def parse(text: Any) -> Any:
@@ -71,85 +89,108 @@ def checked(
     return kind(*names, parser=parse, help=help, **info)
 
 
-def integer(low: int, high: int, help: str) -> Any:
-    """An option that is an integer from `low` to `high`."""
-    return checked(partial(checks.integer, low=low, high=high), help, min=low, max=high)
+def integer(low: int, high: int, help: str, **info: Any) -> Any:
+    """Declare an option that is an integer from `low` to `high`."""
+    check = partial(checks.integer, low=low, high=high)
+    return checked(check, f"{help} ({low} to {high}).", metavar="N", **info)
 
 
 def real(low: float, help: str) -> Any:
-    """An option that is a finite number from `low`."""
+    """Declare an option that is a finite number from `low`."""
 
     def check(name: str, value: Any) -> float:
         if isinstance(value, str) or not low <= value < math.inf:
             raise ValueError(f"{name} = {value}: must be a number from {low:g}")
         return value
 
-    return checked(check, help, min=low)
+    return checked(check, f"{help} (from {low:g}).", metavar="NUMBER")
 
 
-def positive(unit: str, help: str) -> Any:
-    """An option that is a finite number of some unit above 0."""
+def positive(unit: str, help: str, **info: Any) -> Any:
+    """Declare an option that is a finite number above 0, in `unit`."""
     check = partial(checks.number, positive=True, unit=unit)
-    return checked(check, help, metavar="<float above 0>")
+    return checked(check, f"{help} (above 0).", metavar="NUMBER", **info)
 
 
 def frequency(help: str) -> Any:
-    """An option that is a frequency."""
-    return checked(hertz, f"{help}, hertz or like 20MHz.", metavar="FREQUENCY")
+    """Declare an option that is a frequency."""
+    return checked(hertz, f"{help} [Hz], for example 20MHz.", metavar="FREQUENCY")
 
 
 def choice(names: Iterable[str], help: str, **info: Any) -> Any:
-    """An option that is one of some names."""
+    """Declare an option that is one of several names."""
     allowed = tuple(names)
-    info = {"metavar": f"<{'|'.join(allowed)}>"} | info
-    info |= {"autocompletion": completion.among(allowed)}
-    return checked(partial(checks.one_of, allowed=allowed), help, **info)
+    options = {"metavar": "NAME", "autocompletion": completion.among(allowed)} | info
+    return checked(
+        partial(checks.one_of, allowed=allowed), f"{help}: {', '.join(allowed)}.", **options
+    )
 
 
-def setting(name: str, parse: Callable[[str, Any], Any] | None = None, more: str = "") -> Any:
-    """An option of a setting of `render`, by the table; `parse` checks what is no plain number."""
+def setting(
+    name: str,
+    parse: Callable[[str, Any], Any] | None = None,
+    note: str = "",
+    default: str | None = FROM_SCENE,
+) -> Any:
+    """Declare an option for a setting of `render`, as the table of settings describes it.
+
+    Args:
+        name: Name of the setting.
+        parse: Check of values that are not plain numbers.
+        note: Second sentence of the help.
+        default: Text that `--help` shows as the default if the parameter's default is None.
+    """
     described = SETTINGS[name]
-    help = f"{described.help}{more}."
-    if described.choices:
-        return choice(described.choices, help)
+    info = dict(METAVARS.get(name, {}))
+    if default is not None:
+        info["show_default"] = default
     if described.check is checks.boolean:
-        return switch(f"--{name}", help)
-    if parse is None and described.low is not None and described.high is not None:
-        return checked(described.check, help, min=described.low, max=described.high)
-    return checked(parse or described.check, help, **METAVARS.get(name, {}))
+        return switch(f"--{name}", f"{described.help}.")
+    if described.choices:
+        return choice(described.choices, described.help, **info)
+
+    help = f"{described.help}."
+    if described.low is not None and described.high is not None and parse is None:
+        help = f"{described.help} ({described.low} to {described.high})."
+        info.setdefault("metavar", "N")
+    info.setdefault("metavar", "NUMBER")
+    return checked(parse or described.check, f"{help} {note}".strip(), **info)
 
 
 def named(metavar: str, help: str, *names: str, complete: Any = None) -> Any:
-    """An option that is text or a path, with the name of its value."""
+    """Declare an option that is text or a path, with the name of its value."""
     return typer.Option(*names, metavar=metavar, help=help, autocompletion=complete)
 
 
 def argument(metavar: str, help: str, complete: Any = None) -> Any:
-    """An argument that is text or a path, with the name of its value."""
+    """Declare an argument that is text or a path, with the name of its value."""
     return typer.Argument(metavar=metavar, help=help, autocompletion=complete)
 
 
 def switch(name: str, help: str) -> Any:
-    """An option without a value, which cannot be negated."""
+    """Declare an option without a value, which cannot be negated."""
     return typer.Option(name, help=help)
 
 
-def size(example: str, help: str) -> Any:
-    """An option that is a width and a height."""
+def size(example: str, help: str, **info: Any) -> Any:
+    """Declare an option that is a width and a height in whole numbers."""
 
     def check(name: str, value: Any) -> Size:
         try:
             width, height = (number(side) for side in str(value).lower().split("x"))
-            return Size(*(checks.integer(name, n, 1, checks.MAX_SIZE) for n in (width, height)))
+            width = checks.integer(name, width, 1, checks.MAX_SIZE)
+            height = checks.integer(name, height, 1, checks.MAX_SIZE)
         except ValueError:
             allowed = f"like {example}, of integers from 1 to {checks.MAX_SIZE}"
             raise ValueError(f"{name} = {value}: must be width x height, {allowed}") from None
+        return Size(width, height)
 
-    return checked(check, help, metavar="WxH")
+    return checked(check, help, metavar="WxH", **info)
 
 
+# ---------------------------------------------------------------------- checks of values
 def pulse(name: str, value: Any) -> str | float:
-    """Check a pulse's width: auto, scene, or metres."""
+    """Check the width of a pulse: auto, scene, or a length [m]."""
     if value in ("auto", SCENE_TIME):
         return value
     width = number(value)
@@ -158,7 +199,7 @@ def pulse(name: str, value: Any) -> str | float:
 
 
 def span(name: str, value: Any) -> str | tuple[float, float]:
-    """Check a window: auto, scene, or where it starts and stops."""
+    """Check a window: auto, scene, or its start and stop [m]."""
     ends = [number(end) for end in str(value).split(",")]
     if value in ("auto", SCENE_TIME):
         return value
@@ -169,21 +210,24 @@ def span(name: str, value: Any) -> str | tuple[float, float]:
 
 
 def sides(name: str, value: Any) -> tuple[float, float]:
-    """Check the sides of a wall [m]: one of a square, or width and height."""
+    """Check the sides of a wall [m]: one number for a square, or width and height."""
     found = [number(side) for side in str(value).split(",")]
     if any(isinstance(side, str) for side in found) or len(found) > 2:
         allowed = "metres, or width,height in metres, like 0.7,0.5"
         raise ValueError(f"{name} = {checks.quote(value)}: must be {allowed}")
-    width, height = found[0], found[-1]
-    return checks.metres(name, width, positive=True), checks.metres(name, height, positive=True)
+    width = checks.metres(name, found[0], positive=True)
+    height = checks.metres(name, found[-1], positive=True)
+    return width, height
 
 
 def hertz(name: str, value: Any) -> float:
-    """Check a frequency, in hertz or with a unit [Hz]."""
-    text, factor = str(value), 1.0
+    """Check a frequency with or without a unit, and return it in hertz."""
+    text = str(value)
+    factor = 1.0
     for unit, size in (("GHz", 1e9), ("MHz", 1e6), ("kHz", 1e3), ("Hz", 1.0)):
         if text.endswith(unit):
-            text, factor = text.removesuffix(unit).strip(), size
+            text = text.removesuffix(unit).strip()
+            factor = size
             break
     found = number(text)
     checks.require(name, value, not isinstance(found, str), "hertz, or like 20MHz")
@@ -191,7 +235,7 @@ def hertz(name: str, value: Any) -> float:
 
 
 def definition(name: str, value: Any) -> tuple[str, str]:
-    """Split a name and its value."""
+    """Split text of the form name=value."""
     key, separator, text = str(value).partition("=")
     if not separator or not key:
         raise ValueError(f"{name} {value}: must be name=value, like spp=64")
@@ -199,7 +243,7 @@ def definition(name: str, value: Any) -> tuple[str, str]:
 
 
 def number(text: Any) -> Any:
-    """Convert text of ASCII digits to a number, NaN and infinities too; return other text as is."""
+    """Convert ASCII text to an int or a float, also NaN and infinities; return other text as is."""
     if not isinstance(text, str) or not text.isascii() or "_" in text or text != text.strip():
         return text
     for kind in (int, float):
@@ -208,65 +252,77 @@ def number(text: Any) -> Any:
     return text
 
 
+# ---------------------------------------------------------------------- shared options
 METAVARS: dict[str, dict[str, Any]] = {
-    "bin_width": {"metavar": "<float above 0>"},
-    "max_depth": {"min": -1},
     "scheduler": {"metavar": "ADDRESS"},
     "window": {
         "metavar": "auto|scene|START,STOP",
         "autocompletion": completion.among(["auto", SCENE_TIME]),
     },
     "pulse_width": {
-        "metavar": "auto|scene|METRES",
+        "metavar": "auto|scene|NUMBER",
         "autocompletion": completion.among(["auto", SCENE_TIME]),
     },
 }
-"""Values of settings as `--help` and completion show them, where these are no plain numbers."""
+"""Settings whose values are not plain numbers, as `--help` and completion show them."""
 
 Scene = Annotated[
     str,
     argument(
-        "SCENE", f"{SETTINGS['scene'].help}; `tofrender scenes` lists the names.", completion.scene
+        "SCENE",
+        f"{SETTINGS['scene'].help}. `tofrender scenes` lists the built-in names.",
+        completion.scene,
     ),
 ]
-Out = Annotated[Path, named("DIR", "Folder to write atomically.")]
+Out = Annotated[Path, named("DIR", "Folder to write. An earlier result there is replaced.")]
 Spp = Annotated[int | None, setting("spp")]
-Pixels = Annotated[Size | None, size("256x256", f"{SETTINGS['size'].help}.")]
+Pixels = Annotated[
+    Size | None, size("256x256", f"{SETTINGS['size'].help}.", show_default=FROM_SCENE)
+]
 MaxDepth = Annotated[int | None, setting("max_depth")]
-Seed = Annotated[int, setting("seed")]
+Seed = Annotated[int, setting("seed", default=None)]
 Variant = Annotated[
-    str | None, named("NAME", "Mitsuba variant, e.g. llvm_ad_rgb.", complete=completion.variant)
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Mitsuba variant, for example llvm_ad_rgb.",
+        autocompletion=completion.variant,
+        show_default="cuda_ad_rgb where it works, otherwise llvm_ad_rgb",
+    ),
 ]
-Workers = Annotated[int | None, setting("workers")]
-Scheduler = Annotated[str | None, setting("scheduler")]
-Format = Annotated[str, choice(FORMATS, "How to store the transient.")]
-Precision = Annotated[str, choice(("half", "float"), "Numbers in the EXR files.")]
-Video = Annotated[bool, typer.Option(help="Write video.mp4 as well.")]
-Figure = Annotated[
-    str, choice(("png", "pdf", "svg"), "File of the figure; pdf and svg are vectors.")
+Workers = Annotated[int | None, setting("workers", default=None)]
+Scheduler = Annotated[str | None, setting("scheduler", default=None)]
+Format = Annotated[str, choice(FORMATS, "Files of the transient")]
+Precision = Annotated[str, choice(("half", "float"), "Precision of EXR files")]
+Video = Annotated[bool, typer.Option(help="Write video.mp4.")]
+Figure = Annotated[str, choice(("png", "pdf", "svg"), "File type of figures")]
+Dpi = Annotated[
+    int | None,
+    integer(20, 2400, "Resolution of figures in dots per inch", show_default="of each figure"),
 ]
-Dpi = Annotated[int | None, integer(20, 2400, "Dots per inch of the figure's pixels.")]
 
 
+# ---------------------------------------------------------------------- parts of commands
 def with_progress(command: Callable[..., None]) -> Callable[..., None]:
-    """A command that also has --no-progress, which `app.Command` obeys."""
+    """Add the option --no-progress to a command. `app.Command` reads the option."""
 
     @wraps(command)
     def call(progress: bool, **options: Any) -> None:
         command(**options)
 
-    shown = Annotated[bool, typer.Option(help=f"{SETTINGS['progress'].help}.")]
-    last = Parameter("progress", Parameter.KEYWORD_ONLY, default=True, annotation=shown)
-    own = signature(command, eval_str=True)
-    call.__signature__ = own.replace(parameters=[*own.parameters.values(), last])  # type: ignore
+    is_shown = Annotated[bool, typer.Option(help=f"{SETTINGS['progress'].help}.")]
+    progress = Parameter("progress", Parameter.KEYWORD_ONLY, default=True, annotation=is_shown)
+    old = signature(command, eval_str=True)
+    new = old.replace(parameters=[*old.parameters.values(), progress])
+    call.__signature__ = new  # type: ignore
     return call
 
 
-def activate(variant: str | None = None, polarised: bool = False) -> None:
-    """Activate a Mitsuba variant that can render."""
+def activate(variant: str | None = None, polarized: bool = False) -> None:
+    """Activate a Mitsuba variant that can render; `polarized` variants only where allowed."""
     backend.activate(variant)
     backend.require_vectorised()
-    if not polarised:
+    if not polarized:
         backend.require_unpolarised()
 
 
@@ -283,18 +339,18 @@ def note(line: str) -> None:
 
 
 def dots(dpi: int | None) -> dict[str, Any]:
-    """The argument `dpi` of `save_figure`, if it is given."""
+    """Return the argument `dpi` of `save_figure`, or no argument if `dpi` is None."""
     return {} if dpi is None else {"dpi": dpi}
 
 
 def check_client(workers: int | None, scheduler: str | None) -> None:
     """Refuse --workers together with --scheduler."""
     if workers is not None and scheduler is not None:
-        raise ValueError("--scheduler: must be left out with --workers")
+        raise ValueError("--scheduler and --workers cannot be combined. Use one of them")
 
 
 def client_of(workers: int | None, scheduler: str | None) -> AbstractContextManager[Client | None]:
-    """Client of local workers or of a scheduler's, None without either option."""
+    """Open a Dask client of local workers or of a scheduler; None without either option."""
     from tofrender.rendering.workers import workers_for
 
     check_client(workers, scheduler)
@@ -303,7 +359,7 @@ def client_of(workers: int | None, scheduler: str | None) -> AbstractContextMana
 
 @contextmanager
 def _naming_out() -> Iterator[None]:
-    """Turn errors of a path into errors of --out."""
+    """Let errors of the block name --out instead of `path`."""
     try:
         yield
     except (ValueError, OSError) as error:
@@ -313,7 +369,7 @@ def _naming_out() -> Iterator[None]:
 def check_out(
     out: Path, shape: tuple[int, int, int, int] | None = None, precision: str = "float"
 ) -> None:
-    """Refuse a folder that cannot be written, or a disk too small for a transient of `shape`."""
+    """Refuse a folder that cannot be written, and a disk too small for a transient of `shape`."""
     from tofrender.io import check_output
 
     with _naming_out():
@@ -327,27 +383,39 @@ def check_file_out(out: Path, *suffixes: str, overwrite: bool = False) -> None:
         check_file(out, *suffixes, overwrite=overwrite, needed_bytes=FIGURE_BYTES)
 
 
-def check_disk_space(out: Path, *arrays: int) -> None:
-    """Refuse a disk too small for arrays of floats with these numbers of values."""
+def check_disk_space(out: Path, *counts: int) -> None:
+    """Refuse a disk too small for arrays of float32 with these numbers of values."""
     with _naming_out():
-        check_writable(out, 4 * sum(arrays) + FIGURE_BYTES)
+        check_writable(out, 4 * sum(counts) + FIGURE_BYTES)
 
 
 def check_apart(out: Path, source: Path) -> None:
-    """Refuse a folder to write that is the source, in it or above it: it would be replaced."""
-    here, there = out.resolve(), source.resolve()
-    if here == there or here in there.parents or there in here.parents:
-        raise ValueError(f"--out = {out}: must be apart from {source}, which is read")
+    """Refuse an output that is the source, inside the source, or a parent of the source.
+
+    The command would replace its own input.
+    """
+    written = out.resolve()
+    read = source.resolve()
+    if written == read or written in read.parents or read in written.parents:
+        raise ValueError(f"--out = {out}: must be outside of {source}, which is read")
 
 
 def check_format(format: str, precision: str) -> None:
-    """Refuse half precision where files hold single."""
+    """Refuse half precision for formats that do not support it."""
     if format in ("npz", "zarr", "png") and precision != "float":
         raise ValueError(f"--precision = {precision}: must be float with --format {format}")
 
 
 def load_render(out: Path, option: str) -> xr.Dataset:
-    """Load the render that `tofrender render` wrote to `out`, the value of `option`."""
+    """Load a render from a folder of `tofrender render`.
+
+    Args:
+        out: The folder.
+        option: Name of the option or argument with the folder, for messages.
+
+    Raises:
+        ValueError: The folder does not contain a render, or only pictures.
+    """
     from tofrender import io
     from tofrender.rendering.films_on_disk import load_zarr
 
@@ -361,5 +429,11 @@ def load_render(out: Path, option: str) -> xr.Dataset:
         if path.exists():
             return load(path)
     name = checks.quote(str(out))
-    found = "pictures, which cannot be read back" if (out / "steady.png").exists() else "no render"
-    raise ValueError(f"{option}: {name} holds {found}; must be what `tofrender render` has written")
+    if (out / "steady.png").exists():
+        raise ValueError(
+            f"{option}: {name} contains PNG pictures only, which cannot be read back. Use a folder "
+            "that `tofrender render` wrote with another --format"
+        )
+    raise ValueError(
+        f"{option}: {name} does not contain a render. Use a folder that `tofrender render` wrote"
+    )

@@ -21,7 +21,11 @@ if TYPE_CHECKING:
     from ..rendering.job import Job
     from ..runtime.checkpoints import Checkpoint
 
-TIME = ("start_opl", "bin_width", "window", "pulse_width")  # Settings of the time axis
+AUTOMATIC = "auto for built-in scenes and scenes without time bins, otherwise from the scene"
+"""Default of --window and --pulse-width, see `_with_time`."""
+
+WINDOW = ("start_opl", "bin_width", "window")
+"""Settings of the time bins."""
 
 
 def render(
@@ -33,15 +37,27 @@ def render(
     start_opl: Annotated[float | None, opt.setting("start_opl")] = None,
     bin_width: Annotated[float | None, opt.setting("bin_width")] = None,
     window: Annotated[
-        Any, opt.setting("window", opt.span, "; auto finds what holds the light")
+        Any,
+        opt.setting(
+            "window",
+            opt.span,
+            "auto looks for the arrival of the light; scene keeps the scene's bins.",
+            default=AUTOMATIC,
+        ),
     ] = None,
     pulse_width: Annotated[
-        Any, opt.setting("pulse_width", opt.pulse, "; auto takes a 128th of the window")
+        Any,
+        opt.setting(
+            "pulse_width",
+            opt.pulse,
+            "auto is 1/128 of the window; scene keeps the scene's pulse.",
+            default=AUTOMATIC,
+        ),
     ] = None,
     max_depth: opt.MaxDepth = None,
     integrator: Annotated[str | None, opt.setting("integrator")] = None,
     sampler: Annotated[str | None, opt.setting("sampler")] = None,
-    sensor: Annotated[int, opt.setting("sensor")] = 0,
+    sensor: Annotated[int, opt.setting("sensor", default=None)] = 0,
     variant: opt.Variant = None,
     seed: opt.Seed = 0,
     format: opt.Format = "frames",
@@ -49,7 +65,11 @@ def render(
     define: Annotated[
         list[Any] | None,
         opt.checked(
-            opt.definition, "XML parameter; repeatable.", "-D", "--define", metavar="NAME=VALUE"
+            opt.definition,
+            "Value of a parameter of the XML file. Repeat the option for more parameters.",
+            "-D",
+            "--define",
+            metavar="NAME=VALUE",
         ),
     ] = None,
     video: opt.Video = True,
@@ -58,52 +78,75 @@ def render(
     errors: Annotated[bool, opt.setting("errors")] = False,
     denoise: Annotated[bool, opt.setting("denoise")] = False,
     frames: Annotated[
-        int | None, opt.integer(1, 10_000, "Number of frames of a moving scene.")
+        int | None, opt.integer(1, 10_000, "Number of frames of a moving scene")
     ] = None,
-    frame_time: Annotated[float | None, opt.positive("seconds", "Seconds between frames.")] = None,
-    exposure: Annotated[float, opt.real(0, "Seconds that each row is exposed.")] = 0.0,
-    poses: Annotated[int | None, opt.integer(1, 4096, "Poses in an exposure; default 8.")] = None,
-    row_time: Annotated[float, opt.real(0, "Seconds from a row's start to the next one's.")] = 0.0,
+    frame_time: Annotated[
+        float | None, opt.positive("seconds", "With --frames, time between two frames [s]")
+    ] = None,
+    exposure: Annotated[
+        float, opt.real(0, "With --frames, exposure time of each row of pixels [s]")
+    ] = 0.0,
+    poses: Annotated[
+        int | None,
+        opt.integer(
+            1, 4096, "With --frames, poses of the scene in each exposure", show_default="8"
+        ),
+    ] = None,
+    row_time: Annotated[
+        float, opt.real(0, "With --frames, delay from one row of pixels to the next [s]")
+    ] = 0.0,
     workers: opt.Workers = None,
     scheduler: opt.Scheduler = None,
     checkpoint: checkpoints.Seconds = EVERY_S,
     resume: checkpoints.Resume = False,
     as_json: Json = False,
 ) -> None:
-    """Render SCENE in time.
+    """Render light in flight to a stack of images.
 
-    Options that are not given keep the scene's values, except for time: a built-in scene, or one
-    whose film is steady, gets a window that holds its light and a pulse that suits it, unless one
-    of --start-opl, --bin-width, --window and --pulse-width is given. If the film is steady, --bins
-    is 300 by default, and --window is auto by default. The command writes the
-    transient image, its sum over time (steady.exr), a video and a summary figure. DIR is written
-    atomically and replaces that of an earlier run. A checkpoint is kept beside it; Ctrl-C, SIGTERM
-    and SIGHUP also write the result so far. --resume continues a stopped run, or a render in DIR
-    with fewer samples; a complete one is not changed. Without --resume, the checkpoint of a stopped
-    run is never replaced.
+    The command writes the transient image, its sum over time (steady.exr), a video and a summary
+    figure. Options that are not given keep the values of the scene.
 
-    A film that does not fit into memory is rendered tile by tile on the disk, as are those with
-    --format zarr and by workers.
+    Time axis: built-in scenes, and scenes without time bins, get a window that contains their
+    light, unless --start-opl, --bin-width or --window is given. Together with this window they get
+    a suitable pulse, unless --pulse-width is given. Without --bins, a scene without time bins gets
+    300 bins.
 
-    In a polarised --variant, files have Stokes vectors, in channels S0.R to S3.B of EXR files;
-    video, PNG frames and summary show S0, and a second figure the polarisation.
+    Stopping: DIR appears when all its files are complete. Until then a checkpoint is kept next to
+    DIR. Ctrl-C, SIGTERM and SIGHUP write the result so far. With --resume the command continues a
+    stopped or killed run, or adds samples to the render in DIR. A complete render is not changed.
+    Without --resume the command refuses to replace the checkpoint of a stopped run.
 
-    With --denoise, --format npz keeps the film with its noise, too.
+    Memory: a film that does not fit into memory is rendered in tiles on the disk. Tiles are also
+    used with --format zarr, --workers and --scheduler.
 
-    With --frames, DIR gets folders frame_0000, ..., each with what a render writes, steady.npy with
-    the steady pictures of all frames, and their video. Frame k starts at k times --frame-time.
+    Polarization: with a polarized --variant, EXR files contain Stokes vectors in the channels S0.R
+    to S3.B. The video, PNG frames and the summary show S0, and a second figure shows the
+    polarization.
+
+    Denoising: with --denoise and --format npz, the file also contains the noisy film.
+
+    Animation: with --frames, DIR contains the folders frame_0000, frame_0001 and so on, each with
+    the files of a render, and also a video and steady.npy of the steady images of all frames. Frame
+    k starts at the time k times --frame-time.
+
+    Examples:
+        tofrender render cornell_box --out box --spp 64
+        tofrender render scene.xml --out hall --bins 500 --window 2,20 --format npz
     """
     options = locals().copy()
 
-    # -------------------------------------------------------- check everything, start nothing
+    # ------------------------------------------ Check all options before any work starts
     opt.check_format(format, precision)
     opt.check_client(workers, scheduler)
     if denoise and (workers or scheduler or format == "zarr"):
-        raise ValueError("--denoise: must be left out with --workers, --scheduler, --format zarr")
+        raise ValueError(
+            "--denoise cannot be combined with --workers, --scheduler or --format zarr. Remove one "
+            "of them"
+        )
     animation.check(options)
     if frames is None:
         opt.check_out(out)
-    opt.activate(variant, polarised=True)
+    opt.activate(variant, polarized=True)
 
     from tofrender.rendering.collecting import collect
     from tofrender.rendering.job import dataset_of, remaining
@@ -117,18 +160,22 @@ def render(
     if frames is not None and frame_time is not None:
         from tofrender.motion.frames import Shutter, open_frames
 
-        shutter, times = Shutter(exposure, poses, row_time), [k * frame_time for k in range(frames)]
+        shutter = Shutter(exposure, poses, row_time)
+        times = [k * frame_time for k in range(frames)]
         job, shutter = open_frames(settings, times, shutter)
-        _report_time(settings, job)
+        if window is None:
+            _report_time(settings, job)
         animation.render_frames(job, times, shutter, options)
         return
     job = make_job(settings)
-    _report_time(settings, job)
+    if window is None:
+        _report_time(settings, job)
     height, width, count, channels = job.film.shape
     films = 2 if errors else 1
     cells = height * width * films * count
     opt.check_out(out, (height, width, films * count, channels), precision)
-    if checkpoint:  # which has the samples' weight of each bin, too
+    if checkpoint:
+        # A checkpoint contains the weight of the samples in each bin as well
         opt.check_disk_space(out, cells * channels, cells * (channels + 1))
 
     complete = _complete(out, job) if resume and checkpoints.unfinished_work(out) is None else None
@@ -138,7 +185,7 @@ def render(
         answer("render", as_json, render_facts(complete, out, files), lines)
         return
 
-    # ---------------------------------------------------------------------- render and write
+    # ---------------------------------------------------------------- Render and write
     with (
         checkpoints.checkpointed(out, checkpoint, resume) as file,
         opt.client_of(workers, scheduler) as client,
@@ -163,41 +210,49 @@ def render(
 
 
 def _with_time(options: dict[str, Any]) -> RenderSettings:
-    """Settings of a render, with an automatic window and pulse where no setting of `TIME` is given.
+    """Return the settings of a render with its time axis.
 
-    They are for built-in scenes, and for files of scenes whose film is steady.
+    Built-in scenes, and scenes without time bins, get an automatic window unless one of `WINDOW` is
+    given. With this window they get an automatic pulse unless a pulse is given.
     """
     from ..rendering.renderer import with_default_window
 
-    own: dict[str, Any] = {name: None for name in TIME if options[name] == opt.SCENE_TIME}
-    settings = RenderSettings(**options | own)
+    # The value "scene" keeps what the scene defines, as None does in `RenderSettings`
+    times = ("window", "pulse_width")
+    kept: dict[str, Any] = {name: None for name in times if options[name] == opt.SCENE_TIME}
+    settings = RenderSettings(**options | kept)
+
+    # A film without time bins gets an automatic window
     found = with_default_window(settings)
-    if found is not settings and options["window"] == opt.SCENE_TIME:
+    has_no_bins = found is not settings
+    if has_no_bins and options["window"] == opt.SCENE_TIME:
         raise ValueError(
-            f"--window = {opt.SCENE_TIME}: must be auto or START,STOP, the scene's film is steady"
+            "--window = scene: must be auto or START,STOP, because the film of the scene is "
+            "steady, without time bins"
         )
-    if found is not settings and options["pulse_width"] == opt.SCENE_TIME:
+    if has_no_bins and options["pulse_width"] == opt.SCENE_TIME:
         return replace(found, pulse_width=None)
-    left_open = all(options[name] is None for name in TIME) and isinstance(settings.scene, str)
-    return replace(found, window="auto", pulse_width="auto") if left_open else found
+
+    # A built-in scene without a window gets an automatic one, and without a pulse that, too
+    has_window = any(options[name] is not None for name in WINDOW)
+    if has_window or not isinstance(settings.scene, str):
+        return found
+    pulse_width = "auto" if options["pulse_width"] is None else found.pulse_width
+    return replace(found, window="auto", pulse_width=pulse_width)
 
 
 def _report_time(settings: RenderSettings, job: Job) -> None:
-    """Print which window and pulse were found, and how to have the scene's own."""
-    if settings.pulse_width != "auto" or settings.window != "auto":
-        return
-    start, stop = job.film.start_opl, job.film.end_opl()
-    found = f"bins from {start:.4g} to {stop:.4g} m"
-    if isinstance(job.settings.pulse_width, float):
+    """Print the automatic window and pulse."""
+    if settings.window != "auto":
+        return  # The scene's own bins
+    found = f"bins from {job.film.start_opl:.4g} to {job.film.end_opl():.4g} m"
+    if settings.pulse_width == "auto" and isinstance(job.settings.pulse_width, float):
         found += f" and a pulse of {job.settings.pulse_width:g} m"
-    own = "--window auto has no pulse"
-    if not isinstance(settings.scene, Path):
-        own = "--window scene has the scene's own, without a pulse"
-    opt.note(f"note: {found} suit this scene; {own}")
+    opt.note(f"note: chose {found} automatically; --window START,STOP sets other bins")
 
 
 def _fits(job: Job) -> bool:
-    """Whether a job's film fits into memory; prints a note if not."""
+    """Return whether the film of a job fits into memory; print a note if it does not."""
     from tofrender.rendering.work_items import whole
 
     try:
@@ -205,7 +260,7 @@ def _fits(job: Job) -> bool:
     except MemoryError as error:
         if job.settings.denoise:
             raise
-        opt.note(f"note: {error}; it is rendered tile by tile on the disk")
+        opt.note(f"note: {error}; the film is rendered in tiles on the disk")
         return False
     return True
 
@@ -213,7 +268,7 @@ def _fits(job: Job) -> bool:
 def _on_disk(
     job: Job, film: Path, client: Client | None, seconds: float, resume: bool
 ) -> xr.Dataset:
-    """Render a job on the disk, or open what a killed run had finished there."""
+    """Render a job on the disk, or open the film that a killed run has finished."""
     from tofrender.rendering.films_on_disk import is_film, load_zarr
     from tofrender.rendering.job import check_resume
     from tofrender.rendering.store import under_way
@@ -229,20 +284,25 @@ def _on_disk(
         )
     dataset = load_zarr(film)
     check_resume(dataset, job)
-    spp, wanted = dataset.attrs["spp"], whole(job).count
+    spp = dataset.attrs["spp"]
+    wanted = whole(job).count
     if spp != wanted:
-        raise ValueError(f"--resume: was rendered with spp = {spp}; must be {wanted}")
+        raise ValueError(
+            f"--resume: the film was rendered with --spp {spp}. Use the same value instead of "
+            f"{wanted}"
+        )
     return dataset
 
 
 def _complete(out: Path, job: Job) -> xr.Dataset | None:
-    """Load the render in `out` if it is the result of `job`, None if there is more to do."""
+    """Load the render in `out` if it is the complete result of `job`; otherwise return None."""
     from ..rendering.job import check_resume
     from ..rendering.work_items import whole
 
     try:
         found = opt.load_render(out, "--resume")
-    except (ValueError, OSError):  # Raised again by `_earlier`
+    except (ValueError, OSError):
+        # `_earlier` raises the error again
         return None
     if not found.attrs["complete"] or found.attrs["spp"] != whole(job).count:
         return None
@@ -251,19 +311,20 @@ def _complete(out: Path, job: Job) -> xr.Dataset | None:
 
 
 def _earlier(out: Path, file: Checkpoint | None) -> xr.Dataset | None:
-    """Load the render in `out` to resume from, None if a checkpoint has all that is needed."""
+    """Load the render in `out` to resume from; None if the checkpoint is sufficient."""
     first = None if file is None else file.recipe().get("resume")
     if file is not None and first == 0:
         return None
     earlier = opt.load_render(out, "--resume")
-    if file is not None and earlier.attrs["spp"] != first:  # DIR has changed since
+    if file is not None and earlier.attrs["spp"] != first:
+        # DIR has changed since the checkpoint was written
         file.resume = False
     opt.note(f"resuming from {earlier.attrs['spp']} samples per pixel in {out}")
     return earlier
 
 
 def _report(dataset: xr.Dataset, out: Path, files: Sequence[str]) -> list[str]:
-    """Lines with names of files, time, and the energy outside the window."""
+    """Return lines with the names of the files, the time, and the energy outside the window."""
     frames = [name for name in files if name.startswith("frame_")]
     names = [name for name in files if name not in frames]
     if frames:

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 from zipfile import ZipFile
 
+import typer
+
 from ..io.contents import FRAMES_LIST, GATE, PHASORS, RANGE_RATE, SENSED, VOLUME
 from ..runtime import backend, checks
 from . import options as opt
@@ -24,23 +26,37 @@ def report(
         Path,
         opt.argument(
             "DIR|FILE",
-            "What `render`, `capture`, `reconstruct`, `phasor`, `gate`, `fmcw` or `sense` has "
-            "written, also the folder of frames, or an .npz, .exr, .zarr, .nc.",
+            "Folder or file of `render`, `capture`, `reconstruct`, `phasor`, `gate`, `fmcw` or "
+            "`sense`. Suffixes of files are .npz, .exr, .zarr, .h5 and .nc.",
         ),
     ],
     out: Annotated[Path, opt.named("FILE", "HTML file to write.", "--out", "-o")],
     capture: Annotated[
-        Path | None, opt.named("FILE", "What a reconstruction was made from: 3D with its wall.")
+        Path | None,
+        opt.named("FILE", "Capture of a reconstruction, to show its relay wall in 3D."),
     ] = None,
-    title: Annotated[str | None, opt.named("TEXT", "Title of the page.")] = None,
+    title: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TEXT",
+            help="Title of the page.",
+            show_default="name of the scene or of the source",
+        ),
+    ] = None,
     megabytes: Annotated[
-        float, opt.checked(MEGABYTES, "Maximum file size [MB].", min=0.1, max=1000)
+        float,
+        opt.checked(MEGABYTES, "Largest size of the page [MB] (0.1 to 1000).", metavar="NUMBER"),
     ] = 10.0,
 ) -> None:
-    """One page to explore a render, a capture, a reconstruction, phasors or a gate.
+    """Make an HTML page to explore a result.
 
-    FILE opens from disk, without a server or a network: light in time, responses of pixels,
-    gates, phasors. The page states how it was reduced, and the accuracy of its values.
+    The page shows light in time, responses of pixels, gates and phasors. It opens from the disk
+    without a server or a network. If the data are too large, they are reduced, and the page states
+    how, and the accuracy of its values.
+
+    Examples:
+        tofrender report box -o box.html
+        tofrender report hidden --capture wall.h5 -o hidden.html
     """
     opt.check_file_out(out, *SUFFIXES, overwrite=True)
     backend.activate()
@@ -56,13 +72,18 @@ def report(
 
 
 def load_result(source: Path) -> xr.Dataset:
-    """Load the Dataset of a folder or a file, with Stokes vectors if it has them."""
+    """Load the Dataset of a folder or a file, with all Stokes components."""
     from tofrender import io
     from tofrender.io.netcdf import load_measurement
     from tofrender.rendering.films_on_disk import load_zarr
 
-    loaders: dict[str, Any] = {".npz": io.load_npz, ".exr": io.load_exr_stack}
-    loaders |= dict.fromkeys((".h5", ".hdf5"), io.load_capture) | {".nc": load_measurement}
+    loaders: dict[str, Any] = {
+        ".npz": io.load_npz,
+        ".exr": io.load_exr_stack,
+        ".h5": io.load_capture,
+        ".hdf5": io.load_capture,
+        ".nc": load_measurement,
+    }
     suffix = source.suffix.lower()
     if source.suffix == ".zarr":
         return load_zarr(source)
@@ -82,10 +103,12 @@ def load_result(source: Path) -> xr.Dataset:
         return opt.load_render(source, "DIR|FILE")
     if source.is_file() and suffix in loaders:
         return loaders[suffix](source)
-    commands = "`render`, `reconstruct`, `phasor`, `gate`, `fmcw` or `sense`"
-    allowed = f"a folder of {commands}, or an .npz, .exr, .zarr, .h5, .hdf5 or .nc"
-    problem = "is none of these" if source.exists() else "does not exist"
-    raise ValueError(f"DIR|FILE = {checks.quote(str(source))}: {problem}; must be {allowed}")
+    problem = "does not contain a result" if source.exists() else "does not exist"
+    raise ValueError(
+        f"DIR|FILE = {checks.quote(str(source))} {problem}. Use a folder of `render`, "
+        "`reconstruct`, `phasor`, `gate`, `fmcw` or `sense`, or a file .npz, .exr, .zarr, .h5, "
+        ".hdf5 or .nc"
+    )
 
 
 def _load_frames(folder: Path) -> xr.Dataset:
@@ -96,7 +119,8 @@ def _load_frames(folder: Path) -> xr.Dataset:
     folders = sorted(each for each in folder.glob("frame_*") if each.is_dir())
     if not folders:
         raise ValueError(
-            f"DIR|FILE = {checks.quote(str(folder))}: has no frames; resume its render"
+            f"DIR|FILE = {checks.quote(str(folder))} does not contain finished frames. Continue "
+            "the render with --resume"
         )
     first = opt.load_render(folders[0], "DIR|FILE")
     memory.require_free(f"DIR|FILE = {folder}", 2 * first.nbytes * len(folders))
@@ -108,7 +132,10 @@ def _load_frames(folder: Path) -> xr.Dataset:
 
 
 def _load_gate(path: Path) -> xr.Dataset:
-    """Load the picture of `tofrender gate` as a transient of one bin, as wide as its gate is."""
+    """Load the picture of `tofrender gate` as a transient with one bin.
+
+    The bin has the area and the height of the Gaussian gate.
+    """
     import numpy as np
     import xarray as xr
 
@@ -116,19 +143,28 @@ def _load_gate(path: Path) -> xr.Dataset:
 
     layers, attrs, (x0, y0) = load_exr_layers(path)
     image = layers[""][:, :, None]
-    centre = float(attrs["opl"])
-    width = math.sqrt(2 * math.pi) * float(attrs["pulse_width_opl"])  # Of a box of equal height
+    center = float(attrs["opl"])
+    width = math.sqrt(2 * math.pi) * float(attrs["pulse_width_opl"])
     height, columns, _, channels = image.shape
-    axes = {"y": y0 + np.arange(height), "x": x0 + np.arange(columns), "opl": [centre]}
-    axes["channel"] = list("RGB" if channels == 3 else "L")
-    about = {"quantity": "radiance per metre", "start_opl": centre - width / 2}
-    about |= {"bin_width_opl": width, "units": attrs["units"], "spp": attrs["spp"]}
-    about["pulse"] = f"Gaussian gate, standard deviation {attrs['pulse_width_opl']} m"
-    return xr.Dataset({"transient": (tuple(axes), image)}, axes, about)
+    axes = {
+        "y": y0 + np.arange(height),
+        "x": x0 + np.arange(columns),
+        "opl": [center],
+        "channel": list("RGB" if channels == 3 else "L"),
+    }
+    attributes = {
+        "quantity": "radiance per metre",
+        "start_opl": center - width / 2,
+        "bin_width_opl": width,
+        "units": attrs["units"],
+        "spp": attrs["spp"],
+        "pulse": f"Gaussian gate, standard deviation {attrs['pulse_width_opl']} m",
+    }
+    return xr.Dataset({"transient": (tuple(axes), image)}, axes, attributes)
 
 
 def _load_phasors(paths: list[Path]) -> xr.Dataset:
-    """Load I and Q of the files of `tofrender phasor`."""
+    """Load I and Q from the files of `tofrender phasor`."""
     import numpy as np
     import xarray as xr
 
@@ -139,19 +175,23 @@ def _load_phasors(paths: list[Path]) -> xr.Dataset:
     shapes = {(layers["I"].shape, first) for layers, _, first in files}
     if len(shapes) > 1:
         raise ValueError(
-            f"phasor files of shapes and first pixels {sorted(shapes)}: must be of one render"
+            f"the phasor files have different shapes or first pixels, {sorted(shapes)}. Pass files "
+            "of one render"
         )
     (((height, width, channels), (x0, y0)),) = shapes
     dims = ("frequency", "y", "x", "channel")
     parts = {k: (dims, np.stack([layers[k] for layers, *_ in files])) for k in "IQ"}
-    axes = {"frequency": [float(attrs["frequency_hz"]) for _, attrs, _ in files]}
-    axes |= {"y": y0 + np.arange(height), "x": x0 + np.arange(width)}
-    axes["channel"] = list("RGB" if channels == 3 else "L")
+    axes = {
+        "frequency": [float(attrs["frequency_hz"]) for _, attrs, _ in files],
+        "y": y0 + np.arange(height),
+        "x": x0 + np.arange(width),
+        "channel": list("RGB" if channels == 3 else "L"),
+    }
     return xr.Dataset(parts, axes)
 
 
 def _load_volume(path: Path) -> xr.Dataset:
-    """Load the arrays that `tofrender reconstruct` writes of a volume."""
+    """Load the volume that `tofrender reconstruct` has written."""
     import xarray as xr
 
     from tofrender.runtime.archives import read_array
@@ -168,7 +208,8 @@ def _load_volume(path: Path) -> xr.Dataset:
                     volume[name] = axes, read_array(archive, name)
     except MemoryError as error:
         raise MemoryError(f"DIR|FILE = {path}: {error}") from None
-    except Exception as error:  # Whatever a damaged file makes zipfile, zlib and NumPy raise
+    except Exception as error:
+        # A damaged file can make zipfile, zlib and NumPy raise many kinds of errors
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise ValueError(
             f"DIR|FILE = {path}: must be a volume that `tofrender reconstruct` wrote ({reason})"

@@ -12,10 +12,14 @@ from .answers import Json, answer
 
 
 def sense(
-    source: Annotated[Path, opt.argument("DIR", "What `tofrender render` has written.")],
+    source: Annotated[Path, opt.argument("DIR", "Folder of `tofrender render`.")],
     sensor: Annotated[
         str,
-        opt.named(f"{'|'.join(PRESETS)}|FILE.toml", "Sensor.", complete=completion.among(PRESETS)),
+        opt.named(
+            "NAME|FILE.toml",
+            f"Preset or description of the sensor. Presets: {', '.join(PRESETS)}.",
+            complete=completion.among(PRESETS),
+        ),
     ],
     out: opt.Out,
     seed: opt.Seed = 0,
@@ -23,11 +27,15 @@ def sense(
     dpi: opt.Dpi = None,
     as_json: Json = False,
 ) -> None:
-    """Simulate what a sensor measures of a render: photon counts, correlations, gates, a streak.
+    """Simulate the measurement of a sensor.
 
-    --sensor is a preset or a TOML file; docs/sensors.md describes its keys, and the presets are
-    files to start from. The command writes sensed.nc, a NetCDF file with what was measured and its
-    expectation, and summary.png, with a pixel of both.
+    A sensor measures photon counts, correlations, gates, or a streak image of a render. The page
+    docs/sensors.md describes the keys of the TOML file. The command writes sensed.nc, a NetCDF file
+    with the measurement and its expectation, and the figure summary.png.
+
+    Examples:
+        tofrender sense box --sensor spad --out counts
+        tofrender sense box --sensor camera.toml --seed 1 --out taps
     """
     opt.check_out(out)
     opt.check_apart(out, source)
@@ -48,17 +56,24 @@ def sense(
     ):
         save_measurement(measured, folder / SENSED)
         io.save_figure(vis.measurement_figure(measured), folder / files[1], **opt.dots(dpi))
-    quantity, whole = measured.attrs["quantity"], 1 - measured.get("saturated", 0)
-    names = {"total": quantity, "expected": "expected"}
-    sums = {k: float((measured[v] * whole).sum()) for k, v in names.items() if v in measured}
-    facts = {"out": str(out), "files": files, "source": str(source), "sensor": sensor}
-    facts |= {
+
+    # Sums without saturated pixels
+    quantity = measured.attrs["quantity"]
+    usable = 1 - measured.get("saturated", 0)
+    total = float((measured[quantity] * usable).sum())
+    expected = float((measured["expected"] * usable).sum()) if "expected" in measured else None
+    facts = {
+        "out": str(out),
+        "files": files,
+        "source": str(source),
+        "sensor": sensor,
         "quantity": quantity,
         "seed": seed,
         "cycles": int(measured["cycles"]),
-        "expected": None,
-    } | sums
-    about = f", {sums['expected']:,.0f} expected" if "expected" in sums else ""
-    lines = [f"{out}: {', '.join(files)}", f"sum of {quantity} {sums['total']:,.0f}{about}"]
+        "expected": expected,
+        "total": total,
+    }
+    expectation = "" if expected is None else f", {expected:,.0f} expected"
+    lines = [f"{out}: {', '.join(files)}", f"sum of {quantity} {total:,.0f}{expectation}"]
     answer("sense", as_json, facts, lines)
     checkpoints.end_if_stopped(stop)

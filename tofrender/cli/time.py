@@ -17,18 +17,20 @@ if TYPE_CHECKING:
     import numpy as np
 
 LAYERS = ("I", "Q", "amplitude", "phase", "depth")
-GATE_WIDTH = 0.03  # Standard deviation of a gate where the scene's light has no pulse [m]
+GATE_WIDTH = 0.03
+"""Standard deviation of a gate if the scene's integrator has no pulse [m]."""
 
 
 def phasor(
     source: Annotated[
         str,
-        opt.argument(
-            "RENDER_DIR|SCENE", "What `tofrender render` has written, or a scene as for it."
-        ),
+        opt.argument("DIR|SCENE", "Folder of `tofrender render`, or a scene to render."),
     ],
     out: opt.Out,
-    freq: Annotated[list[float], opt.frequency("Modulation frequency, repeatable")],
+    freq: Annotated[
+        list[float],
+        opt.frequency("Modulation frequency; repeat the option for more frequencies"),
+    ],
     spp: opt.Spp = None,
     size: opt.Pixels = None,
     max_depth: opt.MaxDepth = None,
@@ -40,27 +42,41 @@ def phasor(
     resume: checkpoints.Resume = False,
     as_json: Json = False,
 ) -> None:
-    """Phasor images: I, Q, amplitude, phase and depth at each frequency.
+    """Make phasor images of an AMCW camera.
 
-    From a scene, phasors are rendered, all frequencies in one trace, by the scene's integrator with
-    its limits and its pulse. From a render, they are converted from its bins, which lack light
-    outside the window. The command writes one EXR file per frequency, with layers I, Q, amplitude,
-    phase [rad] and depth [m], and a panel.
+    The command writes one EXR file per frequency with the layers I, Q, amplitude, phase [rad] and
+    depth [m], and a figure of all of them.
+
+    A scene is rendered once for all frequencies, by its own integrator with its pulse. The time
+    bins of an existing render are converted. They do not contain the light outside the window.
+
+    Examples:
+        tofrender phasor cornell_box --freq 20MHz --out phasors
+        tofrender phasor box --freq 20MHz --freq 50MHz --out phasors
     """
     opt.check_out(out)
     for frequency in freq:
         checks.require("--freq", frequency, freq.count(frequency) == 1, "given once")
     if os.path.isdir(source):
         opt.check_apart(out, Path(source))
-        given = {"--spp": spp, "--size": size, "--max-depth": max_depth, "--variant": variant}
-        given |= {"--resume": resume or None, "--seed": seed or None}
-        given["--checkpoint"] = None if checkpoint == EVERY_S else checkpoint
-        for option, value in given.items():
+        of_scenes = {
+            "--spp": spp,
+            "--size": size,
+            "--max-depth": max_depth,
+            "--variant": variant,
+            "--resume": resume or None,
+            "--seed": seed or None,
+            "--checkpoint": None if checkpoint == EVERY_S else checkpoint,
+        }
+        for option, value in of_scenes.items():
             if value is not None:
-                raise ValueError(f"{option} = {value}: must be left out, {source} is rendered")
+                raise ValueError(
+                    f"{option} = {value} requires a scene, but {source} is rendered already. "
+                    "Remove the option"
+                )
         from tofrender.analysis import transient_to_phasor
 
-        rendered = opt.load_render(Path(source), "RENDER_DIR")
+        rendered = opt.load_render(Path(source), "DIR|SCENE")
         opt.check_disk_space(out, len(LAYERS) * len(freq) * rendered["steady"].size)
         parts = transient_to_phasor(rendered, freq)
         first = int(rendered["x"][0]), int(rendered["y"][0])
@@ -88,9 +104,14 @@ def phasor(
 def gate(
     scene: opt.Scene,
     out: opt.Out,
-    at: Annotated[float, opt.real(0, "Path length of the gate, metres.")],
+    at: Annotated[float, opt.real(0, "Optical path length of the gate [m]")],
     pulse_width: Annotated[
-        float | None, opt.positive("metres", "Gaussian gate's deviation, metres; else the scene's.")
+        float | None,
+        opt.positive(
+            "metres",
+            "Standard deviation of the Gaussian gate [m]",
+            show_default=f"the scene's pulse, otherwise {GATE_WIDTH}",
+        ),
     ] = None,
     spp: opt.Spp = None,
     size: opt.Pixels = None,
@@ -103,11 +124,14 @@ def gate(
     resume: checkpoints.Resume = False,
     as_json: Json = False,
 ) -> None:
-    """Render SCENE at one instant, given as a path length.
+    """Render one instant, given as a path length.
 
-    Paths are those of the scene's integrator, and so is the gate: its pulse, of 0.03 m if it has
-    none. The command writes gate.exr, the radiance per metre of path at that instant, and
-    picture.png, labelled with time and brightness.
+    The command writes gate.exr, the radiance per metre of path at the instant, and picture.png with
+    the time and the brightness. The scene's integrator traces the paths.
+
+    Examples:
+        tofrender gate cornell_box --at 8 --out gate
+        tofrender gate scene.xml --at 3.5 --pulse-width 0.05 --spp 256 --out gate
     """
     opt.check_out(out)
     loaded, sensor, samples = load(scene, spp, size, max_depth, variant)
@@ -117,19 +141,39 @@ def gate(
     opt.check_disk_space(out, values(sensor))
     integrator = _gated(loaded, pulse_width)
     width: float = integrator.pulse.width_opl
-    more: Any = {"opl": at, "pulse_width_opl": width, "spp": samples, "seed": seed}
-    recipe = checkpoints.recipe_of(loaded, sensor, **more, figure=figure, dpi=dpi)
+    recipe = checkpoints.recipe_of(
+        loaded,
+        sensor,
+        opl=at,
+        pulse_width_opl=width,
+        spp=samples,
+        seed=seed,
+        figure=figure,
+        dpi=dpi,
+    )
     if resume and checkpoints.answer_if_finished("gate", out, GATE, recipe, as_json):
         return
     with checkpoints.checkpointed(out, checkpoint, resume) as file:
         checkpoints.require_begun(resume, file and file.path, out)
         image = render_at_time(loaded, integrator, sensor, at, samples, seed, checkpoint=file)
         if not image.any():
-            raise ValueError(f"--at = {at:g}: no light arrives then; `tofrender render` shows when")
+            raise ValueError(
+                f"--at = {at:g}: no light arrives at this path length. Use `tofrender render` to "
+                "find when light arrives"
+            )
         files = [GATE, f"picture.{figure}"]
         rows, columns = image.shape[:2]
-        facts = {"out": str(out), "files": files, "width": columns, "height": rows, "scene": scene}
-        facts |= {"at": at, "pulse_width": width, "spp": samples, "seed": seed}
+        facts = {
+            "out": str(out),
+            "files": files,
+            "width": columns,
+            "height": rows,
+            "scene": scene,
+            "at": at,
+            "pulse_width": width,
+            "spp": samples,
+            "seed": seed,
+        }
         attrs = {"opl": at, "pulse_width_opl": width, "units": "W m^-3 sr^-1", "spp": samples}
         attrs |= checkpoints.run_attribute(recipe, facts)
         with deferred_stop() as stop, io.output_folder(out, overwrite=True) as folder:
@@ -144,7 +188,11 @@ def gate(
 def load(
     source: str, spp: int | None, size: opt.Size | None, max_depth: int | None, variant: str | None
 ) -> tuple[Any, Any, int]:
-    """Load a scene with a transient integrator, its sensor, and samples per pixel."""
+    """Load a scene and replace its integrator by a transient integrator if necessary.
+
+    Returns:
+        The scene, its first sensor, and the number of samples per pixel.
+    """
     opt.activate(variant)
     from tofrender.scenes.loading import find_scene, load_scene, require_light, require_sensor
     from tofrender.scenes.transient_integrators import transient_integrator_for
@@ -155,7 +203,8 @@ def load(
         settings |= size._asdict()
     loaded = load_scene(found, **settings)
     require_sensor(loaded)
-    if getattr(loaded.integrator(), "traits", None) is None:  # One in a wrapper does not tell
+    if getattr(loaded.integrator(), "traits", None) is None:
+        # An integrator of Mitsuba, or one that is wrapped by another
         kind = transient_integrator_for(loaded.integrator())
         loaded = load_scene(found, integrator=kind, **settings)
     own: Any = loaded.integrator()
@@ -166,7 +215,7 @@ def load(
 
 
 def _gated(scene: Any, pulse_width: float | None) -> Any:
-    """Make a gated integrator with the settings of a scene's, or set the pulse of a gated one."""
+    """Return a gated integrator with the settings of the scene's integrator and the given pulse."""
     from tofrender.paths.surfaces import lets_straight_through
     from tofrender.scenes.loading import load_plugin
     from tofrender.signals.pulses import GaussianPulse
@@ -174,11 +223,12 @@ def _gated(scene: Any, pulse_width: float | None) -> Any:
     own = scene.integrator()
     kind = type(own).__name__
     if not own.needs_lights:
-        raise ValueError(f"integrator = {kind}: has no gates; must be one like transient_path")
+        raise ValueError(f"integrator = {kind} does not support gates. Use transient_path")
     if own.goes_straight and lets_straight_through(scene):
         raise ValueError(
-            f"integrator = {kind}: has no gates in scenes with panes, masks or polarisers; must be "
-            "transient_path, whose connections they block, or use `tofrender render`"
+            f"integrator = {kind} does not support gates in scenes with panes, masks or "
+            "polarizers. Use transient_path, which treats them as opaque for connections, or use "
+            "`tofrender render`"
         )
     width = pulse_width or (GATE_WIDTH if own.pulse is None else own.pulse.width_opl)
     if not hasattr(own, "gate"):
@@ -189,15 +239,23 @@ def _gated(scene: Any, pulse_width: float | None) -> Any:
 
 
 def values(sensor: Any) -> int:
-    """Number of values of the sensor's picture, in three channels at most."""
+    """Return the number of values of the sensor's picture with three channels."""
     width, height = sensor.film().crop_size()
     return 3 * int(width) * int(height)
 
 
 def first_pixel(sensor: Any) -> tuple[int, int]:
-    """Column and row of the first pixel of the sensor's picture."""
+    """Return the column and the row of the first pixel of the sensor's picture."""
     column, row = sensor.film().crop_offset()
     return int(column), int(row)
+
+
+def _label(frequency_hz: float) -> str:
+    """Return a frequency as text with a unit, for example 20MHz."""
+    for unit, size in (("GHz", 1e9), ("MHz", 1e6), ("kHz", 1e3)):
+        if frequency_hz >= size:
+            return f"{frequency_hz / size:.15g}{unit}"
+    return f"{frequency_hz:.15g}Hz"
 
 
 def _write_phasors(
@@ -210,17 +268,23 @@ def _write_phasors(
     first: tuple[int, int],
     recipe: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Write EXR files and the panel, and return the facts of the run.
+    """Write the EXR files and the figure, and return the facts of the run.
 
-    With a `recipe`, the files have what `--resume` needs to find the run finished.
+    With a `recipe`, `--resume` recognizes a finished run by the attributes of the files.
     """
     from tofrender import io, vis
 
-    files = [f"phasor_{frequency:.15g}Hz.exr" for frequency in frequencies]
+    files = [f"phasor_{_label(frequency)}.exr" for frequency in frequencies]
     files.append(f"panel.{figure}")
     height, width = parts[0].shape[1:3]
-    facts = {"out": str(out), "files": files, "width": width, "height": height}
-    facts |= {"source": source, "frequencies_hz": frequencies}
+    facts = {
+        "out": str(out),
+        "files": files,
+        "width": width,
+        "height": height,
+        "source": source,
+        "frequencies_hz": frequencies,
+    }
     run = {} if recipe is None else checkpoints.run_attribute(recipe, facts)
 
     with io.output_folder(out, overwrite=True) as folder:

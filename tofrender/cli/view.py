@@ -17,30 +17,34 @@ def view(
         str,
         opt.argument(
             "DIR|FILE|SCENE",
-            "What a command has written; or a built-in name or XML file, with --live.",
+            "Folder or file of another command, or with --live a built-in scene or an XML file.",
         ),
     ],
-    live: Annotated[bool, opt.switch("--live", "Render SCENE progressively.")] = False,
+    live: Annotated[bool, opt.switch("--live", "Render a scene progressively.")] = False,
     spp: opt.Spp = None,
     size: opt.Pixels = None,
     max_depth: opt.MaxDepth = None,
     seed: opt.Seed = 0,
-    out: Annotated[Path | None, opt.named("FILE", "With --live: npz file to save to.")] = None,
+    out: Annotated[Path | None, opt.named("FILE", "With --live, npz file to save.")] = None,
     host: Host = "127.0.0.1",
     port: Port = None,
     browser: Browser = True,
     variant: opt.Variant = None,
 ) -> None:
-    """View light in time in the browser: a saved file, or a progressive render.
+    """View light in time in the browser.
 
-    A cube that is too large for the browser is read in parts and averaged; parts of it can be
-    looked at in full. With --live, SCENE is rendered to ever more samples; it can be stopped,
-    can go on, and be saved.
+    The source is a saved result, or with --live a scene that is rendered progressively. The render
+    can be paused, continued and saved. If a film is too large for the browser, it is averaged, and
+    parts of it can be shown in full resolution.
+
+    Examples:
+        tofrender view box
+        tofrender view cornell_box --live --size 128x128
     """
     from tofrender.apps.ui.serving import prepare, serve
 
     if not live and (spp or size or max_depth is not None or out is not None):
-        raise ValueError("--live: must be given with --spp, --size, --max-depth or --out")
+        raise ValueError("--spp, --size, --max-depth and --out require --live")
     name = Path(source).stem if live else ""
     target = out or Path(f"{name}.npz")
     if live:
@@ -48,10 +52,12 @@ def view(
     elif not Path(checks.path("DIR|FILE|SCENE", source)).exists():
         from tofrender.scenes import BUILT_IN
 
-        hint = "add --live to render it" if source in BUILT_IN else "must exist, or be a scene"
-        raise ValueError(f"DIR|FILE|SCENE = {checks.quote(source)}: {hint}")
+        name = checks.quote(source)
+        if source in BUILT_IN:
+            raise ValueError(f"DIR|FILE|SCENE = {name} is a scene. Add --live to render it")
+        raise ValueError(f"DIR|FILE|SCENE = {name} does not exist, and is not a built-in scene")
     prepare(host, port)
-    opt.activate(variant, polarised=not live)
+    opt.activate(variant, polarized=not live)
 
     from tofrender.apps.view.sources import LiveRender, SavedDataset
     from tofrender.apps.view.window import application
@@ -61,9 +67,16 @@ def view(
 
         width, height = size or (None, None)
         load_scene(source, width=width, height=height)
-        options = {"scene": source, "spp": spp or MAX_SPP, "seed": seed, "window": "auto"}
-        options |= {"size": tuple(size) if size else None, "max_depth": max_depth}
-        shown = LiveRender(name, options | {"pulse_width": "auto"})
+        options = {
+            "scene": source,
+            "spp": spp or MAX_SPP,
+            "seed": seed,
+            "size": tuple(size) if size else None,
+            "max_depth": max_depth,
+            "window": "auto",
+            "pulse_width": "auto",
+        }
+        shown = LiveRender(name, options)
     else:
         shown = SavedDataset(Path(source), load_result)
     with closing(shown) if isinstance(shown, LiveRender) else nullcontext():
@@ -73,19 +86,26 @@ def view(
 
 def compare(
     one: Annotated[
-        str, opt.argument("SCENE|DIR|FILE", "A scene of the course, a picture, or a film.")
+        str, opt.argument("SCENE|DIR|FILE", "Scene of the course, picture, or film.")
     ] = "veach",
-    two: Annotated[str | None, opt.argument("[DIR|FILE]", "Another one of the same size.")] = None,
+    two: Annotated[
+        str | None, opt.argument("[DIR|FILE]", "Second picture or film of the same size.")
+    ] = None,
     host: Host = "127.0.0.1",
     port: Port = None,
     browser: Browser = True,
     variant: opt.Variant = None,
 ) -> None:
-    """Compare two pictures, or two films with one clock.
+    """Compare two pictures or films in the browser.
 
-    They are shown on both sides of a divider or in turns, with their values, their difference and
-    the responses of pixels. Pictures are exr, png or jpg; films are what `render` writes. A scene
-    of the course is rendered by the techniques that are chosen in the page.
+    The page shows them on both sides of a divider or alternately, with their values, their
+    difference and the responses of pixels. Both films run with one clock. Pictures are .exr, .png
+    or .jpg files, and films are folders or files of `tofrender render`. A scene of the course is
+    rendered by the techniques that are chosen on the page.
+
+    Examples:
+        tofrender compare veach
+        tofrender compare box_64 box_1024
     """
     from tofrender.apps.ui.serving import prepare, serve
 
@@ -99,5 +119,6 @@ def compare(
     if two is None:
         make = application(scene=checks.one_of("SCENE|DIR|FILE", one, SCENES))
     else:
-        make = application(pair=Pair(*(load(each, load_result) for each in (one, two))))
+        pair = Pair(load(one, load_result), load(two, load_result))
+        make = application(pair=pair)
     serve(make, "Comparison", host=host, port=port, browser=browser, tell=opt.say)

@@ -11,42 +11,58 @@ from ..runtime.canvas import FIGURE_SUFFIXES
 from . import options as opt
 
 WARPS = (
-    *("tent", "uniform_disk", "uniform_sphere", "uniform_hemisphere", "cosine_hemisphere"),
-    *("beckmann", "hierarchical", "no_op", "triangle", "sphere_cap", "quad_light"),
-    *("triangle_light", "sphere_light", "two_lights"),
+    "tent",
+    "uniform_disk",
+    "uniform_sphere",
+    "uniform_hemisphere",
+    "cosine_hemisphere",
+    "beckmann",
+    "hierarchical",
+    "no_op",
+    "triangle",
+    "sphere_cap",
+    "quad_light",
+    "triangle_light",
+    "sphere_light",
+    "two_lights",
 )
-NAMED: dict[str, Any] = {"kind": typer.Argument, "metavar": "NAME"}
 POINT_SETS = ("independent", "grid", "stratified", "sobol")
 TEST_SAMPLES = 1_000_000
 
-Alpha = Annotated[float | None, opt.real(0, "Roughness of beckmann.")]
-Image = Annotated[str | None, opt.named("FILE", "Image of hierarchical.")]
-Points = Annotated[str, opt.choice(POINT_SETS, "Point set to draw.")]
-Count = Annotated[int, opt.integer(1, checks.MAX_SPP, "Points to draw.")]
-Samples = Annotated[int, opt.integer(1000, 1 << 24, "Samples of the chi-square test.")]
+Alpha = Annotated[float | None, opt.real(0, "Roughness of the warp beckmann")]
+Image = Annotated[str | None, opt.named("FILE", "Image of the warp hierarchical.")]
+Points = Annotated[str, opt.choice(POINT_SETS, "Point set to draw")]
+Count = Annotated[int, opt.integer(1, checks.MAX_SPP, "Number of points to draw")]
+Samples = Annotated[int, opt.integer(1000, 1 << 24, "Number of samples of the chi-square test")]
 Module = Annotated[
-    Path | None, opt.named("FILE|DIR", "A student's Python file, or folder of files.")
+    Path | None, opt.named("FILE|DIR", "Student's Python file, or folder of Python files.")
 ]
 Parameters = Annotated[
     list[str] | None,
-    opt.checked(opt.definition, "Parameter of NAME, like distance=2.", "-D", metavar="NAME=VALUE"),
+    opt.checked(
+        opt.definition,
+        "Parameter of the warp, for example distance=2. Repeat the option for more parameters.",
+        "-D",
+        metavar="NAME=VALUE",
+    ),
 ]
 Host = Annotated[str, opt.named("ADDRESS", "Address to listen on.")]
-Port = Annotated[int | None, opt.integer(1, 65535, "Port to listen on; by default a free one.")]
-Browser = Annotated[bool, typer.Option(help="Open the page, if there is a screen.")]
+Port = Annotated[int | None, opt.integer(1, 65535, "Port to listen on", show_default="a free one")]
+Browser = Annotated[bool, typer.Option(help="Open the page if the machine has a screen.")]
 
 
 def warptest(
     name: Annotated[
         str | None,
-        opt.choice(WARPS, f"What to show first, or to test: {', '.join(WARPS)}.", **NAMED),
+        opt.choice(WARPS, "Warp to show first, or to test", kind=typer.Argument),
     ] = None,
     module: Module = None,
     headless: Annotated[
-        bool, opt.switch("--headless", "Test without a window; exit status 1 if any fails.")
+        bool,
+        opt.switch("--headless", "Test without a window. The exit status is 1 if a test fails."),
     ] = False,
     out: Annotated[
-        Path | None, opt.named("FIG", "With --headless and NAME: figure to write.")
+        Path | None, opt.named("FIGURE", "With --headless and NAME, figure to write.")
     ] = None,
     alpha: Alpha = None,
     image: Image = None,
@@ -61,23 +77,28 @@ def warptest(
     browser: Browser = True,
     variant: opt.Variant = None,
 ) -> None:
-    """Look at warps, shapes and lights in the browser: points, grid, and chi-square tests.
+    """Explore and test warps in the browser.
 
-    Without --module they are this package's own. A student's module runs in a process of its own,
-    which writes nowhere and is ended when it takes too long; its files are looked at again when
-    they change. With --headless all warps are tested, or only NAME.
+    The page shows points, a grid, and a chi-square test for warps, shapes and lights of
+    the package, or with --module of a student. A student's module runs in a separate process that
+    cannot write files and has a time limit. The module is loaded again when its files change.
+    With --headless, all warps are tested, or only NAME.
+
+    Examples:
+        tofrender warptest cosine_hemisphere
+        tofrender warptest --module warps.py --headless
     """
     given = _parameters(name if headless else name or "tent", alpha, image, parameters)
     if headless:
         _headless(name, module, given, out, points, count, samples, dpi, seed, variant)
         return
     if out is not None:
-        raise ValueError(f"--out = {out}: must be left out without --headless")
+        raise ValueError(f"--out = {out} requires --headless")
 
     from tofrender.apps.ui.serving import prepare, serve
 
     prepare(host, port)
-    opt.activate(variant, polarised=True)
+    opt.activate(variant, polarized=True)
 
     from tofrender.apps.warptest import application
 
@@ -87,8 +108,8 @@ def warptest(
 
 
 def warp(
-    name: Annotated[str, opt.choice(WARPS, f"What to draw: {', '.join(WARPS)}.", **NAMED)],
-    out: Annotated[Path, opt.named("FIG", "Figure to write: png, pdf, svg.")],
+    name: Annotated[str, opt.choice(WARPS, "Warp to draw", kind=typer.Argument)],
+    out: Annotated[Path, opt.named("FIGURE", "Figure to write: .png, .pdf or .svg.")],
     alpha: Alpha = None,
     image: Image = None,
     parameters: Parameters = None,
@@ -98,10 +119,15 @@ def warp(
     seed: opt.Seed = 0,
     variant: opt.Variant = None,
 ) -> None:
-    """Warp points of the unit square, draw them and their density, and test one against the other.
+    """Draw warped points and their density.
 
-    Equivalent to `tofrender warptest NAME --headless --out FIG`. The chi-square test uses a million
-    independent points, whichever are drawn. If the warp fails it, the exit status is 1.
+    The command also tests the points against the density. It is equivalent to
+    `tofrender warptest NAME --headless --out FIGURE`. The chi-square test always uses a million
+    independent points. If the test fails, the exit status is 1.
+
+    Examples:
+        tofrender warp cosine_hemisphere --out warp.png
+        tofrender warp beckmann --alpha 0.3 --points sobol --out beckmann.pdf
     """
     given = _parameters(name, alpha, image, parameters, complete=True)
     _headless(name, None, given, out, points, count, TEST_SAMPLES, dpi, seed, variant)
@@ -110,15 +136,22 @@ def warp(
 def _parameters(
     name: str | None, alpha: Any, image: Any, parameters: Any, complete: bool = False
 ) -> dict[str, Any]:
-    """Parameters of a subject; refuses those that it does not have, or lacks if `complete`."""
+    """Return the parameters of a warp.
+
+    Raises:
+        ValueError: A parameter does not belong to the warp, or is missing although the parameters
+            must be `complete`.
+    """
     given = {key: opt.number(text) for key, text in parameters or ()}
     if name is None and (given or alpha is not None or image is not None):
-        raise ValueError("NAME: must be given with --alpha, --image or -D")
+        raise ValueError("--alpha, --image and -D require the argument NAME")
     for option, value, owner in (("alpha", alpha, "beckmann"), ("image", image, "hierarchical")):
         if value is None and name == owner and complete:
-            raise ValueError(f"--{option}: must be given, {name} needs it")
+            raise ValueError(f"--{option} is missing, but {name} needs it")
         if value is not None and name != owner:
-            raise ValueError(f"--{option} = {value}: must be left out, {name} has none")
+            raise ValueError(
+                f"--{option} = {value} does not belong to the warp {name}. Remove the option"
+            )
         if value is not None:
             given[option] = value
     return given
@@ -136,15 +169,15 @@ def _headless(
     seed: int,
     variant: str | None,
 ) -> None:
-    """Test, print the verdicts, and exit with status 1 if any test failed."""
+    """Test warps, print the verdicts, and exit with status 1 if a test has failed."""
     if out is not None and name is None:
-        raise ValueError(f"--out = {out}: must be left out without NAME")
+        raise ValueError(f"--out = {out} requires the argument NAME")
     if out is not None:
         opt.check_file_out(out, *FIGURE_SUFFIXES, overwrite=True)
         if "image" in given:
             opt.check_apart(out, Path(given["image"]))
 
-    opt.activate(variant, polarised=True)
+    opt.activate(variant, polarized=True)
 
     from tofrender.apps.warptest import engine as engines
     from tofrender.runtime.canvas import save_figure
@@ -156,7 +189,7 @@ def _headless(
         for index, tested in enumerate(names):
             try:
                 case = source.case(tested, given)
-                # The chance of a false alarm is that of one test, for all of them together
+                # All tests together have the probability of a false alarm of a single test
                 own_seed = (seed + index) % (checks.MAX_SEED + 1)
                 verdict = case.test(samples=samples, seed=own_seed, tests=len(names))
                 drawn = None if out is None else engines.draw(case, points, count, seed)

@@ -1,4 +1,4 @@
-"""The command `tofrender merge`, and the files of a render: transient, sum, video, figure."""
+"""Files of a render (transient, sum, video, figures), and the command `tofrender merge`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def merge(
-    sources: Annotated[list[Path], opt.argument("DIR...", "What `tofrender render` has written.")],
+    sources: Annotated[list[Path], opt.argument("DIR...", "Folders of `tofrender render`.")],
     out: opt.Out,
     format: opt.Format = "frames",
     precision: opt.Precision = "float",
@@ -26,10 +26,15 @@ def merge(
     figure: opt.Figure = "png",
     dpi: opt.Dpi = None,
 ) -> None:
-    """Join renders of one scene with other seeds, from any machines.
+    """Join renders of one scene with different seeds.
 
-    Each is weighted by its samples per pixel. Error bars are joined where all have them, and
-    measured where there are four renders or more.
+    The renders may come from several machines. Each render is weighted by its samples per pixel.
+    Error bars are joined if all renders contain them. They are estimated from the differences of
+    the renders if there are four or more.
+
+    Examples:
+        tofrender merge seed_1 seed_2 --out joined
+        tofrender merge seed_1 seed_2 seed_3 seed_4 --out joined --format npz
     """
     opt.check_format(format, precision)
     opt.check_out(out)
@@ -41,7 +46,7 @@ def merge(
     renders = []
     for source in sources:
         if source.resolve() == out.resolve():
-            raise ValueError(f"--out = {out}: is among what is joined; must be another folder")
+            raise ValueError(f"--out = {out} is one of the joined folders. Choose another folder")
         renders.append(opt.load_render(source, "DIR"))
     merged = join(renders)
     height, width, bins, channels = in_channels(merged)["transient"].shape
@@ -61,9 +66,10 @@ def write(
     figure: str,
     dpi: int | None,
 ) -> list[str]:
-    """Write all files into `out`, which appears whole; returns their names.
+    """Write all files of a render into the folder `out`, and return their names.
 
-    Pictures are of S0 where there are Stokes vectors, which have a figure of their own.
+    The folder appears when all files are complete. Pictures of polarized renders show S0, and
+    another figure shows the polarization.
     """
     from tofrender import io, vis
     from tofrender.io.files import run_concurrently
@@ -83,8 +89,10 @@ def write(
         write_transient = partial(_write_transient, dataset, folder, format, precision, not video)
         write_video = partial(io.save_video, dataset, folder / "video.mp4")
         run_concurrently(write_figures, write_transient, *[write_video] * video)
-        if format == "zarr":  # Last, as the film would be lost with the folder if others fail
-            film, target = dataset.encoding.get("source"), folder / FORMATS[format]
+        if format == "zarr":
+            # The film moves last. If another file failed, the film would be lost with the folder.
+            film = dataset.encoding.get("source")
+            target = folder / FORMATS[format]
             if film is None:
                 save_zarr(dataset, target)
             else:
@@ -95,7 +103,7 @@ def write(
 def _write_transient(
     dataset: xr.Dataset, folder: Path, format: str, precision: str, progress: bool
 ) -> None:
-    """Write bins and their sum, or only the sum for Zarr."""
+    """Write the time bins and their sum; for Zarr the sum only."""
     from tofrender import io, vis
     from tofrender.io.pictures import write_png
     from tofrender.rendering.dataset import components_of
@@ -121,7 +129,7 @@ def _write_transient(
 
 
 def _move_up(folder: Path) -> None:
-    """Move the content of a folder beside it."""
+    """Move the content of a folder to its parent."""
     for each in list(folder.iterdir()):
         each.rename(folder.parent / each.name)
     folder.rmdir()

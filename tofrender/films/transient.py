@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, TypeVar
 
@@ -154,11 +153,6 @@ class TransientHDRFilm(mi.Film):
             return
         for cells in self._histograms().values():
             cells.flush()
-
-    def fold(self, pixels: mi.UInt32 | None = None) -> None:
-        """Flush the bins: the deprecated name of `flush`."""
-        warnings.warn("fold: is deprecated; must be flush", DeprecationWarning, stacklevel=2)
-        self.flush(pixels)
 
     def add_splat(
         self,

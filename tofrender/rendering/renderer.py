@@ -23,7 +23,7 @@ from ..scenes.packing import packed
 from ..signals.pulses import GaussianPulse
 from .collecting import collect
 from .job import Job, dataset_of, decide, remaining
-from .settings import RenderSettings, either, is_auto
+from .settings import RenderSettings, is_auto
 from .store import check_film
 from .streaming import stream
 from .window import BINS, pulse_width_for, windowed_film
@@ -73,7 +73,6 @@ def render(
     client: Client | None = None,
     progress: bool = True,
     settings: Mapping[str, object] | None = None,
-    temporal_bins: int | None = None,
 ) -> xr.Dataset: ...
 
 
@@ -117,7 +116,6 @@ def render(
     client: Client | None = None,
     progress: bool = True,
     settings: Mapping[str, object] | None = None,
-    temporal_bins: int | None = None,
 ) -> xr.Dataset | tuple[mi.TensorXf, mi.TensorXf]:
     """Render a scene in time.
 
@@ -175,7 +173,6 @@ def render(
         progress: Show a bar for work that takes long.
         settings: More changes of the scene while it is loaded, as keyword arguments of `load_scene`
             by name.
-        temporal_bins: `bins` by its old name.
 
     Returns:
         A Dataset with `transient (y, x, opl, channel)`, the radiance that arrives in each bin, and
@@ -229,7 +226,6 @@ def render(
                 raise ValueError(f"{name} = {checks.quote(value)}: must be left out with `params`")
         with without_bars(not progress):
             return _render_attached(scene, params, spp, seed, integrator, sensor)
-    arguments["bins"] = either("bins", bins, temporal_bins)
     wanted = RenderSettings(**{each.name: arguments[each.name] for each in fields(RenderSettings)})
     by_workers = check_workers(workers=workers, scheduler=scheduler, client=client)
     if out is not None:

@@ -91,7 +91,7 @@ class RenderSettings:
     bin_width: Annotated[float | None, SCENE_SETTINGS["bin_width_opl"]] = None
     window: Annotated[
         tuple[float, float] | str | None,
-        Setting("Start and stop of all bins, path length [m]", _check_window),
+        Setting("Start of the first and stop of the last time bin [m]", _check_window),
     ] = None
     pulse_width: Annotated[
         float | str | None, replace(SCENE_SETTINGS["pulse_width_opl"], check=_check_pulse_width)
@@ -99,7 +99,7 @@ class RenderSettings:
     max_depth: Annotated[int | None, SCENE_SETTINGS["max_depth"]] = None
     integrator: Annotated[Any, replace(SCENE_SETTINGS["integrator"], check=unchecked)] = None
     sampler: Annotated[Any, replace(SCENE_SETTINGS["sampler"], check=unchecked)] = None
-    sensor: Annotated[int, integer("Number of the sensor", 0, MAX_SENSOR)] = 0
+    sensor: Annotated[int, integer("Index of the sensor", 0, MAX_SENSOR)] = 0
     define: Annotated[
         Mapping[str, Any] | None, Setting("Values of an XML file's parameters", checks.mapping)
     ] = None
@@ -107,8 +107,10 @@ class RenderSettings:
         Mapping[str, Any] | None,
         Setting("More changes of the scene while it is loaded", checks.mapping),
     ] = None
-    errors: Annotated[bool, Setting("Estimate standard errors", checks.boolean)] = False
-    denoise: Annotated[bool, Setting("Remove noise", checks.boolean)] = False
+    errors: Annotated[bool, Setting("Estimate the standard error of each bin", checks.boolean)] = (
+        False
+    )
+    denoise: Annotated[bool, Setting("Remove noise from the film", checks.boolean)] = False
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -204,18 +206,8 @@ class RenderSettings:
 
 
 SETTINGS = settings_of(RenderSettings) | {
-    "workers": integer("Number of processes here that render", 1, MAX_WORKERS),
-    "scheduler": Setting("Address of a Dask scheduler, whose workers render", checks.address),
-    "progress": Setting("Show a bar for work that takes long", checks.boolean),
+    "workers": integer("Number of local worker processes", 1, MAX_WORKERS),
+    "scheduler": Setting("Address of a Dask scheduler. Its workers render", checks.address),
+    "progress": Setting("Show progress bars of long work", checks.boolean),
 }
 """The table of settings: those of `RenderSettings`, and of how the work is done."""
-
-
-def either(name: str, value: Any, old: Any) -> Any:
-    """The value of a setting that may be given by its old name, as in `load_scene`, instead."""
-    if old is None:
-        return value
-    old_name = SCENE_NAMES[name]
-    if value is not None:
-        raise ValueError(f"{old_name} = {old}: must be left out with `{name}`, its new name")
-    return SETTINGS[name].check(old_name, old)

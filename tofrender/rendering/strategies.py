@@ -20,7 +20,7 @@ from .dataset import DIMS, coordinates
 from .job import film_of_light, sampler_for
 from .labels import labelled
 from .renderer import open_scene
-from .settings import RenderSettings, either
+from .settings import RenderSettings
 from .window import check_window, windowed_film
 
 if TYPE_CHECKING:
@@ -45,7 +45,6 @@ def strategy_pyramid(
     sensor: int = 0,
     window: str | tuple[float, float] | None = None,
     bins: int | None = None,
-    temporal_bins: int | None = None,
     progress: bool = True,
 ) -> xr.Dataset:
     """Render each strategy (s, t) of `transient_bdpt` alone, weighted and unweighted.
@@ -67,7 +66,6 @@ def strategy_pyramid(
         sensor: Number of the sensor.
         window: As for `render`; "auto" is found from all strategies together.
         bins: Number of bins; by default the film's.
-        temporal_bins: The same by its old name.
         progress: Whether to show a bar for work that takes more than two seconds.
 
     Returns:
@@ -89,7 +87,6 @@ def strategy_pyramid(
     """
     backend.require_vectorised()
     backend.require_unpolarised()
-    bins = either("bins", bins, temporal_bins)
     kind = {"type": KIND, "max_depth": max_depth}
     settings = RenderSettings(
         scene, spp, seed, size, bins, window=window, integrator=kind, sensor=sensor

@@ -1,4 +1,4 @@
-"""Safe reading of arrays in .npz files of unknown origin: headers are checked before unpacking."""
+"""Safe reading of .npz files of unknown origin. Headers are checked before arrays are unpacked."""
 
 import math
 from zipfile import ZipFile
@@ -9,13 +9,20 @@ from numpy.lib import format as npy
 from . import memory
 from .atomic import readable
 
-MOST_BYTES = 1 << 28  # Of an array of unknown shape
+MOST_BYTES = 1 << 28  # largest size of an array of unknown shape
 
 
 def read_array(archive: ZipFile, name: str, shape: tuple[int, ...] | None = None) -> np.ndarray:
-    """Read an array of an .npz file to its end, where the checksum is compared.
+    """Read an array of an .npz file and compare its checksum.
 
-    Raises a ValueError for another shape than `shape`, or without it for more than 256 MiB.
+    Args:
+        archive: The open file.
+        name: Name of the array.
+        shape: Expected shape; None if it is unknown.
+
+    Raises:
+        ValueError: The array has another shape, or `shape` is None and the array is larger than
+            256 MiB.
     """
     info = archive.getinfo(f"{name}.npy")
     with archive.open(info) as stream:
@@ -32,5 +39,5 @@ def read_array(archive: ZipFile, name: str, shape: tuple[int, ...] | None = None
         memory.require_free(name, size)
         stream.seek(0)
         array = npy.read_array(stream, allow_pickle=False)
-        stream.read(1)
+        stream.read(1)  # zipfile compares the checksum at the end of the stream
     return array

@@ -1,4 +1,4 @@
-"""Atomic output: a temporary file or folder that replaces its target on success; locks, checks."""
+"""Atomic output: temporary files that replace their targets on success, locks, and checks."""
 
 import ctypes
 import errno
@@ -16,8 +16,8 @@ from . import checks
 
 try:
     import fcntl
-except ImportError:  # Windows has no such locks
-    fcntl = None
+except ImportError:
+    fcntl = None  # Windows does not have these locks
 
 TEMPORARY_PREFIX = ".tofrender-"
 _ASIDE = "-earlier-"
@@ -29,14 +29,25 @@ DISK_FULL = {errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC)}
 def replacing(
     path: str | os.PathLike, *, folder: bool = False, needed_bytes: int | None = None
 ) -> Iterator[Path]:
-    """Yield a hidden temporary path beside `path` that becomes `path` when the block succeeds.
+    """Yield a hidden temporary path that becomes `path` when the block succeeds.
 
-    Whatever ends the block early (an error, a full disk, Ctrl-C) removes the temporary and leaves
-    an earlier `path` as it was. The temporary is an empty `folder`, or a file that does not exist
-    yet; it keeps the suffix of `path`, missing parent folders are made, and the content is on the
-    disk before it is renamed. Symbolic links are followed. A folder replaces another in one
-    exchange where the system has that; elsewhere the other is moved aside first. The error of a
-    full disk names `path` and `needed_bytes`.
+    If an error, a full disk or Ctrl-C ends the block, the temporary is removed, and an earlier
+    `path` stays unchanged. The temporary is in the folder of `path` and has the same suffix.
+    Missing parent folders are created. The content is on the disk before the temporary is renamed.
+    Symbolic links are followed. On Linux, a folder replaces another folder in one exchange.
+    Elsewhere the other folder is moved aside first.
+
+    Args:
+        path: File or folder to write.
+        folder: Whether the temporary is an empty folder. Otherwise it is a file that does not exist
+            yet.
+        needed_bytes: Size of the content for the message of a full disk; None if it is unknown.
+
+    Yields:
+        The temporary path.
+
+    Raises:
+        OSError: The disk is full, or `path` cannot be written.
 
     Example:
         >>> import tempfile
@@ -61,28 +72,31 @@ def replacing(
     except OSError as error:
         if error.errno not in DISK_FULL:
             raise
-        remove(temporary)  # before measuring what is free
+        remove(temporary)  # The message contains the free space without the temporary
         raise disk_full(path, needed_bytes) from None
     finally:
         remove(temporary)
 
 
 def sibling(path: str | os.PathLike, ending: str) -> Path:
-    """Hidden name beside `path` and unique to it, with its name's hash, as that may be long."""
+    """Return a hidden path in the folder of `path`.
+
+    The name contains a hash of the name of `path`, because the name itself may be too long.
+    """
     target = Path(os.path.realpath(path))
     digest = hashlib.sha256(os.fsencode(target.name)).hexdigest()[:8]
     return target.with_name(f"{TEMPORARY_PREFIX}{digest}{ending}")
 
 
 def part_path(path: Path, number: int) -> Path:
-    """Return the file of one of several renders, for a checkpoint of them all."""
+    """Return the file of part `number` of a checkpoint of several renders."""
     return path.with_suffix(f".{number}{path.suffix}")
 
 
 def remove_leftovers(path: str | os.PathLike) -> None:
     """Remove temporary files of killed writers of `path`, and restore a folder moved aside.
 
-    No other writer may be at work: hold the lock.
+    The caller must hold the lock, so that no other process is writing `path`.
     """
     target = Path(os.path.realpath(path))
     for leftover in target.parent.glob(f"{sibling(path, '').name}-*"):
@@ -94,9 +108,12 @@ def remove_leftovers(path: str | os.PathLike) -> None:
 
 @contextmanager
 def locked(path: str | os.PathLike, name: str = "path") -> Iterator[None]:
-    """Hold the lock on writing `path`, or raise a FileExistsError that calls it `name`.
+    """Hold the lock for writing `path`, which need not exist.
 
-    `path` need not exist. Without effect where the system or the file system has no locks.
+    The block has no effect if the system or the file system does not support locks.
+
+    Raises:
+        FileExistsError: Another process holds the lock. The message calls `path` by `name`.
     """
     lock = sibling(path, ".lock")
     lock.parent.mkdir(parents=True, exist_ok=True)
@@ -117,14 +134,14 @@ def _lock(path: str | os.PathLike, name: str, lock: Path) -> int:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if os.fstat(file).st_ino == os.stat(lock).st_ino:
                 return file
-        except FileNotFoundError:  # Its holder has just removed it
-            pass
+        except FileNotFoundError:
+            pass  # Its holder has just removed the file
         except OSError as error:
             if error.errno not in (errno.EWOULDBLOCK, errno.EACCES):
                 return file
             os.close(file)
             raise FileExistsError(
-                f"{name} = {path}: another process writes it; wait until it is done"
+                f"{name} = {path}: another process is writing it. Wait until the process ends"
             ) from None
         os.close(file)
 
@@ -136,9 +153,18 @@ def check_file(
     name: str = "path",
     needed_bytes: int = 0,
 ) -> Path:
-    """Require a file name with one of the suffixes, if any are given, that can be written.
+    """Require the name of a file that can be written, and return its path.
 
-    Raises a ValueError for another suffix, an OSError for what cannot be written.
+    Args:
+        path: The file.
+        *suffixes: Allowed suffixes; without them, all suffixes are allowed.
+        overwrite: Whether the file may exist.
+        name: Name in messages.
+        needed_bytes: Space that the file needs on the disk.
+
+    Raises:
+        ValueError: Another suffix.
+        OSError: The file exists, cannot be written, or does not fit on the disk.
     """
     target = checks.path(name, path)
     overwrite = checks.boolean("overwrite", overwrite)
@@ -154,14 +180,15 @@ def check_file(
 
 
 def check_writable(path: str | os.PathLike, needed_bytes: int = 0) -> None:
-    """Raise a PermissionError or OSError if `path` cannot be created, or its disk is too full.
+    """Raise an OSError if `path` cannot be created, or if its disk is too full.
 
-    By trying: permission bits do not apply to root.
+    The function tries to create a temporary folder, because permission bits do not apply to root.
     """
     try:
-        with suppress(FileNotFoundError, NotADirectoryError):  # See below
+        # Missing parents are tested below. Other errors are, for example, loops of links.
+        with suppress(FileNotFoundError, NotADirectoryError):
             os.stat(path)
-    except OSError as error:  # A loop of links, say
+    except OSError as error:
         raise PermissionError(
             f"path = {path}: cannot be written ({error.strerror}); {_ALLOWED}"
         ) from None
@@ -179,15 +206,15 @@ def check_writable(path: str | os.PathLike, needed_bytes: int = 0) -> None:
 
 
 def disk_full(path: str | os.PathLike, needed_bytes: int | None) -> OSError:
-    """Make the error for a disk without space for `needed_bytes` at `path`."""
+    """Return the error of a disk without space for `needed_bytes` at `path`."""
     folder = existing_parent(path)
     free = f"{readable(shutil.disk_usage(folder).free)} is free"
     if hasattr(os, "statvfs"):
         disk = os.statvfs(folder)
-        if disk.f_files and not disk.f_favail:  # Some file systems count no inodes
+        if disk.f_files and not disk.f_favail:  # Some file systems do not count inodes
             free = "no inode is free for another file"
     needed = "more" if needed_bytes is None else f"up to {readable(needed_bytes)}"
-    error = OSError(f"path = {path}: too little room; needs {needed}, {free}")
+    error = OSError(f"path = {path}: the disk is too full; needs {needed}, {free}")
     error.errno = errno.ENOSPC
     return error
 
@@ -202,7 +229,7 @@ def readable(count: float) -> str:
 
 
 def existing_parent(path: str | os.PathLike) -> Path:
-    """Closest parent of `path` that exists."""
+    """Return the closest parent of `path` that exists."""
     return next(each for each in Path(os.path.realpath(path)).parents if os.path.exists(each))
 
 
@@ -220,7 +247,7 @@ def sync(path: Path, deep: bool = True) -> None:
     if is_folder and deep:
         for child in path.iterdir():
             sync(child)
-    if is_folder and os.name == "nt":  # Windows opens no folders
+    if is_folder and os.name == "nt":  # Windows cannot open folders
         return
     file = os.open(path, os.O_RDONLY if os.name != "nt" else os.O_RDWR)
     try:
@@ -230,7 +257,7 @@ def sync(path: Path, deep: bool = True) -> None:
 
 
 def move_into_place(temporary: Path, target: Path) -> None:
-    """Rename a file or folder; what `target` was, if it is a folder, may then be `temporary`."""
+    """Rename a file or folder. If `target` is a folder, the old folder may end at `temporary`."""
     if not temporary.is_dir():
         os.replace(temporary, target)
     elif not target.exists():
@@ -244,17 +271,18 @@ def move_into_place(temporary: Path, target: Path) -> None:
 
 
 def _exchange(one: Path, other: Path) -> bool:
-    """Swap two folders in one step; False where the system cannot."""
+    """Exchange two folders in one step. Return False if the system does not support this."""
     if not sys.platform.startswith("linux"):
         return False
     renameat2 = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
-    at_fdcwd, rename_exchange = -100, 2
+    at_fdcwd = -100
+    rename_exchange = 2
     names = at_fdcwd, os.fsencode(one), at_fdcwd, os.fsencode(other)
     return renameat2 is not None and renameat2(*names, rename_exchange) == 0
 
 
 def _move_aside(temporary: Path, target: Path) -> None:
-    """Replace a folder in two steps, with a way back."""
+    """Replace a folder in two steps. If the second step fails, the first step is undone."""
     aside = sibling(target, f"{_ASIDE}{secrets.token_hex(4)}")
     try:
         os.rename(target, aside)

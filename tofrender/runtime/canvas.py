@@ -24,14 +24,24 @@ STYLE_SHEET = Path(__file__).with_name("figures.mplstyle")
 
 @dataclass(frozen=True)
 class Palette:
-    """Colours of a theme; those of text have a contrast to `paper` of 4.5 and more."""
+    """Colors of a theme. Colors of text have a contrast to `paper` of at least 4.5.
+
+    Attributes:
+        ink: Text and axes.
+        paper: Background.
+        faint: Grid lines and secondary text.
+        lines: Curves. Color-blind readers can distinguish these colors (Okabe and Ito).
+        channels: Red, green and blue light.
+        good: Passed tests. Color-blind readers can distinguish it from `bad`.
+        bad: Failed tests.
+    """
 
     ink: str
     paper: str
     faint: str
-    lines: tuple[str, ...]  # Okabe and Ito's, which the colour-blind tell apart
-    channels: tuple[str, str, str]  # Of red, green and blue light
-    good: str  # Told from `bad` by the colour-blind, too
+    lines: tuple[str, ...]
+    channels: tuple[str, str, str]
+    good: str
     bad: str
 
 
@@ -68,16 +78,16 @@ _STYLE: ContextVar[_Style] = ContextVar("style", default=_Style())  # noqa: B039
 
 @contextmanager
 def figure_style(*, theme: str | None = None, width: float | None = None) -> Iterator[None]:
-    """Set the theme and the width of all figures that the block makes.
+    """Set the theme and the width of all figures that are made in the block.
 
-    Fonts have 7 to 9 points and lines 0.6 to 1.2 points whatever the width, so that a figure goes
-    into a text unscaled: 3.4 inches for a column, 7 for a page. Narrow figures arrange their panels
-    in more rows.
+    Fonts have 7 to 9 points and lines 0.6 to 1.2 points for every width, so that a figure can be
+    printed without scaling: 3.4 inches for a column, 7 for a page. Narrow figures arrange their
+    panels in more rows.
 
     Args:
-        theme: "light" or "dark"; None for that of an enclosing block, else "light".
-        width: Width of figures [inches], 2.5 to 40; None for that of an enclosing block, else each
-            figure's own. Heights follow.
+        theme: "light" or "dark". None keeps the theme of an enclosing block, by default "light".
+        width: Width of figures [inches], 2.5 to 40. None keeps the width of an enclosing block, by
+            default the natural width of each figure. Heights change with the width.
 
     Raises:
         ValueError: An unknown theme, or a width out of range.
@@ -103,12 +113,12 @@ def figure_style(*, theme: str | None = None, width: float | None = None) -> Ite
 
 
 def palette() -> Palette:
-    """Colours of the active theme."""
+    """Return the colors of the active theme."""
     return PALETTES[_STYLE.get().theme]
 
 
 def figure_width(natural: float) -> float:
-    """Width set by `figure_style`, or `natural` [inches]."""
+    """Return the width that `figure_style` has set, by default `natural` [inches]."""
     return _STYLE.get().width or natural
 
 
@@ -129,26 +139,31 @@ def _style_sheet() -> dict[Any, Any]:
 
 
 def _rc_params() -> dict[Any, Any]:
-    """Parameters of the style sheet, and colours of the active theme."""
+    """Return the parameters of the style sheet with the colors of the active theme."""
     from cycler import cycler
 
-    colours = palette()
+    colors = palette()
     inked = ("axes.edgecolor", "axes.labelcolor", "text.color", "xtick.color", "ytick.color")
     papered = ("figure.facecolor", "axes.facecolor", "savefig.facecolor", "legend.facecolor")
     return {
         **_style_sheet(),
-        **dict.fromkeys(inked, colours.ink),
-        **dict.fromkeys(papered, colours.paper),
-        **dict.fromkeys(("grid.color", "legend.edgecolor"), colours.faint),
-        "axes.prop_cycle": cycler(color=colours.lines),
+        **dict.fromkeys(inked, colors.ink),
+        **dict.fromkeys(papered, colors.paper),
+        **dict.fromkeys(("grid.color", "legend.edgecolor"), colors.faint),
+        "axes.prop_cycle": cycler(color=colors.lines),
     }
 
 
 def new_figure(width: float, height: float, layout: Any = "constrained") -> Figure:
-    """Make a figure [inches] outside of pyplot, which notebooks display.
+    """Make a figure without pyplot. Notebooks display it.
 
-    Later draws use the rcParams of its making. The layout "compressed" keeps pictures close
-    together, and their colour bars as high as them.
+    The figure keeps the current rcParams for later draws.
+
+    Args:
+        width: Width [inches].
+        height: Height [inches].
+        layout: "constrained", "compressed", or a layout engine of Matplotlib. The layout
+            "compressed" keeps pictures close together and gives color bars the height of pictures.
     """
     from matplotlib import rc_context, rcParams
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -159,7 +174,7 @@ def new_figure(width: float, height: float, layout: Any = "constrained") -> Figu
 
     class Picture(Figure):
         def draw(self, renderer: Any) -> None:
-            with rc_context(settings):  # Ticks are made as late as now
+            with rc_context(settings):  # Matplotlib creates ticks when it draws
                 super().draw(renderer)
 
         def savefig(self, *args: Any, **kwargs: Any) -> None:
@@ -173,7 +188,7 @@ def new_figure(width: float, height: float, layout: Any = "constrained") -> Figu
 
     class Layout(ConstrainedLayoutEngine):
         def execute(self, fig: Figure) -> None:
-            """Round positions to five digits: noise in the last ones would change each file."""
+            """Round positions to five digits, so that equal figures give equal files."""
             super().execute(fig)
             for axes in fig.axes:
                 bounds = axes.get_position(original=True).bounds
@@ -181,7 +196,7 @@ def new_figure(width: float, height: float, layout: Any = "constrained") -> Figu
 
     class Canvas(FigureCanvasAgg):
         def draw_idle(self, *args: Any, **kwargs: Any) -> None:
-            """There is no window to refresh; without this every frame is drawn twice."""
+            """Do nothing. A figure without a window need not be drawn again."""
 
     if layout in ("constrained", "compressed"):
         layout = Layout(compress=layout == "compressed")
@@ -190,8 +205,8 @@ def new_figure(width: float, height: float, layout: Any = "constrained") -> Figu
     return figure
 
 
-# Text stays text, and identifiers inside of files stay the same
 _SAVED: dict[Any, Any] = {"svg.fonttype": "none", "pdf.fonttype": 42, "svg.hashsalt": "tofrender"}
+"""Parameters of saved figures. Text stays text, and identifiers in files are always the same."""
 
 _METADATA: dict[str, dict[str, str | None]] = {
     ".png": {"Software": "tofrender"},
@@ -201,16 +216,16 @@ _METADATA: dict[str, dict[str, str | None]] = {
 
 
 def save_figure(figure: Figure, path: str | os.PathLike, *, dpi: float = 200) -> Path:
-    """Write a figure as PNG, PDF or SVG, as the path ends.
+    """Write a figure as PNG, PDF or SVG.
 
-    Equal figures make equal bytes with the same version of Matplotlib. Text in PDF and SVG stays
-    text, in PDF with its font. The file appears whole or not at all.
+    Equal figures give equal bytes with the same version of Matplotlib. Text in PDF and SVG stays
+    text, and PDF files contain the fonts.
 
     Args:
-        figure: A `matplotlib.figure.Figure`, this package's or another.
+        figure: A `matplotlib.figure.Figure` of this package or of another one.
         path: A file name that ends in .png, .pdf or .svg. An existing file is replaced when the
-            new one is complete.
-        dpi: Pixels per inch, 20 to 2400; of images in a PDF or SVG, too.
+            new file is complete.
+        dpi: Pixels per inch, 20 to 2400, also for images in a PDF or SVG.
 
     Raises:
         ValueError: Another suffix, or a resolution out of range.
@@ -236,7 +251,14 @@ def save_figure(figure: Figure, path: str | os.PathLike, *, dpi: float = 200) ->
 
 
 def draw_figure(figure: Figure, target: Any, kind: str, *, dpi: float = 200) -> None:
-    """Draw a figure as `save_figure` does into a path or a binary stream, as ".png", ".pdf", ..."""
+    """Draw a figure like `save_figure` into a path or a binary stream.
+
+    Args:
+        figure: The figure.
+        target: Path or stream.
+        kind: Suffix of the format: ".png", ".pdf" or ".svg".
+        dpi: Pixels per inch.
+    """
     from matplotlib import rc_context
 
     with rc_context(_SAVED):

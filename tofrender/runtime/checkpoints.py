@@ -1,4 +1,4 @@
-"""Checkpoints: the state of long work in a file, to resume it after it was stopped or killed."""
+"""Checkpoints: files with the state of long work, which can then be resumed."""
 
 from __future__ import annotations
 
@@ -18,33 +18,35 @@ from . import checks
 from .atomic import check_file, part_path, remove_leftovers, replacing
 from .progress import EVERY_S
 
-COST = 0.02  # Part of the time that saving may take
-_HEADER = "tofrender"  # Name of the array with the description, as JSON
+COST = 0.02  # largest fraction of the time for saving
+_HEADER = "tofrender"
+"""Name of the array with the description of the work as JSON."""
 
 
 @dataclass
 class SavedState:
     """State of interrupted work."""
 
-    done: int  # Units that were done: samples per pixel, laser points
-    of: int  # Units that were to be done
-    seconds: float  # Time that they took [s]
-    arrays: dict[str, np.ndarray]  # Sums so far
+    done: int  # finished units, for example samples per pixel or laser points
+    of: int  # all units of the work
+    seconds: float  # time for the finished units [s]
+    arrays: dict[str, np.ndarray]  # sums over the finished units
 
 
 class Checkpoint:
-    """File from which long work is resumed after it was stopped or killed.
+    """File with the state of long work. Work that was stopped or killed continues from the file.
 
-    The same call with the same file resumes where the file ends. The file is replaced in one step,
-    so that it is always complete. It outlives the end of the work, whose result may be in memory
-    only: `remove` it when results are written.
+    To continue, make the same call with the same file. The file is replaced in one step, so that it
+    is always complete. The file stays after the end of the work, because the result may exist in
+    memory only. Call `remove` when the result is written.
 
     Args:
         path: A file name that ends in .npz.
-        seconds: Least time between two saves [s], above 0; more if a save takes over 2 % of it.
-        tell: Function that is called with a line that says what is resumed.
+        seconds: Smallest time between two saves [s], above 0. It is extended if saving needs more
+            than 2 % of the time.
+        tell: Function that is called with a line of text when work is resumed.
         again: How to resume, for the message of work that was stopped.
-        resume: Whether to resume from an existing file; else the first save replaces it.
+        resume: Whether to resume from an existing file. Otherwise the first save replaces the file.
 
     Raises:
         ValueError: An argument is wrong.
@@ -72,7 +74,7 @@ class Checkpoint:
         self.seconds = checks.number("seconds", seconds, unit="seconds", positive=True)
         self.tell = checks.function("tell", tell)
         again = checks.instance("again", again, str, "text")
-        self.again = again or f"the same call goes on with {path}"
+        self.again = again or f"make the same call again to continue from {path}"
         self.resume = checks.boolean("resume", resume)
         self._recipe: dict[str, Any] = {}
         self._began = self._saved = time.monotonic()
@@ -80,22 +82,33 @@ class Checkpoint:
         self._warned = False
 
     def of_part(self, number: int) -> Checkpoint:
-        """Return the checkpoint of one of several renders, whose file has its number."""
+        """Return the checkpoint of part `number`, in a file of its own."""
         path = part_path(self.path, number)
         return Checkpoint(path, self.seconds, self.tell, self.again, self.resume)
 
     @classmethod
     def of(cls, given: Checkpoint | str | os.PathLike | None) -> Checkpoint | None:
-        """Make a checkpoint of a file name; None and checkpoints stay as they are."""
+        """Make a checkpoint from a file name; return None and checkpoints unchanged."""
         return given if given is None or isinstance(given, Checkpoint) else cls(given)
 
     def begin(
         self, recipe: Mapping[str, Any], of: int, unit: str, before: int = 0
     ) -> SavedState | None:
-        """Start work of `of` units after `before` others, and return its state in the file, if any.
+        """Begin work, and return its state from the file.
 
-        The recipe has all that results depend on, as JSON can hold it: a file of another recipe, or
-        of more units, is a ValueError. With a damaged file the work starts anew, with a warning.
+        If the file is damaged, the work begins anew with a warning.
+
+        Args:
+            recipe: Everything that the result depends on, as values of JSON.
+            of: Number of units of the work.
+            unit: Name of a unit, for messages.
+            before: Number of units of earlier work, for messages.
+
+        Returns:
+            The state of interrupted work; None without one.
+
+        Raises:
+            ValueError: The file belongs to another recipe, or contains more units.
         """
         self._recipe = json.loads(json.dumps(recipe))
         self._began = self._saved = time.monotonic()
@@ -104,44 +117,51 @@ class Checkpoint:
             return None
         try:
             header, state = self._load()
-        except Exception:  # Whatever a damaged file makes readers raise
+        except Exception:
+            # A damaged file can make the readers raise many kinds of errors
             warnings.warn(f"{self.path}: is damaged, starting anew", stacklevel=5)
             return None
         for name in header["recipe"] | self._recipe:
-            found, value = header["recipe"].get(name), self._recipe.get(name)
+            found = header["recipe"].get(name)
+            value = self._recipe.get(name)
             if found != value:
                 raise ValueError(
-                    f"checkpoint = {self.path}: was made with {name} = {found!r}; must be "
-                    f"{value!r}, or the file removed"
+                    f"checkpoint = {self.path}: was made with {name} = {found!r} instead of "
+                    f"{value!r}. Use the same value, or remove the file"
                 )
         if state.done > of:
             raise ValueError(
-                f"checkpoint = {self.path}: has {state.done} {unit}, must have at most {of}"
+                f"checkpoint = {self.path}: contains {state.done} {unit}; must be at most {of}"
             )
         self._before = state.seconds
         self.tell(f"resuming from {before + state.done} of {before + of} {unit}")
         return state
 
     def recipe(self) -> dict[str, Any]:
-        """Recipe of the work in the file; empty if the file cannot be read."""
+        """Return the recipe of the work in the file; an empty one if the file cannot be read."""
         try:
             _require_stored(self.path)
             with open(self.path, "rb") as file, np.load(file, allow_pickle=False) as archive:
                 return dict(json.loads(str(archive[_HEADER]))["recipe"])
-        except Exception:  # As in `begin`, which warns
-            return {}
+        except Exception:
+            return {}  # The method `begin` warns about damaged files
 
     @property
     def due(self) -> bool:
-        """Whether it is time to save."""
+        """Return whether it is time to save."""
         return time.monotonic() - self._saved >= max(self.seconds, self._cost / COST)
 
     def save(self, done: int, of: int, arrays: Mapping[str, np.ndarray]) -> None:
-        """Write the state into the file; on a full disk warn, and keep the earlier file."""
+        """Write the state into the file. If the disk is full, warn and keep the earlier file."""
         start = time.monotonic()
         seconds = self._before + start - self._began
-        header = {"recipe": self._recipe, "done": done, "of": of, "seconds": seconds}
-        header |= {"arrays": _dtypes_and_shapes(arrays)}
+        header = {
+            "recipe": self._recipe,
+            "done": done,
+            "of": of,
+            "seconds": seconds,
+            "arrays": _dtypes_and_shapes(arrays),
+        }
         size = sum(array.nbytes for array in arrays.values())
         try:
             with replacing(self.path, needed_bytes=size) as temporary, open(temporary, "wb") as out:
@@ -149,30 +169,30 @@ class Checkpoint:
                 np.savez(out, **content)
             self._warned = False
         except OSError as error:
-            if not self._warned:  # Once until saving works again
+            if not self._warned:  # Warn once until saving works again
                 warnings.warn(f"no checkpoint was saved: {error}", stacklevel=4)
             self._warned = True
         self._saved = time.monotonic()
         self._cost = self._saved - start
 
     def remove(self) -> None:
-        """Remove the file and temporary files of killed runs; call it when results are written."""
+        """Remove the file and temporary files of killed runs. Call it when results are written."""
         self.path.unlink(missing_ok=True)
         remove_leftovers(self.path)
 
     def _load(self) -> tuple[dict[str, Any], SavedState]:
-        """Header and state in the file, if all checksums are right."""
+        """Read the header and the state, and compare all checksums."""
         _require_stored(self.path)
         with ZipFile(self.path) as archive:
-            if archive.testzip():  # NumPy may read less than there is, which tests nothing
+            if archive.testzip():  # NumPy does not compare the checksum of what it does not read
                 raise BadZipFile
         with open(self.path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             header = json.loads(str(archive[_HEADER]))
             arrays = {name: archive[name] for name in archive.files if name != _HEADER}
-        listed = header["arrays"]  # Of an earlier version: a list of names
-        if listed != (list(arrays) if isinstance(listed, list) else _dtypes_and_shapes(arrays)):
+        if header["arrays"] != _dtypes_and_shapes(arrays):
             raise KeyError
-        done, of = (checks.integer(name, header[name], 0, 1 << 62) for name in ("done", "of"))
+        done = checks.integer("done", header["done"], 0, 1 << 62)
+        of = checks.integer("of", header["of"], 0, 1 << 62)
         if not isinstance(header["recipe"], dict):
             raise TypeError
         seconds = checks.number("seconds", header["seconds"], unit="seconds")
@@ -180,7 +200,7 @@ class Checkpoint:
 
 
 def _require_stored(path: Path) -> None:
-    """Refuse an archive with compressed content, which may unpack to more bytes than fit."""
+    """Refuse an archive with compressed content. It might unpack to more bytes than memory has."""
     with ZipFile(path) as archive:
         if sum(info.file_size for info in archive.infolist()) > path.stat().st_size:
             raise BadZipFile
@@ -192,18 +212,18 @@ def _dtypes_and_shapes(arrays: Mapping[str, np.ndarray]) -> dict[str, list[Any]]
 
 @dataclass
 class SubCheckpoint:
-    """Checkpoint of work in many parts, as one of them uses it."""
+    """Checkpoint of one part of work that has many parts."""
 
-    checkpoint: Checkpoint  # Of all parts
-    before: int  # Units of the parts before
-    of: int  # Units of all parts
-    more: Mapping[str, np.ndarray]  # Results of the parts before
+    checkpoint: Checkpoint  # checkpoint of the whole work
+    before: int  # units of the earlier parts
+    of: int  # units of all parts
+    more: Mapping[str, np.ndarray]  # results of the earlier parts
 
     @property
     def due(self) -> bool:
-        """Whether it is time to save."""
+        """Return whether it is time to save."""
         return self.checkpoint.due
 
     def save(self, done: int, of: int, arrays: Mapping[str, np.ndarray]) -> None:
-        """Write the state of this part and of those before into the file."""
+        """Write the state of this part and of the earlier parts into the file."""
         self.checkpoint.save(self.before + done, self.of, {**arrays, **self.more})

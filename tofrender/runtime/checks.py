@@ -1,7 +1,7 @@
-"""Checks of arguments: each refuses a bad value in one line, `name = value: must be ...`.
+"""Checks of arguments. A bad value gives a message in one line, `name = value: must be RANGE`.
 
-Every function takes the parameter's name, for the message, and its value, returns the value as its
-type, and raises a ValueError if it is not allowed.
+Each function has the parameters `name`, which is the name in the message, and `value`. It returns
+the value with the right type. It raises a ValueError if the value is not allowed.
 """
 
 from __future__ import annotations
@@ -24,35 +24,41 @@ MAX_SIZE = 1 << 16
 MAX_BINS = 1 << 20
 MAX_DEPTH = 1 << 16
 MAX_SEED = (1 << 32) - 1
-MAX_OPL = 1e12
-MAX_NAME, MAX_PATH = 255, 4096  # Bytes of a file's name, and of a path, that file systems allow
-MIN_STEPS = 8  # Of single precision, in a bin
-LONGEST = 80  # Characters of a value that a message shows
-LISTED = 400  # Characters of the allowed names that a message lists
+MAX_OPL = 1e12  # optical path length [m]
+MAX_NAME = 255  # length of a file name [bytes]
+MAX_PATH = 4096  # length of a path [bytes]
+MIN_STEPS = 8  # smallest number of steps of single precision in a time bin
+LONGEST = 80  # characters of a value in a message
+LISTED = 400  # characters of a list of names in a message
 
 
 def quote(value: Any) -> str:
-    """`repr` for messages: in one line, cut if it is long; arrays by type and shape."""
+    """Return the `repr` of a value in one line for a message.
+
+    Long text is cut. Arrays are described by their type and shape.
+    """
     if isinstance(value, int) and value.bit_length() > 200:
         return f"an integer of {value.bit_length()} bits"
-    shape, dtype = getattr(value, "shape", None), getattr(value, "dtype", None)
+    shape = getattr(value, "shape", None)
+    dtype = getattr(value, "dtype", None)
     if isinstance(shape, tuple) and len(shape) and dtype is not None:
         return f"{type(value).__name__} of {dtype} with shape {shape}"
     try:
         text = " ".join(repr(value).splitlines())
-    except Exception:  # Whatever its own code raises
+    except Exception:
+        # A class can raise any error in its `__repr__`
         text = f"<{type(value).__name__}>"
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 4]} ..."
 
 
 def printable(text: str) -> str:
-    """Escape control characters, as of file names, for a terminal."""
+    """Escape control characters, for example in file names, before text is printed."""
     text = re.sub(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]", lambda found: f"\\x{ord(found[0]):02x}", text)
     return text.encode(errors="backslashreplace").decode()
 
 
 def join_names(names: Collection[str]) -> str:
-    """Join names for a message; of very many, the first ones and how many more there are."""
+    """Join names for a message. A long list ends with the number of names that are left out."""
     texts = [each or "''" for each in names]
     ends = accumulate(len(each) + 2 for each in texts)
     first = [each for each, end in zip(texts, ends, strict=True) if end <= LISTED]
@@ -61,20 +67,20 @@ def join_names(names: Collection[str]) -> str:
 
 
 def require(name: str, value: Any, valid: Any, allowed: str) -> Any:
-    """Require a value to be `valid`; the message says what is `allowed`."""
+    """Require a value to be `valid`; the message contains the text `allowed`."""
     if not valid:
         raise ValueError(f"{name} = {quote(value)}: must be {allowed}")
     return value
 
 
 def shape(name: str, array: Any, valid: Any, allowed: str) -> None:
-    """Require an array's shape to be `valid`; the message says what is `allowed`."""
+    """Require the shape of an array to be `valid`; the message contains the text `allowed`."""
     if not valid:
         raise ValueError(f"{name} with shape {array.shape}: must be {allowed}")
 
 
 def items(name: str, value: Any, count: int, allowed: str) -> list[Any]:
-    """Require a value of `count` items; the message says what is `allowed`."""
+    """Require a sequence of `count` items; the message contains the text `allowed`."""
     try:
         found = list(value)
     except TypeError:
@@ -89,7 +95,7 @@ def boolean(name: str, value: Any) -> bool:
 
 
 def instance(name: str, value: Any, kind: Any, allowed: str) -> Any:
-    """Require an instance of a type, or of one of several, which the message calls `allowed`."""
+    """Require an instance of a type or a union; the message contains the text `allowed`."""
     return require(name, value, isinstance(value, kind), allowed)
 
 
@@ -104,10 +110,10 @@ def function(name: str, value: Any) -> Any:
 
 
 def mapping(name: str, value: Any) -> dict[str, Any]:
-    """Require a mapping of names and return it as a dict, an empty one for None."""
-    given = {} if value is None else value
-    valid = isinstance(given, Mapping) and all(isinstance(key, str) for key in given)
-    return dict(require(name, given, valid, "a dict of names and values"))
+    """Require a mapping with text as keys and return a dict; None gives an empty dict."""
+    found = {} if value is None else value
+    is_valid = isinstance(found, Mapping) and all(isinstance(key, str) for key in found)
+    return dict(require(name, found, is_valid, "a dict of names and values"))
 
 
 def one_of(name: str, value: Any, allowed: Collection[str]) -> str:
@@ -126,12 +132,12 @@ def one_of(name: str, value: Any, allowed: Collection[str]) -> str:
 
 
 def _is_bool(value: Any) -> bool:
-    """Whether a value is a bool of Python's or NumPy's."""
+    """Return whether a value is a bool of Python or NumPy."""
     return type(value).__name__ in ("bool", "bool_")
 
 
 def integer(name: str, value: Any, low: int, high: int) -> int:
-    """Require an int or NumPy integer in [low, high]; a bool, a float or text is refused."""
+    """Require an integer of Python or NumPy in [low, high]. Bools and floats are refused."""
     return _integer(name, value, low, high, f"an integer from {low} to {high}")
 
 
@@ -145,14 +151,14 @@ def _integer(name: str, value: Any, low: int, high: int, allowed: str) -> int:
 
 
 def depth(name: str, value: Any) -> int:
-    """Require a path depth: -1 for no limit, else 1 or more segments."""
+    """Require a path depth: 1 or more segments, or -1 for no limit."""
     allowed = f"-1 (no limit) or an integer from 1 to {MAX_DEPTH}"
     found = _integer(name, value, -1, MAX_DEPTH, allowed)
     return require(name, found, found != 0, allowed)
 
 
 def depth_of_bounces(max_bounces: Any) -> int:
-    """Path depth in segments of a number of surfaces: one more, or -1 for no limit."""
+    """Convert a number of bounces to a path depth in segments; -1 stays without limit."""
     allowed = f"-1 (no limit) or an integer from 0 to {MAX_DEPTH - 1}"
     bounces = _integer("max_bounces", max_bounces, -1, MAX_DEPTH - 1, allowed)
     return bounces if bounces < 0 else bounces + 1
@@ -167,7 +173,15 @@ def number(
     low: float | None = None,
     high: float | None = None,
 ) -> float:
-    """Require a finite number in [low, high] and above 0 if `positive`; bools and text are refused.
+    """Require a finite number in [low, high]. Bools and text are refused.
+
+    Args:
+        name: Name in the message.
+        value: Value to check.
+        unit: Unit in the message.
+        positive: Whether the number must be above 0.
+        low: Smallest value.
+        high: Largest value.
 
     Example:
         >>> number("contrast", 1.5, positive=True, high=1)
@@ -175,12 +189,13 @@ def number(
         ValueError: contrast = 1.5: must be a finite number above 0 and at most 1
     """
     try:
-        bare = not isinstance(value, str | bytes) and getattr(value, "shape", ()) == ()
-        given = float(value) if bare and not _is_bool(value) else math.nan
+        is_scalar = not isinstance(value, str | bytes) and getattr(value, "shape", ()) == ()
+        found = float(value) if is_scalar and not _is_bool(value) else math.nan
     except (TypeError, ValueError, OverflowError):
-        given = math.nan
-    below = (positive and given <= 0) or (low is not None and given < low)
-    if not math.isfinite(given) or below or (high is not None and given > high):
+        found = math.nan
+    is_too_low = (positive and found <= 0) or (low is not None and found < low)
+    is_too_high = high is not None and found > high
+    if not math.isfinite(found) or is_too_low or is_too_high:
         kind = f"a finite number of {unit}" if unit else "a finite number"
         if low is not None and high is not None:
             limits = f" from {low:g} to {high:g}"
@@ -190,24 +205,30 @@ def number(
             bounds = " and ".join(filter(None, ["above 0" * positive, least, most]))
             limits = bounds and f" {bounds}"
         raise ValueError(f"{name} = {quote(value)}: must be {kind}{limits}")
-    return given
+    return found
 
 
 def metres(name: str, value: Any, *, positive: bool = False) -> float:
-    """Require a length in metres: above 0 (a width) if `positive`, else any (a position)."""
+    """Require a length in metres. It may be negative, as a position, unless `positive` is set."""
     return number(name, value, unit="metres", positive=positive)
 
 
 def width(name: str, value: Any) -> float:
-    """Require the width of a pulse or a bin, in metres that single precision can divide by."""
+    """Require the width of a pulse or a bin in metres. Its inverse fits into single precision."""
     return number(name, value, unit="metres", low=1 / MAX_OPL, high=MAX_OPL)
 
 
 def resolved(name: str, width: float, *lengths: float) -> None:
-    """Require a width of at least `MIN_STEPS` steps of single precision at path lengths [m].
+    """Require a bin width of at least `MIN_STEPS` steps of single precision.
 
-    A bin of k steps holds floor(k) or ceil(k) of the lengths that there are: 8 keep what is in it
-    right within 6 % (rms), and none is empty.
+    In single precision, path lengths are multiples of a step. A bin that is k steps wide contains
+    floor(k) or ceil(k) of these multiples, so that narrow bins receive different amounts of light.
+    With 8 steps the error is 6 % (rms), and no bin is empty.
+
+    Args:
+        name: Name in the message.
+        width: Width of a bin [m].
+        *lengths: Path lengths at which the step is computed [m].
 
     Example:
         >>> resolved("bin_width_opl", 0.1, 0.0, 1e7)
@@ -217,26 +238,28 @@ def resolved(name: str, width: float, *lengths: float) -> None:
     farthest = max(abs(each) for each in lengths)
     step = math.ldexp(1.0, math.frexp(farthest)[1] - 24)
     if width < MIN_STEPS * step:
-        least, rounded = 1.01 * MIN_STEPS * step, f"lengths of {farthest:g} m round to {step:.2g} m"
-        raise ValueError(f"{name} = {width:g}: must be at least {least:.3g} m, as {rounded}")
+        least = 1.01 * MIN_STEPS * step
+        reason = f"lengths of {farthest:g} m round to {step:.2g} m"
+        raise ValueError(f"{name} = {width:g}: must be at least {least:.3g} m, as {reason}")
 
 
 def interval(
     name: str, value: Any, allowed: str = "(start, stop) in metres"
 ) -> tuple[float, float]:
-    """Require start and stop of path lengths, in metres."""
+    """Require the start and the stop of path lengths in metres."""
     try:
         start, stop = value
     except (TypeError, ValueError):
         raise ValueError(f"{name} = {quote(value)}: must be {allowed}") from None
-    start, stop = metres(f"{name}[0]", start), metres(f"{name}[1]", stop)
+    start = metres(f"{name}[0]", start)
+    stop = metres(f"{name}[1]", stop)
     if not start < stop < start + MAX_OPL:
-        raise ValueError(f"{name} = {quote(value)}: must end after it starts, and not at infinity")
+        raise ValueError(f"{name} = {quote(value)}: must have a finite stop after the start")
     return start, stop
 
 
 def point(name: str, value: Any, count: int = 3) -> list[float]:
-    """Require a point, `count` finite coordinates in metres."""
+    """Require a point with `count` finite coordinates in metres."""
     try:
         numbers = [metres(name, each) for each in value]
     except (TypeError, ValueError):
@@ -247,7 +270,11 @@ def point(name: str, value: Any, count: int = 3) -> list[float]:
 
 
 def path(name: str, value: Any) -> Path:
-    """Require a path; a number is refused, which `open` would take for an open file, and close."""
+    """Require a path.
+
+    A number is refused, because `open` uses a number as the descriptor of an open file and closes
+    the file.
+    """
     allowed = "must be text or an os.PathLike, the name of a file or folder"
     if isinstance(value, str | os.PathLike):
         text = os.fspath(value)
@@ -258,20 +285,21 @@ def path(name: str, value: Any) -> Path:
                 raise ValueError(f"{name} = {quote(text)}: {allowed}")
             return Path(text)
         if text:
-            value, allowed = text, "must be a name in one line, without NUL"
+            value = text
+            allowed = "must be a name in one line, without NUL"
     raise ValueError(f"{name} = {quote(value)}: {allowed}")
 
 
 def address(name: str, value: Any) -> str:
-    """Require the address of a scheduler."""
+    """Require the address of a Dask scheduler, with a port."""
     found = re.fullmatch(r"((tcp|tls|ws|wss|ucx)://)?(\[[\w:%.]+\]|[^\s/:]+):(\d{1,5})", str(value))
     valid = isinstance(value, str) and found is not None and 0 < int(found[4]) < 1 << 16
     return require(name, value, valid, "an address like tcp://10.0.0.1:8786")
 
 
 def real_array(name: str, values: Any, dtype: Any = None) -> np.ndarray:
-    """Require real numbers, NaN and infinities among them, and return them as an array."""
-    import numpy as np  # Not for `tofrender --help`
+    """Require real numbers and return an array. NaN and infinities are allowed."""
+    import numpy as np  # Imported here, because `tofrender --help` does not need NumPy
 
     try:
         array = np.asarray(values)
@@ -279,22 +307,29 @@ def real_array(name: str, values: Any, dtype: Any = None) -> np.ndarray:
         array = np.array(None)
     if array.dtype.kind not in "fiu":
         kind = getattr(values, "dtype", type(values).__name__)
-        raise ValueError(f"{name} of type {kind}: must hold real numbers")
+        raise ValueError(f"{name} of type {kind}: must contain real numbers")
     return array if dtype is None else array.astype(dtype, copy=False)
 
 
 def finite(name: str, values: np.ndarray) -> np.ndarray:
-    """Require that all values of an array are finite."""
+    """Require an array with finite values."""
     if values.dtype.kind == "f":
         finite_parts(name, [((0,) * values.ndim, values)])
     return values
 
 
 def finite_parts(name: str, parts: Iterable[tuple[Sequence[int], np.ndarray]]) -> None:
-    """Require finite values of an array in parts, each with the index of its first value.
+    """Require finite values in the parts of an array.
 
-    NaN and infinities show in the least or the largest value, which are looked at first: no memory
-    is needed, and a gigabyte of float32 takes a fraction of a second.
+    The smallest and the largest value of each part are tested first. One of them is not finite if
+    the part contains NaN or an infinity. This is fast and does not need memory.
+
+    Args:
+        name: Name in the message.
+        parts: Parts of the array, each with the index of its first value.
+
+    Raises:
+        ValueError: The message contains the number of bad values and the index of the first.
     """
     import numpy as np
 
@@ -305,7 +340,9 @@ def finite_parts(name: str, parts: Iterable[tuple[Sequence[int], np.ndarray]]) -
         with np.errstate(invalid="ignore"):
             if not values.size or (math.isfinite(values.min()) and math.isfinite(values.max())):
                 continue
-        for index, part in enumerate(values if values.ndim > 1 else values[None]):  # Saves memory
+
+        # Look for the first bad value in one slice after another, which saves memory
+        for index, part in enumerate(values if values.ndim > 1 else values[None]):
             bad = ~np.isfinite(part)
             found = int(np.count_nonzero(bad))
             count += found
@@ -317,6 +354,6 @@ def finite_parts(name: str, parts: Iterable[tuple[Sequence[int], np.ndarray]]) -
                     first = here, float(part[inner])
     if first is not None:
         raise ValueError(
-            f"{name}: {count} of {total} values are not finite, the first is {first[1]:g} at "
-            f"{first[0]}; must all be"
+            f"{name}: must be finite, but {count} of {total} values are not. The first is "
+            f"{first[1]:g} at {first[0]}"
         )

@@ -1,8 +1,9 @@
-"""Vertices of meshes and world transforms, by the interfaces of Mitsuba 3.9 and 3.10.
+"""Vertices of meshes and poses, with the interfaces of Mitsuba 3.9 and 3.10.
 
-Mitsuba 3.9 keeps vertices in flat arrays `vertex_positions` and `vertex_normals`; 3.10 in tensors
-(n, 3) `positions` and `normals`. There the pose of a sensor or emitter may be animated, and is then
-that at time 0, and nested in `to_world`.
+Mitsuba 3.9 stores vertices in the flat arrays `vertex_positions` and `vertex_normals`. Mitsuba 3.10
+stores them in the tensors `positions` and `normals` with shape (n, 3). In 3.10, the pose of a
+sensor or an emitter may also be animated. Its parameters are then nested in `to_world`, and this
+module uses the pose at time 0.
 """
 
 from __future__ import annotations
@@ -20,36 +21,36 @@ POSE = "to_world"
 
 
 def name_of(params: Mapping[str, Any], names: tuple[str, ...], prefix: str = "") -> str | None:
-    """The parameter that has one of several names, None if there is none."""
+    """Return the name in `names` that exists in the parameters; None if all are missing."""
     return next((f"{prefix}{name}" for name in names if f"{prefix}{name}" in params), None)
 
 
 def pose_name(params: Mapping[str, Any], prefix: str = "") -> str | None:
-    """The parameter that holds a pose, None if there is none."""
+    """Return the name of the parameter with the pose; None if it is missing."""
     key = f"{prefix}{POSE}"
     nested = (name for name in params.keys() if name.startswith(f"{key}."))  # noqa: SIM118
     return key if key in params else next(nested, None)
 
 
 def rows(params: Mapping[str, Any], names: tuple[str, ...]) -> np.ndarray:
-    """Positions [m] or normals of a mesh, float64 (n, 3); empty if there are none."""
+    """Return positions [m] or normals of a mesh, float64 (n, 3); n is 0 if they are missing."""
     name = name_of(params, names)
     return np.array([] if name is None else params[name], dtype=np.float64).reshape(-1, 3)
 
 
 def set_rows(params: Any, names: tuple[str, ...], values: np.ndarray) -> None:
-    """Replace positions or normals of a mesh by others, (n, 3)."""
+    """Replace positions or normals of a mesh by `values` with shape (n, 3)."""
     name = name_of(params, names)
     params[name] = like(params[name], mi.Float(np.float32(values).ravel()))
 
 
 def vectors(value: Any, kind: Any) -> Any:
-    """Positions or normals as Dr.Jit vectors, with their derivatives."""
+    """Return positions or normals as Dr.Jit vectors of type `kind`, with derivatives."""
     return dr.unravel(kind, value.array if dr.is_tensor_v(value) else value)
 
 
 def like(value: Any, flat: Any) -> Any:
-    """A flat array of vectors in the form of a parameter: flat, or a tensor (n, 3)."""
+    """Return a flat array in the form of the parameter `value`: flat, or a tensor (n, 3)."""
     return type(value)(flat, shape=(dr.width(flat) // 3, 3)) if dr.is_tensor_v(value) else flat
 
 
@@ -60,7 +61,15 @@ def make_mesh(
     normals: np.ndarray | None = None,
     properties: mi.Properties | None = None,
 ) -> Any:
-    """A mesh of vertices, (n, 3), and indices of corners, (faces, 3)."""
+    """Make a mesh.
+
+    Args:
+        name: Name of the mesh.
+        points: Vertices (n, 3) [m].
+        faces: Indices of the vertices of each triangle (faces, 3).
+        normals: Normals of the vertices (n, 3); None for a faceted mesh.
+        properties: Properties with the BSDF and the emitter of the mesh.
+    """
     untyped: Any = mi.Mesh
     tensor: Any = mi.TensorXf
     indices: Any = mi.TensorXu
@@ -81,9 +90,10 @@ def make_mesh(
 
 
 def readable(params: mi.SceneParameters) -> mi.SceneParameters:
-    """Remove parameters without a value, which Mitsuba cannot read; returns the same object.
+    """Remove parameters without a value, and return the same object.
 
-    The BSDF `hair` of Mitsuba 3.9 lists the kind of absorption that it does not use.
+    Mitsuba cannot read such parameters. The BSDF `hair` of Mitsuba 3.9 lists the parameters of
+    absorption that it does not use.
     """
     properties: Any = params.properties
     missing = [name for name, (value, *_) in properties.items() if value is None]
@@ -93,11 +103,11 @@ def readable(params: mi.SceneParameters) -> mi.SceneParameters:
 
 
 def world_transform(part: Any) -> Any:
-    """Pose of a sensor or an emitter, at time 0 if it is animated."""
+    """Return the pose of a sensor or an emitter; at time 0 if it is animated."""
     found = part.world_transform()
     return found.eval(0.0) if hasattr(found, "eval") else found
 
 
 def pose(part: Any) -> np.ndarray:
-    """Matrix of a pose, see `world_transform`, float64 (4, 4)."""
+    """Return the matrix of the pose of a sensor or an emitter, float64 (4, 4)."""
     return np.array(world_transform(part).matrix, dtype=np.float64).reshape(4, 4)

@@ -9,15 +9,16 @@ import drjit as dr
 
 
 def tape(example: Any, length: int) -> Any:
-    """Allocate memory for `length` records like an example.
+    """Allocate memory for `length` records with the fields of an example.
 
-    It is on the stack of the thread that works on a lane, whatever the number of lanes.
+    The memory is on the stack of the thread that executes a lane. Therefore its size does not
+    depend on the number of lanes.
     """
     return dr.alloc_local(_type(example), length)
 
 
 def packed(value: Any) -> Any:
-    """Convert a record to the type that `tape` stores: without fields that are None."""
+    """Convert a record to the type that `tape` stores, without the fields that are None."""
     if not is_dataclass(value):
         return value
     stored = _type(value)()
@@ -27,9 +28,9 @@ def packed(value: Any) -> Any:
 
 
 def unpacked(stored: Any, example: Any) -> Any:
-    """Convert a stored record back, to one like the example."""
+    """Convert a stored record back to the type of an example."""
     if not is_dataclass(example):
-        return dr.copy(stored)  # A step may change it in place
+        return dr.copy(stored)  # A step may change the value in place
     record = copy(example)
     for name, each in _given(example):
         setattr(record, name, unpacked(getattr(stored, name), each))
@@ -42,7 +43,7 @@ def _given(value: Any) -> list[tuple[str, Any]]:
 
 
 def _type(value: Any) -> type:
-    """Return the type of a record with concrete types of fields, which lane memory needs."""
+    """Return the type of a record with concrete field types. Lane memory requires them."""
     if not is_dataclass(value):
         return type(value)
     return _struct(type(value).__name__, tuple((name, _type(each)) for name, each in _given(value)))

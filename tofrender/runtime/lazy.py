@@ -1,12 +1,13 @@
-"""Lazy import of packages' public names (PEP 562), from the list in their stub `__init__.pyi`.
+"""Lazy import of the public names of a package (PEP 562).
 
-As with the package `lazy_loader`, which knows no stubs with imports from parent packages: the stub
-has imports that editors and type checkers follow, too,
+The stub `__init__.pyi` of the package lists the names by imports, which editors and type checkers
+also read:
 
     from .pulses import GaussianPulse as GaussianPulse
     from . import io as io
 
-and a module that cannot be imported costs its own names and no others.
+A module that cannot be imported makes its own names unavailable, and no others. The package
+`lazy_loader` does the same, but does not support stubs with imports from parent packages.
 """
 
 import ast
@@ -18,12 +19,12 @@ from typing import Any
 
 from .withheld import Withheld, error_for
 
-# Names of mitransient that its users look for here, and their replacements
 _REPLACEMENTS = {"focus_emitter_at_relay_wall_pixel": "use focus_laser(scene, pixel=(x, y))"}
+"""Names of mitransient, and what to use instead."""
 
 
 def public_names(package: str, file: str) -> dict[str, str | None]:
-    """Names that a package's stub lists, with the module of each, None if it is a module."""
+    """Return the names in the stub of a package, each with its module; None for modules."""
     found: dict[str, str | None] = {}
     for node in ast.parse(Path(file).with_suffix(".pyi").read_text(encoding="utf-8")).body:
         if isinstance(node, ast.ImportFrom) and node.level:
@@ -36,7 +37,7 @@ def public_names(package: str, file: str) -> dict[str, str | None]:
 def attach_stub(
     package: str, file: str
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """Make `__getattr__`, `__dir__` and `__all__` of a package from its stub."""
+    """Return `__getattr__`, `__dir__` and `__all__` of a package, made from its stub."""
     modules = public_names(package, file)
 
     def get(name: str) -> Any:

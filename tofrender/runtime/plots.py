@@ -1,4 +1,4 @@
-"""Common parts of figures: colour bars with few ticks, wrapped text, grids of pictures."""
+"""Common parts of figures: color bars with few ticks, wrapped text, grids of pictures."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLUMN = 5.0  # Narrower figures arrange their panels in more rows [inches]
-NO_VALUE = "no light, or not finished"  # Meaning of the hatch
-PAD = 0.06
+COLUMN = 5.0  # figures narrower than this arrange their panels in more rows [inches]
+NO_VALUE = "no light, or not finished"  # meaning of the hatch
+PAD = 0.06  # margin around a figure [inches]
 HATCH: dict[str, Any] = {"facecolor": "0.62", "edgecolor": "0.45", "hatch": "/////"}
 DARK_HATCH: dict[str, Any] = {"facecolor": (38 / 255,) * 3, "edgecolor": "0.45", "hatch": "/////"}
 
 
 def few_ticks(axes: Axes, **options: Any) -> None:
-    """Limit the ticks on both axes to those that fit."""
+    """Limit the number of ticks on both axes, so that the labels fit."""
     axes.locator_params(nbins=5, steps=[1, 2, 5, 10], **options)
 
 
@@ -33,7 +33,11 @@ def superscript(number: int) -> str:
 
 
 def tick_scale(largest: float) -> tuple[str, Any]:
-    """Power of ten that makes numbers short, "" for 1, and the formatter of ticks in it."""
+    """Choose a power of ten for short tick labels.
+
+    Returns:
+        The power as text, "" for 1, and a formatter of ticks in units of the power.
+    """
     from matplotlib.ticker import FuncFormatter
 
     power = 0
@@ -48,16 +52,24 @@ def _short(value: float) -> str:
 
 
 def label_with_factor(label: str, factor: str) -> str:
-    """Insert a factor before the unit of a label "name [unit]"."""
+    """Insert a factor in front of the unit in a label "name [unit]"."""
     if not factor:
         return label
     return label.replace("[", f"[{factor} ", 1) if "[" in label else f"{label} [{factor}]"
 
 
-def colour_bar(
+def color_bar(
     image: Any, axes: Any = None, label: str = "", below: bool = False, **options: Any
 ) -> Any:
-    """Add a colour bar with few, short numbers, to the right of axes or below them, or in `cax`."""
+    """Add a color bar with few and short numbers.
+
+    Args:
+        image: Picture that the bar belongs to.
+        axes: Axes that give room to the bar.
+        label: Label "name [unit]".
+        below: Whether the bar is below the axes instead of to the right.
+        **options: Options of Matplotlib's `colorbar`, for example the axes `cax` of the bar.
+    """
     target = options.get("cax", axes)
     if target is axes:
         defaults = {"aspect": 14, "pad": 0.03} if below else {"aspect": 22, "pad": 0.02}
@@ -76,15 +88,16 @@ def colour_bar(
 
 
 def percentile_range(values: np.ndarray) -> tuple[float, float, str]:
-    """Range from the 1st to the 99th percentile, and at which ends a colour bar needs arrows."""
+    """Return the 1st and the 99th percentile, and the ends of the color bar that need arrows."""
     finite = values[np.isfinite(values)]
     low, high = map(float, np.percentile(finite, (1, 99))) if finite.size else (0.0, 1.0)
-    below, above = bool((finite < low).any()), bool((finite > high).any())
+    below = bool((finite < low).any())
+    above = bool((finite > high).any())
     return low, high, ("neither", "max", "min", "both")[2 * below + above]
 
 
 def _ticks(low: float, high: float, most: int) -> list[float]:
-    """Few round numbers in a range; zero and one of either sign if the range is symmetric."""
+    """Return few round numbers in a range. For a symmetric range: -a, 0 and a."""
     from matplotlib.ticker import MaxNLocator
 
     if low == -high and high > 0:
@@ -103,28 +116,54 @@ def wrap_text(text: str, width: float, size: float = 9) -> str:
 
 
 def hatch_patch(meaning: str, dark: bool = False) -> Any:
-    """Legend entry of the hatch."""
+    """Return the legend entry of the hatch."""
     from matplotlib.patches import Patch
 
     return Patch(**DARK_HATCH if dark else HATCH, linewidth=0, label=meaning)
 
 
 def fit_height(figure: Figure) -> None:
-    """Set the height that a figure's contents need at its width; make it too high before."""
+    """Reduce the height of a figure to the height of its contents."""
     for _ in range(2):
         figure.draw_without_rendering()
         figure.set_figheight(max(1.0, figure.get_tightbbox().height + 2 * PAD))
 
 
-LEFT, RIGHT, GAP, EDGE = 0.5, 0.14, 0.17, 0.07
-TITLE, LINE, TICKS, LABEL, BAR = 0.22, 0.125, 0.17, 0.16, 0.07
-"""Margins around pictures and heights of text, at the font sizes of `runtime.canvas` [inches]."""
+# Margins around pictures [inches]
+LEFT = 0.5
+RIGHT = 0.14
+GAP = 0.17
+EDGE = 0.07
+
+# Heights of text and color bars at the font sizes of `runtime.canvas` [inches]
+TITLE = 0.22
+LINE = 0.125
+TICKS = 0.17
+LABEL = 0.16
+BAR = 0.07
 
 
 class PictureGrid:
-    """Grid of pictures with titles above and colour bars below; `figure` has the height it needs.
+    """Grid of pictures with titles above and color bars below.
 
-    Much faster than a layout by Matplotlib, and without margins. Lengths are in inches.
+    It is much faster than a layout of Matplotlib, and has small margins. Lengths are in inches.
+
+    Args:
+        width: Width of the figure.
+        rows: Number of rows.
+        columns: Number of columns.
+        aspect: Height of a picture divided by its width.
+        title: Title of the figure.
+        title_color: Color of the title; None for the color of text.
+        bar_lines: Number of lines of the label of a color bar.
+        left: Margin to the left of the first column.
+        own_y: Whether all columns have this margin, for their own y axes.
+        with_x: Rows with an x axis; None for all.
+        with_bars: Rows with color bars; None for all.
+        hatch: Meaning of the hatch, for a legend at the bottom.
+
+    Attributes:
+        figure: The figure. Its height fits the content.
     """
 
     def __init__(
@@ -132,21 +171,28 @@ class PictureGrid:
         width: float,
         rows: int,
         columns: int,
-        aspect: float,  # Height over width of a picture
+        aspect: float,
         *,
         title: str = "",
-        title_colour: str | None = None,
-        bar_lines: int = 1,  # Of a colour bar's label
-        left: float = LEFT,  # Margin of the first column
-        own_y: bool = False,  # Whether all columns have that margin
-        with_x: Collection[int] | None = None,  # Rows with an x axis, None for all
-        with_bars: Collection[int] | None = None,  # Rows with colour bars, None for all
-        hatch: str = "",  # Meaning of the hatch, for a legend at the bottom
+        title_color: str | None = None,
+        bar_lines: int = 1,
+        left: float = LEFT,
+        own_y: bool = False,
+        with_x: Collection[int] | None = None,
+        with_bars: Collection[int] | None = None,
+        hatch: str = "",
     ) -> None:
-        self.width, self.columns, self.left, self.own_y = width, columns, left, own_y
+        self.width = width
+        self.columns = columns
+        self.left = left
+        self.own_y = own_y
         self.gap = left + 0.05 if own_y else GAP
+
+        # Size of a picture
         self.wide = (width - left - RIGHT - (columns - 1) * self.gap) / columns
         self.high = self.wide * aspect
+
+        # Top of each row of pictures, and the height of the figure
         title = wrap_text(title, width - 0.1)
         top = EDGE + (0.155 * (title.count("\n") + 1) + 0.02 if title else 0.0)
         self.below = [TICKS + LABEL if with_x is None or k in with_x else 0.0 for k in range(rows)]
@@ -157,10 +203,12 @@ class PictureGrid:
             if with_bars is None or len(self.tops) - 1 in with_bars:
                 top += BAR + TICKS + bar_lines * LINE + 0.04
         self.height = top + EDGE + (0.16 if hatch else 0.0)
+
+        # Figure with its title and legend
         self.figure: Figure = new_figure(width, self.height, layout=None)
         if title:
-            colour = {"color": title_colour} if title_colour else {}
-            self.figure.suptitle(title, y=1 - EDGE / self.height, va="top", **colour)
+            color = {"color": title_color} if title_color else {}
+            self.figure.suptitle(title, y=1 - EDGE / self.height, va="top", **color)
         if hatch:
             self.figure.legend(
                 handles=[hatch_patch(hatch)],
@@ -172,7 +220,7 @@ class PictureGrid:
             )
 
     def axes(self, row: int, column: int, title: str, **options: Any) -> Axes:
-        """Add the axes of a picture, with options as of `add_axes`."""
+        """Add the axes of a picture with options of `Figure.add_axes`."""
         box = self._box(self._left(column), self.tops[row] + self.high, self.wide, self.high)
         axes = self.figure.add_axes(box, **options)
         size = min(9.0, max(6.0, 71.9 * (self.wide + 0.1) / (0.56 * max(1, len(title)))))
@@ -180,7 +228,7 @@ class PictureGrid:
         return axes
 
     def trim(self, axes: Axes, row: int, column: int) -> None:
-        """Remove ticks and labels of axes without space for them; call it when all is drawn."""
+        """Remove tick labels and axis labels without space. Call it after drawing."""
         if column and not self.own_y:
             axes.set_ylabel("")
             axes.tick_params(labelleft=False)
@@ -189,16 +237,20 @@ class PictureGrid:
             axes.tick_params(labelbottom=False)
 
     def bar(self, image: Any, row: int, column: int, label: str, span: int = 1, **options: Any):
-        """Add a colour bar of `image` below one picture or several."""
+        """Add a color bar of `image` below `span` pictures."""
         wide = self._left(column + span - 1) + self.wide - self._left(column)
         bottom = self.tops[row] + self.high + self.below[row] + 0.06 + BAR
         cax = self.figure.add_axes(self._box(self._left(column), bottom, wide, BAR))
-        return colour_bar(image, cax=cax, label=label, below=True, **options)
+        return color_bar(image, cax=cax, label=label, below=True, **options)
 
     def _left(self, column: int) -> float:
         return self.left + column * (self.wide + self.gap)
 
     def _box(self, left: float, bottom: float, wide: float, high: float) -> Any:
         """Convert inches from the left and top to fractions of the figure."""
-        width, height = self.width, self.height
-        return left / width, 1 - bottom / height, wide / width, high / height
+        return (
+            left / self.width,
+            1 - bottom / self.height,
+            wide / self.width,
+            high / self.height,
+        )

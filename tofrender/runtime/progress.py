@@ -12,16 +12,17 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
-DELAY_S = 0.5  # Until a bar appears
-REFRESH_S = 0.1  # Between two draws of a bar
-EVERY_S = 30.0  # Between two saves of a checkpoint, unless saving takes long
+DELAY_S = 0.5  # time until a bar appears [s]
+REFRESH_S = 0.1  # time between two updates of a bar [s]
+EVERY_S = 30.0  # time between two checkpoints, unless saving is slow [s]
 STATUS = "{desc} ... {elapsed}"
-SIZE = {"ncols": 80, "nrows": 24}  # Of a terminal that reports none, as those of containers
+SIZE = {"ncols": 80, "nrows": 24}
+"""Size of a terminal that does not report its size, for example in a container."""
 
 
 def is_watched() -> bool:
-    """Whether stderr is a terminal or a notebook's, and not a worker's."""
-    from multiprocessing import parent_process  # Waits where another thread is importing it
+    """Return whether somebody watches stderr: a terminal or a notebook, and no worker process."""
+    from multiprocessing import parent_process  # Waits while another thread imports the module
 
     if parent_process() is not None:
         return False
@@ -29,28 +30,37 @@ def is_watched() -> bool:
 
 
 def is_notebook() -> bool:
-    """Whether this process is a notebook's kernel; an imported ipykernel is not enough."""
+    """Return whether this process is the kernel of a notebook."""
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     return shell is not None and "IPKernelApp" in shell.config
 
 
-_hidden = 0  # Number of blocks that hide bars
-_open: "list[ProgressBar]" = []  # The innermost last
+_hidden = 0  # number of open blocks that hide bars
+_open: "list[ProgressBar]" = []  # open bars, from the outermost to the innermost
 _lock = threading.RLock()
 
 
 class ProgressBar:
-    """Bar of tqdm that appears after `DELAY_S` even if nothing is done until then.
+    """Progress bar that appears after `DELAY_S`, also before the first unit is finished.
 
-    A bar or a status line within another one replaces it while it is shown. `n` counts the units
-    that are done; the unit "B" counts bytes with prefixes. The bar is hidden if it is not
-    `enabled`, or if stderr is a file or a pipe.
+    An inner bar replaces the outer bar on the screen while the inner bar is open. Bars are hidden
+    if stderr is a file or a pipe.
+
+    Args:
+        description: Text in front of the bar.
+        total: Number of units; None shows the description and the elapsed time only.
+        unit: Name of a unit. The unit "B" counts bytes with prefixes.
+        enabled: Whether the bar is shown.
+
+    Attributes:
+        n: Number of finished units.
     """
 
     def __init__(
         self, description: str, total: int | None, unit: str = "frame", enabled: bool = True
     ) -> None:
-        self.n, self._bar = 0, None
+        self.n = 0
+        self._bar = None
         self._options: dict[str, Any] = {
             "desc": description,
             "total": total,
@@ -58,19 +68,22 @@ class ProgressBar:
             "unit_scale": unit == "B",
             "bar_format": STATUS if total is None else None,
         }
-        self._end, self._began = threading.Event(), time.monotonic()
+        self._end = threading.Event()
+        self._began = time.monotonic()
         self._enabled = enabled and not _hidden and is_watched()
         if self._enabled and is_notebook():
-            with warnings.catch_warnings():  # Which concern all threads
-                warnings.simplefilter("ignore")  # Without ipywidgets the bar is text, which is fine
+            # Import tqdm now: filters of warnings affect all threads, so the thread that draws
+            # must not change them. Without ipywidgets, tqdm warns and draws text.
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
                 _tqdm()
 
     def update(self, count: int = 1) -> None:
-        """Count units that are done."""
+        """Add finished units."""
         self.n += count
 
     def _refresh(self) -> None:
-        """Draw the bar again and again until its end."""
+        """Draw the bar repeatedly until it is closed."""
         wait = DELAY_S
         while not self._end.wait(wait):
             wait = REFRESH_S if self._options["total"] else 5 * REFRESH_S
@@ -79,7 +92,7 @@ class ProgressBar:
                     self._draw()
 
     def _draw(self) -> None:
-        """Draw the bar in place of outer ones, unless an inner one is drawn."""
+        """Draw the bar, unless an inner bar is visible. Outer bars are removed."""
         level = _open.index(self)
         if any(inner._bar is not None for inner in _open[level + 1 :]):
             return
@@ -94,9 +107,10 @@ class ProgressBar:
 
     def _clear(self) -> None:
         """Remove the bar from the screen."""
-        bar, self._bar = self._bar, None
+        bar = self._bar
+        self._bar = None
         if bar is not None:
-            bar.total = None  # Else a notebook keeps a bar that was closed early, in red
+            bar.total = None  # A notebook would keep a bar below its total on the screen, in red
             with suppress(OSError, ValueError):
                 bar.close()
 
@@ -132,7 +146,7 @@ def bars_cleared() -> Iterator[None]:
 
 @contextmanager
 def without_bars(wanted: bool = True) -> Iterator[None]:
-    """Show no bars within the block, if that is `wanted`."""
+    """Hide bars within the block if `wanted` is set."""
     global _hidden
     _hidden += wanted
     try:
@@ -142,20 +156,23 @@ def without_bars(wanted: bool = True) -> Iterator[None]:
 
 
 def _size() -> dict[str, int]:
-    """`SIZE` if the terminal reports none, for which tqdm draws nothing; else tqdm finds it."""
-    with suppress(OSError, ValueError):  # Not a terminal
+    """Return `SIZE` if the terminal reports no columns, because tqdm then draws nothing.
+
+    Otherwise tqdm finds the size itself.
+    """
+    with suppress(OSError, ValueError):  # stderr is not a terminal
         return {} if os.get_terminal_size(sys.stderr.fileno()).columns else SIZE
     return {}
 
 
 def _tqdm() -> Any:
-    """Class of bars for terminal or notebook."""
+    """Return the class of bars for terminals or notebooks."""
     from tqdm.auto import tqdm
 
     return tqdm
 
 
-# Sent by Ctrl-C, by a scheduler or `kill`, and by a terminal that is closed
+# Sent by Ctrl-C, by `kill` or a scheduler, and when a terminal is closed
 SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
@@ -165,12 +182,12 @@ SIGNALS = tuple(
 class Stop:
     """Request to stop the work."""
 
-    by: int = 0  # Signal that requested it, 0 if none did
-    passed_on: bool = False  # Whether an enclosing block has received the signal, too
+    by: int = 0  # signal of the request, 0 before a request
+    passed_on: bool = False  # whether an enclosing block has received the signal as well
 
     @property
     def requested(self) -> bool:
-        """Whether a signal was received."""
+        """Return whether a signal was received."""
         return bool(self.by)
 
     def take_effect(self) -> None:
@@ -183,9 +200,9 @@ class Stop:
 def deferred_stop() -> Iterator[Stop]:
     """Turn the first Ctrl-C, SIGTERM or SIGHUP into a request to stop after the current step.
 
-    A second one has its usual effect: it ends the work at once. In nested blocks, the first one
-    requests all to stop. Nothing changes in a thread other than the main one, nor for signals that
-    are ignored, as Ctrl-C is in a shell script's background jobs and SIGHUP under nohup.
+    A second signal ends the work at once. In nested blocks, the first signal is a request to all
+    blocks. The block has no effect outside of the main thread, and for signals that the process
+    ignores, for example Ctrl-C in background jobs of a shell script and SIGHUP under nohup.
     """
     stop = Stop()
     if threading.current_thread() is not threading.main_thread():
@@ -206,7 +223,7 @@ def deferred_stop() -> Iterator[Stop]:
             stop.passed_on = True
             outer(number, frame)
 
-    vars(request)["defers"] = True  # Blocks within this one call it
+    vars(request)["defers"] = True  # Inner blocks recognize this handler and call it
     for number in handled:
         signal.signal(number, request)
     try:
@@ -220,7 +237,8 @@ def deferred_stop() -> Iterator[Stop]:
 def held_signals() -> Iterator[None]:
     """Delay Ctrl-C, SIGTERM and SIGHUP until the end of the block.
 
-    Raised where Mitsuba calls Python, they would be reported as errors of the scene.
+    If they were raised in a function that Mitsuba calls, Mitsuba would report an error of the
+    scene.
     """
     stop = Stop()
     try:
@@ -231,7 +249,7 @@ def held_signals() -> Iterator[None]:
 
 
 class Terminated(KeyboardInterrupt):
-    """Error raised by a signal that ends the process, so that incomplete files are removed."""
+    """Error of a signal that ends the process. Blocks remove incomplete files on the way."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)

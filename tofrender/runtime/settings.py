@@ -1,7 +1,7 @@
-"""Settings of scenes: one description of each, from which checks, options and tests follow.
+"""Settings of scenes. Checks, options of the command and tests use the descriptions here.
 
-Neither NumPy nor Mitsuba is imported: `tofrender --help` answers at once, and the command line
-refuses bad values before Mitsuba starts.
+This module does not import NumPy or Mitsuba. Therefore `tofrender --help` answers at once, and the
+command refuses bad values before Mitsuba starts.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,36 +13,49 @@ from . import checks
 
 SAMPLERS = ("padded_sobol", "independent", "stratified", "multijitter", "orthogonal", "ldsampler")
 INTEGRATORS = (
-    *("transient_path", "transient_volpath", "path_tracer_mats", "path_tracer_nee"),
-    *("path_tracer_mis", "transient_light_tracer", "transient_bdpt", "ao"),
+    "transient_path",
+    "transient_volpath",
+    "path_tracer_mats",
+    "path_tracer_nee",
+    "path_tracer_mis",
+    "transient_light_tracer",
+    "transient_bdpt",
+    "ao",
 )
-"""Integrators that a name is enough for."""
+"""Integrators that have no required parameters."""
 
 
 def unchecked(name: str, value: Any) -> Any:
-    """Accept any value of a setting whose user checks it."""
+    """Accept any value. The function that uses the setting checks the value."""
     return value
 
 
 @dataclass(frozen=True)
 class Setting:
-    """Description of a setting, which annotates the field that has its name, type and default."""
+    """Description of a setting. It annotates a field with the name, type and default.
 
-    help: str  # what it sets, and in which unit: for `--help` and `render`'s documentation
-    # refuses bad values of a parameter of this name, in one line
+    Attributes:
+        help: Meaning and unit, for `--help` and the documentation of `render`.
+        check: Called with the name and the value. It refuses bad values in one line.
+        low: Smallest integer.
+        high: Largest integer.
+        choices: Allowed names. In Python, objects are allowed as well.
+    """
+
+    help: str
     check: Callable[[str, Any], Any] = unchecked
-    low: int | None = None  # least integer
-    high: int | None = None  # largest integer
-    choices: tuple[str, ...] = ()  # all names that are allowed; in Python, objects are, too
+    low: int | None = None
+    high: int | None = None
+    choices: tuple[str, ...] = ()
 
 
 def integer(help: str, low: int, high: int) -> Setting:
-    """A setting that is an integer from `low` to `high`."""
+    """Describe a setting that is an integer from `low` to `high`."""
     return Setting(help, partial(checks.integer, low=low, high=high), low, high)
 
 
 def settings_of(described: type) -> dict[str, Setting]:
-    """Settings that annotate the fields of a dataclass or a `TypedDict`, by name."""
+    """Return the settings that annotate the fields of a dataclass or a `TypedDict`."""
     hints = get_type_hints(described, include_extras=True)
     return {name: hint.__metadata__[0] for name, hint in hints.items()}
 
@@ -66,27 +79,31 @@ class SceneSettings(TypedDict, total=False):
     width: Annotated[int | None, integer("Width of the picture [pixels]", 1, checks.MAX_SIZE)]
     height: Annotated[int | None, integer("Height of the picture [pixels]", 1, checks.MAX_SIZE)]
     temporal_bins: Annotated[int | None, integer("Number of time bins", 1, checks.MAX_BINS)]
-    start_opl: Annotated[float | None, Setting("Path length where bins start [m]", checks.metres)]
-    bin_width_opl: Annotated[float | None, Setting("Width of a time bin [m]", _check_length)]
+    start_opl: Annotated[
+        float | None, Setting("Start of the first time bin, optical path length [m]", checks.metres)
+    ]
+    bin_width_opl: Annotated[
+        float | None, Setting("Width of a time bin, optical path length [m]", _check_length)
+    ]
     spp: Annotated[int | None, integer("Samples per pixel", 1, checks.MAX_SPP)]
     sampler: Annotated[
         str | None,
         Setting(
-            "Plugin that draws the random numbers",
+            "Plugin of random numbers",
             partial(checks.one_of, allowed=SAMPLERS),
             choices=SAMPLERS,
         ),
     ]
     max_depth: Annotated[
         int | None,
-        Setting("Longest path in segments, -1 if unlimited", checks.depth, -1, checks.MAX_DEPTH),
+        Setting("Longest path in segments, -1 for no limit", checks.depth, -1, checks.MAX_DEPTH),
     ]
     integrator: Annotated[
         str | Mapping[str, Any] | None,
         Setting("Integrator plugin", _check_integrator, choices=INTEGRATORS),
     ]
     pulse_width_opl: Annotated[
-        float | None, Setting("Standard deviation of a Gaussian pulse [m]", checks.width)
+        float | None, Setting("Standard deviation of the Gaussian pulse [m]", checks.width)
     ]
 
 
@@ -98,12 +115,12 @@ def check_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return the settings that are given (not None), each one checked."""
     for name in settings:
         if name not in CHECKS:
-            raise TypeError(f"{name}: no such setting; there are {', '.join(CHECKS)}")
+            raise TypeError(f"{name}: unknown setting; must be one of {', '.join(CHECKS)}")
     given = {name: value for name, value in settings.items() if value is not None}
     return {name: CHECKS[name](name, value) for name, value in given.items()}
 
 
 def parameter(props: Any, name: str, default: Any) -> Any:
-    """Read a plugin's parameter that is a setting of scenes, and check it as that; None stays."""
+    """Read a parameter of a plugin, and check it by the setting of the same name."""
     value = props.get(name, default)
     return None if value is None else CHECKS[name](name, value)

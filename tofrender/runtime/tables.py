@@ -1,4 +1,4 @@
-"""TOML files, and checks of their tables: keys, and values that are no numbers."""
+"""TOML files, and checks of the keys and values in their tables."""
 
 import os
 import tomllib
@@ -11,7 +11,12 @@ from . import checks
 
 
 def read_toml(name: str, source: str | os.PathLike[str]) -> tuple[dict[str, Any], Path]:
-    """Content of a TOML file, a parameter of this name, and the file's path."""
+    """Read a TOML file, and return its content and its path.
+
+    Args:
+        name: Name of the parameter with the path, for messages.
+        source: Path of the file.
+    """
     path = checks.path(name, source)
     try:
         return tomllib.loads(path.read_text(encoding="utf-8")), path
@@ -26,14 +31,14 @@ def read_toml(name: str, source: str | os.PathLike[str]) -> tuple[dict[str, Any]
 
 
 def known_keys(where: str, given: Mapping[str, Any], allowed: Collection[str]) -> None:
-    """Refuse a key that is not one of the `allowed` ones."""
+    """Refuse keys that are not in `allowed`."""
     for key in given:
         if key not in allowed:
             raise ValueError(unknown(f"{where}.{key}" if where else str(key), key, allowed))
 
 
 def unknown(where: str, name: Any, allowed: Collection[str]) -> str:
-    """Message about an unknown name, with the nearest allowed one."""
+    """Return the message about an unknown name, with the nearest allowed name."""
     close = get_close_matches(str(name), allowed, 1)
     hint = f", did you mean {close[0]}? Must" if close else "; must"
     return f"{where}: is not known{hint} be one of {', '.join(allowed)}"
@@ -42,7 +47,16 @@ def unknown(where: str, name: Any, allowed: Collection[str]) -> str:
 def checked(
     where: str, given: Mapping[str, Any], allowed: Mapping[str, Callable[[str, Any], Any]]
 ) -> dict[str, Any]:
-    """The values of a table, each returned by the check of its key, which is called with its name.
+    """Check the values of a table, and return them.
+
+    Args:
+        where: Name of the table, for messages.
+        given: The table.
+        allowed: Check of each key. It is called with the full name of the key and the value, and
+            returns the value.
+
+    Raises:
+        ValueError: The table contains an unknown key, or a check fails.
 
     Example:
         >>> checked("outputs", {"depth": 1}, {"depth": boolean})

@@ -1,15 +1,16 @@
 """Student edition of this package: modules that students write themselves.
 
-The file `withheld.json` beside this module, which only a student edition has, names modules and
-packages that are missing, each with the problem that it solves:
+Only a student edition contains the file `withheld.json` next to this module. The file lists the
+missing modules and packages with the problems that they solve:
 
     {
         "modules": {"tofrender.signals.pulses": "a2.gaussian_pulse", "tofrender.paths.walk": null},
         "names": {"GaussianPulse": "a2.gaussian_pulse"}
     }
 
-Importing one raises `Withheld`, which names the problem. A scene with an integrator or an emitter
-of such a module still loads, with a placeholder that refuses to render.
+The import of a missing module raises `Withheld` with the name of the problem. A scene with an
+integrator or an emitter of a missing module can be loaded. It gets a placeholder that refuses to
+render.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ class Withheld(ImportError):
 
 
 def refusal(module: str) -> str | None:
-    """Reason why `module` cannot be imported; None if it can."""
+    """Return the reason why `module` cannot be imported; None if it can be imported."""
     parts = module.split(".")
     for count in range(len(parts), 1, -1):
         name = ".".join(parts[:count])
@@ -52,7 +53,7 @@ class _Finder(MetaPathFinder):
 
 
 def error_for(package: str, name: str, reason: Withheld) -> Withheld:
-    """Make the error for a public name, with the problem in which it is written, if it is known."""
+    """Return the error for a public name, with the problem in which students write it."""
     problem = _NAMES.get(name)
     text = f": {reason}" if problem is None else f" is yours to write: problem {problem}"
     return Withheld(f"{package}.{name}{text}", name=package)
@@ -72,7 +73,7 @@ def placeholder(class_name: str, plugin_name: str, kind: str, home: str) -> Any:
         message = f"{plugin_name!r} is yours to write: problem {problem}; {needed}"
 
     class YoursToWrite(bases[kind]):
-        """Placeholder with any parameters; an integrator names the problem when it renders."""
+        """Placeholder that accepts all parameters. An integrator raises `Withheld` on render."""
 
         def __init__(self, props: mi.Properties) -> None:
             super().__init__(mi.Properties())

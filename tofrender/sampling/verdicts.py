@@ -191,7 +191,7 @@ def caption(verdict: Verdict) -> dict[str, Any]:
     """Verdict as the title of a `PictureGrid`, in the colour of good or of bad."""
     lines = [textwrap.shorten(line, 150) for line in str(verdict).splitlines()]
     colour = palette().good if verdict.passed else palette().bad
-    return {"title": "\n".join(lines), "title_colour": colour}
+    return {"title": "\n".join(lines), "title_color": colour}
 
 
 def _occupied(verdict: Verdict) -> slice:

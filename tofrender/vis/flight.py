@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from ..labels import TRANSIENT
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure
-from ..runtime.plots import colour_bar, fit_height, percentile_range, wrap_text
+from ..runtime.plots import color_bar, fit_height, percentile_range, wrap_text
 from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
 from .colours import hue_map, time_map
@@ -227,7 +227,7 @@ def _picture_figure(
     axes.imshow(picture, interpolation="nearest", **options)
     axes.set_title(title)
     pixel_axes(axes)
-    colour_bar(scale, axes, label, extend=extend)
+    color_bar(scale, axes, label, extend=extend)
     if above is not None:
         figure.suptitle(wrap_text(above, wide))
     explain_hatch(figure, unfinished, dark=True)

@@ -12,7 +12,7 @@ from ..labels import PIXELS, RANGE_RATES, read, read_array, require_consecutive
 from ..motion.fmcw import Fmcw, checked_film
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure
-from ..runtime.plots import colour_bar, fit_height, wrap_text
+from ..runtime.plots import color_bar, fit_height, wrap_text
 from .transient import explain_hatch, map_axes, picture_aspect, typeset
 
 DECADES = 4  # Of the colours of light
@@ -160,7 +160,7 @@ def velocity_map(
     colors = "receding (red), approaching (blue)"
     axes.set_title(wrap_text("\n".join(filter(None, [meaning, colors])), wide - 1))
     beyond = "both" if (known > fastest).any() else "neither"
-    colour_bar(shown, axes, "velocity, half the rate [m/s]", extend=beyond)
+    color_bar(shown, axes, "velocity, half the rate [m/s]", extend=beyond)
     if title is not None:
         figure.suptitle(wrap_text(title, wide))
     explain_hatch(figure, np.isnan(velocity))

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from ..labels import SENSED, pixel_steps, read
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure, palette
-from ..runtime.plots import colour_bar, percentile_range, wrap_text
+from ..runtime.plots import color_bar, percentile_range, wrap_text
 
 AXES = {"opl": "optical path length [m]", "delay_opl": "delay of the gate [m]"}
 AXES |= {"sweep": "path length along the sweep [m]"}
@@ -62,7 +62,7 @@ def measurement_figure(measured: Annotated[xr.Dataset, SENSED]) -> Figure:
         shown = axes.imshow(picture, extent=extent, **colors)
         axes.plot(*middle, "o", mfc="none", mec="white")
         axes.set_title(title)
-        colour_bar(shown, axes, "", extend=beyond)
+        color_bar(shown, axes, "", extend=beyond)
     plot = figure.add_subplot(grid[1, :])
     for style, color, (label, curve) in zip(".-", palette().lines, curves.items(), strict=False):
         steps: Any = {"drawstyle": "default" if axis else "steps-mid", "label": label}

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from ..labels import FILM, intensity, read, with_energy
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure, palette
-from ..runtime.plots import COLUMN, colour_bar, percentile_range, wrap_text
+from ..runtime.plots import COLUMN, color_bar, percentile_range, wrap_text
 from ..runtime.progress import status
 from ..signals.colour import luminance
 from ..signals.units import opl_to_ns
@@ -65,7 +65,7 @@ def summary_figure(dataset: Annotated[xr.Dataset, FILM], pixels: Any = None) -> 
     shown = map_axes(peak, peak_ns, extent=sequence.extent, **times)
     peak.set_title("brightest bin" if narrow else "time of the brightest bin")
     label = "time of the brightest bin [ns]" if narrow else "time [ns]"
-    colour_bar(shown, cax=bar, label=label, below=narrow, extend=beyond)
+    color_bar(shown, cax=bar, label=label, below=narrow, extend=beyond)
     pixel_axes(steady)
     peak.set_ylabel("")
     peak.tick_params(labelleft=False)
