@@ -175,7 +175,7 @@ def test_a_package_is_withheld_but_for_what_is_kept(tiny):
     modules = set(edition.chosen(keeping("tofrender.paths.camera")))
     assert {"tofrender.integrators", "tofrender.paths.walk"} <= modules
     assert not {"tofrender.paths", "tofrender.paths.camera"} & modules
-    message = r"rubric\.toml: keeps tofrender\.integrators\.base, which needs tofrender\."
+    message = r"rubric\.toml: keeps tofrender\.integrators\.base, which imports tofrender\."
     with pytest.raises(ValueError, match=message):
         edition.withheld(keeping("tofrender.integrators.base"))
 
@@ -236,14 +236,14 @@ def test_students_folder(tiny, tmp_path, run, monkeypatch):
     assert sources[3].startswith("%%test pulse.py\n# ")
     status, _, said = run("start", tiny.folder, folder)
     assert status == 2
-    assert "is not empty; must be a new folder, or an empty one" in said
+    assert "is not empty; pass a new folder" in said
     status, _, said = run("verify", folder)
     assert status == 2
     assert "verify needs the course's checkout, not the student edition" in said
     empty = tmp_path / "empty"
     empty.mkdir()
     monkeypatch.chdir(empty)
-    with pytest.raises(FileExistsError, match="is the current folder; must be one inside it"):
+    with pytest.raises(FileExistsError, match="is the current folder"):
         start(tiny, Path("."))
     monkeypatch.chdir(tmp_path)
     assert cells.save(start(tiny, empty) / "pulse.py", "x = 1") == "wrote pulse.py"
@@ -276,18 +276,18 @@ def test_what_cannot_be_handed_in(tiny, student, tmp_path, run):
     (student / "wrapping.py").symlink_to("/etc/hostname")
     status, _, said = run("submit", tiny.folder, student)
     assert status == 2
-    assert said == f"error: {student}/wrapping.py: is a link; must be the file itself\n"
+    assert said.startswith(f"error: {student}/wrapping.py is a link")
+    assert said.count("\n") == 1
     (student / "wrapping.py").unlink()
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "elsewhere" / "x.npz").write_text("")
     (student / "deliverables").symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(ValueError, match=r"deliverables.*: is a link"):
+    with pytest.raises(ValueError, match=r"deliverables.* is a link"):
         folders.check(tiny, student)
-    assert run("submit", tiny.folder, tmp_path / "none")[2].endswith(
-        "none: does not exist; must be one that `start` has made\n"
-    )
+    said = run("submit", tiny.folder, tmp_path / "none")[2]
+    assert f"FOLDER = {tmp_path / 'none'}: does not exist" in said
     (tmp_path / "bare").mkdir()
-    with pytest.raises(ValueError, match=r"has made; has no pulse\.py"):
+    with pytest.raises(ValueError, match=r"FOLDER = .*bare: contains none of pulse\.py"):
         folders.check(tiny, tmp_path / "bare")
     assert not list(tmp_path.glob("*.zip"))
 
@@ -308,16 +308,16 @@ def test_cell_keeps_what_an_editor_wrote(tmp_path):
     path = tmp_path / "pulse.py"
     assert cells.save(path, "a = 1\n") == "wrote pulse.py"
     assert cells.save(path, "a = 2") == "wrote pulse.py"
-    assert cells.save(path, "a = 2\n\n") == "pulse.py is as this cell has it"
+    assert cells.save(path, "a = 2\n\n") == "pulse.py has the text of this cell already"
     for number, text in enumerate(("a = 3\n", "a = 4\n"), 1):
         path.write_text(text)
         said = cells.save(path, f"a = -{number}")
-        assert said.endswith(f"what it held is now in pulse.py.{number}")
+        assert said.endswith(f"the old text is in pulse.py.{number}")
         assert path.with_name(f"pulse.py.{number}").read_text() == text
         assert path.read_text() == f"a = -{number}\n"
     path.write_text("a = 5\n")
     said = cells.save(path, "a = -2")
-    assert said.startswith("pulse.py stays as it is: it was changed outside of this cell")
+    assert said.startswith("pulse.py was changed outside of this cell and is kept")
     assert path.read_text() == "a = 5\n"
     path.unlink()
     assert cells.save(path, "a = -2") == "wrote pulse.py"
@@ -335,7 +335,7 @@ def test_cells_test_their_file(tiny, student):
     assert cells.run_tests(student, "a0.range", "-k nothing") == "no tests were chosen"
     with pytest.raises(ValueError, match=r"%%test x\.py: must be one of pulse\.py, wrapping\.py"):
         cells.run_tests(student, "x.py")
-    assert cells.run_tests(student / "figures", "").endswith("has no tests")
+    assert cells.run_tests(student / "figures", "").endswith("figures does not contain tests")
 
 
 def test_new_code_is_used_at_once(tmp_path, monkeypatch):
@@ -422,7 +422,7 @@ def test_structure_finds_what_does_not_agree(tiny):
             "README.md: states points ('(5 points)'); only rubric.toml may",
             "exercises.md: is missing",
             "solutions/extra.py: is no problem's file; what is given belongs in starter/ alone",
-            "mutants.toml: no_half: '-0.6 * x' is 0 times in pulse.py, must be once",
+            "mutants.toml: no_half: '-0.6 * x' occurs 0 times in pulse.py, must occur once",
             "mutants.toml: no_norm: the rubric has no test test_pulse.py::test_peak",
             "notebook.py: [solution] w.py: solutions/ has no such file",
             "notebook.py: has no cell [solution] wrapping.py",
@@ -444,7 +444,7 @@ def test_which_tests_a_mutant_can_fail(tiny):
     assert "= 0.25 *" not in mutants.apply(tiny, those["no_half"])
     assert "return 0.25 *" in mutants.apply(tiny, those["quarter"])
     broken = dataclasses.replace(those["quarter"], edits=(("return 0.5", "return ("),))
-    with pytest.raises(ValueError, match="quarter: is no Python"):
+    with pytest.raises(ValueError, match="quarter: the result is not Python"):
         mutants.apply(tiny, broken)
 
 

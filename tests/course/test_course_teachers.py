@@ -143,7 +143,7 @@ def test_a_students_test_gets_its_share(staff, tmp_path, name):
 def test_a_problem_of_tests_names_what_it_tests(tmp_path):
     for old, new in (('tests_of = "a0.add"', 'tests_of = "a0.ad"'), ('["check_add"]', "[]")):
         tiny_assignment.write(tmp_path, {"rubric.toml": FILES["rubric.toml"].replace(old, new)})
-        refused("must be a problem of this file, and names one", rubric.read, tmp_path)
+        refused("must be a problem of this file, and names must", rubric.read, tmp_path)
 
 
 def test_class_with_roster_sheet_pages_and_jobs(staff, tmp_path, monkeypatch, capsys):
@@ -387,7 +387,7 @@ def test_standing_adds_by_hand_and_takes_off_late_days(toy, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("points = 4\n\n[late]", "points = -4\n\n[late]", "give 0 points or more"),
+        ("points = 4\n\n[late]", "points = -4\n\n[late]", "points must be 0 or more"),
         ('"a0.exercises"', '"exercises"', "must start with 'a0' and a dot"),
         ("free_days = 1", "free_days = -1", "free_days = -1: must be a number from 0"),
         ("_per_day = 0.1", "_per_day = 10", "lost_per_day = 10: must be a number from 0 to"),

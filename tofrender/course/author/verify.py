@@ -115,7 +115,7 @@ class _Checks:
     def _given_files(self, name: str) -> Path:
         """Make a folder of the files that students build on."""
         (self.folder / name).mkdir()
-        for file in self.assignment.given:
+        for file in self.assignment.provided_files:
             shutil.copy(self.assignment.starter / file, self.folder / name)
         return self.folder / name
 

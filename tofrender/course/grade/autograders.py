@@ -97,6 +97,6 @@ def _files(assignment: Assignment, edition: Path, folder: str) -> Iterator[tuple
     for file in sorted(edition.rglob("*")):
         if file.is_file():
             yield f"course/{file.relative_to(edition).as_posix()}", file
-    given = [assignment.starter / name for name in assignment.given]
+    given = [assignment.starter / name for name in assignment.provided_files]
     for file in (*judging_files(assignment), *given):
         yield f"course/{folder}/{file.relative_to(assignment.folder).as_posix()}", file

@@ -83,7 +83,7 @@ class Grader:
             remove(folder.parent)
             empty = isinstance(error, unpacking.Nothing)
             return Extracted(folder, f"the submission {error}", empty)
-        for name in self.assignment.given:
+        for name in self.assignment.provided_files:
             if not (folder / name).exists():
                 shutil.copyfile(self.assignment.starter / name, folder / name)
         return Extracted(folder)

@@ -28,7 +28,7 @@ def write(
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise FileExistsError(f"--out = {out}: exists; must be a new folder, or an empty one")
     patterns = [p for p in assignment.rubric.submit if p.endswith(".py")] or ["*.py"]
-    given = set(assignment.given)
+    given = set(assignment.provided_files)
     written, reasons = [], []
     with replacing(out, folder=True) as folder:
         for file in sorted(assignment.starter.glob("*.py")):
