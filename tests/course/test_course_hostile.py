@@ -210,9 +210,9 @@ def test_wire_reads_no_bombs_links_pipes_and_no_other_types(tmp_path):
     write_npz(other, a0=np.zeros(3))
     for make, said in (
         (lambda: write_npz(path, a0=np.zeros(1 << 18)), "more than 1048576"),
-        (lambda: write_npz(path, a0=np.zeros(3, [("x", "f4")])), "is no array of numbers"),
+        (lambda: write_npz(path, a0=np.zeros(3, [("x", "f4")])), "is not an array of numbers"),
         (lambda: path.symlink_to(other), "is not an answer"),
-        (lambda: os.mkfifo(path), "no regular file"),
+        (lambda: os.mkfifo(path), "not a regular file"),
     ):
         make()
         with pytest.raises(ValueError, match=said):
@@ -245,7 +245,7 @@ def test_an_answer_of_another_kind_shows_nothing_of_the_test(tmp_path):
         subprocess.run(command, cwd=staff, capture_output=True, check=False)
         text = json.loads((staff / "r").read_text().splitlines()[-1])["text"]
         assert ("secret" in text) == shown, text
-        assert shown or "of another kind than was asked for (KeyError in line" in text
+        assert shown or "the expected type (KeyError in line" in text
 
 
 BEGIN = """
@@ -316,8 +316,8 @@ MEMBERS = {  # What each member's file holds and why it gets no point; "" where 
     "all attacks": ("@ATTACKS@", ""),
     "closes everybody's files and leaves deep folders": (CLOSES, ""),
     "long text": ("raise ValueError('x' * 100_000_000)", "ValueError: xxx"),
-    "reply that is none": (NO_REPLY, "the reply is none that the worker writes"),
-    "reply that unpacks to much": (BOMB, "is not an answer: it holds"),
+    "reply that is none": (NO_REPLY, "the reply does not have the worker's format"),
+    "reply that unpacks to much": (BOMB, "is not an answer: the file contains"),
     "reply that is a link": (
         "os.symlink('/dev/zero', ANSWERS / '1.npz'); time.sleep(999)",
         "a link",

@@ -57,7 +57,7 @@ def test_failure_says_what_was_expected_and_what_came(assignment, tmp_path):
         "The density integrates to one.",
         "the area",
         "  expected: 1",
-        "  came:     0.05 (0.05 times that)",
+        "  actual:   0.05 (0.05 times that)",
         "  hint:     is 1 / (sqrt(2 pi) sigma) there?",
     ]
     assert "Traceback" not in output
@@ -237,7 +237,7 @@ def test_data_survive_the_wire(tmp_path):
         wire.write(tmp_path / "y.npz", np.array([object()]))
     for junk in (b"", b"PK\3\4 junk", b"no"):
         (tmp_path / "z.npz").write_bytes(junk)
-        with pytest.raises(ValueError, match=r"z\.npz: is not an answer"):
+        with pytest.raises(ValueError, match=r"z\.npz is not an answer"):
             wire.read(tmp_path / "z.npz")
 
 
@@ -274,7 +274,7 @@ def test_exact_comparisons():
     expect.close(1.00005, 1, "x")
     expect.close([[1, 2]], 1.5, "x", atol=0.5)
     for came, wanted, says in (
-        (1.001, 1, "came:     1.001 (1.001 times that)"),
+        (1.001, 1, "actual:   1.001 (1.001 times that)"),
         ([1, 2], [1, 2, 3], r"shape (2,)"),
         ([1, np.nan], [1, 2], "1 that are NaN or infinite, the first at [1]"),
         ("text", 1, "'text'"),
@@ -293,7 +293,7 @@ def fails(compare, *arguments, says: str | None = None, **options) -> expect.Fai
 
 
 def test_nothing_is_no_answer():
-    none = "none: an array of shape"
+    none = "an empty array of shape"
     fails(expect.close, [], 1.0, says=none)
     fails(expect.close, np.zeros((0, 3)), np.zeros((0, 3)), says=none)
     fails(expect.finite, [], says=none)
@@ -311,7 +311,7 @@ def test_a_factor_is_named_hints_and_leaves_a_part():
         (0.5, "1/2", "look here", 0.5),
         (1 / cos, "1/cos", "the cosine is missing", 0),
     ):
-        says = f"which is: {name} times what is right, everywhere"
+        says = f"factor:   {name} times the expected value, everywhere"
         failure = fails(
             expect.close, right * factor, right, says=says, hint="look here", ratios=ratios
         )
@@ -319,10 +319,10 @@ def test_a_factor_is_named_hints_and_leaves_a_part():
         assert failure.fraction == share
     for came in (right * 1.7, np.zeros(4), right * [2, 2, 1, 1]):
         failure = fails(expect.close, came, right, ratios=ratios)
-        assert "which is" not in str(failure)
+        assert "factor:" not in str(failure)
         assert failure.fraction == 0
     for wanted in (1.0, np.ones(5), np.array([1.0, 2.0, 2.0, 0.0])):  # less than three numbers
-        assert fails(expect.close, wanted * np.pi, wanted, says="which is: π").fraction == 0
+        assert fails(expect.close, wanted * np.pi, wanted, says="factor:   π").fraction == 0
     # a bound so wide that several fit
     assert fails(expect.close, right * 2, right, rtol=0.4).fraction == 0
 
@@ -335,11 +335,11 @@ def test_a_factor_is_found_through_noise():
     for numbers, share in ((far, 0.5), (near, 0)):  # numbers that noise does not keep apart
         right = noise * numbers
         for compare, wanted in ((expect.estimate, numbers), (expect.same, right[::-1])):
-            failure = fails(compare, right * np.pi, wanted, says="which is: π times")
+            failure = fails(compare, right * np.pi, wanted, says="factor:   π times")
             assert failure.fraction == share
     assert fails(expect.estimate, noise * 1.2, 1.0).fraction == 0
     one = noise[:, 0] * np.pi
-    assert fails(expect.estimate, one, 1.0, says="which is: π times").fraction == 0
+    assert fails(expect.estimate, one, 1.0, says="factor:   π times").fraction == 0
 
 
 @pytest.mark.statistical

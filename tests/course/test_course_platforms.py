@@ -126,7 +126,7 @@ def test_formats_of_a_results_file(staff, tmp_path, monkeypatch):
     assert made["score"] == pytest.approx(5 / 7)  # with the bonus of 0.5
     assert [test["points"] for test in made["tests"]] == [0.5, 0, 3, 1, 0.5]
     assert made["tests"][0]["message"] == "the sum <is> wrong"
-    assert made["tests"][1]["message"] == "What this test asks for is not shown."
+    assert made["tests"][1]["message"] == "The reason is not shown for this test."
     made = json.loads(formats.classroom50(content))
     assert made["schema"] == "classroom50/result/v1"
     assert (made["score"], made["max-score"]) == (450, 700)  # without it
@@ -140,7 +140,7 @@ def test_formats_of_a_results_file(staff, tmp_path, monkeypatch):
     assert (suite.get("tests"), suite.get("failures")) == ("5", "2")
     assert suite[0].get("classname") == "a0.add"
     assert suite[0].find("failure").text == "the sum <is> wrong"
-    assert suite[1].find("failure").text == "What this test asks for is not shown."
+    assert suite[1].find("failure").text == "The reason is not shown for this test."
     assert "a secret" not in formats.junit(content) + formats.prairielearn(content)
 
 

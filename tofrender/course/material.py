@@ -70,13 +70,13 @@ def handout(text: str, rubric: Rubric) -> str:
     """Replace each line `[[id]]` of a handout by the table of the problem with this id.
 
     Raises:
-        ValueError: The rubric has no problem with an id.
+        ValueError: The rubric does not contain one of these ids.
     """
     problems = {problem.id: problem for problem in rubric.problems}
 
     def fill(match: re.Match) -> str:
         if match[1] not in problems:
-            raise ValueError(f"README.md: [[{match[1]}]]: the rubric has no such problem")
+            raise ValueError(f"README.md: [[{match[1]}]]: the rubric does not contain this problem")
         return block(problems[match[1]])
 
     return BLOCK.sub(fill, text)

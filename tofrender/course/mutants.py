@@ -1,4 +1,4 @@
-"""Mutants: wrong solutions, made by edits of correct ones, and the tests that they must fail."""
+"""Mutants: wrong solutions (edits of correct solutions), and the tests that they must fail."""
 
 from dataclasses import dataclass
 

@@ -23,7 +23,7 @@ def write(source: str, files: Path, path: Path) -> None:
 
     Args:
         source: Text of the percent script.
-        files: Folder of the files whose text is copied into the solution cells.
+        files: Folder of the files. Their text is copied into the solution cells.
         path: Path of the notebook.
 
     Raises:

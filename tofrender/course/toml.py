@@ -31,7 +31,7 @@ def make(kind: type, table: Mapping[str, Any], where: str) -> Any:
     Args:
         kind: The dataclass.
         table: Values by the names of the fields.
-        where: File and table, with which error messages start.
+        where: Beginning of error messages: the file and the table.
 
     Raises:
         ValueError: The table has an unknown key, or lacks a required one.

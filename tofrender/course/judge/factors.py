@@ -15,7 +15,7 @@ import numpy as np
 
 FRACTION = 0.5  # fraction of a test's points that an answer with a constant factor gets
 # Count of different numbers with the same factor that excludes a coincidence. Numbers are
-# different if they are farther apart than the tolerance.
+# different if their distance exceeds the tolerance.
 MIN_NUMBERS = 3
 # Constants that are often forgotten, or applied twice
 FACTORS = {
@@ -58,7 +58,7 @@ def find(
     means: np.ndarray,
     tolerance: float,
 ) -> tuple[str, str, float] | None:
-    """Find the factor by which all elements of an answer are wrong.
+    """Find a factor between an answer and the correct values that is equal for all elements.
 
     Args:
         expected: The correct values.

@@ -155,9 +155,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption(
         "--edition", metavar="DIR", help="folder with the package that the submission imports"
     )
-    group.addoption(
-        "--memory-gib", type=float, metavar="N", help="memory of the submission in GiB"
-    )
+    group.addoption("--memory-gib", type=float, metavar="N", help="memory of the submission in GiB")
     group.addoption(
         "--confine", action="store_true", help="let the submission write only to its scratch folder"
     )
@@ -320,7 +318,7 @@ def rubric_id(nodeid: str) -> str:
 
 
 def _problem(item: Any) -> rubric.Problem | None:
-    """Return the problem that a test's marker names, None if there is no such marker."""
+    """Return the problem that a test's marker names, None without such a marker."""
     problems = item.config.stash[RUBRIC].problems
     return next((p for p in problems if item.get_closest_marker(p.marker)), None)
 

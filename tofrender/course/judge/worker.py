@@ -214,7 +214,7 @@ def _with_lines(
 ) -> str:
     """Append the student's lines to a message.
 
-    The lines are those of the first traceback that contains files of the submission.
+    The lines come from the first traceback that contains files of the submission.
     """
     for frames in tracebacks:
         lines = [

@@ -59,7 +59,7 @@ def save(path: Path, cell: str) -> str:
     changed, the cell's text is written, and the editor's text is kept in a numbered backup.
 
     Returns:
-        A message for the student that reports what was done.
+        A message for the student about the result.
     """
     name = path.name
     new = (cell.rstrip() + "\n").encode()
@@ -80,7 +80,9 @@ def save(path: Path, cell: str) -> str:
             numbered = (path.with_name(f"{name}.{number}") for number in itertools.count(1))
             backup = next(each for each in numbered if not each.exists())
             backup.write_bytes(old)
-            message += f". It had been changed outside of this cell; the old text is in {backup.name}"
+            message += (
+                f". It had been changed outside of this cell; the old text is in {backup.name}"
+            )
 
     # Write the cell's text, and remember it
     with replacing(path) as temporary:
@@ -99,7 +101,7 @@ def run_tests(folder: Path, name: str, options: str = "") -> str:
         options: Options of pytest, one per line. Lines that start with # are ignored.
 
     Raises:
-        ValueError: The assignment has no such file or problem.
+        ValueError: The assignment does not contain this file or problem.
     """
     if not (folder / "tests").is_dir():
         return f"{folder} does not contain tests"
