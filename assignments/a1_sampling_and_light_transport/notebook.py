@@ -2,7 +2,7 @@
 # # A1: sampling and light transport
 #
 # **Overview.** You warp uniform random numbers to points, normals and directions of a given
-# density, sample directions towards lights, and write three path tracers that render the same
+# density, sample directions toward lights, and write three path tracers that render the same
 # picture with very different noise. For each problem, this notebook has a cell that contains its
 # file, and a cell that runs it and draws pictures. The [handout](README.md) explains the theory and
 # specifies each function.
@@ -442,7 +442,7 @@ def three(builder, spp=SPP, **options):
 
 
 def show_three(renders, name, exposure):
-    """One render of each, and their mean colours."""
+    """One render of each, and their mean colors."""
     figure, axes = plt.subplots(1, 3, figsize=(13, 4), layout="constrained")
     for ax, (strategy, images) in zip(axes, renders.items(), strict=True):
         ax.imshow(tofrender.tonemap(images[0], exposure=exposure))

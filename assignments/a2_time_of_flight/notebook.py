@@ -158,7 +158,7 @@ plt.show()
 # %%
 film_config = {"temporal_bins": 300, "start_opl": 3.5, "bin_width_opl": 0.02}
 start, width = film_config["start_opl"], film_config["bin_width_opl"]
-opl = start + (np.arange(300) + 0.5) * width  # m, centres of the bins
+opl = start + (np.arange(300) + 0.5) * width  # m, centers of the bins
 gated = render_transient(scene, integrator, sensor, film_config, spp=SPP)
 steady_sum = gated.sum(axis=2) * width
 steady_scene = mi.load_dict(tofrender.cornell_box_steady_state(width=SIZE, height=SIZE))
@@ -187,7 +187,7 @@ show(axes[0], tofrender.tonemap(steady_sum, exposure=exposure), "sum over gates"
 for name, (x, y) in pixels.items():
     (line,) = axes[1].plot(opl_to_ns(opl), gated[y, x, :, 0], label=f"{name} ({x}, {y})")
     axes[0].plot(x, y, "o", color=line.get_color(), markeredgecolor="white", markersize=9)
-axes[1].set(xlabel="time [ns]", ylabel="red radiance per metre [W m$^{-2}$ sr$^{-1}$ m$^{-1}$]")
+axes[1].set(xlabel="time [ns]", ylabel="red radiance per meter [W m$^{-2}$ sr$^{-1}$ m$^{-1}$]")
 axes[1].legend(frameon=False)
 figure.savefig(OUT / "pixel_responses.png", dpi=110)
 plt.show()
@@ -255,7 +255,7 @@ tofrender.phasor_panel(FREQUENCIES, *flash_phasors, title="with a flash at the c
 # %% [markdown]
 # The error of the depth, compared with the distance of the first surface. Depths that are too small
 # by whole unambiguous ranges have wrapped. The remaining error is due to indirect light (multi-path
-# interference). The phasors of the colour channels are added; their phases are not averaged.
+# interference). The phasors of the color channels are added; their phases are not averaged.
 
 
 # %%
@@ -479,14 +479,14 @@ wall_shapes = [shape for shape in corner.shapes() if shape.id() in ("relay_wall"
 kind = np.array(si.is_valid()).astype(int) + np.array(is_on_relay_wall(si, wall_shapes))
 figure, ax = plt.subplots(figsize=(8, 3.4), layout="constrained")
 shown = ax.imshow(kind.reshape(rows, columns), extent=(-180, 180, -90, 90), vmin=0, vmax=2)
-ax.set(xlabel="azimuth [degrees], 0 towards the wall", ylabel="elevation [degrees]")
+ax.set(xlabel="azimuth [degrees], 0 toward the wall", ylabel="elevation [degrees]")
 bar = figure.colorbar(shown, ax=ax, ticks=[0, 1, 2])
 bar.ax.set_yticklabels(["nothing", "something", "relay wall"])
 plt.show()
 
 # %% [markdown]
 # A test with a closed form: the light that a tilted patch reflects back to the laser spot,
-# $\Phi\rho_w^2\rho_h\cos^2\theta_w\cos^2\theta_h/(\pi^3r^4)$ per square metre of the patch. A
+# $\Phi\rho_w^2\rho_h\cos^2\theta_w\cos^2\theta_h/(\pi^3r^4)$ per square meter of the patch. A
 # missing cosine is visible at large tilts.
 
 # %%
@@ -537,7 +537,7 @@ nlos_start, nlos_width = film["start_opl"], film["bin_width_opl"]
 save("nlos.npz", **captures, start_opl=nlos_start, bin_width_opl=nlos_width)
 
 # %% [markdown]
-# Responses of the wall points on a line half a metre above the middle of the wall. The device is
+# Responses of the wall points on a line half a meter above the middle of the wall. The device is
 # 0.25 m in front of the wall, and its distance d from each point is included in the length,
 # 2d + 2r. The curves show the first arrival, from the nearest point of the letter and of the floor.
 
@@ -605,7 +605,7 @@ ax.legend(frameon=False, title="spot_sigma")
 plt.show()
 
 # %% [markdown]
-# ## 10. Bonus: fog and polarised light
+# ## 10. Bonus: fog and polarized light
 # Problem `a2.fog`.
 
 # %% [solution] fog.py
@@ -635,7 +635,7 @@ except NotImplementedError as error:
 
 # %% [markdown]
 # The response of the Cornell box filled with an absorbing gas, computed from the bins that you have
-# rendered; and the fraction of light polarised at 30° that passes three polarisers, over the angle
+# rendered; and the fraction of light polarized at 30° that passes three polarizers, over the angle
 # of the middle one. The outer two are crossed.
 
 # %%
@@ -655,7 +655,7 @@ try:
         middle = through_polariser(through_polariser(light, 0.0), angle)
         passed.append(through_polariser(middle, np.pi / 2)[0])
     axes[1].plot(np.degrees(angles), passed)
-    axes[1].set(xlabel="angle of the middle polariser [degrees]", ylabel="light")
+    axes[1].set(xlabel="angle of the middle polarizer [degrees]", ylabel="light")
     plt.show()
 except NotImplementedError as error:
     print(error)

@@ -175,7 +175,7 @@ save("strategies.npz", strategies=np.array(strategies, float), alone=alone, shar
 
 # %% [markdown]
 # ## 5. The caustic in flight
-# All strategies, in time bins. Light through the centre of the sphere is not refracted; in glass,
+# All strategies, in time bins. Light through the center of the sphere is not refracted; in glass,
 # its optical path length is $n$ times the geometric one:
 #
 # $$\mathrm{opl} = |x_\mathrm{lamp} - x_\mathrm{floor}| + 2r(n - 1) + |x_\mathrm{floor} - x_\mathrm{camera}|.$$
@@ -245,7 +245,7 @@ save(
 # **Questions.** Answer in this cell.
 # 1. Which light is missing in the light tracer's picture? Which strategy of `strategies.npz` has it?
 # 2. Why does (2, 3) contain the floor, but not the caustic?
-# 3. The light through the centre of the sphere is not the last light of the caustic to arrive.
+# 3. The light through the center of the sphere is not the last light of the caustic to arrive.
 #    Which light arrives later, and along which path?
 # 4. Where in the picture is the light tracer worse than the path tracer? Would more paths change
 #    the ratio?

@@ -91,7 +91,7 @@ plt.show()
 # %% [markdown]
 # ## 2. Pile-up
 # Problem `a4.pile_up`. A SPAD that detects the first photon of each cycle misses the others. The
-# histogram leans towards early times; Coates' correction undoes that.
+# histogram leans toward early times; Coates' correction undoes that.
 
 # %% [solution] pile_up.py
 

@@ -91,7 +91,7 @@ class Sphere(Shape):
         return axis, dr.select(outside, dr.square(half), 1), outside
 
     def _meet(self, o, d, certain):
-        """The point nearest to the centre, and half a chord before (from inside, after) it."""
+        """The point nearest to the center, and half a chord before (from inside, after) it."""
         _, q_max, outside = self._cone(o)
         to_centre = vector(self.centre) - o
         ahead = dr.dot(to_centre, d)

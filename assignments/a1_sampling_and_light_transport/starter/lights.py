@@ -157,7 +157,7 @@ class SurfaceGroup(Shape):
         raise NotImplementedError("a1.lights: SurfaceGroup.is_emissive")
 
     def sample(self, o: mi.Point3f, sample: mi.Point2f) -> EmitterRecord:
-        """A direction towards one of the shapes, and what is seen there."""
+        """A direction toward one of the shapes, and what is seen there."""
         raise NotImplementedError("a1.lights: SurfaceGroup.sample")
 
     def record(self, o: mi.Point3f, v: mi.Vector3f) -> EmitterRecord:

@@ -116,7 +116,7 @@ def patch_pdf(p, o, normal, area):
 
 
 def cone_pdf(radius, distance):
-    """Density [1/sr] of uniform directions towards a sphere seen from outside."""
+    """Density [1/sr] of uniform directions toward a sphere seen from outside."""
     half = 0.5 * np.arcsin(radius / distance)
     return 1 / (4 * np.pi * np.sin(half) ** 2)
 

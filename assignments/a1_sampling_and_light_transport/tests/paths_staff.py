@@ -41,12 +41,12 @@ def colour(random, low, high):
 
 
 def matte(reflectance):
-    """A coloured diffuse material."""
+    """A colored diffuse material."""
     return {"type": "diffuse", "reflectance": scenes.rgb(*reflectance)}
 
 
 def lamp(radiance):
-    """A coloured light."""
+    """A colored light."""
     return {"type": "area", "radiance": scenes.rgb(*radiance)}
 
 
@@ -200,7 +200,7 @@ def check_lights(submission, integrator, noise):
         "a rough plate under a point light",
         "nothing",
     ]
-    hint = "all lights count, each once and with its own colour, and only where they are seen; " + (
+    hint = "all lights count, each once and with its own color, and only where they are seen; " + (
         "point lights and the sun are never met" if not meets_points else "a chance for each"
     )
     compare(came, wanted, names, noise=noise, hint=hint)
@@ -225,7 +225,7 @@ CORNERS = np.array([[-1, 1, 1, -1], [-1, -1, 1, 1], [0, 0, 0, 0], [1, 1, 1, 1.0]
 
 
 def rough_mirror(wi, wo, alpha):
-    """Reflectance times cosine of GGX normals without colour, at +z (Walter et al. 2007)."""
+    """Reflectance times cosine of GGX normals without color, at +z (Walter et al. 2007)."""
     h = wi + wo
     h = h / np.linalg.norm(h, axis=1, keepdims=True)
     tan2 = (1 - h[:, 2] ** 2) / h[:, 2] ** 2
@@ -305,7 +305,7 @@ def check_sky(submission, integrator, noise):
 
 
 def fresnel(angle, ior):
-    """Share of unpolarised light that is reflected where glass begins."""
+    """Share of unpolarized light that is reflected where glass begins."""
     cos, inside = np.cos(angle), np.sqrt(1 - (np.sin(angle) / ior) ** 2)
     s, p = (cos - ior * inside) / (cos + ior * inside), (ior * cos - inside) / (ior * cos + inside)
     return 0.5 * (s**2 + p**2)

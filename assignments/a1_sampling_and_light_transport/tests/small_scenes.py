@@ -6,7 +6,7 @@ import numpy as np
 
 
 def rgb(*values):
-    """A colour."""
+    """A color."""
     return {"type": "rgb", "value": list(values) if len(values) == 3 else [*values] * 3}
 
 

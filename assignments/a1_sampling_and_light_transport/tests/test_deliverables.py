@@ -49,7 +49,7 @@ def renders(submission, name, keys):
 
 
 def picture(submission, name):
-    """A PNG file of some size that shows more than one colour."""
+    """A PNG file of some size that shows more than one color."""
     path = submission.path(f"deliverables/{name}.png")
     from PIL import Image
 
@@ -170,7 +170,7 @@ def test_three_path_tracers(submission, name):
     means = {key: content[key].astype(float).mean(axis=(1, 2)) for key in ("mats", "nee", "mis")}
     hint = "same scene, size and max_bounces; is light counted once, in each of them?"
     for key in ("mats", "nee"):
-        what = f"mean colour of {name}.npz, {key} against mis"
+        what = f"mean color of {name}.npz, {key} against mis"
         expect.same(means[key], means["mis"], what, rounding=2e-3, hint=hint)
     expect.true(means["mis"].mean() > 0.05, f"{name}.npz must show the lit scene")
     if name == "veach":
@@ -200,7 +200,7 @@ def test_equal_lights(submission):
     hint = "spheres of one power give the same light at any radius, if the whole sphere is seen"
     parts = {key: content[key].astype(float).mean(axis=(1, 2)) for key in sizes}
     for key in ("small", "large"):
-        what = f"mean colour of sphere_lights.npz, {key} against medium"
+        what = f"mean color of sphere_lights.npz, {key} against medium"
         expect.same(parts[key], parts["medium"], what, rounding=2e-3, hint=hint)
     expect.true(parts["medium"].mean() > 0.05, "sphere_lights.npz must show the lit scene")
     content = renders(submission, "rectangle_light", ("quad", "triangles"))
@@ -208,7 +208,7 @@ def test_equal_lights(submission):
         content[key].astype(float).mean(axis=(1, 2)) for key in ("quad", "triangles")
     )
     hint = "two triangles are one rectangle: are all lights asked, each with its chance?"
-    what = "mean colour of rectangle_light.npz, triangles against quad"
+    what = "mean color of rectangle_light.npz, triangles against quad"
     expect.same(triangles, quad, what, rounding=2e-3, hint=hint)
     expect.true(quad.mean() > 0.05, "rectangle_light.npz must show the lit scene")
 

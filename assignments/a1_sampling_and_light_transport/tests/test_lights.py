@@ -114,19 +114,19 @@ def test_sphere_samples(submission):
     expect.true(
         u[:, 0].max() < 1 + 1e-3,
         "directions must lie in the cone of the sphere",
-        hint="cos(theta_max) = sqrt(D^2 - r^2) / D, around the direction to the centre",
+        hint="cos(theta_max) = sqrt(D^2 - r^2) / D, around the direction to the center",
     )
     expect.histogram(
         formulas.cells(np.clip(u, 0, 1), (0, 0), (1, 1), (8, 8)),
         np.full((8, 8), 1 / 64),
         "directions in parts of the cone of equal solid angle",
-        hint="turn the cap's directions from +z to the centre of the sphere",
+        hint="turn the cap's directions from +z to the center of the sphere",
     )
     wanted = formulas.cone_pdf(RADIUS, far)
     hint = "1 / (2 pi (1 - cos(theta_max))), without a geometry factor"
     expect.close(record["pdf"], wanted, "pdf of sampled directions", rtol=1e-3, hint=hint)
     beside = np.linalg.norm(record["p"] - CENTRE, axis=1)
-    expect.close(beside, RADIUS, "distance of p from the centre", atol=2e-3)
+    expect.close(beside, RADIUS, "distance of p from the center", atol=2e-3)
     check_points(record, ORIGIN, "a sphere")
     inside = sampled(submission, SPHERE, INSIDE)
     hint = "from inside every direction meets the sphere, and the root is of a negative number"

@@ -161,7 +161,7 @@ def test_transformed_sphere(submission):
     came = submission.ask("light_record", light=light, o=o, v=v)
     expected = lights.seen(plain, o, v)
     clear = expected["clear"]
-    hint = "the transform moves the centre, and its scale changes the radius"
+    hint = "the transform moves the center, and its scale changes the radius"
     what = "pdf of a moved sphere"
     expect.close(came["pdf"][clear], expected["pdf"][clear], what, rtol=1e-2, hint=hint)
     hit = clear & np.isfinite(expected["distance"])

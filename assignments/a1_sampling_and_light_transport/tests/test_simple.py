@@ -16,7 +16,7 @@ DOWN = np.array([0.0, 0.6, -0.8])
 
 
 def look(submission, scene, points, energy=40.0, position=LIGHT, d=DOWN):
-    """Radiance of points that are seen along `d` from one metre away, shape (n, 3)."""
+    """Radiance of points that are seen along `d` from one meter away, shape (n, 3)."""
     d = np.broadcast_to(d, points.shape)
     return submission.ask(
         "radiance",
@@ -111,4 +111,4 @@ def test_picture(submission):
     origin, normal = np.zeros((1, 3)), np.array([0, 0, 1.0])
     wanted = formulas.point_light(np.array([0.5, 0, 2.0]), 40.0, origin, normal)[0]
     expect.shape(came, (8, 8, 3), "picture")
-    expect.close(came.mean(axis=(0, 1)), wanted, "mean colour of a picture of the plane", rtol=1e-2)
+    expect.close(came.mean(axis=(0, 1)), wanted, "mean color of a picture of the plane", rtol=1e-2)

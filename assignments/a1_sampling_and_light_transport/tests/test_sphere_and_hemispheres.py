@@ -67,7 +67,7 @@ def test_densities_above_the_horizon(submission, name, density):
     v, _ = formulas.sphere_grid(40, 8)
     v = v[v[:, 2] > 0]
     came = submission.ask("warp_pdf", name=f"{name}_pdf", points=v)
-    hint = "a density per solid angle integrates to 1: is it normalised, with the cosine once?"
+    hint = "a density per solid angle integrates to 1: is it normalized, with the cosine once?"
     x, x_label = np.arccos(v[:, 2]), "theta [rad]"
     what = f"density of {name}"
     ratios = {

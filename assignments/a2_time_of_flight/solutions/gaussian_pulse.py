@@ -9,7 +9,7 @@ import mitsuba as mi
 
 
 class GaussianPulse:
-    """Normalised Gaussian p(t) = exp(-t² / (2 σ²)) / (σ √(2π))."""
+    """Normalized Gaussian p(t) = exp(-t² / (2 σ²)) / (σ √(2π))."""
 
     def __init__(self, width_opl: float) -> None:
         self.width_opl = width_opl

@@ -28,7 +28,7 @@ class TimeGatedTransientPath(mi.SamplingIntegrator):
         self.pulse: Any = GaussianPulse(props.get("pulse_width_opl", 0.03))
 
     def sample(self, scene, sampler, ray, target_time, medium=None, active=True, origin=None):
-        """Radiance per metre along rays at one instant."""
+        """Radiance per meter along rays at one instant."""
         arrivals, valid = self.arrivals(scene, sampler, ray, active, origin)
         result = mi.Color3f(0)
         for light, opl in arrivals:

@@ -1,4 +1,4 @@
-"""Problem a2.fog: scattering and absorption in fog, and polarisers."""
+"""Problem a2.fog: scattering and absorption in fog, and polarizers."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def wander(
 
 
 def through_polariser(stokes: np.ndarray, angle: float) -> np.ndarray:
-    """Light behind an ideal linear polariser.
+    """Light behind an ideal linear polarizer.
 
     Args:
         stokes: Stokes vectors (S0, S1, S2, S3) in the last axis, shape (..., 4).

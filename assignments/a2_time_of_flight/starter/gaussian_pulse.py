@@ -9,9 +9,9 @@ import mitsuba as mi
 
 
 class GaussianPulse:
-    """Normalised Gaussian p(t) = exp(-t² / (2 σ²)) / (σ √(2π)), centred at t = 0.
+    """Normalized Gaussian p(t) = exp(-t² / (2 σ²)) / (σ √(2π)), centered at t = 0.
 
-    Time is measured as optical path length: t is in metres, the density in 1/m.
+    Time is measured as optical path length: t is in meters, the density in 1/m.
 
     Args:
         width_opl: Standard deviation σ [m], above 0.
@@ -28,7 +28,7 @@ class GaussianPulse:
         raise NotImplementedError("a2.gaussian_pulse: set self.normalization")
 
     def eval(self, t: mi.Float) -> mi.Float:
-        """Density [1/m] at the offset `t` [m] from the pulse's centre."""
+        """Density [1/m] at the offset `t` [m] from the pulse's center."""
         raise NotImplementedError("a2.gaussian_pulse: GaussianPulse.eval")
 
     def cdf(self, t: mi.Float) -> mi.Float:

@@ -17,7 +17,7 @@ def transient_to_phasor(
     Args:
         transient_data: Radiance **per bin**, shape (height, width, bins, channels). Bin k covers
             start_opl + k bin_width_opl to start_opl + (k + 1) bin_width_opl; its light counts as
-            if it arrived at the centre.
+            if it arrived at the center.
         frequency_hz: Modulation frequency f [Hz].
         start_opl: Start of the first bin [m].
         bin_width_opl: Width of a bin [m].
@@ -34,7 +34,7 @@ def sum_channels(
     Q: np.ndarray,
     frequency_hz: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Phasors of a sensor without colour filters, from those of the channels.
+    """Phasors of a sensor without color filters, from those of the channels.
 
     Args:
         I: Real parts, channels in the last axis.

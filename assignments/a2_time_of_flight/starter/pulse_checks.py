@@ -12,7 +12,7 @@ import numpy as np
 def check_pulse(pulse) -> None:
     """Raise an AssertionError if `pulse` breaks this contract; it may say what is wrong.
 
-    A pulse of any shape, symmetric or not, a few millimetres to a few metres wide, has
+    A pulse of any shape, symmetric or not, a few millimeters to a few meters wide, has
 
     - `support`: (first, last) offset [m] beyond which at most 1e-4 of all energy lies;
     - `eval(t)`: its density [1/m] at the offsets `t` [m], never negative, with the integral 1;

@@ -18,7 +18,7 @@ class TimeGatedTransientPath(mi.SamplingIntegrator):
 
     Every contribution of a path, by a connection or by an emitter that a ray runs into, is
     weighted by p(target_time - opl), where p is the light's pulse and opl the path's length. The
-    value is a radiance per metre; the sum over gates times their spacing is the steady image.
+    value is a radiance per meter; the sum over gates times their spacing is the steady image.
 
     Lengths are sums of distances between the points of a path, from the emitter to the sensor.
 
@@ -40,7 +40,7 @@ class TimeGatedTransientPath(mi.SamplingIntegrator):
         self.pulse: Any = GaussianPulse(props.get("pulse_width_opl", 0.03))
 
     def sample(self, scene, sampler, ray, target_time, medium=None, active=True, origin=None):
-        """Radiance per metre along rays at one instant.
+        """Radiance per meter along rays at one instant.
 
         Args:
             scene: The scene.
@@ -80,7 +80,7 @@ def render_at_time(
         seed: Seed of the random numbers; another seed gives other paths.
 
     Returns:
-        Radiance per metre, float32 array of shape (height, width, 3).
+        Radiance per meter, float32 array of shape (height, width, 3).
     """
     raise NotImplementedError("a2.time_gated: render_at_time")
 
@@ -93,7 +93,7 @@ def render_transient(
     spp: int = 64,
     seed: int = 0,
 ) -> np.ndarray:
-    """Render many instants: gates at the centres of time bins.
+    """Render many instants: gates at the centers of time bins.
 
     All gates see the same paths: what one sample finds, each of them weights by its own time. So
     the paths need to be traced only once.
@@ -109,6 +109,6 @@ def render_transient(
         seed: Seed of the random numbers.
 
     Returns:
-        Radiance per metre, float32 array of shape (height, width, T, 3).
+        Radiance per meter, float32 array of shape (height, width, T, 3).
     """
     raise NotImplementedError("a2.time_gated: render_transient")

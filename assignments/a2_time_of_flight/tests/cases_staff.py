@@ -208,7 +208,7 @@ def materials(random):
 
 
 def long_paths(random, max_depth):
-    """A lamp in the middle of a coloured sphere, which every vertex sees unhindered."""
+    """A lamp in the middle of a colored sphere, which every vertex sees unhindered."""
     radius, albedo = random.uniform(0.6, 1.6), random.permutation([0.9, 0.75, 0.5])
     intensity = random.uniform(1.0, 4.0, 3)
     case = Case({"relay_wall": sphere(radius, albedo), "lamp": point((0, 0, 0), intensity)})

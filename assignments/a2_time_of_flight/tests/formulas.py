@@ -1,4 +1,4 @@
-"""What is right, in closed form and NumPy alone. Lengths in metres."""
+"""What is right, in closed form and NumPy alone. Lengths in meters."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def lamp(x, y, camera) -> tuple[np.ndarray, np.ndarray]:
 def over_pixels(value, camera, fov, width, height, fine=40) -> np.ndarray:
     """Means of value(x, y) over the pixels of a camera that looks straight down, up = +y.
 
-    The field of view is that of the width; columns run towards +x and rows towards -y.
+    The field of view is that of the width; columns run toward +x and rows toward -y.
     """
     half = camera[2] * math.tan(math.radians(fov) / 2)
     columns = (np.arange(width * fine) + 0.5) / (width * fine)
@@ -116,7 +116,7 @@ def disk_total(h, radius, radiance) -> float:
 
 
 def sphere_totals(bounces, radius, albedo, intensity) -> float:
-    """Radiance up to so many bounces in a sphere, lamp and camera at the centre.
+    """Radiance up to so many bounces in a sphere, lamp and camera at the center.
 
     Direct light is ρ I / (π R²). Any two points of a sphere exchange equally, cos cos / d² =
     1 / (4 R²), so each further bounce multiplies by ρ.
@@ -230,7 +230,7 @@ def disk_average(value, h, radius, radiance, fine=2000) -> complex:
     return np.sum(disk_masses(edges, h, radius, radiance) * value(middles))
 
 
-# ------------------------------------------------------------------------- fog and polarisers
+# ------------------------------------------------------------------------- fog and polarizers
 
 
 def absorbed(bins, mu_a, start, width) -> np.ndarray:
@@ -264,7 +264,7 @@ def wandered(mu_s, g, s) -> np.ndarray:
 
 
 def polarised(stokes, angle) -> np.ndarray:
-    """Behind a polariser: the part that passes, all of it along the axis."""
+    """Behind a polarizer: the part that passes, all of it along the axis."""
     s0, s1, s2 = (np.asarray(stokes, float)[..., k] for k in range(3))
     axis = np.array([1, math.cos(2 * angle), math.sin(2 * angle), 0])
     return ((s0 + axis[1] * s1 + axis[2] * s2) / 2)[..., None] * axis

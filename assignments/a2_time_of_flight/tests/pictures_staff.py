@@ -1,4 +1,4 @@
-"""Pictures of any size, in colour, of the plane under the lamp."""
+"""Pictures of any size, in color, of the plane under the lamp."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tofrender.course.judge import expect
 
 
 def drawn_view(random):
-    """A camera over the plane with a crop, colours of plane and lamp, and what pixels see.
+    """A camera over the plane with a crop, colors of plane and lamp, and what pixels see.
 
     The last takes a function of (light, length) and gives its means, shape (height, width, 3).
     """

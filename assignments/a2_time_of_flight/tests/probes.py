@@ -380,7 +380,7 @@ def _on(theirs, scene, names, x, y, z):
     return mask
 
 
-# ------------------------------------------------------------------------- fog and polarisers
+# ------------------------------------------------------------------------- fog and polarizers
 
 
 def absorbed(theirs, transient, mu_a, start_opl, bin_width_opl):

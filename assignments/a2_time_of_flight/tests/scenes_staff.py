@@ -19,7 +19,7 @@ def diffuse(albedo):
 
 
 def placed(centre, right, up, half):
-    """The matrix of a rectangle [-1, 1]² with its centre, axes of length 1 and half sizes."""
+    """The matrix of a rectangle [-1, 1]² with its center, axes of length 1 and half sizes."""
     matrix = np.eye(4)
     matrix[:3] = np.stack(
         [np.multiply(right, half[0]), np.multiply(up, half[1]), np.cross(right, up), centre], axis=1
@@ -87,7 +87,7 @@ def ggx(alpha, wi, wo, normal=(0.0, 0.0, 1.0)):
 
 
 def fresnel(cos, eta):
-    """Reflectance of a boundary for unpolarised light that comes from air."""
+    """Reflectance of a boundary for unpolarized light that comes from air."""
     inside = np.sqrt(1 - (1 - cos**2) / eta**2)
     s = (cos - eta * inside) / (cos + eta * inside)
     p = (eta * cos - inside) / (eta * cos + inside)

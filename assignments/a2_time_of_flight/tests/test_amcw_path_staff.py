@@ -27,12 +27,12 @@ def test_any_material(submission):
 
 
 def test_long_paths(submission):
-    """Many bounces in a coloured sphere."""
+    """Many bounces in a colored sphere."""
     tracers_staff.bounces(submission, NAME)
 
 
 def test_pictures(submission):
-    """Pictures of any size, in colour, by a modulation of any slope."""
+    """Pictures of any size, in color, by a modulation of any slope."""
     random = submission.random
     view, colours, value = drawn_view(random)
     ramp = random.uniform(0.2, 1.0), random.uniform(0.1, 0.5)

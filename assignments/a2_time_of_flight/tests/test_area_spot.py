@@ -47,7 +47,7 @@ def spread(sigma):
 
 
 def test_narrow_beam_is_a_point(submission):
-    """A beam of a millimetre gives what the point gives, a very wide one does not."""
+    """A beam of a millimeter gives what the point gives, a very wide one does not."""
     wanted = three(TARGET)[1].sum()
     wide = render(submission, (40, 1.5, 0.1), 0.3)[0].mean()
     what = f"light with spot_sigma = 0.3: expected other than that of a point, {wanted:.4g}"

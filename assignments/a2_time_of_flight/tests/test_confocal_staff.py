@@ -158,12 +158,12 @@ def test_any_material(submission):
         both = [np.sum(light), np.sum(light * (2 * d + 2 * r))]
         add(case, eye, p, d, [[each * tint**2 * hidden.albedo for each in both]])
     came = case.ask(submission, NAME, lanes=8192, max_depth=3)
-    hint = "bsdf.eval of the wall, at both ends, with si.wi towards the device; not albedo / π"
+    hint = "bsdf.eval of the wall, at both ends, with si.wi toward the device; not albedo / π"
     compare(came, case, hint, most=0.18)
 
 
 def test_long_paths(submission):
-    """Many bounces in a coloured sphere, with roulette that begins early, late or by default."""
+    """Many bounces in a colored sphere, with roulette that begins early, late or by default."""
     random = submission.random
     for options, deepest in (
         ({"max_depth": 16, "rr_depth": int(random.integers(1, 5))}, 16),

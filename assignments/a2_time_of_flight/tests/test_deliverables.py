@@ -94,12 +94,12 @@ def test_transient(submission):
 
 
 def test_gates_and_film_agree(submission):
-    """render_transient and TransientPath measure the same light: per metre, and per bin."""
+    """render_transient and TransientPath measure the same light: per meter, and per bin."""
     film, _ = cube(submission, "transient.npz")
     gated, _ = cube(submission, "gated.npz")
     per_bin = gated.sum((0, 1, 3)) * WINDOW["bin_width_opl"]
     profile = film.sum((0, 1, 3))
-    hint = "gates give radiance per metre: times bin_width_opl it compares with film bins"
+    hint = "gates give radiance per meter: times bin_width_opl it compares with film bins"
     expect.shape(gated, film.shape, "deliverables/gated.npz, transient", hint="one resolution")
     expect.close(per_bin.sum() / profile.sum(), 1.0, "light of gates / bins", rtol=0.06, hint=hint)
     groups = [values.reshape(30, 10).sum(axis=1) / values.sum() for values in (per_bin, profile)]
@@ -169,7 +169,7 @@ def either(submission, first, second):
 
 
 def animation_frames(submission, most=40):
-    """Frames of animation.gif or animation.mp4 in grey, at most so many."""
+    """Frames of animation.gif or animation.mp4 in gray, at most so many."""
     from PIL import Image, ImageSequence
 
     path = either(submission, "deliverables/animation.gif", "deliverables/animation.mp4")

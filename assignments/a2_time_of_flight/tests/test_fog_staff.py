@@ -1,4 +1,4 @@
-"""Any fog, any polariser."""
+"""Any fog, any polarizer."""
 
 import formulas
 import numpy as np
@@ -87,7 +87,7 @@ def test_any_photon(submission):
 
 
 def test_any_polariser(submission):
-    """Light of drawn polarisation, in arrays of any shape, through drawn polarisers."""
+    """Light of drawn polarization, in arrays of any shape, through drawn polarizers."""
     random = submission.random
     for shape in ((4,), (3, 4), (2, 5, 3, 4)):
         stokes = random.normal(size=shape)
@@ -96,6 +96,6 @@ def test_any_polariser(submission):
         angle = float(random.uniform(-np.pi, np.pi))
         came = submission.ask("behind_polariser", stokes=stokes, angle=angle)
         wanted = formulas.polarised(stokes, angle)
-        what = f"Stokes vectors of shape {shape} behind a polariser at {np.degrees(angle):.1f}°"
+        what = f"Stokes vectors of shape {shape} behind a polarizer at {np.degrees(angle):.1f}°"
         hint = "components are in the last axis; angles of Stokes vectors count twice"
         expect.close(came, wanted, what, rtol=1e-4, atol=1e-4, hint=hint)

@@ -23,7 +23,7 @@ def drawn(submission):
 
 
 def test_any_width(submission):
-    """Two pulses, from a millimetre to a few metres, side by side."""
+    """Two pulses, from a millimeter to a few meters, side by side."""
     for width, pulse in drawn(submission)[0]:
         what = f"of a pulse of σ = {width:.4g} m"
         expect.close(pulse["width_opl"], width, f"width_opl {what}", rtol=1e-5)

@@ -36,7 +36,7 @@ def test_one_path_through_the_gate(submission):
     expect.close(
         came,
         RADIANCE * formulas.hat(offsets, 0.2),
-        "radiance per metre along a ray, gates around the arrival",
+        "radiance per meter along a ray, gates around the arrival",
         rtol=2e-3,
         atol=1e-4 * RADIANCE,
         hint="weight is p(target_time - opl); opl is the way to the surface and on to the light",
@@ -52,7 +52,7 @@ def test_pulse_comes_after_its_front(submission):
     expect.close(
         came,
         RADIANCE * formulas.decay(offsets, 0.1),
-        "radiance per metre with a pulse that starts at 0 and decays",
+        "radiance per meter with a pulse that starts at 0 and decays",
         rtol=2e-3,
         hint="which sign has the offset? use self.pulse, whatever it is",
         x=offsets,
@@ -144,7 +144,7 @@ def test_area_light(submission):
     expect.estimate(
         came[:, 0, 0, some, 0],
         0.5 / math.pi * np.array(wanted)[some],
-        "radiance per metre",
+        "radiance per meter",
         rounding=5e-3,
         hint=hint,
         x=times[some],
@@ -206,7 +206,7 @@ def test_many_gates(submission):
     wanted = np.moveaxis(formulas.over_pixels(value, camera, 60.0, *size), 0, 2)
     some = [1, 4, 7]
     expect.estimate(
-        came[..., some, 0], wanted[:, :, some], "radiance per metre", rounding=5e-3, hint=hint
+        came[..., some, 0], wanted[:, :, some], "radiance per meter", rounding=5e-3, hint=hint
     )
 
 

@@ -24,7 +24,7 @@ def test_any_material(submission):
 
 
 def test_long_paths(submission):
-    """Many bounces in a coloured sphere."""
+    """Many bounces in a colored sphere."""
     tracers_staff.bounces(submission, NAME)
 
 
@@ -48,7 +48,7 @@ def test_any_pulse(submission):
         expect.close(
             came,
             wanted,
-            f"radiance per metre along a ray, pulse {pulse or 'Gaussian'}, {options or 'defaults'}",
+            f"radiance per meter along a ray, pulse {pulse or 'Gaussian'}, {options or 'defaults'}",
             rtol=3e-3,
             atol=3e-3 * wanted.max(),
             hint="self.pulse.eval(target_time - opl), whatever the pulse is",
@@ -56,10 +56,10 @@ def test_any_pulse(submission):
 
 
 def test_pictures(submission):
-    """Pictures of any size, in colour, of one gate and of many, with a pulse of any shape."""
+    """Pictures of any size, in color, of one gate and of many, with a pulse of any shape."""
     random = submission.random
     view, colours, value = drawn_view(random)
-    first = float(random.uniform(-1.4, -1.0))  # Nearly all of it comes before its centre
+    first = float(random.uniform(-1.4, -1.0))  # Nearly all of it comes before its center
     pulse = ("slope", first, first + float(random.uniform(0.9, 1.2)))
     gates = (int(random.integers(5, 9)), 2.0 + float(random.uniform(0, 0.3)), 0.15)
     time = float(random.uniform(2.6, 3.2))

@@ -27,7 +27,7 @@ def test_any_material(submission):
 
 
 def test_long_paths(submission):
-    """Many bounces in a coloured sphere."""
+    """Many bounces in a colored sphere."""
     tracers_staff.bounces(submission, NAME)
 
 
@@ -90,7 +90,7 @@ def test_lanes_of_a_pulse(submission):
 
 
 def test_pictures(submission):
-    """Films of any size, in colour."""
+    """Films of any size, in color."""
     random = submission.random
     view, colours, value = drawn_view(random)
     first = float(random.uniform(-0.4, 0.1))

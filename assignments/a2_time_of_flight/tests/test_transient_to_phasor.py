@@ -36,7 +36,7 @@ def single(k, value=2.0):
 
 
 def test_real_and_imaginary_part(submission):
-    """P = Σ L_k exp(+i 2π f opl_k / c), by bin centres."""
+    """P = Σ L_k exp(+i 2π f opl_k / c), by bin centers."""
     cube = random_cube()
     frequency = formulas.inputs.number("wave of bins", 400.0, low=300, high=450) * 1e6
     came = convert(submission, cube, frequency)

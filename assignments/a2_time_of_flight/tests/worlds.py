@@ -48,7 +48,7 @@ class Decay:
 
 
 class Slope:
-    """A pulse that starts at once and falls evenly to 0; it may lie anywhere beside its centre."""
+    """A pulse that starts at once and falls evenly to 0; it may lie anywhere beside its center."""
 
     def __init__(self, first, last):
         self.support = (first, last)
@@ -185,7 +185,7 @@ def _made(part):
 
 
 def lamp(view, colours=((1.0, 1.0, 1.0), (1.0, 1.0, 1.0))):
-    """A plane under a point light; the colours multiply its albedo and the light's intensity."""
+    """A plane under a point light; the colors multiply its albedo and the light's intensity."""
     albedo, intensity = (
         {"type": "rgb", "value": [value * each for each in colour]}
         for value, colour in zip((formulas.ALBEDO, formulas.INTENSITY), colours, strict=True)
@@ -228,14 +228,14 @@ def inside_sphere(view, radius, albedo, intensity):
 
 
 def around_corner(view, wall_albedo, hidden=(), floor=None, wall_size=5.0):
-    """A wall z = 0 towards +z, hidden rectangles (matrix, albedo), and perhaps a floor (y)."""
+    """A wall z = 0 toward +z, hidden rectangles (matrix, albedo), and perhaps a floor (y)."""
     wall = np.diag([wall_size, wall_size, 1, 1])
     parts = {"sensor": view, "relay_wall": rectangle(wall, diffuse(wall_albedo))}
     for number, (matrix, albedo) in enumerate(hidden):
         parts[f"hidden_{number}"] = rectangle(np.asarray(matrix), diffuse(albedo))
     if floor is not None:
         y, half, albedo = floor
-        # Towards +y: u = x, v = -z
+        # Toward +y: u = x, v = -z
         matrix = np.array([[half, 0, 0, 0], [0, 0, 1, y], [0, -half, 0, half], [0, 0, 0, 1]])
         parts["floor"] = rectangle(matrix, diffuse(albedo))
     return load(parts)

@@ -1,4 +1,4 @@
-"""What the staff's tests ask for, drawn anew: cameras, lamps, colours."""
+"""What the staff's tests ask for, drawn anew: cameras, lamps, colors."""
 
 import numpy as np
 

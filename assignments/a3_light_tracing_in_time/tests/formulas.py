@@ -1,4 +1,4 @@
-"""Closed forms of light that a camera gets, in NumPy alone. Lengths in metres."""
+"""Closed forms of light that a camera gets, in NumPy alone. Lengths in meters."""
 
 from __future__ import annotations
 
@@ -314,7 +314,7 @@ def _meets(a, b, square):
 
 
 def fresnel(cos_i, index):
-    """Reflectance of unpolarised light; `index` is that behind the surface over that before."""
+    """Reflectance of unpolarized light; `index` is that behind the surface over that before."""
     sin_t2 = (1 - cos_i**2) / index**2
     cos_t = np.sqrt(np.maximum(1 - sin_t2, 0))
     s = (cos_i - index * cos_t) / (cos_i + index * cos_t)
@@ -373,7 +373,7 @@ def through_ball(view, radius, light, floor_z, intensity, albedo=0.5, index=1.5,
     reflected, cos_t = fresnel(cos_i, index)
     near = light * cos - radius * cos_i
     chord = 2 * radius * cos_t
-    # In the plane of incidence: each surface turns the ray by θi - θt towards the axis
+    # In the plane of incidence: each surface turns the ray by θi - θt toward the axis
     angle, turned = np.arcsin(sin), np.arccos(cos_i) - np.arccos(cos_t)
     x0, z0 = near * sin, light - near * cos
     x1, z1 = x0 + chord * np.sin(angle - turned), z0 - chord * np.cos(angle - turned)

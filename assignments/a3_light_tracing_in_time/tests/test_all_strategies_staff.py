@@ -118,7 +118,7 @@ def test_by_way_of_a_floor(submission):
 
 
 def test_between_two_surfaces(submission):
-    """Light that a coloured mirror has sent from one part of a floor to another."""
+    """Light that a colored mirror has sent from one part of a floor to another."""
     options, scene, part, _, both = mirrored(submission.random)
     colour = np.array(scene["lamp"][1]) * scene["colour"]
     for strategy, k in (("1,4", 0), ("4,1", 1)):
@@ -133,7 +133,7 @@ def test_between_two_surfaces(submission):
 
 
 def test_several_lamps(submission):
-    """A spot, a panel and a point on a floor that is seen from its back, in colour."""
+    """A spot, a panel and a point on a floor that is seen from its back, in color."""
     random = submission.random
     options = drawn.over_floor(random)
     view = formulas.View(**options)
@@ -163,7 +163,7 @@ def test_what_is_in_the_way(submission):
 
 
 def test_another_room(submission):
-    """The room with a mirror, of another size, with a lamp of another colour."""
+    """The room with a mirror, of another size, with a lamp of another color."""
     agrees_with_a_path_tracer(submission, NAME, "mirror", mirror=True)
 
 

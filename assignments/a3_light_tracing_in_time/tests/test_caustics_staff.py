@@ -61,7 +61,7 @@ def test_into_other_water(submission):
 
 
 def test_between_two_surfaces(submission):
-    """A spot on a floor, which a coloured mirror sends back to another part of it."""
+    """A spot on a floor, which a colored mirror sends back to another part of it."""
     random = submission.random
     case = mirrored(random)
     options, scene, part, opl, _ = case
@@ -72,7 +72,7 @@ def test_between_two_surfaces(submission):
         integrator={"max_depth": 4},
     )  # fmt: skip
     wanted = part.sum() * np.array(scene["lamp"][1]) * scene["colour"]
-    hint = "after a mirror the path goes on, with its colour: floor, mirror, floor"
+    hint = "after a mirror the path goes on, with its color: floor, mirror, floor"
     expect.estimate(steady.mean((1, 2)), wanted, "film's mean", rounding=5e-3, hint=hint)
     check_bins(transient, part * wanted[0] / part.sum(), opl, bins, hint)
     steady, _ = render(

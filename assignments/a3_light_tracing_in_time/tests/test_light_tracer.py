@@ -105,7 +105,7 @@ def check_bins(transient, part, opl, bins, hint):
 
 
 def test_picture(submission):
-    """A floor under a lamp, aslant, pixel by pixel and in colour."""
+    """A floor under a lamp, aslant, pixel by pixel and in color."""
     view = formulas.View(**ASLANT)
     radiance = formulas.under_point(view, view.pixels(), LIGHT, 1.0)[0].mean(-1)
     steady, transient = render(

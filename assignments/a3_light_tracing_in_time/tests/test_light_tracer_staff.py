@@ -25,7 +25,7 @@ def picture(radiance, colour):
 
 
 def test_two_lights(submission):
-    """Lamps of different power and colour, and another floor."""
+    """Lamps of different power and color, and another floor."""
     random = submission.random
     options = drawn.over_floor(random)
     albedo = drawn.between(random, 0.4, 0.8)

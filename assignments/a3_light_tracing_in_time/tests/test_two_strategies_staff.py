@@ -67,7 +67,7 @@ def test_several_lamps(submission):
 
 
 def test_between_two_surfaces(submission):
-    """Light that a coloured mirror has sent from one part of a floor to another: both find it."""
+    """Light that a colored mirror has sent from one part of a floor to another: both find it."""
     options, scene, part, _, both = mirrored(submission.random)
     colour = np.array(scene["lamp"][1]) * scene["colour"]
     for end, own, other in ((ENDS[0], *both), (ENDS[1], *both[::-1]), ("both", 1, 0)):
@@ -88,7 +88,7 @@ def test_what_is_in_the_way(submission):
 
 
 def test_another_room(submission):
-    """The glossy room of another size, with a lamp of another colour."""
+    """The glossy room of another size, with a lamp of another color."""
     agrees_with_a_path_tracer(submission, NAME, "glossy", mirror=False)
 
 
@@ -105,7 +105,7 @@ def agrees_with_a_path_tracer(submission, name, case, mirror):
         submission, "room", view, name=name, spp=1024, integrator={"max_depth": 4}, mirror=mirror,
         unit=unit, radiance=radiance, seeds=8,
     )  # fmt: skip
-    hint = "lengths and colours of the room have changed, and nothing else"
+    hint = "lengths and colors of the room have changed, and nothing else"
     came = steady.mean((1, 2)) / factor
     expect.same(came, wanted, "film's mean", rounding=5e-3, hint=hint)
     came = transient.mean((1, 2))[:, :, 0] / factor[0]

@@ -221,7 +221,7 @@ def floor(
 
 
 def by_mirror(view, lamp, mirror, albedo, colour):
-    """A floor z = 0, a spot light on it, and a coloured mirror above both."""
+    """A floor z = 0, a spot light on it, and a colored mirror above both."""
     clear = {"type": "conductor", "material": "none", "specular_reflectance": rgb(*colour)}
     return load(
         {

@@ -14,7 +14,7 @@ from tofrender.sensors.response import distribution
 def depth_bound(signal: Any, background: Any, response: Any, bin_width_opl: float) -> np.ndarray:
     """Least standard deviation [m] of an unbiased depth from Poisson counts in bins.
 
-    The light arrives in the centre of a bin, far from both ends of the histogram.
+    The light arrives in the center of a bin, far from both ends of the histogram.
 
     Args:
         signal: Expected counts S of the signal, at least 0, any shape.

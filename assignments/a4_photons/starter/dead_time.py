@@ -25,7 +25,7 @@ def armed_detections(rates: np.ndarray, dead: int, paralysable: bool, periodic: 
 def sample_counts(
     rng: np.random.Generator, rates: np.ndarray, cycles: int, dead: int
 ) -> np.ndarray:
-    """Simulate histograms of a SPAD that is armed when a cycle starts, non-paralysable.
+    """Simulate histograms of a SPAD that is armed when a cycle starts, non-paralyzable.
 
     Args:
         rng: Source of all random numbers: the same state gives the same counts.

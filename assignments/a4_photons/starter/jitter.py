@@ -8,7 +8,7 @@ import numpy as np
 
 
 def kernel(delays: Any, width: float, tail: float = 1e-6) -> np.ndarray:
-    """Probabilities that a stamp moves by -n to n bins, for light in the centre of its bin.
+    """Probabilities that a stamp moves by -n to n bins, for light in the center of its bin.
 
     Args:
         delays: Distribution of the delay [m of path], with SciPy's methods `cdf`, `pdf` and `ppf`.

@@ -1,4 +1,4 @@
-"""Closed forms of photon counting and correlation, in NumPy and SciPy alone. Lengths in metres."""
+"""Closed forms of photon counting and correlation, in NumPy and SciPy alone. Lengths in meters."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def by_patterns(rates, dead, paralysable=False):
 
 
 def free_running(rates, dead):
-    """Detections per cycle of a non-paralysable SPAD: the chain of its detections (Rapp 2019)."""
+    """Detections per cycle of a non-paralyzable SPAD: the chain of its detections (Rapp 2019)."""
     rates = np.asarray(rates, float)
     bins, whole = rates.size, rates.sum()
     chain, waits = np.zeros((bins, bins)), np.zeros(bins)

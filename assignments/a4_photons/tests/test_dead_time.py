@@ -33,7 +33,7 @@ def test_non_paralysable(submission):
     wanted = formulas.expected("non_paralysable")
     found = detections(submission, RATES, DEAD)
     hint = f"a bin is dead if one of the {DEAD} bins before it has detected"
-    expect.close(found, wanted, "detections, non-paralysable", hint=hint)
+    expect.close(found, wanted, "detections, non-paralyzable", hint=hint)
 
 
 def test_paralysable(submission):
@@ -41,7 +41,7 @@ def test_paralysable(submission):
     wanted = formulas.expected("paralysable")
     found = detections(submission, RATES, DEAD, paralysable=True)
     hint = f"none of the {DEAD} bins before has a photon, detected or not"
-    expect.close(found, wanted, "detections, paralysable", hint=hint)
+    expect.close(found, wanted, "detections, paralyzable", hint=hint)
 
 
 def test_constant_light(submission):
@@ -52,17 +52,17 @@ def test_constant_light(submission):
     found = detections(submission, rates, dead, periodic=True)
     p = -np.expm1(-rate)
     wanted = np.full((1, bins), p / (1 + p * dead))
-    expect.close(found, wanted, "constant light, non-paralysable", hint=hint)
+    expect.close(found, wanted, "constant light, non-paralyzable", hint=hint)
     found = detections(submission, rates, dead, paralysable=True, periodic=True)
     wanted = p * np.exp(-rate * dead) + 0 * rates
-    expect.close(found, wanted, "constant light, paralysable", hint=hint)
+    expect.close(found, wanted, "constant light, paralyzable", hint=hint)
 
 
 def test_free_running(submission):
     """A dead time that goes on into the next cycle."""
     wanted = formulas.expected("free_running")
     found = detections(submission, RATES, DEAD, periodic=True)
-    hint = "periodic and non-paralysable: each bin depends on the others, all around the cycle"
+    hint = "periodic and non-paralyzable: each bin depends on the others, all around the cycle"
     expect.close(found, wanted, "detections of a free-running SPAD", hint=hint)
 
 

@@ -37,7 +37,7 @@ def test_any_detections(submission):
                 periodic=periodic,
             )
             what = f"detections with a dead time of {dead} of {rates.shape[1]} bins"
-            what += ", paralysable" * paralysable + ", periodic" * periodic
+            what += ", paralyzable" * paralysable + ", periodic" * periodic
             expect.close(came["found"], np.array(wanted), what, rtol=1e-4, atol=1e-9)
             text = "rates after the call of armed_detections: as they were"
             expect.true(came["kept"], text)

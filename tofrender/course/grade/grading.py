@@ -313,8 +313,8 @@ def seed_of(assignment: Assignment, before: int = 0) -> int:
     """Return the seed of the staff's tests.
 
     The seed comes from the file `seed.txt` of the assignment. Without this file, it is the seed of
-    earlier results, or a random number. The seed is not an option and not in the rubric, because all
-    users can read the arguments of a command, and submissions can read the rubric.
+    earlier results, or a random number. It must stay secret: all users can read the arguments of a
+    command, and submissions can read the rubric, so the seed is in neither.
 
     Args:
         assignment: The assignment.

@@ -397,7 +397,7 @@ def _decompressed(file: IO[bytes], start: bytes) -> Iterator[bytes]:
 
 
 def _decompressed_xz(file: IO[bytes]) -> Iterator[bytes]:
-    """Yield the content of an xz file. Its header can ask for gigabytes of memory, which is refused."""
+    """Yield the content of an xz file, with a limit for the memory that its header requests."""
     decompressor = lzma.LZMADecompressor(memlimit=MAX_XZ_MEMORY)
     while not decompressor.eof:
         data = file.read(1 << 16) if decompressor.needs_input else b""

@@ -132,8 +132,8 @@ def confine(
         hidden: Paths with files that must not be read.
         readable: Paths inside `hidden` that can be read nevertheless.
         listed: Folders that contain hidden files, but may be listed.
-        memory_bytes: Expected memory of the process, which sets the limit of the address space; None for
-            no limit.
+        memory_bytes: Expected memory of the process, which determines the limit of the address
+            space; None for no limit.
         uid: User to become, if this process is root's. The user becomes the owner of the
             `writable` paths.
         reads_all: Let the user `uid` keep root's right to read all files.
