@@ -39,10 +39,10 @@ class GaussianPulse:
         """Draw an offset from the pulse.
 
         Args:
-            xi: Even random numbers in [0, 1], **both ends included**.
+            xi: Uniform random numbers in [0, 1], **both ends included**.
 
         Returns:
-            Offsets [m], distributed as `eval` says and within 9 σ for every `xi`, and their
-            weights: 1, since offsets are drawn in exact proportion to the density.
+            Offsets [m] with the density `eval`, within 9 σ for every `xi`, and their weights: 1,
+            because offsets are drawn in exact proportion to the density.
         """
         raise NotImplementedError("a2.gaussian_pulse: GaussianPulse.sample")
