@@ -119,7 +119,7 @@ class SurfaceGroup(Shape):
         return any(shape.is_emissive for shape in self.shapes)
 
     def sample(self, o, sample):
-        """Here the second number picks, and its rest goes on."""
+        """Pick a shape with the second number, and rescale the remainder of the number."""
         count = len(self.shapes)
         pick = dr.minimum(mi.UInt32(sample.y * count), count - 1)
         rest = mi.Point2f(sample.x, sample.y * count - pick)

@@ -100,7 +100,7 @@ def check_seen_light(submission, integrator):
 
 
 def check_many_bounces(submission, integrator):
-    """Inside a sphere around a light: each bounce adds a known part of the one before."""
+    """Inside a sphere around a light: each bounce adds a known fraction of the previous bounce."""
     hint = (
         "every bounce adds the same part again; too bright: is light counted twice, or a bounce "
         "too many? too dark: is the direction in the right frame?"

@@ -181,14 +181,14 @@ def point_light(position, energy, x, normal):
 
 
 def wall_openness(height, distance):
-    """Ambient occlusion on the ground beside an infinitely long wall."""
+    """Ambient occlusion on the ground next to an infinitely long wall."""
     return 0.5 * (1 + np.cos(np.arctan2(height, distance)))
 
 
 def camera_rays(origin, target, fov_degrees, width, height):
     """Unit directions through the pixels' middles, shape (height, width, 3), rows from the top.
 
-    A pinhole camera with y up, whose field of view is that of the smaller side.
+    The pinhole camera has y up. Its field of view refers to the smaller side.
     """
     forward = np.subtract(target, origin)
     forward = forward / np.linalg.norm(forward)

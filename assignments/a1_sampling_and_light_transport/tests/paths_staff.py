@@ -1,4 +1,4 @@
-"""What all path tracers are asked with drawn scenes: their closed forms."""
+"""Tests of all path tracers with random scenes, which have closed forms."""
 
 from __future__ import annotations
 
@@ -280,7 +280,8 @@ def check_sky(submission, integrator, noise):
     wanted[:2] *= albedo
     wanted[2] = 0
     coat = fresnel(tilt[4], ior)
-    wanted[4] *= coat + (1 - coat) * albedo  # What enters is reflected by the body or comes back
+    # Light that enters the coat is reflected by the body, or comes back
+    wanted[4] *= coat + (1 - coat) * albedo
     wanted[5] *= np.sum(lobe * solid_angle[above])
     wanted[7] *= shown
     came = ask(

@@ -30,7 +30,7 @@ def ask(submission, scene, x, d, spp=1024, seeds=16, shift=0):
 
 
 def test_drawn_lids(submission):
-    """Lids of any material over tilted plates, both sides; beside them a sky."""
+    """Lids of any material over both sides of tilted plates, under a sky."""
     random = submission.random
     materials = [scenes.BLACK, {"type": "dielectric"}, {"type": "null"}, scenes.BLACK]
     parts = {"sky": {"type": "constant", "radiance": scenes.rgb(4.0)}}

@@ -149,7 +149,7 @@ def test_bust(submission):
 
 
 def ground_radiance(image):
-    """What the ground reflects in each pixel without shadows, and the pixels far from the bust."""
+    """Radiance of the unshadowed ground in each pixel, and mask of pixels far from the bust."""
     height, width = image.shape[:2]
     expect.true(
         width >= 12 and height >= 12, "pictures of the bust must have 12 x 12 pixels or more"

@@ -20,7 +20,7 @@ COUNT = 60_000
 
 
 def sampled(submission, light, o=ORIGIN, count=COUNT, shift=0, only_valid=True):
-    """Records of sampled directions from one point; all of them, or those that met the light."""
+    """Records of sampled directions from one point: all, or only directions that hit the light."""
     record = submission.ask(
         "light_sample",
         light=light,
@@ -39,7 +39,7 @@ def sampled(submission, light, o=ORIGIN, count=COUNT, shift=0, only_valid=True):
 
 
 def check_points(record, o, what):
-    """The light is at the distance that the record says."""
+    """Check that point, direction and distance of a record agree."""
     p = o + record["distance"][:, None] * record["d"]
     hint = "p is where the ray from o in the direction d first meets the light"
     expect.close(record["p"], p, f"p of {what}, from o, d and distance", atol=2e-3, hint=hint)
@@ -62,7 +62,7 @@ def in_cone(axis, cos_max, v):
 
 
 def test_triangle_samples(submission):
-    """Points are uniform on the surface, the density is that of their directions."""
+    """Points are uniform on the surface, and the density is per solid angle."""
     record = sampled(submission, TRIANGLE)
     square, beside = formulas.triangle_square(FLIPPED, record["p"])
     expect.true(beside.max() < 1e-4, "p must lie in the triangle's plane")

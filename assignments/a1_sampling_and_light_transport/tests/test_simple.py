@@ -32,7 +32,7 @@ def look(submission, scene, points, energy=40.0, position=LIGHT, d=DOWN):
 
 
 def test_plane(submission):
-    """Points of a plane, whose material makes no difference."""
+    """Points of a plane; its material is ignored."""
     came = look(submission, scenes.scene(floor=scenes.floor(0.1)), GROUND)
     wanted = formulas.point_light(LIGHT, 40.0, GROUND, np.array([0, 0, 1.0]))
     to_light = LIGHT - GROUND
@@ -56,7 +56,7 @@ def test_plane(submission):
 
 
 def test_curved_surface(submission):
-    """Points of a sphere: the cosine is that of the surface's normal, clamped at 0."""
+    """Points of a sphere: the cosine to the surface's normal, clamped at 0."""
     n = formulas.direction(np.linspace(0, 1.5, 7), 0.7)
     scene = scenes.scene(ball=scenes.sphere([0, 0, 0], 1.0, scenes.diffuse(0.5)))
     came = look(submission, scene, n, d=np.array([0.0, 0.0, -1.0]), position=[0, 0, 3])[:, 1]

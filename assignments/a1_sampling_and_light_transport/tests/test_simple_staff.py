@@ -46,7 +46,7 @@ def downwards(random, count):
 
 
 def test_drawn_scene(submission):
-    """A floor, a ball, a lamp and tilted shading normals, with lights and a sky of their own."""
+    """A floor, a ball, a lamp and tilted shading normals; the scene's lights are ignored."""
     random = submission.random
     light = np.append(random.uniform(-1, 1, 2), random.uniform(1, 3))
     energy = random.permutation([7.0, 30.0, 100.0]) * random.uniform(0.5, 1.5)

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.a1_tent
 
 
 def random_ends(random):
-    """Numbers of which one at least is 0, next to it, or next to 1."""
+    """Pairs of numbers; at least one number of each pair is 0, close to 0, or close to 1."""
     rest = random.uniform(0.1, 0.9, 6)
     ends = np.array([0.0, 1e-7, 1 - 1e-7] * 2)
     return np.where(np.arange(6)[:, None] < [3, 3], np.c_[ends, rest], np.c_[rest, ends])

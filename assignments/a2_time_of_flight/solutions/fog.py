@@ -8,7 +8,7 @@ import numpy as np
 def absorb(
     transient_data: np.ndarray, mu_a: float, start_opl: float, bin_width_opl: float
 ) -> np.ndarray:
-    """exp(-x) at the bin's center, times the mean of exp over what is around it."""
+    """exp(-x) at the bin's center, times the mean of exp over the offsets from the center."""
     centre = start_opl + (np.arange(np.shape(transient_data)[2]) + 0.5) * bin_width_opl
     half = mu_a * bin_width_opl / 2
     around = np.sinh(half) / half if half > 1e-6 else 1.0

@@ -27,7 +27,7 @@ class GaussianPulse:
         return 0.5 * (1.0 + dr.erf(z))
 
     def sample(self, xi: mi.Float) -> tuple[mi.Float, mi.Float]:
-        """The t whose cdf is ξ, between -6 σ and 6 σ; the half above the mean is mirrored."""
+        """Find t with cdf(t) = ξ between -6 σ and 6 σ, by bisection below the mean and symmetry."""
         xi = mi.Float(xi)
         below = dr.minimum(xi, 1.0 - xi)
         low, high = mi.Float(-6.0 * self.width_opl), mi.Float(0.0)

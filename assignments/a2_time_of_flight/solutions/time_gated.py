@@ -1,7 +1,7 @@
 """Gates by a list of contributions: a Python loop over bounces writes down every (light, length).
 
-Paths are evaluated bounce by bounce, without a symbolic loop. What they contribute is put through
-the gate, or the gates, afterwards. Emitters are found by both strategies, with the balance
+Paths are evaluated bounce by bounce, without a symbolic loop. The contributions are weighted by the
+gates afterwards. Both strategies find emitters, with the balance
 heuristic; the material is sampled before the light.
 """
 

@@ -26,12 +26,12 @@ from tofrender.course.judge import expect
 
 
 class Case:
-    """A scene with rays, and what comes along them.
+    """A scene with rays, and the known light along them.
 
     Attributes:
         parts, rays: For the probe `along_rays`.
         light: Radiance of each ray, shape (n, 3).
-        moment: The same times the length, summed over paths.
+        moment: Radiance times length, summed over paths.
         valid: Whether each ray meets a surface.
     """
 

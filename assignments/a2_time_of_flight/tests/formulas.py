@@ -1,4 +1,4 @@
-"""What is right, in closed form and NumPy alone. Lengths in meters."""
+"""Expected results, in closed form with NumPy. Lengths in meters."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def lamp(x, y, camera) -> tuple[np.ndarray, np.ndarray]:
 def over_pixels(value, camera, fov, width, height, fine=40) -> np.ndarray:
     """Means of value(x, y) over the pixels of a camera that looks straight down, up = +y.
 
-    The field of view is that of the width; columns run toward +x and rows toward -y.
+    The field of view refers to the width; columns run toward +x and rows toward -y.
     """
     half = camera[2] * math.tan(math.radians(fov) / 2)
     columns = (np.arange(width * fine) + 0.5) / (width * fine)
@@ -133,7 +133,7 @@ def confocal_sphere(vertices, radius, albedo, power) -> float:
     """Confocal light by so many points of a sphere, the lit one counted at both ends.
 
     From p to q and back: ∫ ρ/π cos dω, then ρ/π cos_q Φ ρ/π cos_p / r² with cos_q cos_p / r² =
-    1 / (4 R²): Φ ρ³ / (4 π² R²), of which each further vertex takes ρ.
+    1 / (4 R²): Φ ρ³ / (4 π² R²). Each further vertex multiplies this by ρ.
     """
     return power * albedo**vertices / (4 * math.pi**2 * radius**2)
 
@@ -207,7 +207,7 @@ def plane_masses(edges, distance, power, wall, hidden) -> np.ndarray:
 
 
 def one_path(light, opl, frequency_hz) -> dict[str, float]:
-    """What a correlation sensor says of a single path: its light, and where it is in the wave."""
+    """Result of a correlation sensor for a single path with some light and length."""
     turns = frequency_hz * opl / SPEED_OF_LIGHT
     return {
         "I": light * math.cos(2 * math.pi * turns),

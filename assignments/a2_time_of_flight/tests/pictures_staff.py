@@ -9,9 +9,10 @@ from tofrender.course.judge import expect
 
 
 def drawn_view(random):
-    """A camera over the plane with a crop, colors of plane and lamp, and what pixels see.
+    """A camera over the plane with a crop, colors of plane and lamp, and means over pixels.
 
-    The last takes a function of (light, length) and gives its means, shape (height, width, 3).
+    The last result is a function. It returns the pixel means of a function of (light, length),
+    of shape (height, width, 3).
     """
     width, height = (int(n) for n in random.permutation([2, 3, 4, 5])[:2])
     left, above, right, below = (int(n) for n in random.integers(0, 3, 4))

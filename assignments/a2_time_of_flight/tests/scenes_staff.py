@@ -95,9 +95,9 @@ def fresnel(cos, eta):
 
 
 def under_coat(cos_i, cos_o, eta):
-    """What `plastic` reflects of its base, over albedo cos_o / π: in and out by Fresnel.
+    """Reflection of the base of `plastic`, over albedo cos_o / π: in and out by Fresnel.
 
-    Light that is reflected back inside counts as Mitsuba has it, by a fit of its mean.
+    Internal reflection is included as in Mitsuba, by a fit of its mean.
     """
     x = 1 / eta
     within = 0.0636 * eta + x * (x * -1.4399 + 0.7099) + 0.6681
@@ -105,7 +105,7 @@ def under_coat(cos_i, cos_o, eta):
 
 
 def pane(cos, eta):
-    """What a thin pane lets through, whatever goes to and fro in it."""
+    """Transmittance of a thin pane, including all internal reflections."""
     r = fresnel(cos, eta)
     return 1 - 2 * r / (1 + r)
 

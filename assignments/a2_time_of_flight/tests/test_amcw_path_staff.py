@@ -17,7 +17,7 @@ NAME = "AMCWTransientPath"
 
 
 def test_any_lights(submission):
-    """Several lamps over a floor, and what is dark."""
+    """Several lamps over a floor, and rays without light."""
     tracers_staff.lights(submission, NAME)
 
 
@@ -69,7 +69,7 @@ def test_phasor_of_one_sample(submission):
     inside = depth.min() > height - 0.01 and depth.max() < farthest
     expect.true(inside, f"{what}; came {depth.min():.3f} m to {depth.max():.3f} m", hint=hint)
     share = amplitude / (wanted / depth**3)
-    middle = np.median(share)  # more than 1 if samples have no light now and then
+    middle = np.median(share)  # above 1 if some samples are dark
     expect.true(middle > 0.99, f"amplitude of one sample: its light; came {middle:.3f} times that")
     what = "amplitude over that of a path of this depth, at 1 spp, over the median"
     expect.close(share / middle, np.ones(depth.shape), what, rtol=5e-3, hint=hint)

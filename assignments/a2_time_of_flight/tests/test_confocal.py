@@ -112,7 +112,7 @@ def test_large_plane(submission):
 
 @pytest.mark.parametrize("max_depth", [2, 3, 5])
 def test_depth(submission, max_depth):
-    """Inside a sphere that is all wall, each further vertex takes its albedo."""
+    """Inside a sphere that is the relay wall, each further vertex multiplies by the albedo."""
     radius, albedo = 1.0, 0.7
     steady, transient = render(
         submission,

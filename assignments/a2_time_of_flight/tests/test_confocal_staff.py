@@ -16,7 +16,7 @@ NAME = "ConfocalTransientIntegrator"
 
 
 def add(case, eye, p, d, sums):
-    """A ray of which the sums (light, light x length) are known."""
+    """Add a ray with known sums (light, light x length)."""
     light, moment = (np.sum(each, axis=0) for each in zip(*sums, strict=True))
     case.add(eye, p, [(light, np.divide(moment, light, where=light > 0, out=light * 0))])
 

@@ -1,4 +1,4 @@
-"""What the notebook has rendered, judged by what light does; any resolution will do."""
+"""Checks of the notebook's results by properties of light, at any resolution."""
 
 import formulas
 import numpy as np
@@ -125,7 +125,7 @@ def test_phasors(submission):
 
 
 def test_comparison(submission):
-    """Phasors of the bins beside those of paths, and how far they are apart."""
+    """Phasors of the bins and of the paths, and their mean squared differences."""
     data, _ = cube(submission, "transient.npz")
     names = ("I_direct", "Q_direct", "I_converted", "Q_converted")
     file = "deliverables/comparison.npz"
@@ -193,7 +193,7 @@ def animation_frames(submission, most=40):
 
 
 def test_around_the_corner(submission):
-    """The letter behind the corner: arrival times, and what the filter takes away."""
+    """The letter behind the corner: arrival times, and the light that the filter removes."""
     file = "deliverables/nlos.npz"
     arrays = submission.arrays(file)
     require(arrays, file, "filtered", "unfiltered", "start_opl", "bin_width_opl")

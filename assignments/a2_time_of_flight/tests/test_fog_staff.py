@@ -69,7 +69,7 @@ def test_any_cloud(submission):
 
 
 def test_any_photon(submission):
-    """The same random numbers give the same cloud; clear air; a single photon."""
+    """Equal seeds give equal clouds; clear air; a single photon."""
     random = submission.random
     seed, s = int(random.integers(1 << 30)), float(random.uniform(0.5, 4.0))
     first, again = submission.ask("wandered", seed=seed, mu_s=1.5, g=0.5, opl=s, count=50)

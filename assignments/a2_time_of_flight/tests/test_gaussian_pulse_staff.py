@@ -13,7 +13,7 @@ CELLS = 4000
 
 
 def drawn(submission):
-    """Pairs of a width and what a pulse of it says; the random numbers are even in cells."""
+    """Pairs of a width and the results of its pulse; the random numbers are stratified."""
     random = submission.random
     widths = np.exp(random.uniform(np.log([1e-3, 0.2]), np.log([0.1, 3.0])))
     widths = [float(width) for width in random.permutation(widths)]

@@ -72,7 +72,7 @@ WRONG = {
 
 
 def test_share_of_wrong_pulses(submission):
-    """The share of wrong pulses that your test finds, if right ones pass."""
+    """The fraction of wrong pulses that your test finds, if correct pulses pass."""
     random = submission.random
     more = []
     for number, (edits, why) in enumerate(

@@ -229,7 +229,7 @@ def test_same_paths_for_all_gates(submission):
     came = came[came.max(axis=1) > 0]
     expect.true(len(came) > 2, "light at 1 spp, under 16 seeds: (almost) none came", hint=hint)
     expect.true(came.min() > 0, "light of one sample: in all gates; some have none", hint=hint)
-    # p(t - opl) = 2 (last - t + opl) / (last - first)², so first and last gate tell both
+    # p(t - opl) = 2 (last - t + opl) / (last - first)², so two gates give light and length
     light = (came[:, 0] - came[:, -1]) / (times[-1] - times[0]) * (last - first) ** 2 / 2
     with np.errstate(all="ignore"):
         opl = came[:, 0] / light * (last - first) ** 2 / 2 - last + times[0]

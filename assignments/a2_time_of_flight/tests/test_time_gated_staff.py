@@ -14,7 +14,7 @@ NAME = "TimeGatedTransientPath"
 
 
 def test_any_lights(submission):
-    """Several lamps over a floor, and what is dark."""
+    """Several lamps over a floor, and rays without light."""
     tracers_staff.lights(submission, NAME)
 
 

@@ -82,7 +82,7 @@ def test_pulse_is_spread_over_the_bins(submission):
 
 
 def test_pulse_comes_after_its_front(submission):
-    """A pulse that decays fills later bins, not earlier ones."""
+    """A pulse that decays fills later bins, not earlier bins."""
     width = 0.1
     start = OPL - 4 * width
     _, transient = film(

@@ -17,7 +17,7 @@ RADIANCE, OPL = (float(v) for v in formulas.lamp(formulas.X, 0.0, formulas.OVER[
 
 
 def test_any_lights(submission):
-    """Several lamps over a floor, and what is dark."""
+    """Several lamps over a floor, and rays without light."""
     tracers_staff.lights(submission, NAME)
 
 

@@ -49,7 +49,7 @@ def test_real_and_imaginary_part(submission):
 
 
 def test_amplitude_and_phase(submission):
-    """Of a single arrival: its light, and where it is within the wave."""
+    """Amplitude and phase of a single arrival."""
     for k in (10, 150, 390):
         cube, opl = single(k)
         came = convert(submission, cube, 30e6)

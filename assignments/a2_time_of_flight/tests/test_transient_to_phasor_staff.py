@@ -12,7 +12,7 @@ NAMES = ("I", "Q", "amplitude", "phase", "depth")
 
 
 def compare(came, wanted, frequency, what):
-    """Five arrays that say the complex numbers `wanted`."""
+    """Compare five arrays with the complex numbers `wanted`."""
     expect.true(len(came) == 5, f"{what}: five results; came {len(came)}")
     came = dict(zip(NAMES, came, strict=True))
     scale = np.abs(wanted).max()

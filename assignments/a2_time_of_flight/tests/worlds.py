@@ -1,4 +1,4 @@
-"""Small scenes of which the light is known in closed form, and what to render them with."""
+"""Small scenes with known light, and pulses and modulations to render them with."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Decay:
 
 
 class Slope:
-    """A pulse that starts at once and falls evenly to 0; it may lie anywhere beside its center."""
+    """A pulse that starts at full power and decreases linearly to 0; it need not contain 0."""
 
     def __init__(self, first, last):
         self.support = (first, last)
@@ -88,7 +88,7 @@ class Box:
 
 
 class Ramp:
-    """A modulation that grows with the length: its mean says the mean length."""
+    """A modulation that grows with the length, so its mean gives the mean length."""
 
     def __init__(self, at_zero, slope):
         self.at_zero, self.slope = at_zero, slope
@@ -98,7 +98,7 @@ class Ramp:
 
 
 class Step:
-    """A modulation that counts what is longer than a length."""
+    """A modulation that counts only light that is longer than a length."""
 
     def __init__(self, after):
         self.after = after
@@ -157,8 +157,8 @@ def camera(
 
 
 def load(parts):
-    """A scene whose shapes stay apart."""
-    # As deep as integrators are by default: `render_amcw_phasor` may take the scene's own
+    """Load a scene without merging its shapes."""
+    # The default depth, because `render_amcw_phasor` may use the scene's integrator
     scene = {"type": "scene", "integrator": {"type": "path", "max_depth": 8}} | parts
     return mi.load_dict(scene, parallel=False, optimize=False)
 

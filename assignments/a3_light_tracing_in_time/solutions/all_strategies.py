@@ -24,7 +24,7 @@ def density_back(si, d, active):
 
 
 def light_path(scene, sampler, emitted, count):
-    """Points that light meets, by a list of steps that know only the one before."""
+    """Surface vertices of a light path, by steps that use only the previous step."""
     ray, before, opl, η = mi.Ray3f(emitted.ray), emitted.origin, mi.Float(0), mi.Float(1)
     β, chosen = mi.Color3f(emitted.weight), (emitted.density, mi.Float(0), mi.Bool(False))
     active, path = mi.Bool(emitted.active), []
@@ -53,7 +53,7 @@ def unoccluded(scene, si, point, active):
 
 
 def over(a, b):
-    """A quotient, 0 where there is none."""
+    """Quotient; 0 for a denominator of 0."""
     return dr.select(b > 0, a / b, 0)
 
 
@@ -179,7 +179,7 @@ class Ways:
     # --------------------------------------------------------------------------- densities
 
     def light_end(self, back):
-        """Of a light path: the ratio of connection and emission, and of hit and connection.
+        """Density ratios at the light end: connection over emission, and hit over connection.
 
         `back` is the density from the first surface to the light, if no vertex came after it.
         """
@@ -194,10 +194,10 @@ class Ways:
         return ratio, dr.select(emitted.delta, 0, over(back, pdf))
 
     def rivals(self, s, t, origin, ratio, hit, between=None, back_a=None, back_b=None):
-        """Densities of all other strategies over that of (s, t).
+        """Densities of all other strategies over the density of (s, t).
 
         `between` is an arrival at the lens, or densities from a to b and from b to a; `back_a` and
-        `back_b` are those from a and from b to the vertices before them.
+        `back_b` are densities from a and from b to the vertices before them.
         """
         k = s + t
         one = mi.Float(1)

@@ -1,4 +1,4 @@
-"""Light tracing by a list of vertices, all of which are connected when the path has ended."""
+"""Light tracing by a list of vertices, which are connected when the path is complete."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from both_ends import BothEnds, Vertex
 
 
 def light_path(scene, sampler, emitted, count):
-    """The surface points that light meets, the one next to the light first."""
+    """Surface vertices of a light path, in their order from the light."""
     radiance = mi.BSDFContext()
     importance = mi.BSDFContext(mi.TransportMode.Importance)
     ray, before = mi.Ray3f(emitted.ray), mi.Point3f(emitted.origin)
@@ -43,10 +43,10 @@ def unoccluded(scene, si, point, active):
 
 
 class TransientLightTracer(BothEnds):
-    """Paths from the light, each vertex of which is connected to the lens."""
+    """Light tracing: connect each vertex of a path from the light to the lens."""
 
     def sample(self, scene, sampler, camera, lens, emission, land):
-        """Follow light, and connect it."""
+        """Trace paths from the light, and connect their vertices."""
         ctx = mi.BSDFContext(mi.TransportMode.Importance)
         emitted = emission.sample(sampler, camera.ray)
         for vertex in light_path(scene, sampler, emitted, self.max_depth - 1):

@@ -16,14 +16,14 @@ def cosine(si, d):
 
 
 def density_back(si, d, active):
-    """Density with which a path that comes from d goes on to where this one has come from."""
+    """Density of the reverse direction: from d, and back to the previous vertex."""
     other = mi.SurfaceInteraction3f(si)
     other.wi = si.to_local(d)
     return si.bsdf().pdf(mi.BSDFContext(), other, si.wi, active)
 
 
 def light_path(scene, sampler, emitted, count):
-    """Points that light meets, by a list of steps that know only the one before."""
+    """Surface vertices of a light path, by steps that use only the previous step."""
     ray, before, opl, η = mi.Ray3f(emitted.ray), emitted.origin, mi.Float(0), mi.Float(1)
     β, chosen = mi.Color3f(emitted.weight), (emitted.density, mi.Float(0), mi.Bool(False))
     active, path = mi.Bool(emitted.active), []
@@ -52,7 +52,7 @@ def unoccluded(scene, si, point, active):
 
 
 def chain(path, m, back):
-    """Densities from the other end over this end's, for points up to m, but for their ends."""
+    """Ratio of densities from the other end and from this end, for the points before m."""
     ratio = mi.Float(1)
     for i in range(1, m):
         here, before = path[i], path[i - 1]

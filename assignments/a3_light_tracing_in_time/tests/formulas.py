@@ -62,7 +62,7 @@ class View:
         return np.stack([x * width, y * height], -1), depth
 
     def density(self, d):
-        """Of directions of camera rays."""
+        """Density of the directions of camera rays [1/sr]."""
         return 1 / (self.area * (d @ self.axis) ** 3)
 
     def pixels(self, count=8):
@@ -110,9 +110,9 @@ def on_floor(view, d, z=0.0, origin=None):
 def under_point(view, d, light, intensity, albedo=0.5, alpha=None, cone=None, origin=None):
     """A floor under a point light: radiance along rays, path lengths, and densities by area.
 
-    The densities are those of the floor's points, from the camera and from the light. With `alpha`
-    the floor is rough metal; with `cone` (target, cutoff, beam) [deg] the light is a spot, whose
-    light starts with an even density in the cone.
+    The densities refer to the floor's points, from the camera and from the light. With `alpha`
+    the floor is rough metal; with `cone` (target, cutoff, beam) [deg] the light is a spot with
+    a uniform density in the cone.
     """
     x, seen, cos = on_floor(view, d, origin=origin)
     way = np.asarray(light, float) - x
@@ -150,7 +150,7 @@ def ggx(wi, wo, alpha):
 def under_panel(view, half, height, radiance, albedo=0.5, count=1 << 17):
     """A floor under a square light: parts of the film's mean, path lengths, and three densities.
 
-    The densities are those of strategies (0, 3), (1, 2) and (2, 1).
+    The densities belong to the strategies (0, 3), (1, 2) and (2, 1).
     """
     u, v, a, b = even(count, 4)
     d = view.direction(u * view.crop[2], v * view.crop[3])
@@ -181,8 +181,8 @@ def sphere_bounce(n, radius, albedo, intensity):
 def around_bubble(n, radius, bubble, albedo, intensity, index):
     """Radiance and first length of the n-th reflection, light and camera in a small bubble.
 
-    What surrounds the bubble fills the sphere. Light passes the bubble's surface straight, twice,
-    and loses (1 - F)²; its radiance shrinks by the squared index on the way back.
+    The medium around the bubble fills the sphere. Light passes the bubble's surface straight,
+    twice, and loses (1 - F)²; its radiance shrinks by the squared index on the way back.
     """
     reflected = ((index - 1) / (index + 1)) ** 2
     lost = (1 - reflected) ** 2 / index**2
@@ -217,9 +217,9 @@ def in_sphere(view, d, radius):
 
 
 def shares(mine, count, other, power):
-    """Of strategies that all have the density `mine` but the last: of one of them, of the last.
+    """MIS weights of one of `count` equal strategies, and of one other strategy.
 
-    `count` of them have the density `mine`, pixel by pixel.
+    The equal strategies have the density `mine`, the other strategy `other`, pixel by pixel.
     """
     mine, other = mine**power, other**power
     total = count * mine + other
@@ -303,7 +303,7 @@ def _around(axis, u, v, cos, φ):
 
 
 def _meets(a, b, square):
-    """Whether what is between points meets a square (x, y, z, half) across the z axis."""
+    """Whether segments between points hit a square (x, y, z, half) across the z axis."""
     x, y, z, half = square
     t = (z - a[:, 2]) / (b[:, 2] - a[:, 2])
     at = a + t[:, None] * (b - a) - (x, y, z)
@@ -323,7 +323,7 @@ def fresnel(cos_i, index):
 
 
 def _landing(view, r, φ, z, power, opl, albedo):
-    """What light of some power that lands on a floor at (r, φ) brings to the film's mean."""
+    """Contribution to the film's mean of light with some power that hits a floor at (r, φ)."""
     p = np.stack([r * np.cos(φ), r * np.sin(φ), 0 * r + z], -1)
     position, depth = view.position(p)
     inside = (depth > 0) & np.all((position >= 0) & (position < view.size), axis=-1)

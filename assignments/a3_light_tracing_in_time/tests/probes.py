@@ -1,4 +1,4 @@
-"""What the tests ask of a submission; runs in the submission's process."""
+"""Probes: functions that the tests call with a submission, in the submission's process."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def lens_along(theirs, view, d):
 
 
 def lens_arrival(theirs, view, p):
-    """What `arrive` says of points, shape (n, 3); vectors have their axis first."""
+    """Result of `arrive` for points, shape (n, 3); vectors have their axis first."""
     lens = _lens(theirs, view)
     sampler = mi.load_dict({"type": "independent"})
     p = np.asarray(p, np.float32)

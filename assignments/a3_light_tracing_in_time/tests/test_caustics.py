@@ -38,7 +38,7 @@ def test_through_a_slab(submission):
 
 
 def test_into_water(submission):
-    """A point light over water, whose floor a camera in it sees."""
+    """A point light over water, and a camera in the water that looks at its floor."""
     part = formulas.into_water(formulas.View(**BELOW), **WATER)
     steady, _ = render(
         submission, "under_water", BELOW, integrator={"max_depth": 3}, spp=4096, **WATER
@@ -52,7 +52,7 @@ def test_into_water(submission):
 
 
 def test_off_a_mirror(submission):
-    """A point light beside a mirror: a second light behind it."""
+    """A point light next to a mirror, which acts as a second light behind it."""
     bins = (10, 2.0, 0.3)
     options = {"origin": (0, 0, 1), "target": (0, 0, 0), "size": (4, 4), "bins": bins}
     view = formulas.View(**options)

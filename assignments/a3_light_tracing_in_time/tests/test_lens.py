@@ -19,7 +19,7 @@ VIEWS = pytest.mark.parametrize("options", [SQUARE, WIDE], ids=["square", "wide"
 
 
 def along(submission, options, count=200):
-    """A view, even directions in its window, and what the lens says of them."""
+    """A view, uniform directions in its window, and results of the lens for them."""
     view = formulas.View(**options)
     u, v = formulas.even(count, 2)
     d = view.direction(u * view.crop[2], v * view.crop[3])

@@ -89,7 +89,7 @@ def test_any_point(submission):
 
 @pytest.mark.parametrize("kind", ["cropped", "shifted"])
 def test_shifted_and_cropped(submission, kind):
-    """A film of which a part is rendered, and one beside the axis."""
+    """A cropped film, and a film with its middle not on the axis."""
     random = submission.random
     options = camera(random)
     if kind == "cropped":

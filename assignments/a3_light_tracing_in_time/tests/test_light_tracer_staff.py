@@ -96,7 +96,7 @@ def test_other_floors(submission, kind):
 
 
 def test_long_paths(submission):
-    """Up to eight segments in a sphere, from beside its middle; and when the first arrive."""
+    """Up to eight segments in a sphere, from a point off its center; and the first arrivals."""
     random = submission.random
     radius, albedo = drawn.between(random, 0.6, 1.5), drawn.between(random, 0.6, 0.8)
     intensity, max_depth = drawn.between(random, 1, 5), int(random.integers(7, 9))
@@ -157,12 +157,12 @@ def test_another_lens(submission):
 
 
 def test_random_numbers(submission):
-    """The same seed twice and another one, and one path alone."""
+    """Equal seeds, a different seed, and a single path."""
     same_numbers(submission, NAME)
 
 
 def same_numbers(submission, name, **tracer):
-    """The same seed gives the same picture, another one does not; one lane is enough."""
+    """Equal seeds give equal pictures, a different seed does not; one lane is enough."""
     random = submission.random
     options = {"radius": 1.0, "albedo": 0.7, "intensity": 2.0} | {"name": name}
     options["integrator"] = {"max_depth": 4} | tracer

@@ -17,7 +17,7 @@ ENDS = ("camera", "light")
 
 
 def test_shares_of_indirect_light(submission):
-    """In a sphere, from beside its middle: two to four reflections, pixel by pixel."""
+    """In a sphere, from a point off its center: two to four reflections, pixel by pixel."""
     random = submission.random
     radius, albedo = drawn.between(random, 0.8, 1.5), drawn.between(random, 0.6, 0.8)
     intensity, max_depth = drawn.between(random, 1, 5), int(random.integers(3, 6))
@@ -113,5 +113,5 @@ def agrees_with_a_path_tracer(submission, name, case, mirror):
 
 
 def test_random_numbers(submission):
-    """The same seed twice and another one, and one path alone."""
+    """Equal seeds, a different seed, and a single path."""
     same_numbers(submission, NAME)

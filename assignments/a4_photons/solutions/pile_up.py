@@ -16,7 +16,7 @@ def first_photon(rates: np.ndarray) -> np.ndarray:
 
 
 def coates(counts: np.ndarray, cycles: int) -> np.ndarray:
-    """Of the cycles that are armed, exp(-rate) detect nothing."""
+    """The fraction exp(-rate) of the armed cycles detects nothing."""
     counts = np.asarray(counts, np.float64)
     found, armed = np.empty(counts.shape), np.full(counts.shape[:-1], float(cycles))
     with np.errstate(divide="ignore", invalid="ignore"):

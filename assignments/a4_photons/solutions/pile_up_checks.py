@@ -8,7 +8,7 @@ import numpy as np
 
 
 def check_pile_up(pile_up) -> None:
-    """Raise an AssertionError that says what is wrong, if anything is."""
+    """Raise an AssertionError that describes the first violation of the contract."""
     rng = np.random.default_rng(5)
     for shape in ((6,), (3, 5), (2, 2, 7)):
         rates = rng.uniform(0.0, 1.5, shape)

@@ -59,7 +59,7 @@ def test_constant_light(submission):
 
 
 def test_free_running(submission):
-    """A dead time that goes on into the next cycle."""
+    """A dead time that extends into the next cycle."""
     wanted = formulas.expected("free_running")
     found = detections(submission, RATES, DEAD, periodic=True)
     hint = "periodic and non-paralyzable: each bin depends on the others, all around the cycle"
@@ -101,7 +101,7 @@ def test_noise_of_counts(submission):
 
 
 def test_random_numbers(submission):
-    """The same generator gives the same counts, and rates stay as they are."""
+    """Equal generators give equal counts, and the rates are not changed."""
     came = counts_of(submission, RATES[1], 5, 1)
     expect.true(came["kept"], "rates after the call of sample_counts: as they were")
     text = "counts under the same seed: the same; under another: others"

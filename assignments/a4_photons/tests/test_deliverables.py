@@ -53,7 +53,7 @@ def test_counts(submission):
     expect.true(whole, f"{file}, counts: integers from 0")
     text = f"{file}, cycles: 1000 to 100000; came {cycles:g}"
     expect.true(1000 <= cycles <= 1e5, text)
-    # By the end of a bin, a cycle has detected unless all bins so far have no photon
+    # By the end of a bin, a cycle has detected unless all bins so far are empty
     p = -np.expm1(-np.cumsum(rates, axis=-1))
     variance = cycles * p * (1 - p)
     sure = (cycles * p > 5) & (cycles * (1 - p) > 5)
@@ -66,7 +66,7 @@ def test_counts(submission):
 
 
 def test_depth(submission):
-    """Corrected counts are right in the median, uncorrected ones too near."""
+    """Corrected counts give the right depth in the median, uncorrected counts a smaller depth."""
     file = "depth.npz"
     counted, corrected, std = require(submission, file, "counted", "corrected", "depth_std")
     off = errors_on_the_back_wall(corrected, file)

@@ -26,7 +26,7 @@ def ask(submission, counts, sigma, tail_s, method, width):
 
 
 def test_any_returns(submission):
-    """Drawn signal and background, without noise; the counts stay as they are."""
+    """Random signal and background, without noise; the counts are not changed."""
     random = submission.random
     bins, width, sigma, _ = drawn(random)
     shape = tuple(int(n) for n in random.integers(2, 6, 2))

@@ -10,7 +10,7 @@ pytestmark = pytest.mark.a4_itof
 
 
 def test_any_taps(submission):
-    """Drawn light and harmonics, and back again; arrays stay as they are."""
+    """Taps of random light and harmonics, and their demodulation; arrays are not changed."""
     random = submission.random
     shape = tuple(int(n) for n in random.integers(1, 5, random.integers(1, 4)))
     signal, background = random.uniform(100, 1e5, shape), random.uniform(0, 1e5, shape)

@@ -64,7 +64,7 @@ def test_stamps_of_detections(submission):
 
 
 def test_stamps_of_a_cycle(submission):
-    """What leaves a cycle comes in at its other end."""
+    """Stamps that leave a cycle appear at its other end."""
     found = submission.ask("add_jitter", detections=CYCLE, masses=MASSES, periodic=True)
     wanted = formulas.expected("stamps_of_a_cycle")
     hint = "bins are counted modulo their number"

@@ -28,7 +28,7 @@ def test_any_response(submission):
 
 
 def test_any_detections(submission):
-    """Drawn detections and masses; the detections stay as they are."""
+    """Random detections and masses; the detections are not changed."""
     random = submission.random
     for periodic in (False, True):
         reach = int(random.integers(1, 5))

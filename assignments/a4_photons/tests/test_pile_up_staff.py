@@ -17,7 +17,7 @@ def drawn(random, most=1.5):
 
 
 def test_any_rates(submission):
-    """Probabilities and variances of drawn rates, which stay as they are."""
+    """Probabilities and variances of random rates, which are not changed."""
     random = submission.random
     rates, cycles = drawn(random), int(random.integers(1000, 1_000_000))
     for probe, wanted, more in (
@@ -38,7 +38,7 @@ def test_faint_rates(submission):
 
 
 def test_any_histogram(submission):
-    """Drawn histograms of several integer types, which stay as they are."""
+    """Random histograms of several integer types, which are not changed."""
     random = submission.random
     for kind in (np.uint16, np.uint32, np.int64):
         rates, cycles = drawn(random, 0.8), int(random.integers(100, 60_000))
