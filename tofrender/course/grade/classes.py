@@ -229,7 +229,8 @@ def submissions_in(
 
     Raises:
         ValueError: The folder contains no submissions, or something in it is neither a folder, an
-            archive, nor a file of the assignment. The message lists all of them.
+            archive, nor a file of the assignment. The message lists all of them. Also raised if two
+            single files seem to belong to one student.
     """
     ignored = {path.resolve() for path in not_submissions}
     rubric = assignment.rubric

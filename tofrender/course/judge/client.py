@@ -234,6 +234,7 @@ class Worker:
 
         Raises:
             NoAnswer: The worker died, exceeded a limit, or wrote something else.
+            MachineFailure: The worker died, and the machine has too little memory or disk space.
         """
         answer = self._folder / "answers" / f"{self._number}.npz"
         begin = time.monotonic()

@@ -164,6 +164,6 @@ def pytest(
 
 
 def last_lines(result: subprocess.CompletedProcess, count: int = 3) -> str:
-    """Return the last lines of a process's output, or its exit status without output."""
+    """Return the last lines of a process's output as one line; without output, its exit status."""
     lines = [line for line in (result.stdout + result.stderr).splitlines() if line.strip()]
     return " | ".join(lines[-count:]) or f"exit status {result.returncode}"
