@@ -157,7 +157,8 @@ plt.show()
 
 # %%
 film_config = {"temporal_bins": 300, "start_opl": 3.5, "bin_width_opl": 0.02}
-start, width = film_config["start_opl"], film_config["bin_width_opl"]
+start = film_config["start_opl"]
+width = film_config["bin_width_opl"]
 opl = start + (np.arange(300) + 0.5) * width  # m, centers of the bins
 gated = render_transient(scene, integrator, sensor, film_config, spp=SPP)
 steady_sum = gated.sum(axis=2) * width
@@ -374,12 +375,14 @@ tofrender.phasor_panel(FREQUENCIES, *panel, title="converted from bins")
 
 # %% [markdown]
 # **Task 3: comparison.** A mean squared error alone does not show whether it is only noise. So we
-# also print that of two direct renders with different seeds, which differ by noise only. (That of
-# the comparison may be smaller, since bins and direct renders need not be equally noisy.)
+# also print the error between two direct renders with different seeds, which differ by noise only.
+# (The error of the comparison may be smaller, because bins and direct renders need not be equally
+# noisy.)
 
 # %%
 again = all_phasors(scene, seed=7)
-mse, noise = {}, {}
+mse = {}
+noise = {}
 for part, name in enumerate("IQ"):
     mse[name] = np.mean((phasors[part] - converted[part]) ** 2, axis=(1, 2, 3))
     noise[name] = np.mean((phasors[part] - again[part]) ** 2, axis=(1, 2, 3))
@@ -450,7 +453,7 @@ for j, frequency in enumerate(FREQUENCIES):
 # %% [markdown]
 # The scene: laser and camera scan a wall, a floor adjoins it, and a letter Z faces it. All are on
 # the same side of the wall; an occluder hides the letter from the camera. Wall and floor both count as
-# relay wall, so that light between them can be distinguished from that of the letter.
+# relay wall, so that light between them can be distinguished from light of the letter.
 
 # %%
 import confocal  # noqa: F401 (this registers the integrator)
@@ -466,13 +469,15 @@ tofrender.plan_figure(corner, view="side", title="corner_scene, from the side")
 # A map of all directions around the device, which shows where it sees the relay wall.
 
 # %%
-rows, columns = 90, 180
+rows = 90
+columns = 180
 polar, azimuth = dr.meshgrid(
     dr.linspace(mi.Float, 0.01, np.pi - 0.01, rows),
     dr.linspace(mi.Float, -np.pi, np.pi, columns),
     indexing="ij",
 )
-(sin_p, cos_p), (sin_a, cos_a) = dr.sincos(polar), dr.sincos(azimuth)
+sin_p, cos_p = dr.sincos(polar)
+sin_a, cos_a = dr.sincos(azimuth)
 around = mi.Ray3f(mi.Point3f(-0.5, 0, 0.25), mi.Vector3f(-sin_p * sin_a, cos_p, -sin_p * cos_a))
 si = corner.ray_intersect(around)
 wall_shapes = [shape for shape in corner.shapes() if shape.id() in ("relay_wall", "floor")]
@@ -490,7 +495,8 @@ plt.show()
 # missing cosine is visible at large tilts.
 
 # %%
-SIDE, PLACE = 0.3, np.array([0.3, 0.1, 1.0])
+SIDE = 0.3
+PLACE = np.array([0.3, 0.1, 1.0])
 cells = SIDE * ((np.arange(30) + 0.5) / 30 - 0.5)
 u, v = np.meshgrid(cells, cells)
 
@@ -498,7 +504,8 @@ u, v = np.meshgrid(cells, cells)
 def formula(tilt):
     """Radiance of all light of the patch, albedos 0.8 and 0.7, 1 W."""
     a = np.radians(tilt)
-    across, normal = np.array([np.cos(a), 0, -np.sin(a)]), np.array([-np.sin(a), 0, -np.cos(a)])
+    across = np.array([np.cos(a), 0, -np.sin(a)])
+    normal = np.array([-np.sin(a), 0, -np.cos(a)])
     p = PLACE + u[..., None] * across + v[..., None] * np.array([0, 1, 0])
     r = np.linalg.norm(p, axis=-1)
     cosines = np.maximum(p[..., 2] / r, 0) * np.maximum(-(p @ normal) / r, 0)
@@ -533,7 +540,8 @@ for name, only in (("unfiltered", False), ("filtered", True)):
     _, bins = mi.render(mi.load_dict(described, optimize=False), spp=NLOS_SPP, seed=3)
     captures[name] = np.array(bins)
 film = described["relay_wall"]["sensor"]["film"]
-nlos_start, nlos_width = film["start_opl"], film["bin_width_opl"]
+nlos_start = film["start_opl"]
+nlos_width = film["bin_width_opl"]
 save("nlos.npz", **captures, start_opl=nlos_start, bin_width_opl=nlos_width)
 
 # %% [markdown]
@@ -626,7 +634,8 @@ try:
         reach = min(1.05 * s, 12)
         ax.hist2d(p[:, 2], p[:, 0], bins=80, range=[(-reach, reach)] * 2, norm="symlog")
         ax.add_patch(plt.Circle((0, 0), s, fill=False, ec="white", ls=":"))
-        mean, exact = p[:, 2].mean(), ell * (1 - np.exp(-turns))
+        mean = p[:, 2].mean()
+        exact = ell * (1 - np.exp(-turns))
         title = f"s = {turns:g} l: mean of z {mean:.3f} m\nexact {exact:.3f} m"
         ax.set(title=title, aspect="equal", xlabel="z [m]")
     plt.show()

@@ -105,8 +105,8 @@ print(f"points land where they are seen from: within {error:.1e} pixels")
 
 # %% [markdown]
 # ## 2. Transient light tracer
-# Problem `a3.light_tracer`, and with glass `a3.caustics`. A glass sphere stands in the Cornell box,
-# beside a small lamp. Which part of the picture is missing, and why?
+# Problem `a3.light_tracer`, and with glass `a3.caustics`. A glass sphere is in the Cornell box, next
+# to a small lamp. Which part of the picture is missing, and why?
 
 # %% [solution] light_tracer.py
 
@@ -126,7 +126,7 @@ plt.show()
 # %% [markdown]
 # ## 3. Two strategies
 # Problem `a3.two_strategies`. The contribution of each strategy with its MIS weights, and their
-# sum. Compare its noise with that of the path tracer above.
+# sum. Compare its noise with the noise of the path tracer above.
 
 # %% [solution] two_strategies.py
 
@@ -185,7 +185,10 @@ bdpt = make(TransientBDPT, max_depth=DEPTH)
 steady, bins = render(bdpt, scene, spp=4 * SPP, seed=1)
 save("caustic.npz", transient=bins, steady=steady, start_opl=4.2, bin_width_opl=0.04)
 
-lamp, ball, index, radius = np.array([-0.7, 0, -0.45]), np.array([-0.25, -0.56, -0.1]), 1.5, 0.4
+lamp = np.array([-0.7, 0, -0.45])
+ball = np.array([-0.25, -0.56, -0.1])
+index = 1.5
+radius = 0.4
 direction = (ball - lamp) / np.linalg.norm(ball - lamp)
 floor = lamp + direction * (lamp[1] + 1) / -direction[1]  # the floor is at y = -1
 eye = np.array([0, 0, 3.9])
