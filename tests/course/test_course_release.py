@@ -242,7 +242,7 @@ def test_students_folder(tiny, tmp_path, run, monkeypatch):
     assert "is not empty; pass a new folder" in said
     status, _, said = run("verify", folder)
     assert status == 2
-    assert "verify needs the course's checkout, not the student edition" in said
+    assert "does not contain solutions" in said
     empty = tmp_path / "empty"
     empty.mkdir()
     monkeypatch.chdir(empty)
