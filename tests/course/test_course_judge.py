@@ -1,4 +1,4 @@
-"""The judge: what it says of right and wrong submissions, whatever they do to their process."""
+"""The judge: its reports on correct, wrong and hostile submissions."""
 
 import json
 import os
@@ -164,8 +164,9 @@ def test_missing_file_printed_output_and_what_hides(assignment, tmp_path):
 
 
 def test_questions_do_not_fill_the_disk(assignment, tmp_path, monkeypatch):
-    """The limit is that of what stays, however many questions a worker answers."""
-    question, disk = {"width_opl": 0.1, "t": np.zeros(200_000)}, SimpleNamespace(free=0)
+    """Files of answered questions are removed, so a worker can answer any number of questions."""
+    question = {"width_opl": 0.1, "t": np.zeros(200_000)}
+    disk = SimpleNamespace(free=0)
     with closing(Worker(assignment, write_submission(tmp_path / "right"))) as asked:
         first = asked.ask("density", question, GUARD_S)
         running = asked._running
@@ -286,7 +287,7 @@ def test_exact_comparisons():
 
 
 def fails(compare, *arguments, says: str | None = None, **options) -> expect.Failure:
-    """The failure of a comparison that must fail, which says this text."""
+    """Return the failure of a comparison that must fail with this text."""
     with pytest.raises(expect.Failure, match=says and re.escape(says)) as failure:
         compare(*arguments, "what", **options)
     return failure.value
@@ -331,7 +332,8 @@ def test_a_factor_is_named_hints_and_leaves_a_part():
 def test_a_factor_is_found_through_noise():
     expect.configure(comparisons=10)
     noise = np.random.default_rng(3).normal(1, 0.05, (32, 6))
-    far, near = np.arange(1.0, 7), np.linspace(1, 1.05, 6)
+    far = np.arange(1.0, 7)
+    near = np.linspace(1, 1.05, 6)
     for numbers, share in ((far, 0.5), (near, 0)):  # numbers that noise does not keep apart
         right = noise * numbers
         for compare, wanted in ((expect.estimate, numbers), (expect.same, right[::-1])):
@@ -372,7 +374,8 @@ def test_comparisons_with_noise_find_errors_and_pass_right_ones():
 def test_false_alarms_are_as_rare_as_stated(monkeypatch):
     """At a share of 1e-2 of 1000 comparisons of right samples about ten fail."""
     expect.configure(comparisons=1)
-    rng, passed = np.random.default_rng(11), 0
+    rng = np.random.default_rng(11)
+    passed = 0
     monkeypatch.setattr(expect, "ALPHA", 1e-2)
     for _ in range(1000):
         with suppress(expect.Failure):

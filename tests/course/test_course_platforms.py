@@ -66,7 +66,8 @@ def venv(tmp_path_factory) -> Path:
 
 @pytest.mark.parametrize("name", ["a1", "a2", "a3", "a4"])
 def test_gradescope_installs_and_grades_each_assignment(name, venv, tmp_path):
-    assignment, root = find(name), tmp_path / "autograder"
+    assignment = find(name)
+    root = tmp_path / "autograder"
     autograders.write(assignment, tmp_path / "x.zip")
     source = unpacked(tmp_path / "x.zip", root / "source")
     (source / "course" / ".venv").symlink_to(venv)
@@ -91,7 +92,8 @@ def test_gradescope_installs_and_grades_each_assignment(name, venv, tmp_path):
 
 def test_prairielearn_installs_and_grades(staff, tmp_path):
     autograders.write(staff, tmp_path / "x.zip", "prairielearn")
-    grader, top = unpacked(tmp_path / "x.zip", tmp_path / "grader"), tmp_path / "grade"
+    grader = unpacked(tmp_path / "x.zip", tmp_path / "grader")
+    top = tmp_path / "grade"
     described = json.loads((grader / "info.json").read_text())["externalGradingOptions"]
     assert (described["timeout"], described["enableNetworking"]) == (600, False)
     assert "COPY . /grader\nRUN bash /grader/setup.sh" in (grader / "Dockerfile").read_text()

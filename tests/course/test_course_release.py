@@ -101,7 +101,8 @@ for statement in (
         print(error)
 print(tofrender.__version__, tofrender.SPEED_OF_LIGHT)
 """
-    pulse, integrator = "yours to write: problem a0.pulse", "tofrender.integrators.transient_path"
+    pulse = "yours to write: problem a0.pulse"
+    integrator = "tofrender.integrators.transient_path"
     assert says(script, PYTHONPATH=str(tmp_path), PYTHONSAFEPATH="1") == [
         f"tofrender.GaussianPulse is {pulse}",
         f"tofrender.GaussianPulse is {pulse}",
@@ -161,7 +162,8 @@ def test_withheld_modules_must_exist(tiny, tmp_path):
 def test_a_withheld_package_takes_all_in_it_along(monkeypatch):
     without = {"tofrender.paths": "a0.walk", "tofrender.nlos.light": None}
     monkeypatch.setattr(withheld, "_WITHHELD", without)
-    walk, confocal = "tofrender.paths.walk", "tofrender.nlos.light.confocal"
+    walk = "tofrender.paths.walk"
+    confocal = "tofrender.nlos.light.confocal"
     assert withheld.refusal(walk) == f"{walk} is yours to write: problem a0.walk"
     assert withheld.refusal(confocal) == f"{confocal} is not part of the student edition"
     assert withheld.refusal("tofrender.nlos") is withheld.refusal("tofrender.pathsome") is None
@@ -366,7 +368,8 @@ def test_notebook_needs_its_files(tiny, tmp_path):
 
 def test_notebook_runs_and_says_what_fails(tiny, tmp_path):
     text = (tiny.folder / "notebook.py").read_text()
-    right, stubs = tmp_path / "right" / "notebook.ipynb", tmp_path / "stubs" / "notebook.ipynb"
+    right = tmp_path / "right" / "notebook.ipynb"
+    stubs = tmp_path / "stubs" / "notebook.ipynb"
     for files, notebook in ((tiny.solutions, right), (tiny.starter, stubs)):
         notebook.parent.mkdir()
         notebooks.write(text, files, notebook)

@@ -1,4 +1,4 @@
-"""What a teacher does with a class: rosters, sheets, pages, autograders, new terms, similarity."""
+"""Work of a teacher with a class: rosters, sheets, pages, autograders, new terms, similarity."""
 
 import re
 import subprocess
@@ -97,7 +97,8 @@ def staff(tmp_path_factory) -> Assignment:
 def toy() -> Rubric:
     tests = (GradedTest("test_a.py::test_x", 2), GradedTest("test_a.py::test_y", 2))
     bonus = Problem("a0.b", "B", (GradedTest("test_b.py::test_z", 1),), bonus=True)
-    problems, text = (Problem("a0.a", "A", tests), bonus), ByHand("a0.text", "Text", 4)
+    problems = (Problem("a0.a", "A", tests), bonus)
+    text = ByHand("a0.text", "Text", 4)
     return Rubric("a0", "Toys", problems, by_hand=(text,), late=Late(1, 0.1))
 
 
@@ -228,7 +229,7 @@ def test_jobs_give_the_same_points_side_by_side(tmp_path, monkeypatch):
     tables = {}
 
     class Together(subprocess.Popen):
-        """Waits until as many have started as there are jobs."""
+        """Process that waits until the number of started processes equals the number of jobs."""
 
         def communicate(self, *arguments, **options):
             met.wait(GUARD_S)
@@ -248,7 +249,8 @@ def test_jobs_give_the_same_points_side_by_side(tmp_path, monkeypatch):
 def test_a_process_that_is_lost_costs_one_member(tmp_path, monkeypatch):
     for name in ("a", "b"):
         tiny_assignment.write(tmp_path / "class" / name, {"p0.py": ADD0})
-    one, said = classes.json.dumps, []
+    one = classes.json.dumps
+    said = []
 
     def broken(wishes, **more):
         return "{" if str(wishes.get("out")).endswith("/a.json") else one(wishes, **more)

@@ -43,7 +43,8 @@ class Triangle(Shape):
         p = mi.Point3f(o + t * v)
         valid = t > 0
         for i in range(3):
-            start, end = self.corners[i], self.corners[(i + 1) % 3]
+            start = self.corners[i]
+            end = self.corners[(i + 1) % 3]
             inwards = np.cross(self.normal, end - start)
             valid &= dr.dot(vector(inwards), p - vector(start)) >= 0
         return self._hit(o, p, v, valid)

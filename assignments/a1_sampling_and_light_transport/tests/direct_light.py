@@ -10,7 +10,8 @@ from tofrender.course.judge import expect
 
 UP = np.array([0, 0, 1.0])
 ALBEDO = 0.8
-SEEDS, SPP = 32, 256
+SEEDS = 32
+SPP = 256
 
 LIGHTS_DIRECTION = "bsdf.eval wants a local direction: si.to_local(ds.d)"
 FRAMES = {  # hints for directions in the wrong frame

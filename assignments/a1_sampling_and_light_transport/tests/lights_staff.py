@@ -10,7 +10,8 @@ import numpy as np
 def triangle(random, towards, *, emission=None):
     """A triangle of about the size 1 around a point, which emits toward the origin."""
     x, y = _across(towards)
-    size, turn = random.uniform(0.5, 1.2, 3), random.uniform(0, 2 * np.pi)
+    size = random.uniform(0.5, 1.2, 3)
+    turn = random.uniform(0, 2 * np.pi)
     phi = turn + 2 * np.pi / 3 * (np.arange(3) + random.uniform(-0.2, 0.2, 3))
     lift = random.uniform(-0.3, 0.3, (3, 1)) * towards / np.linalg.norm(towards)
     corners = towards + (size * np.cos(phi))[:, None] * x + (size * np.sin(phi))[:, None] * y + lift
@@ -103,7 +104,8 @@ def _triangle(arguments, o, v):
 
 
 def _sphere(arguments, o, v):
-    centre, radius = np.array(arguments[0]), arguments[1]
+    centre = np.array(arguments[0])
+    radius = arguments[1]
     to = centre - o
     far = np.linalg.norm(to, axis=1)
     ahead = np.sum(to * v, axis=1)

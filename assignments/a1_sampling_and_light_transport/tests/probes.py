@@ -114,7 +114,8 @@ def answer(theirs, integrator, name, parameters, scene, o, d, seeds, spp, seed):
 
 
 def _answer(plugin, scene, o, d, seeds, spp, seed):
-    o, d = np.asarray(o), np.asarray(d)
+    o = np.asarray(o)
+    d = np.asarray(d)
     scene = mi.load_dict(_scene(scene))
     count = len(o) * seeds * spp
     each = dr.arange(mi.UInt32, count) // (seeds * spp)
@@ -166,7 +167,8 @@ def _scene(value):
 
 def _mesh(value):
     """A mesh with a given normal at each corner."""
-    corners, normals = np.asarray(value["corners"]), np.asarray(value["normals"])
+    corners = np.asarray(value["corners"])
+    normals = np.asarray(value["normals"])
     faces = np.asarray(value["faces"], np.uint32)
     bsdf = mi.Properties()
     bsdf["bsdf"] = mi.load_dict(value["bsdf"])

@@ -76,7 +76,8 @@ def test_density_at_the_horizon_and_below(submission):
         )
         hint = "the tangent is infinite at the horizon, and even powers hide the sign of z"
         what = f"density at z <= 1e-4 for alpha = {alpha}"
-        x, x_label = np.arccos(m[:, 2]), "theta [rad]"
+        x = np.arccos(m[:, 2])
+        x_label = "theta [rad]"
         expect.close(came, 0.0, what, atol=1e-6, hint=hint, x=x, x_label=x_label)
 
 

@@ -218,7 +218,8 @@ def test_points_of_an_image(submission):
     """hierarchical.npz and hierarchical.png: points against the image that they come from."""
     picture(submission, "hierarchical")
     content = arrays(submission, "hierarchical", {"image": 2, "points": 2})
-    image, p = content["image"].astype(float), content["points"].astype(float)
+    image = content["image"].astype(float)
+    p = content["points"].astype(float)
     n = len(image)
     right = image.shape == (n, n) and n >= 8 and n & (n - 1) == 0 and image.min() >= 0
     expect.true(

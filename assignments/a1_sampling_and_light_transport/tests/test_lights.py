@@ -175,7 +175,8 @@ def test_group(submission):
     middle = corners.mean(axis=0)
     points = np.array([[0, 0, 2.0], [0.3, 0, 2], [2.2, 0, 8], middle, [0, 3, 1], [0, 0, -1]])
     came = recorded(submission, group, zero, points)
-    a, b = formulas.cone_pdf(0.5, 2.0), formulas.cone_pdf(2.0, np.hypot(8, 0.4))
+    a = formulas.cone_pdf(0.5, 2.0)
+    b = formulas.cone_pdf(2.0, np.hypot(8, 0.4))
     area = formulas.triangle_area(corners)
     normal = np.cross(corners[1] - corners[0], corners[2] - corners[0]) / (2 * area)
     c = formulas.patch_pdf(middle[None], zero, normal, area)[0]
@@ -201,7 +202,8 @@ def test_group(submission):
 
 def test_irradiance(submission):
     """The mean of weight times cosine is the light that arrives."""
-    o, normal = np.zeros(3), np.array([0.0, 0.6, 0.8])
+    o = np.zeros(3)
+    normal = np.array([0.0, 0.6, 0.8])
     second = ["Sphere", [[-2.0, 1.0, 3.0], 0.4, 7.0], {}]
     spheres = formulas.sphere_irradiance(CENTRE, RADIUS, o, normal, 2.0)
     spheres += formulas.sphere_irradiance([-2, 1, 3], 0.4, o, normal, 7.0)

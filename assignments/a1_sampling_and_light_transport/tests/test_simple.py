@@ -108,7 +108,8 @@ def test_picture(submission):
         spp=4,
         seed=submission.seed,
     )
-    origin, normal = np.zeros((1, 3)), np.array([0, 0, 1.0])
+    origin = np.zeros((1, 3))
+    normal = np.array([0, 0, 1.0])
     wanted = formulas.point_light(np.array([0.5, 0, 2.0]), 40.0, origin, normal)[0]
     expect.shape(came, (8, 8, 3), "picture")
     expect.close(came.mean(axis=(0, 1)), wanted, "mean color of a picture of the plane", rtol=1e-2)

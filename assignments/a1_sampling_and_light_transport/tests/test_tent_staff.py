@@ -27,7 +27,8 @@ def test_regular_numbers(submission):
     ends = random_ends(submission.random)
     t = submission.ask("warp", name="square_to_tent", points=ends)
     hint = "P1(t) = u has an exact solution near 0 and 1, too"
-    came, what = np.abs(t).max(axis=1), "the larger of |x| and |y| for u or v near 0 or 1"
+    came = np.abs(t).max(axis=1)
+    what = "the larger of |x| and |y| for u or v near 0 or 1"
     expect.close(came, 1.0, what, atol=3e-3, hint=hint)
     one = submission.ask("warp", name="square_to_tent", points=square[:1])
     expect.close(one, p[:1], "a single point, as one of many", atol=1e-5)

@@ -46,7 +46,8 @@ def rotated(d, cosine, azimuth):
     across = np.sqrt(np.maximum(1 - d[2] ** 2, 0))
     along_z = across < 1e-6
     safe = np.where(along_z, 1, across)
-    a, b = np.cos(azimuth) * sine, np.sin(azimuth) * sine
+    a = np.cos(azimuth) * sine
+    b = np.sin(azimuth) * sine
     new = np.array(
         [
             (d[0] * d[2] * a - d[1] * b) / safe + d[0] * cosine,

@@ -41,9 +41,12 @@ class TimeGatedTransientPath(mi.SamplingIntegrator):
         ray, active = mi.Ray3f(ray), mi.Bool(active)
         before = dr.zeros(mi.SurfaceInteraction3f)
         before.p = ray.o if origin is None else origin
-        throughput, length = mi.Color3f(1), mi.Float(0)
-        density, delta = mi.Float(0), mi.Bool(True)
-        arrivals, valid = [], mi.Bool(False)
+        throughput = mi.Color3f(1)
+        length = mi.Float(0)
+        density = mi.Float(0)
+        delta = mi.Bool(True)
+        arrivals = []
+        valid = mi.Bool(False)
         for segment in range(1, self.max_depth + 1):
             si = scene.ray_intersect(ray, active)
             valid |= active & si.is_valid()

@@ -60,7 +60,8 @@ class FilmIntegrator(mi.SamplingIntegrator):
             the radiance that arrives in each bin.
         """
         sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
-        film, sampler = sensor.film(), sensor.sampler().clone()
+        film = sensor.film()
+        sampler = sensor.sampler().clone()
         if not hasattr(film, "add_transient_data"):
             raise TypeError(f"film: is a {film.class_name()}; must be a transient_hdr_film")
         spp = spp or sampler.sample_count()

@@ -73,7 +73,8 @@ def lamp(x, y, camera) -> tuple[np.ndarray, np.ndarray]:
     The lamp's irradiance on the plane is I cos / d² with d = |x - l| and cos = l_z / d; a diffuse
     surface turns an irradiance E into the radiance ρ E / π.
     """
-    x, y = np.asarray(x, float), np.asarray(y, float)
+    x = np.asarray(x, float)
+    y = np.asarray(y, float)
     d = np.sqrt((x - LIGHT[0]) ** 2 + (y - LIGHT[1]) ** 2 + LIGHT[2] ** 2)
     away = np.sqrt((x - camera[0]) ** 2 + (y - camera[1]) ** 2 + camera[2] ** 2)
     return ALBEDO / math.pi * INTENSITY * LIGHT[2] / d**3, away + d
@@ -146,7 +147,8 @@ def patch(centre, tilt, azimuth, half, cells=60):
 
     Returns also the 4 x 4 matrix that makes it of the square [-1, 1]².
     """
-    t, a = math.radians(tilt), math.radians(azimuth)
+    t = math.radians(tilt)
+    a = math.radians(azimuth)
     u = np.array([math.cos(t) * math.cos(a), math.cos(t) * math.sin(a), math.sin(t)])
     v = np.array([math.sin(a), -math.cos(a), 0.0])
     normal = np.cross(u, v)
@@ -167,7 +169,8 @@ def three_bounces(points, normal, area, lit, seen, device, power, wall, hidden):
     angle dA cos_h2 / r2² and cos_w2, and reflects ρ_w/π. Confocal: Φ ρ_w² ρ_h dA cos_w² cos_h² /
     (π³ r⁴), at 2 d + 2 r.
     """
-    value, length = power * wall**2 * hidden / math.pi**3 * area, 0.0
+    value = power * wall**2 * hidden / math.pi**3 * area
+    length = 0.0
     for point in (lit, seen):
         away = points - np.asarray(point, float)
         r = np.linalg.norm(away, axis=1)
@@ -255,7 +258,8 @@ def wandered(mu_s, g, s) -> np.ndarray:
     is Poisson's, so ⟨u_z⟩ = exp(-a s), a = mu_s (1 - g), ⟨u_z²⟩ = 1/3 + 2/3 exp(-b s), b =
     mu_s (1 - g²), and ⟨u(t) u(t')⟩ = ⟨u(t)²⟩ exp(-a (t' - t)); integrated over both.
     """
-    a, b = mu_s * (1 - g), mu_s * (1 - g * g)
+    a = mu_s * (1 - g)
+    b = mu_s * (1 - g * g)
     t = s * (np.arange(20_000) + 0.5) / 20_000
     later = (1 - np.exp(-a * (s - t))) / a
     along = 2 * s * np.mean((1 + 2 * np.exp(-b * t)) / 3 * later)

@@ -155,7 +155,8 @@ def gate_along_ray(theirs, scene, view, origin, target, times, pulse, max_depth)
 def gate_image(theirs, scene, view, time, pulse, spp, seed, max_depth=2):
     """Images of `render_at_time`, shape (seeds, height, width, 3)."""
     scene = world(scene, view)
-    integrator, sensor = _gated(theirs, pulse, max_depth=max_depth), scene.sensors()[0]
+    integrator = _gated(theirs, pulse, max_depth=max_depth)
+    sensor = scene.sensors()[0]
     return over_seeds(
         lambda s: theirs.render_at_time(scene, integrator, sensor, time, spp=spp, seed=s), seed
     )
@@ -164,7 +165,8 @@ def gate_image(theirs, scene, view, time, pulse, spp, seed, max_depth=2):
 def gates(theirs, scene, view, bins, pulse, spp, seed, max_depth, **options):
     """Cubes of `render_transient`, shape (seeds, height, width, bins, 3)."""
     scene = world(scene, view, **options)
-    integrator, sensor = _gated(theirs, pulse, max_depth=max_depth), scene.sensors()[0]
+    integrator = _gated(theirs, pulse, max_depth=max_depth)
+    sensor = scene.sensors()[0]
     names = ("temporal_bins", "start_opl", "bin_width_opl")
     config = dict(zip(names, (int(bins[0]), float(bins[1]), float(bins[2])), strict=True))
     return over_seeds(
@@ -175,7 +177,8 @@ def gates(theirs, scene, view, bins, pulse, spp, seed, max_depth, **options):
 def gate_pictures(theirs, view, colours, pulse, gates, time, spp, seed):
     """Pictures of `render_at_time` and cubes of `render_transient`, see `_pictures`."""
     scene = world("lamp", view, colours=colours)
-    integrator, sensor = _gated(theirs, pulse, max_depth=2), scene.sensors()[0]
+    integrator = _gated(theirs, pulse, max_depth=2)
+    sensor = scene.sensors()[0]
     names = ("temporal_bins", "start_opl", "bin_width_opl")
     config = dict(zip(names, (int(gates[0]), float(gates[1]), float(gates[2])), strict=True))
 
@@ -199,7 +202,8 @@ def gate_profile(theirs, view, times, pulse, options):
 
 
 def _ray(origin, target):
-    o, d = mi.Point3f(origin), dr.normalize(mi.Point3f(target) - mi.Point3f(origin))
+    o = mi.Point3f(origin)
+    d = dr.normalize(mi.Point3f(target) - mi.Point3f(origin))
     return mi.Ray3f(o + dr.zeros(mi.Float, 16), mi.Vector3f(d) + dr.zeros(mi.Float, 16))
 
 
@@ -303,7 +307,8 @@ def spread_lanes(theirs, pulse, opl, active):
     integrator = theirs.TransientPath(properties())
     integrator.pulse = worlds.pulse(*pulse)
     number = len(opl)
-    lane, total = dr.arange(mi.UInt32, number), dr.zeros(mi.Float, number)
+    lane = dr.arange(mi.UInt32, number)
+    total = dr.zeros(mi.Float, number)
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})
     sampler.seed(0, number)
 
@@ -322,7 +327,8 @@ def confocal(theirs, scene, view, spp, seed, seeds=SEEDS, integrator=None, **opt
 
 
 def _render(integrator, scene, spp, seed, seeds):
-    steady, transient = [], []
+    steady = []
+    transient = []
     for k in range(seeds):
         image, cube = integrator.render(scene, scene.sensors()[0], seed=seed + k, spp=spp)
         steady.append(np.array(image, dtype=np.float64))

@@ -125,7 +125,9 @@ def _deposited(integrator, scene, ray, given, seed, after):
     dr.eval(lane, sums)
 
     def deposit(spectrum, opl, active):
-        spectrum, opl, active = mi.Color3f(spectrum), mi.Float(opl), mi.Bool(active)
+        spectrum = mi.Color3f(spectrum)
+        opl = mi.Float(opl)
+        active = mi.Bool(active)
         late = dr.select(opl > after, dr.max(spectrum), 0)
         for total, value in zip(sums, [*spectrum, *(spectrum * opl), late], strict=True):
             dr.scatter_add(total, value, lane, active)

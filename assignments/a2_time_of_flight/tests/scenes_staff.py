@@ -80,7 +80,9 @@ def ggx(alpha, wi, wo, normal=(0.0, 0.0, 1.0)):
         cos = np.clip(w @ normal, 1e-9, 1)
         return 2 / (1 + np.sqrt(1 + alpha**2 * (1 / cos**2 - 1)))
 
-    cos_i, cos_o, cos_h = np.asarray(wi) @ normal, wo @ normal, h @ normal
+    cos_i = np.asarray(wi) @ normal
+    cos_o = wo @ normal
+    cos_h = h @ normal
     density = alpha**2 / (math.pi * ((alpha**2 - 1) * cos_h**2 + 1) ** 2)
     value = density * masking(np.asarray(wi)) * masking(wo) / (4 * np.maximum(cos_i, 1e-9))
     return np.where((cos_i > 0) & (cos_o > 0), value, 0)
@@ -123,7 +125,8 @@ def blocked(a, b, centre, right, up, half):
     """Whether segments from a to b, arrays of points that broadcast, meet a rectangle."""
     a, b = np.broadcast_arrays(np.asarray(a, float), np.asarray(b, float))
     normal = np.cross(right, up)
-    from_a, from_b = (a - centre) @ normal, (b - centre) @ normal
+    from_a = (a - centre) @ normal
+    from_b = (b - centre) @ normal
     with np.errstate(all="ignore"):
         t = from_a / (from_a - from_b)
         meets = a + t[..., None] * (b - a) - centre

@@ -83,8 +83,10 @@ def test_phasor_of_one_sample(submission):
 def test_phasor_of_bounces(submission):
     """The phasor of all bounces in a sphere, eight segments deep."""
     random = submission.random
-    radius, albedo = random.uniform(0.8, 1.6), random.permutation([0.9, 0.6, 0.3])
-    intensity, frequency = random.uniform(1, 4, 3), float(random.uniform(1e7, 3e7))
+    radius = random.uniform(0.8, 1.6)
+    albedo = random.permutation([0.9, 0.6, 0.3])
+    intensity = random.uniform(1, 4, 3)
+    frequency = float(random.uniform(1e7, 3e7))
     parts = {"ball": sphere(radius, albedo), "lamp": point((0, 0, 0), intensity)}
     I, Q, amplitude, phase, depth = submission.ask(  # noqa: E741
         "amcw_phasors",

@@ -8,8 +8,11 @@ from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a2_area_spot
 
-DEVICE, TARGET = (0.0, -0.05, 0.33), (0.1, 0.1, 0.0)
-WALL, HIDDEN, POWER = 0.8, 0.6, 2.5
+DEVICE = (0.0, -0.05, 0.33)
+TARGET = (0.1, 0.1, 0.0)
+WALL = 0.8
+HIDDEN = 0.6
+POWER = 2.5
 PATCH = formulas.patch((0.35, 0.1, 0.4), tilt=10, azimuth=20, half=(0.15, 0.1), cells=30)
 
 

@@ -16,7 +16,8 @@ LENGTH = formulas.inputs.number("length in fog", 3.0, low=2.5, high=3.5)
 def test_absorption(submission):
     """Each bin is weaker by the mean of exp(-mu_a s) over its lengths."""
     cube = np.random.default_rng(5).random((2, 3, 12, 3)).astype(np.float32)
-    start, width = 1.5, 0.4
+    start = 1.5
+    width = 0.4
     for mu_a in (0.0, 0.3, 2.5):
         came = submission.ask(
             "absorbed", transient=cube, mu_a=mu_a, start_opl=start, bin_width_opl=width
@@ -54,7 +55,8 @@ def test_photons_wander(submission):
 
 def test_polariser(submission):
     """Malus' law, three polarizers, and circular light."""
-    half, quarter = np.pi / 2, np.pi / 4
+    half = np.pi / 2
+    quarter = np.pi / 4
     hint = "(S0 + S1 cos 2a + S2 sin 2a) / 2 passes, polarized along the axis"
 
     def behind(stokes, angle):

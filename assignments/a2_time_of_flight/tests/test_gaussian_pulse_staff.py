@@ -33,7 +33,8 @@ def test_any_width(submission):
         expect.true(pulse["is_number"], f"normalization {what}: a float; came something else")
         expect.close(pulse["normalization"], wanted, f"normalization {what}", rtol=1e-5)
         axis = {"x": T, "x_label": "t [σ]"}
-        density, cdf = formulas.gaussian(T, 1.0), formulas.gaussian_cdf(T, 1.0)
+        density = formulas.gaussian(T, 1.0)
+        cdf = formulas.gaussian_cdf(T, 1.0)
         came = pulse["density"] * width
         expect.close(came, density, f"density x σ {what}", rtol=2e-4, atol=1e-6, **axis)
         expect.close(pulse["cdf"], cdf, f"cdf {what}", rtol=0, atol=3e-6, **axis)

@@ -105,7 +105,10 @@ def test_emitters_that_rays_run_into(submission):
 
 def test_area_light(submission):
     """A disk light over a plane: connections and hits share its energy, over time."""
-    h, radius, radiance, away = 0.8, 1.0, 2.0, 1.2
+    h = 0.8
+    radius = 1.0
+    radiance = 2.0
+    away = 1.2
     eye = (0.0, math.sqrt(away**2 - 0.4**2), 0.4)
     bins = (60, 0.5, 0.05)
     came = submission.ask(
@@ -155,7 +158,9 @@ def test_area_light(submission):
 @pytest.mark.parametrize("max_depth", [1, 2, 4])
 def test_depth(submission, max_depth):
     """In a sphere every bounce has the same known energy, so the depth can be counted."""
-    radius, albedo, intensity = 1.0, 0.8, 3.0
+    radius = 1.0
+    albedo = 0.8
+    intensity = 3.0
     bins = (110, 0.5, 0.1)
     came = submission.ask(
         "gates",
@@ -182,7 +187,8 @@ def test_depth(submission, max_depth):
 
 def test_many_gates(submission):
     """Pixels and gates are where they belong: (height, width, gates, channels)."""
-    size, camera = (3, 2), OVER["origin"]
+    size = (3, 2)
+    camera = OVER["origin"]
     bins = (8, 3.3, 0.1)
     view = OVER | {"fov": 60.0, "size": size}
     came = submission.ask(
@@ -212,7 +218,8 @@ def test_many_gates(submission):
 
 def test_same_paths_for_all_gates(submission):
     """One sample of one path: all gates see its light, at one length."""
-    first, last = -4.0, 6.0
+    first = -4.0
+    last = 6.0
     bins = (8, 3.2, 0.25)
     came = submission.ask(
         "gates",
@@ -239,7 +246,8 @@ def test_same_paths_for_all_gates(submission):
     half = OVER["origin"][2] * math.tan(math.radians(30))
     x, y = np.meshgrid(formulas.X + half * np.linspace(-1, 1, 50), half * np.linspace(-1, 1, 50))
     lengths = formulas.lamp(x, y, OVER["origin"])[1]
-    low, high = lengths.min() - 0.05, lengths.max() + 0.05
+    low = lengths.min() - 0.05
+    high = lengths.max() + 0.05
     what = f"length that the gates of one sample tell: from {low:.2f} m to {high:.2f} m; came"
     inside = opl.min() > low and opl.max() < high
     expect.true(inside, f"{what} {opl.min():.2f} m to {opl.max():.2f} m", hint=hint)

@@ -30,9 +30,11 @@ def test_long_paths(submission):
 
 def test_any_pulse(submission):
     """The pulse that is set, or a Gaussian of the width that is asked for, 0.03 m by default."""
-    random, view = submission.random, formulas.OVER
+    random = submission.random
+    view = formulas.OVER
     light, opl = formulas.lamp(formulas.X, 0.0, view["origin"])
-    width, first = float(random.uniform(0.01, 0.3)), float(random.uniform(-0.5, 0.3))
+    width = float(random.uniform(0.01, 0.3))
+    first = float(random.uniform(-0.5, 0.3))
     last = first + float(random.uniform(0.1, 0.6))
     for pulse, options, density, most in (
         (None, {}, lambda t: formulas.gaussian(t, 0.03), 0.1),

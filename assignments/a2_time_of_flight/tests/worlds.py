@@ -14,7 +14,8 @@ class Hat:
     """A pulse that rises evenly over its width and falls evenly again."""
 
     def __init__(self, width_opl):
-        self.width_opl, self.normalization = width_opl, 1 / width_opl
+        self.width_opl = width_opl
+        self.normalization = 1 / width_opl
         self.support = (-width_opl, width_opl)
 
     def eval(self, t):
@@ -91,7 +92,8 @@ class Ramp:
     """A modulation that grows with the length, so its mean gives the mean length."""
 
     def __init__(self, at_zero, slope):
-        self.at_zero, self.slope = at_zero, slope
+        self.at_zero = at_zero
+        self.slope = slope
 
     def eval(self, opl):
         return self.at_zero + self.slope * opl

@@ -37,8 +37,11 @@ class View:
         self.left = _unit(np.cross(up, self.axis))
         self.up = np.cross(self.axis, self.left)
         self.left *= -1 if mirrored else 1
-        self.half, self.size, self.shift = math.tan(math.radians(fov) / 2), size, shift
-        self.aperture, self.focus = aperture, focus
+        self.half = math.tan(math.radians(fov) / 2)
+        self.size = size
+        self.shift = shift
+        self.aperture = aperture
+        self.focus = focus
         self.crop = (0, 0, *size) if crop is None else crop
         width, height = size
         whole = 4 * self.half**2 * height / width
@@ -78,7 +81,8 @@ class View:
         u, v, a, b = even(count**2 * 16, 4)
         x, y = np.meshgrid(np.arange(self.size[0]), np.arange(self.size[1]))
         d = self.direction(x[..., None] + a, y[..., None] + b)
-        r, φ = self.aperture * np.sqrt(u), 2 * math.pi * v
+        r = self.aperture * np.sqrt(u)
+        φ = 2 * math.pi * v
         offset = (r * np.cos(φ))[:, None] * self.left + (r * np.sin(φ))[:, None] * self.up
         sharp = d * (self.focus / (d @ self.axis))[..., None]
         return self.origin + offset, _unit(sharp - offset)
@@ -121,7 +125,8 @@ def under_point(view, d, light, intensity, albedo=0.5, alpha=None, cone=None, or
     f_cos = albedo / math.pi * cos_light
     if alpha is not None:
         f_cos = ggx(-d, way / far[..., None], alpha)
-    spread, per_sr = 1.0, 1 / (4 * math.pi)
+    spread = 1.0
+    per_sr = 1 / (4 * math.pi)
     if cone is not None:
         spread, per_sr = spot(light, -way / far[..., None], *cone)
     radiance = f_cos * intensity * spread / far**2
@@ -198,7 +203,8 @@ def sphere_shares(view, n, exponent, inner=True):
     differ by the end that their path begins at: p from the camera, 1/4π from the light.
     """
     d = view.pixels(16)
-    p, q = view.density(d) ** exponent, (1 / (4 * math.pi)) ** exponent
+    p = view.density(d) ** exponent
+    q = (1 / (4 * math.pi)) ** exponent
     if inner:
         total = n * p + q
         return [float((p / total).mean())] * n + [float((q / total).mean())]
@@ -221,7 +227,8 @@ def shares(mine, count, other, power):
 
     The equal strategies have the density `mine`, the other strategy `other`, pixel by pixel.
     """
-    mine, other = mine**power, other**power
+    mine = mine**power
+    other = other**power
     total = count * mine + other
     return (mine / total).mean(-1), (other / total).mean(-1)
 
@@ -344,9 +351,12 @@ def through_slab(
     """
     through = (2 * order + 1) * (top - bottom)
     u, v = even(count, 2)
-    cos, φ = u, 2 * math.pi * v  # even in the half of all directions
+    # Even in the half of all directions
+    cos = u
+    φ = 2 * math.pi * v
     reflected, inside = fresnel(cos, index)
-    tan, tan_in = np.sqrt(1 - cos**2) / cos, np.sqrt(1 - inside**2) / inside
+    tan = np.sqrt(1 - cos**2) / cos
+    tan_in = np.sqrt(1 - inside**2) / inside
     r = (light - top + bottom) * tan + through * tan_in
     opl = (light - top + bottom) / cos + index * through / inside
     power = 2 * math.pi * intensity * (1 - reflected) ** 2 * reflected ** (2 * order) / count
@@ -374,9 +384,12 @@ def through_ball(view, radius, light, floor_z, intensity, albedo=0.5, index=1.5,
     near = light * cos - radius * cos_i
     chord = 2 * radius * cos_t
     # In the plane of incidence: each surface turns the ray by θi - θt toward the axis
-    angle, turned = np.arcsin(sin), np.arccos(cos_i) - np.arccos(cos_t)
-    x0, z0 = near * sin, light - near * cos
-    x1, z1 = x0 + chord * np.sin(angle - turned), z0 - chord * np.cos(angle - turned)
+    angle = np.arcsin(sin)
+    turned = np.arccos(cos_i) - np.arccos(cos_t)
+    x0 = near * sin
+    z0 = light - near * cos
+    x1 = x0 + chord * np.sin(angle - turned)
+    z1 = z0 - chord * np.cos(angle - turned)
     out = angle - 2 * turned
     far = (z1 - floor_z) / np.cos(out)
     opl = near + index * chord + far

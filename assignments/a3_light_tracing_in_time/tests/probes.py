@@ -74,7 +74,8 @@ def render(theirs, name, scene, view, spp, seed, integrator=None, seeds=SEEDS, *
     scene = world(scene, view, **options)
     tracer = getattr(theirs, name)(properties(**(integrator or {})))
     tracer.make_lens = worlds.MitsubasLens
-    steady, transient = [], []
+    steady = []
+    transient = []
     for k in range(seeds):
         image, cube = tracer.render(scene, scene.sensors()[0], seed=seed + k, spp=spp)
         steady.append(np.array(image, dtype=np.float64))

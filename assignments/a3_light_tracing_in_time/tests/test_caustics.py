@@ -31,7 +31,8 @@ def test_through_a_slab(submission):
     )
     hint = "no connection ends on glass: only smooth vertices connect; the next ones go on"
     expect.estimate(steady.mean((1, 2)), part.sum(), "film's mean", rounding=3e-3, hint=hint)
-    means, hint = steady[..., 0].mean((1, 2)), "as many paths of light as there are lanes"
+    means = steady[..., 0].mean((1, 2))
+    hint = "as many paths of light as there are lanes"
     expect.noise(means, 0.038 * part.sum(), "the film's mean", hint=hint)
     hint = "in glass, light takes index times as long"
     check_bins(transient, part, opl, bins, hint)

@@ -91,7 +91,8 @@ def check_bins(transient, part, opl, bins, hint):
     edges = bins[1] + bins[2] * np.arange(bins[0] + 1)
     wanted = np.histogram(opl, edges, weights=part)[0]
     came = transient.mean((1, 2))[..., 0]
-    much, there = wanted > 0.02 * wanted.sum(), np.asarray(opl)[np.asarray(part) > 0]
+    much = wanted > 0.02 * wanted.sum()
+    there = np.asarray(opl)[np.asarray(part) > 0]
     axis = {"x": (edges[:-1] + bins[2] / 2)[much], "x_label": "opl [m]"}
     expect.estimate(
         came[:, much], wanted[much], "radiance per bin", rounding=1e-2, hint=hint, **axis

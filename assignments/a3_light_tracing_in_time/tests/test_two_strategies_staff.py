@@ -19,8 +19,10 @@ ENDS = ("camera", "light")
 def test_shares_of_indirect_light(submission):
     """In a sphere, from a point off its center: two to four reflections, pixel by pixel."""
     random = submission.random
-    radius, albedo = drawn.between(random, 0.8, 1.5), drawn.between(random, 0.6, 0.8)
-    intensity, max_depth = drawn.between(random, 1, 5), int(random.integers(3, 6))
+    radius = drawn.between(random, 0.8, 1.5)
+    albedo = drawn.between(random, 0.6, 0.8)
+    intensity = drawn.between(random, 1, 5)
+    max_depth = int(random.integers(3, 6))
     options = drawn.inside(random, radius)
     view = formulas.View(**options)
     _, mine, other = formulas.in_sphere(view, view.pixels(16), radius)
@@ -43,10 +45,12 @@ def test_several_lamps(submission):
     options["target"] = [*options["origin"][:2], 0.0]  # So wide that both ends find much
     view = formulas.View(**options)
     d = view.pixels(16)
-    at, spot = drawn.above(random), drawn.above(random)
+    at = drawn.above(random)
+    spot = drawn.above(random)
     colours = [drawn.colour(random) for _ in range(3)]
     cone = [[*drawn.between(random, -0.3, 0.3, 2), 0.0], drawn.between(random, 35, 45), 25.0]
-    height, half = drawn.between(random, 2.3, 2.6), drawn.between(random, 0.2, 0.4)
+    height = drawn.between(random, 2.3, 2.6)
+    half = drawn.between(random, 0.2, 0.4)
     weight = drawn.between(random, 1.5, 3)
     part, _, (_, *by_panel) = formulas.under_panel(view, half, height, 1.0)
     found = [formulas.under_point(view, d, p, 1.0, cone=c) for p, c in ((at, None), (spot, cone))]
@@ -94,7 +98,8 @@ def test_another_room(submission):
 
 def agrees_with_a_path_tracer(submission, name, case, mirror):
     random = submission.random
-    unit, radiance = drawn.between(random, 0.5, 2.5), drawn.colour(random, 1, 5)
+    unit = drawn.between(random, 0.5, 2.5)
+    radiance = drawn.colour(random, 1, 5)
     factor = np.array(radiance) / (3.0, 2.2, 1.5)
     view = ROOM | {"origin": [unit * x for x in ROOM["origin"]]}
     view["target"] = [unit * x for x in ROOM["target"]]

@@ -20,7 +20,8 @@ class MitsubasLens:
         middle = sensor.world_transform() @ mi.Point3f(0)
         axis = dr.normalize(sensor.world_transform() @ mi.Vector3f(0, 0, 1))
         parameters = mi.traverse(sensor)
-        self.axis, self.near = axis, parameters["near_clip"]
+        self.axis = axis
+        self.near = parameters["near_clip"]
         self.radius = None
         if "aperture_radius" in parameters:
             self.radius = parameters["aperture_radius"]
@@ -328,7 +329,8 @@ def room(view, mirror=True, unit=1.0, radiance=(3.0, 2.2, 1.5)):
     material are equal in both directions, but densities of diffuse materials are not.
     """
     walls = {"sensor": view}
-    white, red = diffuse(0.6), {"type": "diffuse", "reflectance": rgb(0.6, 0.2, 0.1)}
+    white = diffuse(0.6)
+    red = {"type": "diffuse", "reflectance": rgb(0.6, 0.2, 0.1)}
     glossy = {"type": "roughconductor", "alpha": 0.3, "sample_visible": False}
     clear = {"type": "conductor", "material": "none"}
 

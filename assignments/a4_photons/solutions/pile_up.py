@@ -8,7 +8,8 @@ import numpy as np
 def first_photon(rates: np.ndarray) -> np.ndarray:
     """A bin detects if it has a photon and no bin before has one."""
     rates = np.asarray(rates, np.float64)
-    found, armed = np.empty(rates.shape), np.ones(rates.shape[:-1])
+    found = np.empty(rates.shape)
+    armed = np.ones(rates.shape[:-1])
     for k in range(rates.shape[-1]):
         found[..., k] = armed * -np.expm1(-rates[..., k])
         armed = armed * np.exp(-rates[..., k])

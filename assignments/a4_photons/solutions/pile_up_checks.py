@@ -20,7 +20,8 @@ def check_pile_up(pile_up) -> None:
         variance = np.asarray(pile_up.coates_variance(rates, cycles))
         assert np.array_equal(rates, given), "rates are changed"
         assert p.shape == variance.shape == shape, "shape"
-        expected, spread = np.empty(shape), np.empty(shape)
+        expected = np.empty(shape)
+        spread = np.empty(shape)
         for where in np.ndindex(shape[:-1]):
             armed = 1.0
             for k, rate in enumerate(rates[where]):

@@ -102,7 +102,8 @@ def depth_bound(theirs, signal, background, sigma_s, tail_s, width):
 
 def estimate_depth(theirs, counts, sigma_s, tail_s, method, width):
     """Depth and its standard deviation."""
-    before, given = counts.copy(), {} if method is None else {"method": method}
+    before = counts.copy()
+    given = {} if method is None else {"method": method}
     response = Response(sigma_s, tail_s)
     found = theirs.estimate_depth(counts, response, bin_width_opl=width, **given)
     names = ("depth", "depth_std")

@@ -46,7 +46,9 @@ def test_paralysable(submission):
 
 def test_constant_light(submission):
     """Rates per time of r / (1 + r τ) and r exp(-r τ), in fine bins of a free-running SPAD."""
-    bins, rate, dead = 60, 0.002, 40
+    bins = 60
+    rate = 0.002
+    dead = 40
     rates = np.full((1, bins), rate)
     hint = "periodic: the dead time of the last bins goes on in the first"
     found = detections(submission, rates, dead, periodic=True)
@@ -89,7 +91,8 @@ def test_mean_counts(submission):
 
 def test_noise_of_counts(submission):
     """Variances and covariances: dead time makes counts less noisy than Poisson's."""
-    mean, second = formulas.expected("non_paralysable")[0], formulas.expected("second_moments")
+    mean = formulas.expected("non_paralysable")[0]
+    second = formulas.expected("second_moments")
     counts = counts_of(submission, RATES[0], 50, DEAD)["found"]
     away = counts - 50 * mean
     products = away[:, :, None] * away[:, None, :]

@@ -8,8 +8,12 @@ from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a4_deliverables
 
-START, WIDTH, BINS = 5.0, 0.04, 325
-WALL, FOV = 4.9, 39.3077  # distance of the back wall from the camera [m], field of view [degrees]
+START = 5.0
+WIDTH = 0.04
+BINS = 325
+# Distance of the back wall from the camera [m], field of view [degrees]
+WALL = 4.9
+FOV = 39.3077
 
 
 def require(submission, file, *names):

@@ -8,7 +8,8 @@ from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a4_depth_map
 
-WIDTH, BINS = 0.02, 160
+WIDTH = 0.02
+BINS = 160
 SIGMA = formulas.inputs.number("response of the depth map [ps]", 180.0, low=150, high=220) * 1e-12
 TAIL = 1.3 * SIGMA
 SIGNALS = np.array([[50.0, 100, 200], [400, 800, 1600]])
