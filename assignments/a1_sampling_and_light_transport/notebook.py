@@ -2,7 +2,7 @@
 # # A1: sampling and light transport
 #
 # **Overview.** You warp uniform random numbers to points, normals and directions of a given
-# density, sample directions towards lights, and write three path tracers that render the same
+# density, sample directions toward lights, and write three path tracers that render the same
 # picture with very different noise. For each problem, this notebook has a cell that contains its
 # file, and a cell that runs it and draws pictures. The [handout](README.md) explains the theory and
 # specifies each function.
@@ -14,13 +14,13 @@
 # - where BSDF sampling and light sampling have low noise, and how MIS combines them
 #
 # **How to work.** Fill in a cell that starts with `%%solution`, run it (it writes the file), run
-# the cell below it, and then the problem's tests in a terminal: `pytest -m a1_tent`. First run the
-# cells of "Set-up" and those of earlier problems, whose functions are used again. Cells that need
-# an unsolved problem end with `NotImplementedError`, or with a `RuntimeError` of Mitsuba ("failed
-# to instantiate unknown plugin", "error while performing a custom differentiable operation (see
-# above)"); `NotImplementedError` and the problem's name are then further up in the output. You may
-# also edit the files in an editor; then skip the cells that start with `%%solution` (a cell that
-# still contains its stub does not overwrite a changed file).
+# the cell below it, and then the problem's tests in a terminal: `pytest -m a1_tent`. First run
+# the cells of "Set-up" and the cells of earlier problems, because their functions are used again.
+# Cells that need an unsolved problem end with `NotImplementedError`, or with a `RuntimeError` of
+# Mitsuba ("failed to instantiate unknown plugin", "error while performing a custom differentiable
+# operation (see above)"); `NotImplementedError` and the problem's name are then further up in the
+# output. You may also edit the files in an editor; then skip the cells that start with
+# `%%solution` (a cell that still contains its stub does not overwrite a changed file).
 
 # %% [markdown]
 # ## Set-up
@@ -44,7 +44,7 @@ from tofrender.sampling import chi_square_test, independent, stratified
 SMALL = os.environ.get("TOFRENDER_NOTEBOOK_SIZE") == "small"  # for automatic tests
 SAMPLES, CELLS = (50_000, 51) if SMALL else (1_000_000, 101)  # of a chi-square test, rows of cells
 SIDE = 64 if SMALL else 192  # pixels along the side of pictures
-SEEDS = 16  # renders from which noise is measured; no fewer
+SEEDS = 16  # renders for a measurement of noise; do not use fewer
 SPP = 16 if SMALL else 64  # samples per pixel of each of them
 
 deliverables = Path("deliverables")
@@ -235,8 +235,8 @@ for alpha in (0.1, 0.3, 1.0):
 
 # %% [markdown]
 # A facet with the normal $m$ covers a ground area of $\cos\theta$ times its own area, and these
-# projected areas add up to the area of the ground. The density above is that of projected area.
-# $D(m)$ of many books, with $\cos^4\theta$ in the denominator, is that of facet area, and not a
+# projected areas add up to the area of the ground. The density above refers to projected area.
+# $D(m)$ of many books, with $\cos^4\theta$ in the denominator, refers to facet area, and is not a
 # density of directions. **Which result does the chi-square test give for $D(m)$?** Try it.
 
 # %% [markdown]
@@ -277,7 +277,8 @@ print(f"from {image.min():.2f} to {image.max():.2f}")
 # %%
 small = mi.load_dict(tofrender.bust_ao(width=48, height=64))
 renders = np.array([mi.render(small, spp=16, seed=k) for k in range(SEEDS)])[..., 1]
-openness, measured = renders.mean(axis=0), 16 * renders.var(axis=0, ddof=1)
+openness = renders.mean(axis=0)
+measured = 16 * renders.var(axis=0, ddof=1)
 figure, ax = plt.subplots(figsize=(5.5, 4), layout="constrained")
 ax.scatter(openness, measured, s=2, label="pixels")
 level = np.linspace(0, 1, 100)
@@ -433,7 +434,8 @@ def render_all(builder, spp=SPP, seeds=SEEDS, **options):
 
 def three(builder, spp=SPP, **options):
     """The same by each of the three path tracers, and the seconds that each took."""
-    found, seconds = {}, {}
+    found = {}
+    seconds = {}
     for name in STRATEGIES:
         begin = time.perf_counter()
         found[name] = render_all(builder, spp, integrator=f"path_tracer_{name}", **options)
@@ -442,7 +444,7 @@ def three(builder, spp=SPP, **options):
 
 
 def show_three(renders, name, exposure):
-    """One render of each, and their mean colours."""
+    """One render of each, and their mean colors."""
     figure, axes = plt.subplots(1, 3, figsize=(13, 4), layout="constrained")
     for ax, (strategy, images) in zip(axes, renders.items(), strict=True):
         ax.imshow(tofrender.tonemap(images[0], exposure=exposure))
@@ -561,7 +563,7 @@ compare(box["mis"].mean(axis=0), "small_box", 1.2)
 
 # %% [markdown]
 # With a mirror and a glass sphere in the box, some light can be found by BSDF sampling only. It
-# causes the bright dots beside the glass.
+# causes the bright dots next to the glass.
 
 # %%
 described = tofrender.small_box(

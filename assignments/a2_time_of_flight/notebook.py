@@ -157,8 +157,9 @@ plt.show()
 
 # %%
 film_config = {"temporal_bins": 300, "start_opl": 3.5, "bin_width_opl": 0.02}
-start, width = film_config["start_opl"], film_config["bin_width_opl"]
-opl = start + (np.arange(300) + 0.5) * width  # m, centres of the bins
+start = film_config["start_opl"]
+width = film_config["bin_width_opl"]
+opl = start + (np.arange(300) + 0.5) * width  # m, centers of the bins
 gated = render_transient(scene, integrator, sensor, film_config, spp=SPP)
 steady_sum = gated.sum(axis=2) * width
 steady_scene = mi.load_dict(tofrender.cornell_box_steady_state(width=SIZE, height=SIZE))
@@ -187,7 +188,7 @@ show(axes[0], tofrender.tonemap(steady_sum, exposure=exposure), "sum over gates"
 for name, (x, y) in pixels.items():
     (line,) = axes[1].plot(opl_to_ns(opl), gated[y, x, :, 0], label=f"{name} ({x}, {y})")
     axes[0].plot(x, y, "o", color=line.get_color(), markeredgecolor="white", markersize=9)
-axes[1].set(xlabel="time [ns]", ylabel="red radiance per metre [W m$^{-2}$ sr$^{-1}$ m$^{-1}$]")
+axes[1].set(xlabel="time [ns]", ylabel="red radiance per meter [W m$^{-2}$ sr$^{-1}$ m$^{-1}$]")
 axes[1].legend(frameon=False)
 figure.savefig(OUT / "pixel_responses.png", dpi=110)
 plt.show()
@@ -255,7 +256,7 @@ tofrender.phasor_panel(FREQUENCIES, *flash_phasors, title="with a flash at the c
 # %% [markdown]
 # The error of the depth, compared with the distance of the first surface. Depths that are too small
 # by whole unambiguous ranges have wrapped. The remaining error is due to indirect light (multi-path
-# interference). The phasors of the colour channels are added; their phases are not averaged.
+# interference). The phasors of the color channels are added; their phases are not averaged.
 
 
 # %%
@@ -374,12 +375,14 @@ tofrender.phasor_panel(FREQUENCIES, *panel, title="converted from bins")
 
 # %% [markdown]
 # **Task 3: comparison.** A mean squared error alone does not show whether it is only noise. So we
-# also print that of two direct renders with different seeds, which differ by noise only. (That of
-# the comparison may be smaller, since bins and direct renders need not be equally noisy.)
+# also print the error between two direct renders with different seeds, which differ by noise only.
+# (The error of the comparison may be smaller, because bins and direct renders need not be equally
+# noisy.)
 
 # %%
 again = all_phasors(scene, seed=7)
-mse, noise = {}, {}
+mse = {}
+noise = {}
 for part, name in enumerate("IQ"):
     mse[name] = np.mean((phasors[part] - converted[part]) ** 2, axis=(1, 2, 3))
     noise[name] = np.mean((phasors[part] - again[part]) ** 2, axis=(1, 2, 3))
@@ -450,7 +453,7 @@ for j, frequency in enumerate(FREQUENCIES):
 # %% [markdown]
 # The scene: laser and camera scan a wall, a floor adjoins it, and a letter Z faces it. All are on
 # the same side of the wall; an occluder hides the letter from the camera. Wall and floor both count as
-# relay wall, so that light between them can be distinguished from that of the letter.
+# relay wall, so that light between them can be distinguished from light of the letter.
 
 # %%
 import confocal  # noqa: F401 (this registers the integrator)
@@ -466,31 +469,34 @@ tofrender.plan_figure(corner, view="side", title="corner_scene, from the side")
 # A map of all directions around the device, which shows where it sees the relay wall.
 
 # %%
-rows, columns = 90, 180
+rows = 90
+columns = 180
 polar, azimuth = dr.meshgrid(
     dr.linspace(mi.Float, 0.01, np.pi - 0.01, rows),
     dr.linspace(mi.Float, -np.pi, np.pi, columns),
     indexing="ij",
 )
-(sin_p, cos_p), (sin_a, cos_a) = dr.sincos(polar), dr.sincos(azimuth)
+sin_p, cos_p = dr.sincos(polar)
+sin_a, cos_a = dr.sincos(azimuth)
 around = mi.Ray3f(mi.Point3f(-0.5, 0, 0.25), mi.Vector3f(-sin_p * sin_a, cos_p, -sin_p * cos_a))
 si = corner.ray_intersect(around)
 wall_shapes = [shape for shape in corner.shapes() if shape.id() in ("relay_wall", "floor")]
 kind = np.array(si.is_valid()).astype(int) + np.array(is_on_relay_wall(si, wall_shapes))
 figure, ax = plt.subplots(figsize=(8, 3.4), layout="constrained")
 shown = ax.imshow(kind.reshape(rows, columns), extent=(-180, 180, -90, 90), vmin=0, vmax=2)
-ax.set(xlabel="azimuth [degrees], 0 towards the wall", ylabel="elevation [degrees]")
+ax.set(xlabel="azimuth [degrees], 0 toward the wall", ylabel="elevation [degrees]")
 bar = figure.colorbar(shown, ax=ax, ticks=[0, 1, 2])
 bar.ax.set_yticklabels(["nothing", "something", "relay wall"])
 plt.show()
 
 # %% [markdown]
 # A test with a closed form: the light that a tilted patch reflects back to the laser spot,
-# $\Phi\rho_w^2\rho_h\cos^2\theta_w\cos^2\theta_h/(\pi^3r^4)$ per square metre of the patch. A
+# $\Phi\rho_w^2\rho_h\cos^2\theta_w\cos^2\theta_h/(\pi^3r^4)$ per square meter of the patch. A
 # missing cosine is visible at large tilts.
 
 # %%
-SIDE, PLACE = 0.3, np.array([0.3, 0.1, 1.0])
+SIDE = 0.3
+PLACE = np.array([0.3, 0.1, 1.0])
 cells = SIDE * ((np.arange(30) + 0.5) / 30 - 0.5)
 u, v = np.meshgrid(cells, cells)
 
@@ -498,7 +504,8 @@ u, v = np.meshgrid(cells, cells)
 def formula(tilt):
     """Radiance of all light of the patch, albedos 0.8 and 0.7, 1 W."""
     a = np.radians(tilt)
-    across, normal = np.array([np.cos(a), 0, -np.sin(a)]), np.array([-np.sin(a), 0, -np.cos(a)])
+    across = np.array([np.cos(a), 0, -np.sin(a)])
+    normal = np.array([-np.sin(a), 0, -np.cos(a)])
     p = PLACE + u[..., None] * across + v[..., None] * np.array([0, 1, 0])
     r = np.linalg.norm(p, axis=-1)
     cosines = np.maximum(p[..., 2] / r, 0) * np.maximum(-(p @ normal) / r, 0)
@@ -533,11 +540,12 @@ for name, only in (("unfiltered", False), ("filtered", True)):
     _, bins = mi.render(mi.load_dict(described, optimize=False), spp=NLOS_SPP, seed=3)
     captures[name] = np.array(bins)
 film = described["relay_wall"]["sensor"]["film"]
-nlos_start, nlos_width = film["start_opl"], film["bin_width_opl"]
+nlos_start = film["start_opl"]
+nlos_width = film["bin_width_opl"]
 save("nlos.npz", **captures, start_opl=nlos_start, bin_width_opl=nlos_width)
 
 # %% [markdown]
-# Responses of the wall points on a line half a metre above the middle of the wall. The device is
+# Responses of the wall points on a line half a meter above the middle of the wall. The device is
 # 0.25 m in front of the wall, and its distance d from each point is included in the length,
 # 2d + 2r. The curves show the first arrival, from the nearest point of the letter and of the floor.
 
@@ -605,7 +613,7 @@ ax.legend(frameon=False, title="spot_sigma")
 plt.show()
 
 # %% [markdown]
-# ## 10. Bonus: fog and polarised light
+# ## 10. Bonus: fog and polarized light
 # Problem `a2.fog`.
 
 # %% [solution] fog.py
@@ -626,7 +634,8 @@ try:
         reach = min(1.05 * s, 12)
         ax.hist2d(p[:, 2], p[:, 0], bins=80, range=[(-reach, reach)] * 2, norm="symlog")
         ax.add_patch(plt.Circle((0, 0), s, fill=False, ec="white", ls=":"))
-        mean, exact = p[:, 2].mean(), ell * (1 - np.exp(-turns))
+        mean = p[:, 2].mean()
+        exact = ell * (1 - np.exp(-turns))
         title = f"s = {turns:g} l: mean of z {mean:.3f} m\nexact {exact:.3f} m"
         ax.set(title=title, aspect="equal", xlabel="z [m]")
     plt.show()
@@ -635,7 +644,7 @@ except NotImplementedError as error:
 
 # %% [markdown]
 # The response of the Cornell box filled with an absorbing gas, computed from the bins that you have
-# rendered; and the fraction of light polarised at 30° that passes three polarisers, over the angle
+# rendered; and the fraction of light polarized at 30° that passes three polarizers, over the angle
 # of the middle one. The outer two are crossed.
 
 # %%
@@ -655,7 +664,7 @@ try:
         middle = through_polariser(through_polariser(light, 0.0), angle)
         passed.append(through_polariser(middle, np.pi / 2)[0])
     axes[1].plot(np.degrees(angles), passed)
-    axes[1].set(xlabel="angle of the middle polariser [degrees]", ylabel="light")
+    axes[1].set(xlabel="angle of the middle polarizer [degrees]", ylabel="light")
     plt.show()
 except NotImplementedError as error:
     print(error)

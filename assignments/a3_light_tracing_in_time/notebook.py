@@ -105,8 +105,8 @@ print(f"points land where they are seen from: within {error:.1e} pixels")
 
 # %% [markdown]
 # ## 2. Transient light tracer
-# Problem `a3.light_tracer`, and with glass `a3.caustics`. A glass sphere stands in the Cornell box,
-# beside a small lamp. Which part of the picture is missing, and why?
+# Problem `a3.light_tracer`, and with glass `a3.caustics`. A glass sphere is in the Cornell box, next
+# to a small lamp. Which part of the picture is missing, and why?
 
 # %% [solution] light_tracer.py
 
@@ -126,7 +126,7 @@ plt.show()
 # %% [markdown]
 # ## 3. Two strategies
 # Problem `a3.two_strategies`. The contribution of each strategy with its MIS weights, and their
-# sum. Compare its noise with that of the path tracer above.
+# sum. Compare its noise with the noise of the path tracer above.
 
 # %% [solution] two_strategies.py
 
@@ -175,7 +175,7 @@ save("strategies.npz", strategies=np.array(strategies, float), alone=alone, shar
 
 # %% [markdown]
 # ## 5. The caustic in flight
-# All strategies, in time bins. Light through the centre of the sphere is not refracted; in glass,
+# All strategies, in time bins. Light through the center of the sphere is not refracted; in glass,
 # its optical path length is $n$ times the geometric one:
 #
 # $$\mathrm{opl} = |x_\mathrm{lamp} - x_\mathrm{floor}| + 2r(n - 1) + |x_\mathrm{floor} - x_\mathrm{camera}|.$$
@@ -185,7 +185,10 @@ bdpt = make(TransientBDPT, max_depth=DEPTH)
 steady, bins = render(bdpt, scene, spp=4 * SPP, seed=1)
 save("caustic.npz", transient=bins, steady=steady, start_opl=4.2, bin_width_opl=0.04)
 
-lamp, ball, index, radius = np.array([-0.7, 0, -0.45]), np.array([-0.25, -0.56, -0.1]), 1.5, 0.4
+lamp = np.array([-0.7, 0, -0.45])
+ball = np.array([-0.25, -0.56, -0.1])
+index = 1.5
+radius = 0.4
 direction = (ball - lamp) / np.linalg.norm(ball - lamp)
 floor = lamp + direction * (lamp[1] + 1) / -direction[1]  # the floor is at y = -1
 eye = np.array([0, 0, 3.9])
@@ -245,7 +248,7 @@ save(
 # **Questions.** Answer in this cell.
 # 1. Which light is missing in the light tracer's picture? Which strategy of `strategies.npz` has it?
 # 2. Why does (2, 3) contain the floor, but not the caustic?
-# 3. The light through the centre of the sphere is not the last light of the caustic to arrive.
+# 3. The light through the center of the sphere is not the last light of the caustic to arrive.
 #    Which light arrives later, and along which path?
 # 4. Where in the picture is the light tracer worse than the path tracer? Would more paths change
 #    the ratio?

@@ -61,7 +61,10 @@ def save(name, **arrays):
 # photons per bin and laser cycle, here 2 in all bins of an average pixel, and some ambient light.
 
 # %%
-START, WIDTH, BINS = 5.0, 0.04, 325  # path lengths [m]
+# Time bins: start and width [m], and number
+START = 5.0
+WIDTH = 0.04
+BINS = 325
 PULSE = 0.06  # standard deviation of the laser pulse [m of path], 200 ps
 scene = tofrender.load_scene("cornell_box_flash", width=SIZE, height=SIZE)
 film = tofrender.render(
@@ -77,7 +80,9 @@ light = expected_photons(film, photons_per_cycle=2.0, background_per_cycle=0.2)
 rates = light["rate"].values.astype(float)  # (y, x, bin)
 truth = tofrender.true_depth(scene)
 opl = START + (np.arange(BINS) + 0.5) * WIDTH
-ROW, COLUMN = SIZE // 4, SIZE // 2  # a pixel on the back wall
+# A pixel on the back wall
+ROW = SIZE // 4
+COLUMN = SIZE // 2
 
 figure, axes = plt.subplots(1, 2, figsize=(11, 3.6), layout="constrained", width_ratios=(1, 2))
 picture = axes[0].imshow(rates.sum(-1), cmap="inferno")
@@ -91,7 +96,7 @@ plt.show()
 # %% [markdown]
 # ## 2. Pile-up
 # Problem `a4.pile_up`. A SPAD that detects the first photon of each cycle misses the others. The
-# histogram leans towards early times; Coates' correction undoes that.
+# histogram leans toward early times; Coates' correction undoes that.
 
 # %% [solution] pile_up.py
 
@@ -141,7 +146,8 @@ check_pile_up(pile_up)
 from dead_time import armed_detections, sample_counts
 
 flux = np.geomspace(0.05, 10, 30)  # photons per dead time
-steps, dead = 100, 50
+steps = 100
+dead = 50
 figure, ax = plt.subplots(figsize=(6, 3.6), layout="constrained")
 for paralysable in (False, True):
     constant = np.repeat(flux[:, None] / dead, steps, axis=1)
@@ -220,7 +226,7 @@ save("bound.npz", signal=signals, error=np.array(errors["ml"]), bound=bound, bac
 
 # %% [markdown]
 # ## 6. A depth map from counts
-# The counts of section 3, as they are and corrected. `estimate_depth` takes the first bin to start
+# The counts of section 3, unchanged and corrected. `estimate_depth` assumes that the first bin starts
 # at the path length 0, but here it starts at `START`.
 
 # %%
@@ -244,15 +250,18 @@ save("depth.npz", counted=maps["counts"], corrected=maps["corrected"], depth_std
 
 # %% [markdown]
 # ## 7. A correlation camera
-# Problem `a4.itof`. Each tap sums the light of all bins: a pixel has one phase, to which all
-# returns contribute.
+# Problem `a4.itof`. Each tap sums the light of all bins: a pixel has one phase, and all returns
+# contribute to it.
 
 # %% [solution] itof.py
 
 # %%
 from itof import demodulate, expected_taps, multipath_phase_error, phase_deviation, sample_taps
 
-FREQUENCY, CONTRAST, FRAMES = 20e6, 0.6, 20_000  # modulation, and cycles of the exposure
+# Modulation, and cycles of the exposure
+FREQUENCY = 20e6
+CONTRAST = 0.6
+FRAMES = 20_000
 phase_of_bin = 2 * np.pi * FREQUENCY * opl / SPEED_OF_LIGHT
 ambient = light["background"].values.astype(float)  # photons per bin and cycle
 modulated = rates - ambient[..., None]

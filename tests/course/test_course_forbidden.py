@@ -1,4 +1,4 @@
-"""What a handout does not allow is gone, however a submission looks for it, and nothing else is."""
+"""Forbidden features are deleted, and submissions cannot bring them back; others stay."""
 
 from contextlib import closing
 from textwrap import dedent, indent
@@ -108,7 +108,7 @@ def test_own_integrators_and_everything_else_stay():
 
 
 def test_all_integrators_of_mitsuba_are_known():
-    """The native ones, whose files the sandbox hides."""
+    """The list of native integrators, which the sandbox hides, is complete."""
     code = """
     from pathlib import Path
     mi.set_variant("llvm_ad_rgb")
@@ -243,7 +243,7 @@ def submission_that_tries(ways: dict[str, str]) -> str:
 @confines
 @pytest.mark.parametrize("confined", [True, False])
 def test_sandbox_hides_all_that_brings_features_back(confined, tmp_path):
-    """Without it some ways lead to them, so the bank tries what it says."""
+    """Without the sandbox some attempts succeed, which shows that the attempts are real."""
     staff = tiny_assignment.write(tmp_path / "a0", tiny_assignment.wide(["sum"]))
     text = (staff / "rubric.toml").read_text()
     words = 'title = "Sums"\nforbids = ["warps", "integrators"]\n'
@@ -261,7 +261,7 @@ def test_sandbox_hides_all_that_brings_features_back(confined, tmp_path):
 
 
 def test_a_problem_forbids_in_its_own_tests_only(tmp_path):
-    """What one problem has to write, another may use."""
+    """A feature that one problem forbids is allowed in other problems."""
     files = tiny_assignment.wide(["with", "without"])
     text = files["rubric.toml"].replace(
         'names = ["add0"]', 'names = ["add0"]\nforbids = ["sampling"]'

@@ -1,4 +1,4 @@
-"""`tofrender grade` on right, broken and hostile submissions: points for what is right, no harm."""
+"""`tofrender grade` on correct, broken and hostile submissions: right points, and no harm."""
 
 import dataclasses
 import io
@@ -80,16 +80,17 @@ def graded(grader: grading.Grader, submission: Path, top: Path) -> dict:
     def processes() -> set[psutil.Process]:
         return set(psutil.Process().children(recursive=True))
 
-    before, files_before = processes(), files()
+    before = processes()
+    files_before = files()
     grader.grade(submission, top / "results.json")
-    assert processes() <= before  # ended ones that others left here may be gone
+    assert processes() <= before  # earlier processes may have ended
     assert files() == files_before
     assert not sleepers()
     return json.loads((top / "results.json").read_text())
 
 
 def others_shared_memory() -> list[Path]:
-    """What users have there that are not this one; root grades as another, tests use it, too."""
+    """Shared memory of other users. Root grades as another user, and the tests use some, too."""
     found = []
     for path in sorted(Path("/dev/shm").glob("*")):
         with suppress(OSError):  # it is gone
@@ -156,7 +157,7 @@ def test_a_table_of_answers_meets_other_numbers_and_the_results_name_their_seed(
 
 
 def test_seeds_of_a_class(assignment, tmp_path):
-    """A drawn seed is another each time; what was graded before says which a class has."""
+    """Random seeds differ each time; a class keeps the seed of its earlier results."""
     drawn = {grading.seed_of(assignment) for _ in range(5)}
     assert len(drawn) == 5
     assert 0 not in drawn
@@ -201,7 +202,8 @@ def add0(a, b):
 
 @pytest.mark.skipif(sandbox.landlock_version() < 6, reason="this machine protects from less")
 def test_a_submission_reads_no_seed_no_clone_and_no_log(tmp_path, home):
-    clone, log = tmp_path / "clone" / "solutions.py", tmp_path / "runner.log"
+    clone = tmp_path / "clone" / "solutions.py"
+    log = tmp_path / "runner.log"
     tiny_assignment.write(tmp_path, {"clone/solutions.py": "x", "runner.log": "x"})
     staff = tiny_assignment.sums(tmp_path / "a0", {"seed.txt": str(SEED)})
     text = SEEKS.replace("@CLONE@", str(clone)).replace("@LOG@", str(log))
@@ -345,11 +347,12 @@ def test_hostile_problems_cost_themselves_only(set_of, tmp_path, home, monkeypat
 
 
 def test_no_submission_takes_much_longer_than_its_limit(tmp_path, home, monkeypatch):
-    """By a clock that goes on only while a problem is judged, each for as long as it may be."""
+    """With a clock that advances only while a problem is judged, by the problem's time limit."""
     titles = [f"endless {k}" for k in range(14)]
     staff = tiny_assignment.write(tmp_path / "staff", tiny_assignment.wide(titles))
     files = {f"p{k}.py": "" for k in range(len(titles))}
-    student, now = tiny_assignment.write(tmp_path / "class" / "student", files), [0.0]
+    student = tiny_assignment.write(tmp_path / "class" / "student", files)
+    now = [0.0]
 
     def until_its_end(command, timeout_s, **_):
         now[0] += timeout_s
@@ -383,15 +386,15 @@ def test_own_judge_and_modules_change_nothing(grade):
 
 
 BAD_ZIPS = {
-    "parent": ({"../add.py": "x"}, {}, "'../add.py', which lies outside"),
-    "backslashes": ({"..\\add.py": "x"}, {}, "lies outside"),
-    "absolute": ({"/etc/add.py": "x"}, {}, "lies outside"),
-    "drive": ({"C:/add.py": "x"}, {}, "lies outside"),
+    "parent": ({"../add.py": "x"}, {}, "'../add.py', a path outside"),
+    "backslashes": ({"..\\add.py": "x"}, {}, "a path outside"),
+    "absolute": ({"/etc/add.py": "x"}, {}, "a path outside"),
+    "drive": ({"C:/add.py": "x"}, {}, "a path outside"),
     "link": ({}, {"add.py": "/etc/passwd"}, "a link or a device"),
     "link to a folder": ({}, {"deliverables": "/etc"}, "a link or a device"),
-    "long name": ({"x" * 300 + ".py": "x"}, {}, "too many"),
+    "long name": ({"x" * 300 + ".py": "x"}, {}, "too long"),
     "file and folder": ({"deliverables/x.py/y": "", "deliverables/x.py": ""}, {}, "as a folder"),
-    "odd name": ({"a\x1b[2Jdd.py": "x"}, {}, "odd characters"),
+    "odd name": ({"a\x1b[2Jdd.py": "x"}, {}, "unprintable characters"),
 }
 
 
@@ -499,7 +502,7 @@ def test_files_are_found_where_platforms_put_them(layout, kind, tmp_path):
 
 def test_files_in_two_folders_are_refused(tmp_path):
     path = zipped(tmp_path / "x.zip", {"a/p0.py": "1", "b/p0.py": "2"})
-    refused(path, "has its files in two folders, 'a' and 'b'")
+    refused(path, "contains the files in two folders, 'a' and 'b'")
 
 
 def test_a_class_without_files_gets_one_warning(tmp_path, home):
@@ -509,7 +512,7 @@ def test_a_class_without_files_gets_one_warning(tmp_path, home):
     with grading.open_grader(tiny_assignment.sums(tmp_path / "a0")) as grader:
         table = grade_class(grader, tmp_path / "class", tmp_path / "out", said.append)
     assert [row["total"] for row in table] == ["0", "0"]
-    told = "2 of 2 submissions are empty: ada: the submission has none of p0.py; has ada.docx"
+    told = "2 of 2 submissions are empty: ada: the submission contains none of p0.py"
     assert [line for line in said if "warning" in line] == [
         line for line in said[:1] if told in line
     ]
@@ -539,7 +542,8 @@ def test_report_that_was_cut_off(assignment, tmp_path):
 def test_the_worst_case_counts_and_a_skipped_one_gives_nothing(tmp_path):
     case = {"id": "t", "outcome": "failed", "text": "", "seconds": 0.1, "seeded": False, "uses": []}
     assert outcomes_of(case | {"share": share} for share in (0.5, 0.2, 1.0))["t"].fraction == 0.2
-    path, stash = tmp_path / "lines.json", pytest.Stash()
+    path = tmp_path / "lines.json"
+    stash = pytest.Stash()
     config = SimpleNamespace(getoption=lambda _: path)
     item = SimpleNamespace(nodeid="test_a.py::test_b", config=config, stash=stash)
     reporting = plugin.pytest_runtest_protocol(item)
@@ -587,11 +591,12 @@ def test_tar_archives_are_submissions(tmp_path, ending, mode):
 
 
 def test_dangerous_tar_archives_give_a_reason(tmp_path, monkeypatch):
-    for name, reason in (("../p0.py", "lies outside"), ("a\x1bb.py", "odd characters")):
+    for name, reason in (("../p0.py", "a path outside"), ("a\x1bb.py", "unprintable characters")):
         refused(tarred(tmp_path / "x.tar", {name: "1"}, "w"), reason)
     with tarfile.open(tmp_path / "link.tar", "w") as archive:
         info = tarfile.TarInfo("p0.py")
-        info.type, info.linkname = tarfile.SYMTYPE, "/etc/passwd"
+        info.type = tarfile.SYMTYPE
+        info.linkname = "/etc/passwd"
         archive.addfile(info)
     refused(tmp_path / "link.tar", "a link or a device")
     refused(tarred(tmp_path / "x.tar", {f"{i}.py": "" for i in range(2001)}, "w"), "more than 2000")
@@ -662,7 +667,8 @@ def test_class_is_graded_and_gone_on_with(tmp_path, home):
     tiny_assignment.write(folder / "=ana", {"p0.py": ADD0})
     zipped(folder / "ben.zip", {"add.py": ADD0})
     (folder / "Thumbs.db").write_text("left by an operating system")
-    out, said = folder / "results", []
+    out = folder / "results"
+    said = []
     with grading.open_grader(tiny_assignment.sums(tmp_path / "a0")) as grader:
         ana, ben = before = grade_class(grader, folder, out, said.append)
         assert list(ana) == ["submission", "total", "a0.p0", "reason"]
@@ -685,7 +691,8 @@ def test_class_is_graded_and_gone_on_with(tmp_path, home):
 
 
 def test_interrupted_run_leaves_nothing(assignment, tmp_path, monkeypatch):
-    place, out = tmp_path / "tmp", tmp_path / "results.json"
+    place = tmp_path / "tmp"
+    out = tmp_path / "results.json"
     place.mkdir()
     monkeypatch.setenv("TMPDIR", str(place))
     endless = f"import os\nos.system('sleep {SLEEP_S} &')\nwhile True: pass\n"
@@ -715,8 +722,9 @@ def test_a_class_uses_constant_memory(tmp_path, home):
 
 
 def test_run_ends_only_what_is_below_it(tmp_path, monkeypatch):
-    """Once a clock says that its second is over, which is when all have started."""
-    sleeper, begun = f"sleep {SLEEP_S}1", tmp_path / "begun"
+    """The clock reaches the time limit when all processes have started."""
+    sleeper = f"sleep {SLEEP_S}1"
+    begun = tmp_path / "begun"
     clock = SimpleNamespace(monotonic=lambda: 2.0 * (begun.exists() and bool(sleepers(sleeper))))
     monkeypatch.setattr(processes, "time", SimpleNamespace(**vars(time) | vars(clock)))
     other = subprocess.Popen(["sleep", str(SLEEP_S)])

@@ -65,7 +65,7 @@ def state_of(folder: Path) -> dict:
 
 
 class Targets:
-    """What attacks aim at, all of it of the user who grades, and its state."""
+    """Targets of attacks, which all belong to the user who grades, and their state."""
 
     def __init__(self, top: Path, user: str) -> None:
         self.folder = top / "others"
@@ -73,7 +73,8 @@ class Targets:
         self.canary = self.folder / "canary"
         self.canary.write_text("as it was")
         self.abstract = f"tofrender-{secrets.token_hex(8)}"
-        self.servers, local = {}, ("127.0.0.1", 0)
+        self.servers = {}
+        local = ("127.0.0.1", 0)
         for name, place, *kind in (
             ("TCP", local, AF_INET, SOCK_STREAM),
             ("UDP", local, AF_INET, SOCK_DGRAM),
@@ -103,7 +104,8 @@ class Targets:
         return {"MPTCP": places["TCP"]} | places | about | {"ABSTRACT": self.abstract}
 
     def state(self) -> dict:
-        victim, proc = psutil.Process(self.victim.pid), Path("/proc")
+        victim = psutil.Process(self.victim.pid)
+        proc = Path("/proc")
         of_system_v = [(proc / "sysvipc" / kind).read_text() for kind in ("shm", "sem", "msg")]
         return {
             "files": state_of(self.folder),
@@ -135,7 +137,7 @@ class Targets:
 
 
 def test_without_the_sandbox_attacks_succeed(tmp_path):
-    """So the bank tries what it says: a few of each kind that harm only their own targets."""
+    """A few attacks of each kind succeed without the sandbox, which shows that they are real."""
     targets = Targets(tmp_path / "of", "root" if IS_ROOT else "ordinary")
     try:
         names = {"mode", "times", "write", "tcp", "udp", "unix", "abstract unix"}
@@ -210,9 +212,9 @@ def test_wire_reads_no_bombs_links_pipes_and_no_other_types(tmp_path):
     write_npz(other, a0=np.zeros(3))
     for make, said in (
         (lambda: write_npz(path, a0=np.zeros(1 << 18)), "more than 1048576"),
-        (lambda: write_npz(path, a0=np.zeros(3, [("x", "f4")])), "is no array of numbers"),
+        (lambda: write_npz(path, a0=np.zeros(3, [("x", "f4")])), "is not an array of numbers"),
         (lambda: path.symlink_to(other), "is not an answer"),
-        (lambda: os.mkfifo(path), "no regular file"),
+        (lambda: os.mkfifo(path), "not a regular file"),
     ):
         make()
         with pytest.raises(ValueError, match=said):
@@ -245,7 +247,7 @@ def test_an_answer_of_another_kind_shows_nothing_of_the_test(tmp_path):
         subprocess.run(command, cwd=staff, capture_output=True, check=False)
         text = json.loads((staff / "r").read_text().splitlines()[-1])["text"]
         assert ("secret" in text) == shown, text
-        assert shown or "of another kind than was asked for (KeyError in line" in text
+        assert shown or "the expected type (KeyError in line" in text
 
 
 BEGIN = """
@@ -316,8 +318,8 @@ MEMBERS = {  # What each member's file holds and why it gets no point; "" where 
     "all attacks": ("@ATTACKS@", ""),
     "closes everybody's files and leaves deep folders": (CLOSES, ""),
     "long text": ("raise ValueError('x' * 100_000_000)", "ValueError: xxx"),
-    "reply that is none": (NO_REPLY, "the reply is none that the worker writes"),
-    "reply that unpacks to much": (BOMB, "is not an answer: it holds"),
+    "reply that is none": (NO_REPLY, "the reply does not have the worker's format"),
+    "reply that unpacks to much": (BOMB, "is not an answer: the file contains"),
     "reply that is a link": (
         "os.symlink('/dev/zero', ANSWERS / '1.npz'); time.sleep(999)",
         "a link",
@@ -380,13 +382,15 @@ def run_as(user: str, top: Path, command: list[str]) -> subprocess.CompletedProc
         "TMPDIR": str(top / "tmp"),
         "PYTHONDONTWRITEBYTECODE": "1",
     }
-    closed, who = sandbox.closed_to_others(), identity(user)
+    closed = sandbox.closed_to_others()
+    who = identity(user)
     if closed and user == "nobody":
         if shutil.which("unshare") is None or shutil.which("setpriv") is None:
             pytest.skip("Python lies where other users cannot go")
         (top / "hold").mkdir()
         script = ["unshare", "-m", "sh", "-c", ELSEWHERE, "sh", closed, str(top / "hold")]
-        command, who = [*script, str(NOBODY), *command], {}
+        command = [*script, str(NOBODY), *command]
+        who = {}
         inside = [path for path in sandbox.python_folders() if path.startswith(closed + "/")]
         environment["PYTHON_FOLDERS"] = " ".join(inside)
     options = {"env": environment, "cwd": top, "capture_output": True, "text": True}
@@ -410,7 +414,8 @@ def test_class_with_hostile_members_is_graded_right(user, open_tmp):
     owner = NOBODY if user == "nobody" else os.geteuid()
     for path in (top, *top.rglob("*")):
         os.chown(path, owner, -1)
-    before, files = targets.state(), state_of(top / "class")
+    before = targets.state()
+    files = state_of(top / "class")
     try:
         done = run_as(user, top, [sys.executable, "-P", "-c", DRIVER, str(top)])
         assert done.returncode == 0, done.stdout + done.stderr
@@ -489,7 +494,7 @@ FAILING_MACHINES = {
 
 @pytest.mark.parametrize("name", FAILING_MACHINES)
 def test_failure_of_the_machine_is_no_grade(name, tmp_path, capsys, monkeypatch):
-    """Nobody gets points, the table has no zero, and the exit status is 1."""
+    """Nobody gets points, the cells are empty instead of zero, and the exit status is 1."""
     staff = tiny_assignment.sums(tmp_path / "a0")
     if text := FAILING_MACHINES[name]:
         (staff.folder / "tests/probes.py").write_text(text)
@@ -527,12 +532,12 @@ def test_failure_on_a_full_disk_is_not_the_submissions(tmp_path, monkeypatch):
         with pytest.raises(NoAnswer):
             asked.ask("density", arguments, GUARD_S)
         monkeypatch.setattr(processes, "LEAST_FILES", 1 << 60)
-        with pytest.raises(processes.MachineFailure, match="inodes are used up"):
+        with pytest.raises(processes.MachineFailure, match="inodes"):
             asked.ask("density", arguments, GUARD_S)
 
 
 def test_disk_that_fills_up_is_seen(tmp_path, monkeypatch):
-    """What others write on the same disk counts for nothing."""
+    """Files that others write on the same disk do not count."""
     monkeypatch.setattr(processes, "MAX_WRITTEN", 1 << 20)
     started = processes.Supervised(["sleep", "999"], cwd=tmp_path, env=dict(os.environ))
     disk = SimpleNamespace(free=1 << 30)

@@ -1,4 +1,4 @@
-"""Formulas of handouts: each becomes MathML that shows what its TeX says."""
+"""Formulas of handouts: each is converted to MathML with the content of its TeX."""
 
 import re
 from pathlib import Path
@@ -17,7 +17,7 @@ STRUCTURE = {"frac": "mfrac", "tfrac": "mfrac", "dfrac": "mfrac", "sqrt": "msqrt
 
 
 def formulas(path: Path) -> list[tuple[str, bool]]:
-    """Return the formulas of a Markdown page, each with whether it stands on its own line."""
+    """Return the formulas of a Markdown page, each with whether it is on its own line."""
     found = []
 
     def collect(formula: str, options: dict) -> str:

@@ -66,7 +66,8 @@ def venv(tmp_path_factory) -> Path:
 
 @pytest.mark.parametrize("name", ["a1", "a2", "a3", "a4"])
 def test_gradescope_installs_and_grades_each_assignment(name, venv, tmp_path):
-    assignment, root = find(name), tmp_path / "autograder"
+    assignment = find(name)
+    root = tmp_path / "autograder"
     autograders.write(assignment, tmp_path / "x.zip")
     source = unpacked(tmp_path / "x.zip", root / "source")
     (source / "course" / ".venv").symlink_to(venv)
@@ -91,7 +92,8 @@ def test_gradescope_installs_and_grades_each_assignment(name, venv, tmp_path):
 
 def test_prairielearn_installs_and_grades(staff, tmp_path):
     autograders.write(staff, tmp_path / "x.zip", "prairielearn")
-    grader, top = unpacked(tmp_path / "x.zip", tmp_path / "grader"), tmp_path / "grade"
+    grader = unpacked(tmp_path / "x.zip", tmp_path / "grader")
+    top = tmp_path / "grade"
     described = json.loads((grader / "info.json").read_text())["externalGradingOptions"]
     assert (described["timeout"], described["enableNetworking"]) == (600, False)
     assert "COPY . /grader\nRUN bash /grader/setup.sh" in (grader / "Dockerfile").read_text()
@@ -126,7 +128,7 @@ def test_formats_of_a_results_file(staff, tmp_path, monkeypatch):
     assert made["score"] == pytest.approx(5 / 7)  # with the bonus of 0.5
     assert [test["points"] for test in made["tests"]] == [0.5, 0, 3, 1, 0.5]
     assert made["tests"][0]["message"] == "the sum <is> wrong"
-    assert made["tests"][1]["message"] == "What this test asks for is not shown."
+    assert made["tests"][1]["message"] == "The reason is not shown for this test."
     made = json.loads(formats.classroom50(content))
     assert made["schema"] == "classroom50/result/v1"
     assert (made["score"], made["max-score"]) == (450, 700)  # without it
@@ -140,7 +142,7 @@ def test_formats_of_a_results_file(staff, tmp_path, monkeypatch):
     assert (suite.get("tests"), suite.get("failures")) == ("5", "2")
     assert suite[0].get("classname") == "a0.add"
     assert suite[0].find("failure").text == "the sum <is> wrong"
-    assert suite[1].find("failure").text == "What this test asks for is not shown."
+    assert suite[1].find("failure").text == "The reason is not shown for this test."
     assert "a secret" not in formats.junit(content) + formats.prairielearn(content)
 
 

@@ -101,7 +101,8 @@ for statement in (
         print(error)
 print(tofrender.__version__, tofrender.SPEED_OF_LIGHT)
 """
-    pulse, integrator = "yours to write: problem a0.pulse", "tofrender.integrators.transient_path"
+    pulse = "yours to write: problem a0.pulse"
+    integrator = "tofrender.integrators.transient_path"
     assert says(script, PYTHONPATH=str(tmp_path), PYTHONSAFEPATH="1") == [
         f"tofrender.GaussianPulse is {pulse}",
         f"tofrender.GaussianPulse is {pulse}",
@@ -120,7 +121,8 @@ def test_release_overwrites_nothing(tiny, tmp_path, run):
     (place / "mine").write_text("x")
     status, _, said = run("release", tiny.folder, "-o", tmp_path / "dist")
     assert status == 2
-    assert said == f"error: {place}: exists; must be a new folder, nothing is overwritten\n"
+    assert said.startswith(f"error: {place} exists")
+    assert said.count("\n") == 1
     assert [path.name for path in place.parent.rglob("*")] == ["a0_tiny", "mine"]
 
 
@@ -144,11 +146,11 @@ def test_what_an_edition_is_refused_for(tiny, released, tmp_path):
     (folder / "tofrender" / "course" / "test_a_staff.py").write_text("")
     assert leaks.leaks(tiny, folder) == [
         "tofrender/signals/pulses.py: tofrender.signals.pulses is withheld",
-        "tofrender/course/test_a_staff.py: is the staff's",
+        "tofrender/course/test_a_staff.py: is a file of the staff",
     ]
     assert leaks.leaks(tiny, released) == []
     (folder / "tofrender" / "signals" / "pulses.py").unlink()
-    assert leaks.smoke_test(tiny, folder)[0].startswith("the edition cannot be tried: ")
+    assert leaks.smoke_test(tiny, folder)[0].startswith("the edition cannot be tested: ")
 
 
 def test_withheld_modules_must_exist(tiny, tmp_path):
@@ -160,7 +162,8 @@ def test_withheld_modules_must_exist(tiny, tmp_path):
 def test_a_withheld_package_takes_all_in_it_along(monkeypatch):
     without = {"tofrender.paths": "a0.walk", "tofrender.nlos.light": None}
     monkeypatch.setattr(withheld, "_WITHHELD", without)
-    walk, confocal = "tofrender.paths.walk", "tofrender.nlos.light.confocal"
+    walk = "tofrender.paths.walk"
+    confocal = "tofrender.nlos.light.confocal"
     assert withheld.refusal(walk) == f"{walk} is yours to write: problem a0.walk"
     assert withheld.refusal(confocal) == f"{confocal} is not part of the student edition"
     assert withheld.refusal("tofrender.nlos") is withheld.refusal("tofrender.pathsome") is None
@@ -175,7 +178,7 @@ def test_a_package_is_withheld_but_for_what_is_kept(tiny):
     modules = set(edition.chosen(keeping("tofrender.paths.camera")))
     assert {"tofrender.integrators", "tofrender.paths.walk"} <= modules
     assert not {"tofrender.paths", "tofrender.paths.camera"} & modules
-    message = r"rubric\.toml: keeps tofrender\.integrators\.base, which needs tofrender\."
+    message = r"rubric\.toml: keeps tofrender\.integrators\.base, which imports tofrender\."
     with pytest.raises(ValueError, match=message):
         edition.withheld(keeping("tofrender.integrators.base"))
 
@@ -207,7 +210,9 @@ def test_rubric_of_students(tiny, tmp_path):
 
 
 def test_handout_names_only_problems(tiny):
-    with pytest.raises(ValueError, match=r"\[\[a0\.pluse\]\]: the rubric has no such problem"):
+    with pytest.raises(
+        ValueError, match=r"\[\[a0\.pluse\]\]: the rubric does not contain this problem"
+    ):
         material.handout("[[a0.pluse]]\n", tiny.rubric)
     assert material.handout("see [[a0.pulse]] here", tiny.rubric) == "see [[a0.pulse]] here"
 
@@ -236,14 +241,14 @@ def test_students_folder(tiny, tmp_path, run, monkeypatch):
     assert sources[3].startswith("%%test pulse.py\n# ")
     status, _, said = run("start", tiny.folder, folder)
     assert status == 2
-    assert "is not empty; must be a new folder, or an empty one" in said
+    assert "is not empty; pass a new folder" in said
     status, _, said = run("verify", folder)
     assert status == 2
-    assert "verify needs the course's checkout, not the student edition" in said
+    assert "does not contain solutions" in said
     empty = tmp_path / "empty"
     empty.mkdir()
     monkeypatch.chdir(empty)
-    with pytest.raises(FileExistsError, match="is the current folder; must be one inside it"):
+    with pytest.raises(FileExistsError, match="is the current folder"):
         start(tiny, Path("."))
     monkeypatch.chdir(tmp_path)
     assert cells.save(start(tiny, empty) / "pulse.py", "x = 1") == "wrote pulse.py"
@@ -276,18 +281,18 @@ def test_what_cannot_be_handed_in(tiny, student, tmp_path, run):
     (student / "wrapping.py").symlink_to("/etc/hostname")
     status, _, said = run("submit", tiny.folder, student)
     assert status == 2
-    assert said == f"error: {student}/wrapping.py: is a link; must be the file itself\n"
+    assert said.startswith(f"error: {student}/wrapping.py is a link")
+    assert said.count("\n") == 1
     (student / "wrapping.py").unlink()
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "elsewhere" / "x.npz").write_text("")
     (student / "deliverables").symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(ValueError, match=r"deliverables.*: is a link"):
+    with pytest.raises(ValueError, match=r"deliverables.* is a link"):
         folders.check(tiny, student)
-    assert run("submit", tiny.folder, tmp_path / "none")[2].endswith(
-        "none: does not exist; must be one that `start` has made\n"
-    )
+    said = run("submit", tiny.folder, tmp_path / "none")[2]
+    assert f"FOLDER = {tmp_path / 'none'}: does not exist" in said
     (tmp_path / "bare").mkdir()
-    with pytest.raises(ValueError, match=r"has made; has no pulse\.py"):
+    with pytest.raises(ValueError, match=r"FOLDER = .*bare: contains none of pulse\.py"):
         folders.check(tiny, tmp_path / "bare")
     assert not list(tmp_path.glob("*.zip"))
 
@@ -308,16 +313,16 @@ def test_cell_keeps_what_an_editor_wrote(tmp_path):
     path = tmp_path / "pulse.py"
     assert cells.save(path, "a = 1\n") == "wrote pulse.py"
     assert cells.save(path, "a = 2") == "wrote pulse.py"
-    assert cells.save(path, "a = 2\n\n") == "pulse.py is as this cell has it"
+    assert cells.save(path, "a = 2\n\n") == "pulse.py has the text of this cell already"
     for number, text in enumerate(("a = 3\n", "a = 4\n"), 1):
         path.write_text(text)
         said = cells.save(path, f"a = -{number}")
-        assert said.endswith(f"what it held is now in pulse.py.{number}")
+        assert said.endswith(f"the old text is in pulse.py.{number}")
         assert path.with_name(f"pulse.py.{number}").read_text() == text
         assert path.read_text() == f"a = -{number}\n"
     path.write_text("a = 5\n")
     said = cells.save(path, "a = -2")
-    assert said.startswith("pulse.py stays as it is: it was changed outside of this cell")
+    assert said.startswith("pulse.py was changed outside of this cell and is kept")
     assert path.read_text() == "a = 5\n"
     path.unlink()
     assert cells.save(path, "a = -2") == "wrote pulse.py"
@@ -335,7 +340,7 @@ def test_cells_test_their_file(tiny, student):
     assert cells.run_tests(student, "a0.range", "-k nothing") == "no tests were chosen"
     with pytest.raises(ValueError, match=r"%%test x\.py: must be one of pulse\.py, wrapping\.py"):
         cells.run_tests(student, "x.py")
-    assert cells.run_tests(student / "figures", "").endswith("has no tests")
+    assert cells.run_tests(student / "figures", "").endswith("figures does not contain tests")
 
 
 def test_new_code_is_used_at_once(tmp_path, monkeypatch):
@@ -363,7 +368,8 @@ def test_notebook_needs_its_files(tiny, tmp_path):
 
 def test_notebook_runs_and_says_what_fails(tiny, tmp_path):
     text = (tiny.folder / "notebook.py").read_text()
-    right, stubs = tmp_path / "right" / "notebook.ipynb", tmp_path / "stubs" / "notebook.ipynb"
+    right = tmp_path / "right" / "notebook.ipynb"
+    stubs = tmp_path / "stubs" / "notebook.ipynb"
     for files, notebook in ((tiny.solutions, right), (tiny.starter, stubs)):
         notebook.parent.mkdir()
         notebooks.write(text, files, notebook)
@@ -415,21 +421,21 @@ def test_structure_finds_what_does_not_agree(tiny):
     found = sorted(structure.check(assignments.Assignment(folder)))
     assert found == sorted(
         [
-            "README.md: line [[a0.pulse]] is there 2 times, must be once",
-            "README.md: line [[a0.range]] is there 0 times, must be once",
+            "README.md: line [[a0.pulse]] occurs 2 times, must occur once",
+            "README.md: line [[a0.range]] occurs 0 times, must occur once",
             "README.md: picture no.png does not exist",
-            "README.md: picture no.png has no text that says what is on it",
-            "README.md: states points ('(5 points)'); only rubric.toml may",
+            "README.md: picture no.png needs a description of two or more words",
+            "README.md: states points ('(5 points)'); only rubric.toml may do so",
             "exercises.md: is missing",
-            "solutions/extra.py: is no problem's file; what is given belongs in starter/ alone",
-            "mutants.toml: no_half: '-0.6 * x' is 0 times in pulse.py, must be once",
+            "solutions/extra.py: belongs to no problem; move provided files to starter/",
+            "mutants.toml: no_half: '-0.6 * x' occurs 0 times in pulse.py, must occur once",
             "mutants.toml: no_norm: the rubric has no test test_pulse.py::test_peak",
-            "notebook.py: [solution] w.py: solutions/ has no such file",
-            "notebook.py: has no cell [solution] wrapping.py",
-            "rubric.toml: test_pulse.py::test_paek: there is no such test",
-            "rubric.toml: test_pulse_staff.py::test_even: there is no such test",
-            "test_even.py::test_even: is in no problem of the rubric",
-            "test_pulse.py::test_peak: is in no problem of the rubric",
+            "notebook.py: [solution] w.py: the file is missing in solutions/",
+            "notebook.py: the cell [solution] wrapping.py is missing",
+            "rubric.toml: test_pulse.py::test_paek: the test does not exist",
+            "rubric.toml: test_pulse_staff.py::test_even: the test does not exist",
+            "test_even.py::test_even: is missing in the rubric",
+            "test_pulse.py::test_peak: is missing in the rubric",
             "test_range.py::test_range: has the markers ['a0_pulse'], must have a0_range",
             "test_range.py::test_results: has the markers ['a0_pulse'], must have a0_range",
         ]
@@ -444,7 +450,7 @@ def test_which_tests_a_mutant_can_fail(tiny):
     assert "= 0.25 *" not in mutants.apply(tiny, those["no_half"])
     assert "return 0.25 *" in mutants.apply(tiny, those["quarter"])
     broken = dataclasses.replace(those["quarter"], edits=(("return 0.5", "return ("),))
-    with pytest.raises(ValueError, match="quarter: is no Python"):
+    with pytest.raises(ValueError, match="quarter: the result is not Python"):
         mutants.apply(tiny, broken)
 
 
@@ -459,7 +465,7 @@ def test_verify(tiny, run):
     assert (status, said) == (0, ""), out
     lines = [line.split() for line in out.splitlines()]
     assert [line[:2] for line in lines] == [["ok", name] for name in verify.CHECKS]
-    assert "3 of them under 2 seeds" in out
+    assert "3 of which ran with 2 seeds" in out
 
 
 def test_verify_says_what_does_not_hold(tiny, run):
@@ -477,7 +483,7 @@ def test_verify_says_what_does_not_hold(tiny, run):
         "test_range.py::test_range: problem a0.range, wrapping.py the process ended itself": 1,
         "test_pulse.py::test_fall_off: failed (2 of 2 cases): problem a0.pulse": 1,
         "test_range.py::test_range: failed": 0,
-        "no_half: no failure says 'a third'; they say": 1,
+        "no_half: no failure contains 'a third'; the failures contain": 1,
         "there_and_back: test_range.py::test_results passes, must fail (It is there_and_back": 1,
         "there_and_back: test_range.py::test_range fails, must pass: problem a0.range": 1,
         "quarter:": 0,
@@ -496,11 +502,11 @@ def test_assignments_hold_together(name):
 @pytest.mark.parametrize(
     ("old", "new", "text"),
     [
-        ('says = ["A pulse."]', "says = []", "a0.pulse: no test and no remark for 'A pulse.'"),
-        ('says = "In metres."', 'says = "In feet."', "no text of a0.range says 'In feet.'"),
+        ('says = ["A pulse."]', "says = []", "a0.pulse: no contract or remark for 'A pulse.'"),
+        ('says = "In metres."', 'says = "In feet."', "no text of a0.range contains 'In feet.'"),
         ('"test_range.py::test_range"', '"test_range.py::test_x"', "a0.range has no test"),
         ('mutants = ["quarter"]', "mutants = []", "must name a test and a mutant"),
-        ('mutants = ["quarter"]', 'mutants = ["third"]', "there is no mutant third"),
+        ('mutants = ["quarter"]', 'mutants = ["third"]', "mutants.toml has no mutant third"),
         ('mutants = ["quarter"]', 'mutants = ["no_half"]', "no_half fails none of its tests"),
         ('problem = "a0.range"', 'problem = "a0.ring"', "the rubric has no problem a0.ring"),
         ("[[remark]]", "[[word]]", "[[word]]: must be [[contract]] or [[remark]]"),
@@ -519,7 +525,7 @@ def test_new_sentences_need_a_contract(tiny):
 
     assert told() == []
     changed(tiny.folder, "starter/wrapping.py", ('"""In metres.', '"""In metres. Never negative.'))
-    none = "contracts.toml: a0.{}: no test and no remark for '{}'"
+    none = "contracts.toml: a0.{}: no contract or remark for '{}'"
     assert told() == [none.format("range", "Never negative.")]
     text = "\n*Contract.* One; two.\n*Common mistakes.* Three.\n"
     changed(tiny.folder, "README.md", ("\nText.\n", text))

@@ -1,4 +1,4 @@
-"""What a teacher does with a class: rosters, sheets, pages, autograders, new terms, similarity."""
+"""Work of a teacher with a class: rosters, sheets, pages, autograders, new terms, similarity."""
 
 import re
 import subprocess
@@ -97,7 +97,8 @@ def staff(tmp_path_factory) -> Assignment:
 def toy() -> Rubric:
     tests = (GradedTest("test_a.py::test_x", 2), GradedTest("test_a.py::test_y", 2))
     bonus = Problem("a0.b", "B", (GradedTest("test_b.py::test_z", 1),), bonus=True)
-    problems, text = (Problem("a0.a", "A", tests), bonus), ByHand("a0.text", "Text", 4)
+    problems = (Problem("a0.a", "A", tests), bonus)
+    text = ByHand("a0.text", "Text", 4)
     return Rubric("a0", "Toys", problems, by_hand=(text,), late=Late(1, 0.1))
 
 
@@ -111,10 +112,14 @@ CHECKS = {
     "finds all": ("def check_add(add):\n    assert add(2, 3) == 5\n", 1.0, ""),
     "finds a half": ("def check_add(add):\n    assert add(2, 3) > 1\n", 0.5, "1 of 2"),
     "finds none": ("def check_add(add):\n    pass\n", 0.0, "0 of 2 wrong solutions"),
-    "fails right ones": ("def check_add(add):\n    assert 0\n", 0.0, "2 of 2 right solutions fail"),
+    "fails right ones": (
+        "def check_add(add):\n    assert 0\n",
+        0.0,
+        "2 of 2 correct solutions fail",
+    ),
     "is a stub": (FILES["starter/check.py"], 0.0, "not written yet: check_add"),
-    "ends the process": ("import os\ndef check_add(add):\n    os._exit(0)\n", 0.0, "has to end"),
-    "is endless": ("def check_add(add):\n    while True: pass\n", 0.0, "has to end"),
+    "ends the process": ("import os\ndef check_add(add):\n    os._exit(0)\n", 0.0, "must end"),
+    "is endless": ("def check_add(add):\n    while True: pass\n", 0.0, "must end"),
     "tells our code": (
         "import inspect\n"
         "def check_add(add):\n"
@@ -143,7 +148,7 @@ def test_a_students_test_gets_its_share(staff, tmp_path, name):
 def test_a_problem_of_tests_names_what_it_tests(tmp_path):
     for old, new in (('tests_of = "a0.add"', 'tests_of = "a0.ad"'), ('["check_add"]', "[]")):
         tiny_assignment.write(tmp_path, {"rubric.toml": FILES["rubric.toml"].replace(old, new)})
-        refused("must be a problem of this file, and names one", rubric.read, tmp_path)
+        refused("must be a problem of this file, and names must", rubric.read, tmp_path)
 
 
 def test_class_with_roster_sheet_pages_and_jobs(staff, tmp_path, monkeypatch, capsys):
@@ -185,18 +190,20 @@ def test_class_with_roster_sheet_pages_and_jobs(staff, tmp_path, monkeypatch, ca
     for folder in students.iterdir():
         assert {"feedback.md", "feedback.html"} <= {path.name for path in folder.iterdir()}
     ben = (students / "ben" / "feedback.md").read_text()
-    assert "the sum\n  expected: 5\n  came:     -1" in ben
+    assert "the sum\n  expected: 5\n  actual:   -1" in ben
     assert "**Hint:** 2 + 3" in ben
     assert "| Mean | 4 (by hand) | 4 |" in ben
-    assert "![What test_arrays expected, and what came](a0_add-test_arrays_5_.png)" in ben
+    assert "![Expected and actual values of test_arrays](a0_add-test_arrays_5_.png)" in ben
     assert (students / "ben" / "a0_add-test_arrays_5_.png").stat().st_size > 5000
     assert "<img src=" in (students / "ben" / "feedback.html").read_text()
     assert str(tmp_path) not in ben
     ada = (students / "ada" / "feedback.md").read_text()
-    assert "It came 3 days late, 1 of which cost nothing: 2.5 points" in ada
-    assert "it does not notice: " in ada.replace("\n", " ")
+    assert "The submission was 3 days late (1 without a penalty): 2.5 points" in ada
+    assert "your test does not find: " in ada.replace("\n", " ")
     class_page = (tmp_path / "pages" / "overview.md").read_text()
-    assert "4 of 5 handed in. Points, of 15: mean" in class_page  # with 4 by hand
+    assert (
+        "4 of 5 students handed in a submission. Points, of 15: mean" in class_page
+    )  # with 4 by hand
     assert "| `takes_the_difference` | It subtracts. | 1: Ben |" in class_page
 
     canvas = ["Student=name", "ID=id", "Section=section", "A0 (17)=total", "Sum=a0.add"]
@@ -222,7 +229,7 @@ def test_jobs_give_the_same_points_side_by_side(tmp_path, monkeypatch):
     tables = {}
 
     class Together(subprocess.Popen):
-        """Waits until as many have started as there are jobs."""
+        """Process that waits until the number of started processes equals the number of jobs."""
 
         def communicate(self, *arguments, **options):
             met.wait(GUARD_S)
@@ -242,7 +249,8 @@ def test_jobs_give_the_same_points_side_by_side(tmp_path, monkeypatch):
 def test_a_process_that_is_lost_costs_one_member(tmp_path, monkeypatch):
     for name in ("a", "b"):
         tiny_assignment.write(tmp_path / "class" / name, {"p0.py": ADD0})
-    one, said = classes.json.dumps, []
+    one = classes.json.dumps
+    said = []
 
     def broken(wishes, **more):
         return "{" if str(wishes.get("out")).endswith("/a.json") else one(wishes, **more)
@@ -330,16 +338,16 @@ def test_submissions_find_their_owners(tmp_path):
 
 
 ROSTERS = {
-    "id\n1\n1\n": "line 3: id '1' is there more than once",
+    "id\n1\n1\n": "line 3: id '1' occurs more than once",
     "id,name\n,x\n": "line 2: id = ''",
     "id,shoe\n1,2\n": "column 'shoe' is unknown; must be one of id, name",
-    "id,id\n1,1\n": "column 'id' is there more than once",
-    "name\nx\n": "has no column 'id'",
+    "id,id\n1,1\n": "column 'id' occurs more than once",
+    "name\nx\n": "the column 'id' is missing",
     "id\n1,2\n": "line 2: has 2 cells",
     "": "is empty",
-    "id\nben\nzoe\n": "'a_ben_zoe.zip' may be of 'ben' and of 'zoe'",
+    "id\nben\nzoe\n": "'a_ben_zoe.zip' can belong to 'ben' or to 'zoe'",
     "id\nben\n": "'ben' has",
-    "id,submission\nben,nothing.zip\n": "submission = 'nothing.zip': must be one of --all",
+    "id,submission\nben,nothing.zip\n": "submission = 'nothing.zip': must be a name",
     'id\n"x\n': "is not CSV",
     b"id\n\xff\n": "is not UTF-8",
 }
@@ -361,7 +369,7 @@ SHEETS = {
     "id,a0.text\nada,many\n": "a0.text = 'many': must be a number from 0 to 4",
     "id,a0.c\nada,5\n": "column 'a0.c' is unknown; must be one of id, name, late_days, note, a0.a",
     "id\nzoe\n": "line 2: id 'zoe' is not one of the class",
-    "id\nada\nada\n": "line 3: id 'ada' is there more than once",
+    "id\nada\nada\n": "line 3: id 'ada' occurs more than once",
     "id,note\nada,x,y\n": "line 2: has 3 cells",
 }
 
@@ -387,7 +395,7 @@ def test_standing_adds_by_hand_and_takes_off_late_days(toy, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("points = 4\n\n[late]", "points = -4\n\n[late]", "give 0 points or more"),
+        ("points = 4\n\n[late]", "points = -4\n\n[late]", "points must be 0 or more"),
         ('"a0.exercises"', '"exercises"', "must start with 'a0' and a dot"),
         ("free_days = 1", "free_days = -1", "free_days = -1: must be a number from 0"),
         ("_per_day = 0.1", "_per_day = 10", "lost_per_day = 10: must be a number from 0 to"),
@@ -424,9 +432,12 @@ def test_a_page_says_a_missing_file_and_a_day_once(tmp_path):
     found = {test["extra_data"]["test"]: test for test in content["tests"]}
     standing = roster.Standing(toys, Member("ada", None), content, Marks({"a0.a": 4}, 1))
     page = feedback.page(standing, found, tmp_path)
-    assert page.count("`a.py` is missing, which fails `test_x`, `test_y`, `test_z`.") == 1
+    assert (
+        page.count("`a.py` is missing, therefore these tests fail: `test_x`, `test_y`, `test_z`.")
+        == 1
+    )
     assert page.count("is missing") == 1
-    assert "It came 1 day late: 0.4 points are taken off." in page
+    assert "The submission was 1 day late: 0.4 points are deducted." in page
 
 
 def test_overview_names_the_likeliest_mutant(staff):
@@ -460,10 +471,10 @@ def test_programs_are_put_where_jplag_looks(staff, tmp_path, capsys):
         *("base/add.py", "base/check.py", "base/mean.py"),
         *("submissions/ada/add.py", "submissions/ada/mean.py", "submissions/ada_1/add.py"),
     }
-    assert "'empty.zip': has none of add.py, mean.py, check.py; has notes.txt" in shown.err
+    assert "'empty.zip': contains none of add.py, mean.py, check.py" in shown.err
     assert f"-l python3 -bc {out}/base -r {out}/result {out}/submissions" in shown.out
     assert cli.main(words) == 2
-    assert "exists; must be a new folder" in capsys.readouterr().err
+    assert "exists; pass a new folder" in capsys.readouterr().err
     assert similarity.command(Path("a b")).count("'a b/base'") == 1
 
 

@@ -8,7 +8,8 @@ from textwrap import dedent
 from helpers import tiny_assignment
 from tofrender.course.assignments import Assignment
 
-AREA, FALL_OFF = "test_pulse.py::test_area", "test_pulse.py::test_fall_off"
+AREA = "test_pulse.py::test_area"
+FALL_OFF = "test_pulse.py::test_fall_off"
 RANGES = ["test_range.py::test_range", "test_range_staff.py::test_any_frequency"]
 NORM = " / (self.width_opl * 2.50662827)"
 MUTANTS = (

@@ -176,7 +176,8 @@ def zipped(path: Path, entries: Mapping[str, str | bytes], links: Mapping[str, s
             archive.writestr(name, text)
         for name, target in links.items():
             info = zipfile.ZipInfo(name)
-            info.create_system, info.external_attr = 3, 0o120777 << 16
+            info.create_system = 3
+            info.external_attr = 0o120777 << 16
             archive.writestr(info, target)
     return path
 

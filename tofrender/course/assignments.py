@@ -9,13 +9,13 @@ from ..runtime import checks
 from . import rubric as rubrics
 
 PACKAGE = Path(__file__).parents[1]
-SEED = "seed.txt"  # file of an assignment's folder: the seed of the staff's tests, if it is fixed
-MATERIAL = PACKAGE / "course" / "material"  # of a student edition: the released assignment
+SEED = "seed.txt"  # file in an assignment's folder with a fixed seed for the staff's tests
+MATERIAL = PACKAGE / "course" / "material"  # folder of the released assignment in a student edition
 
 
 @dataclass(frozen=True)
 class Assignment:
-    """Folder of an assignment, which holds `rubric.toml`."""
+    """Folder of an assignment, with its `rubric.toml`."""
 
     folder: Path
 
@@ -26,56 +26,60 @@ class Assignment:
 
     @property
     def name(self) -> str:
-        """Name of the folder: "a2_time_of_flight"."""
+        """Name of the folder, for example "a2_time_of_flight"."""
         return self.folder.name
 
     @property
     def solutions(self) -> Path:
-        """Folder of independent right solutions, which only teachers have."""
+        """Folder of correct solutions, written independently of the package; only staff has it."""
         return self.folder / "solutions"
 
     @property
     def starter(self) -> Path:
-        """Folder of the stubs."""
+        """Folder of the stubs that students complete."""
         return self.folder / "starter"
 
     @property
-    def given(self) -> list[str]:
-        """Names of files beside the stubs that belong to no problem; students build on them."""
+    def provided_files(self) -> list[str]:
+        """Names of the complete files in `starter/`, which belong to no problem."""
         stubs = {problem.file for problem in self.rubric.problems}
         return sorted({path.name for path in self.starter.glob("*.py")} - stubs)
 
     def require_tests(self) -> None:
-        """Raise ValueError for released material, which lacks the staff's tests."""
+        """Raise ValueError if this is released material, which lacks the staff's tests."""
         released = any(problem.other_points for problem in self.rubric.problems)
         if released or self.folder.is_relative_to(MATERIAL):
             raise ValueError(
-                f"{self.folder}: has the students' tests only; grading needs the course's "
-                "checkout, not the student edition"
+                f"{self.folder} contains only the students' tests. Grade with an assignment of "
+                "the course's checkout, not with the student edition"
             )
 
     def require_staff(self, command: str) -> None:
-        """Raise ValueError if there are no solutions, which a command needs."""
+        """Raise ValueError if the folder `solutions`, which a command needs, is missing."""
         if not self.solutions.is_dir():
             raise ValueError(
-                f"{self.folder}: has no solutions/; {command} needs the course's checkout, "
-                "not the student edition"
+                f"{self.folder} does not contain solutions/. Run {command} with an assignment of "
+                "the course's checkout, not with the student edition"
             )
 
 
 def known() -> dict[str, Assignment]:
-    """All assignments by id."""
+    """Return all assignments of the checkout and of the student edition, by id."""
     folders = (MATERIAL, PACKAGE.parent / "assignments")
     every = (Assignment(path.parent) for top in folders for path in top.glob("*/rubric.toml"))
     return dict(sorted({assignment.rubric.id: assignment for assignment in every}.items()))
 
 
 def find(name: str | Path) -> Assignment:
-    """Assignment of this id ("a2"), or in this folder with a `rubric.toml`; else ValueError."""
-    # An id, even where a student has called a folder so
+    """Find an assignment by its id ("a2") or its folder.
+
+    Raises:
+        ValueError: No assignment has this id, and the folder does not contain `rubric.toml`.
+    """
+    # An id has precedence over a folder of the same name in the working directory
     if Path(name).name == str(name) and (found := known().get(str(name))):
         return found
     if os.path.isfile(Path(name) / "rubric.toml"):
         return Assignment(Path(name).resolve())
-    there = ", ".join(known()) or "none; run this in a checkout, or in a student edition"
-    raise ValueError(f"ASSIGNMENT = {str(name)[: checks.LONGEST]}: must be one of {there}")
+    ids = ", ".join(known()) or "the ids in a checkout or a student edition; none was found here"
+    raise ValueError(f"ASSIGNMENT = {str(name)[: checks.LONGEST]}: must be one of {ids}")

@@ -1,4 +1,4 @@
-"""Released material of an assignment: all but the solutions, mutants and the staff's tests."""
+"""Released material of an assignment: without solutions, mutants and the staff's tests."""
 
 import re
 import shutil
@@ -11,18 +11,22 @@ from .assignments import PACKAGE, Assignment
 from .rubric import STAFF_TEST, Problem, Rubric
 
 BLOCK = re.compile(r"^\[\[([\w.]+)\]\][ \t]*$", re.MULTILINE)
-"""Line of the handout that stands for a problem's block."""
+"""Line `[[id]]` of the handout, which is replaced by the table of the problem with this id."""
 
 FILES = ("README.md", "exercises.md", "notebook.py", "pytest.ini")
 SCENES = "scenes"
-"""Folder of the scenes, from which `from scenes import cornell_box` works beside it."""
+"""Folder of the scenes. In its parent folder, `from scenes import cornell_box` works."""
 SCENE_FILES = ("__init__.py", "*.xml", "*/*.xml", "meshes/*.ply")
 
 
 def write(assignment: Assignment, folder: Path) -> None:
-    """Write the released material of an assignment, or of released material, into a folder."""
+    """Write the material of an assignment that students get into a folder.
+
+    The assignment may be released material itself; then the material is copied.
+    """
     import tomlkit
 
+    # Texts: the handout's lines [[id]] become tables of the problems
     source = assignment.folder
     for name in FILES:
         _copy(source, folder, name)
@@ -30,48 +34,56 @@ def write(assignment: Assignment, folder: Path) -> None:
     if readme.is_file():
         text = handout(readme.read_text(encoding="utf-8"), assignment.rubric)
         readme.write_text(text, encoding="utf-8")
+
+    # Rubric, stubs, public tests and figures
     content = toml.read(source / "rubric.toml")
     (folder / "rubric.toml").write_text(tomlkit.dumps(visible(content)), encoding="utf-8")
     _copy(source / "starter", folder / "starter", "*.py")
     _copy(source / "tests", folder / "tests", "*", without=STAFF_TEST)
     _copy(source / "figures", folder / "figures", "*", without="*.py")
+
+    # Scenes of released material, or those of the checkout
     scenes = source / SCENES
     write_scenes(scenes if scenes.is_dir() else PACKAGE.parent / SCENES, folder / SCENES)
 
 
 def write_scenes(source: Path, target: Path, patterns: Iterable[str] = SCENE_FILES) -> None:
-    """Write the scenes' builders and files, if there are any."""
+    """Copy the scenes' builders and files, if there are any."""
     for pattern in patterns:
         _copy(source, target, pattern)
 
 
 def _copy(source: Path, target: Path, pattern: str, without: str = "/") -> None:
-    """Copy files of a folder that match a pattern."""
+    """Copy the files of a folder that match `pattern` and do not match `without`."""
     for file in source.glob(pattern):
         if file.is_file() and not file.name.startswith(".") and not file.match(without):
             copy_file(file, target / file.relative_to(source))
 
 
 def copy_file(source: Path, target: Path) -> None:
-    """Copy a file, and make the folders of its copy."""
+    """Copy a file, and make the folders of the copy."""
     target.parent.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(source, target)
 
 
 def handout(text: str, rubric: Rubric) -> str:
-    """Replace each `[[id]]` line by its problem's block; ValueError if there is no such problem."""
+    """Replace each line `[[id]]` of a handout by the table of the problem with this id.
+
+    Raises:
+        ValueError: The rubric does not contain one of these ids.
+    """
     problems = {problem.id: problem for problem in rubric.problems}
 
     def fill(match: re.Match) -> str:
         if match[1] not in problems:
-            raise ValueError(f"README.md: [[{match[1]}]]: the rubric has no such problem")
+            raise ValueError(f"README.md: [[{match[1]}]]: the rubric does not contain this problem")
         return block(problems[match[1]])
 
     return BLOCK.sub(fill, text)
 
 
 def block(problem: Problem) -> str:
-    """Table of a problem in the handout: points, file, marker, time.
+    """Return the table of a problem in the handout: points, file, pytest command, time.
 
     Example:
         >>> print(block(Problem("a0.pulse", "A pulse", (), file="pulse.py", takes_s=4)))
@@ -85,8 +97,10 @@ def block(problem: Problem) -> str:
     file = f"`{problem.file}`" if problem.file else "the notebook's results"
     uses = ""
     if problem.needs:
-        names = " and ".join([*filter(None, [", ".join(problem.needs[:-1])]), problem.needs[-1]])
-        uses = f"\n>\n> It uses your {names}."
+        # "a", "a and b", "a, b and c"
+        first = ", ".join(problem.needs[:-1])
+        last = problem.needs[-1]
+        uses = f"\n>\n> It uses your {f'{first} and {last}' if first else last}."
     return (
         f"> **Problem {problem.id}: {problem.title}**\n>\n"
         "> | points | file | check | takes |\n> |---|---|---|---|\n"
@@ -95,17 +109,22 @@ def block(problem: Problem) -> str:
 
 
 def points_text(points: float) -> str:
-    """Points without a needless fraction: 4, 2.5."""
+    """Format points without trailing zeros, for example "4" or "2.5"."""
     return f"{points:.10g}"
 
 
 def visible(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Content of a rubric without non-visible tests, whose points are summed."""
+    """Return the content of a rubric with the visible tests only.
+
+    The points of all other tests of a problem are summed in its field `other_points`.
+    """
     problems = []
     for problem in content["problem"]:
-        seen = [t for t in problem["tests"] if t.get("visibility", "visible") == "visible"]
-        others = sum(t["points"] for t in problem["tests"] if t not in seen)
+        shown = [t for t in problem["tests"] if t.get("visibility", "visible") == "visible"]
+        others = sum(t["points"] for t in problem["tests"] if t not in shown)
         others += problem.get("other_points", 0)
-        more = {"other_points": others} if others else {}
-        problems.append(problem | more | {"tests": seen})
+        released = problem | {"tests": shown}
+        if others:
+            released["other_points"] = others
+        problems.append(released)
     return {**content, "problem": problems}

@@ -1,4 +1,4 @@
-"""Markdown, and pages of HTML with formulas in MathML: no script, no font, no network."""
+"""Write Markdown, and HTML pages with formulas in MathML, without scripts, fonts or network."""
 
 import html
 import re
@@ -10,16 +10,20 @@ _SPECIAL = re.compile(r"([\\`*_\[\]<>|~&$])")
 
 
 def write(folder: Path, name: str, text: str) -> None:
-    """Write `NAME.md` and `NAME.html` into a folder; HTML in the text stays text."""
+    """Write `NAME.md` and `NAME.html` into a folder; HTML in the text is escaped."""
     (folder / f"{name}.md").write_text(text, encoding="utf-8")
     (folder / f"{name}.html").write_text(page(text), encoding="utf-8")
 
 
 def page(text: str) -> str:
-    """Page of HTML, from Markdown whose first line is the title; HTML in it stays text."""
+    """Convert Markdown to an HTML page.
+
+    The first line of the text becomes the title. HTML in the text is escaped.
+    """
     from markdown_it import MarkdownIt
     from mdit_py_plugins.dollarmath import dollarmath_plugin
 
+    # Convert the body; only $...$ and $$...$$ mark formulas
     reader = MarkdownIt("commonmark", {"html": False}).enable(["table", "strikethrough"])
     strict = dict.fromkeys(("allow_labels", "allow_space", "allow_digits"), False)
     reader.use(
@@ -29,6 +33,8 @@ def page(text: str) -> str:
         renderer=lambda formula, options: mathml(formula, block=options["display_mode"]),
     )
     body = reader.render(text)
+
+    # Use the first line, without Markdown's escapes, as the title
     first = text.lstrip().partition("\n")[0].lstrip("# ")
     title = html.escape(re.sub(r"\\(.)", r"\1", first))
     return (
@@ -40,7 +46,7 @@ def page(text: str) -> str:
 
 
 def plain(text: str) -> str:
-    r"""One line of text, escaped so that Markdown shows it literally.
+    r"""Escape a text so that Markdown shows it literally, on one line.
 
     Example:
         >>> plain("a*b*\n<c>")
@@ -50,14 +56,15 @@ def plain(text: str) -> str:
 
 
 def verbatim(text: str) -> str:
-    """Markdown block that shows text literally."""
+    """Return a Markdown code block that shows a text literally."""
+    # The fence must be longer than any run of backticks in the text
     longest = max((len(run) for run in re.findall(r"`+", text)), default=0)
     fence = "`" * max(3, longest + 1)
     return f"{fence}text\n{text}\n{fence}"
 
 
 def table(header: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    """Markdown table."""
+    """Return a Markdown table with a header and lines of cells."""
     rows = [header, ["---"] * len(header), *lines]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 

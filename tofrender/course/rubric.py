@@ -1,4 +1,4 @@
-"""Rubrics: the content of `rubric.toml`, the only place where points are."""
+"""Rubrics: the content of `rubric.toml`, the only file that states points."""
 
 import math
 from collections.abc import Iterator
@@ -13,21 +13,21 @@ FILE_NAME = "rubric.toml"
 STAFF_TEST = "*_staff.py"
 MAX_SEED = (1 << 31) - 1
 FORBIDDEN = ("warps", "integrators", "sampling")
-"""Features that a handout may not allow, see `judge.forbidden`."""
+"""Features that an assignment can forbid, see `judge.forbidden`."""
 VISIBILITIES = ("visible", "after_due_date", "after_published", "hidden")
 
 
 @dataclass(frozen=True)
 class GradedTest:
-    """A test that gives points; a parametrised function is one test, passed with all its cases."""
+    """A test that gives points. A parametrized function is one test with several cases."""
 
-    id: str  # file and function as pytest names them: "test_pulse.py::test_area"
+    id: str  # file and function in pytest's notation: "test_pulse.py::test_area"
     points: float
-    visibility: str = "visible"  # when students see the result, in Gradescope's words
+    visibility: str = "visible"  # when students see the result; Gradescope's values
 
     @property
     def is_staff(self) -> bool:
-        """Whether it is in a file that students do not get."""
+        """Whether the test is in a file that students do not get."""
         return fnmatch(self.id.partition("::")[0], STAFF_TEST)
 
 
@@ -38,48 +38,49 @@ class Problem:
     id: str  # "a2.gaussian_pulse"
     title: str
     tests: tuple[GradedTest, ...]
-    file: str = ""  # file that a student writes; "" if the deliverables are judged
+    file: str = ""  # file that a student writes; "" if the notebook's results are judged
     names: tuple[str, ...] = ()  # names that this file has to define
-    reference: str = "tofrender"  # module of the package that defines them right
-    # modules and packages that solve this problem, which students do not get
+    reference: str = "tofrender"  # module of the package that defines these names correctly
+    # modules and packages that students do not get, because they solve this problem
     withholds: tuple[str, ...] = ()
-    needs: tuple[str, ...] = ()  # ids of problems whose code this one uses
-    forbids: tuple[str, ...] = ()  # of `FORBIDDEN`, besides the assignment's
-    tests_of: str = ""  # problem whose right and wrong solutions a student's test has to tell apart
+    needs: tuple[str, ...] = ()  # ids of the problems that this problem's code imports
+    forbids: tuple[str, ...] = ()  # words of `FORBIDDEN`, in addition to the assignment's
+    # id of another problem, if the task is to write a test that recognizes its wrong solutions
+    tests_of: str = ""
     timeout_s: float = 60.0  # longest time of one answer [s]
-    takes_s: float = 10.0  # time of the tests with right code on two cores [s]
-    bonus: bool = False  # points come on top of the assignment's maximum
-    other_points: float = 0.0  # of tests that students do not have; in released rubrics only
+    takes_s: float = 10.0  # time of the tests with a correct solution, on two cores [s]
+    bonus: bool = False  # whether the points are added to the assignment's maximum
+    other_points: float = 0.0  # points of the staff's tests, in released rubrics only
 
     @property
     def marker(self) -> str:
-        """Marker for pytest of the tests: "a2_gaussian_pulse"."""
+        """Marker of the tests in pytest: "a2_gaussian_pulse"."""
         return self.id.replace(".", "_")
 
     @property
     def points(self) -> float:
-        """Maximum of the problem."""
+        """Maximum points of the problem."""
         return sum(test.points for test in self.tests) + self.other_points
 
 
 @dataclass(frozen=True)
 class ByHand:
-    """A part that a person gives points for."""
+    """A part of an assignment that is graded by hand."""
 
-    id: str  # "a2.exercises", a column of the sheet of marks
+    id: str  # "a2.exercises"; also the name of a column in the sheet of marks
     title: str
-    points: float  # the maximum
+    points: float  # maximum points
 
 
 @dataclass(frozen=True)
 class Late:
-    """Penalty for handing in late."""
+    """Penalty for a late submission."""
 
-    free_days: float = 0.0  # days that cost nothing
+    free_days: float = 0.0  # days without a penalty
     lost_per_day: float = 0.0  # fraction of the points that each further day costs, from 0 to 1
 
     def lost(self, days: float) -> float:
-        """Fraction of the points that is lost.
+        """Return the fraction of the points that is lost after `days` late days.
 
         Example:
             >>> Late(free_days=2, lost_per_day=0.1).lost(5)
@@ -90,24 +91,24 @@ class Late:
 
 @dataclass(frozen=True)
 class Rubric:
-    """An assignment: its problems in the order of the handout."""
+    """Problems, points and rules of an assignment, in the order of the handout."""
 
     id: str  # "a2"
     title: str  # "Time of flight"
     problems: tuple[Problem, ...]
     comparisons: int = 100  # number of statistical comparisons that share the false-alarm rate
-    # modules that students do not get and that solve no one problem
+    # modules that students do not get, although no single problem asks for them
     also_withhold: tuple[str, ...] = ()
-    keeps: tuple[str, ...] = ()  # modules that students get although their package is withheld
+    keeps: tuple[str, ...] = ()  # modules that students get, although their package is withheld
     submit: tuple[str, ...] = ("*.py",)  # patterns of the files that are handed in
-    forbids: tuple[str, ...] = ()  # of `FORBIDDEN`, in all problems
+    forbids: tuple[str, ...] = ()  # words of `FORBIDDEN` that apply to all problems
     term: int = 0  # chooses the numbers of the public tests, see `tofrender new-term`
     by_hand: tuple[ByHand, ...] = ()
     late: Late = Late()
 
     @property
     def points(self) -> float:
-        """Maximum, without bonus and parts graded by hand."""
+        """Maximum points, without bonus problems and parts that are graded by hand."""
         return sum(problem.points for problem in self.problems if not problem.bonus)
 
     @property
@@ -117,12 +118,12 @@ class Rubric:
 
     @cached_property
     def problem_by_name(self) -> dict[str, Problem]:
-        """Problem in whose file a name has to be written."""
+        """Problem that asks for a name, by this name."""
         return {name: problem for problem in self.problems for name in problem.names}
 
     @cached_property
     def problem_by_test(self) -> dict[str, Problem]:
-        """Problem that a test judges, by the test's id."""
+        """Problem of a test, by the test's id."""
         return {test.id: problem for problem in self.problems for test in problem.tests}
 
     @property
@@ -131,37 +132,49 @@ class Rubric:
         return [t.id for p in self.problems for t in p.tests if t.visibility == "visible"]
 
     def needed(self, problem: str) -> set[str]:
-        """Problems whose code a problem uses, directly or not, itself included."""
+        """Return the ids of a problem and of all problems that it needs, also indirectly."""
         needs = {each.id: each.needs for each in self.problems}
         found = {problem}
-        while more := {need for name in found for need in needs[name]} - found:
-            found |= more
+        while new := {need for name in found for need in needs[name]} - found:
+            found |= new
         return found
 
     @cached_property
     def withheld(self) -> dict[str, str | None]:
-        """Modules and packages that students do not get, with the problem that each solves."""
+        """Withheld modules and packages, with the id of the problem that each solves, or None."""
         modules: dict[str, str | None] = dict.fromkeys(self.also_withhold)
         return modules | {m: problem.id for problem in self.problems for m in problem.withholds}
 
 
 def name_of(test: str) -> str:
-    """Name of a test, given its id, without its file."""
+    """Return the name of a test's function from the test's id."""
     return test.partition("::")[2] or test
 
 
 def read(path: str | Path) -> Rubric:
-    """Read `rubric.toml`, by its path or its folder's; ValueError if it is inconsistent."""
+    """Read a rubric.
+
+    Args:
+        path: Path of `rubric.toml` or of its folder.
+
+    Raises:
+        FileNotFoundError: The file is missing.
+        ValueError: The file is not TOML, or its content is inconsistent.
+    """
     path = Path(path)
     path = path / FILE_NAME if path.is_dir() else path
     if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file; an assignment's folder has a {FILE_NAME}")
+        raise FileNotFoundError(f"{path} does not exist; an assignment's folder needs {FILE_NAME}")
+
+    # Problems and their tests
     content = toml.read(path)
     problems = []
     for table in content.get("problem", []):
         where = f"{path}: problem {table.get('id', len(problems) + 1)!r}"
         tests = tuple(toml.make(GradedTest, test, where) for test in table.get("tests", []))
         problems.append(toml.make(Problem, table | {"tests": tests}, where))
+
+    # The table [assignment]; parts graded by hand and the late penalty have tables next to it
     head = content.get("assignment", {}) | {
         "problems": tuple(problems),
         "by_hand": tuple(
@@ -176,14 +189,17 @@ def read(path: str | Path) -> Rubric:
 
 
 def _faults(rubric: Rubric) -> Iterator[str]:
-    """Inconsistencies of a rubric, a line each."""
+    """Yield a message for each inconsistency of a rubric."""
+    # Unique ids
     ids = [part.id for part in (*rubric.problems, *rubric.by_hand)]
     tests = [test.id for problem in rubric.problems for test in problem.tests]
     for kind, names in (("problem", ids), ("test", tests)):
         for name in sorted(name for name in names if names.count(name) > 1):
-            yield f"{kind} {name!r} is there more than once"
+            yield f"{kind} {name!r} is defined more than once"
     if not rubric.problems:
-        yield "has no [[problem]]"
+        yield "needs at least one [[problem]]"
+
+    # Term, late penalty and parts graded by hand
     if not isinstance(rubric.term, int) or not 0 <= rubric.term <= MAX_SEED:
         yield f"term = {rubric.term}: must be an integer from 0 to {MAX_SEED}"
     late = rubric.late
@@ -194,23 +210,27 @@ def _faults(rubric: Rubric) -> Iterator[str]:
     start = f"must start with {rubric.id!r} and a dot"
     for part in rubric.by_hand:
         if not part.id.startswith(f"{rubric.id}.") or not 0 <= part.points < math.inf:
-            yield f"[[by_hand]] {part.id!r}: {start}, and give 0 points or more"
+            yield f"[[by_hand]] {part.id!r}: the id {start}; points must be 0 or more"
+
+    # Problems
     for problem in rubric.problems:
         where = f"problem {problem.id!r}"
         if not problem.id.startswith(f"{rubric.id}."):
-            yield f"{where}: {start}"
+            yield f"{where}: the id {start}"
         if not problem.tests and not problem.other_points:
-            yield f"{where}: has no tests"
+            yield f"{where}: needs at least one test"
         for word in {*rubric.forbids, *problem.forbids} - set(FORBIDDEN):
             yield f"{where}: forbids {word!r}: must be one of {', '.join(FORBIDDEN)}"
         if problem.timeout_s <= 0:
             yield f"{where}: timeout_s = {problem.timeout_s}: must be above 0"
         for need in problem.needs:
             if need not in ids:
-                yield f"{where}: needs {need!r}, which is no problem of this file"
+                yield f"{where}: needs {need!r}, which is not a problem of this file"
         if problem.tests_of and (problem.tests_of not in ids or len(problem.names) != 1):
-            text = "must be a problem of this file, and names one function that tests it"
+            text = "must be a problem of this file, and names must contain one function"
             yield f"{where}: tests_of = {problem.tests_of!r}: {text}"
+
+        # Tests of the problem
         for test in problem.tests:
             if test.points < 0 or test.visibility not in VISIBILITIES:
                 text = f"points must be 0 or more, visibility one of {', '.join(VISIBILITIES)}"

@@ -8,7 +8,8 @@ import mitsuba as mi
 
 def square_to_uniform_disk(sample: mi.Point2f) -> mi.Point2f:
     """The longer coordinate is the radius, their quotient the angle within an eighth."""
-    x, y = 2 * sample.x - 1, 2 * sample.y - 1
+    x = 2 * sample.x - 1
+    y = 2 * sample.y - 1
     steep = dr.abs(y) > dr.abs(x)
     radius = dr.select(steep, y, x)
     other = dr.select(steep, x, y)

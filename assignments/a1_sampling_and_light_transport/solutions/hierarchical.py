@@ -32,7 +32,7 @@ class HierarchicalWarp:
         return dr.gather(mi.Float, self._density, row * self.n + column, inside)
 
     def _search(self, sums, first, u):
-        """The first entry above u, and where u lies between the one before and it."""
+        """Find the first entry above u, and the relative position of u between its neighbors."""
 
         def below(index):
             return dr.gather(mi.Float, sums, first + index) <= u

@@ -43,7 +43,8 @@ class Triangle(Shape):
         p = mi.Point3f(o + t * v)
         valid = t > 0
         for i in range(3):
-            start, end = self.corners[i], self.corners[(i + 1) % 3]
+            start = self.corners[i]
+            end = self.corners[(i + 1) % 3]
             inwards = np.cross(self.normal, end - start)
             valid &= dr.dot(vector(inwards), p - vector(start)) >= 0
         return self._hit(o, p, v, valid)
@@ -91,7 +92,7 @@ class Sphere(Shape):
         return axis, dr.select(outside, dr.square(half), 1), outside
 
     def _meet(self, o, d, certain):
-        """The point nearest to the centre, and half a chord before (from inside, after) it."""
+        """The point nearest to the center, and half a chord before (from inside, after) it."""
         _, q_max, outside = self._cone(o)
         to_centre = vector(self.centre) - o
         ahead = dr.dot(to_centre, d)
@@ -119,7 +120,7 @@ class SurfaceGroup(Shape):
         return any(shape.is_emissive for shape in self.shapes)
 
     def sample(self, o, sample):
-        """Here the second number picks, and its rest goes on."""
+        """Pick a shape with the second number, and rescale the remainder of the number."""
         count = len(self.shapes)
         pick = dr.minimum(mi.UInt32(sample.y * count), count - 1)
         rest = mi.Point2f(sample.x, sample.y * count - pick)

@@ -56,7 +56,7 @@ class PathTracerMIS(mi.SamplingIntegrator):
             count = active & (mirror | (~lights & (bs.pdf > 0)))
             total += dr.select(count, throughput * weight * seen * share, 0)
 
-            # Another direction goes on; what it runs into has been counted by the first
+            # Sample the next direction separately; emission that it hits is already counted
             bs, weight = bsdf.sample(
                 ctx, si, sampler.next_1d(active), sampler.next_2d(active), active
             )

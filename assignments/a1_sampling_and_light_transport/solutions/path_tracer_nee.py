@@ -1,4 +1,4 @@
-"""Next-event estimation; the direction that goes on is drawn before the light is asked."""
+"""Next-event estimation; the next direction is sampled before the light."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Directions from the disk: an equal-area map takes its circles to circles of latitude."""
+"""Directions from the disk: an equal-area map from circles of the disk to circles of latitude."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def square_to_uniform_hemisphere_pdf(v: mi.Vector3f) -> mi.Float:
 def square_to_cosine_hemisphere(sample: mi.Point2f) -> mi.Vector3f:
     """The direction halfway between +z and a uniform point of the sphere.
 
-    The angle at the circumference is half of the one at the centre: theta / 2 of a uniform sphere
+    The angle at the circumference is half of the angle at the center: theta / 2 of a uniform sphere
     has the density 2 sin cos, because 1 - cos(2 t) = 2 sin(t)^2.
     """
     half = _lifted(2.0, sample) + mi.Vector3f(0, 0, 1)

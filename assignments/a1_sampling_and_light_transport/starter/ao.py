@@ -12,11 +12,11 @@ class AmbientOcclusion(mi.SamplingIntegrator):
 
         L(x) = integral over the hemisphere of V(x, w) cos / pi dw
 
-    x is the first surface point along the camera ray; the hemisphere is the one around the shading
-    normal on the side of the surface that the camera ray comes from. V is 1 in directions in which
-    there is no surface at any distance, else 0. A ray that meets no surface has L = 0. Each call
-    estimates the integral with one direction of the density cos / pi. Your cosine hemisphere can be
-    imported: `from sphere_and_hemispheres import square_to_cosine_hemisphere`.
+    x is the first surface point along the camera ray. The hemisphere is centered at the shading
+    normal, on the side of the surface that the camera ray comes from. V is 0 if the ray from x in
+    the direction w hits a surface at any distance, otherwise 1. A camera ray that hits nothing has
+    L = 0. Each call estimates the integral with one direction of the density cos / pi. You can
+    import your cosine hemisphere: `from sphere_and_hemispheres import square_to_cosine_hemisphere`.
     """
 
     def sample(
@@ -30,7 +30,7 @@ class AmbientOcclusion(mi.SamplingIntegrator):
         """Estimate L along camera rays; `mi.render` calls this.
 
         Returns:
-            L, the same in each channel, the lanes that met a surface, and [].
+            L, the same in each channel, the mask of the lanes that hit a surface, and [].
         """
         raise NotImplementedError("a1.ao: AmbientOcclusion.sample")
 

@@ -12,9 +12,10 @@ class HierarchicalWarp:
     x runs to the right over columns, y runs down over rows: texel (i, j), column i of row j, covers
     [i/n, (i+1)/n) x [j/n, (j+1)/n). The density is constant within a texel.
 
-    Build the mip map once (sums over 2 x 2 blocks up to one number). A sample goes down again: in
-    each level y selects the upper or lower half of the block in proportion to their sums, then x
-    one of the two quadrants of that half. What is left of y and x, stretched to [0, 1), goes on.
+    Build the mip map once (sums over 2 x 2 blocks up to one number). A sample passes its levels in
+    reverse order. In each level, y selects the upper or lower half of the block in proportion to
+    their sums, and then x selects one of the two quadrants of this half. The remainders of y and x
+    are rescaled to [0, 1) for the next level.
 
     Args:
         image: Brightness, shape (n, n), n a power of two, 0 or more, not all 0.

@@ -1,22 +1,22 @@
 """Problem a1.lights: shapes that emit light, sampled by direction.
 
-A light answers two questions about a point `o` that it lights: which direction shall a sample take
-(`sample`), and what is seen in a given direction (`record`). Both answers are an `EmitterRecord`:
+A light has two methods for a point `o` that it illuminates. `sample` returns a random direction
+toward the light, and `record` evaluates a given direction. Both return an `EmitterRecord`:
 
-    o, p        the point that is lit, and the first point of the light in that direction
+    o, p        the illuminated point, and the first point of the light in this direction
     n           unit normal at p, on the side that emits
-    d, distance unit vector from o to p, and how far p is [m]
+    d, distance unit vector from o to p, and distance of p [m]
     pdf         density of the direction d [1/sr], the same whether it was sampled or given
-    radiance    what arrives from p: the emission, or 0 if p shows its dark side
+    radiance    radiance from p: the emission, or 0 if p is seen from the side that does not emit
     weight      radiance / pdf
-    valid       lanes in which the light is met; in the others pdf, radiance and weight are 0
+    valid       lanes in which the light is hit; in other lanes pdf, radiance and weight are 0
 
-`Shape` has what follows from these two: `pdf(o, v)`, `intersect(o, v)`, `is_emissive`, and
-`filled`, which makes the record of a hit and fills in radiance and weight. `Quad` is given as the
+`Shape` derives further methods from these two: `pdf(o, v)`, `intersect(o, v)`, `is_emissive`, and
+`filled`, which makes the record of a hit and computes radiance and weight. `Quad` is given as the
 worked example. `o`, `v` and `sample` are Dr.Jit arrays of any number of lanes.
 
-`scene.sample_emitter_direction` and `mi.warp` are not allowed here: they have what you are asked
-to derive. Your `sample_triangle` and `sample_sphere_cap` can be imported.
+`scene.sample_emitter_direction` and `mi.warp` are not allowed here, because they contain the
+results that you derive. You can import your `sample_triangle` and `sample_sphere_cap`.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from tofrender.sampling.emitter_records import EmitterRecord, Shape, emission_va
 
 
 class Quad(Shape):
-    """A parallelogram of a corner and the two edges that leave it; it emits on the side of e0 x e1.
+    """A parallelogram of a corner and two edges from this corner; emits on the side of e0 x e1.
 
     Args:
         corner: Three numbers [m].
@@ -46,7 +46,9 @@ class Quad(Shape):
     ) -> None:
         cross = np.cross(e0, e1)
         self.area = float(np.linalg.norm(cross))
-        self.corner, self.e0, self.e1 = mi.Point3f(*corner), mi.Vector3f(*e0), mi.Vector3f(*e1)
+        self.corner = mi.Point3f(*corner)
+        self.e0 = mi.Vector3f(*e0)
+        self.e1 = mi.Vector3f(*e1)
         self.normal = mi.Vector3f((cross / self.area).tolist())
         self.emission = emission_values(emission)
 
@@ -60,7 +62,8 @@ class Quad(Shape):
         """Intersection of the ray o + t v with the plane, if it is on the parallelogram."""
         distance = dr.dot(self.normal, self.corner - o) / dr.dot(self.normal, v)
         p = o + distance * v
-        # p - corner = a e0 + b e1, solved with the help of the normal
+
+        # Is p inside? Solve p - corner = a e0 + b e1 by cross products with the edges
         a = dr.dot(self.normal, dr.cross(p - self.corner, self.e1)) / self.area
         b = dr.dot(self.normal, dr.cross(self.e0, p - self.corner)) / self.area
         inside = (a >= 0) & (a <= 1) & (b >= 0) & (b <= 1)
@@ -69,7 +72,7 @@ class Quad(Shape):
     def _hit(
         self, o: mi.Point3f, p: mi.Point3f, d: mi.Vector3f, distance: mi.Float, valid: mi.Bool
     ) -> EmitterRecord:
-        """The record of a point: its density 1 / area, measured in solid angle."""
+        """Make the record of a point; its density 1 / area is converted to solid angle."""
         cos = dr.abs(dr.dot(self.normal, d))
         pdf = dr.square(distance) / (self.area * cos)
         return self.filled(o, p, self.normal, d, distance, pdf, valid & (cos > 0))
@@ -78,7 +81,7 @@ class Quad(Shape):
 class Triangle(Shape):
     """A triangle; it emits on the side of (v1 - v0) x (v2 - v0).
 
-    Directions come from uniform points of the surface, as with `Quad`.
+    Directions lead to uniform points of the surface, as with `Quad`.
 
     Args:
         v0: First corner, three numbers [m].
@@ -97,17 +100,17 @@ class Triangle(Shape):
         raise NotImplementedError("a1.lights: Triangle.sample")
 
     def record(self, o: mi.Point3f, v: mi.Vector3f) -> EmitterRecord:
-        """Record of the triangle from `o` along `v`; both sides are hit."""
+        """Record of the triangle from `o` along `v`; rays hit both sides."""
         raise NotImplementedError("a1.lights: Triangle.record")
 
 
 class Sphere(Shape):
     """A sphere that emits outwards, sampled by the cone of directions that it fills.
 
-    From outside the density is constant over the cone, 1 / its solid angle; there is no geometry
-    factor. From inside every direction meets the sphere: density 1 / (4 pi), and dark. A sphere
-    may be far: with radius / distance = 1e-3 the density must be right to 1e-3, although the
-    cosine of the cone's angle is 1 in single precision.
+    From outside, the density is 1 / (solid angle of the cone), without a geometry factor. From
+    inside, every direction hits the sphere: the density is 1 / (4 pi), and the radiance is 0. A
+    sphere may be far away: with radius / distance = 1e-3 the density must be right to 1e-3,
+    although the cosine of the cone's angle is 1 in single precision.
 
     Args:
         centre: Three numbers [m].
@@ -128,7 +131,7 @@ class Sphere(Shape):
         raise NotImplementedError("a1.lights: Sphere")
 
     def sample(self, o: mi.Point3f, sample: mi.Point2f) -> EmitterRecord:
-        """A uniform direction of the cone, and the first point of the sphere along it."""
+        """A uniform direction of the cone, and the first point of the sphere in this direction."""
         raise NotImplementedError("a1.lights: Sphere.sample")
 
     def record(self, o: mi.Point3f, v: mi.Vector3f) -> EmitterRecord:
@@ -139,10 +142,11 @@ class Sphere(Shape):
 class SurfaceGroup(Shape):
     """Several shapes, sampled as one light.
 
-    `sample` picks one of the n shapes with equal chance and samples a direction of it. The
-    direction could have come from any shape that it meets, so its density is the mean of all n
-    densities, 0 for shapes that it misses. The record (point, distance, normal, radiance) is that
-    of the nearest shape along the direction, whichever was picked: lights may hide each other.
+    `sample` picks one of the n shapes with equal probability and samples a direction toward it. The
+    direction could have come from any shape that it hits, so its density is the mean of all n
+    densities, with 0 for shapes that it misses. The record (point, distance, normal, radiance)
+    belongs to the nearest shape in this direction, not to the picked shape: lights may hide each
+    other.
 
     Args:
         shapes: At least one shape.
@@ -153,11 +157,11 @@ class SurfaceGroup(Shape):
 
     @property
     def is_emissive(self) -> bool:
-        """Whether any of the shapes is."""
+        """Whether any of the shapes emits light."""
         raise NotImplementedError("a1.lights: SurfaceGroup.is_emissive")
 
     def sample(self, o: mi.Point3f, sample: mi.Point2f) -> EmitterRecord:
-        """A direction towards one of the shapes, and what is seen there."""
+        """A direction toward one of the shapes, and the visible point there."""
         raise NotImplementedError("a1.lights: SurfaceGroup.sample")
 
     def record(self, o: mi.Point3f, v: mi.Vector3f) -> EmitterRecord:

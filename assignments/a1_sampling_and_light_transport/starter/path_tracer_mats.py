@@ -1,7 +1,7 @@
 """Problem a1.path_tracer_mats: path tracing with BSDF sampling.
 
-Allowed: everything of Mitsuba but its own integrators (`si.bsdf()`, `si.emitter(scene)`,
-`scene.ray_intersect` ...).
+Everything in Mitsuba is allowed except its integrators, for example `si.bsdf()`,
+`si.emitter(scene)` and `scene.ray_intersect`.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ import mitsuba as mi
 class PathTracerMats(mi.SamplingIntegrator):
     """Path tracing with BSDF sampling alone (plugin `path_tracer_mats`).
 
-    Each direction is a BSDF sample, and a light counts if the path hits it:
+    Each direction is a BSDF sample, and the emission of each light that the path hits is added:
 
         L = Le(x1) + f cos / p(w) (Le(x2) + f cos / p(w) (Le(x3) + ...
 
-    The environment counts for paths that leave the scene (`si.emitter(scene)` returns it there).
-    Point lights are never hit, and stay dark.
+    Paths that leave the scene add the environment (`si.emitter(scene)` returns it there). Point
+    lights are never hit and contribute nothing.
 
     Parameters:
-        max_bounces: Most surfaces that a path is reflected from: 0 shows lights only, 1 adds direct
-            light, -1 (the default) has no limit: Russian roulette ends the paths.
+        max_bounces: Largest number of reflections of a path: 0 shows lights only, 1 adds direct
+            light. With -1 (the default), only Russian roulette ends the paths.
     """
 
     def __init__(self, props: mi.Properties) -> None:
@@ -41,7 +41,7 @@ class PathTracerMats(mi.SamplingIntegrator):
         """Estimate the radiance along camera rays; `mi.render` calls this.
 
         Returns:
-            Radiance [W m^-2 sr^-1], the lanes whose camera ray met a surface, and [].
+            Radiance [W m^-2 sr^-1], mask of the camera rays that hit a surface, and [].
         """
         raise NotImplementedError("a1.path_tracer_mats: PathTracerMats.sample")
 

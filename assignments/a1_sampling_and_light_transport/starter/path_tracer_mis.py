@@ -1,7 +1,7 @@
 """Problem a1.path_tracer_mis: path tracing with multiple importance sampling.
 
-Allowed: everything of Mitsuba but its own integrators; `scene.sample_emitter_direction` and
-`scene.pdf_emitter_direction` included.
+Everything in Mitsuba is allowed except its integrators, including `scene.sample_emitter_direction`
+and `scene.pdf_emitter_direction`.
 """
 
 from __future__ import annotations
@@ -14,19 +14,20 @@ import mitsuba as mi
 class PathTracerMIS(mi.SamplingIntegrator):
     """Path tracing with multiple importance sampling (plugin `path_tracer_mis`).
 
-    Direct light at a surface comes from two techniques, the lights' sampling and the material's,
-    and is counted once. Choose one way:
+    Two techniques sample direct light at a surface, light sampling and BSDF sampling, and together
+    they count it once. Choose one of two methods:
 
-    - one sample: take one of both at random, and divide by the mean of the two densities;
-    - two samples: take both, weight each with the balance or power heuristic, and go on along the
-      material's ray (it needs no ray of its own).
+    - one sample: use one of the techniques at random, and divide by the mean of the two densities;
+    - two samples: use both techniques, weight each with the balance or power heuristic, and
+      continue the path along the ray of the BSDF sample (direct light needs no second ray).
 
-    What one technique alone can find has the weight 1: point lights (the lights' sampling), and
-    what mirrors and smooth glass show (the material's). What the camera sees directly counts once.
+    Light that only one technique can find has the MIS weight 1: point lights (light sampling), and
+    lights seen in mirrors and smooth glass (BSDF sampling). Lights that the camera sees directly
+    count once.
 
     Parameters:
-        max_bounces: Most surfaces that a path is reflected from: 0 shows lights only, 1 adds direct
-            light, -1 (the default) has no limit: Russian roulette ends the paths.
+        max_bounces: Largest number of reflections of a path: 0 shows lights only, 1 adds direct
+            light. With -1 (the default), only Russian roulette ends the paths.
     """
 
     def __init__(self, props: mi.Properties) -> None:
@@ -44,7 +45,7 @@ class PathTracerMIS(mi.SamplingIntegrator):
         """Estimate the radiance along camera rays; `mi.render` calls this.
 
         Returns:
-            Radiance [W m^-2 sr^-1], the lanes whose camera ray met a surface, and [].
+            Radiance [W m^-2 sr^-1], mask of the camera rays that hit a surface, and [].
         """
         raise NotImplementedError("a1.path_tracer_mis: PathTracerMIS.sample")
 

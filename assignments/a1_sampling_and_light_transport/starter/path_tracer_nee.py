@@ -1,7 +1,7 @@
 """Problem a1.path_tracer_nee: path tracing with next-event estimation.
 
-Allowed: everything of Mitsuba but its own integrators, `scene.sample_emitter_direction` included:
-it does for all kinds of light what you wrote for some of them in a1.lights.
+Everything in Mitsuba is allowed except its integrators, including `scene.sample_emitter_direction`.
+That function samples all kinds of lights, as your code in a1.lights samples some of them.
 """
 
 from __future__ import annotations
@@ -14,18 +14,19 @@ import mitsuba as mi
 class PathTracerNEE(mi.SamplingIntegrator):
     """Path tracing with next-event estimation alone (plugin `path_tracer_nee`).
 
-    At every surface a point y on a light is chosen, and counts if nothing is in the way:
+    At every surface a point y on a light is sampled, and contributes if nothing occludes it:
 
         L_direct = f cos Le(y) V(x, y) / p(direction to y)
 
-    The path goes on in a direction that the material chooses, and a light that it then runs into
-    does not count, because the connection has counted it. Two cases have no connection, and do
-    count: what the camera sees directly, and what is seen by way of mirrors or smooth glass alone
-    since the last other surface (or the camera), whose directions are a delta distribution.
+    The path continues in a direction that is sampled from the BSDF. A light that it then hits does
+    not count, because the connection has counted it. In two cases a connection is not possible, and
+    the hit counts: the camera sees the light directly, or the path came to the light only by
+    mirrors or smooth glass since the last other surface (or the camera), because their directions
+    are a delta distribution.
 
     Parameters:
-        max_bounces: Most surfaces that a path is reflected from: 0 shows lights only, 1 adds direct
-            light, -1 (the default) has no limit: Russian roulette ends the paths.
+        max_bounces: Largest number of reflections of a path: 0 shows lights only, 1 adds direct
+            light. With -1 (the default), only Russian roulette ends the paths.
     """
 
     def __init__(self, props: mi.Properties) -> None:
@@ -43,7 +44,7 @@ class PathTracerNEE(mi.SamplingIntegrator):
         """Estimate the radiance along camera rays; `mi.render` calls this.
 
         Returns:
-            Radiance [W m^-2 sr^-1], the lanes whose camera ray met a surface, and [].
+            Radiance [W m^-2 sr^-1], mask of the camera rays that hit a surface, and [].
         """
         raise NotImplementedError("a1.path_tracer_nee: PathTracerNEE.sample")
 

@@ -13,13 +13,13 @@ class Simple(mi.SamplingIntegrator):
         L(x) = Phi / (4 pi^2) max(0, cos) / |x - p|^2 V(x, p)
 
     x is the first surface point along the camera ray, p the light's position, cos the cosine
-    between the direction from x to p and the shading normal, turned to the side of the surface
-    that the camera ray comes from. V is 1 if nothing lies between x and p, else 0. A ray that
-    meets no surface has L = 0. The scene's own lights and materials make no difference.
+    between the direction from x to p and the shading normal, flipped to the side of the surface
+    that the camera ray comes from. V is 1 if nothing lies between x and p, otherwise 0. A ray that
+    hits nothing has L = 0. The lights and materials of the scene are ignored.
 
     Parameters (`props["position"]` and so on, all required):
-        position: Where the light is, p [m]; three numbers.
-        energy: Its power Phi [W]; one number, or three for R, G and B.
+        position: Position p of the light [m]; three numbers.
+        energy: Power Phi of the light [W]; one number, or three for R, G and B.
     """
 
     def __init__(self, props: mi.Properties) -> None:
@@ -37,7 +37,7 @@ class Simple(mi.SamplingIntegrator):
         """Radiance along camera rays; `mi.render` calls this.
 
         Returns:
-            Radiance [W m^-2 sr^-1], the lanes that met a surface, and [].
+            Radiance [W m^-2 sr^-1], mask of the lanes that hit a surface, and [].
         """
         raise NotImplementedError("a1.simple: Simple.sample")
 

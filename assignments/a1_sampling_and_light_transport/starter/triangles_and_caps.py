@@ -29,8 +29,8 @@ def sample_triangle_pdf(
 ) -> mi.Float:
     """Density of `sample_triangle` per unit area at the points `p`.
 
-    It is 0 for points off the triangle, beside it or above its plane; allow for a distance of
-    about 1e-5 of the longest edge, because single precision asks for it.
+    The density is 0 for points that are not on the triangle, including points above its plane.
+    Allow for a distance of about 1e-5 of the longest edge, because of rounding in single precision.
     """
     raise NotImplementedError("a1.triangles_and_caps: sample_triangle_pdf")
 

@@ -10,7 +10,8 @@ from tofrender.course.judge import expect
 
 UP = np.array([0, 0, 1.0])
 ALBEDO = 0.8
-SEEDS, SPP = 32, 256
+SEEDS = 32
+SPP = 256
 
 LIGHTS_DIRECTION = "bsdf.eval wants a local direction: si.to_local(ds.d)"
 FRAMES = {  # hints for directions in the wrong frame
@@ -100,7 +101,7 @@ def check_seen_light(submission, integrator):
 
 
 def check_many_bounces(submission, integrator):
-    """Inside a sphere around a light: each bounce adds a known part of the one before."""
+    """Inside a sphere around a light: each bounce adds a known fraction of the previous bounce."""
     hint = (
         "every bounce adds the same part again; too bright: is light counted twice, or a bounce "
         "too many? too dark: is the direction in the right frame?"

@@ -1,4 +1,4 @@
-"""What tests with drawn numbers share: regular sets of numbers, and what becomes of them."""
+"""Helpers for tests with random inputs: regular sets of numbers, and checks of their warps."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def regular(random, side=256):
 
 
 def even(counts, probabilities, what, *, hint=""):
-    """Counts of regular points follow their cells far better than those of independent ones."""
+    """Check that regular points fill the cells much more evenly than independent points."""
     expect.finite(counts, what)
     expected = probabilities * (counts.sum() / probabilities.sum())
     chi2 = float(np.mean((counts - expected) ** 2 / expected))
@@ -30,7 +30,7 @@ def even(counts, probabilities, what, *, hint=""):
 
 
 def asked_twice(submission, probe, what, square, **arguments):
-    """What a probe makes of points of the square, the same for the same points."""
+    """Return the warped points of a probe; equal points of the square must give equal results."""
     rows = submission.ask(probe, points=np.concatenate([square, square]), **arguments)
     expect.finite(rows, what)
     first, again = np.split(rows, 2)

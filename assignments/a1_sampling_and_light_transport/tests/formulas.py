@@ -116,7 +116,7 @@ def patch_pdf(p, o, normal, area):
 
 
 def cone_pdf(radius, distance):
-    """Density [1/sr] of uniform directions towards a sphere seen from outside."""
+    """Density [1/sr] of uniform directions toward a sphere seen from outside."""
     half = 0.5 * np.arcsin(radius / distance)
     return 1 / (4 * np.pi * np.sin(half) ** 2)
 
@@ -155,7 +155,8 @@ def integrating_sphere(radius, radiance, albedo, bounces):
     view. So the wall receives pi radiance radius^2 everywhere, and after each reflection the part
     1 - radius^2 of what it reflected: a geometric series. `bounces` is -1 for all of it.
     """
-    first, ratio = albedo * radiance * radius**2, albedo * (1 - radius**2)
+    first = albedo * radiance * radius**2
+    ratio = albedo * (1 - radius**2)
     return first / (1 - ratio) * (1 if bounces < 0 else 1 - ratio**bounces)
 
 
@@ -165,10 +166,12 @@ def ball_in_a_sphere(radius, emission, ball, wall, bounces):
     As in `integrating_sphere`, the wall sees the ball in the part radius^2 of its view and itself
     in the rest; the ball sees the wall alone.
     """
-    of_ball, of_wall = np.asarray(emission, float), np.zeros_like(emission, float)
+    of_ball = np.asarray(emission, float)
+    of_wall = np.zeros_like(emission, float)
     for _ in range(bounces):
         arriving = radius**2 * of_ball + (1 - radius**2) * of_wall
-        of_ball, of_wall = emission + ball * of_wall, wall * arriving
+        of_ball = emission + ball * of_wall
+        of_wall = wall * arriving
     return of_ball, of_wall
 
 
@@ -181,14 +184,14 @@ def point_light(position, energy, x, normal):
 
 
 def wall_openness(height, distance):
-    """Ambient occlusion on the ground beside an infinitely long wall."""
+    """Ambient occlusion on the ground next to an infinitely long wall."""
     return 0.5 * (1 + np.cos(np.arctan2(height, distance)))
 
 
 def camera_rays(origin, target, fov_degrees, width, height):
     """Unit directions through the pixels' middles, shape (height, width, 3), rows from the top.
 
-    A pinhole camera with y up, whose field of view is that of the smaller side.
+    The pinhole camera has y up. Its field of view refers to the smaller side.
     """
     forward = np.subtract(target, origin)
     forward = forward / np.linalg.norm(forward)

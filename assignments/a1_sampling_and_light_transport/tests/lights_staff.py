@@ -1,4 +1,4 @@
-"""Lights that are drawn, and what is seen of them, in NumPy and double precision."""
+"""Random lights, and the visible points of them, in NumPy and double precision."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ import numpy as np
 
 
 def triangle(random, towards, *, emission=None):
-    """A triangle of about the size 1 around a point, whose light goes to the origin."""
+    """A triangle of about the size 1 around a point, which emits toward the origin."""
     x, y = _across(towards)
-    size, turn = random.uniform(0.5, 1.2, 3), random.uniform(0, 2 * np.pi)
+    size = random.uniform(0.5, 1.2, 3)
+    turn = random.uniform(0, 2 * np.pi)
     phi = turn + 2 * np.pi / 3 * (np.arange(3) + random.uniform(-0.2, 0.2, 3))
     lift = random.uniform(-0.3, 0.3, (3, 1)) * towards / np.linalg.norm(towards)
     corners = towards + (size * np.cos(phi))[:, None] * x + (size * np.sin(phi))[:, None] * y + lift
@@ -54,7 +55,7 @@ def _across(axis):
 
 
 def seen(light, o, v):
-    """What is seen from o (n, 3) along unit vectors v (n, 3).
+    """Visible points of a light from o (n, 3) along unit vectors v (n, 3).
 
     Returns:
         `distance` (infinite for misses), `n`, `radiance` (n, 3), `pdf`, and `clear`: whether
@@ -103,7 +104,8 @@ def _triangle(arguments, o, v):
 
 
 def _sphere(arguments, o, v):
-    centre, radius = np.array(arguments[0]), arguments[1]
+    centre = np.array(arguments[0])
+    radius = arguments[1]
     to = centre - o
     far = np.linalg.norm(to, axis=1)
     ahead = np.sum(to * v, axis=1)

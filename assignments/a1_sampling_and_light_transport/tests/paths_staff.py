@@ -1,4 +1,4 @@
-"""What all path tracers are asked with drawn scenes: their closed forms."""
+"""Tests of all path tracers with random scenes, which have closed forms."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ def colour(random, low, high):
 
 
 def matte(reflectance):
-    """A coloured diffuse material."""
+    """A colored diffuse material."""
     return {"type": "diffuse", "reflectance": scenes.rgb(*reflectance)}
 
 
 def lamp(radiance):
-    """A coloured light."""
+    """A colored light."""
     return {"type": "area", "radiance": scenes.rgb(*radiance)}
 
 
@@ -74,7 +74,8 @@ def check_furnace(submission, integrator, noise):
     """Inside a sphere around a ball that emits and reflects, bounce by bounce."""
     random = submission.random
     radius = float(random.uniform(0.32, 0.42))
-    wall, ball = colour(random, 0.4, 0.9), colour(random, 0.1, 0.3)
+    wall = colour(random, 0.4, 0.9)
+    ball = colour(random, 0.1, 0.3)
     wall[np.argmax(wall)] = random.uniform(0.98, 1)  # Long paths bring a good part
     emission = colour(random, 0.5, 3)
     scene = scenes.scene(
@@ -131,16 +132,19 @@ def check_lights(submission, integrator, noise):
     albedo = colour(random, 0.2, 0.9)
     phi = random.uniform(0, 2 * np.pi) + np.array([0, 2, 4]) * np.pi / 3
     out = np.stack([np.cos(phi), np.sin(phi), 0 * phi], axis=1)
-    ball, radius = 2.6 * out[0] + random.uniform(1.2, 2) * UP, random.uniform(0.5, 0.9)
+    ball = 2.6 * out[0] + random.uniform(1.2, 2) * UP
+    radius = random.uniform(0.5, 0.9)
     panel = 2.8 * out[1] + random.uniform(1.8, 2.4) * UP
     facing = -panel + random.uniform(-0.4, 0.4, 3)
     size = random.uniform(0.6, 1.0, 2)
     corners = scenes.frame(panel, facing, [*size, 1.0])[:3] @ CORNERS
-    point, second = np.append(random.uniform(-0.3, 0.3, 2), 2.5), np.array([0.5, 0.3, -3.0])
+    point = np.append(random.uniform(-0.3, 0.3, 2), 2.5)
+    second = np.array([0.5, 0.3, -3.0])
     sun = -out[2] - random.uniform(0.7, 2) * UP
     sun /= np.linalg.norm(sun)
     strength = [colour(random, 1, 5) for _ in range(6)]
-    plate, alpha = colour(random, 0.3, 1), float(random.uniform(0.3, 0.6))
+    plate = colour(random, 0.3, 1)
+    alpha = float(random.uniform(0.3, 0.6))
     rough = {
         "type": "roughconductor",
         "material": "none",
@@ -189,8 +193,10 @@ def check_lights(submission, integrator, noise):
         y - 0.01 * down[3],
     ]
     d = [*down[:3], -UP, -front, front, down[3]]
-    o, d = np.array([*o, [0, 0, 30.0]]), np.array([*d, UP])
-    one, scene = {"max_bounces": 1}, scenes.scene(**parts)
+    o = np.array([*o, [0, 0, 30.0]])
+    d = np.array([*d, UP])
+    one = {"max_bounces": 1}
+    scene = scenes.scene(**parts)
     came = ask(submission, integrator, one, scene, o, d, seeds=64, spp=2048)
     where = "a floor under lights of all kinds"
     names = [where] * 3 + [
@@ -200,7 +206,7 @@ def check_lights(submission, integrator, noise):
         "a rough plate under a point light",
         "nothing",
     ]
-    hint = "all lights count, each once and with its own colour, and only where they are seen; " + (
+    hint = "all lights count, each once and with its own color, and only where they are seen; " + (
         "point lights and the sun are never met" if not meets_points else "a chance for each"
     )
     compare(came, wanted, names, noise=noise, hint=hint)
@@ -225,7 +231,7 @@ CORNERS = np.array([[-1, 1, 1, -1], [-1, -1, 1, 1], [0, 0, 0, 0], [1, 1, 1, 1.0]
 
 
 def rough_mirror(wi, wo, alpha):
-    """Reflectance times cosine of GGX normals without colour, at +z (Walter et al. 2007)."""
+    """Reflectance times cosine of GGX normals without color, at +z (Walter et al. 2007)."""
     h = wi + wo
     h = h / np.linalg.norm(h, axis=1, keepdims=True)
     tan2 = (1 - h[:, 2] ** 2) / h[:, 2] ** 2
@@ -243,7 +249,8 @@ def rough_mirror(wi, wo, alpha):
 def check_sky(submission, integrator, noise):
     """Materials of all kinds, each alone under a sky; and the sky."""
     random = submission.random
-    sky, albedo = colour(random, 0.5, 3), colour(random, 0.2, 0.9)
+    sky = colour(random, 0.5, 3)
+    albedo = colour(random, 0.2, 0.9)
     alpha = float(random.uniform(0.3, 0.6))
     ior = float(random.uniform(1.3, 1.9))
     rough = {"type": "roughconductor", "material": "none", "alpha": alpha, "distribution": "ggx"}
@@ -280,7 +287,8 @@ def check_sky(submission, integrator, noise):
     wanted[:2] *= albedo
     wanted[2] = 0
     coat = fresnel(tilt[4], ior)
-    wanted[4] *= coat + (1 - coat) * albedo  # What enters is reflected by the body or comes back
+    # Light that enters the coat is reflected by the body, or comes back
+    wanted[4] *= coat + (1 - coat) * albedo
     wanted[5] *= np.sum(lobe * solid_angle[above])
     wanted[7] *= shown
     came = ask(
@@ -305,9 +313,11 @@ def check_sky(submission, integrator, noise):
 
 
 def fresnel(angle, ior):
-    """Share of unpolarised light that is reflected where glass begins."""
-    cos, inside = np.cos(angle), np.sqrt(1 - (np.sin(angle) / ior) ** 2)
-    s, p = (cos - ior * inside) / (cos + ior * inside), (ior * cos - inside) / (ior * cos + inside)
+    """Share of unpolarized light that is reflected where glass begins."""
+    cos = np.cos(angle)
+    inside = np.sqrt(1 - (np.sin(angle) / ior) ** 2)
+    s = (cos - ior * inside) / (cos + ior * inside)
+    p = (ior * cos - inside) / (ior * cos + inside)
     return 0.5 * (s**2 + p**2)
 
 
@@ -317,9 +327,12 @@ def fresnel(angle, ior):
 def check_light_by_a_mirror(submission, integrator):
     """A light that faces a mirror, and a floor that it lights only by way of that."""
     random = submission.random
-    albedo, emission = colour(random, 0.3, 0.9), colour(random, 1, 5)
-    wall, light = random.uniform(1.7, 2.3), random.uniform(0.4, 0.6)
-    size, height = random.uniform(0.5, 0.8, 2), random.uniform(1.4, 1.8)
+    albedo = colour(random, 0.3, 0.9)
+    emission = colour(random, 1, 5)
+    wall = random.uniform(1.7, 2.3)
+    light = random.uniform(0.4, 0.6)
+    size = random.uniform(0.5, 0.8, 2)
+    height = random.uniform(1.4, 1.8)
     x = np.array([1.0, 0, 0])
     middle = np.array([light, random.uniform(-0.3, 0.3), height])
     parts = {
@@ -329,7 +342,8 @@ def check_light_by_a_mirror(submission, integrator):
     }
     corners = (scenes.frame(middle, x, [*size, 1.0])[:3] @ CORNERS).T
     corners[:, 0] = 2 * wall - corners[:, 0]
-    o, d = np.array([0, 0, 0.02]), -UP
+    o = np.array([0, 0, 0.02])
+    d = -UP
     wanted = albedo * emission / np.pi * formulas.polygon_irradiance(corners, np.zeros(3), UP, 1.0)
     came = ask(submission, integrator, {"max_bounces": 2}, scenes.scene(**parts), o, d, spp=16384)
     hint = (

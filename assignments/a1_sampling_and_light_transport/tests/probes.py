@@ -1,4 +1,4 @@
-"""What the tests ask of a submission; these functions run in its process."""
+"""Probes: functions that the tests call with a submission, in the submission's process."""
 
 from __future__ import annotations
 
@@ -109,12 +109,13 @@ def answer(theirs, integrator, name, parameters, scene, o, d, seeds, spp, seed):
     kind = getattr(theirs, integrator)
     plugin = mi.load_dict({"type": name, **parameters})
     if not isinstance(plugin, kind):
-        raise TypeError(f"the plugin {name} is no {integrator}; mi.register_integrator names it")
+        raise TypeError(f"the plugin {name} is not a {integrator}; check mi.register_integrator")
     return _answer(plugin, scene, o, d, seeds, spp, seed)
 
 
 def _answer(plugin, scene, o, d, seeds, spp, seed):
-    o, d = np.asarray(o), np.asarray(d)
+    o = np.asarray(o)
+    d = np.asarray(d)
     scene = mi.load_dict(_scene(scene))
     count = len(o) * seeds * spp
     each = dr.arange(mi.UInt32, count) // (seeds * spp)
@@ -165,8 +166,9 @@ def _scene(value):
 
 
 def _mesh(value):
-    """A mesh with a normal of its own at each corner."""
-    corners, normals = np.asarray(value["corners"]), np.asarray(value["normals"])
+    """A mesh with a given normal at each corner."""
+    corners = np.asarray(value["corners"])
+    normals = np.asarray(value["normals"])
     faces = np.asarray(value["faces"], np.uint32)
     bsdf = mi.Properties()
     bsdf["bsdf"] = mi.load_dict(value["bsdf"])
@@ -183,7 +185,7 @@ def _mesh(value):
 
 
 def _floats(parameters):
-    """Numbers as they are, arrays as Dr.Jit floats."""
+    """Convert arrays to Dr.Jit floats, and keep numbers."""
     return [mi.Float(np.float32(p)) if isinstance(p, np.ndarray) else p for p in parameters]
 
 
@@ -202,7 +204,7 @@ def _lists(corners):
 
 
 def _lanes(value, count):
-    """A number a lane, also where one number stands for all."""
+    """Convert to one number per lane; a single number is repeated."""
     return np.broadcast_to(np.atleast_1d(np.array(value, np.float64)), (count,))
 
 

@@ -1,4 +1,4 @@
-"""Scenes whose radiance is known, as dicts; 4 x 4 arrays stand for transforms."""
+"""Scenes with known radiance, as dicts; transforms are 4 x 4 arrays."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 def rgb(*values):
-    """A colour."""
+    """A color."""
     return {"type": "rgb", "value": list(values) if len(values) == 3 else [*values] * 3}
 
 
@@ -16,7 +16,7 @@ def diffuse(albedo):
 
 
 def lamp(radiance):
-    """What makes a shape a light."""
+    """Emitter that turns a shape into a light."""
     return {"type": "area", "radiance": rgb(radiance)}
 
 
@@ -24,7 +24,7 @@ BLACK = diffuse(0.0)
 
 
 def frame(origin, z, scale=1.0):
-    """A transform that takes +z to the direction `z` and the origin to `origin`."""
+    """A transform that maps +z to the direction `z`, and the origin to `origin`."""
     z = np.asarray(z, float) / np.linalg.norm(z)
     x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
     x /= np.linalg.norm(x)

@@ -14,7 +14,8 @@ UP = np.array([0, 0, 1.0])
 
 def look(submission, scene, o, d, spp=1024):
     """Estimates of the openness along rays, shape (seeds, n)."""
-    o, d = np.atleast_2d(o), np.atleast_2d(d)
+    o = np.atleast_2d(o)
+    d = np.atleast_2d(d)
     return submission.ask(
         "radiance",
         integrator="AmbientOcclusion",

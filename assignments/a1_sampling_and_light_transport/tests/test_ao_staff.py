@@ -30,13 +30,14 @@ def ask(submission, scene, x, d, spp=1024, seeds=16, shift=0):
 
 
 def test_drawn_lids(submission):
-    """Lids of any material over tilted plates, both sides; beside them a sky."""
+    """Lids of any material over both sides of tilted plates, under a sky."""
     random = submission.random
     materials = [scenes.BLACK, {"type": "dielectric"}, {"type": "null"}, scenes.BLACK]
     parts = {"sky": {"type": "constant", "radiance": scenes.rgb(4.0)}}
     x = APART * np.array([[1.0, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0]])
     n = drawn.directions(random, 4)
-    height, radius = random.uniform(1, 2.5, 4), random.uniform(0.5, 2, 4)
+    height = random.uniform(1, 2.5, 4)
+    radius = random.uniform(0.5, 2, 4)
     for k in range(4):
         turned = n[k] if random.random() < 0.5 else -n[k]
         emitter = {"emitter": scenes.lamp(2.0)} if k == 3 else {}
@@ -77,7 +78,8 @@ def test_far_lid(submission):
         "plate": scenes.disk([0, 0, 0], n[0], 0.5, scenes.BLACK),
         "lid": scenes.disk(far * n[0], -n[0], far, scenes.BLACK),
     }
-    scene, zero = scenes.scene(**parts), np.zeros((1, 3))
+    scene = scenes.scene(**parts)
+    zero = np.zeros((1, 3))
     beside = np.cross(n, drawn.directions(random, 1))
     nothing = ask(submission, scene, 2 * beside / np.linalg.norm(beside), -n)
     expect.close(nothing["radiance"], 0.0, "value where there is no surface")

@@ -63,7 +63,7 @@ def test_density_integrates_to_one(submission, alpha):
     m, solid_angle = formulas.sphere_grid(1200, 8)
     came = submission.ask("warp_pdf", name="square_to_beckmann_pdf", points=m, parameters=[alpha])
     expect.finite(came, "density", hint="0 / 0 at the horizon?")
-    hint = "is the normalisation 1 / (pi alpha^2), and the density 0 below the horizon?"
+    hint = "is the normalization 1 / (pi alpha^2), and the density 0 below the horizon?"
     expect.close(np.sum(came * solid_angle), 1.0, "integral of the density", rtol=5e-3, hint=hint)
 
 
@@ -76,7 +76,8 @@ def test_density_at_the_horizon_and_below(submission):
         )
         hint = "the tangent is infinite at the horizon, and even powers hide the sign of z"
         what = f"density at z <= 1e-4 for alpha = {alpha}"
-        x, x_label = np.arccos(m[:, 2]), "theta [rad]"
+        x = np.arccos(m[:, 2])
+        x_label = "theta [rad]"
         expect.close(came, 0.0, what, atol=1e-6, hint=hint, x=x, x_label=x_label)
 
 

@@ -49,7 +49,7 @@ def renders(submission, name, keys):
 
 
 def picture(submission, name):
-    """A PNG file of some size that shows more than one colour."""
+    """A PNG file of some size that shows more than one color."""
     path = submission.path(f"deliverables/{name}.png")
     from PIL import Image
 
@@ -149,7 +149,7 @@ def test_bust(submission):
 
 
 def ground_radiance(image):
-    """What the ground reflects in each pixel without shadows, and the pixels far from the bust."""
+    """Radiance of the unshadowed ground in each pixel, and mask of pixels far from the bust."""
     height, width = image.shape[:2]
     expect.true(
         width >= 12 and height >= 12, "pictures of the bust must have 12 x 12 pixels or more"
@@ -170,7 +170,7 @@ def test_three_path_tracers(submission, name):
     means = {key: content[key].astype(float).mean(axis=(1, 2)) for key in ("mats", "nee", "mis")}
     hint = "same scene, size and max_bounces; is light counted once, in each of them?"
     for key in ("mats", "nee"):
-        what = f"mean colour of {name}.npz, {key} against mis"
+        what = f"mean color of {name}.npz, {key} against mis"
         expect.same(means[key], means["mis"], what, rounding=2e-3, hint=hint)
     expect.true(means["mis"].mean() > 0.05, f"{name}.npz must show the lit scene")
     if name == "veach":
@@ -200,7 +200,7 @@ def test_equal_lights(submission):
     hint = "spheres of one power give the same light at any radius, if the whole sphere is seen"
     parts = {key: content[key].astype(float).mean(axis=(1, 2)) for key in sizes}
     for key in ("small", "large"):
-        what = f"mean colour of sphere_lights.npz, {key} against medium"
+        what = f"mean color of sphere_lights.npz, {key} against medium"
         expect.same(parts[key], parts["medium"], what, rounding=2e-3, hint=hint)
     expect.true(parts["medium"].mean() > 0.05, "sphere_lights.npz must show the lit scene")
     content = renders(submission, "rectangle_light", ("quad", "triangles"))
@@ -208,7 +208,7 @@ def test_equal_lights(submission):
         content[key].astype(float).mean(axis=(1, 2)) for key in ("quad", "triangles")
     )
     hint = "two triangles are one rectangle: are all lights asked, each with its chance?"
-    what = "mean colour of rectangle_light.npz, triangles against quad"
+    what = "mean color of rectangle_light.npz, triangles against quad"
     expect.same(triangles, quad, what, rounding=2e-3, hint=hint)
     expect.true(quad.mean() > 0.05, "rectangle_light.npz must show the lit scene")
 
@@ -218,7 +218,8 @@ def test_points_of_an_image(submission):
     """hierarchical.npz and hierarchical.png: points against the image that they come from."""
     picture(submission, "hierarchical")
     content = arrays(submission, "hierarchical", {"image": 2, "points": 2})
-    image, p = content["image"].astype(float), content["points"].astype(float)
+    image = content["image"].astype(float)
+    p = content["points"].astype(float)
     n = len(image)
     right = image.shape == (n, n) and n >= 8 and n & (n - 1) == 0 and image.min() >= 0
     expect.true(

@@ -39,7 +39,8 @@ def test_density(submission):
         "π": "the density is 1 over the area, π",
         "2": "the density of (x, y) is 1 over the area, not that of (r, φ)",
     }
-    what, hint = "density on the disk", "1 over the area"
+    what = "density on the disk"
+    hint = "1 over the area"
     expect.close(density[on], 1 / np.pi, what, hint=hint, ratios=ratios)
     expect.close(density[~on], 0.0, "density off the disk", hint="no point is ever sampled there")
 

@@ -20,7 +20,7 @@ COUNT = 60_000
 
 
 def sampled(submission, light, o=ORIGIN, count=COUNT, shift=0, only_valid=True):
-    """Records of sampled directions from one point; all of them, or those that met the light."""
+    """Records of sampled directions from one point: all, or only directions that hit the light."""
     record = submission.ask(
         "light_sample",
         light=light,
@@ -39,7 +39,7 @@ def sampled(submission, light, o=ORIGIN, count=COUNT, shift=0, only_valid=True):
 
 
 def check_points(record, o, what):
-    """The light is at the distance that the record says."""
+    """Check that point, direction and distance of a record agree."""
     p = o + record["distance"][:, None] * record["d"]
     hint = "p is where the ray from o in the direction d first meets the light"
     expect.close(record["p"], p, f"p of {what}, from o, d and distance", atol=2e-3, hint=hint)
@@ -62,7 +62,7 @@ def in_cone(axis, cos_max, v):
 
 
 def test_triangle_samples(submission):
-    """Points are uniform on the surface, the density is that of their directions."""
+    """Points are uniform on the surface, and the density is per solid angle."""
     record = sampled(submission, TRIANGLE)
     square, beside = formulas.triangle_square(FLIPPED, record["p"])
     expect.true(beside.max() < 1e-4, "p must lie in the triangle's plane")
@@ -114,19 +114,19 @@ def test_sphere_samples(submission):
     expect.true(
         u[:, 0].max() < 1 + 1e-3,
         "directions must lie in the cone of the sphere",
-        hint="cos(theta_max) = sqrt(D^2 - r^2) / D, around the direction to the centre",
+        hint="cos(theta_max) = sqrt(D^2 - r^2) / D, around the direction to the center",
     )
     expect.histogram(
         formulas.cells(np.clip(u, 0, 1), (0, 0), (1, 1), (8, 8)),
         np.full((8, 8), 1 / 64),
         "directions in parts of the cone of equal solid angle",
-        hint="turn the cap's directions from +z to the centre of the sphere",
+        hint="turn the cap's directions from +z to the center of the sphere",
     )
     wanted = formulas.cone_pdf(RADIUS, far)
     hint = "1 / (2 pi (1 - cos(theta_max))), without a geometry factor"
     expect.close(record["pdf"], wanted, "pdf of sampled directions", rtol=1e-3, hint=hint)
     beside = np.linalg.norm(record["p"] - CENTRE, axis=1)
-    expect.close(beside, RADIUS, "distance of p from the centre", atol=2e-3)
+    expect.close(beside, RADIUS, "distance of p from the center", atol=2e-3)
     check_points(record, ORIGIN, "a sphere")
     inside = sampled(submission, SPHERE, INSIDE)
     hint = "from inside every direction meets the sphere, and the root is of a negative number"
@@ -175,7 +175,8 @@ def test_group(submission):
     middle = corners.mean(axis=0)
     points = np.array([[0, 0, 2.0], [0.3, 0, 2], [2.2, 0, 8], middle, [0, 3, 1], [0, 0, -1]])
     came = recorded(submission, group, zero, points)
-    a, b = formulas.cone_pdf(0.5, 2.0), formulas.cone_pdf(2.0, np.hypot(8, 0.4))
+    a = formulas.cone_pdf(0.5, 2.0)
+    b = formulas.cone_pdf(2.0, np.hypot(8, 0.4))
     area = formulas.triangle_area(corners)
     normal = np.cross(corners[1] - corners[0], corners[2] - corners[0]) / (2 * area)
     c = formulas.patch_pdf(middle[None], zero, normal, area)[0]
@@ -201,7 +202,8 @@ def test_group(submission):
 
 def test_irradiance(submission):
     """The mean of weight times cosine is the light that arrives."""
-    o, normal = np.zeros(3), np.array([0.0, 0.6, 0.8])
+    o = np.zeros(3)
+    normal = np.array([0.0, 0.6, 0.8])
     second = ["Sphere", [[-2.0, 1.0, 3.0], 0.4, 7.0], {}]
     spheres = formulas.sphere_irradiance(CENTRE, RADIUS, o, normal, 2.0)
     spheres += formulas.sphere_irradiance([-2, 1, 3], 0.4, o, normal, 7.0)

@@ -147,10 +147,12 @@ def _even_cone(d, axis, quotient, what, parts=8):
 def test_transformed_sphere(submission):
     """A sphere that a transform turns, scales and moves."""
     random = submission.random
-    scale, move = random.uniform(0.3, 3), random.uniform(-2, 2, 3)
+    scale = random.uniform(0.3, 3)
+    move = random.uniform(-2, 2, 3)
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = scale * lights.turn(random), move
-    centre, radius = random.uniform(-1, 1, 3), random.uniform(0.3, 0.6)
+    centre = random.uniform(-1, 1, 3)
+    radius = random.uniform(0.3, 0.6)
     light = lights.sphere(random, centre, radius)
     moved = matrix[:3, :3] @ centre + move
     plain = [light[0], [moved.tolist(), scale * radius, light[1][2]], {}]
@@ -161,7 +163,7 @@ def test_transformed_sphere(submission):
     came = submission.ask("light_record", light=light, o=o, v=v)
     expected = lights.seen(plain, o, v)
     clear = expected["clear"]
-    hint = "the transform moves the centre, and its scale changes the radius"
+    hint = "the transform moves the center, and its scale changes the radius"
     what = "pdf of a moved sphere"
     expect.close(came["pdf"][clear], expected["pdf"][clear], what, rtol=1e-2, hint=hint)
     hit = clear & np.isfinite(expected["distance"])

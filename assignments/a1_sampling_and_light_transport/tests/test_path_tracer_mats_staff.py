@@ -14,7 +14,7 @@ def test_long_paths(submission):
 
 
 def test_lights_of_all_kinds(submission):
-    """Several lights over a coloured floor."""
+    """Several lights over a colored floor."""
     paths.check_lights(submission, NAME, noise=8.5)
 
 

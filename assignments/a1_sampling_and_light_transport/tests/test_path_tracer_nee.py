@@ -48,7 +48,7 @@ def test_shadow(submission):
 
 
 def test_small_light_has_little_noise(submission):
-    """A light that one of a million samples of the material finds."""
+    """A small light, which one of a million BSDF samples would hit."""
     scene = scenes.scene(floor=scenes.floor(), light=direct_light.panel(0.001, 1e6))
     came = submission.ask(
         "moments",

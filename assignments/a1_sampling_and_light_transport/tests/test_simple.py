@@ -16,7 +16,7 @@ DOWN = np.array([0.0, 0.6, -0.8])
 
 
 def look(submission, scene, points, energy=40.0, position=LIGHT, d=DOWN):
-    """Radiance of points that are seen along `d` from one metre away, shape (n, 3)."""
+    """Radiance of points that are seen along `d` from one meter away, shape (n, 3)."""
     d = np.broadcast_to(d, points.shape)
     return submission.ask(
         "radiance",
@@ -32,7 +32,7 @@ def look(submission, scene, points, energy=40.0, position=LIGHT, d=DOWN):
 
 
 def test_plane(submission):
-    """Points of a plane, whose material makes no difference."""
+    """Points of a plane; its material is ignored."""
     came = look(submission, scenes.scene(floor=scenes.floor(0.1)), GROUND)
     wanted = formulas.point_light(LIGHT, 40.0, GROUND, np.array([0, 0, 1.0]))
     to_light = LIGHT - GROUND
@@ -56,7 +56,7 @@ def test_plane(submission):
 
 
 def test_curved_surface(submission):
-    """Points of a sphere: the cosine is that of the surface's normal, clamped at 0."""
+    """Points of a sphere: the cosine to the surface's normal, clamped at 0."""
     n = formulas.direction(np.linspace(0, 1.5, 7), 0.7)
     scene = scenes.scene(ball=scenes.sphere([0, 0, 0], 1.0, scenes.diffuse(0.5)))
     came = look(submission, scene, n, d=np.array([0.0, 0.0, -1.0]), position=[0, 0, 3])[:, 1]
@@ -108,7 +108,8 @@ def test_picture(submission):
         spp=4,
         seed=submission.seed,
     )
-    origin, normal = np.zeros((1, 3)), np.array([0, 0, 1.0])
+    origin = np.zeros((1, 3))
+    normal = np.array([0, 0, 1.0])
     wanted = formulas.point_light(np.array([0.5, 0, 2.0]), 40.0, origin, normal)[0]
     expect.shape(came, (8, 8, 3), "picture")
-    expect.close(came.mean(axis=(0, 1)), wanted, "mean colour of a picture of the plane", rtol=1e-2)
+    expect.close(came.mean(axis=(0, 1)), wanted, "mean color of a picture of the plane", rtol=1e-2)

@@ -46,7 +46,7 @@ def downwards(random, count):
 
 
 def test_drawn_scene(submission):
-    """A floor, a ball, a lamp and tilted shading normals, with lights and a sky of their own."""
+    """A floor, a ball, a lamp and tilted shading normals; the scene's lights are ignored."""
     random = submission.random
     light = np.append(random.uniform(-1, 1, 2), random.uniform(1, 3))
     energy = random.permutation([7.0, 30.0, 100.0]) * random.uniform(0.5, 1.5)
@@ -67,7 +67,8 @@ def test_drawn_scene(submission):
     to_ball[:, 2] = np.abs(to_ball[:, 2]) + 0.2
     to_ball /= np.linalg.norm(to_ball, axis=1, keepdims=True)
     ball = to_ball + np.array([8.0, 0, 0])
-    lamp, tilted = np.array([[0, 9.0, 0]]), np.array([[-8.0, 0, 0]])
+    lamp = np.array([[0, 9.0, 0]])
+    tilted = np.array([[-8.0, 0, 0]])
     air = np.append(random.uniform(-3, 3, (5, 2)), np.ones((5, 1)) * 20, axis=1)
     x = np.concatenate([floor, ball, lamp, tilted, air])
     d = [downwards(random, 30), -to_ball, -lamp_normal[None], -UP[None], np.tile(UP, (5, 1))]
@@ -79,7 +80,8 @@ def test_drawn_scene(submission):
     hint = "each channel has its own energy; materials, lights and sky of the scene do not matter"
     places = {"the floor": slice(30), "a glass ball": slice(30, 60), "a lamp": slice(60, 61)}
     for name, part in places.items():
-        what, scale = f"radiance of {name}", 1e-3 * wanted[part].max() + 1e-3
+        what = f"radiance of {name}"
+        scale = 1e-3 * wanted[part].max() + 1e-3
         expect.close(came[part], wanted[part], what, rtol=3e-3, atol=scale, hint=hint)
     hint = "the cosine is that of the shading normal, si.sh_frame.n"
     expect.close(

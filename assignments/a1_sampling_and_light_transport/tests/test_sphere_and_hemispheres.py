@@ -67,8 +67,9 @@ def test_densities_above_the_horizon(submission, name, density):
     v, _ = formulas.sphere_grid(40, 8)
     v = v[v[:, 2] > 0]
     came = submission.ask("warp_pdf", name=f"{name}_pdf", points=v)
-    hint = "a density per solid angle integrates to 1: is it normalised, with the cosine once?"
-    x, x_label = np.arccos(v[:, 2]), "theta [rad]"
+    hint = "a density per solid angle integrates to 1: is it normalized, with the cosine once?"
+    x = np.arccos(v[:, 2])
+    x_label = "theta [rad]"
     what = f"density of {name}"
     ratios = {
         "2": f"{hint} the whole sphere has 4π, its half 2π",
@@ -85,7 +86,9 @@ def test_densities_below_the_horizon(submission, name):
     v, _ = formulas.sphere_grid(40, 8)
     v = v[v[:, 2] < 0]
     below = submission.ask("warp_pdf", name=f"{name}_pdf", points=v)
-    x, x_label, hint = np.arccos(v[:, 2]), "theta [rad]", "clamp it; negative is wrong too"
+    x = np.arccos(v[:, 2])
+    x_label = "theta [rad]"
+    hint = "clamp it; negative is wrong too"
     expect.close(below, 0.0, f"density of {name} at z < 0", hint=hint, x=x, x_label=x_label)
     sphere = submission.ask("warp_pdf", name=f"{SPHERE}_pdf", points=v)
     expect.close(sphere, 0.25 / np.pi, "density of the sphere at z < 0")

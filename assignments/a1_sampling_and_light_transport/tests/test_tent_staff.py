@@ -11,7 +11,7 @@ pytestmark = pytest.mark.a1_tent
 
 
 def random_ends(random):
-    """Numbers of which one at least is 0, next to it, or next to 1."""
+    """Pairs of numbers; at least one number of each pair is 0, close to 0, or close to 1."""
     rest = random.uniform(0.1, 0.9, 6)
     ends = np.array([0.0, 1e-7, 1 - 1e-7] * 2)
     return np.where(np.arange(6)[:, None] < [3, 3], np.c_[ends, rest], np.c_[rest, ends])
@@ -27,7 +27,8 @@ def test_regular_numbers(submission):
     ends = random_ends(submission.random)
     t = submission.ask("warp", name="square_to_tent", points=ends)
     hint = "P1(t) = u has an exact solution near 0 and 1, too"
-    came, what = np.abs(t).max(axis=1), "the larger of |x| and |y| for u or v near 0 or 1"
+    came = np.abs(t).max(axis=1)
+    what = "the larger of |x| and |y| for u or v near 0 or 1"
     expect.close(came, 1.0, what, atol=3e-3, hint=hint)
     one = submission.ask("warp", name="square_to_tent", points=square[:1])
     expect.close(one, p[:1], "a single point, as one of many", atol=1e-5)

@@ -27,7 +27,7 @@ def test_triangle_points(submission):
         formulas.cells(np.clip(square, 0, 1), (0, 0), (1, 1), (12, 12)),
         np.full((12, 12), 1 / 144),
         "points in parts of the triangle of equal area",
-        hint="b1 needs a root: triangle strips get shorter towards a corner",
+        hint="b1 needs a root: triangle strips get shorter toward a corner",
     )
 
 

@@ -12,7 +12,7 @@ pytestmark = pytest.mark.a1_triangles_and_caps
 
 
 def triangle(random, size):
-    """A triangle of a size, somewhere near the origin, whose sides do not differ much."""
+    """A triangle of a given size near the origin, with sides of similar length."""
     at = lights.around(random, 1, 1.0, 2.0)[0]
     return size * np.array(lights.triangle(random, at)[1][:3])
 
@@ -37,7 +37,7 @@ def test_regular_triangle_numbers(submission):
 
 
 def test_triangle_density_of_any_size(submission):
-    """1 / area on the triangle, its edges, and a rounding error beside; 0 a little farther off."""
+    """1 / area on the triangle and its edges, with a tolerance for rounding; 0 farther away."""
     random = submission.random
     for size in (10 ** random.uniform(-3, -1), 1.0, 10 ** random.uniform(1, 3)):
         corners = triangle(random, size)

@@ -36,7 +36,9 @@ def picture(ax, image, title="", **options):
 
 def pulse_and_bins():
     """What a gate reads and what a bin holds."""
-    sigma, width, opl = 0.03, 0.02, 6.013
+    sigma = 0.03
+    width = 0.02
+    opl = 6.013
     edges = 5.88 + width * np.arange(14)
     cdf = np.vectorize(lambda t: 0.5 * (1 + erf((t - opl) / (sigma * np.sqrt(2)))))
     mass = np.diff(cdf(edges))
@@ -76,7 +78,8 @@ def wavefronts():
     picture(left, tofrender.tonemap(cube.sum(axis=2) * 0.02, percentile=98), "sum over gates")
     places = {"back wall": (0.7, 0.35), "red wall": (0.08, 0.5), "box, in shadow": (0.29, 0.65)}
     for name, (u, v) in places.items():
-        x, y = int(u * SIZE), int(v * SIZE)
+        x = int(u * SIZE)
+        y = int(v * SIZE)
         response = cube[y - 2 : y + 3, x - 2 : x + 3].mean(axis=(0, 1))
         (line,) = right.plot(tofrender.opl_to_ns(opl), response[:, 0], label=name)
         left.plot(x, y, "o", color=line.get_color(), markeredgecolor="white", markersize=8)
@@ -88,11 +91,13 @@ def wavefronts():
 
 def steady_and_sum():
     """The steady image, the sum over bins, and what is late, what is lost without emitter hits."""
-    size, spp = SIZE, 128
+    size = SIZE
+    spp = 128
     dataset = tofrender.render(
         mi.load_dict(tofrender.cornell_box(width=size, height=size)), spp=spp, progress=False
     )
-    steady, kept = dataset["steady"].values, dataset["transient"].values.sum(axis=2)
+    steady = dataset["steady"].values
+    kept = dataset["transient"].values.sum(axis=2)
     lamp_free = tofrender.cornell_box(width=size, height=size)
     lamp_free["integrator"]["discard_direct_light"] = True
     no_hits = tofrender.render(mi.load_dict(lamp_free), spp=spp, progress=False)["steady"].values
@@ -115,11 +120,13 @@ def wrapping():
     figure, (left, middle, right) = plt.subplots(
         1, 3, figsize=(11.5, 3.4), width_ratios=(1, 1.5, 1.5), layout="constrained"
     )
-    f, depth = 50e6, 4.0
+    f = 50e6
+    depth = 4.0
     angle = 4 * np.pi * f * depth / SPEED_OF_LIGHT
     circle = np.linspace(0, 2 * np.pi, 200)
     left.plot(np.cos(circle), np.sin(circle), color="0.8")
-    i, q = np.cos(angle), np.sin(angle)
+    i = np.cos(angle)
+    q = np.sin(angle)
     left.annotate("", (i, q), (0, 0), arrowprops={"arrowstyle": "-|>", "color": "tab:blue"})
     left.plot([i, i, 0], [0, q, q], ":", color="0.4")
     swept = np.linspace(0, angle % (2 * np.pi), 60)
@@ -180,14 +187,16 @@ def phasors():
 
 def window():
     """What the end of the window does to phasors that are computed from bins."""
-    size, frequencies = 48, [20e6, 50e6, 100e6]
+    size = 48
+    frequencies = [20e6, 50e6, 100e6]
     scene = mi.load_dict(tofrender.cornell_box(width=size, height=size))
     whole = tofrender.render(scene, spp=256, window=(3.0, 27.0), temporal_bins=1200, progress=False)
     cube = whole["transient"].values
     reference = [sum_channels(*transient_to_phasor(cube, f, 3.0, 0.02)[:2], f) for f in frequencies]
     stops = np.arange(8.0, 18.01, 0.5)
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 3.3), layout="constrained")
-    total, walls = cube.sum(), whole["steady"].values.max(axis=-1) < 2
+    total = cube.sum()
+    walls = whole["steady"].values.max(axis=-1) < 2
     kept = [cube[:, :, : round((stop - 3.0) / 0.02)].sum() / total for stop in stops]
     left.plot(stops, 100 * (1 - np.array(kept)))
     left.set(xlabel="end of the window [m]", ylabel="light outside [%]", yscale="log")
@@ -299,7 +308,8 @@ def cones():
         described = confocal(described, filter_bounces=3)
         captured = tofrender.capture(described, spp=spp, progress=False)
         image = captured["transient"].values[0, :, :, 0].T
-        start, stop = 1.4, 1.4 + 120 * 0.012
+        start = 1.4
+        stop = 1.4 + 120 * 0.012
         shown = ax.imshow(
             1e6 * image,
             origin="lower",

@@ -1,4 +1,4 @@
-"""Correlation with one-sample MIS: a coin says which of two strategies may find an emitter.
+"""Correlation with one-sample MIS: a coin chooses between two strategies for emitters.
 
 At each vertex, either the connection or the next ray counts, with the balance heuristic of the two
 strategies that the coin chooses between. (Point lights and mirrors are found by one only.)
@@ -48,7 +48,7 @@ def _follow(tracer, scene, sampler, ray, start, modulation, active):
     before = dr.zeros(mi.SurfaceInteraction3f)
     ray_pdf = mi.Float(0)
     only_rays = mi.Bool(True)  # Can nothing but a ray find the light from the last vertex?
-    rays_count = mi.Bool(True)  # What the coin said there
+    rays_count = mi.Bool(True)  # Result of the coin there
     active = mi.Bool(active)
     valid = mi.Bool(False)
 

@@ -1,4 +1,4 @@
-"""A cosine in turns: whole periods are taken out before the cosine, which keeps it exact."""
+"""A cosine in turns: whole periods are subtracted first, which keeps the cosine exact."""
 
 from __future__ import annotations
 

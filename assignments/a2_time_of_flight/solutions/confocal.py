@@ -41,10 +41,12 @@ class ConfocalTransientIntegrator(TransientPath):
         ctx = mi.BSDFContext()
         wall = self.wall_shapes(scene)
         si = scene.ray_intersect(ray, mi.Bool(active))
-        first, valid = si, si.is_valid()
+        first = si
+        valid = si.is_valid()
         active = mi.Bool(valid)
         opl = dr.norm(si.p - origin)
-        L, throughput = mi.Color3f(0), mi.Color3f(1)
+        L = mi.Color3f(0)
+        throughput = mi.Color3f(1)
         off_wall = active & ~is_on_relay_wall(si, wall)
 
         for _ in range(2, self.max_depth):

@@ -1,4 +1,4 @@
-"""Fog by means over bins and van de Hulst's formula for directions; polarisers by matrices."""
+"""Fog by means over bins and van de Hulst's formula for directions; polarizers by matrices."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 def absorb(
     transient_data: np.ndarray, mu_a: float, start_opl: float, bin_width_opl: float
 ) -> np.ndarray:
-    """exp(-x) at the bin's centre, times the mean of exp over what is around it."""
+    """exp(-x) at the bin's center, times the mean of exp over the offsets from the center."""
     centre = start_opl + (np.arange(np.shape(transient_data)[2]) + 0.5) * bin_width_opl
     half = mu_a * bin_width_opl / 2
     around = np.sinh(half) / half if half > 1e-6 else 1.0
@@ -46,7 +46,8 @@ def rotated(d, cosine, azimuth):
     across = np.sqrt(np.maximum(1 - d[2] ** 2, 0))
     along_z = across < 1e-6
     safe = np.where(along_z, 1, across)
-    a, b = np.cos(azimuth) * sine, np.sin(azimuth) * sine
+    a = np.cos(azimuth) * sine
+    b = np.sin(azimuth) * sine
     new = np.array(
         [
             (d[0] * d[2] * a - d[1] * b) / safe + d[0] * cosine,

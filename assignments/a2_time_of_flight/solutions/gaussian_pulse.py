@@ -9,7 +9,7 @@ import mitsuba as mi
 
 
 class GaussianPulse:
-    """Normalised Gaussian p(t) = exp(-t² / (2 σ²)) / (σ √(2π))."""
+    """Normalized Gaussian p(t) = exp(-t² / (2 σ²)) / (σ √(2π))."""
 
     def __init__(self, width_opl: float) -> None:
         self.width_opl = width_opl
@@ -27,13 +27,15 @@ class GaussianPulse:
         return 0.5 * (1.0 + dr.erf(z))
 
     def sample(self, xi: mi.Float) -> tuple[mi.Float, mi.Float]:
-        """The t whose cdf is ξ, between -6 σ and 6 σ; the half above the mean is mirrored."""
+        """Find t with cdf(t) = ξ between -6 σ and 6 σ, by bisection below the mean and symmetry."""
         xi = mi.Float(xi)
         below = dr.minimum(xi, 1.0 - xi)
-        low, high = mi.Float(-6.0 * self.width_opl), mi.Float(0.0)
+        low = mi.Float(-6.0 * self.width_opl)
+        high = mi.Float(0.0)
         for _ in range(24):
             middle = 0.5 * (low + high)
             beyond = self.cdf(middle) > below
-            low, high = dr.select(beyond, low, middle), dr.select(beyond, middle, high)
+            low = dr.select(beyond, low, middle)
+            high = dr.select(beyond, middle, high)
         t = 0.5 * (low + high)
         return dr.select(xi < 0.5, t, -t), dr.ones(mi.Float, dr.width(t))

@@ -10,7 +10,7 @@ BINS, FINE, SAMPLES = 40, 50, 40_000
 
 
 def check_pulse(pulse) -> None:
-    """Raise an AssertionError that says what is wrong, if anything is."""
+    """Raise an AssertionError that describes the first violation of the contract."""
     first, last = pulse.support
     edges = np.linspace(first, last, BINS + 1)
     step = (last - first) / (BINS * FINE)

@@ -1,7 +1,7 @@
 """Gates by a list of contributions: a Python loop over bounces writes down every (light, length).
 
-Paths are evaluated bounce by bounce, without a symbolic loop. What they contribute is put through
-the gate, or the gates, afterwards. Emitters are found by both strategies, with the balance
+Paths are evaluated bounce by bounce, without a symbolic loop. The contributions are weighted by the
+gates afterwards. Both strategies find emitters, with the balance
 heuristic; the material is sampled before the light.
 """
 
@@ -28,7 +28,7 @@ class TimeGatedTransientPath(mi.SamplingIntegrator):
         self.pulse: Any = GaussianPulse(props.get("pulse_width_opl", 0.03))
 
     def sample(self, scene, sampler, ray, target_time, medium=None, active=True, origin=None):
-        """Radiance per metre along rays at one instant."""
+        """Radiance per meter along rays at one instant."""
         arrivals, valid = self.arrivals(scene, sampler, ray, active, origin)
         result = mi.Color3f(0)
         for light, opl in arrivals:
@@ -41,9 +41,12 @@ class TimeGatedTransientPath(mi.SamplingIntegrator):
         ray, active = mi.Ray3f(ray), mi.Bool(active)
         before = dr.zeros(mi.SurfaceInteraction3f)
         before.p = ray.o if origin is None else origin
-        throughput, length = mi.Color3f(1), mi.Float(0)
-        density, delta = mi.Float(0), mi.Bool(True)
-        arrivals, valid = [], mi.Bool(False)
+        throughput = mi.Color3f(1)
+        length = mi.Float(0)
+        density = mi.Float(0)
+        delta = mi.Bool(True)
+        arrivals = []
+        valid = mi.Bool(False)
         for segment in range(1, self.max_depth + 1):
             si = scene.ray_intersect(ray, active)
             valid |= active & si.is_valid()

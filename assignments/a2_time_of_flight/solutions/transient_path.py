@@ -10,7 +10,7 @@ from path_tracer import mis_weight
 
 
 class TransientPath(FilmIntegrator):
-    """Path tracer whose film says when light arrives."""
+    """Path tracer into a film with time bins."""
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)

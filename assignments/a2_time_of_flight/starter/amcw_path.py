@@ -35,7 +35,7 @@ class AMCWTransientPath(mi.SamplingIntegrator):
         self.modulation = modulation
 
     def sample(self, scene, sampler, ray, medium=None, active=True, origin=None):
-        """Correlation along rays.
+        """Estimate the correlation value along rays.
 
         Args:
             scene: The scene.
@@ -43,10 +43,10 @@ class AMCWTransientPath(mi.SamplingIntegrator):
             ray: Camera rays.
             medium: Ignored.
             active: Lanes to trace.
-            origin: Where lengths start, by default where the rays do.
+            origin: Points where lengths start; by default the origins of the rays.
 
         Returns:
-            Spectrum, lanes that met a surface, and an empty list.
+            Spectrum, mask of the lanes that hit a surface, and an empty list.
         """
         raise NotImplementedError("a2.amcw_path: AMCWTransientPath.sample")
 
@@ -59,7 +59,7 @@ def render_single_amcw(
     Args:
         scene: The scene.
         integrator: The integrator, with its modulation set.
-        sensor: The camera; its film says how many pixels there are. The filter is a box.
+        sensor: The camera; its film defines the number of pixels. The filter is a box.
         spp: Samples per pixel.
         seed: Seed of the random numbers; the same seed gives the same paths.
 
@@ -76,13 +76,13 @@ def render_amcw_phasor(
 
     Args:
         scene: The scene.
-        sensor: The camera; its film says how many pixels there are.
+        sensor: The camera; its film defines the number of pixels.
         frequency_hz: Modulation frequency f [Hz].
         spp: Samples per pixel.
         seed: Seed of the random numbers.
 
     Returns:
         I = Re P, Q = Im P, amplitude |P|, phase in (-π, π] [rad], and depth, half the path length
-        that the phase says, in [0, c/2f) [m]. Five arrays of shape (height, width, 3).
+        that follows from the phase, in [0, c/2f) [m]. Five arrays of shape (height, width, 3).
     """
     raise NotImplementedError("a2.amcw_path: render_amcw_phasor")

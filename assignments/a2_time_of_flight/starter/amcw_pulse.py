@@ -17,7 +17,7 @@ class AMCWPulse:
         frequency_hz: Modulation frequency f [Hz], above 0.
         phase_offset: Phase of the demodulation [rad]. The in-phase part I of a phasor
             P = Σ L exp(+i ω opl/c) is measured with 0, its quadrature Q = Σ L sin(ω opl/c) with
-            another offset, which is yours to find.
+            another offset, which you have to find.
 
     Attributes:
         frequency_hz: f [Hz].
@@ -35,5 +35,5 @@ class AMCWPulse:
         raise NotImplementedError("a2.amcw_pulse: AMCWPulse.eval")
 
     def get_unambiguous_range(self) -> float:
-        """Largest depth [m] that is told apart from a shorter one; a depth is half a path."""
+        """Largest range [m] in which all depths have different phases; a depth is half a path."""
         raise NotImplementedError("a2.amcw_pulse: AMCWPulse.get_unambiguous_range")

@@ -13,15 +13,15 @@ from transient_path import TransientPath
 class ConfocalTransientIntegrator(TransientPath):
     """Laser and camera along the same ray, into the time bins of a film.
 
-    Each camera ray is a laser beam, too. The point p that it meets first receives the power Φ and
-    is the light of all further vertices: seen from the surface, a point light that reflects the
-    beam as the wall's material does. A path goes from the laser to p, through the hidden scene,
-    back to p, and to the camera. All four legs count in its length.
+    Each camera ray is also a laser beam. The point p that it hits first receives the power Φ and is
+    the light source for all further vertices: a point light with the directions in which the wall's
+    material reflects the beam. A path leads from the laser to p, through the hidden scene, back to
+    p, and to the camera. All four parts are included in its length.
 
-    A point that is lit by a point has no finite radiance: light that goes straight from laser to p
-    to camera is left out. Emitters of the scene are ignored.
+    The radiance of a point that is lit by a beam is not finite. Therefore light on the direct path
+    from laser to p to camera is left out. Emitters of the scene are ignored.
 
-    Besides the parameters of `TransientPath`:
+    Parameters in addition to those of `TransientPath`:
 
     | parameter | default | meaning |
     |---|---|---|
@@ -32,10 +32,10 @@ p, hidden point, p |
     | `use_nlos_only` | false | count only paths with a vertex that is not on the relay wall |
     | `spot_sigma` | 0.0 | bonus a2.area_spot: width of the beam [rad], 0 for a point |
 
-    With `spot_sigma` = s > 0 the beam has a width. In a frame whose third axis is the camera ray it
-    leaves the camera in the directions (x, y, 1), with x and y independent and normally
-    distributed around 0 with the standard deviation tan(s). It lights a spot instead of the point
-    p, and carries Φ in all.
+    With `spot_sigma` = s > 0 the beam has a width. It leaves the camera in the directions (x, y, 1)
+    of a frame with the camera ray as its third axis. x and y are independent and normally
+    distributed around 0 with the standard deviation tan(s). The beam lights a spot instead of the
+    point p, and carries the power Φ in all.
     """
 
     def __init__(self, props: mi.Properties) -> None:
@@ -63,13 +63,13 @@ p, hidden point, p |
         Args:
             scene: The scene.
             sampler: Random numbers.
-            ray: Camera rays, which are laser beams, too.
+            ray: Camera rays, which are also laser beams.
             deposit: As for `TransientPath.sample`.
-            origin: Where camera and laser are; lengths start and end there.
+            origin: Positions of camera and laser; lengths start and end there.
             active: Lanes to trace.
 
         Returns:
-            Radiance summed over all lengths, and the lanes whose ray met a surface.
+            Radiance summed over all lengths, and the mask of the rays that hit a surface.
         """
         raise NotImplementedError("a2.confocal: ConfocalTransientIntegrator.sample")
 

@@ -1,4 +1,4 @@
-"""Given: how an integrator renders into a film with time bins. You write what happens on a path."""
+"""Given: rendering into a film with time bins. You write the paths."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ import mitsuba as mi
 from tofrender.paths.camera import sample_camera
 
 RAYS = 1 << 20
-"""Camera rays that are traced together."""
+"""Number of camera rays that are traced together."""
 
 Put = Callable[[mi.Color3f, mi.Float, mi.Bool], None]
-"""Takes (spectrum, opl, active): radiance of a path, its length [m], and lanes that have one."""
+"""Function of (spectrum, opl, active): radiance and length [m] of a path, and mask of the lanes."""
 
 
 class FilmIntegrator(mi.SamplingIntegrator):
-    """Base of integrators for a `transient_hdr_film`: `render` is here, `sample` is yours.
+    """Base of integrators for a `transient_hdr_film`: provides `render`; you write `sample`.
 
     | parameter | default | meaning |
     |---|---|---|
-    | `max_depth` | 8 | longest path in segments, camera's included |
+    | `max_depth` | 8 | longest path in segments, including the camera's segment |
     | `rr_depth` | 5 | surface vertices from which on Russian roulette may end a path |
 
     Attributes:
-        pulse: How the light is spread over time: anything with the methods of `GaussianPulse`, and
-            None for an instant.
+        pulse: Pulse that spreads the light over time: an object with the methods of
+            `GaussianPulse`, or None for an instantaneous pulse.
     """
 
     def __init__(self, props: mi.Properties) -> None:
@@ -41,7 +41,7 @@ class FilmIntegrator(mi.SamplingIntegrator):
         raise NotImplementedError("FilmIntegrator.sample: a subclass must define it")
 
     def spread(self, film, put, sampler, spectrum, opl, active):
-        """Spread a contribution over the film's bins as the pulse says; a subclass defines it."""
+        """Spread a contribution over the film's bins by the pulse; a subclass defines it."""
         raise NotImplementedError("FilmIntegrator.spread: a subclass must define it")
 
     def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True):
@@ -49,18 +49,19 @@ class FilmIntegrator(mi.SamplingIntegrator):
 
         Args:
             scene: The scene.
-            sensor: A sensor, or its number in the scene; its film must have time bins.
+            sensor: A sensor, or its index in the scene; its film must have time bins.
             seed: Seed of the random numbers.
-            spp: Samples per pixel, up to 65536; 0 takes the sampler's.
+            spp: Samples per pixel, up to 65536; 0 uses the sampler's number.
             develop: Whether to return the result.
-            evaluate: Accepted for Mitsuba's sake.
+            evaluate: Ignored; Mitsuba passes it.
 
         Returns:
             Steady image of shape (height, width, 3), and bins of shape (height, width, bins, 3):
             the radiance that arrives in each bin.
         """
         sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
-        film, sampler = sensor.film(), sensor.sampler().clone()
+        film = sensor.film()
+        sampler = sensor.sampler().clone()
         if not hasattr(film, "add_transient_data"):
             raise TypeError(f"film: is a {film.class_name()}; must be a transient_hdr_film")
         spp = spp or sampler.sample_count()

@@ -1,4 +1,4 @@
-"""Problem a2.fog: scattering and absorption in fog, and polarisers."""
+"""Problem a2.fog: scattering and absorption in fog, and polarizers."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 def absorb(
     transient_data: np.ndarray, mu_a: float, start_opl: float, bin_width_opl: float
 ) -> np.ndarray:
-    """The bins of fog that absorbs, from those of fog that scatters as much and absorbs nothing.
+    """Compute the bins for absorbing fog from the bins for fog that only scatters.
 
-    Light of the length s is weaker by exp(-mu_a s). The light of a bin counts as spread evenly over
-    its lengths.
+    Light of the length s is weaker by the factor exp(-mu_a s). Assume that the light of a bin is
+    spread evenly over the lengths of the bin.
 
     Args:
         transient_data: Radiance per bin, shape (height, width, bins, channels). Bin k covers
@@ -30,7 +30,7 @@ def sample_turn(xi: np.ndarray, g: float) -> np.ndarray:
     """Sample cosines of scattering angles: Henyey and Greenstein's phase function.
 
     Args:
-        xi: Even random numbers in [0, 1], both ends included.
+        xi: Uniform random numbers in [0, 1], both ends included.
         g: Mean of the cosine, between -1 and 1, 0 included.
 
     Returns:
@@ -45,8 +45,8 @@ def wander(
 ) -> np.ndarray:
     """Positions of photons in infinite fog after a path length.
 
-    All start at the origin along +z. They scatter after distances t with the density
-    mu_s exp(-mu_s t), by angles of `sample_turn`, uniformly around the direction that they had.
+    All photons start at the origin along +z. They scatter after distances t with the density
+    mu_s exp(-mu_s t), by angles of `sample_turn`, with a uniform azimuth around their direction.
 
     Args:
         random: Source of all random numbers.
@@ -62,12 +62,12 @@ def wander(
 
 
 def through_polariser(stokes: np.ndarray, angle: float) -> np.ndarray:
-    """Light behind an ideal linear polariser.
+    """Light behind an ideal linear polarizer.
 
     Args:
         stokes: Stokes vectors (S0, S1, S2, S3) in the last axis, shape (..., 4).
-        angle: Angle of the axis that light passes along [rad]; 0 lets all light with S1 = S0
-            through, π/4 all light with S2 = S0.
+        angle: Angle of the polarizer's axis [rad]; 0 transmits all light with S1 = S0, and π/4
+            transmits all light with S2 = S0.
 
     Returns:
         Stokes vectors, an array of the same shape.

@@ -9,9 +9,9 @@ import mitsuba as mi
 
 
 class GaussianPulse:
-    """Normalised Gaussian p(t) = exp(-t² / (2 σ²)) / (σ √(2π)), centred at t = 0.
+    """Normalized Gaussian p(t) = exp(-t² / (2 σ²)) / (σ √(2π)), centered at t = 0.
 
-    Time is measured as optical path length: t is in metres, the density in 1/m.
+    Time is measured as optical path length: t is in meters, the density in 1/m.
 
     Args:
         width_opl: Standard deviation σ [m], above 0.
@@ -28,7 +28,7 @@ class GaussianPulse:
         raise NotImplementedError("a2.gaussian_pulse: set self.normalization")
 
     def eval(self, t: mi.Float) -> mi.Float:
-        """Density [1/m] at the offset `t` [m] from the pulse's centre."""
+        """Density [1/m] at the offset `t` [m] from the pulse's center."""
         raise NotImplementedError("a2.gaussian_pulse: GaussianPulse.eval")
 
     def cdf(self, t: mi.Float) -> mi.Float:
@@ -39,10 +39,10 @@ class GaussianPulse:
         """Draw an offset from the pulse.
 
         Args:
-            xi: Even random numbers in [0, 1], **both ends included**.
+            xi: Uniform random numbers in [0, 1], **both ends included**.
 
         Returns:
-            Offsets [m], distributed as `eval` says and within 9 σ for every `xi`, and their
-            weights: 1, since offsets are drawn in exact proportion to the density.
+            Offsets [m] with the density `eval`, within 9 σ for every `xi`, and their weights: 1,
+            because offsets are drawn in exact proportion to the density.
         """
         raise NotImplementedError("a2.gaussian_pulse: GaussianPulse.sample")

@@ -1,4 +1,4 @@
-"""Given: a corner of a room as relay wall, and a letter that it sees."""
+"""Given: a corner of a room as relay wall, and a letter that is visible from it."""
 
 from __future__ import annotations
 
@@ -28,10 +28,11 @@ def corner_scene(
         temporal_bins: Number of time bins.
         start_opl: Start of the first bin [m].
         bin_width_opl: Width of a bin [m].
-        use_nlos_only: Whether only paths count that have met something else than the relay walls.
+        use_nlos_only: Count only paths with a vertex that is not on the relay walls.
 
     Returns:
-        A dict for `mi.load_dict(..., optimize=False)`; the wall and the floor stay apart only so.
+        A dict for `mi.load_dict(..., optimize=False)`. Without this option, Mitsuba merges the
+        wall and the floor.
     """
     scene = nlos_z(
         width=width,

@@ -1,4 +1,4 @@
-"""Given: a steady path tracer, which your integrators extend. It does not know any lengths."""
+"""Given: a steady-state path tracer, which your integrators extend. It does not measure lengths."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import mitsuba as mi
 
 
 def mis_weight(pdf_a: mi.Float, pdf_b: mi.Float) -> mi.Float:
-    """Power heuristic: weight of a sample of density `pdf_a` that `pdf_b` could have drawn too."""
+    """MIS weight of a sample with density `pdf_a` by the power heuristic; `pdf_b` is the other."""
     a2 = pdf_a * pdf_a
     return dr.select(pdf_a > 0, a2 / dr.fma(pdf_b, pdf_b, a2), 0)
 
@@ -28,21 +28,21 @@ class PathTracer(mi.SamplingIntegrator):
 
     @dr.syntax
     def sample(self, scene, sampler, ray, medium=None, active=True):
-        """Radiance along rays; returns spectrum, lanes that met a surface, and no AOVs."""
+        """Estimate radiance along rays; return spectrum, mask of hits, and an empty list."""
         bsdf_ctx = mi.BSDFContext()
 
         # --------------------- Configure loop state ----------------------
 
         # fmt: off
         ray = mi.Ray3f(ray)            # Current ray
-        depth = mi.UInt32(0)           # Surface vertices so far
-        L = mi.Color3f(0)              # Radiance that the path has gathered
+        depth = mi.UInt32(0)           # Number of surface vertices so far
+        L = mi.Color3f(0)              # Radiance of the path so far
         β = mi.Color3f(1)              # Path throughput
-        active = mi.Bool(active)       # Lanes that still walk
-        valid = mi.Bool(False)         # Has the camera ray met a surface?
+        active = mi.Bool(active)       # Lanes that are still traced
+        valid = mi.Bool(False)         # Has the camera ray hit a surface?
         # fmt: on
 
-        # The vertex before this one, and how the ray left it
+        # Previous vertex, and density and type of the direction from there
         prev_si = dr.zeros(mi.SurfaceInteraction3f)
         prev_pdf = mi.Float(1)
         prev_delta = mi.Bool(True)
@@ -51,7 +51,7 @@ class PathTracer(mi.SamplingIntegrator):
             si = scene.ray_intersect(ray, active)
             valid |= active & si.is_valid()
 
-            # ----------------- Light that the ray runs into ------------------
+            # ------------------- Emission at the ray's hit -------------------
 
             ds = mi.DirectionSample3f(scene, si, prev_si)
             em_pdf = scene.pdf_emitter_direction(prev_si, ds, active & ~prev_delta)
@@ -61,18 +61,18 @@ class PathTracer(mi.SamplingIntegrator):
             # Does the path reach one more vertex? (`max_iterations` does not end the loop.)
             active_next = active & si.is_valid() & (depth + 1 < self.max_depth)
 
-            # ------------- Light that the vertex is connected to -------------
+            # --------------------- Next-event estimation ---------------------
 
             bsdf = si.bsdf(ray)
             active_em = active_next & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
             ds, em_weight = scene.sample_emitter_direction(si, sampler.next_2d(), True, active_em)
             active_em &= ds.pdf != 0
             wo = si.to_local(ds.d)
-            f, bsdf_pdf = bsdf.eval_pdf(bsdf_ctx, si, wo, active_em)  # f holds the cosine
+            f, bsdf_pdf = bsdf.eval_pdf(bsdf_ctx, si, wo, active_em)  # f includes the cosine
             mis_em = dr.select(ds.delta, 1, mis_weight(ds.pdf, bsdf_pdf))
             L += dr.select(active_em, β * mis_em * f * em_weight, 0)
 
-            # ----------------------- The next direction ----------------------
+            # ---------------- BSDF sample: the next direction ----------------
 
             bs, bsdf_weight = bsdf.sample(
                 bsdf_ctx, si, sampler.next_1d(), sampler.next_2d(), active_next

@@ -16,15 +16,16 @@ def transient_to_phasor(
 
     Args:
         transient_data: Radiance **per bin**, shape (height, width, bins, channels). Bin k covers
-            start_opl + k bin_width_opl to start_opl + (k + 1) bin_width_opl; its light counts as
-            if it arrived at the centre.
+            start_opl + k bin_width_opl to start_opl + (k + 1) bin_width_opl. Treat its light as if
+            it arrived at the bin's center.
         frequency_hz: Modulation frequency f [Hz].
         start_opl: Start of the first bin [m].
         bin_width_opl: Width of a bin [m].
 
     Returns:
         I = Re P, Q = Im P, amplitude |P|, phase in (-π, π] [rad], and depth, half the path length
-        that the phase says, in [0, c/2f) [m]. Five arrays of shape (height, width, channels).
+        that follows from the phase, in [0, c/2f) [m]. Five arrays of shape (height, width,
+        channels).
     """
     raise NotImplementedError("a2.transient_to_phasor: transient_to_phasor")
 
@@ -34,7 +35,7 @@ def sum_channels(
     Q: np.ndarray,
     frequency_hz: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Phasors of a sensor without colour filters, from those of the channels.
+    """Phasors of a sensor without color filters, from the phasors of the channels.
 
     Args:
         I: Real parts, channels in the last axis.

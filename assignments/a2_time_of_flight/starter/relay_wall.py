@@ -13,11 +13,11 @@ import mitsuba as mi
 def is_on_relay_wall(si: mi.SurfaceInteraction3f, relay_wall_shapes: Sequence[mi.Shape]) -> mi.Bool:
     """Whether surface points are on the relay wall.
 
-    `si.shape` holds one shape for each lane, so Python's `in` cannot say which lanes are on one of
-    some shapes; compare with each of them.
+    `si.shape` contains one shape for each lane, but Python's `in` gives a single result for all
+    lanes. Compare `si.shape` with each of the wall's shapes instead.
 
     Args:
-        si: Surface interactions, of any number. Rays that met nothing are not on the wall.
+        si: Surface interactions, of any number. Rays that hit nothing are not on the wall.
         relay_wall_shapes: The shapes that make up the wall, in any order; at least one.
 
     Returns:

@@ -14,11 +14,11 @@ from gaussian_pulse import GaussianPulse
 
 
 class TimeGatedTransientPath(mi.SamplingIntegrator):
-    """Path tracer that sees one instant. Start from `PathTracer` in `path_tracer.py`.
+    """Path tracer for one instant. Start from `PathTracer` in `path_tracer.py`.
 
-    Every contribution of a path, by a connection or by an emitter that a ray runs into, is
-    weighted by p(target_time - opl), where p is the light's pulse and opl the path's length. The
-    value is a radiance per metre; the sum over gates times their spacing is the steady image.
+    Every contribution of a path, by a connection or by an emitter that a ray hits, is weighted by
+    p(target_time - opl), where p is the light's pulse and opl the path's length. The value is a
+    radiance per meter; the sum over gates times their spacing is the steady-state image.
 
     Lengths are sums of distances between the points of a path, from the emitter to the sensor.
 
@@ -30,7 +30,7 @@ class TimeGatedTransientPath(mi.SamplingIntegrator):
 
     Attributes:
         pulse: A `GaussianPulse`. It may be set to any object with the same methods and `support`,
-            also to one that is not symmetric.
+            which need not be symmetric.
     """
 
     def __init__(self, props: mi.Properties) -> None:
@@ -40,7 +40,7 @@ class TimeGatedTransientPath(mi.SamplingIntegrator):
         self.pulse: Any = GaussianPulse(props.get("pulse_width_opl", 0.03))
 
     def sample(self, scene, sampler, ray, target_time, medium=None, active=True, origin=None):
-        """Radiance per metre along rays at one instant.
+        """Estimate the radiance per meter along rays at one instant.
 
         Args:
             scene: The scene.
@@ -49,11 +49,11 @@ class TimeGatedTransientPath(mi.SamplingIntegrator):
             target_time: Path length of the gate [m].
             medium: Ignored.
             active: Lanes to trace.
-            origin: Where lengths start, by default where the rays do. (Rays of a camera start at
-                its near plane, not at the camera: `render_at_time` has to say where that is.)
+            origin: Points where lengths start; by default the origins of the rays. (Camera rays
+                start at the near plane, not at the camera, so `render_at_time` has to pass it.)
 
         Returns:
-            Spectrum [1/m], lanes that met a surface, and an empty list.
+            Spectrum [1/m], mask of the lanes that hit a surface, and an empty list.
         """
         raise NotImplementedError("a2.time_gated: TimeGatedTransientPath.sample")
 
@@ -69,18 +69,18 @@ def render_at_time(
     """Render the scene at one instant.
 
     `tofrender.paths.camera.sample_camera(sensor, film, sampler, pixel)` makes a random ray through
-    each of the given pixels (their numbers, row by row), and has the point where its length starts.
+    each of the given pixels (indices, row by row), and returns the point where its length starts.
 
     Args:
         scene: The scene.
         integrator: The integrator, with its pulse.
-        sensor: The camera; its film says how many pixels there are. The filter is a box.
+        sensor: The camera; its film defines the number of pixels. The filter is a box.
         target_time: Path length of the gate [m].
         spp: Samples per pixel.
-        seed: Seed of the random numbers; another seed gives other paths.
+        seed: Seed of the random numbers; a different seed gives different paths.
 
     Returns:
-        Radiance per metre, float32 array of shape (height, width, 3).
+        Radiance per meter, float32 array of shape (height, width, 3).
     """
     raise NotImplementedError("a2.time_gated: render_at_time")
 
@@ -93,15 +93,15 @@ def render_transient(
     spp: int = 64,
     seed: int = 0,
 ) -> np.ndarray:
-    """Render many instants: gates at the centres of time bins.
+    """Render many instants: gates at the centers of time bins.
 
-    All gates see the same paths: what one sample finds, each of them weights by its own time. So
-    the paths need to be traced only once.
+    All gates use the same paths, which need to be traced only once. Each gate weights a
+    contribution by its own time.
 
     Args:
         scene: The scene.
         integrator: The integrator, with its pulse.
-        sensor: The camera; its film says how many pixels there are.
+        sensor: The camera; its film defines the number of pixels.
         film_config: `temporal_bins`, the number T of gates; `start_opl` [m], start of the first
             bin; `bin_width_opl` [m], their spacing. Gate k is at
             start_opl + (k + 1/2) bin_width_opl.
@@ -109,6 +109,6 @@ def render_transient(
         seed: Seed of the random numbers.
 
     Returns:
-        Radiance per metre, float32 array of shape (height, width, T, 3).
+        Radiance per meter, float32 array of shape (height, width, T, 3).
     """
     raise NotImplementedError("a2.time_gated: render_transient")

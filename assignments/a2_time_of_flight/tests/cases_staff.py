@@ -26,22 +26,26 @@ from tofrender.course.judge import expect
 
 
 class Case:
-    """A scene with rays, and what comes along them.
+    """A scene with rays, and the known light along them.
 
     Attributes:
         parts, rays: For the probe `along_rays`.
         light: Radiance of each ray, shape (n, 3).
-        moment: The same times the length, summed over paths.
+        moment: Radiance times length, summed over paths.
         valid: Whether each ray meets a surface.
     """
 
     def __init__(self, parts):
-        self.parts, self.light, self.moment, self.valid = parts, [], [], []
+        self.parts = parts
+        self.light = []
+        self.moment = []
+        self.valid = []
         self.rays = {"origin": [], "towards": [], "start": [], "active": []}
 
     def add(self, origin, towards, paths=(), valid=True, active=True, behind=0.0):
         """A ray, and its paths, pairs of (radiance, length from the origin)."""
-        origin, towards = np.asarray(origin, float), np.asarray(towards, float)
+        origin = np.asarray(origin, float)
+        towards = np.asarray(towards, float)
         start = origin - behind * unit(towards - origin)
         for name, value in zip(self.rays, (origin, towards, start, active), strict=True):
             self.rays[name].append(value)
@@ -59,7 +63,8 @@ class Case:
 
 def compare(came, case, hint, most, rounding=3e-3):
     """Light, its length, lanes that met a surface; `most` bounds the light's relative noise."""
-    light, moment = np.array(case.light), np.array(case.moment)
+    light = np.array(case.light)
+    moment = np.array(case.moment)
     dark = light.max(axis=1) == 0
     names = {"light": light, "moment": moment} | ({"steady": light} if "steady" in came else {})
     texts = {
@@ -98,7 +103,8 @@ def several_lights(random):
     ]
     intensities = random.uniform(1.0, 4.0, (3, 3))
     targets = np.array([(*random.uniform(-0.6, 0.6, 2), 0.0) for _ in range(4)])
-    height, half = 1.0, 0.12
+    height = 1.0
+    half = 0.12
     middle = targets[0] + height / lamps[0][2] * (lamps[0] - targets[0])
     plate = (middle, (1, 0, 0), (0, 1, 0), (half, half))
     down = placed(lamps[2], (1, 0, 0), (0, -1, 0), (1, 1))
@@ -138,9 +144,12 @@ def several_lights(random):
 
 def materials(random):
     """Plates of several materials under a panel, each seen where a mirror would show the panel."""
-    height, radius = random.uniform(1.8, 2.4), random.uniform(0.7, 1.1)
-    radiance, tint = random.uniform(0.5, 3.0, 3), random.uniform(0.3, 0.9, 3)
-    alpha, eta = random.uniform(0.2, 0.4), random.uniform(1.4, 1.7)
+    height = random.uniform(1.8, 2.4)
+    radius = random.uniform(0.7, 1.1)
+    radiance = random.uniform(0.5, 3.0, 3)
+    tint = random.uniform(0.3, 0.9, 3)
+    alpha = random.uniform(0.2, 0.4)
+    eta = random.uniform(1.4, 1.7)
     mirror = {"type": "conductor", "material": "none"}
     rough = {"type": "roughconductor", "material": "none", "alpha": alpha, "distribution": "ggx"}
     coat = {"type": "plastic", "int_ior": eta, "ext_ior": 1.0}
@@ -208,8 +217,9 @@ def materials(random):
 
 
 def long_paths(random, max_depth):
-    """A lamp in the middle of a coloured sphere, which every vertex sees unhindered."""
-    radius, albedo = random.uniform(0.6, 1.6), random.permutation([0.9, 0.75, 0.5])
+    """A lamp in the middle of a colored sphere, which every vertex sees unhindered."""
+    radius = random.uniform(0.6, 1.6)
+    albedo = random.permutation([0.9, 0.75, 0.5])
     intensity = random.uniform(1.0, 4.0, 3)
     case = Case({"relay_wall": sphere(radius, albedo), "lamp": point((0, 0, 0), intensity)})
     paths = [

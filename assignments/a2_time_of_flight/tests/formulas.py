@@ -1,4 +1,4 @@
-"""What is right, in closed form and NumPy alone. Lengths in metres."""
+"""Expected results, in closed form with NumPy. Lengths in meters."""
 
 from __future__ import annotations
 
@@ -73,7 +73,8 @@ def lamp(x, y, camera) -> tuple[np.ndarray, np.ndarray]:
     The lamp's irradiance on the plane is I cos / d² with d = |x - l| and cos = l_z / d; a diffuse
     surface turns an irradiance E into the radiance ρ E / π.
     """
-    x, y = np.asarray(x, float), np.asarray(y, float)
+    x = np.asarray(x, float)
+    y = np.asarray(y, float)
     d = np.sqrt((x - LIGHT[0]) ** 2 + (y - LIGHT[1]) ** 2 + LIGHT[2] ** 2)
     away = np.sqrt((x - camera[0]) ** 2 + (y - camera[1]) ** 2 + camera[2] ** 2)
     return ALBEDO / math.pi * INTENSITY * LIGHT[2] / d**3, away + d
@@ -82,7 +83,7 @@ def lamp(x, y, camera) -> tuple[np.ndarray, np.ndarray]:
 def over_pixels(value, camera, fov, width, height, fine=40) -> np.ndarray:
     """Means of value(x, y) over the pixels of a camera that looks straight down, up = +y.
 
-    The field of view is that of the width; columns run towards +x and rows towards -y.
+    The field of view refers to the width; columns run toward +x and rows toward -y.
     """
     half = camera[2] * math.tan(math.radians(fov) / 2)
     columns = (np.arange(width * fine) + 0.5) / (width * fine)
@@ -116,7 +117,7 @@ def disk_total(h, radius, radiance) -> float:
 
 
 def sphere_totals(bounces, radius, albedo, intensity) -> float:
-    """Radiance up to so many bounces in a sphere, lamp and camera at the centre.
+    """Radiance up to so many bounces in a sphere, lamp and camera at the center.
 
     Direct light is ρ I / (π R²). Any two points of a sphere exchange equally, cos cos / d² =
     1 / (4 R²), so each further bounce multiplies by ρ.
@@ -133,7 +134,7 @@ def confocal_sphere(vertices, radius, albedo, power) -> float:
     """Confocal light by so many points of a sphere, the lit one counted at both ends.
 
     From p to q and back: ∫ ρ/π cos dω, then ρ/π cos_q Φ ρ/π cos_p / r² with cos_q cos_p / r² =
-    1 / (4 R²): Φ ρ³ / (4 π² R²), of which each further vertex takes ρ.
+    1 / (4 R²): Φ ρ³ / (4 π² R²). Each further vertex multiplies this by ρ.
     """
     return power * albedo**vertices / (4 * math.pi**2 * radius**2)
 
@@ -146,7 +147,8 @@ def patch(centre, tilt, azimuth, half, cells=60):
 
     Returns also the 4 x 4 matrix that makes it of the square [-1, 1]².
     """
-    t, a = math.radians(tilt), math.radians(azimuth)
+    t = math.radians(tilt)
+    a = math.radians(azimuth)
     u = np.array([math.cos(t) * math.cos(a), math.cos(t) * math.sin(a), math.sin(t)])
     v = np.array([math.sin(a), -math.cos(a), 0.0])
     normal = np.cross(u, v)
@@ -167,7 +169,8 @@ def three_bounces(points, normal, area, lit, seen, device, power, wall, hidden):
     angle dA cos_h2 / r2² and cos_w2, and reflects ρ_w/π. Confocal: Φ ρ_w² ρ_h dA cos_w² cos_h² /
     (π³ r⁴), at 2 d + 2 r.
     """
-    value, length = power * wall**2 * hidden / math.pi**3 * area, 0.0
+    value = power * wall**2 * hidden / math.pi**3 * area
+    length = 0.0
     for point in (lit, seen):
         away = points - np.asarray(point, float)
         r = np.linalg.norm(away, axis=1)
@@ -207,7 +210,7 @@ def plane_masses(edges, distance, power, wall, hidden) -> np.ndarray:
 
 
 def one_path(light, opl, frequency_hz) -> dict[str, float]:
-    """What a correlation sensor says of a single path: its light, and where it is in the wave."""
+    """Result of a correlation sensor for a single path with some light and length."""
     turns = frequency_hz * opl / SPEED_OF_LIGHT
     return {
         "I": light * math.cos(2 * math.pi * turns),
@@ -230,7 +233,7 @@ def disk_average(value, h, radius, radiance, fine=2000) -> complex:
     return np.sum(disk_masses(edges, h, radius, radiance) * value(middles))
 
 
-# ------------------------------------------------------------------------- fog and polarisers
+# ------------------------------------------------------------------------- fog and polarizers
 
 
 def absorbed(bins, mu_a, start, width) -> np.ndarray:
@@ -255,7 +258,8 @@ def wandered(mu_s, g, s) -> np.ndarray:
     is Poisson's, so ⟨u_z⟩ = exp(-a s), a = mu_s (1 - g), ⟨u_z²⟩ = 1/3 + 2/3 exp(-b s), b =
     mu_s (1 - g²), and ⟨u(t) u(t')⟩ = ⟨u(t)²⟩ exp(-a (t' - t)); integrated over both.
     """
-    a, b = mu_s * (1 - g), mu_s * (1 - g * g)
+    a = mu_s * (1 - g)
+    b = mu_s * (1 - g * g)
     t = s * (np.arange(20_000) + 0.5) / 20_000
     later = (1 - np.exp(-a * (s - t))) / a
     along = 2 * s * np.mean((1 + 2 * np.exp(-b * t)) / 3 * later)
@@ -264,7 +268,7 @@ def wandered(mu_s, g, s) -> np.ndarray:
 
 
 def polarised(stokes, angle) -> np.ndarray:
-    """Behind a polariser: the part that passes, all of it along the axis."""
+    """Behind a polarizer: the part that passes, all of it along the axis."""
     s0, s1, s2 = (np.asarray(stokes, float)[..., k] for k in range(3))
     axis = np.array([1, math.cos(2 * angle), math.sin(2 * angle), 0])
     return ((s0 + axis[1] * s1 + axis[2] * s2) / 2)[..., None] * axis

@@ -15,7 +15,7 @@ class Patch:
     Attributes:
         points, normal, area: Its parts, each of the same area.
         albedo: One for each channel.
-        part: What `described` makes it of.
+        part: Dict for `described`.
     """
 
     def __init__(self, centre, half, albedo, tilt=0.0, azimuth=0.0, cells=24):
@@ -24,7 +24,7 @@ class Patch:
         self.part = {"type": "rectangle", "to_world": matrix, "bsdf": diffuse(albedo)}
 
     def turned(self, is_seen):
-        """The same with its back in front, which reflects if it is seen."""
+        """The patch turned around; its back reflects if it is visible."""
         bsdf = self.part["bsdf"]
         matrix = self.part["to_world"] @ np.diag([1.0, -1.0, -1.0, 1.0])
         return self.part | {
@@ -49,7 +49,7 @@ def one_patch(p, d, each, wall, power):
 
 
 def two_patches(p, d, first, second, wall, power):
-    """The same by way of two patches, in both orders."""
+    """Light and length of paths over two patches, in both orders."""
     (g1, r1), (g2, r2) = legs(p, first), legs(p, second)
     away = second.points[None] - first.points[:, None]
     r = np.linalg.norm(away, axis=2)

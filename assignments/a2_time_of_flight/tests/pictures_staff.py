@@ -1,4 +1,4 @@
-"""Pictures of any size, in colour, of the plane under the lamp."""
+"""Pictures of any size, in color, of the plane under the lamp."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ from tofrender.course.judge import expect
 
 
 def drawn_view(random):
-    """A camera over the plane with a crop, colours of plane and lamp, and what pixels see.
+    """A camera over the plane with a crop, colors of plane and lamp, and means over pixels.
 
-    The last takes a function of (light, length) and gives its means, shape (height, width, 3).
+    The last result is a function. It returns the pixel means of a function of (light, length),
+    of shape (height, width, 3).
     """
     width, height = (int(n) for n in random.permutation([2, 3, 4, 5])[:2])
     left, above, right, below = (int(n) for n in random.integers(0, 3, 4))
     whole = (left + width + right, above + height + below + 1)
-    fov, over = float(random.uniform(40, 65)), formulas.OVER
+    fov = float(random.uniform(40, 65))
+    over = formulas.OVER
     colours = random.uniform(0.3, 1.0, (2, 3))
 
     def value(weight):
@@ -36,7 +38,8 @@ def drawn_view(random):
 
 def expect_pictures(came, wanted, what, most, is_single=True, hint=""):
     """Right on average, no noisier than so many samples are, and the same again."""
-    own, hint = hint, "(height, width, ..., channels): rows are y; each channel for itself"
+    own = hint
+    hint = "(height, width, ..., channels): rows are y; each channel for itself"
     expect.shape(came["values"][0], wanted.shape, what, hint=hint)
     if is_single:
         text = f"{what}: expected ndarray of float32, came {came['kind']}"

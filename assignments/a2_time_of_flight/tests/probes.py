@@ -1,4 +1,4 @@
-"""What the tests ask of a submission; runs in the submission's process."""
+"""Probes: functions that the tests call with a submission, in the submission's process."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def pulse_samples(theirs, width_opl, xi):
 
 
 def pulses_side_by_side(theirs, widths, t, xi):
-    """All that two pulses say; both are there before either is asked. t and xi in widths."""
+    """Results of two pulses, which exist at the same time; t and xi in units of the widths."""
     pulses = [theirs.GaussianPulse(width_opl=width) for width in widths]
     return [_told(pulse, t * width, xi) for pulse, width in zip(pulses, widths, strict=True)]
 
@@ -96,17 +96,17 @@ def _told(pulse, t, xi):
 
 
 def defines(theirs, name):
-    """Load it, or say why not."""
+    """Load a name of the submission; a failure contains the reason."""
     getattr(theirs, name)
 
 
 def check_pulse(theirs, name, width_opl):
-    """What their test says of a pulse of `pulses_to_check`."""
+    """Result of the student's test for a pulse of `pulses_to_check`."""
     return trials.verdict(theirs.check_pulse, getattr(pulses_to_check, name)(width_opl))
 
 
 def try_pulse(theirs, name, text):
-    """What their test says of a solution of a2.gaussian_pulse."""
+    """Result of the student's test for a solution of a2.gaussian_pulse."""
     made = trials.load(name, text)
     return trials.verdict(theirs.check_pulse, made.GaussianPulse(width_opl=0.05))
 
@@ -117,7 +117,7 @@ def modulation(theirs, frequency_hz, phase_offset, opl):
 
 
 def modulations(theirs, each, opl):
-    """Those of several waves, which are there before one is asked: (frequency, offset or None)."""
+    """Modulations of several waves (frequency, offset or None), which exist at the same time."""
     waves = [
         theirs.AMCWPulse(frequency) if offset is None else theirs.AMCWPulse(frequency, offset)
         for frequency, offset in each
@@ -145,7 +145,7 @@ def _gated(theirs, pulse, **options):
 
 
 def gate_along_ray(theirs, scene, view, origin, target, times, pulse, max_depth):
-    """What `sample` returns along one ray, for each target time: shape (times,)."""
+    """Result of `sample` along one ray, for each target time: shape (times,)."""
     scene = world(scene, view)
     integrator = _gated(theirs, pulse, max_depth=max_depth)
     ray = _ray(origin, target)
@@ -155,7 +155,8 @@ def gate_along_ray(theirs, scene, view, origin, target, times, pulse, max_depth)
 def gate_image(theirs, scene, view, time, pulse, spp, seed, max_depth=2):
     """Images of `render_at_time`, shape (seeds, height, width, 3)."""
     scene = world(scene, view)
-    integrator, sensor = _gated(theirs, pulse, max_depth=max_depth), scene.sensors()[0]
+    integrator = _gated(theirs, pulse, max_depth=max_depth)
+    sensor = scene.sensors()[0]
     return over_seeds(
         lambda s: theirs.render_at_time(scene, integrator, sensor, time, spp=spp, seed=s), seed
     )
@@ -164,7 +165,8 @@ def gate_image(theirs, scene, view, time, pulse, spp, seed, max_depth=2):
 def gates(theirs, scene, view, bins, pulse, spp, seed, max_depth, **options):
     """Cubes of `render_transient`, shape (seeds, height, width, bins, 3)."""
     scene = world(scene, view, **options)
-    integrator, sensor = _gated(theirs, pulse, max_depth=max_depth), scene.sensors()[0]
+    integrator = _gated(theirs, pulse, max_depth=max_depth)
+    sensor = scene.sensors()[0]
     names = ("temporal_bins", "start_opl", "bin_width_opl")
     config = dict(zip(names, (int(bins[0]), float(bins[1]), float(bins[2])), strict=True))
     return over_seeds(
@@ -175,7 +177,8 @@ def gates(theirs, scene, view, bins, pulse, spp, seed, max_depth, **options):
 def gate_pictures(theirs, view, colours, pulse, gates, time, spp, seed):
     """Pictures of `render_at_time` and cubes of `render_transient`, see `_pictures`."""
     scene = world("lamp", view, colours=colours)
-    integrator, sensor = _gated(theirs, pulse, max_depth=2), scene.sensors()[0]
+    integrator = _gated(theirs, pulse, max_depth=2)
+    sensor = scene.sensors()[0]
     names = ("temporal_bins", "start_opl", "bin_width_opl")
     config = dict(zip(names, (int(gates[0]), float(gates[1]), float(gates[2])), strict=True))
 
@@ -189,7 +192,7 @@ def gate_pictures(theirs, view, colours, pulse, gates, time, spp, seed):
 
 
 def gate_profile(theirs, view, times, pulse, options):
-    """What `sample` gives along the camera's ray; without a pulse, with that of the options."""
+    """Result of `sample` along the camera's ray, with a given pulse or the pulse of the options."""
     integrator = theirs.TimeGatedTransientPath(properties(**options))
     if pulse is not None:
         integrator.pulse = worlds.pulse(*pulse)
@@ -199,7 +202,8 @@ def gate_profile(theirs, view, times, pulse, options):
 
 
 def _ray(origin, target):
-    o, d = mi.Point3f(origin), dr.normalize(mi.Point3f(target) - mi.Point3f(origin))
+    o = mi.Point3f(origin)
+    d = dr.normalize(mi.Point3f(target) - mi.Point3f(origin))
     return mi.Ray3f(o + dr.zeros(mi.Float, 16), mi.Vector3f(d) + dr.zeros(mi.Float, 16))
 
 
@@ -228,7 +232,7 @@ def _pictures(render, seed, spp):
 
 
 def amcw_along_ray(theirs, scene, view, origin, target, ramps, max_depth):
-    """What `sample` returns along one ray, for each modulation (at zero, slope [1/m])."""
+    """Result of `sample` along one ray, for each modulation (at zero, slope [1/m])."""
     scene = world(scene, view)
     integrator = theirs.AMCWTransientPath(properties(max_depth=max_depth))
     values = []
@@ -296,14 +300,15 @@ def film(theirs, scene, view, pulse, spp, seed, seeds=SEEDS, max_depth=2, **opti
 
 
 def spread_lanes(theirs, pulse, opl, active):
-    """What `TransientPath.spread` puts for each lane; None for the package, which has none."""
+    """Sum that `TransientPath.spread` puts for each lane; None for the package, which lacks it."""
     if theirs.TransientPath.__module__.startswith("tofrender."):
         return None
     film = mi.load_dict(worlds.camera((0, 0, 1), (0, 0, 0), bins=(60, 0.0, 0.1))["film"])
     integrator = theirs.TransientPath(properties())
     integrator.pulse = worlds.pulse(*pulse)
     number = len(opl)
-    lane, total = dr.arange(mi.UInt32, number), dr.zeros(mi.Float, number)
+    lane = dr.arange(mi.UInt32, number)
+    total = dr.zeros(mi.Float, number)
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})
     sampler.seed(0, number)
 
@@ -322,7 +327,8 @@ def confocal(theirs, scene, view, spp, seed, seeds=SEEDS, integrator=None, **opt
 
 
 def _render(integrator, scene, spp, seed, seeds):
-    steady, transient = [], []
+    steady = []
+    transient = []
     for k in range(seeds):
         image, cube = integrator.render(scene, scene.sensors()[0], seed=seed + k, spp=spp)
         steady.append(np.array(image, dtype=np.float64))
@@ -368,7 +374,7 @@ def on_wall(theirs, names, x, y):
 
 
 def on_shapes(theirs, parts, names, x, y, z):
-    """The same from (x, y, z), for other scenes."""
+    """Mask of rays from (x, y, z) that hit the relay wall, for other scenes."""
     return _on(theirs, worlds.described(None, parts), names, x, y, z)
 
 
@@ -380,7 +386,7 @@ def _on(theirs, scene, names, x, y, z):
     return mask
 
 
-# ------------------------------------------------------------------------- fog and polarisers
+# ------------------------------------------------------------------------- fog and polarizers
 
 
 def absorbed(theirs, transient, mu_a, start_opl, bin_width_opl):
@@ -392,7 +398,7 @@ def turns(theirs, xi, g):
 
 
 def wandered(theirs, seed, mu_s, g, opl, count):
-    """Positions, and those that the same random numbers give again."""
+    """Positions, computed twice with equal seeds."""
     return [theirs.wander(np.random.default_rng(seed), mu_s, g, opl, count) for _ in range(2)]
 
 

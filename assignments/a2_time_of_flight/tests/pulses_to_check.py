@@ -1,4 +1,4 @@
-"""Right pulses and wrong ones, for the test that students write; runs in the student's process."""
+"""Correct and wrong pulses for the test that students write, in the student's process."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Loud(Hat):
 
 
 class Late(Decay):
-    """Samples of another pulse: even ones between 0 and three times the width."""
+    """Wrong samples: uniform between 0 and three times the width."""
 
     def sample(self, xi):
         return 3 * self.width_opl * xi, mi.Float(1) + dr.zeros(mi.Float, dr.width(xi))

@@ -1,4 +1,4 @@
-"""What the path tracers of a submission answer for single rays; runs in its process."""
+"""Probes of a submission's path tracers for single rays, in the submission's process."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ def along_rays(
     after=0.0,
     **options,
 ):
-    """Light along rays, which is the mean of many lanes for each.
+    """Estimate the light along rays, as the mean of many lanes for each ray.
 
     Args:
         theirs: The submission.
         name: Its integrator.
         parts: The scene, for `worlds.described`.
-        rays: Arrays `origin`, `towards` of shape (n, 3); if they are there, `start` (n, 3), where
-            lengths start, and `active` (n,).
+        rays: Arrays `origin`, `towards` of shape (n, 3); optionally `start` (n, 3), where lengths
+            start, and `active` (n,).
         seed: Seed of the first of the estimates.
         seeds: Number of estimates.
         lanes: Lanes for each ray.
-        after: A length [m]; if there is one, a gate or a modulation tells of `late` alone.
+        after: A length [m]; unless it is 0, gates and modulations measure only `late`.
         options: Parameters of the integrator.
 
     Returns:
-        Some of `light` (seeds, n, 3), summed over all lengths; `moment`, the same times the length
+        Some of `light` (seeds, n, 3), summed over all lengths; `moment`, light times length
         [m]; `late` (seeds, n), share of lanes with light that is longer than `after`; `valid`
-        (seeds, n), share of lanes that are said to have met a surface; and `extra`, the number of
+        (seeds, n), share of lanes with a hit by the returned mask; and `extra`, the number of
         AOVs. For a film also `steady` (seeds, n, 3), the light that `sample` returns.
     """
     scene = worlds.described(None, parts)
@@ -83,11 +83,11 @@ def _properties(options):
     return props
 
 
-# Each takes integrator, scene, rays, (where lengths start, active lanes), a seed, and a length
+# Arguments: integrator, scene, rays, (start of lengths, active lanes), seed, length
 
 
 def _gated(integrator, scene, ray, given, seed, after):
-    """Pulses that count all light alike, by its length, and only what is late."""
+    """Measure with pulses that weight all light equally, by its length, or only late light."""
     weights = {"light": (("box", -FAR, 0.0), FAR), "moment": (("slope", -FAR, 0.0), FAR**2 / 2)}
     if after:
         weights = {"late": (("box", -FAR, -after), FAR - after)}
@@ -118,14 +118,16 @@ def _modulated(integrator, scene, ray, given, seed, after):
 
 
 def _deposited(integrator, scene, ray, given, seed, after):
-    """What `sample` hands to `deposit`."""
+    """Collect the contributions that `sample` passes to `deposit`."""
     number = dr.width(ray)
     lane = dr.arange(mi.UInt32, number)
     sums = [dr.zeros(mi.Float, number) for _ in range(7)]
     dr.eval(lane, sums)
 
     def deposit(spectrum, opl, active):
-        spectrum, opl, active = mi.Color3f(spectrum), mi.Float(opl), mi.Bool(active)
+        spectrum = mi.Color3f(spectrum)
+        opl = mi.Float(opl)
+        active = mi.Bool(active)
         late = dr.select(opl > after, dr.max(spectrum), 0)
         for total, value in zip(sums, [*spectrum, *(spectrum * opl), late], strict=True):
             dr.scatter_add(total, value, lane, active)
@@ -147,7 +149,7 @@ def _deposited(integrator, scene, ray, given, seed, after):
 
 
 def _package(integrator, scene, ray, given, seed, after):
-    """The same of the package, whose `sample` has no `deposit`."""
+    """Measure the package's integrator, which does not call `deposit`."""
     from tofrender.films.sums import Weighted
 
     answer = {}

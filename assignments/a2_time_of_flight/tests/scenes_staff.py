@@ -19,7 +19,7 @@ def diffuse(albedo):
 
 
 def placed(centre, right, up, half):
-    """The matrix of a rectangle [-1, 1]² with its centre, axes of length 1 and half sizes."""
+    """The matrix of a rectangle [-1, 1]² with its center, axes of length 1 and half sizes."""
     matrix = np.eye(4)
     matrix[:3] = np.stack(
         [np.multiply(right, half[0]), np.multiply(up, half[1]), np.cross(right, up), centre], axis=1
@@ -80,14 +80,16 @@ def ggx(alpha, wi, wo, normal=(0.0, 0.0, 1.0)):
         cos = np.clip(w @ normal, 1e-9, 1)
         return 2 / (1 + np.sqrt(1 + alpha**2 * (1 / cos**2 - 1)))
 
-    cos_i, cos_o, cos_h = np.asarray(wi) @ normal, wo @ normal, h @ normal
+    cos_i = np.asarray(wi) @ normal
+    cos_o = wo @ normal
+    cos_h = h @ normal
     density = alpha**2 / (math.pi * ((alpha**2 - 1) * cos_h**2 + 1) ** 2)
     value = density * masking(np.asarray(wi)) * masking(wo) / (4 * np.maximum(cos_i, 1e-9))
     return np.where((cos_i > 0) & (cos_o > 0), value, 0)
 
 
 def fresnel(cos, eta):
-    """Reflectance of a boundary for unpolarised light that comes from air."""
+    """Reflectance of a boundary for unpolarized light that comes from air."""
     inside = np.sqrt(1 - (1 - cos**2) / eta**2)
     s = (cos - eta * inside) / (cos + eta * inside)
     p = (eta * cos - inside) / (eta * cos + inside)
@@ -95,9 +97,9 @@ def fresnel(cos, eta):
 
 
 def under_coat(cos_i, cos_o, eta):
-    """What `plastic` reflects of its base, over albedo cos_o / π: in and out by Fresnel.
+    """Reflection of the base of `plastic`, over albedo cos_o / π: in and out by Fresnel.
 
-    Light that is reflected back inside counts as Mitsuba has it, by a fit of its mean.
+    Internal reflection is included as in Mitsuba, by a fit of its mean.
     """
     x = 1 / eta
     within = 0.0636 * eta + x * (x * -1.4399 + 0.7099) + 0.6681
@@ -105,7 +107,7 @@ def under_coat(cos_i, cos_o, eta):
 
 
 def pane(cos, eta):
-    """What a thin pane lets through, whatever goes to and fro in it."""
+    """Transmittance of a thin pane, including all internal reflections."""
     r = fresnel(cos, eta)
     return 1 - 2 * r / (1 + r)
 
@@ -123,7 +125,8 @@ def blocked(a, b, centre, right, up, half):
     """Whether segments from a to b, arrays of points that broadcast, meet a rectangle."""
     a, b = np.broadcast_arrays(np.asarray(a, float), np.asarray(b, float))
     normal = np.cross(right, up)
-    from_a, from_b = (a - centre) @ normal, (b - centre) @ normal
+    from_a = (a - centre) @ normal
+    from_b = (b - centre) @ normal
     with np.errstate(all="ignore"):
         t = from_a / (from_a - from_b)
         meets = a + t[..., None] * (b - a) - centre

@@ -89,7 +89,8 @@ def test_lengths_start_at_the_camera(submission):
 
 def test_image(submission):
     """Each pixel sees its own path lengths."""
-    size, camera = (3, 2), OVER["origin"]
+    size = (3, 2)
+    camera = OVER["origin"]
     came = submission.ask(
         "amcw_image",
         scene="lamp",
@@ -111,7 +112,10 @@ def test_image(submission):
 
 def test_area_light(submission):
     """A disk light over a plane: connections and hits share its energy."""
-    h, radius, radiance, away = 0.8, 1.0, 2.0, 1.2
+    h = 0.8
+    radius = 1.0
+    radiance = 2.0
+    away = 1.2
     eye = (0.0, math.sqrt(away**2 - 0.4**2), 0.4)
     came = submission.ask(
         "amcw_image",

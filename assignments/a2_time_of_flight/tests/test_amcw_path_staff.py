@@ -17,7 +17,7 @@ NAME = "AMCWTransientPath"
 
 
 def test_any_lights(submission):
-    """Several lamps over a floor, and what is dark."""
+    """Several lamps over a floor, and rays without light."""
     tracers_staff.lights(submission, NAME)
 
 
@@ -27,12 +27,12 @@ def test_any_material(submission):
 
 
 def test_long_paths(submission):
-    """Many bounces in a coloured sphere."""
+    """Many bounces in a colored sphere."""
     tracers_staff.bounces(submission, NAME)
 
 
 def test_pictures(submission):
-    """Pictures of any size, in colour, by a modulation of any slope."""
+    """Pictures of any size, in color, by a modulation of any slope."""
     random = submission.random
     view, colours, value = drawn_view(random)
     ramp = random.uniform(0.2, 1.0), random.uniform(0.1, 0.5)
@@ -69,7 +69,7 @@ def test_phasor_of_one_sample(submission):
     inside = depth.min() > height - 0.01 and depth.max() < farthest
     expect.true(inside, f"{what}; came {depth.min():.3f} m to {depth.max():.3f} m", hint=hint)
     share = amplitude / (wanted / depth**3)
-    middle = np.median(share)  # more than 1 if samples have no light now and then
+    middle = np.median(share)  # above 1 if some samples are dark
     expect.true(middle > 0.99, f"amplitude of one sample: its light; came {middle:.3f} times that")
     what = "amplitude over that of a path of this depth, at 1 spp, over the median"
     expect.close(share / middle, np.ones(depth.shape), what, rtol=5e-3, hint=hint)
@@ -83,8 +83,10 @@ def test_phasor_of_one_sample(submission):
 def test_phasor_of_bounces(submission):
     """The phasor of all bounces in a sphere, eight segments deep."""
     random = submission.random
-    radius, albedo = random.uniform(0.8, 1.6), random.permutation([0.9, 0.6, 0.3])
-    intensity, frequency = random.uniform(1, 4, 3), float(random.uniform(1e7, 3e7))
+    radius = random.uniform(0.8, 1.6)
+    albedo = random.permutation([0.9, 0.6, 0.3])
+    intensity = random.uniform(1, 4, 3)
+    frequency = float(random.uniform(1e7, 3e7))
     parts = {"ball": sphere(radius, albedo), "lamp": point((0, 0, 0), intensity)}
     I, Q, amplitude, phase, depth = submission.ask(  # noqa: E741
         "amcw_phasors",

@@ -8,8 +8,11 @@ from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a2_area_spot
 
-DEVICE, TARGET = (0.0, -0.05, 0.33), (0.1, 0.1, 0.0)
-WALL, HIDDEN, POWER = 0.8, 0.6, 2.5
+DEVICE = (0.0, -0.05, 0.33)
+TARGET = (0.1, 0.1, 0.0)
+WALL = 0.8
+HIDDEN = 0.6
+POWER = 2.5
 PATCH = formulas.patch((0.35, 0.1, 0.4), tilt=10, azimuth=20, half=(0.15, 0.1), cells=30)
 
 
@@ -47,7 +50,7 @@ def spread(sigma):
 
 
 def test_narrow_beam_is_a_point(submission):
-    """A beam of a millimetre gives what the point gives, a very wide one does not."""
+    """A beam of a millimeter gives what the point gives, a very wide one does not."""
     wanted = three(TARGET)[1].sum()
     wide = render(submission, (40, 1.5, 0.1), 0.3)[0].mean()
     what = f"light with spot_sigma = 0.3: expected other than that of a point, {wanted:.4g}"

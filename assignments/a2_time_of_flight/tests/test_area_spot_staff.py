@@ -13,7 +13,8 @@ pytestmark = pytest.mark.a2_area_spot
 def test_any_beam(submission):
     """Only what the beam reaches sends light on, and only to what it sees."""
     random = submission.random
-    sigma, power = float(random.uniform(0.6, 0.7)), float(random.uniform(1, 4))
+    sigma = float(random.uniform(0.6, 0.7))
+    power = float(random.uniform(1, 4))
     wall = random.uniform(0.4, 0.9, 3)
     p = np.array([*random.uniform(-0.1, 0.1, 2), 0.0])
     eye = p + random.uniform([-0.08, -0.05, 0.3], [-0.02, 0.05, 0.4])
@@ -32,7 +33,9 @@ def test_any_beam(submission):
     spots = [(q, s) for q, s in formulas.spots(eye, p, sigma, 100) if s > 1e-8]
     g, r = legs(p, hidden)
     g = g * ~blocked(p, hidden.points, *edge)
-    d, light, moment = np.linalg.norm(eye - p), 0.0, 0.0
+    d = np.linalg.norm(eye - p)
+    light = 0.0
+    moment = 0.0
     for q, share in spots:
         if blocked(eye, q, *edge):
             continue

@@ -8,7 +8,8 @@ from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a2_confocal
 
-DEVICE, LIT = (-0.3, -0.2, 0.9), (0.1, 0.1, 0.0)
+DEVICE = (-0.3, -0.2, 0.9)
+LIT = (0.1, 0.1, 0.0)
 WALL = formulas.inputs.number("albedo of the wall", 0.8, low=0.7, high=0.85)
 HIDDEN = formulas.inputs.number("albedo behind the corner", 0.6, low=0.5, high=0.7)
 POWER = formulas.inputs.number("power of the laser", 2.5, low=2, high=4)
@@ -85,7 +86,8 @@ def test_arrival_times(submission):
 
 def test_large_plane(submission):
     """A plane parallel to the wall: 2 Φ ρ_w² ρ_h D⁴ / (π² r⁷) at 2 d + 2 r."""
-    distance, device = 0.8, (-0.3, 0.2, 0.5)
+    distance = 0.8
+    device = (-0.3, 0.2, 0.5)
     d = float(np.linalg.norm(device))
     matrix = np.diag([40.0, -40.0, -1.0, 1.0])
     matrix[2, 3] = distance
@@ -112,8 +114,9 @@ def test_large_plane(submission):
 
 @pytest.mark.parametrize("max_depth", [2, 3, 5])
 def test_depth(submission, max_depth):
-    """Inside a sphere that is all wall, each further vertex takes its albedo."""
-    radius, albedo = 1.0, 0.7
+    """Inside a sphere that is the relay wall, each further vertex multiplies by the albedo."""
+    radius = 1.0
+    albedo = 0.7
     steady, transient = render(
         submission,
         (40, 0.0, 1.0),
@@ -144,10 +147,13 @@ def test_depth(submission, max_depth):
 def test_filter(submission, use_nlos_only):
     """Wall and floor light each other; the filter keeps only what met the hidden patch."""
     _, light = three(PATCH)
-    y, half, albedo = -0.5, 0.6, 0.6
+    y = -0.5
+    half = 0.6
+    albedo = 0.6
     x, z = formulas.patch((0.0, half, y), tilt=0, azimuth=0, half=(half, half))[0][:, :2].T
     points = np.stack([x, np.full(x.shape, y), z], axis=1)
-    upwards, area = np.array([0.0, 1.0, 0.0]), 4 * half**2 / x.size
+    upwards = np.array([0.0, 1.0, 0.0])
+    area = 4 * half**2 / x.size
     _, floor_light = formulas.three_bounces(
         points, upwards, area, LIT, LIT, DEVICE, POWER, WALL, albedo
     )

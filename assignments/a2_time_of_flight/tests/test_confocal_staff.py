@@ -16,7 +16,7 @@ NAME = "ConfocalTransientIntegrator"
 
 
 def add(case, eye, p, d, sums):
-    """A ray of which the sums (light, light x length) are known."""
+    """Add a ray with known sums (light, light x length)."""
     light, moment = (np.sum(each, axis=0) for each in zip(*sums, strict=True))
     case.add(eye, p, [(light, np.divide(moment, light, where=light > 0, out=light * 0))])
 
@@ -24,11 +24,13 @@ def add(case, eye, p, d, sums):
 def test_behind_a_screen(submission):
     """A patch that the lit point sees, one that a screen hides; lamps that do not count."""
     random = submission.random
-    wall, power = random.uniform(0.4, 0.9, 3), float(random.uniform(1, 4))
+    wall = random.uniform(0.4, 0.9, 3)
+    power = float(random.uniform(1, 4))
     centre = random.uniform([0.45, -0.1, 0.65], [0.6, 0.1, 0.75])
     hidden = random.uniform([-0.5, 0.05, 0.65], [-0.4, 0.15, 0.7])
     # The one that is seen turns to the hidden one, which so has a good part of the light
-    to_lit, to_hidden = unit(np.array([0.3, 0, 0]) - centre), unit(hidden - centre)
+    to_lit = unit(np.array([0.3, 0, 0]) - centre)
+    to_hidden = unit(hidden - centre)
     aside = unit(to_hidden - (to_hidden @ to_lit) * to_lit)
     aim = centre + 0.14 * to_lit + math.sqrt(1 - 0.14**2) * aside
     seen = Patch(centre, (0.3, 0.25), random.uniform(0.6, 0.9, 3), **facing(centre, aim))
@@ -72,14 +74,17 @@ def test_behind_a_screen(submission):
 def test_filter_of_longer_paths(submission, use_nlos_only):
     """Paths that have met the hidden patch before or after the floor count, whatever the filter."""
     random = submission.random
-    wall, power = random.uniform(0.4, 0.9, 3), 1.0
+    wall = random.uniform(0.4, 0.9, 3)
+    power = 1.0
     centre = random.uniform([0.4, 0.0, 0.7], [0.6, 0.2, 0.9])
     hidden = Patch(
         centre, (0.25, 0.25), random.uniform(0.5, 0.9, 3), **facing(centre, (0.2, -0.3, 0.2))
     )
     floor = Patch((0, 0, 0), (0.6, 0.6), random.uniform(0.5, 0.9, 3), cells=60)
-    x, z = floor.points[:, 0], floor.points[:, 1] + 0.6
-    floor.points, floor.normal = np.stack([x, np.full(x.shape, -0.5), z], 1), np.array([0, 1.0, 0])
+    x = floor.points[:, 0]
+    z = floor.points[:, 1] + 0.6
+    floor.points = np.stack([x, np.full(x.shape, -0.5), z], 1)
+    floor.normal = np.array([0, 1.0, 0])
     case = Case(
         {
             "wall": square((0, 0, 0), 5.0, diffuse(wall)),
@@ -113,8 +118,10 @@ def test_filter_of_longer_paths(submission, use_nlos_only):
 def test_lit_point_off_the_wall(submission):
     """The device looks at something hidden: then the wall is what the lit point sees."""
     random = submission.random
-    far, wall = random.uniform(0.5, 0.9), random.uniform(0.4, 0.9, 3)
-    plate, power = random.uniform(0.4, 0.9, 3), float(random.uniform(1, 4))
+    far = random.uniform(0.5, 0.9)
+    wall = random.uniform(0.4, 0.9, 3)
+    plate = random.uniform(0.4, 0.9, 3)
+    power = float(random.uniform(1, 4))
     eye = random.uniform([-0.4, -0.4, 0.1], [0.4, 0.4, 0.3])
     case = Case(
         {
@@ -141,7 +148,8 @@ def test_lit_point_off_the_wall(submission):
 def test_any_material(submission):
     """A wall of rough metal: its material for the laser and for the camera, in their direction."""
     random = submission.random
-    tint, alpha = random.uniform(0.4, 0.9, 3), float(random.uniform(0.35, 0.6))
+    tint = random.uniform(0.4, 0.9, 3)
+    alpha = float(random.uniform(0.35, 0.6))
     metal = {"type": "roughconductor", "material": "none", "alpha": alpha, "distribution": "ggx"}
     metal["specular_reflectance"] = colour(tint)
     centre = random.uniform([0.1, 0.3, 0.4], [0.4, 0.6, 0.6])
@@ -158,19 +166,20 @@ def test_any_material(submission):
         both = [np.sum(light), np.sum(light * (2 * d + 2 * r))]
         add(case, eye, p, d, [[each * tint**2 * hidden.albedo for each in both]])
     came = case.ask(submission, NAME, lanes=8192, max_depth=3)
-    hint = "bsdf.eval of the wall, at both ends, with si.wi towards the device; not albedo / π"
+    hint = "bsdf.eval of the wall, at both ends, with si.wi toward the device; not albedo / π"
     compare(came, case, hint, most=0.18)
 
 
 def test_long_paths(submission):
-    """Many bounces in a coloured sphere, with roulette that begins early, late or by default."""
+    """Many bounces in a colored sphere, with roulette that begins early, late or by default."""
     random = submission.random
     for options, deepest in (
         ({"max_depth": 16, "rr_depth": int(random.integers(1, 5))}, 16),
         ({}, 8),
     ):
         power = float(random.uniform(1, 4)) if options else 1.0
-        radius, albedo = random.uniform(0.6, 1.6), random.permutation([0.9, 0.75, 0.5])
+        radius = random.uniform(0.6, 1.6)
+        albedo = random.permutation([0.9, 0.75, 0.5])
         case = Case({"relay_wall": sphere(radius, albedo), "lamp": point((0, 0, 0), 5.0)})
         paths = [
             (power * albedo**n / (2 * math.pi * radius) ** 2, (2 + (n - 1) * 4 / 3) * radius)

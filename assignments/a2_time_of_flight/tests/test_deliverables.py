@@ -1,4 +1,4 @@
-"""What the notebook has rendered, judged by what light does; any resolution will do."""
+"""Checks of the notebook's results by properties of light, at any resolution."""
 
 import formulas
 import numpy as np
@@ -94,12 +94,12 @@ def test_transient(submission):
 
 
 def test_gates_and_film_agree(submission):
-    """render_transient and TransientPath measure the same light: per metre, and per bin."""
+    """render_transient and TransientPath measure the same light: per meter, and per bin."""
     film, _ = cube(submission, "transient.npz")
     gated, _ = cube(submission, "gated.npz")
     per_bin = gated.sum((0, 1, 3)) * WINDOW["bin_width_opl"]
     profile = film.sum((0, 1, 3))
-    hint = "gates give radiance per metre: times bin_width_opl it compares with film bins"
+    hint = "gates give radiance per meter: times bin_width_opl it compares with film bins"
     expect.shape(gated, film.shape, "deliverables/gated.npz, transient", hint="one resolution")
     expect.close(per_bin.sum() / profile.sum(), 1.0, "light of gates / bins", rtol=0.06, hint=hint)
     groups = [values.reshape(30, 10).sum(axis=1) / values.sum() for values in (per_bin, profile)]
@@ -125,7 +125,7 @@ def test_phasors(submission):
 
 
 def test_comparison(submission):
-    """Phasors of the bins beside those of paths, and how far they are apart."""
+    """Phasors of the bins and of the paths, and their mean squared differences."""
     data, _ = cube(submission, "transient.npz")
     names = ("I_direct", "Q_direct", "I_converted", "Q_converted")
     file = "deliverables/comparison.npz"
@@ -137,7 +137,8 @@ def test_comparison(submission):
     tiny = 1e-3 * np.abs(wanted).max()
     hint = "transient_to_phasor of transient.npz: film data has no factor of the bin width"
     for name, value in (("I", wanted.real), ("Q", wanted.imag)):
-        direct, converted = came[f"{name}_direct"], came[f"{name}_converted"]
+        direct = came[f"{name}_direct"]
+        converted = came[f"{name}_converted"]
         expect.close(converted, value, f"{name}_converted", rtol=1e-3, atol=tiny, hint=hint)
         what = f"{name}_direct, as in phasors.npz"
         expect.close(direct, phasors[name], what, rtol=1e-3, atol=tiny)
@@ -169,7 +170,7 @@ def either(submission, first, second):
 
 
 def animation_frames(submission, most=40):
-    """Frames of animation.gif or animation.mp4 in grey, at most so many."""
+    """Frames of animation.gif or animation.mp4 in gray, at most so many."""
     from PIL import Image, ImageSequence
 
     path = either(submission, "deliverables/animation.gif", "deliverables/animation.mp4")
@@ -193,18 +194,20 @@ def animation_frames(submission, most=40):
 
 
 def test_around_the_corner(submission):
-    """The letter behind the corner: arrival times, and what the filter takes away."""
+    """The letter behind the corner: arrival times, and the light that the filter removes."""
     file = "deliverables/nlos.npz"
     arrays = submission.arrays(file)
     require(arrays, file, "filtered", "unfiltered", "start_opl", "bin_width_opl")
-    filtered, both = arrays["filtered"], arrays["unfiltered"]
+    filtered = arrays["filtered"]
+    both = arrays["unfiltered"]
     right = filtered.ndim == 4 and filtered.shape[3] == 3
     expect.true(right, f"{file}: shape (height, width, bins, 3); came {filtered.shape}")
     expect.shape(both, filtered.shape, "unfiltered")
     expect.finite(filtered, "filtered")
     expect.finite(both, "unfiltered")
     height, width, bins, _ = filtered.shape
-    start, bin_width = float(arrays["start_opl"]), float(arrays["bin_width_opl"])
+    start = float(arrays["start_opl"])
+    bin_width = float(arrays["bin_width_opl"])
     centre = start + bin_width * (np.arange(bins) + 0.5)
     device = np.array([-0.5, 0.0, 0.25])
     columns, rows = (2 * (np.arange(n) + 0.5) / n - 1 for n in (width, height))
@@ -232,7 +235,8 @@ def floor_light(point, device):
     """Light of the floor of `corner_scene`, closed form: 2 m x 2 m at y = -1, albedo 0.6."""
     x, z = formulas.patch((0.0, 1.0, 0.0), tilt=0, azimuth=0, half=(1, 1), cells=200)[0][:, :2].T
     points = np.stack([x, np.full(x.shape, -1.0), z], axis=1)
-    upwards, area = np.array([0.0, 1.0, 0.0]), 4 / x.size
+    upwards = np.array([0.0, 1.0, 0.0])
+    area = 4 / x.size
     _, light = formulas.three_bounces(
         points, upwards, area, point, point, device, power=1.0, wall=0.8, hidden=0.6
     )

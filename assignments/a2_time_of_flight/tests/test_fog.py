@@ -1,4 +1,4 @@
-"""Fog that absorbs and scatters, and polarisers."""
+"""Fog that absorbs and scatters, and polarizers."""
 
 import formulas
 import numpy as np
@@ -16,13 +16,14 @@ LENGTH = formulas.inputs.number("length in fog", 3.0, low=2.5, high=3.5)
 def test_absorption(submission):
     """Each bin is weaker by the mean of exp(-mu_a s) over its lengths."""
     cube = np.random.default_rng(5).random((2, 3, 12, 3)).astype(np.float32)
-    start, width = 1.5, 0.4
+    start = 1.5
+    width = 0.4
     for mu_a in (0.0, 0.3, 2.5):
         came = submission.ask(
             "absorbed", transient=cube, mu_a=mu_a, start_opl=start, bin_width_opl=width
         )
         wanted = cube * formulas.absorbed(12, mu_a, start, width)[:, None]
-        hint = "the mean over the bin, (exp(-mu_a a) - exp(-mu_a b)) / (mu_a w), not its centre"
+        hint = "the mean over the bin, (exp(-mu_a a) - exp(-mu_a b)) / (mu_a w), not its center"
         expect.close(came, wanted, f"light at mu_a = {mu_a} 1/m", rtol=1e-3, hint=hint)
 
 
@@ -53,15 +54,16 @@ def test_photons_wander(submission):
 
 
 def test_polariser(submission):
-    """Malus' law, three polarisers, and circular light."""
-    half, quarter = np.pi / 2, np.pi / 4
-    hint = "(S0 + S1 cos 2a + S2 sin 2a) / 2 passes, polarised along the axis"
+    """Malus' law, three polarizers, and circular light."""
+    half = np.pi / 2
+    quarter = np.pi / 4
+    hint = "(S0 + S1 cos 2a + S2 sin 2a) / 2 passes, polarized along the axis"
 
     def behind(stokes, angle):
         return submission.ask("behind_polariser", stokes=np.array(stokes), angle=angle)
 
     first = behind([[2.0, 0.0, 0.0, 0.0]], 0.0)
-    expect.close(first, [[1.0, 1.0, 0, 0]], "unpolarised light", rtol=0, atol=1e-6, hint=hint)
+    expect.close(first, [[1.0, 1.0, 0, 0]], "unpolarized light", rtol=0, atol=1e-6, hint=hint)
     across = behind([[1.0, 1.0, 0.0, 0.0]], half)
     expect.close(across, np.zeros((1, 4)), "light across", rtol=0, atol=1e-6, hint=hint)
     between = behind([[1.0, 1.0, 0.0, 0.0]], quarter)

@@ -1,4 +1,4 @@
-"""Any fog, any polariser."""
+"""Any fog, any polarizer."""
 
 import formulas
 import numpy as np
@@ -14,7 +14,8 @@ def test_any_absorption(submission):
     random = submission.random
     for mu_a in np.exp(random.uniform(np.log([1e-4, 0.1, 1.0]), np.log([1e-3, 1.0, 5.0]))):
         height, width, bins = (int(n) for n in random.permutation(6)[:3] + 1)
-        start, step = random.uniform(0.0, 3.0), random.uniform(0.1, 0.6)
+        start = random.uniform(0.0, 3.0)
+        step = random.uniform(0.1, 0.6)
         cube = random.random((height, width, bins, int(random.integers(1, 4))))
         came = submission.ask(
             "absorbed",
@@ -31,7 +32,8 @@ def test_any_absorption(submission):
 
 def test_any_turn(submission):
     """Even random numbers become cosines with even shares, for any g, and at both ends."""
-    random, count = submission.random, 4000
+    random = submission.random
+    count = 4000
     xi = (random.permutation(count) + random.random(count)) / count
     even = (np.arange(count) + 0.5) / count
     for g in (*random.uniform([-0.9, 0.2, 0.8], [-0.2, 0.8, 0.95]), 0.0, 1e-4):
@@ -51,8 +53,10 @@ def test_any_turn(submission):
 def test_any_cloud(submission):
     """Drawn fog: four moments, the share that met nothing, nobody faster than light."""
     random = submission.random
-    mu_s, g = float(random.uniform(0.6, 2.0)), float(random.choice([-0.4, 0.3, 0.6, 0.8]))
-    s, count = float(random.uniform(1.5, 2.5)), 3000
+    mu_s = float(random.uniform(0.6, 2.0))
+    g = float(random.choice([-0.4, 0.3, 0.6, 0.8]))
+    s = float(random.uniform(1.5, 2.5))
+    count = 3000
     seed = int(random.integers(1 << 30))
     came, p = submission.ask("clouds", seed=seed, mu_s=mu_s, g=g, opl=s, count=count)
     fog = f"mu_s = {mu_s:.2f} 1/m, g = {g}, s = {s:.2f} m"
@@ -69,9 +73,10 @@ def test_any_cloud(submission):
 
 
 def test_any_photon(submission):
-    """The same random numbers give the same cloud; clear air; a single photon."""
+    """Equal seeds give equal clouds; clear air; a single photon."""
     random = submission.random
-    seed, s = int(random.integers(1 << 30)), float(random.uniform(0.5, 4.0))
+    seed = int(random.integers(1 << 30))
+    s = float(random.uniform(0.5, 4.0))
     first, again = submission.ask("wandered", seed=seed, mu_s=1.5, g=0.5, opl=s, count=50)
     expect.shape(first, (50, 3), "positions")
     what = "positions by the same random numbers once more"
@@ -87,7 +92,7 @@ def test_any_photon(submission):
 
 
 def test_any_polariser(submission):
-    """Light of drawn polarisation, in arrays of any shape, through drawn polarisers."""
+    """Light of drawn polarization, in arrays of any shape, through drawn polarizers."""
     random = submission.random
     for shape in ((4,), (3, 4), (2, 5, 3, 4)):
         stokes = random.normal(size=shape)
@@ -96,6 +101,6 @@ def test_any_polariser(submission):
         angle = float(random.uniform(-np.pi, np.pi))
         came = submission.ask("behind_polariser", stokes=stokes, angle=angle)
         wanted = formulas.polarised(stokes, angle)
-        what = f"Stokes vectors of shape {shape} behind a polariser at {np.degrees(angle):.1f}°"
+        what = f"Stokes vectors of shape {shape} behind a polarizer at {np.degrees(angle):.1f}°"
         hint = "components are in the last axis; angles of Stokes vectors count twice"
         expect.close(came, wanted, what, rtol=1e-4, atol=1e-4, hint=hint)

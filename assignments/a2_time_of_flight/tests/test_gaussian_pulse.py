@@ -55,7 +55,8 @@ def test_cdf(submission):
 
 def test_samples_follow_the_density(submission):
     """A histogram of samples against the cdf, and their weights."""
-    width, number = 0.05, 200_000
+    width = 0.05
+    number = 200_000
     xi = np.random.default_rng(submission.seed + 1).random(number, dtype=np.float32)
     came = submission.ask("pulse_samples", width_opl=width, xi=xi)
     expect.shape(came["t"], (number,), "offsets", hint="one for each random number")

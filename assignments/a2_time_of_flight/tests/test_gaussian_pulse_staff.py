@@ -13,7 +13,7 @@ CELLS = 4000
 
 
 def drawn(submission):
-    """Pairs of a width and what a pulse of it says; the random numbers are even in cells."""
+    """Pairs of a width and the results of its pulse; the random numbers are stratified."""
     random = submission.random
     widths = np.exp(random.uniform(np.log([1e-3, 0.2]), np.log([0.1, 3.0])))
     widths = [float(width) for width in random.permutation(widths)]
@@ -23,7 +23,7 @@ def drawn(submission):
 
 
 def test_any_width(submission):
-    """Two pulses, from a millimetre to a few metres, side by side."""
+    """Two pulses, from a millimeter to a few meters, side by side."""
     for width, pulse in drawn(submission)[0]:
         what = f"of a pulse of σ = {width:.4g} m"
         expect.close(pulse["width_opl"], width, f"width_opl {what}", rtol=1e-5)
@@ -33,7 +33,8 @@ def test_any_width(submission):
         expect.true(pulse["is_number"], f"normalization {what}: a float; came something else")
         expect.close(pulse["normalization"], wanted, f"normalization {what}", rtol=1e-5)
         axis = {"x": T, "x_label": "t [σ]"}
-        density, cdf = formulas.gaussian(T, 1.0), formulas.gaussian_cdf(T, 1.0)
+        density = formulas.gaussian(T, 1.0)
+        cdf = formulas.gaussian_cdf(T, 1.0)
         came = pulse["density"] * width
         expect.close(came, density, f"density x σ {what}", rtol=2e-4, atol=1e-6, **axis)
         expect.close(pulse["cdf"], cdf, f"cdf {what}", rtol=0, atol=3e-6, **axis)

@@ -27,7 +27,8 @@ class GaussianPulse:
     def sample(self, xi):
         return -self.width_opl * dr.log(dr.maximum(1 - xi, 2**-24)), dr.ones(mi.Float, dr.width(xi))
 """
-EVAL, CDF = "dr.exp(-t / self.width_opl) / self.width_opl", "1 - dr.exp(-t / self.width_opl)"
+EVAL = "dr.exp(-t / self.width_opl) / self.width_opl"
+CDF = "1 - dr.exp(-t / self.width_opl)"
 ONES = "dr.ones(mi.Float, dr.width(xi))"
 SAMPLE = "-self.width_opl * dr.log(dr.maximum(1 - xi, 2**-24))"
 RIGHT = {
@@ -72,7 +73,7 @@ WRONG = {
 
 
 def test_share_of_wrong_pulses(submission):
-    """The share of wrong pulses that your test finds, if right ones pass."""
+    """The fraction of wrong pulses that your test finds, if correct pulses pass."""
     random = submission.random
     more = []
     for number, (edits, why) in enumerate(

@@ -25,7 +25,7 @@ def expect_mask(came, names):
 
 
 def test_one_shape(submission):
-    """A wall of one shape, beside others."""
+    """A wall of one shape, next to other shapes."""
     expect_mask(on_wall(submission, ["middle"]), ["middle"])
 
 

@@ -36,7 +36,7 @@ def test_one_path_through_the_gate(submission):
     expect.close(
         came,
         RADIANCE * formulas.hat(offsets, 0.2),
-        "radiance per metre along a ray, gates around the arrival",
+        "radiance per meter along a ray, gates around the arrival",
         rtol=2e-3,
         atol=1e-4 * RADIANCE,
         hint="weight is p(target_time - opl); opl is the way to the surface and on to the light",
@@ -52,7 +52,7 @@ def test_pulse_comes_after_its_front(submission):
     expect.close(
         came,
         RADIANCE * formulas.decay(offsets, 0.1),
-        "radiance per metre with a pulse that starts at 0 and decays",
+        "radiance per meter with a pulse that starts at 0 and decays",
         rtol=2e-3,
         hint="which sign has the offset? use self.pulse, whatever it is",
         x=offsets,
@@ -105,7 +105,10 @@ def test_emitters_that_rays_run_into(submission):
 
 def test_area_light(submission):
     """A disk light over a plane: connections and hits share its energy, over time."""
-    h, radius, radiance, away = 0.8, 1.0, 2.0, 1.2
+    h = 0.8
+    radius = 1.0
+    radiance = 2.0
+    away = 1.2
     eye = (0.0, math.sqrt(away**2 - 0.4**2), 0.4)
     bins = (60, 0.5, 0.05)
     came = submission.ask(
@@ -144,7 +147,7 @@ def test_area_light(submission):
     expect.estimate(
         came[:, 0, 0, some, 0],
         0.5 / math.pi * np.array(wanted)[some],
-        "radiance per metre",
+        "radiance per meter",
         rounding=5e-3,
         hint=hint,
         x=times[some],
@@ -155,7 +158,9 @@ def test_area_light(submission):
 @pytest.mark.parametrize("max_depth", [1, 2, 4])
 def test_depth(submission, max_depth):
     """In a sphere every bounce has the same known energy, so the depth can be counted."""
-    radius, albedo, intensity = 1.0, 0.8, 3.0
+    radius = 1.0
+    albedo = 0.8
+    intensity = 3.0
     bins = (110, 0.5, 0.1)
     came = submission.ask(
         "gates",
@@ -182,7 +187,8 @@ def test_depth(submission, max_depth):
 
 def test_many_gates(submission):
     """Pixels and gates are where they belong: (height, width, gates, channels)."""
-    size, camera = (3, 2), OVER["origin"]
+    size = (3, 2)
+    camera = OVER["origin"]
     bins = (8, 3.3, 0.1)
     view = OVER | {"fov": 60.0, "size": size}
     came = submission.ask(
@@ -206,13 +212,14 @@ def test_many_gates(submission):
     wanted = np.moveaxis(formulas.over_pixels(value, camera, 60.0, *size), 0, 2)
     some = [1, 4, 7]
     expect.estimate(
-        came[..., some, 0], wanted[:, :, some], "radiance per metre", rounding=5e-3, hint=hint
+        came[..., some, 0], wanted[:, :, some], "radiance per meter", rounding=5e-3, hint=hint
     )
 
 
 def test_same_paths_for_all_gates(submission):
     """One sample of one path: all gates see its light, at one length."""
-    first, last = -4.0, 6.0
+    first = -4.0
+    last = 6.0
     bins = (8, 3.2, 0.25)
     came = submission.ask(
         "gates",
@@ -229,7 +236,7 @@ def test_same_paths_for_all_gates(submission):
     came = came[came.max(axis=1) > 0]
     expect.true(len(came) > 2, "light at 1 spp, under 16 seeds: (almost) none came", hint=hint)
     expect.true(came.min() > 0, "light of one sample: in all gates; some have none", hint=hint)
-    # p(t - opl) = 2 (last - t + opl) / (last - first)², so first and last gate tell both
+    # p(t - opl) = 2 (last - t + opl) / (last - first)², so two gates give light and length
     light = (came[:, 0] - came[:, -1]) / (times[-1] - times[0]) * (last - first) ** 2 / 2
     with np.errstate(all="ignore"):
         opl = came[:, 0] / light * (last - first) ** 2 / 2 - last + times[0]
@@ -239,7 +246,8 @@ def test_same_paths_for_all_gates(submission):
     half = OVER["origin"][2] * math.tan(math.radians(30))
     x, y = np.meshgrid(formulas.X + half * np.linspace(-1, 1, 50), half * np.linspace(-1, 1, 50))
     lengths = formulas.lamp(x, y, OVER["origin"])[1]
-    low, high = lengths.min() - 0.05, lengths.max() + 0.05
+    low = lengths.min() - 0.05
+    high = lengths.max() + 0.05
     what = f"length that the gates of one sample tell: from {low:.2f} m to {high:.2f} m; came"
     inside = opl.min() > low and opl.max() < high
     expect.true(inside, f"{what} {opl.min():.2f} m to {opl.max():.2f} m", hint=hint)

@@ -14,7 +14,7 @@ NAME = "TimeGatedTransientPath"
 
 
 def test_any_lights(submission):
-    """Several lamps over a floor, and what is dark."""
+    """Several lamps over a floor, and rays without light."""
     tracers_staff.lights(submission, NAME)
 
 
@@ -24,15 +24,17 @@ def test_any_material(submission):
 
 
 def test_long_paths(submission):
-    """Many bounces in a coloured sphere."""
+    """Many bounces in a colored sphere."""
     tracers_staff.bounces(submission, NAME)
 
 
 def test_any_pulse(submission):
     """The pulse that is set, or a Gaussian of the width that is asked for, 0.03 m by default."""
-    random, view = submission.random, formulas.OVER
+    random = submission.random
+    view = formulas.OVER
     light, opl = formulas.lamp(formulas.X, 0.0, view["origin"])
-    width, first = float(random.uniform(0.01, 0.3)), float(random.uniform(-0.5, 0.3))
+    width = float(random.uniform(0.01, 0.3))
+    first = float(random.uniform(-0.5, 0.3))
     last = first + float(random.uniform(0.1, 0.6))
     for pulse, options, density, most in (
         (None, {}, lambda t: formulas.gaussian(t, 0.03), 0.1),
@@ -48,7 +50,7 @@ def test_any_pulse(submission):
         expect.close(
             came,
             wanted,
-            f"radiance per metre along a ray, pulse {pulse or 'Gaussian'}, {options or 'defaults'}",
+            f"radiance per meter along a ray, pulse {pulse or 'Gaussian'}, {options or 'defaults'}",
             rtol=3e-3,
             atol=3e-3 * wanted.max(),
             hint="self.pulse.eval(target_time - opl), whatever the pulse is",
@@ -56,10 +58,10 @@ def test_any_pulse(submission):
 
 
 def test_pictures(submission):
-    """Pictures of any size, in colour, of one gate and of many, with a pulse of any shape."""
+    """Pictures of any size, in color, of one gate and of many, with a pulse of any shape."""
     random = submission.random
     view, colours, value = drawn_view(random)
-    first = float(random.uniform(-1.4, -1.0))  # Nearly all of it comes before its centre
+    first = float(random.uniform(-1.4, -1.0))  # Nearly all of it comes before its center
     pulse = ("slope", first, first + float(random.uniform(0.9, 1.2)))
     gates = (int(random.integers(5, 9)), 2.0 + float(random.uniform(0, 0.3)), 0.15)
     time = float(random.uniform(2.6, 3.2))

@@ -62,7 +62,9 @@ def test_one_path_lands_in_its_bin(submission, near_clip, within):
 
 def test_pulse_is_spread_over_the_bins(submission):
     """Each bin gets the part of the pulse that lies in it."""
-    width, half, number = 0.05, 0.15, 16
+    width = 0.05
+    half = 0.15
+    number = 16
     start = OPL - 7.8 * width
     _, transient = film(
         submission, "lamp", OVER, (number, start, width), pulse=("hat", half), spp=4096
@@ -82,7 +84,7 @@ def test_pulse_is_spread_over_the_bins(submission):
 
 
 def test_pulse_comes_after_its_front(submission):
-    """A pulse that decays fills later bins, not earlier ones."""
+    """A pulse that decays fills later bins, not earlier bins."""
     width = 0.1
     start = OPL - 4 * width
     _, transient = film(
@@ -116,7 +118,10 @@ def test_emitters_that_rays_run_into(submission):
 
 def test_area_light(submission):
     """A disk light over a plane: its light arrives spread over time, each emission once."""
-    h, radius, radiance, away = 0.8, 1.0, 2.0, 1.2
+    h = 0.8
+    radius = 1.0
+    radiance = 2.0
+    away = 1.2
     eye = (0.0, math.sqrt(away**2 - 0.4**2), 0.4)
     bins = (14, away + h - 0.13, 0.05)
     steady, transient = film(
@@ -147,7 +152,9 @@ def test_area_light(submission):
 @pytest.mark.parametrize("max_depth", [2, 3])
 def test_bounces_in_a_sphere(submission, max_depth):
     """The first bounce arrives at twice the radius, the second after a random chord."""
-    radius, albedo, intensity = 1.0, 0.8, 3.0
+    radius = 1.0
+    albedo = 0.8
+    intensity = 3.0
     bins = (12, 1.9, 0.2)
     steady, transient = film(
         submission,
@@ -181,7 +188,9 @@ def test_bounces_in_a_sphere(submission, max_depth):
 
 def test_light_outside_the_window(submission):
     """Bins hold what arrives within the window, the steady image holds all."""
-    radius, albedo, intensity = 1.0, 0.8, 3.0
+    radius = 1.0
+    albedo = 0.8
+    intensity = 3.0
     steady, transient = film(
         submission,
         "inside_sphere",

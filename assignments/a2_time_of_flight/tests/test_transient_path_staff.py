@@ -17,7 +17,7 @@ RADIANCE, OPL = (float(v) for v in formulas.lamp(formulas.X, 0.0, formulas.OVER[
 
 
 def test_any_lights(submission):
-    """Several lamps over a floor, and what is dark."""
+    """Several lamps over a floor, and rays without light."""
     tracers_staff.lights(submission, NAME)
 
 
@@ -27,7 +27,7 @@ def test_any_material(submission):
 
 
 def test_long_paths(submission):
-    """Many bounces in a coloured sphere."""
+    """Many bounces in a colored sphere."""
     tracers_staff.bounces(submission, NAME)
 
 
@@ -36,7 +36,8 @@ def test_any_pulse(submission):
     random = submission.random
     first = random.uniform(-0.5, 0.2)
     last = first + random.uniform(0.3, 0.8)
-    width, sigma = random.uniform(0.05, 0.12), float(random.uniform(0.02, 0.15))
+    width = random.uniform(0.05, 0.12)
+    sigma = float(random.uniform(0.02, 0.15))
     wide = ("slope", first, last), lambda t: formulas.slope_cdf(t, first, last)
     narrow = ("slope", -0.006, 0.004), lambda t: formulas.slope_cdf(t, -0.006, 0.004)
     gauss = sigma, lambda t: formulas.gaussian_cdf(t, sigma)
@@ -57,7 +58,8 @@ def test_any_pulse(submission):
         )
         edges = start + width * np.arange(number + 1)
         wanted = RADIANCE * np.diff(cdf(edges - OPL))
-        came, what = transient[:, 0, 0, :, 0], f"radiance per bin, pulse {pulse}"
+        came = transient[:, 0, 0, :, 0]
+        what = f"radiance per bin, pulse {pulse}"
         expect.close(came.mean(0), wanted, what, rtol=0, atol=0.03 * RADIANCE)
         some = wanted > 1e-3 * RADIANCE
         expect.estimate(
@@ -77,8 +79,10 @@ def test_any_pulse(submission):
 def test_lanes_of_a_pulse(submission):
     """A contribution goes into the film, of lanes that have one and of no others."""
     random = submission.random
-    first, number = random.uniform(-0.5, 0.2), 4000
-    active, opl = random.random(number) < 0.5, random.uniform(1.0, 4.0, number)
+    first = random.uniform(-0.5, 0.2)
+    number = 4000
+    active = random.random(number) < 0.5
+    opl = random.uniform(1.0, 4.0, number)
     pulse = ("slope", first, first + random.uniform(0.1, 0.8))
     came = submission.ask("spread_lanes", pulse=pulse, opl=opl, active=active)
     if came is not None:
@@ -90,7 +94,7 @@ def test_lanes_of_a_pulse(submission):
 
 
 def test_pictures(submission):
-    """Films of any size, in colour."""
+    """Films of any size, in color."""
     random = submission.random
     view, colours, value = drawn_view(random)
     first = float(random.uniform(-0.4, 0.1))

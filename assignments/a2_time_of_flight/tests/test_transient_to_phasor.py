@@ -36,7 +36,7 @@ def single(k, value=2.0):
 
 
 def test_real_and_imaginary_part(submission):
-    """P = Σ L_k exp(+i 2π f opl_k / c), by bin centres."""
+    """P = Σ L_k exp(+i 2π f opl_k / c), by bin centers."""
     cube = random_cube()
     frequency = formulas.inputs.number("wave of bins", 400.0, low=300, high=450) * 1e6
     came = convert(submission, cube, frequency)
@@ -49,7 +49,7 @@ def test_real_and_imaginary_part(submission):
 
 
 def test_amplitude_and_phase(submission):
-    """Of a single arrival: its light, and where it is within the wave."""
+    """Amplitude and phase of a single arrival."""
     for k in (10, 150, 390):
         cube, opl = single(k)
         came = convert(submission, cube, 30e6)
@@ -62,7 +62,8 @@ def test_amplitude_and_phase(submission):
 
 def test_phase_of_half_a_wave(submission):
     """The interval (-π, π] has π and not -π."""
-    real, zero = -np.array([[[1.0, 2.0]]]), np.zeros((1, 1, 2))
+    real = -np.array([[[1.0, 2.0]]])
+    zero = np.zeros((1, 1, 2))
     came = submission.ask("summed_channels", I=real, Q=zero, frequency_hz=20e6)
     hint = "atan2(0, -1) is π; the interval is (-π, π]"
     expect.close(came[3], np.full((1, 1, 1), np.pi), "phase of -3 + 0i", rtol=1e-4, hint=hint)
@@ -91,7 +92,9 @@ def test_shapes(submission):
 def test_channels_are_summed_as_phasors(submission):
     """Phases wrap, so their mean means nothing; phasors add."""
     # Two paths of equal light, a little before and after a third, add up to one of its length
-    opl, apart, frequency = 7.6, 0.5, 20e6
+    opl = 7.6
+    apart = 0.5
+    frequency = 20e6
     channels = [(1.0, opl - apart), (0.5, opl), (1.0, opl + apart)]
     paths = [formulas.one_path(*path, frequency) for path in channels]
     I, Q = (np.tile([path[name] for path in paths], (2, 2, 1)) for name in "IQ")  # noqa: E741

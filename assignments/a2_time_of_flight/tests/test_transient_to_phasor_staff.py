@@ -12,7 +12,7 @@ NAMES = ("I", "Q", "amplitude", "phase", "depth")
 
 
 def compare(came, wanted, frequency, what):
-    """Five arrays that say the complex numbers `wanted`."""
+    """Compare five arrays with the complex numbers `wanted`."""
     expect.true(len(came) == 5, f"{what}: five results; came {len(came)}")
     came = dict(zip(NAMES, came, strict=True))
     scale = np.abs(wanted).max()
@@ -38,8 +38,10 @@ def test_any_transient(submission):
     """A cube of drawn light, size, window and frequency, with a dark pixel."""
     random = submission.random
     height, width = (int(n) for n in random.permutation(5)[:2] + 1)
-    bins, channels = int(random.integers(20, 90)), (1, 3)[int(random.integers(2))]
-    start, step = random.uniform(0.5, 6.0), random.uniform(0.01, 0.08)
+    bins = int(random.integers(20, 90))
+    channels = (1, 3)[int(random.integers(2))]
+    start = random.uniform(0.5, 6.0)
+    step = random.uniform(0.01, 0.08)
     frequency = float(np.exp(random.uniform(np.log(1e7), np.log(5e8))))
     kind = (np.float32, np.float64)[int(random.integers(2))]
     cube = (random.random((height, width, bins, channels)) ** 8).astype(kind)

@@ -1,4 +1,4 @@
-"""Small scenes of which the light is known in closed form, and what to render them with."""
+"""Small scenes with known light, and pulses and modulations to render them with."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ class Hat:
     """A pulse that rises evenly over its width and falls evenly again."""
 
     def __init__(self, width_opl):
-        self.width_opl, self.normalization = width_opl, 1 / width_opl
+        self.width_opl = width_opl
+        self.normalization = 1 / width_opl
         self.support = (-width_opl, width_opl)
 
     def eval(self, t):
@@ -48,7 +49,7 @@ class Decay:
 
 
 class Slope:
-    """A pulse that starts at once and falls evenly to 0; it may lie anywhere beside its centre."""
+    """A pulse that starts at full power and decreases linearly to 0; it need not contain 0."""
 
     def __init__(self, first, last):
         self.support = (first, last)
@@ -88,17 +89,18 @@ class Box:
 
 
 class Ramp:
-    """A modulation that grows with the length: its mean says the mean length."""
+    """A modulation that grows with the length, so its mean gives the mean length."""
 
     def __init__(self, at_zero, slope):
-        self.at_zero, self.slope = at_zero, slope
+        self.at_zero = at_zero
+        self.slope = slope
 
     def eval(self, opl):
         return self.at_zero + self.slope * opl
 
 
 class Step:
-    """A modulation that counts what is longer than a length."""
+    """A modulation that counts only light that is longer than a length."""
 
     def __init__(self, after):
         self.after = after
@@ -157,8 +159,8 @@ def camera(
 
 
 def load(parts):
-    """A scene whose shapes stay apart."""
-    # As deep as integrators are by default: `render_amcw_phasor` may take the scene's own
+    """Load a scene without merging its shapes."""
+    # The default depth, because `render_amcw_phasor` may use the scene's integrator
     scene = {"type": "scene", "integrator": {"type": "path", "max_depth": 8}} | parts
     return mi.load_dict(scene, parallel=False, optimize=False)
 
@@ -185,7 +187,7 @@ def _made(part):
 
 
 def lamp(view, colours=((1.0, 1.0, 1.0), (1.0, 1.0, 1.0))):
-    """A plane under a point light; the colours multiply its albedo and the light's intensity."""
+    """A plane under a point light; the colors multiply its albedo and the light's intensity."""
     albedo, intensity = (
         {"type": "rgb", "value": [value * each for each in colour]}
         for value, colour in zip((formulas.ALBEDO, formulas.INTENSITY), colours, strict=True)
@@ -228,14 +230,14 @@ def inside_sphere(view, radius, albedo, intensity):
 
 
 def around_corner(view, wall_albedo, hidden=(), floor=None, wall_size=5.0):
-    """A wall z = 0 towards +z, hidden rectangles (matrix, albedo), and perhaps a floor (y)."""
+    """A wall z = 0 toward +z, hidden rectangles (matrix, albedo), and perhaps a floor (y)."""
     wall = np.diag([wall_size, wall_size, 1, 1])
     parts = {"sensor": view, "relay_wall": rectangle(wall, diffuse(wall_albedo))}
     for number, (matrix, albedo) in enumerate(hidden):
         parts[f"hidden_{number}"] = rectangle(np.asarray(matrix), diffuse(albedo))
     if floor is not None:
         y, half, albedo = floor
-        # Towards +y: u = x, v = -z
+        # Toward +y: u = x, v = -z
         matrix = np.array([[half, 0, 0, 0], [0, 0, 1, y], [0, -half, 0, half], [0, 0, 0, 1]])
         parts["floor"] = rectangle(matrix, diffuse(albedo))
     return load(parts)

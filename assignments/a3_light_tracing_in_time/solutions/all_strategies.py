@@ -24,10 +24,15 @@ def density_back(si, d, active):
 
 
 def light_path(scene, sampler, emitted, count):
-    """Points that light meets, by a list of steps that know only the one before."""
-    ray, before, opl, η = mi.Ray3f(emitted.ray), emitted.origin, mi.Float(0), mi.Float(1)
-    β, chosen = mi.Color3f(emitted.weight), (emitted.density, mi.Float(0), mi.Bool(False))
-    active, path = mi.Bool(emitted.active), []
+    """Surface vertices of a light path, by steps that use only the previous step."""
+    ray = mi.Ray3f(emitted.ray)
+    before = emitted.origin
+    opl = mi.Float(0)
+    η = mi.Float(1)
+    β = mi.Color3f(emitted.weight)
+    chosen = (emitted.density, mi.Float(0), mi.Bool(False))
+    active = mi.Bool(emitted.active)
+    path = []
     while True:
         si = scene.ray_intersect(ray, active)
         active = active & si.is_valid() & (dr.max(β) > 0)
@@ -44,7 +49,10 @@ def light_path(scene, sampler, emitted, count):
         d = si.to_world(bs.wo)
         mirrored = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
         chosen = bs.pdf, density_back(si, d, active & ~mirrored), mirrored
-        β, η, before, ray = β * weight, η * bs.eta, si.p, si.spawn_ray(d)
+        β = β * weight
+        η = η * bs.eta
+        before = si.p
+        ray = si.spawn_ray(d)
 
 
 def unoccluded(scene, si, point, active):
@@ -53,7 +61,7 @@ def unoccluded(scene, si, point, active):
 
 
 def over(a, b):
-    """A quotient, 0 where there is none."""
+    """Quotient; 0 for a denominator of 0."""
     return dr.select(b > 0, a / b, 0)
 
 
@@ -93,8 +101,14 @@ class Ways:
     """A path from the light and one from the camera, and what connects them."""
 
     def __init__(self, scene, sampler, camera, lens, emission, emitted, lights, eyes):
-        self.scene, self.sampler, self.camera, self.lens = scene, sampler, camera, lens
-        self.emission, self.emitted, self.lights, self.eyes = emission, emitted, lights, eyes
+        self.scene = scene
+        self.sampler = sampler
+        self.camera = camera
+        self.lens = lens
+        self.emission = emission
+        self.emitted = emitted
+        self.lights = lights
+        self.eyes = eyes
         self.radiance = mi.BSDFContext()
         self.importance = mi.BSDFContext(mi.TransportMode.Importance)
 
@@ -127,7 +141,8 @@ class Ways:
     def next_event(self, t):
         """(1, t): a point on a light is chosen."""
         last = self.eyes[t - 2]
-        si, active = last.si, last.smooth
+        si = last.si
+        active = last.smooth
         ds, weight = self.scene.sample_emitter_direction(si, self.sampler.next_2d(), True, active)
         active = active & (ds.pdf > 0)
         f, pdf = si.bsdf().eval_pdf(self.radiance, si, si.to_local(ds.d), active)
@@ -156,12 +171,14 @@ class Ways:
 
     def to_each_other(self, s, t):
         """(s, t): two surface points."""
-        a, b = self.lights[s - 2], self.eyes[t - 2]
+        a = self.lights[s - 2]
+        b = self.eyes[t - 2]
         way = b.si.p - a.si.p
         distance = dr.norm(way)
         d = way / distance
         active = unoccluded(self.scene, a.si, b.si.p, a.smooth & b.smooth & (distance > 0))
-        wo_a, wo_b = a.si.to_local(d), b.si.to_local(-d)
+        wo_a = a.si.to_local(d)
+        wo_b = b.si.to_local(-d)
         f_a = a.si.bsdf().eval(self.importance, a.si, wo_a, active)
         f_b = b.si.bsdf().eval(self.radiance, b.si, wo_b, active)
         light = a.β * f_a * f_b * b.β / dr.square(distance)
@@ -179,14 +196,19 @@ class Ways:
     # --------------------------------------------------------------------------- densities
 
     def light_end(self, back):
-        """Of a light path: the ratio of connection and emission, and of hit and connection.
+        """Density ratios at the light end: connection over emission, and hit over connection.
 
         `back` is the density from the first surface to the light, if no vertex came after it.
         """
-        emitted, first = self.emitted, self.lights[0]
+        emitted = self.emitted
+        first = self.lights[0]
         ds = dr.zeros(mi.DirectionSample3f, dr.width(first.opl))
-        ds.p, ds.n, ds.uv, ds.emitter = emitted.origin, emitted.normal, emitted.uv, emitted.emitter
-        ds.d, ds.dist = -emitted.ray.d, first.opl
+        ds.p = emitted.origin
+        ds.n = emitted.normal
+        ds.uv = emitted.uv
+        ds.emitter = emitted.emitter
+        ds.d = -emitted.ray.d
+        ds.dist = first.opl
         pdf = self.scene.pdf_emitter_direction(first.si, ds, first.active & ~emitted.delta)
         ratio = self.emission.ratio(emitted.emitter, ds, pdf, first.opl)
         if back is None:
@@ -194,19 +216,21 @@ class Ways:
         return ratio, dr.select(emitted.delta, 0, over(back, pdf))
 
     def rivals(self, s, t, origin, ratio, hit, between=None, back_a=None, back_b=None):
-        """Densities of all other strategies over that of (s, t).
+        """Densities of all other strategies over the density of (s, t).
 
         `between` is an arrival at the lens, or densities from a to b and from b to a; `back_a` and
-        `back_b` are those from a and from b to the vertices before them.
+        `back_b` are densities from a and from b to the vertices before them.
         """
         k = s + t
         one = mi.Float(1)
-        lights, eyes = self.lights[: max(s - 1, 0)], self.eyes[: t - 1 if s else t - 2]
+        lights = self.lights[: max(s - 1, 0)]
+        eyes = self.eyes[: t - 1 if s else t - 2]
         points = [*lights, *reversed(eyes)]  # x_1 to x_(k-2)
         p = [origin, *(v.si.p for v in points)]
         smooth = [v.smooth for v in points]
         # Solid-angle densities: from_light[i] of x_i from x_(i-1), from_eye[i] from x_(i+1)
-        from_light, from_eye = {}, {}
+        from_light = {}
+        from_eye = {}
         for i, v in enumerate(lights, 1):
             from_light[i] = dr.select(v.mirrored, one, v.pdf)
             from_eye[i - 2] = dr.select(v.mirrored, one, v.back)
@@ -253,7 +277,9 @@ class Ways:
                 return smooth[-1]
             return smooth[i - 2] & smooth[i - 1]
 
-        found, up, down = [], one, one
+        found = []
+        up = one
+        down = one
         for i in range(s, k - 1):
             above, below = step(i)
             up = over(up * above, below)

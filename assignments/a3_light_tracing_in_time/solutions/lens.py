@@ -33,7 +33,9 @@ class Lens(Window):
     def arrive(self, p: mi.Point3f, lens: mi.Point3f) -> Arrival:
         """Where light from a point lands."""
         way = p - lens
-        x, y, z = dr.dot(way, self.right), dr.dot(way, self.up), dr.dot(way, self.axis)
+        x = dr.dot(way, self.right)
+        y = dr.dot(way, self.up)
+        z = dr.dot(way, self.axis)
         d = dr.normalize(way)
         u = (x / z - self.corner.x) / self.extent.x
         v = (y / z - self.corner.y) / self.extent.y

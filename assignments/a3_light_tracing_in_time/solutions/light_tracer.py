@@ -1,4 +1,4 @@
-"""Light tracing by a list of vertices, all of which are connected when the path has ended."""
+"""Light tracing by a list of vertices, which are connected when the path is complete."""
 
 from __future__ import annotations
 
@@ -8,12 +8,15 @@ from both_ends import BothEnds, Vertex
 
 
 def light_path(scene, sampler, emitted, count):
-    """The surface points that light meets, the one next to the light first."""
+    """Surface vertices of a light path, in their order from the light."""
     radiance = mi.BSDFContext()
     importance = mi.BSDFContext(mi.TransportMode.Importance)
-    ray, before = mi.Ray3f(emitted.ray), mi.Point3f(emitted.origin)
+    ray = mi.Ray3f(emitted.ray)
+    before = mi.Point3f(emitted.origin)
     β, opl, η = mi.Color3f(emitted.weight), mi.Float(0), mi.Float(1)
-    pdf, back, mirrored = mi.Float(emitted.density), mi.Float(0), mi.Bool(False)
+    pdf = mi.Float(emitted.density)
+    back = mi.Float(0)
+    mirrored = mi.Bool(False)
     active = mi.Bool(emitted.active)
     path = []
     for k in range(count):
@@ -27,7 +30,8 @@ def light_path(scene, sampler, emitted, count):
         if k + 1 < count:
             bs, weight = bsdf.sample(importance, si, sampler.next_1d(), sampler.next_2d(), active)
             β = β * weight
-            pdf, mirrored = bs.pdf, mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
+            pdf = bs.pdf
+            mirrored = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
             other = mi.SurfaceInteraction3f(si)
             other.wi = bs.wo
             back = bsdf.pdf(radiance, other, si.wi, active & ~mirrored)
@@ -43,10 +47,10 @@ def unoccluded(scene, si, point, active):
 
 
 class TransientLightTracer(BothEnds):
-    """Paths from the light, each vertex of which is connected to the lens."""
+    """Light tracing: connect each vertex of a path from the light to the lens."""
 
     def sample(self, scene, sampler, camera, lens, emission, land):
-        """Follow light, and connect it."""
+        """Trace paths from the light, and connect their vertices."""
         ctx = mi.BSDFContext(mi.TransportMode.Importance)
         emitted = emission.sample(sampler, camera.ray)
         for vertex in light_path(scene, sampler, emitted, self.max_depth - 1):

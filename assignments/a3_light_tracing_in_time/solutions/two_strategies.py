@@ -16,17 +16,22 @@ def cosine(si, d):
 
 
 def density_back(si, d, active):
-    """Density with which a path that comes from d goes on to where this one has come from."""
+    """Density of the reverse direction: from d, and back to the previous vertex."""
     other = mi.SurfaceInteraction3f(si)
     other.wi = si.to_local(d)
     return si.bsdf().pdf(mi.BSDFContext(), other, si.wi, active)
 
 
 def light_path(scene, sampler, emitted, count):
-    """Points that light meets, by a list of steps that know only the one before."""
-    ray, before, opl, η = mi.Ray3f(emitted.ray), emitted.origin, mi.Float(0), mi.Float(1)
-    β, chosen = mi.Color3f(emitted.weight), (emitted.density, mi.Float(0), mi.Bool(False))
-    active, path = mi.Bool(emitted.active), []
+    """Surface vertices of a light path, by steps that use only the previous step."""
+    ray = mi.Ray3f(emitted.ray)
+    before = emitted.origin
+    opl = mi.Float(0)
+    η = mi.Float(1)
+    β = mi.Color3f(emitted.weight)
+    chosen = (emitted.density, mi.Float(0), mi.Bool(False))
+    active = mi.Bool(emitted.active)
+    path = []
     while True:
         si = scene.ray_intersect(ray, active)
         active = active & si.is_valid() & (dr.max(β) > 0)
@@ -43,7 +48,10 @@ def light_path(scene, sampler, emitted, count):
         d = si.to_world(bs.wo)
         mirrored = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
         chosen = bs.pdf, density_back(si, d, active & ~mirrored), mirrored
-        β, η, before, ray = β * weight, η * bs.eta, si.p, si.spawn_ray(d)
+        β = β * weight
+        η = η * bs.eta
+        before = si.p
+        ray = si.spawn_ray(d)
 
 
 def unoccluded(scene, si, point, active):
@@ -52,10 +60,11 @@ def unoccluded(scene, si, point, active):
 
 
 def chain(path, m, back):
-    """Densities from the other end over this end's, for points up to m, but for their ends."""
+    """Ratio of densities from the other end and from this end, for the points before m."""
     ratio = mi.Float(1)
     for i in range(1, m):
-        here, before = path[i], path[i - 1]
+        here = path[i]
+        before = path[i - 1]
         d = dr.normalize(here.si.p - before.si.p)
         other = back  # of the last but one, unless a vertex knows better
         if i < m - 1:
@@ -87,8 +96,12 @@ class TransientTwoStrategies(BothEnds):
         path = light_path(scene, sampler, emitted, self.max_depth - 1)
         first = path[0]
         ds = dr.zeros(mi.DirectionSample3f, dr.width(first.opl))
-        ds.p, ds.n, ds.uv, ds.emitter = emitted.origin, emitted.normal, emitted.uv, emitted.emitter
-        ds.d, ds.dist = -emitted.ray.d, first.opl
+        ds.p = emitted.origin
+        ds.n = emitted.normal
+        ds.uv = emitted.uv
+        ds.emitter = emitted.emitter
+        ds.d = -emitted.ray.d
+        ds.dist = first.opl
         pdf = scene.pdf_emitter_direction(first.si, ds, first.active & ~emitted.delta)
         ratio = emission.ratio(emitted.emitter, ds, pdf, first.opl)
         start = ratio / cosine(first.si, emitted.ray.d)
@@ -115,7 +128,8 @@ class TransientTwoStrategies(BothEnds):
         seen = density * cosine(first.si, camera.ray.d) / dr.square(first.opl)
         end = dr.select(first.smooth & (seen > 0), 1 / seen, 0)
         for m, vertex in enumerate(path, 1):
-            si, active = vertex.si, vertex.smooth
+            si = vertex.si
+            active = vertex.smooth
             ds, weight = scene.sample_emitter_direction(si, sampler.next_2d(), True, active)
             active = active & (ds.pdf > 0)
             f = si.bsdf().eval(ctx, si, si.to_local(ds.d), active)

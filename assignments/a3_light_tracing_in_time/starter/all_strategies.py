@@ -12,16 +12,17 @@ from both_ends import BothEnds, Vertex, camera_path
 class TransientBDPT(BothEnds):
     """Bidirectional path tracing in time.
 
-    Strategy (s, t) makes paths of s vertices from the light and t from the lens, of s + t - 1
-    segments, 1 to `max_depth` of them: s = 0 runs into the light, s = 1 connects to it, t = 1
-    connects to the lens, and all others connect two vertices. You may leave out (1, 1); (0, 2) then
-    has its light in full. Lights are points, spots and surfaces, one or several.
+    Strategy (s, t) makes paths of s vertices from the light and t vertices from the lens. Such a
+    path has s + t - 1 segments, from 1 to `max_depth`. For s = 0 the path hits the light, for s = 1
+    it connects to the light, for t = 1 it connects to the lens, and otherwise it connects two
+    surface vertices. You may leave out (1, 1); then (0, 2) has the MIS weight 1. Lights are points,
+    spots and surfaces, one or several.
 
     | parameter | default | meaning |
     |---|---|---|
-    | `strategy` | "" | "s,t" lets this strategy alone count |
-    | `mis` | "power" | MIS weights: "power" (exponent 2), "balance" (exponent 1); and "none" with \
-a `strategy`, which then counts in full |
+    | `strategy` | "" | "s,t": use only this strategy |
+    | `mis` | "power" | MIS weights: "power" (exponent 2), "balance" (exponent 1); or "none" with \
+a `strategy`, which then has the weight 1 |
     """
 
     def __init__(self, props: mi.Properties) -> None:
@@ -31,8 +32,8 @@ a `strategy`, which then counts in full |
         self.mis = str(props.get("mis", "power"))
 
     def sample(self, scene, sampler, camera, lens, emission, land):
-        """Follow light and camera rays, and connect each vertex of one to each of the other.
+        """Trace paths from the light and from the camera, and connect all pairs of their vertices.
 
-        Arguments are those of `TransientTwoStrategies.sample`.
+        For the arguments, see `TransientTwoStrategies.sample`.
         """
         raise NotImplementedError("a3.all_strategies: TransientBDPT.sample")

@@ -1,6 +1,6 @@
-"""Given: paths from the camera, and how light that lands anywhere is rendered.
+"""Given: paths from the camera, and rendering of contributions to any pixel.
 
-You write paths from the light, and what connects both.
+You write the paths from the light, and the connections.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from tofrender.films.splats import Splats
 from tofrender.paths.camera import sample_camera
 
 LANES = 1 << 18
-"""Paths that are traced together."""
+"""Number of paths that are traced together."""
 
 Land = Callable[[mi.Color3f, mi.Float, mi.Point2f, mi.Bool], None]
-"""Takes (spectrum, opl, position, active): what a path carries, its length [m], where on the film
-it lands [pixels], and the lanes that have such a path."""
+"""Function of (spectrum, opl, position, active): contribution and length [m] of a path, position
+on the film [pixels], and mask of the lanes."""
 
 
 @dataclass
@@ -29,15 +29,16 @@ class Vertex:
     """A surface point of a path, one for each lane.
 
     Attributes:
-        si: The surface point; `si.wi` leads to the vertex before.
-        β: What the path carries when it arrives here: the product of all weights so far.
+        si: The surface point; `si.wi` leads to the previous vertex.
+        β: Throughput of the path on arrival here: the product of all weights so far.
         opl: Optical path length so far [m].
-        η: Index of refraction around the segment that led here.
-        pdf: Density of the direction in which the path has left the vertex before [1/sr].
-        back: Density with which a path that comes from here would go on from the vertex before
-            to the one before that [1/sr]; 0 if there is none.
-        mirrored: Whether the vertex before had no choice: a mirror, or glass.
-        smooth: Lanes in which the vertex can be connected to: its material is more than a mirror.
+        η: Index of refraction of the medium between the previous vertex and this vertex.
+        pdf: Density of the direction from the previous vertex to this vertex [1/sr].
+        back: Density of the reverse direction at the previous vertex [1/sr]: of a path from this
+            vertex that continues from the previous vertex to the vertex before it; 0 at the ends.
+        mirrored: Whether the direction at the previous vertex was a delta component (mirror,
+            glass).
+        smooth: Lanes in which the vertex can be connected, because its BSDF is not only delta.
         active: Lanes that have this vertex.
     """
 
@@ -55,50 +56,64 @@ class Vertex:
 def camera_path(
     scene: mi.Scene, sampler: mi.Sampler, camera: Any, density: mi.Float, count: int
 ) -> list[Vertex]:
-    """The surface points that a path from the camera meets.
+    """Trace paths from the camera, and return their surface vertices.
 
     Args:
         scene: The scene.
         sampler: Random numbers.
         camera: Camera rays, see `tofrender.paths.camera.CameraSample`.
         density: Density of their directions [1/sr].
-        count: Most vertices.
+        count: Largest number of vertices.
 
     Returns:
-        The vertices, the one next to the camera first.
+        The vertices, in their order from the camera.
     """
     ctx = mi.BSDFContext()
-    ray, before = mi.Ray3f(camera.ray), mi.Point3f(camera.origin)
-    β, opl, η = mi.Color3f(camera.weight), mi.Float(0), mi.Float(1)
-    pdf, back, mirrored, active = mi.Float(density), mi.Float(0), mi.Bool(False), mi.Bool(True)
+
+    # State of the path; the fields of `Vertex` describe it
+    ray = mi.Ray3f(camera.ray)
+    before = mi.Point3f(camera.origin)
+    β = mi.Color3f(camera.weight)
+    opl = mi.Float(0)
+    η = mi.Float(1)
+    pdf = mi.Float(density)
+    back = mi.Float(0)
+    mirrored = mi.Bool(False)
+    active = mi.Bool(True)
     path: list[Vertex] = []
     for k in range(count):
+        # Find the next vertex. Its length is measured from point to point; `si.t` is a bit shorter
         si = scene.ray_intersect(ray, active)
         active &= si.is_valid()
-        opl = opl + η * dr.norm(si.p - before)  # from point to point: `si.t` is a little short
+        opl = opl + η * dr.norm(si.p - before)
         bsdf = si.bsdf()
         smooth = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
         vertex = Vertex(si, β, opl, η, pdf, back, mirrored, smooth, mi.Bool(active))
         path.append(vertex)
+
+        # Sample the next direction, and evaluate the density of the reverse direction
         if k + 1 < count:
             bs, weight = bsdf.sample(ctx, si, sampler.next_1d(), sampler.next_2d(), active)
             β = β * weight
-            pdf, mirrored = bs.pdf, mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
+            pdf = bs.pdf
+            mirrored = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
             other = mi.SurfaceInteraction3f(si)
             other.wi = bs.wo
             back = bsdf.pdf(ctx, other, si.wi, active & ~mirrored)
-            ray, before, η = si.spawn_ray(si.to_world(bs.wo)), si.p, η * bs.eta
+            ray = si.spawn_ray(si.to_world(bs.wo))
+            before = si.p
+            η = η * bs.eta
             active = active & (dr.max(β) > 0)
         dr.eval(vertex, β, pdf, back, mirrored, ray, before, η, active)
     return path
 
 
 class BothEnds(mi.SamplingIntegrator):
-    """Base of integrators whose light lands anywhere: `render` is here, `sample` is yours.
+    """Base of integrators that contribute to any pixel: provides `render`; you write `sample`.
 
     | parameter | default | meaning |
     |---|---|---|
-    | `max_depth` | 6 | longest path in segments, those at light and camera included: 2 or more |
+    | `max_depth` | 6 | longest path in segments, from light to camera: 2 or more |
     """
 
     def __init__(self, props: mi.Properties) -> None:
@@ -106,7 +121,7 @@ class BothEnds(mi.SamplingIntegrator):
         self.max_depth = props.get("max_depth", 6)
 
     def make_lens(self, sensor: mi.Sensor) -> Any:
-        """The lens of a camera: yours."""
+        """Return your lens of a camera."""
         from lens import Lens
 
         return Lens(sensor)
@@ -120,23 +135,25 @@ class BothEnds(mi.SamplingIntegrator):
 
         Args:
             scene: The scene.
-            sensor: A sensor, or its number in the scene; its film must have time bins.
+            sensor: A sensor, or its index in the scene; its film must have time bins.
             seed: Seed of the random numbers.
-            spp: Paths per pixel, from the light and from the camera; 0 takes the sampler's.
+            spp: Paths per pixel, from the light and from the camera; 0 uses the sampler's number.
             develop: Whether to return the result.
-            evaluate: Accepted for Mitsuba's sake.
+            evaluate: Ignored; Mitsuba passes it.
 
         Returns:
             Steady image of shape (height, width, 3), and bins of shape (height, width, bins, 3):
             the radiance that arrives in each bin.
         """
         sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
-        film, spp = sensor.film(), spp or sensor.sampler().sample_count()
+        film = sensor.film()
+        spp = spp or sensor.sampler().sample_count()
         sampler = mi.load_dict({"type": "independent", "sample_count": spp})
         film.prepare([])
         film.expect_splats()
         picture = Splats(film, 1)
-        lens, emission = self.make_lens(sensor), Emission(scene, sensor)
+        lens = self.make_lens(sensor)
+        emission = Emission(scene, sensor)
         width, height = (int(n) for n in film.crop_size())
         at_once = min(spp, max(1, LANES // (width * height)))
         lanes = width * height * at_once
@@ -148,12 +165,13 @@ class BothEnds(mi.SamplingIntegrator):
                 pixel = dr.arange(mi.UInt32, lanes) // at_once
                 camera = sample_camera(sensor, film, sampler, pixel)
                 dr.eval(camera.ray, camera.origin, camera.weight, camera.position)
-                # Samples beyond `spp` in the last block land nowhere
+                # Samples beyond `spp` in the last block are ignored
                 counts = (dr.arange(mi.UInt32, lanes) % at_once) + done < spp
 
                 def land(spectrum, opl, position, active, camera=camera, counts=counts):
                     light = mi.Color3f(spectrum) / spp
-                    opl, active = mi.Float(opl), mi.Bool(active) & counts
+                    opl = mi.Float(opl)
+                    active = mi.Bool(active) & counts
                     film.add_splat(position, opl, camera.ray.wavelengths, light, active)
                     picture.add(position, [list(light)], 0, active)
 

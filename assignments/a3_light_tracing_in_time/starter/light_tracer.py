@@ -14,45 +14,45 @@ from tofrender.bidirectional.emission import Emitted
 
 
 def light_path(scene: mi.Scene, sampler: mi.Sampler, emitted: Emitted, count: int) -> list[Vertex]:
-    """The surface points that light meets: `camera_path` of `both_ends.py`, from the other end.
+    """Trace paths from the light; the counterpart of `camera_path` in `both_ends.py`.
 
-    Nobody calls this but you: another form is as good.
+    Only your code calls this function, so you may change it.
 
     Args:
         scene: The scene.
         sampler: Random numbers.
-        emitted: How the light starts: `ray`, `origin`, `weight`, `active` and more.
-        count: Most vertices.
+        emitted: Start of the light paths: `ray`, `origin`, `weight`, `active` and more.
+        count: Largest number of vertices.
 
     Returns:
-        The vertices, the one next to the light first.
+        The vertices, in their order from the light.
     """
     raise NotImplementedError("a3.light_tracer: light_path")
 
 
 class TransientLightTracer(BothEnds):
-    """Paths from the light, each vertex of which is connected to the lens.
+    """Light tracing: connect each vertex of a path from the light to the lens.
 
     `render` is given (`both_ends.py`); other integrators are not allowed in your files.
     """
 
     def sample(self, scene, sampler, camera, lens, emission, land):
-        """Follow light, and connect it.
+        """Trace paths from the light, and connect their vertices to the lens.
 
-        Paths have 2 to `max_depth` segments, those at light and camera included. You may
+        Paths have 2 to `max_depth` segments, including the segments at light and camera. You may
         leave out light that the camera sees without a surface in between.
 
         Args:
             scene: The scene.
-            sampler: All random numbers: the same give the same picture. So many lanes, so many
-                paths of light.
-            camera: As many camera rays.
-            lens: The lens; a test may bring another than yours, which has `sample` and `arrive`
-                with all that an `Arrival` has.
+            sampler: Source of all random numbers: equal seeds must give equal pictures. It has one
+                lane for each light path.
+            camera: Camera rays, one for each lane.
+            lens: The lens. A test may pass a different lens, with the methods `sample` and `arrive`
+                and all fields of an `Arrival`.
             emission: The scene's lights: `emission.sample(sampler, camera.ray)` is an `Emitted`.
-            land: Call `land(spectrum, opl, position, active)` for each connection: what it
-                carries, its optical path length from the light to the lens [m], where it lands on
-                the film [pixels], and the lanes that have one. It divides by the number of paths
-                per pixel.
+            land: Call `land(spectrum, opl, position, active)` for each connection: its
+                contribution, its optical path length from the light to the lens [m], its position
+                on the film [pixels], and the mask of the lanes with a connection. `land` divides by
+                the number of paths per pixel.
         """
         raise NotImplementedError("a3.light_tracer: TransientLightTracer.sample")

@@ -10,11 +10,11 @@ from both_ends import BothEnds, Vertex, camera_path
 
 
 class TransientTwoStrategies(BothEnds):
-    """Next-event estimation on paths from the camera, and connections of light to the lens.
+    """Next-event estimation on paths from the camera, and connections of light paths to the lens.
 
-    A path that both can sample is weighted by the power heuristic (exponent 2); one that only one
-    of them can sample counts in full. Paths have 2 to `max_depth` segments. Lights that a path runs
-    into do not count. Lights are points, spots and surfaces, one or several.
+    A path that both strategies can sample is weighted by the power heuristic (exponent 2). A path
+    that only one strategy can sample has the MIS weight 1. Paths have 2 to `max_depth` segments.
+    Lights that a path hits do not count. Lights are points, spots and surfaces, one or several.
 
     | parameter | default | meaning |
     |---|---|---|
@@ -26,9 +26,9 @@ class TransientTwoStrategies(BothEnds):
         self.end = str(props.get("end", "both"))
 
     def sample(self, scene, sampler, camera, lens, emission, land):
-        """Follow light and camera rays, and connect each to the other end.
+        """Trace paths from the light and from the camera, and connect each to the other end.
 
-        Arguments are those of `TransientLightTracer.sample`. `lens` has `density(d)`, too, and
-        what the camera's paths find lands at `camera.position`.
+        For the arguments, see `TransientLightTracer.sample`. `lens` also has `density(d)`.
+        Contributions of camera paths land at `camera.position`.
         """
         raise NotImplementedError("a3.two_strategies: TransientTwoStrategies.sample")

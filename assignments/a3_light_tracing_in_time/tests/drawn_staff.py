@@ -1,4 +1,4 @@
-"""What the staff's tests ask for, drawn anew: cameras, lamps, colours."""
+"""Random inputs of the staff's tests: cameras, lamps, colors."""
 
 import numpy as np
 
@@ -36,7 +36,7 @@ def above(random, low=0.9, high=1.5):
 
 
 def inside(random, radius, fov=(60, 95)):
-    """A camera in a sphere, beside its middle."""
+    """A camera in a sphere, away from its center."""
     origin = np.array(between(random, -0.25, 0.25, 3)) * radius
     target = origin + between(random, -1, 1, 3) + np.array([0, 0, 1.5])
     return {
@@ -65,7 +65,7 @@ def facing(random, height):
 
 
 def at_ceiling(random):
-    """A camera that looks at a ceiling of 1 m beside a panel under it; and the panel."""
+    """A panel under a ceiling at 1 m, and a camera that looks at the ceiling next to it."""
     turn = random.uniform(0, 2 * np.pi)
     side = np.array([np.cos(turn), np.sin(turn), 0])
     z = np.array([0, 0, 1])

@@ -1,4 +1,4 @@
-"""Closed forms of light that a camera gets, in NumPy alone. Lengths in metres."""
+"""Closed forms of light that a camera gets, in NumPy alone. Lengths in meters."""
 
 from __future__ import annotations
 
@@ -37,8 +37,11 @@ class View:
         self.left = _unit(np.cross(up, self.axis))
         self.up = np.cross(self.axis, self.left)
         self.left *= -1 if mirrored else 1
-        self.half, self.size, self.shift = math.tan(math.radians(fov) / 2), size, shift
-        self.aperture, self.focus = aperture, focus
+        self.half = math.tan(math.radians(fov) / 2)
+        self.size = size
+        self.shift = shift
+        self.aperture = aperture
+        self.focus = focus
         self.crop = (0, 0, *size) if crop is None else crop
         width, height = size
         whole = 4 * self.half**2 * height / width
@@ -62,7 +65,7 @@ class View:
         return np.stack([x * width, y * height], -1), depth
 
     def density(self, d):
-        """Of directions of camera rays."""
+        """Density of the directions of camera rays [1/sr]."""
         return 1 / (self.area * (d @ self.axis) ** 3)
 
     def pixels(self, count=8):
@@ -78,7 +81,8 @@ class View:
         u, v, a, b = even(count**2 * 16, 4)
         x, y = np.meshgrid(np.arange(self.size[0]), np.arange(self.size[1]))
         d = self.direction(x[..., None] + a, y[..., None] + b)
-        r, φ = self.aperture * np.sqrt(u), 2 * math.pi * v
+        r = self.aperture * np.sqrt(u)
+        φ = 2 * math.pi * v
         offset = (r * np.cos(φ))[:, None] * self.left + (r * np.sin(φ))[:, None] * self.up
         sharp = d * (self.focus / (d @ self.axis))[..., None]
         return self.origin + offset, _unit(sharp - offset)
@@ -110,9 +114,9 @@ def on_floor(view, d, z=0.0, origin=None):
 def under_point(view, d, light, intensity, albedo=0.5, alpha=None, cone=None, origin=None):
     """A floor under a point light: radiance along rays, path lengths, and densities by area.
 
-    The densities are those of the floor's points, from the camera and from the light. With `alpha`
-    the floor is rough metal; with `cone` (target, cutoff, beam) [deg] the light is a spot, whose
-    light starts with an even density in the cone.
+    The densities refer to the floor's points, from the camera and from the light. With `alpha`
+    the floor is rough metal; with `cone` (target, cutoff, beam) [deg] the light is a spot with
+    a uniform density in the cone.
     """
     x, seen, cos = on_floor(view, d, origin=origin)
     way = np.asarray(light, float) - x
@@ -121,7 +125,8 @@ def under_point(view, d, light, intensity, albedo=0.5, alpha=None, cone=None, or
     f_cos = albedo / math.pi * cos_light
     if alpha is not None:
         f_cos = ggx(-d, way / far[..., None], alpha)
-    spread, per_sr = 1.0, 1 / (4 * math.pi)
+    spread = 1.0
+    per_sr = 1 / (4 * math.pi)
     if cone is not None:
         spread, per_sr = spot(light, -way / far[..., None], *cone)
     radiance = f_cos * intensity * spread / far**2
@@ -150,7 +155,7 @@ def ggx(wi, wo, alpha):
 def under_panel(view, half, height, radiance, albedo=0.5, count=1 << 17):
     """A floor under a square light: parts of the film's mean, path lengths, and three densities.
 
-    The densities are those of strategies (0, 3), (1, 2) and (2, 1).
+    The densities belong to the strategies (0, 3), (1, 2) and (2, 1).
     """
     u, v, a, b = even(count, 4)
     d = view.direction(u * view.crop[2], v * view.crop[3])
@@ -181,8 +186,8 @@ def sphere_bounce(n, radius, albedo, intensity):
 def around_bubble(n, radius, bubble, albedo, intensity, index):
     """Radiance and first length of the n-th reflection, light and camera in a small bubble.
 
-    What surrounds the bubble fills the sphere. Light passes the bubble's surface straight, twice,
-    and loses (1 - F)²; its radiance shrinks by the squared index on the way back.
+    The medium around the bubble fills the sphere. Light passes the bubble's surface straight,
+    twice, and loses (1 - F)²; its radiance shrinks by the squared index on the way back.
     """
     reflected = ((index - 1) / (index + 1)) ** 2
     lost = (1 - reflected) ** 2 / index**2
@@ -198,7 +203,8 @@ def sphere_shares(view, n, exponent, inner=True):
     differ by the end that their path begins at: p from the camera, 1/4π from the light.
     """
     d = view.pixels(16)
-    p, q = view.density(d) ** exponent, (1 / (4 * math.pi)) ** exponent
+    p = view.density(d) ** exponent
+    q = (1 / (4 * math.pi)) ** exponent
     if inner:
         total = n * p + q
         return [float((p / total).mean())] * n + [float((q / total).mean())]
@@ -217,11 +223,12 @@ def in_sphere(view, d, radius):
 
 
 def shares(mine, count, other, power):
-    """Of strategies that all have the density `mine` but the last: of one of them, of the last.
+    """MIS weights of one of `count` equal strategies, and of one other strategy.
 
-    `count` of them have the density `mine`, pixel by pixel.
+    The equal strategies have the density `mine`, the other strategy `other`, pixel by pixel.
     """
-    mine, other = mine**power, other**power
+    mine = mine**power
+    other = other**power
     total = count * mine + other
     return (mine / total).mean(-1), (other / total).mean(-1)
 
@@ -303,7 +310,7 @@ def _around(axis, u, v, cos, φ):
 
 
 def _meets(a, b, square):
-    """Whether what is between points meets a square (x, y, z, half) across the z axis."""
+    """Whether segments between points hit a square (x, y, z, half) across the z axis."""
     x, y, z, half = square
     t = (z - a[:, 2]) / (b[:, 2] - a[:, 2])
     at = a + t[:, None] * (b - a) - (x, y, z)
@@ -314,7 +321,7 @@ def _meets(a, b, square):
 
 
 def fresnel(cos_i, index):
-    """Reflectance of unpolarised light; `index` is that behind the surface over that before."""
+    """Reflectance of unpolarized light; `index` is that behind the surface over that before."""
     sin_t2 = (1 - cos_i**2) / index**2
     cos_t = np.sqrt(np.maximum(1 - sin_t2, 0))
     s = (cos_i - index * cos_t) / (cos_i + index * cos_t)
@@ -323,7 +330,7 @@ def fresnel(cos_i, index):
 
 
 def _landing(view, r, φ, z, power, opl, albedo):
-    """What light of some power that lands on a floor at (r, φ) brings to the film's mean."""
+    """Contribution to the film's mean of light with some power that hits a floor at (r, φ)."""
     p = np.stack([r * np.cos(φ), r * np.sin(φ), 0 * r + z], -1)
     position, depth = view.position(p)
     inside = (depth > 0) & np.all((position >= 0) & (position < view.size), axis=-1)
@@ -344,9 +351,12 @@ def through_slab(
     """
     through = (2 * order + 1) * (top - bottom)
     u, v = even(count, 2)
-    cos, φ = u, 2 * math.pi * v  # even in the half of all directions
+    # Even in the half of all directions
+    cos = u
+    φ = 2 * math.pi * v
     reflected, inside = fresnel(cos, index)
-    tan, tan_in = np.sqrt(1 - cos**2) / cos, np.sqrt(1 - inside**2) / inside
+    tan = np.sqrt(1 - cos**2) / cos
+    tan_in = np.sqrt(1 - inside**2) / inside
     r = (light - top + bottom) * tan + through * tan_in
     opl = (light - top + bottom) / cos + index * through / inside
     power = 2 * math.pi * intensity * (1 - reflected) ** 2 * reflected ** (2 * order) / count
@@ -373,10 +383,13 @@ def through_ball(view, radius, light, floor_z, intensity, albedo=0.5, index=1.5,
     reflected, cos_t = fresnel(cos_i, index)
     near = light * cos - radius * cos_i
     chord = 2 * radius * cos_t
-    # In the plane of incidence: each surface turns the ray by θi - θt towards the axis
-    angle, turned = np.arcsin(sin), np.arccos(cos_i) - np.arccos(cos_t)
-    x0, z0 = near * sin, light - near * cos
-    x1, z1 = x0 + chord * np.sin(angle - turned), z0 - chord * np.cos(angle - turned)
+    # In the plane of incidence: each surface turns the ray by θi - θt toward the axis
+    angle = np.arcsin(sin)
+    turned = np.arccos(cos_i) - np.arccos(cos_t)
+    x0 = near * sin
+    z0 = light - near * cos
+    x1 = x0 + chord * np.sin(angle - turned)
+    z1 = z0 - chord * np.cos(angle - turned)
     out = angle - 2 * turned
     far = (z1 - floor_z) / np.cos(out)
     opl = near + index * chord + far

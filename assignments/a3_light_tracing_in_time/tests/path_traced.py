@@ -1,4 +1,4 @@
-"""What the package's path tracer says of a room, in which nothing has a formula.
+"""Results of the package's path tracer for a room without a closed form.
 
 `python tests/path_traced.py` writes `path_traced.npz` anew, in about a minute; it needs the whole
 package, since what the camera's end finds of two strategies is in it, too.

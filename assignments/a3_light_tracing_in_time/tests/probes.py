@@ -1,4 +1,4 @@
-"""What the tests ask of a submission; runs in the submission's process."""
+"""Probes: functions that the tests call with a submission, in the submission's process."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def lens_along(theirs, view, d):
 
 
 def lens_arrival(theirs, view, p):
-    """What `arrive` says of points, shape (n, 3); vectors have their axis first."""
+    """Result of `arrive` for points, shape (n, 3); vectors have their axis first."""
     lens = _lens(theirs, view)
     sampler = mi.load_dict({"type": "independent"})
     p = np.asarray(p, np.float32)
@@ -74,7 +74,8 @@ def render(theirs, name, scene, view, spp, seed, integrator=None, seeds=SEEDS, *
     scene = world(scene, view, **options)
     tracer = getattr(theirs, name)(properties(**(integrator or {})))
     tracer.make_lens = worlds.MitsubasLens
-    steady, transient = [], []
+    steady = []
+    transient = []
     for k in range(seeds):
         image, cube = tracer.render(scene, scene.sensors()[0], seed=seed + k, spp=spp)
         steady.append(np.array(image, dtype=np.float64))

@@ -62,7 +62,7 @@ def test_connections_of_vertices(submission, strategy):
 
 @pytest.mark.parametrize("mis", ["balance", "power"])
 def test_shares(submission, mis):
-    """What each strategy has of the direct light of a panel."""
+    """Weighted part of each strategy in the direct light of a panel."""
     exponent = {"balance": 1, "power": 2}[mis]
     part, _, densities = formulas.under_panel(formulas.View(**OVER), **PANEL)
     total = sum(p**exponent for p in densities)

@@ -19,8 +19,10 @@ pytestmark = pytest.mark.a3_all_strategies
 def test_shares_of_indirect_light(submission, mis):
     """Three reflections in a sphere, strategy by strategy, pixel by pixel."""
     random = submission.random
-    radius, albedo = drawn.between(random, 0.8, 1.5), drawn.between(random, 0.6, 0.8)
-    intensity, n = drawn.between(random, 1, 5), 3
+    radius = drawn.between(random, 0.8, 1.5)
+    albedo = drawn.between(random, 0.6, 0.8)
+    intensity = drawn.between(random, 1, 5)
+    n = 3
     options = drawn.inside(random, radius)
     view = formulas.View(**options)
     _, mine, other = formulas.in_sphere(view, view.pixels(16), radius)
@@ -43,8 +45,10 @@ def test_shares_of_indirect_light(submission, mis):
 def test_long_paths(submission):
     """Up to six segments in a sphere, all strategies; and one of the longest alone."""
     random = submission.random
-    radius, albedo = drawn.between(random, 0.6, 1.5), drawn.between(random, 0.6, 0.8)
-    intensity, n = drawn.between(random, 1, 5), 5
+    radius = drawn.between(random, 0.6, 1.5)
+    albedo = drawn.between(random, 0.6, 0.8)
+    intensity = drawn.between(random, 1, 5)
+    n = 5
     options = drawn.inside(random, radius)
     scene = {"name": NAME, "radius": radius, "albedo": albedo, "intensity": intensity}
     each = [formulas.sphere_bounce(k, radius, albedo, intensity) for k in range(1, n + 1)]
@@ -93,7 +97,8 @@ def test_by_way_of_a_floor(submission):
     """A ceiling that gets a panel's light from a floor: all strategies of three segments."""
     random = submission.random
     options, panel = drawn.at_ceiling(random)
-    colour, albedo = drawn.colour(random), drawn.between(random, 0.5, 0.8)
+    colour = drawn.colour(random)
+    albedo = drawn.between(random, 0.5, 0.8)
     x, y = (0.5 * k for k in options["target"][:2])
     screen = [x, y, drawn.between(random, 0.2, 0.4), drawn.between(random, 0.15, 0.25)]
     view = formulas.View(**options)
@@ -118,7 +123,7 @@ def test_by_way_of_a_floor(submission):
 
 
 def test_between_two_surfaces(submission):
-    """Light that a coloured mirror has sent from one part of a floor to another."""
+    """Light that a colored mirror has sent from one part of a floor to another."""
     options, scene, part, _, both = mirrored(submission.random)
     colour = np.array(scene["lamp"][1]) * scene["colour"]
     for strategy, k in (("1,4", 0), ("4,1", 1)):
@@ -133,15 +138,17 @@ def test_between_two_surfaces(submission):
 
 
 def test_several_lamps(submission):
-    """A spot, a panel and a point on a floor that is seen from its back, in colour."""
+    """A spot, a panel and a point on a floor that is seen from its back, in color."""
     random = submission.random
     options = drawn.over_floor(random)
     view = formulas.View(**options)
     d = view.pixels(16)
-    at, spot = drawn.above(random), drawn.above(random)
+    at = drawn.above(random)
+    spot = drawn.above(random)
     colours = [drawn.colour(random) for _ in range(3)]
     cone = [[*drawn.between(random, -0.3, 0.3, 2), 0.0], drawn.between(random, 35, 45), 25.0]
-    height, half = drawn.between(random, 2.3, 2.6), drawn.between(random, 0.2, 0.4)
+    height = drawn.between(random, 2.3, 2.6)
+    half = drawn.between(random, 0.2, 0.4)
     weight = drawn.between(random, 1.5, 3)
     parts = [formulas.under_point(view, d, at, 1.0)[0].mean()]
     parts.append(formulas.under_point(view, d, spot, 1.0, cone=cone)[0].mean())
@@ -163,10 +170,10 @@ def test_what_is_in_the_way(submission):
 
 
 def test_another_room(submission):
-    """The room with a mirror, of another size, with a lamp of another colour."""
+    """The room with a mirror, of another size, with a lamp of another color."""
     agrees_with_a_path_tracer(submission, NAME, "mirror", mirror=True)
 
 
 def test_random_numbers(submission):
-    """The same seed twice and another one, and one path alone."""
+    """Equal seeds, a different seed, and a single path."""
     same_numbers(submission, NAME)

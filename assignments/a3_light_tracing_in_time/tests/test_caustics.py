@@ -31,14 +31,15 @@ def test_through_a_slab(submission):
     )
     hint = "no connection ends on glass: only smooth vertices connect; the next ones go on"
     expect.estimate(steady.mean((1, 2)), part.sum(), "film's mean", rounding=3e-3, hint=hint)
-    means, hint = steady[..., 0].mean((1, 2)), "as many paths of light as there are lanes"
+    means = steady[..., 0].mean((1, 2))
+    hint = "as many paths of light as there are lanes"
     expect.noise(means, 0.038 * part.sum(), "the film's mean", hint=hint)
     hint = "in glass, light takes index times as long"
     check_bins(transient, part, opl, bins, hint)
 
 
 def test_into_water(submission):
-    """A point light over water, whose floor a camera in it sees."""
+    """A point light over water, and a camera in the water that looks at its floor."""
     part = formulas.into_water(formulas.View(**BELOW), **WATER)
     steady, _ = render(
         submission, "under_water", BELOW, integrator={"max_depth": 3}, spp=4096, **WATER
@@ -52,7 +53,7 @@ def test_into_water(submission):
 
 
 def test_off_a_mirror(submission):
-    """A point light beside a mirror: a second light behind it."""
+    """A point light next to a mirror, which acts as a second light behind it."""
     bins = (10, 2.0, 0.3)
     options = {"origin": (0, 0, 1), "target": (0, 0, 0), "size": (4, 4), "bins": bins}
     view = formulas.View(**options)

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.a3_caustics
 
 
 def test_through_a_ball(submission):
-    """What a glass ball lets through at once, on a floor below it."""
+    """Light through a glass ball without internal reflection, on a floor below it."""
     random = submission.random
     bins = (8, 5.7, 0.1)
     ball = {"radius": 0.5, "light": drawn.between(random, 2.9, 3.1), "floor_z": -1.5}
@@ -31,7 +31,7 @@ def test_through_a_ball(submission):
 
 
 def test_reflected_in_a_slab(submission):
-    """What both surfaces of a slab reflect, and only then let through, comes by itself."""
+    """Light that both surfaces of a slab reflect before it leaves arrives separately."""
     random = submission.random
     slab = {"bottom": 0.5, "top": 0.7, "light": drawn.between(random, 1.6, 1.9)}
     slab |= {"index": drawn.between(random, 1.9, 2.1), "intensity": drawn.between(random, 1, 3)}
@@ -61,7 +61,7 @@ def test_into_other_water(submission):
 
 
 def test_between_two_surfaces(submission):
-    """A spot on a floor, which a coloured mirror sends back to another part of it."""
+    """A spot on a floor, which a colored mirror sends back to another part of it."""
     random = submission.random
     case = mirrored(random)
     options, scene, part, opl, _ = case
@@ -72,7 +72,7 @@ def test_between_two_surfaces(submission):
         integrator={"max_depth": 4},
     )  # fmt: skip
     wanted = part.sum() * np.array(scene["lamp"][1]) * scene["colour"]
-    hint = "after a mirror the path goes on, with its colour: floor, mirror, floor"
+    hint = "after a mirror the path goes on, with its color: floor, mirror, floor"
     expect.estimate(steady.mean((1, 2)), wanted, "film's mean", rounding=5e-3, hint=hint)
     check_bins(transient, part * wanted[0] / part.sum(), opl, bins, hint)
     steady, _ = render(
@@ -83,7 +83,7 @@ def test_between_two_surfaces(submission):
 
 
 def mirrored(random):
-    """A floor that sees its lit part in a mirror: camera, scene, and what `by_mirror` says."""
+    """A floor that sees its lit part in a mirror: camera, scene, and the result of `by_mirror`."""
     mirror = drawn.between(random, 0.38, 0.45)
     options, lamp = drawn.facing(random, mirror)
     albedo = drawn.between(random, 0.5, 0.8)

@@ -7,8 +7,12 @@ from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a3_deliverables
 
-LAMP, BALL, EYE = np.array([-0.7, 0, -0.45]), np.array([-0.25, -0.56, -0.1]), np.array([0, 0, 3.9])
-RADIUS, INDEX, FOV = 0.4, 1.5, 39.3077
+LAMP = np.array([-0.7, 0, -0.45])
+BALL = np.array([-0.25, -0.56, -0.1])
+EYE = np.array([0, 0, 3.9])
+RADIUS = 0.4
+INDEX = 1.5
+FOV = 39.3077
 NEAREST = 4.36  # from the lamp's near side to the camera [m]
 
 
@@ -31,7 +35,8 @@ def test_caustic(submission):
     arrays = submission.arrays(file)
     require(arrays, file, "transient", "steady", "start_opl", "bin_width_opl")
     bins, steady = (np.asarray(arrays[name], float) for name in ("transient", "steady"))
-    start, width = float(arrays["start_opl"]), float(arrays["bin_width_opl"])
+    start = float(arrays["start_opl"])
+    width = float(arrays["bin_width_opl"])
     good = bins.ndim == 4 and bins.shape[3] == 3 and min(bins.shape[:2]) >= 16
     what = f"{file}, transient: expected (height, width, bins, 3), 16 pixels or more; "
     expect.true(good, what + f"came {bins.shape}")
@@ -68,7 +73,8 @@ def test_comparison(submission):
     arrays = submission.arrays(file)
     names = ("path", "light", "two", "bdpt")
     require(arrays, file, *names, "reference", "mask", "mse")
-    reference, mask = np.asarray(arrays["reference"], float), np.asarray(arrays["mask"]) > 0.5
+    reference = np.asarray(arrays["reference"], float)
+    mask = np.asarray(arrays["mask"]) > 0.5
     require_size(submission, reference.shape, f"{file}, reference")
     expect.shape(mask, reference.shape[:2], f"{file}, mask")
     expect.true(mask.mean() > 0.3, f"{file}, mask: has too few pixels, {mask.sum()}")

@@ -19,7 +19,7 @@ VIEWS = pytest.mark.parametrize("options", [SQUARE, WIDE], ids=["square", "wide"
 
 
 def along(submission, options, count=200):
-    """A view, even directions in its window, and what the lens says of them."""
+    """A view, uniform directions in its window, and results of the lens for them."""
     view = formulas.View(**options)
     u, v = formulas.even(count, 2)
     d = view.direction(u * view.crop[2], v * view.crop[3])
@@ -37,7 +37,8 @@ def points(view, count=100):
 
 def inside(view, position):
     x, y, width, height = view.crop
-    low, high = np.array([x, y]), np.array([x + width, y + height])
+    low = np.array([x, y])
+    high = np.array([x + width, y + height])
     return np.all((position >= low) & (position < high), axis=-1)
 
 
@@ -130,7 +131,9 @@ def test_what_is_not_seen(submission):
     view = formulas.View(**options)
     p, position, depth = points(view)
     clear = np.minimum(abs(depth - 0.7), abs(depth - 2.0)) > 1e-4  # rounding decides at the clips
-    p, position, depth = p[clear], position[clear], depth[clear]
+    p = p[clear]
+    position = position[clear]
+    depth = depth[clear]
     behind = 2 * view.origin - p[:20]
     wanted = inside(view, position) & (depth >= 0.7) & (depth <= 2.0)
     wanted = np.append(wanted, np.zeros(20, bool))

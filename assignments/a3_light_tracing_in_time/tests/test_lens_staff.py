@@ -52,7 +52,8 @@ def test_any_camera(submission):
 def test_any_point(submission):
     """Points before and behind a camera: many, and one alone."""
     random = submission.random
-    near, far = drawn.between(random, 0.3, 0.9), drawn.between(random, 2, 3)
+    near = drawn.between(random, 0.3, 0.9)
+    far = drawn.between(random, 2, 3)
     options = camera(random, near_clip=near, far_clip=far)
     view = formulas.View(**options)
     p = np.concatenate([points(view)[0], view.origin + random.normal(0, 2, (200, 3))])
@@ -60,7 +61,9 @@ def test_any_point(submission):
     close = np.abs(position - np.round(position)) < 2e-3  # at an edge, perhaps
     clear = ~close.any(1) & (np.abs(depth - near) > 1e-3) & (np.abs(depth - far) > 1e-3)
     clear &= np.abs(depth) > 0.05
-    p, position, depth = p[clear], position[clear], depth[clear]
+    p = p[clear]
+    position = position[clear]
+    depth = depth[clear]
     wanted = seen(view, position, depth, near, far)
     for some in (np.arange(len(p)), np.flatnonzero(wanted)[:1]):
         came = submission.ask("lens_arrival", view=options, p=p[some])
@@ -89,7 +92,7 @@ def test_any_point(submission):
 
 @pytest.mark.parametrize("kind", ["cropped", "shifted"])
 def test_shifted_and_cropped(submission, kind):
-    """A film of which a part is rendered, and one beside the axis."""
+    """A cropped film, and a film with its middle not on the axis."""
     random = submission.random
     options = camera(random)
     if kind == "cropped":
@@ -102,7 +105,9 @@ def test_shifted_and_cropped(submission, kind):
     expect.close(came["density"], view.density(d), "density of directions", rtol=1e-3, hint=hint)
     p, position, depth = points(view)
     clear = ~(np.abs(position - np.round(position)) < 5e-3).any(1)
-    p, position, depth = p[clear], position[clear], depth[clear]
+    p = p[clear]
+    position = position[clear]
+    depth = depth[clear]
     came = submission.ask("lens_arrival", view=options, p=p)
     wanted = inside(view, position)
     expect.close(came["position"].T[wanted], position[wanted], "position", atol=1e-2, hint=hint)

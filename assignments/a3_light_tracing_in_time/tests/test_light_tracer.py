@@ -87,11 +87,12 @@ def in_the_way(submission, name=NAME, near_clip=1e-3, lamp=(-0.2, 0.1, 0.4), spp
 
 
 def check_bins(transient, part, opl, bins, hint):
-    """Bins of the film's mean: those with much light, and none before or after all light."""
+    """Compare the bins of the film's mean that have much light; bins outside must be empty."""
     edges = bins[1] + bins[2] * np.arange(bins[0] + 1)
     wanted = np.histogram(opl, edges, weights=part)[0]
     came = transient.mean((1, 2))[..., 0]
-    much, there = wanted > 0.02 * wanted.sum(), np.asarray(opl)[np.asarray(part) > 0]
+    much = wanted > 0.02 * wanted.sum()
+    there = np.asarray(opl)[np.asarray(part) > 0]
     axis = {"x": (edges[:-1] + bins[2] / 2)[much], "x_label": "opl [m]"}
     expect.estimate(
         came[:, much], wanted[much], "radiance per bin", rounding=1e-2, hint=hint, **axis
@@ -105,7 +106,7 @@ def check_bins(transient, part, opl, bins, hint):
 
 
 def test_picture(submission):
-    """A floor under a lamp, aslant, pixel by pixel and in colour."""
+    """A floor under a lamp, aslant, pixel by pixel and in color."""
     view = formulas.View(**ASLANT)
     radiance = formulas.under_point(view, view.pixels(), LIGHT, 1.0)[0].mean(-1)
     steady, transient = render(
@@ -148,7 +149,7 @@ def test_area_light(submission):
 
 @pytest.mark.parametrize("max_depth", [2, 3, 4])
 def test_many_bounces(submission, max_depth):
-    """In a sphere, of which the light of each bounce is known, and when that of two arrives."""
+    """In a sphere, where the light of each bounce and the arrival of two bounces are known."""
     bins = (12, 1.95, 0.2)
     view = {"origin": (0, 0, 0), "target": (0, 0, 1), "bins": bins}
     steady, transient = render(

@@ -25,7 +25,7 @@ def picture(radiance, colour):
 
 
 def test_two_lights(submission):
-    """Lamps of different power and colour, and another floor."""
+    """Lamps of different power and color, and another floor."""
     random = submission.random
     options = drawn.over_floor(random)
     albedo = drawn.between(random, 0.4, 0.8)
@@ -50,10 +50,13 @@ def test_other_lamps(submission):
     options = drawn.over_floor(random)
     view = formulas.View(**options)
     d = view.pixels(16)
-    at, colour = drawn.above(random), drawn.colour(random)
-    spot, spots = drawn.above(random), drawn.colour(random)
+    at = drawn.above(random)
+    colour = drawn.colour(random)
+    spot = drawn.above(random)
+    spots = drawn.colour(random)
     cone = ([*drawn.between(random, -0.3, 0.3, 2), 0.0], drawn.between(random, 35, 45), 25.0)
-    height, half = drawn.between(random, 2.3, 2.6), drawn.between(random, 0.15, 0.3)
+    height = drawn.between(random, 2.3, 2.6)
+    half = drawn.between(random, 0.15, 0.3)
     panels = drawn.colour(random)
     wanted = formulas.under_point(view, d, at, 1.0)[0].mean() * np.array(colour)
     wanted += formulas.under_point(view, d, spot, 1.0, cone=cone)[0].mean() * np.array(spots)
@@ -73,7 +76,8 @@ def test_other_floors(submission, kind):
     random = submission.random
     options = drawn.over_floor(random)
     view = formulas.View(**options)
-    at, colour = drawn.above(random), drawn.colour(random)
+    at = drawn.above(random)
+    colour = drawn.colour(random)
     alpha = drawn.between(random, 0.3, 0.5) if kind == "metal" else None
     albedo = np.array([0.0, *drawn.between(random, 0.2, 0.8, 2)]) if kind == "colour" else 0.5
     share = drawn.between(random, 0.3, 0.7) if kind == "half a mirror" else 0.0
@@ -96,10 +100,12 @@ def test_other_floors(submission, kind):
 
 
 def test_long_paths(submission):
-    """Up to eight segments in a sphere, from beside its middle; and when the first arrive."""
+    """Up to eight segments in a sphere, from a point off its center; and the first arrivals."""
     random = submission.random
-    radius, albedo = drawn.between(random, 0.6, 1.5), drawn.between(random, 0.6, 0.8)
-    intensity, max_depth = drawn.between(random, 1, 5), int(random.integers(7, 9))
+    radius = drawn.between(random, 0.6, 1.5)
+    albedo = drawn.between(random, 0.6, 0.8)
+    intensity = drawn.between(random, 1, 5)
+    max_depth = int(random.integers(7, 9))
     options = drawn.inside(random, radius)
     colour = [0.0, albedo, drawn.between(random, 0.3, 0.6)]
     steady, _ = render(
@@ -111,7 +117,8 @@ def test_long_paths(submission):
         sum(formulas.sphere_bounce(n, radius, part, intensity) for n in orders) for part in colour
     ]
     hint = "every vertex connects, and counts in full; Russian roulette divides by its chance"
-    wanted, what = np.zeros(steady.shape[1:]) + wanted, f"picture, max_depth {max_depth}"
+    wanted = np.zeros(steady.shape[1:]) + wanted
+    what = f"picture, max_depth {max_depth}"
     check_picture(steady, wanted, what, 2e-3, hint)
     each = [formulas.sphere_bounce(n, radius, albedo, intensity) for n in (1, 2)]
     bins = (8, radius * 1.45, radius * 0.3)
@@ -131,7 +138,8 @@ def test_long_paths(submission):
 def test_near_the_lens(submission):
     """Squares that hide the floor from camera and lamp, and one before the near plane."""
     random = submission.random
-    near, lamp = drawn.between(random, 0.3, 0.6), [-0.2, 0.1, drawn.between(random, 0.35, 0.45)]
+    near = drawn.between(random, 0.3, 0.6)
+    lamp = [-0.2, 0.1, drawn.between(random, 0.35, 0.45)]
     in_the_way(submission, near_clip=near, lamp=lamp)
 
 
@@ -141,7 +149,8 @@ def test_another_lens(submission):
     options = drawn.over_floor(random)
     options |= {"aperture": drawn.between(random, 0.2, 0.3), "focus": drawn.between(random, 1, 1.4)}
     view = formulas.View(**options)
-    at, colour = drawn.above(random), drawn.colour(random)
+    at = drawn.above(random)
+    colour = drawn.colour(random)
     origin, d = view.through_lens()
     radiance, opl, _, _ = formulas.under_point(view, d, at, 1.0, origin=origin)
     low, high = np.quantile(opl, [0.05, 0.95])
@@ -157,12 +166,12 @@ def test_another_lens(submission):
 
 
 def test_random_numbers(submission):
-    """The same seed twice and another one, and one path alone."""
+    """Equal seeds, a different seed, and a single path."""
     same_numbers(submission, NAME)
 
 
 def same_numbers(submission, name, **tracer):
-    """The same seed gives the same picture, another one does not; one lane is enough."""
+    """Equal seeds give equal pictures, a different seed does not; one lane is enough."""
     random = submission.random
     options = {"radius": 1.0, "albedo": 0.7, "intensity": 2.0} | {"name": name}
     options["integrator"] = {"max_depth": 4} | tracer

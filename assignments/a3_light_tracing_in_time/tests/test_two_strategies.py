@@ -24,7 +24,7 @@ def share(own, other):
 
 @pytest.mark.parametrize("end", ["camera", "light"])
 def test_shares_of_direct_light(submission, end):
-    """What each end finds of the light of a lamp and of a panel."""
+    """Weighted part of each end in the light of a lamp and of a panel."""
     view = formulas.View(**ASLANT)
     radiance, _, *both = formulas.under_point(view, view.pixels(), LIGHT, 1.0)
     own, other = both if end == "camera" else both[::-1]
@@ -67,7 +67,7 @@ def test_together(submission):
 
 @pytest.mark.parametrize("max_depth", [3, 4])
 def test_many_bounces(submission, max_depth):
-    """In a sphere, of which the light of each bounce is known."""
+    """In a sphere, where the light of each bounce is known."""
     view = {"origin": (0, 0, 0), "target": (0, 0, 1), "size": (4, 4)}
     steady, _ = render(
         submission, "inside_sphere", view, name=NAME, radius=RADIUS, albedo=0.6, intensity=2.0,

@@ -17,10 +17,12 @@ ENDS = ("camera", "light")
 
 
 def test_shares_of_indirect_light(submission):
-    """In a sphere, from beside its middle: two to four reflections, pixel by pixel."""
+    """In a sphere, from a point off its center: two to four reflections, pixel by pixel."""
     random = submission.random
-    radius, albedo = drawn.between(random, 0.8, 1.5), drawn.between(random, 0.6, 0.8)
-    intensity, max_depth = drawn.between(random, 1, 5), int(random.integers(3, 6))
+    radius = drawn.between(random, 0.8, 1.5)
+    albedo = drawn.between(random, 0.6, 0.8)
+    intensity = drawn.between(random, 1, 5)
+    max_depth = int(random.integers(3, 6))
     options = drawn.inside(random, radius)
     view = formulas.View(**options)
     _, mine, other = formulas.in_sphere(view, view.pixels(16), radius)
@@ -43,10 +45,12 @@ def test_several_lamps(submission):
     options["target"] = [*options["origin"][:2], 0.0]  # So wide that both ends find much
     view = formulas.View(**options)
     d = view.pixels(16)
-    at, spot = drawn.above(random), drawn.above(random)
+    at = drawn.above(random)
+    spot = drawn.above(random)
     colours = [drawn.colour(random) for _ in range(3)]
     cone = [[*drawn.between(random, -0.3, 0.3, 2), 0.0], drawn.between(random, 35, 45), 25.0]
-    height, half = drawn.between(random, 2.3, 2.6), drawn.between(random, 0.2, 0.4)
+    height = drawn.between(random, 2.3, 2.6)
+    half = drawn.between(random, 0.2, 0.4)
     weight = drawn.between(random, 1.5, 3)
     part, _, (_, *by_panel) = formulas.under_panel(view, half, height, 1.0)
     found = [formulas.under_point(view, d, p, 1.0, cone=c) for p, c in ((at, None), (spot, cone))]
@@ -67,7 +71,7 @@ def test_several_lamps(submission):
 
 
 def test_between_two_surfaces(submission):
-    """Light that a coloured mirror has sent from one part of a floor to another: both find it."""
+    """Light that a colored mirror has sent from one part of a floor to another: both find it."""
     options, scene, part, _, both = mirrored(submission.random)
     colour = np.array(scene["lamp"][1]) * scene["colour"]
     for end, own, other in ((ENDS[0], *both), (ENDS[1], *both[::-1]), ("both", 1, 0)):
@@ -88,13 +92,14 @@ def test_what_is_in_the_way(submission):
 
 
 def test_another_room(submission):
-    """The glossy room of another size, with a lamp of another colour."""
+    """The glossy room of another size, with a lamp of another color."""
     agrees_with_a_path_tracer(submission, NAME, "glossy", mirror=False)
 
 
 def agrees_with_a_path_tracer(submission, name, case, mirror):
     random = submission.random
-    unit, radiance = drawn.between(random, 0.5, 2.5), drawn.colour(random, 1, 5)
+    unit = drawn.between(random, 0.5, 2.5)
+    radiance = drawn.colour(random, 1, 5)
     factor = np.array(radiance) / (3.0, 2.2, 1.5)
     view = ROOM | {"origin": [unit * x for x in ROOM["origin"]]}
     view["target"] = [unit * x for x in ROOM["target"]]
@@ -105,7 +110,7 @@ def agrees_with_a_path_tracer(submission, name, case, mirror):
         submission, "room", view, name=name, spp=1024, integrator={"max_depth": 4}, mirror=mirror,
         unit=unit, radiance=radiance, seeds=8,
     )  # fmt: skip
-    hint = "lengths and colours of the room have changed, and nothing else"
+    hint = "lengths and colors of the room have changed, and nothing else"
     came = steady.mean((1, 2)) / factor
     expect.same(came, wanted, "film's mean", rounding=5e-3, hint=hint)
     came = transient.mean((1, 2))[:, :, 0] / factor[0]
@@ -113,5 +118,5 @@ def agrees_with_a_path_tracer(submission, name, case, mirror):
 
 
 def test_random_numbers(submission):
-    """The same seed twice and another one, and one path alone."""
+    """Equal seeds, a different seed, and a single path."""
     same_numbers(submission, NAME)

@@ -1,4 +1,4 @@
-"""Small scenes of which the light is known in closed form, and a lens to render them with."""
+"""Small scenes with known light, and a lens to render them with."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ class MitsubasLens:
         middle = sensor.world_transform() @ mi.Point3f(0)
         axis = dr.normalize(sensor.world_transform() @ mi.Vector3f(0, 0, 1))
         parameters = mi.traverse(sensor)
-        self.axis, self.near = axis, parameters["near_clip"]
+        self.axis = axis
+        self.near = parameters["near_clip"]
         self.radius = None
         if "aperture_radius" in parameters:
             self.radius = parameters["aperture_radius"]
@@ -35,7 +36,7 @@ class MitsubasLens:
         return self.sensor.world_transform() @ mi.Point3f(disk.x, disk.y, 0)
 
     def density(self, d):
-        """Of rays through the film's very edge, too, which rounding puts outside of it."""
+        """Density of camera rays, also at the edge of the film, where rounding can be outside."""
         return self.straight / dr.power(dr.dot(d, self.axis), 3)
 
     def importance(self, d):
@@ -149,7 +150,7 @@ def camera(
 
 
 def load(parts):
-    """A scene whose shapes stay apart."""
+    """Load a scene without merging its shapes."""
     return mi.load_dict({"type": "scene"} | parts, parallel=False, optimize=False)
 
 
@@ -221,7 +222,7 @@ def floor(
 
 
 def by_mirror(view, lamp, mirror, albedo, colour):
-    """A floor z = 0, a spot light on it, and a coloured mirror above both."""
+    """A floor z = 0, a spot light on it, and a colored mirror above both."""
     clear = {"type": "conductor", "material": "none", "specular_reflectance": rgb(*colour)}
     return load(
         {
@@ -259,7 +260,7 @@ def inside_sphere(view, radius, albedo, intensity):
 
 
 def inside_bubble(view, radius, bubble, albedo, intensity, index):
-    """The same in a medium of some index, with a bubble of air around camera and light."""
+    """A sphere filled with a medium, with a bubble of air around camera and light."""
     sphere = {"type": "sphere", "radius": radius, "flip_normals": True, "bsdf": diffuse(albedo)}
     air = {"type": "sphere", "radius": bubble, "bsdf": glass(1.0, outside=index)}
     light = point([0] * 3, [intensity] * 3)
@@ -307,7 +308,7 @@ def under_ball(view, radius, light, floor_z, intensity, index=1.5, albedo=0.5):
 
 
 def beside_mirror(view, x, light, intensity, albedo=0.5):
-    """A floor z = 0 beside a mirror in the plane of that x, which faces -x, and a point light."""
+    """A floor z = 0, a mirror in the plane at x that faces -x, and a point light."""
     # Columns: u = y, v = z, normal = -x
     matrix = np.array([[0, 0, -1, x], [20.0, 0, 0, 0], [0, -20.0, 0, 0], [0, 0, 0, 1]])
     mirror = rectangle(matrix, {"type": "conductor", "material": "none"})
@@ -325,10 +326,11 @@ def room(view, mirror=True, unit=1.0, radiance=(3.0, 2.2, 1.5)):
     """A closed room of 2 units: a panel under its ceiling, a glossy block, a wall that is a mirror.
 
     Without a mirror, that wall, the floor and the ceiling are glossy. Densities of the glossy
-    material are the same from both ends, and not, as for diffuse ones, by the cosine.
+    material are equal in both directions, but densities of diffuse materials are not.
     """
     walls = {"sensor": view}
-    white, red = diffuse(0.6), {"type": "diffuse", "reflectance": rgb(0.6, 0.2, 0.1)}
+    white = diffuse(0.6)
+    red = {"type": "diffuse", "reflectance": rgb(0.6, 0.2, 0.1)}
     glossy = {"type": "roughconductor", "alpha": 0.3, "sample_visible": False}
     clear = {"type": "conductor", "material": "none"}
 

@@ -25,7 +25,11 @@ from tofrender.sensors.response import distribution
 
 HERE = Path(__file__).parent
 SPEED_OF_LIGHT = 299792458.0
-START, WIDTH, BINS, PULSE, CYCLES = 5.0, 0.04, 325, 0.06, 4000
+START = 5.0
+WIDTH = 0.04
+BINS = 325
+PULSE = 0.06
+CYCLES = 4000
 RESPONSE = Response(PULSE / SPEED_OF_LIGHT)
 
 plt.rcParams.update({"figure.dpi": 110, "font.size": 10, "axes.spines.top": False})

@@ -8,7 +8,7 @@ from tofrender.sensors.response import distribution
 
 
 def depth_bound(signal, background, response, bin_width_opl: float) -> np.ndarray:
-    """Expected counts for light a little before and after the centre of a bin."""
+    """Expected counts for light a little before and after the center of a bin."""
     delays = distribution("response", response)
     first, last = delays.ppf([1e-9, 1 - 1e-9]) / bin_width_opl
     edges = np.arange(np.floor(first) - 2, np.ceil(last) + 3) - 0.5

@@ -36,7 +36,7 @@ def _step(p: float, dead: int, paralysable: bool) -> np.ndarray:
 def sample_counts(
     rng: np.random.Generator, rates: np.ndarray, cycles: int, dead: int
 ) -> np.ndarray:
-    """The rates up to the next photon are exponential; after a detection, the search goes on."""
+    """The summed rate up to the next photon is exponential; repeat after each detection."""
     rates = np.asarray(rates, np.float64)
     bins = rates.shape[1]
     found = np.zeros(rates.shape, np.int64)

@@ -31,7 +31,8 @@ def demodulate(taps, contrast):
     """Sums with cosine and sine."""
     taps = np.asarray(taps, np.float64)
     angles = _angles(len(taps), taps[0])
-    real, imaginary = (taps * np.cos(angles)).sum(axis=0), (taps * np.sin(angles)).sum(axis=0)
+    real = (taps * np.cos(angles)).sum(axis=0)
+    imaginary = (taps * np.sin(angles)).sum(axis=0)
     phase = np.arctan2(imaginary, real)
     phase = np.where(phase < 0, phase + 2 * np.pi, phase)
     phase = np.where(phase >= 2 * np.pi, 0, phase)

@@ -18,8 +18,10 @@ def kernel(delays, width: float, tail: float = 1e-6) -> np.ndarray:
 
 def add_jitter(detections: np.ndarray, masses: np.ndarray, periodic: bool) -> np.ndarray:
     """A matrix that moves the detections of each bin."""
-    detections, masses = np.asarray(detections, float), np.asarray(masses, float)
-    bins, reach = detections.shape[-1], masses.size // 2
+    detections = np.asarray(detections, float)
+    masses = np.asarray(masses, float)
+    bins = detections.shape[-1]
+    reach = masses.size // 2
     moves = np.zeros((bins, bins))
     for start in range(bins):
         for lag in range(-reach, reach + 1):

@@ -8,7 +8,8 @@ import numpy as np
 def first_photon(rates: np.ndarray) -> np.ndarray:
     """A bin detects if it has a photon and no bin before has one."""
     rates = np.asarray(rates, np.float64)
-    found, armed = np.empty(rates.shape), np.ones(rates.shape[:-1])
+    found = np.empty(rates.shape)
+    armed = np.ones(rates.shape[:-1])
     for k in range(rates.shape[-1]):
         found[..., k] = armed * -np.expm1(-rates[..., k])
         armed = armed * np.exp(-rates[..., k])
@@ -16,7 +17,7 @@ def first_photon(rates: np.ndarray) -> np.ndarray:
 
 
 def coates(counts: np.ndarray, cycles: int) -> np.ndarray:
-    """Of the cycles that are armed, exp(-rate) detect nothing."""
+    """The fraction exp(-rate) of the armed cycles detects nothing."""
     counts = np.asarray(counts, np.float64)
     found, armed = np.empty(counts.shape), np.full(counts.shape[:-1], float(cycles))
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -8,7 +8,7 @@ import numpy as np
 
 
 def check_pile_up(pile_up) -> None:
-    """Raise an AssertionError that says what is wrong, if anything is."""
+    """Raise an AssertionError that describes the first violation of the contract."""
     rng = np.random.default_rng(5)
     for shape in ((6,), (3, 5), (2, 2, 7)):
         rates = rng.uniform(0.0, 1.5, shape)
@@ -20,7 +20,8 @@ def check_pile_up(pile_up) -> None:
         variance = np.asarray(pile_up.coates_variance(rates, cycles))
         assert np.array_equal(rates, given), "rates are changed"
         assert p.shape == variance.shape == shape, "shape"
-        expected, spread = np.empty(shape), np.empty(shape)
+        expected = np.empty(shape)
+        spread = np.empty(shape)
         for where in np.ndindex(shape[:-1]):
             armed = 1.0
             for k, rate in enumerate(rates[where]):

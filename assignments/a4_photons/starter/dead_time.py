@@ -12,9 +12,9 @@ def armed_detections(rates: np.ndarray, dead: int, paralysable: bool, periodic: 
         rates: Expected photons per bin and cycle, shape (pixel, bin).
         dead: Dead time in bins, from 0 to the number of bins - 1: after bin k, the next bin that
             can detect is k + dead + 1.
-        paralysable: Whether photons within the dead time prolong it: then it starts anew.
-        periodic: False: the detector is armed when a cycle starts. True: the dead time goes on
-            into the next cycle, and the result is that after many cycles.
+        paralysable: Whether photons within the dead time start the dead time again.
+        periodic: False: the detector is armed when a cycle starts. True: the dead time extends into
+            the next cycle, and the result applies after many cycles.
 
     Returns:
         Probabilities of the same shape.
@@ -25,7 +25,7 @@ def armed_detections(rates: np.ndarray, dead: int, paralysable: bool, periodic: 
 def sample_counts(
     rng: np.random.Generator, rates: np.ndarray, cycles: int, dead: int
 ) -> np.ndarray:
-    """Simulate histograms of a SPAD that is armed when a cycle starts, non-paralysable.
+    """Simulate histograms of a SPAD that is armed when a cycle starts, non-paralyzable.
 
     Args:
         rng: Source of all random numbers: the same state gives the same counts.

@@ -18,11 +18,11 @@ def estimate_depth(
 
     Args:
         counts: Counts per bin, at least 0, shape (y, x, bin); the first bin starts at the path
-            length 0. Rates that `coates` has corrected, times the cycles, are no integers.
-        response: Pulse and jitter together, as for `depth_bound`. No return is within its length
-            of the first or the last bin.
+            length 0. They need not be integers, for example after the correction by `coates`.
+        response: Pulse and jitter together, as for `depth_bound`. The distance of each return from
+            the first and the last bin is greater than the length of the response.
         method: "matched", the maximum of the matched filter, refined by a parabola, or "ml", the
-            greatest likelihood.
+            maximum of the likelihood.
         bin_width_opl: Width of the bins [m of path].
 
     Returns:

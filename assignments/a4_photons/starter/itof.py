@@ -36,13 +36,13 @@ def expected_taps(
 def sample_taps(
     rng: np.random.Generator, means: Any, read_noise: float = 0.0, full_well: float = np.inf
 ) -> np.ndarray:
-    """Simulate what the taps hold, with shot noise and read noise.
+    """Simulate the electrons in the taps, with shot noise and read noise.
 
     Args:
         rng: Source of all random numbers: the same state gives the same result.
         means: Expected photoelectrons, any shape.
         read_noise: Standard deviation of each tap's read noise [electrons].
-        full_well: Most electrons that a tap shows, read noise included.
+        full_well: Largest number of electrons that a tap can show, including read noise.
 
     Returns:
         Electrons of the same shape; read noise can make them negative.
@@ -69,7 +69,7 @@ def phase_deviation(
     """Standard deviation of the phase [rad] by shot noise and read noise.
 
     Args:
-        signal: Photoelectrons S, so many that the result is much below 1; any shape.
+        signal: Photoelectrons S, any shape; enough that the result is much below 1.
         background: Photoelectrons B, of the same shape or a number.
         contrast: Modulation contrast M.
         taps: Number N of taps, at least 4.
@@ -85,11 +85,12 @@ def multipath_phase_error(ratio: Any, difference: Any) -> np.ndarray:
     """Error of the phase [rad] that a second return causes.
 
     Args:
-        ratio: Amplitude of the second return over that of the first, at least 0, any shape.
-        difference: Phase of the second return less that of the first [rad], any value, of the
+        ratio: Amplitude of the second return over the amplitude of the first, at least 0, any
+            shape.
+        difference: Phase of the second return minus the phase of the first [rad], any value, of the
             same shape or a number.
 
     Returns:
-        Phase of both together less that of the first, in (-π, π], of the shape of `ratio`.
+        Phase of both together minus the phase of the first, in (-π, π], of the shape of `ratio`.
     """
     raise NotImplementedError("a4.itof: multipath_phase_error")

@@ -8,7 +8,7 @@ import numpy as np
 
 
 def kernel(delays: Any, width: float, tail: float = 1e-6) -> np.ndarray:
-    """Probabilities that a stamp moves by -n to n bins, for light in the centre of its bin.
+    """Probabilities that a stamp moves by -n to n bins, for light in the center of its bin.
 
     Args:
         delays: Distribution of the delay [m of path], with SciPy's methods `cdf`, `pdf` and `ppf`.
@@ -16,8 +16,8 @@ def kernel(delays: Any, width: float, tail: float = 1e-6) -> np.ndarray:
         tail: Probability that may be left out at each end.
 
     Returns:
-        2 n + 1 probabilities with the sum 1, element n + k for a stamp that is k bins late; n of
-        your choice, at least 1 and so large that no more than `tail` is left out at each end.
+        2 n + 1 probabilities with the sum 1; element n + k is for a stamp that is k bins late.
+        Choose n, at least 1 and so large that no more than `tail` is left out at each end.
     """
     raise NotImplementedError("a4.jitter: kernel")
 
@@ -29,7 +29,7 @@ def add_jitter(detections: np.ndarray, masses: np.ndarray, periodic: bool) -> np
         detections: Detections per bin, shape (..., bin).
         masses: Probabilities as `kernel` returns them, no longer than the histogram.
         periodic: False: stamps outside the window are lost. True: the window is a whole cycle, and
-            they are in the cycle before or after, at the other end of the window.
+            these stamps appear at the other end of the window, in the previous or next cycle.
 
     Returns:
         Stamps per bin, of the same shape.
@@ -38,7 +38,7 @@ def add_jitter(detections: np.ndarray, masses: np.ndarray, periodic: bool) -> np
 
 
 def sample_jitter(rng: np.random.Generator, masses: np.ndarray, size: int) -> np.ndarray:
-    """Draw by how many bins stamps are late.
+    """Draw the delays of stamps, in bins.
 
     Args:
         rng: Source of all random numbers: the same state gives the same result.

@@ -27,8 +27,8 @@ def coates(counts: np.ndarray, cycles: int) -> np.ndarray:
         cycles: Number of laser cycles, at least the detections of each histogram, below 2^32.
 
     Returns:
-        Photons per bin and cycle, of the same shape; infinite in the bin in which the last of all
-        cycles detects. After that bin any value is allowed.
+        Photons per bin and cycle, of the same shape; infinite in the bin where the last of all
+        cycles detects. After this bin any value is allowed.
     """
     raise NotImplementedError("a4.pile_up: coates")
 

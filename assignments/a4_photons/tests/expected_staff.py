@@ -20,7 +20,8 @@ import test_pile_up
 
 def pile_up():
     """Probabilities, counts, their correction and its variance."""
-    cycles, found = test_pile_up.CYCLES, {}
+    cycles = test_pile_up.CYCLES
+    found = {}
     for name, rates in (("", test_pile_up.RATES), ("several_", test_pile_up.SEVERAL)):
         p = formulas.first_photon(rates)
         counts = np.rint(p * cycles).astype(np.int64)
@@ -32,7 +33,8 @@ def pile_up():
 
 def dead_time():
     """Detections and their second moments."""
-    rates, dead = test_dead_time.RATES, test_dead_time.DEAD
+    rates = test_dead_time.RATES
+    dead = test_dead_time.DEAD
     return {
         "non_paralysable": [formulas.by_patterns(row, dead)[0] for row in rates],
         "paralysable": [formulas.by_patterns(row, dead, True)[0] for row in rates],
@@ -54,7 +56,8 @@ def jitter():
 
 def depth():
     """Bounds."""
-    t, own = test_depth_map, (test_depth_map.SIGMA, 0.0, test_depth_map.WIDTH)
+    t = test_depth_map
+    own = (test_depth_map.SIGMA, 0.0, test_depth_map.WIDTH)
     return {
         "bounds": [
             formulas.depth_bound(test_bound.SIGNALS, b, test_bound.SIGMA, 0.0, 0.02)
@@ -67,7 +70,8 @@ def depth():
 
 def itof():
     """Taps, deviations, errors."""
-    t, found = test_itof, {}
+    t = test_itof
+    found = {}
     for taps in (3, 4, 5, 8):
         electrons = formulas.expected_taps(6000.0, 2000.0, t.PHASES, t.CONTRAST, taps)
         found[f"taps_{taps}"] = electrons

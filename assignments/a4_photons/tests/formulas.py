@@ -1,4 +1,4 @@
-"""Responses of detectors, and what the public tests expect. Lengths in metres."""
+"""Responses of detectors, and what the public tests expect. Lengths in meters."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def pdf(opl, sigma_s, tail_s=0.0):
 
 
 def kernel(reach, sigma_s, tail_s, width):
-    """Masses of the bins -reach to reach around light in the centre of bin 0."""
+    """Masses of the bins -reach to reach around light in the center of bin 0."""
     return np.diff(cdf((np.arange(-reach, reach + 2) - 0.5) * width, sigma_s, tail_s))
 
 

@@ -1,4 +1,4 @@
-"""Closed forms of photon counting and correlation, in NumPy and SciPy alone. Lengths in metres."""
+"""Closed forms of photon counting and correlation, in NumPy and SciPy alone. Lengths in meters."""
 
 from __future__ import annotations
 
@@ -64,10 +64,12 @@ def coates_variance(rates, cycles):
 def by_patterns(rates, dead, paralysable=False):
     """Mean detections and second moments of one cycle, over all patterns of bins with photons."""
     p = -np.expm1(-np.asarray(rates, float))
-    mean, second = np.zeros(p.size), np.zeros((p.size, p.size))
+    mean = np.zeros(p.size)
+    second = np.zeros((p.size, p.size))
     for pattern in itertools.product((False, True), repeat=p.size):
         weight = np.where(pattern, p, 1 - p).prod()
-        armed, found = 0, np.zeros(p.size)
+        armed = 0
+        found = np.zeros(p.size)
         for k, photon in enumerate(pattern):
             if photon and k >= armed:
                 found[k] = 1
@@ -79,10 +81,12 @@ def by_patterns(rates, dead, paralysable=False):
 
 
 def free_running(rates, dead):
-    """Detections per cycle of a non-paralysable SPAD: the chain of its detections (Rapp 2019)."""
+    """Detections per cycle of a non-paralyzable SPAD: the chain of its detections (Rapp 2019)."""
     rates = np.asarray(rates, float)
-    bins, whole = rates.size, rates.sum()
-    chain, waits = np.zeros((bins, bins)), np.zeros(bins)
+    bins = rates.size
+    whole = rates.sum()
+    chain = np.zeros((bins, bins))
+    waits = np.zeros(bins)
     for s in range(bins):
         before = 0.0
         for wait in range(bins):
@@ -114,7 +118,8 @@ def paralysable_running(rates, dead):
 def jittered(detections, masses, periodic):
     """Each detection goes to bins around it."""
     detections = np.asarray(detections, float)
-    bins, reach = detections.shape[-1], len(masses) // 2
+    bins = detections.shape[-1]
+    reach = len(masses) // 2
     found = np.zeros(detections.shape)
     for k, lag in itertools.product(range(bins), range(-reach, reach + 1)):
         if periodic or 0 <= k + lag < bins:

@@ -1,4 +1,4 @@
-"""What the tests ask of a submission; runs in the submission's process."""
+"""Probes: functions that the tests call with a submission, in the submission's process."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def coates_variance(theirs, rates, cycles):
 
 
 def defines(theirs, name):
-    """Load it, or say why not."""
+    """Load a name of the submission; a failure contains the reason."""
     getattr(theirs, name)
 
 
 def try_pile_up(theirs, name, text):
-    """What their test says of a solution of a4.pile_up."""
+    """Result of the student's test for a solution of a4.pile_up."""
     return trials.verdict(theirs.check_pile_up, trials.load(name, text))
 
 
@@ -51,7 +51,7 @@ def armed_detections(theirs, rates, dead, paralysable, periodic):
 
 
 def sample_counts(theirs, rates, cycles, dead, seed):
-    """Counts, and whether the same random numbers give them again, and others other ones."""
+    """Counts, and whether they are equal for equal seeds and different for different seeds."""
     before = rates.copy()
     first, again, other = (
         np.asarray(theirs.sample_counts(np.random.default_rng(s), rates, cycles, dead))
@@ -102,7 +102,8 @@ def depth_bound(theirs, signal, background, sigma_s, tail_s, width):
 
 def estimate_depth(theirs, counts, sigma_s, tail_s, method, width):
     """Depth and its standard deviation."""
-    before, given = counts.copy(), {} if method is None else {"method": method}
+    before = counts.copy()
+    given = {} if method is None else {"method": method}
     response = Response(sigma_s, tail_s)
     found = theirs.estimate_depth(counts, response, bin_width_opl=width, **given)
     names = ("depth", "depth_std")

@@ -46,7 +46,7 @@ def test_bins_lose_little(submission):
 
 
 def test_much_background(submission):
-    """I = S² / (4 √π σ³ b) for much background of b per metre."""
+    """I = S² / (4 √π σ³ b) for much background of b per meter."""
     width = SIGMA_OPL / 40
     per_metre = 1e7 / SIGMA_OPL
     found = bound(submission, np.array([100.0]), per_metre * width, width)

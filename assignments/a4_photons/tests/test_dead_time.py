@@ -33,7 +33,7 @@ def test_non_paralysable(submission):
     wanted = formulas.expected("non_paralysable")
     found = detections(submission, RATES, DEAD)
     hint = f"a bin is dead if one of the {DEAD} bins before it has detected"
-    expect.close(found, wanted, "detections, non-paralysable", hint=hint)
+    expect.close(found, wanted, "detections, non-paralyzable", hint=hint)
 
 
 def test_paralysable(submission):
@@ -41,28 +41,30 @@ def test_paralysable(submission):
     wanted = formulas.expected("paralysable")
     found = detections(submission, RATES, DEAD, paralysable=True)
     hint = f"none of the {DEAD} bins before has a photon, detected or not"
-    expect.close(found, wanted, "detections, paralysable", hint=hint)
+    expect.close(found, wanted, "detections, paralyzable", hint=hint)
 
 
 def test_constant_light(submission):
     """Rates per time of r / (1 + r τ) and r exp(-r τ), in fine bins of a free-running SPAD."""
-    bins, rate, dead = 60, 0.002, 40
+    bins = 60
+    rate = 0.002
+    dead = 40
     rates = np.full((1, bins), rate)
     hint = "periodic: the dead time of the last bins goes on in the first"
     found = detections(submission, rates, dead, periodic=True)
     p = -np.expm1(-rate)
     wanted = np.full((1, bins), p / (1 + p * dead))
-    expect.close(found, wanted, "constant light, non-paralysable", hint=hint)
+    expect.close(found, wanted, "constant light, non-paralyzable", hint=hint)
     found = detections(submission, rates, dead, paralysable=True, periodic=True)
     wanted = p * np.exp(-rate * dead) + 0 * rates
-    expect.close(found, wanted, "constant light, paralysable", hint=hint)
+    expect.close(found, wanted, "constant light, paralyzable", hint=hint)
 
 
 def test_free_running(submission):
-    """A dead time that goes on into the next cycle."""
+    """A dead time that extends into the next cycle."""
     wanted = formulas.expected("free_running")
     found = detections(submission, RATES, DEAD, periodic=True)
-    hint = "periodic and non-paralysable: each bin depends on the others, all around the cycle"
+    hint = "periodic and non-paralyzable: each bin depends on the others, all around the cycle"
     expect.close(found, wanted, "detections of a free-running SPAD", hint=hint)
 
 
@@ -89,7 +91,8 @@ def test_mean_counts(submission):
 
 def test_noise_of_counts(submission):
     """Variances and covariances: dead time makes counts less noisy than Poisson's."""
-    mean, second = formulas.expected("non_paralysable")[0], formulas.expected("second_moments")
+    mean = formulas.expected("non_paralysable")[0]
+    second = formulas.expected("second_moments")
     counts = counts_of(submission, RATES[0], 50, DEAD)["found"]
     away = counts - 50 * mean
     products = away[:, :, None] * away[:, None, :]
@@ -101,7 +104,7 @@ def test_noise_of_counts(submission):
 
 
 def test_random_numbers(submission):
-    """The same generator gives the same counts, and rates stay as they are."""
+    """Equal generators give equal counts, and the rates are not changed."""
     came = counts_of(submission, RATES[1], 5, 1)
     expect.true(came["kept"], "rates after the call of sample_counts: as they were")
     text = "counts under the same seed: the same; under another: others"

@@ -37,7 +37,7 @@ def test_any_detections(submission):
                 periodic=periodic,
             )
             what = f"detections with a dead time of {dead} of {rates.shape[1]} bins"
-            what += ", paralysable" * paralysable + ", periodic" * periodic
+            what += ", paralyzable" * paralysable + ", periodic" * periodic
             expect.close(came["found"], np.array(wanted), what, rtol=1e-4, atol=1e-9)
             text = "rates after the call of armed_detections: as they were"
             expect.true(came["kept"], text)
@@ -49,7 +49,8 @@ def test_any_counts(submission):
     rates = random.uniform(0.1, 1.0, (2, int(random.integers(4, 8))))
     rates *= 2.0 / rates.sum(axis=1, keepdims=True)  # so that late bins count, too
     dead = int(random.integers(1, rates.shape[1] - 1))
-    cycles, pixels = int(random.integers(40, 80)), 2000
+    cycles = int(random.integers(40, 80))
+    pixels = 2000
     tiled = np.repeat(rates, pixels, axis=0)
     came = submission.ask(
         "sample_counts", rates=tiled, cycles=cycles, dead=dead, seed=submission.seed

@@ -8,8 +8,12 @@ from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a4_deliverables
 
-START, WIDTH, BINS = 5.0, 0.04, 325
-WALL, FOV = 4.9, 39.3077  # distance of the back wall from the camera [m], field of view [degrees]
+START = 5.0
+WIDTH = 0.04
+BINS = 325
+# Distance of the back wall from the camera [m], field of view [degrees]
+WALL = 4.9
+FOV = 39.3077
 
 
 def require(submission, file, *names):
@@ -53,7 +57,7 @@ def test_counts(submission):
     expect.true(whole, f"{file}, counts: integers from 0")
     text = f"{file}, cycles: 1000 to 100000; came {cycles:g}"
     expect.true(1000 <= cycles <= 1e5, text)
-    # By the end of a bin, a cycle has detected unless all bins so far have no photon
+    # By the end of a bin, a cycle has detected unless all bins so far are empty
     p = -np.expm1(-np.cumsum(rates, axis=-1))
     variance = cycles * p * (1 - p)
     sure = (cycles * p > 5) & (cycles * (1 - p) > 5)
@@ -66,7 +70,7 @@ def test_counts(submission):
 
 
 def test_depth(submission):
-    """Corrected counts are right in the median, uncorrected ones too near."""
+    """Corrected counts give the right depth in the median, uncorrected counts a smaller depth."""
     file = "depth.npz"
     counted, corrected, std = require(submission, file, "counted", "corrected", "depth_std")
     off = errors_on_the_back_wall(corrected, file)

@@ -8,7 +8,8 @@ from tofrender.course.judge import expect
 
 pytestmark = pytest.mark.a4_depth_map
 
-WIDTH, BINS = 0.02, 160
+WIDTH = 0.02
+BINS = 160
 SIGMA = formulas.inputs.number("response of the depth map [ps]", 180.0, low=150, high=220) * 1e-12
 TAIL = 1.3 * SIGMA
 SIGNALS = np.array([[50.0, 100, 200], [400, 800, 1600]])
@@ -71,7 +72,7 @@ def test_delay_of_the_response(submission):
 
 
 def test_noise(submission):
-    """Errors of the likeliest depth are those of the bound."""
+    """Errors of the likeliest depth agree with the bound."""
     random = submission.random
     opl = drawn_places(random, (25, 40))
     counts = random.poisson(expected(opl, 250.0, BACKGROUND / 10))
@@ -84,7 +85,7 @@ def test_noise(submission):
 
 
 def test_confidence(submission):
-    """`depth_std` is the bound for what is in the pixel."""
+    """`depth_std` is the bound for the signal and background of the pixel."""
     random = np.random.default_rng(4)
     opl = drawn_places(random, (2, 3))
     counts = expected(opl, SIGNALS, BACKGROUND)
@@ -96,7 +97,7 @@ def test_confidence(submission):
 
 
 def test_dark_pixels(submission):
-    """Pixels without counts have no depth; the others are not disturbed."""
+    """The depth of pixels without counts is NaN; other pixels are not disturbed."""
     opl = drawn_places(np.random.default_rng(5), (2, 2))
     counts = expected(opl, 300.0, 0.0)
     counts[0, 1] = 0

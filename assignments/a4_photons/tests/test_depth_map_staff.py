@@ -11,7 +11,8 @@ pytestmark = pytest.mark.a4_depth_map
 
 def drawn(random):
     """Bins, their width [m], and a response of a few bins."""
-    bins, width = int(random.integers(180, 240)), random.uniform(0.01, 0.05)
+    bins = int(random.integers(180, 240))
+    width = random.uniform(0.01, 0.05)
     sigma = random.uniform(2.0, 3.5) * width / formulas.SPEED_OF_LIGHT
     return bins, width, sigma, random.choice([0.0, 1.0]) * sigma
 
@@ -26,13 +27,14 @@ def ask(submission, counts, sigma, tail_s, method, width):
 
 
 def test_any_returns(submission):
-    """Drawn signal and background, without noise; the counts stay as they are."""
+    """Random signal and background, without noise; the counts are not changed."""
     random = submission.random
     bins, width, sigma, _ = drawn(random)
     shape = tuple(int(n) for n in random.integers(2, 6, 2))
     for tail_s in (0.0, sigma):
         opl = random.uniform(0.4, 0.6, shape) * bins * width
-        signal, background = np.exp(random.uniform(3, 8, shape)), random.uniform(0.05, 2.0, shape)
+        signal = np.exp(random.uniform(3, 8, shape))
+        background = random.uniform(0.05, 2.0, shape)
         counts = formulas.returns(opl, signal, background, sigma, tail_s, width, bins)
         for method, most in (("matched", 0.2), ("ml", 0.05)):
             came = ask(submission, counts, sigma, tail_s, method, width)
@@ -48,7 +50,8 @@ def test_any_noise(submission):
     """Errors over the bound, for drawn signal, background and response."""
     random = submission.random
     bins, width, sigma, tail_s = drawn(random)
-    signal, background = random.uniform(150, 600), random.uniform(0.0, 0.02)
+    signal = random.uniform(150, 600)
+    background = random.uniform(0.0, 0.02)
     opl = random.uniform(0.4, 0.6, (25, 40)) * bins * width
     counts = random.poisson(formulas.returns(opl, signal, background, sigma, tail_s, width, bins))
     came = ask(submission, counts, sigma, tail_s, "ml", width)
@@ -62,7 +65,8 @@ def test_any_noise(submission):
 def test_strong_background(submission):
     """Returns that are found by all of their bins, not by the brightest."""
     random = submission.random
-    bins, width = 160, 0.02
+    bins = 160
+    width = 0.02
     sigma = 4.0 * width / formulas.SPEED_OF_LIGHT
     opl = random.uniform(0.4, 0.6, (20, 20)) * bins * width
     counts = random.poisson(formulas.returns(opl, 70.0, 8.0, sigma, 0.0, width, bins))

@@ -10,12 +10,14 @@ pytestmark = pytest.mark.a4_itof
 
 
 def test_any_taps(submission):
-    """Drawn light and harmonics, and back again; arrays stay as they are."""
+    """Taps of random light and harmonics, and their demodulation; arrays are not changed."""
     random = submission.random
     shape = tuple(int(n) for n in random.integers(1, 5, random.integers(1, 4)))
-    signal, background = random.uniform(100, 1e5, shape), random.uniform(0, 1e5, shape)
+    signal = random.uniform(100, 1e5, shape)
+    background = random.uniform(0, 1e5, shape)
     phase = random.uniform(0.02, 6.26, shape)
-    contrast, taps = random.uniform(0.1, 1.0), int(random.integers(4, 9))
+    contrast = random.uniform(0.1, 1.0)
+    taps = int(random.integers(4, 9))
     harmonics = (random.uniform(-0.2, 0.2, random.integers(0, 4))).tolist()
     arguments = {"signal": signal, "background": background, "phase": phase, "contrast": contrast}
     came = submission.ask("expected_taps", taps=taps, harmonics=harmonics, **arguments)
@@ -35,7 +37,8 @@ def test_any_taps(submission):
 def test_any_noise(submission):
     """Mean, variance and independence of drawn taps; the seed repeats them."""
     random = submission.random
-    means, read = random.uniform(200, 3000, 4), random.uniform(5, 40)
+    means = random.uniform(200, 3000, 4)
+    read = random.uniform(5, 40)
     tiled = np.tile(means, (4000, 1))
     came = submission.ask("sample_taps", means=tiled, seed=submission.seed, read_noise=read)
     away = came["found"] - means
@@ -61,12 +64,14 @@ def test_any_deviation(submission):
     """Formula for drawn light, with the defaults."""
     random = submission.random
     signal = random.uniform(1e4, 1e5, 5)
-    background, contrast = random.uniform(0, 1e4, 5), random.uniform(0.3, 1.0)
+    background = random.uniform(0, 1e4, 5)
+    contrast = random.uniform(0.3, 1.0)
     options = {"signal": signal, "background": background, "contrast": contrast}
     came = submission.ask("phase_deviation", **options)
     wanted = formulas.phase_deviation(signal, background, contrast, 4, 0.0)
     expect.close(came, wanted, "deviation of the phase [rad], four taps, no read noise")
-    taps, read = int(random.integers(4, 10)), random.uniform(0, 50)
+    taps = int(random.integers(4, 10))
+    read = random.uniform(0, 50)
     came = submission.ask("phase_deviation", taps=taps, read_noise=read, **options)
     wanted = formulas.phase_deviation(signal, background, contrast, taps, read)
     expect.close(came, wanted, f"deviation of the phase [rad], {taps} taps")
@@ -75,7 +80,8 @@ def test_any_deviation(submission):
 def test_any_multipath(submission):
     """Errors of drawn returns, the stronger one the second or the first."""
     random = submission.random
-    ratio, difference = random.uniform(0, 3, (3, 4)), random.uniform(-9, 9, (3, 4))
+    ratio = random.uniform(0, 3, (3, 4))
+    difference = random.uniform(-9, 9, (3, 4))
     came = submission.ask("multipath_phase_error", ratio=ratio, difference=difference)
     wanted = formulas.multipath_phase_error(ratio, difference)
     expect.close(came, wanted, "error of the phase [rad]", rtol=1e-6, atol=1e-9)

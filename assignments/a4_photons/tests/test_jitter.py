@@ -11,8 +11,10 @@ pytestmark = pytest.mark.a4_jitter
 SIGMA = formulas.inputs.number("jitter [ps]", 60.0, low=50, high=70) * 1e-12
 TAIL = formulas.inputs.number("tail [ps]", 90.0, low=80, high=120) * 1e-12
 WIDTH = 0.015
-MASSES, LATE = np.array([0.1, 0.2, 0.4, 0.2, 0.1]), np.array([0.0, 0.3, 0.7])
-DETECTIONS, CYCLE = np.zeros((2, 12)), np.zeros(9)
+MASSES = np.array([0.1, 0.2, 0.4, 0.2, 0.1])
+LATE = np.array([0.0, 0.3, 0.7])
+DETECTIONS = np.zeros((2, 12))
+CYCLE = np.zeros(9)
 DETECTIONS[[0, 0, 1], [1, 7, 11]] = 3.0, 1.0, 2.0
 CYCLE[[0, 7]] = 1.0, 4.0
 
@@ -64,7 +66,7 @@ def test_stamps_of_detections(submission):
 
 
 def test_stamps_of_a_cycle(submission):
-    """What leaves a cycle comes in at its other end."""
+    """Stamps that leave a cycle appear at its other end."""
     found = submission.ask("add_jitter", detections=CYCLE, masses=MASSES, periodic=True)
     wanted = formulas.expected("stamps_of_a_cycle")
     hint = "bins are counted modulo their number"

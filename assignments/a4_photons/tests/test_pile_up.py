@@ -49,7 +49,7 @@ def test_coates(submission):
 
 
 def test_last_cycle(submission):
-    """The bin in which the last cycle detects has no finite estimate."""
+    """The estimate is infinite in the bin where the last cycle detects."""
     counts = np.array([[2, 3, 5, 0], [1, 0, 1, 0]])
     found = submission.ask("coates", counts=counts, cycles=10)["found"]
     text = f"rate where all 10 cycles have detected: infinite; came {found[0, 2]}"

@@ -49,7 +49,7 @@ MORE = {
 
 
 def test_share_of_wrong_solutions(submission):
-    """The share of wrong solutions that your test finds, if right ones pass."""
+    """The fraction of wrong solutions that your test finds, if correct solutions pass."""
     more = []
     for number, (why, (old, new)) in enumerate(MORE.items()):
         assert old in RIGHT

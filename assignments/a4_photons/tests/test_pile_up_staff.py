@@ -17,9 +17,10 @@ def drawn(random, most=1.5):
 
 
 def test_any_rates(submission):
-    """Probabilities and variances of drawn rates, which stay as they are."""
+    """Probabilities and variances of random rates, which are not changed."""
     random = submission.random
-    rates, cycles = drawn(random), int(random.integers(1000, 1_000_000))
+    rates = drawn(random)
+    cycles = int(random.integers(1000, 1_000_000))
     for probe, wanted, more in (
         ("first_photon", formulas.first_photon(rates), {}),
         ("coates_variance", formulas.coates_variance(rates, cycles), {"cycles": cycles}),
@@ -38,10 +39,11 @@ def test_faint_rates(submission):
 
 
 def test_any_histogram(submission):
-    """Drawn histograms of several integer types, which stay as they are."""
+    """Random histograms of several integer types, which are not changed."""
     random = submission.random
     for kind in (np.uint16, np.uint32, np.int64):
-        rates, cycles = drawn(random, 0.8), int(random.integers(100, 60_000))
+        rates = drawn(random, 0.8)
+        cycles = int(random.integers(100, 60_000))
         p = formulas.first_photon(rates)
         whole = np.append(p, 1 - p.sum(axis=-1, keepdims=True), axis=-1).clip(0)
         counts = random.multinomial(cycles, whole / whole.sum(axis=-1, keepdims=True))

@@ -1,1 +1,1 @@
-"""Tools of an assignment's authors: check all of it, and release it to students."""
+"""Tools for authors: check an assignment, and release it to students."""

@@ -1,19 +1,20 @@
-"""Check that each sentence of a contract has a test that fails when it is broken.
+"""Check that each sentence of a contract has a test that fails when a solution breaks it.
 
-`contracts.toml` of an assignment's folder, which students do not get, is the table::
+The file `contracts.toml` in an assignment's folder lists the sentences. Students do not get it::
 
     [[contract]]
     problem = "a1.disk"
-    says = "the density per area, 0 off the disk"  # as the handout or a stub's docstring has it
-    tests = ["test_disk.py::test_density"]  # fail when it is broken
-    mutants = ["disk_without_end"]  # break it, and fail one of these tests
+    says = "the density per area, 0 off the disk"  # quote from the handout or a stub's docstring
+    tests = ["test_disk.py::test_density"]  # tests that fail for solutions that break the sentence
+    mutants = ["disk_without_end"]  # wrong solutions that break it and fail one of these tests
 
-    [[remark]]  # sentences that ask for nothing
+    [[remark]]  # sentences without a requirement
     problem = "a1.disk"
     says = ["The radius is that of the unit disk."]
 
-Each sentence of the docstrings in a problem's stub, and of the paragraphs of its section in the
-handout that start with `*Contract.*` or `**Write**`, must be in it. A part of a sentence is enough.
+The file must quote each sentence of the docstrings in a problem's stub. It must also quote each
+sentence of the paragraphs in the problem's section of the handout that start with `*Contract.*` or
+`**Write**`. Quoting a part of a sentence is enough.
 """
 
 import ast
@@ -26,8 +27,9 @@ from ..assignments import Assignment
 from ..rubric import Problem
 
 FILE_NAME = "contracts.toml"
-DEMANDING = re.compile(r"\s*(\*Contract\.\*|\*\*Write\*\*)")  # starts paragraphs of the handout
-MISTAKES = "*Common mistakes.*"  # ends their part that demands something
+# Beginning of paragraphs in the handout that contain requirements
+REQUIREMENTS = re.compile(r"\s*(\*Contract\.\*|\*\*Write\*\*)")
+MISTAKES = "*Common mistakes.*"  # end of the requirements in such a paragraph
 END_OF_PARAGRAPH = re.compile(r"\n\s*\n")
 END_OF_SENTENCE = re.compile(r"(?<=[.;!?])\s+(?=[A-Z`\[(*$0-9]|and |or )")
 HEADS = "(Args|Returns|Raises|Attributes|Example|Yields):"
@@ -35,32 +37,36 @@ HEADS = "(Args|Returns|Raises|Attributes|Example|Yields):"
 
 @dataclass(frozen=True)
 class Entry:
-    """Sentences that ask for nothing that a test could find broken, unless a `Contract`."""
+    """Sentences of a problem. Without the fields of a `Contract`, a test cannot check them."""
 
     problem: str
-    says: str | tuple[str, ...]  # the sentences, or parts of them
+    says: str | tuple[str, ...]  # quoted sentences, or parts of sentences
 
     @property
     def sentences(self) -> list[str]:
-        """Sentences with single spaces."""
+        """Quoted sentences with single spaces."""
         return [plain(text) for text in ([self.says] if isinstance(self.says, str) else self.says)]
 
     @property
     def where(self) -> str:
-        """Beginning of messages about it."""
+        """Beginning of error messages about this entry."""
         return f"{FILE_NAME}: {' / '.join(self.sentences)[:60]!r}"
 
 
 @dataclass(frozen=True)
 class Contract(Entry):
-    """A sentence that a solution has to keep."""
+    """A sentence with a requirement, which tests can check."""
 
-    tests: tuple[str, ...]  # tests that fail when it is broken
-    mutants: tuple[str, ...]  # wrong solutions that break it
+    tests: tuple[str, ...]  # tests that fail for solutions that break the sentence
+    mutants: tuple[str, ...]  # wrong solutions that break the sentence
 
 
 def read(assignment: Assignment) -> list[Entry]:
-    """Contracts and remarks of an assignment; ValueError if the file is missing or wrong."""
+    """Read the contracts and remarks of an assignment.
+
+    Raises:
+        ValueError: `contracts.toml` is missing or wrong.
+    """
     content = toml.read(assignment.folder / FILE_NAME, FILE_NAME)
     kinds = {"contract": Contract, "remark": Entry}
     for name in content.keys() - kinds:
@@ -73,7 +79,7 @@ def read(assignment: Assignment) -> list[Entry]:
 
 
 def check(assignment: Assignment) -> Iterator[str]:
-    """Faults of the table, a line each."""
+    """Yield a message for each error in `contracts.toml`."""
     try:
         entries = read(assignment)
         known = {mutant.id: mutant for mutant in mutants.read(assignment)}
@@ -85,17 +91,17 @@ def check(assignment: Assignment) -> Iterator[str]:
         if entry.problem not in problems:
             yield f"{entry.where}: the rubric has no problem {entry.problem}"
     for problem in problems.values():
-        own = [entry for entry in entries if entry.problem == problem.id]
-        yield from _sentences(assignment, problem, own)
-        for entry in own:
+        of_problem = [entry for entry in entries if entry.problem == problem.id]
+        yield from _check_sentences(assignment, problem, of_problem)
+        for entry in of_problem:
             if isinstance(entry, Contract):
-                yield from _unproved(entry, problem, known)
+                yield from _check_tests(entry, problem, known)
 
 
-def _unproved(
+def _check_tests(
     contract: Contract, problem: Problem, known: dict[str, mutants.Mutant]
 ) -> Iterator[str]:
-    """Faults of a contract: its tests must exist, and its mutants must fail one of them."""
+    """Check that a contract's tests exist, and that each of its mutants fails one of them."""
     where = contract.where
     tests = {test.id for test in problem.tests}
     if not contract.tests or not contract.mutants:
@@ -105,29 +111,36 @@ def _unproved(
             yield f"{where}: {problem.id} has no test {name}"
     for name in contract.mutants:
         if name not in known:
-            yield f"{where}: there is no mutant {name}"
+            yield f"{where}: mutants.toml has no mutant {name}"
         elif not set(contract.tests) & set(known[name].fails):
             yield f"{where}: {name} fails none of its tests"
 
 
-def _sentences(assignment: Assignment, problem: Problem, entries: list[Entry]) -> Iterator[str]:
-    """Sentences of a problem that the table lacks, and those of the table in no text."""
+def _check_sentences(
+    assignment: Assignment, problem: Problem, entries: list[Entry]
+) -> Iterator[str]:
+    """Check that each quote is in a text of the problem, and each required sentence is quoted."""
     quoted = {sentence: entry for entry in entries for sentence in entry.sentences}
-    handout, docstrings = _handout(assignment, problem), _docstrings(assignment, problem)
+    handout = _handout(assignment, problem)
+    docstrings = _docstrings(assignment, problem)
+
+    # Quotes that are in no text
     texts = list(map(plain, (handout, *docstrings)))
     for part, entry in quoted.items():
         if not any(part in text for text in texts):
-            yield f"{entry.where}: no text of {problem.id} says {part!r:.80}"
+            yield f"{entry.where}: no text of {problem.id} contains {part!r:.80}"
+
+    # Sentences that are not quoted
     paragraphs = END_OF_PARAGRAPH.split(handout)
-    demands = [each.partition(MISTAKES)[0] for each in paragraphs if DEMANDING.match(each)]
-    demands += [paragraph for text in docstrings for paragraph in END_OF_PARAGRAPH.split(text)]
-    for sentence in (sentence for text in demands for sentence in sentences(text)):
+    required = [each.partition(MISTAKES)[0] for each in paragraphs if REQUIREMENTS.match(each)]
+    required += [paragraph for text in docstrings for paragraph in END_OF_PARAGRAPH.split(text)]
+    for sentence in (sentence for text in required for sentence in sentences(text)):
         if not any(part in sentence or sentence in part for part in quoted):
-            yield f"{FILE_NAME}: {problem.id}: no test and no remark for {sentence!r:.200}"
+            yield f"{FILE_NAME}: {problem.id}: no contract or remark for {sentence!r:.200}"
 
 
 def _handout(assignment: Assignment, problem: Problem) -> str:
-    """Section of a problem in the handout: to the next problem, or the next heading."""
+    """Return the section of a problem in the handout, up to the next problem or heading."""
     text = (assignment.folder / "README.md").read_text(encoding="utf-8")
     parts = material.BLOCK.split(text)
     after = dict(zip(parts[1::2], parts[2::2], strict=True))
@@ -135,7 +148,7 @@ def _handout(assignment: Assignment, problem: Problem) -> str:
 
 
 def _docstrings(assignment: Assignment, problem: Problem) -> list[str]:
-    """Docstrings of a problem's stub."""
+    """Return the docstrings in a problem's stub."""
     path = assignment.starter / problem.file
     if not problem.file or not path.is_file():
         return []
@@ -147,12 +160,15 @@ def _docstrings(assignment: Assignment, problem: Problem) -> list[str]:
 
 
 def sentences(text: str) -> list[str]:
-    r"""Sentences of a text, with single spaces; lines of lists and tables begin new ones.
+    r"""Split a text into sentences with single spaces.
+
+    Items of lists and lines of tables start new sentences. Headings such as "Args:" are removed.
 
     Example:
         >>> sentences("One is e.g.\n  here. Args:\n    x: Two; `three`.\n\n| a | b |")
         ['One is e.g. here.', 'x: Two;', '`three`.', '| a | b |']
     """
+    # Join the lines of each paragraph or list item
     lines: list[str] = []
     for line in text.splitlines():
         starts = re.match(r"\s*([-*|]|\d+\.|\*?\w+(, \w+)*:)\s", line)
@@ -160,10 +176,12 @@ def sentences(text: str) -> list[str]:
             lines.append(line.strip())
         else:
             lines[-1] += f" {line.strip()}"
+
+    # Split them into sentences, and drop parts without words
     found = (plain(part) for line in lines for part in END_OF_SENTENCE.split(line))
     return [part for text in found if re.search(r"\w", part := re.sub(rf"\s*{HEADS}$", "", text))]
 
 
 def plain(text: str) -> str:
-    """Text with single spaces."""
+    """Replace all white space in a text by single spaces."""
     return " ".join(text.split())

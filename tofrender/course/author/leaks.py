@@ -1,7 +1,7 @@
-"""Check that an edition gives nothing away, and that the rest of it works.
+"""Check that a student edition contains no solution, and that its remaining parts work.
 
-Each withheld name must say which problem it is, no function of a withheld module may be anywhere
-in the released material, and all else must work.
+The import of a withheld name must raise an error that names the problem. No function of a withheld
+module may be in the released material.
 """
 
 import ast
@@ -18,26 +18,39 @@ from ..assignments import PACKAGE, Assignment
 from ..edition import chosen, path_of, withheld
 from ..rubric import STAFF_TEST
 
-LEAST_NODES = 25  # syntax nodes from which on a function's body identifies its source
+LEAST_NODES = 25  # a function with fewer syntax nodes may be equal by coincidence
 
 _PUBLIC_NAME = re.compile(r"\btofrender\.([A-Za-z]\w*)\b(?!\.\w)")
 _SMOKE_TEST = Path(__file__).with_name("smoke_test.py")
 
 
 def leaks(assignment: Assignment, folder: Path) -> list[str]:
-    """Withheld functions and files, but for those of stubs, that are in an edition; a line each."""
+    """Find withheld files and functions in an edition.
+
+    Functions that are also in the stubs are allowed.
+
+    Args:
+        assignment: Assignment with solutions.
+        folder: Folder of the edition.
+
+    Returns:
+        A message for each withheld file or function.
+    """
+    # Collect the functions of withheld modules and of the solutions
     modules = {module: path_of(module) for module in chosen(assignment.rubric)}
     sources = sorted(assignment.solutions.glob("*.py"))
     for path in modules.values():
         path = PACKAGE / path
         sources += sorted(path.rglob("*.py")) if path.is_dir() else [path]
-    given = {body for file in assignment.starter.glob("*.py") for _, body in _bodies(file)}
+    stubs = {body for file in assignment.starter.glob("*.py") for _, body in _bodies(file)}
     secret = {
         body: f"{name} of {source.parent.name}/{source.name}"
         for source in sources
         for name, body in _bodies(source)
-        if body not in given
+        if body not in stubs
     }
+
+    # Search the edition for modules, functions and the staff's files
     reasons = []
     for module, path in modules.items():
         path = "tofrender" / path
@@ -50,16 +63,20 @@ def leaks(assignment: Assignment, folder: Path) -> list[str]:
                 reasons.append(f"{where}: {name} is {secret[body]}, which is withheld")
     for pattern in ("mutants.toml", STAFF_TEST, "solutions", "*.pyc"):
         found = sorted(folder.rglob(pattern))
-        reasons += [f"{path.relative_to(folder)}: is the staff's" for path in found]
+        reasons += [f"{path.relative_to(folder)}: is a file of the staff" for path in found]
     return reasons
 
 
 def _bodies(path: Path) -> Iterator[tuple[str, str]]:
-    """Name and normalised body of each function that is more than a line or two."""
+    """Yield name and body of each function in a file that is longer than a line or two.
+
+    The body is a dump of its syntax tree without the docstring, so comments and layout do not
+    matter.
+    """
     try:
         tree = ast.parse(path.read_text(encoding="utf-8"))
     except SyntaxError as error:
-        raise ValueError(f"{path}: is no Python: {error.msg}, line {error.lineno}") from None
+        raise ValueError(f"{path}: is not Python: {error.msg}, line {error.lineno}") from None
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             body = node.body[1:] if ast.get_docstring(node) is not None else node.body
@@ -69,7 +86,12 @@ def _bodies(path: Path) -> Iterator[tuple[str, str]]:
 
 
 def smoke_test(assignment: Assignment, folder: Path) -> list[str]:
-    """Import an edition in a process of its own; a line for each fault, see `smoke_test.py`."""
+    """Test an edition in a separate process, see `smoke_test.py`.
+
+    Returns:
+        A message for each error.
+    """
+    # Collect the names that must be missing, and the public names that handout and notebook use
     rubric = assignment.rubric
     files = (assignment.folder / name for name in ("README.md", "notebook.py"))
     text = "\n".join(file.read_text(encoding="utf-8") for file in files if file.is_file())
@@ -79,6 +101,8 @@ def smoke_test(assignment: Assignment, folder: Path) -> list[str]:
         "used": sorted(set(_PUBLIC_NAME.findall(text)) - rubric.problem_by_name.keys()),
         "assignment": rubric.id,
     }
+
+    # Run the script with the edition
     result = subprocess.run(
         [sys.executable, "-P", str(_SMOKE_TEST), json.dumps(expected)],
         env=safe_environment(PYTHONPATH=str(folder.resolve()), PYTHONDONTWRITEBYTECODE="1"),
@@ -91,4 +115,4 @@ def smoke_test(assignment: Assignment, folder: Path) -> list[str]:
         return json.loads(result.stdout.splitlines()[-1])["reasons"]
     except (IndexError, ValueError, KeyError, TypeError):
         last = (result.stderr.strip() or f"status {result.returncode}").splitlines()[-1]
-        return [f"the edition cannot be tried: {last}"]
+        return [f"the edition cannot be tested: {last}"]

@@ -1,4 +1,7 @@
-"""Release of an assignment: the handout, and the package without the students' parts; its terms."""
+"""Release an assignment to students, and start a new term.
+
+A release contains the handout, and the package without the parts that students write.
+"""
 
 import json
 import os
@@ -18,40 +21,55 @@ from ..assignments import PACKAGE, Assignment
 from .leaks import leaks, smoke_test
 
 PACKAGE_FOLDER = "package"
-PAGES = ("README.md", "exercises.md")  # read before anything is installed; also as HTML
+PAGES = ("README.md", "exercises.md")  # also released as HTML, to be read without the package
 REPOSITORY = {
     "tests.yml": ".github/workflows/tests.yml",
     "devcontainer.json": ".devcontainer/devcontainer.json",
     "gitignore": ".gitignore",
 }
-"""Files of `.ci/repository/`, and their paths in what is released."""
+"""Files of `.ci/repository/`, and their paths in the release."""
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-PRINTING_S = 120.0
+PRINTING_S = 120.0  # longest time to print a page [s]
 LOCAL_LINK = re.compile(r'<a href="(?!https?:|#)[^"]*">(.*?)</a>', re.DOTALL)
 
 
 class Leak(RuntimeError):
-    """A student edition that must not be given to students; one line a reason."""
+    """A student edition contains withheld parts or does not work; one line for each reason."""
 
 
 def release(assignment: Assignment, out: Path, *, pdf: bool = False) -> Path:
-    """Make `out/a2_time_of_flight/`, whole or not at all; returns it.
+    """Make the folder of a release, for example `out/a2_time_of_flight/`, and return it.
 
-    It holds the handout and the exercises, as Markdown, HTML and with `pdf` as PDF, the figures, a
-    workflow that runs the tests, and the folder `package`, which pip installs and from which
-    `tofrender start` makes a student's folder. `Leak` if the edition must not be given away.
+    The folder contains the handout and the exercises as Markdown and HTML, the figures, and a
+    workflow that runs the tests. Its subfolder `package` contains the student edition. Students
+    install it with pip, and `tofrender start` then makes their folders. If this function fails, no
+    partial folder is left.
+
+    Args:
+        assignment: Assignment of a checkout, with solutions.
+        out: Parent folder of the release.
+        pdf: Also write the handout and the exercises as PDF.
+
+    Raises:
+        FileExistsError: The folder exists.
+        Leak: The edition contains withheld parts, or does not work.
+        ValueError: `pdf` is set, and Chromium is not installed or fails.
     """
+    # Check before any work
     assignment.require_staff("release")
     if pdf:
-        _browser()  # before any work
+        _browser()
     target = Path(out) / assignment.name
     if target.exists() or target.is_symlink():
-        raise FileExistsError(f"{target}: exists; must be a new folder, nothing is overwritten")
+        raise FileExistsError(f"{target} exists and is not overwritten; remove it first")
     with replacing(target, folder=True) as folder:
+        # Write and check the student edition
         package = folder / PACKAGE_FOLDER
         edition.copy(assignment, package)
         edition.make_installable(package, assignment.rubric)
         _refuse([*leaks(assignment, package), *smoke_test(assignment, package)])
+
+        # Write the pages and figures; links between the pages lead to the HTML files
         inside = package / "tofrender" / "course" / "material" / assignment.name
         if (inside / "figures").is_dir():
             shutil.copytree(inside / "figures", folder / "figures")
@@ -65,35 +83,41 @@ def release(assignment: Assignment, out: Path, *, pdf: bool = False) -> Path:
                 page.write_text(html, encoding="utf-8")
                 if pdf:
                     _print(page, page.with_suffix(".pdf"))
+
+        # Write the files of the repository
         for name, path in REPOSITORY.items():
             text = (PACKAGE.parent / ".ci" / "repository" / name).read_text(encoding="utf-8")
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             text = text.replace('"@TITLE@"', json.dumps(assignment.rubric.title))
             (folder / path).write_text(text, encoding="utf-8")
+
+        # Check the whole folder, which is renamed afterwards
         _refuse(leaks(assignment, folder))
         if target.exists():
-            raise FileExistsError(f"{target}: has appeared meanwhile; nothing is overwritten")
+            raise FileExistsError(f"{target} was created in the meantime and is not overwritten")
     return target
 
 
 def _refuse(reasons: list[str]) -> None:
+    """Raise `Leak` if there are reasons against a release."""
     if reasons:
         raise Leak("\n".join(reasons))
 
 
 def _browser() -> str:
-    """Path of Chromium; ValueError if it is not installed."""
+    """Return the path of Chromium; raise ValueError if it is not installed."""
     found = next(filter(None, map(shutil.which, BROWSERS)), None)
     if found is None:
         raise ValueError(
-            f"--pdf: needs one of {', '.join(BROWSERS)} on the PATH; on Debian: apt-get install "
-            "chromium fonts-stix"
+            f"--pdf needs one of the programs {', '.join(BROWSERS)}. Install one, for example on "
+            "Debian with: apt-get install chromium fonts-stix"
         )
     return found
 
 
 def _print(page: Path, path: Path) -> None:
-    """Print a page of HTML, with an outline and the tags that screen readers need."""
+    """Print an HTML page to a PDF file with an outline, and with tags for screen readers."""
+    # Print a copy without links to local files, which would not work in a PDF
     with (
         tempfile.TemporaryDirectory() as profile,
         replacing(path) as temporary,
@@ -117,20 +141,28 @@ def _print(page: Path, path: Path) -> None:
                 command, capture_output=True, text=True, timeout=PRINTING_S, check=False
             )
         except subprocess.TimeoutExpired:
-            raise ValueError(f"{path.name}: Chromium took over {PRINTING_S:g} s") from None
+            text = f"{path.name}: Chromium took longer than {PRINTING_S:g} s"
+            raise ValueError(text) from None
         if done.returncode or not temporary.is_file():
             last = (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
-            raise ValueError(f"{path.name}: Chromium has failed: {last}")
+            raise ValueError(f"{path.name}: Chromium failed: {last}")
 
 
 def new_term(assignment: Assignment, term: int | None = None) -> tuple[int, int]:
-    """Write another `term` into the rubric, by default a drawn one; returns the old and the new."""
+    """Write a new term into the rubric, and return the old and the new term.
+
+    Args:
+        assignment: Assignment of a checkout.
+        term: The new term; by default a random number.
+    """
     assignment.require_staff("new-term")
     path = assignment.folder / rubrics.FILE_NAME
     before = assignment.rubric.term
     if term is None:
         term = 1 + secrets.randbelow(rubrics.MAX_SEED)
-    content: Any = tomlkit.parse(path.read_text(encoding="utf-8"))  # keeps its comments and blanks
+
+    # tomlkit keeps the comments and the layout of the file
+    content: Any = tomlkit.parse(path.read_text(encoding="utf-8"))
     content["assignment"]["term"] = term
     with replacing(path) as temporary:
         temporary.write_text(tomlkit.dumps(content), encoding="utf-8")

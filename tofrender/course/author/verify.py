@@ -1,13 +1,13 @@
 """Checks of an assignment before its release.
 
-| check | holds if |
+| check | passes if |
 |---|---|
 | structure | rubric, tests, markers, handout, stubs, solutions, notebook and mutants agree |
-| edition | nothing withheld is in the released material, and all else of it works |
-| starter | the stubs get no point, and none of them crashes |
-| reference | the package itself gets all points; its notebook runs |
-| solutions | independent right solutions get all points, under every seed; their notebook runs |
-| mutants | each wrong solution fails exactly its tests, and one of them says why |
+| edition | the released material contains nothing that is withheld, and works |
+| starter | the stubs get no points, and none of them crashes |
+| reference | the package itself gets all points, and its notebook runs |
+| solutions | the solutions get all points with every seed, and their notebook runs |
+| mutants | each wrong solution fails exactly its tests, and a failure contains the expected text |
 """
 
 import shutil
@@ -35,20 +35,21 @@ from . import leaks, structure
 
 CHECKS = ("structure", "edition", "starter", "reference", "solutions", "mutants")
 CRASHES = ("the process crashed", "ended itself", "no answer within", "used more than")
+"""Texts of failures after which a submission's process has ended."""
 
 
 @dataclass
 class Check:
     """Result of a check."""
 
-    name: str  # of `CHECKS`
-    reasons: list[str] = field(default_factory=list)  # why it does not hold, a line each
-    detail: str = ""  # the parts that were checked
-    seconds: float = 0.0
+    name: str  # one of `CHECKS`
+    reasons: list[str] = field(default_factory=list)  # a line for each error
+    detail: str = ""  # summary of what was checked
+    seconds: float = 0.0  # duration [s]
 
     @property
     def ok(self) -> bool:
-        """Whether the check holds."""
+        """Whether the check passed."""
         return not self.reasons
 
 
@@ -60,12 +61,22 @@ def verify(
     wrong: int | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> Iterator[Check]:
-    """Run checks of an assignment and yield each when it is done; see the table above.
+    """Run the checks of an assignment, and yield each result when it is available.
 
-    Right solutions must pass tests that draw random numbers under all `seeds`. `only` has some of
-    `CHECKS`, and ids of mutants; `wrong` is the number of mutants to try, evenly spread.
+    Args:
+        assignment: Assignment of a checkout, with solutions.
+        seeds: Number of seeds for tests that draw random numbers. The solutions must pass them
+            with every seed.
+        only: Names of checks, and ids of mutants, to run; by default all.
+        wrong: Number of mutants to try, evenly spread over the list; by default all.
+        say: Function that reports progress.
+
+    Raises:
+        ValueError: `only` contains an unknown name, or the assignment lacks solutions.
     """
     assignment.require_staff("verify")
+
+    # Choose the checks; an id of a mutant chooses the check "mutants"
     chosen = set(only).intersection(CHECKS)
     if ids := set(only) - chosen:
         known = {mutant.id for mutant in mutants.read(assignment)}
@@ -73,12 +84,15 @@ def verify(
             text = f"must be one of {', '.join(CHECKS)}, or the id of a mutant"
             raise ValueError(f"--only = {name[: checks.LONGEST]}: {text}")
         chosen.add("mutants")
+
+    # Run them; an exception is an error of the check
     with tempfile.TemporaryDirectory(prefix="tofrender-verify-") as folder:
         work = _Checks(assignment, Path(folder), seeds, only, wrong, say)
         for name in CHECKS:
             if name in chosen or not chosen:
                 say(name)
-                check, begin = Check(name), time.monotonic()
+                check = Check(name)
+                begin = time.monotonic()
                 try:
                     getattr(work, name)(check)
                 except (ValueError, RuntimeError, OSError) as error:
@@ -89,10 +103,10 @@ def verify(
 
 @dataclass
 class _Checks:
-    """Implementation of the checks, with the edition and the right solutions that they share."""
+    """Methods for all checks, which share the student edition and the solved notebook."""
 
     assignment: Assignment
-    folder: Path
+    folder: Path  # temporary folder
     seeds: int
     only: Collection[str]
     wrong: int | None
@@ -100,32 +114,34 @@ class _Checks:
 
     @cached_property
     def _edition(self) -> Path:
+        """Folder of the student edition."""
         edition.copy(self.assignment, self.folder / "edition")
         return self.folder / "edition"
 
     @cached_property
-    def _right(self) -> Path:
-        """Folder of the independent solutions, with the files their notebook has written."""
+    def _solved(self) -> Path:
+        """Folder of the solutions, with the files that their notebook writes."""
         self.say("solutions: running the notebook")
-        target = self._given_files("right")
+        target = self._with_provided_files("solved")
         shutil.copytree(self.assignment.solutions, target, dirs_exist_ok=True)
         self._solve_notebook(target, self._edition)
         return target
 
-    def _given_files(self, name: str) -> Path:
-        """Make a folder of the files that students build on."""
+    def _with_provided_files(self, name: str) -> Path:
+        """Make a folder with the complete files that students get."""
         (self.folder / name).mkdir()
-        for file in self.assignment.given:
+        for file in self.assignment.provided_files:
             shutil.copy(self.assignment.starter / file, self.folder / name)
         return self.folder / name
 
     def _run(self, submission: Path, **options: Any) -> dict[str, running.Outcome]:
-        folder, edition = self.assignment.folder, self._edition
-        return running.run(folder, submission=submission, edition=edition, **options)
+        """Run the assignment's tests on a submission that imports the student edition."""
+        folder = self.assignment.folder
+        return running.run(folder, submission=submission, edition=self._edition, **options)
 
     @staticmethod
     def _not_passed(tests: Iterable[str], outcomes: dict[str, running.Outcome]) -> Iterator[str]:
-        """Tests that right code does not pass."""
+        """Yield a message for each test that did not pass."""
         for name in tests:
             outcome = outcomes.get(name)
             if outcome is None:
@@ -136,7 +152,7 @@ class _Checks:
                 yield f"{name}: {outcome.outcome}{several * (outcome.cases > 1)}: {text}"
 
     def structure(self, check: Check) -> None:
-        """Check that the parts agree."""
+        """Check that the parts of the assignment agree, see `structure.check`."""
         check.reasons += structure.check(self.assignment)
         rubric = self.assignment.rubric
         count = sum(len(problem.tests) for problem in rubric.problems)
@@ -147,21 +163,25 @@ class _Checks:
         )
 
     def edition(self, check: Check) -> None:
-        """Check that nothing leaks, the rest works, and a student can start with it."""
+        """Check that the edition contains no solution and works, and that students can start."""
+        # Contents of the edition
         folder = self._edition
         check.reasons += leaks.leaks(self.assignment, folder)
         check.reasons += leaks.smoke_test(self.assignment, folder)
         check.detail = f"without {len(edition.withheld(self.assignment.rubric))} modules"
+
+        # A student's folder contains exactly the public tests
         material = folder / "tofrender" / "course" / "material" / self.assignment.name
         student = start(Assignment(material), self.folder / "student")
-        there = set(structure.collect(student, folder))
+        released = set(structure.collect(student, folder))
+        public = set(self.assignment.rubric.public_tests)
         check.reasons += [
-            f"{name}: students {'have it, must not' if name in there else 'do not have it'}"
-            for name in sorted(there.symmetric_difference(self.assignment.rubric.public_tests))
+            f"{name}: students {'must not get' if name in released else 'do not get'} this test"
+            for name in sorted(released ^ public)
         ]
 
     def starter(self, check: Check) -> None:
-        """Check that stubs get no points and do not crash."""
+        """Check that the stubs fail every test because they are not written, without a crash."""
         outcomes = self._run(self.assignment.starter)
         for name, problem in self.assignment.rubric.problem_by_test.items():
             outcome = outcomes.get(name)
@@ -176,48 +196,54 @@ class _Checks:
         check.detail = f"{len(outcomes)} tests fail"
 
     def reference(self, check: Check) -> None:
-        """Check that the package, with its solved notebook, gets all points."""
+        """Check that the package itself gets all points."""
+        # Tests of files that the notebook writes are skipped for the package
         outcomes = running.run(self.assignment.folder)
         files = [name for name, outcome in outcomes.items() if outcome.outcome == "skipped"]
         if files:
+            # Make a submission that imports the package, and run the notebook there
             self.say("reference: running the notebook")
-            folder = self._given_files("reference")
+            folder = self._with_provided_files("reference")
             for problem in self.assignment.rubric.problems:
-                if problem.names:  # others share the file of one that has some
+                if problem.names:  # A problem without names shares the file of another problem
                     with (folder / problem.file).open("a", encoding="utf-8") as file:
                         file.write(f"from {problem.reference} import {', '.join(problem.names)}\n")
             self._solve_notebook(folder, PACKAGE.parent)
             outcomes |= running.run(self.assignment.folder, tests=files, submission=folder)
         check.reasons += self._not_passed(self.assignment.rubric.problem_by_test, outcomes)
-        check.detail = f"{len(outcomes)} tests, {len(files)} of them of the notebook's results"
+        check.detail = f"{len(outcomes)} tests, {len(files)} of which judge the notebook's results"
 
     def solutions(self, check: Check) -> None:
-        """Check that independent solutions get all points, under every seed."""
-        right = self._right
-        outcomes = self._run(right)
+        """Check that the solutions get all points, with every seed."""
+        # All tests
+        solved = self._solved
+        outcomes = self._run(solved)
         check.reasons += self._not_passed(self.assignment.rubric.problem_by_test, outcomes)
         check.reasons += self._faults_of_tests(outcomes)
         check.detail = f"{len(outcomes)} tests"
+
+        # Tests with random numbers, with further seeds
         noisy = sorted(name for name, outcome in outcomes.items() if outcome.seeded)
         if self.seeds > 1 and noisy:
-            self.say(f"solutions: {len(noisy)} tests under {self.seeds} seeds")
-            again = self._repeat(noisy, right)
+            self.say(f"solutions: {len(noisy)} tests with {self.seeds} seeds")
+            again = self._repeat(noisy, solved)
             check.reasons += self._not_passed(noisy, again)
-            check.detail += f", {len(noisy)} of them under {self.seeds} seeds"
+            check.detail += f", {len(noisy)} of which ran with {self.seeds} seeds"
 
-    def _repeat(self, tests: list[str], right: Path) -> dict[str, running.Outcome]:
-        """Run tests under many seeds, in as many processes as there are cores."""
+    def _repeat(self, tests: list[str], solved: Path) -> dict[str, running.Outcome]:
+        """Run tests with many seeds, in one process per core."""
         parts = [part for k in range(cores()) if (part := tests[k :: cores()])]
         found: dict[str, running.Outcome] = {}
         with ThreadPoolExecutor(len(parts)) as pool:
-            for run in [pool.submit(self._run, right, tests=p, seeds=self.seeds) for p in parts]:
+            for run in [pool.submit(self._run, solved, tests=p, seeds=self.seeds) for p in parts]:
                 found |= run.result()
         return found
 
     def _faults_of_tests(self, outcomes: dict[str, running.Outcome]) -> Iterator[str]:
-        """Problems whose needs, time or random numbers are not as they must be."""
+        """Check the problems that tests use, their duration, and that they draw random numbers."""
         rubric = self.assignment.rubric
         for problem in rubric.problems:
+            # The tests use only the problem and the problems that it needs
             ran = [(test, outcomes[test.id]) for test in problem.tests if test.id in outcomes]
             for test, outcome in ran:
                 owners = {
@@ -227,22 +253,28 @@ class _Checks:
                 text = f"which {problem.id} does not need in rubric.toml"
                 for other in sorted(owners - rubric.needed(problem.id)):
                     yield f"{test.id}: uses {other}, {text}"
+
+            # The time is roughly the time in the rubric
             seconds = sum(outcome.seconds for _, outcome in ran)
             if seconds > 3 * problem.takes_s + 10:
-                yield f"{problem.id}: takes {seconds:.0f} s, takes_s says {problem.takes_s:g}"
-            # Otherwise a table of answers would pass
+                yield f"{problem.id}: takes {seconds:.0f} s, but takes_s is {problem.takes_s:g}"
+
+            # Without random inputs, a submission with a table of answers would pass
             drawn = any(test.is_staff and outcome.seeded for test, outcome in ran)
             if problem.file and not drawn:
-                yield f"{problem.id}: must have a test in {STAFF_TEST} that draws what it asks for"
+                yield f"{problem.id}: needs a test in {STAFF_TEST} with random inputs"
 
     def mutants(self, check: Check) -> None:
         """Check that each wrong solution fails exactly its tests."""
+        # Choose mutants by id, or evenly spread
         every = mutants.read(self.assignment)
         chosen = [mutant for mutant in every if mutant.id in self.only]
         if not chosen:
             count = min(len(every), self.wrong or len(every))
             chosen = [every[k * len(every) // count] for k in range(count)]
-        _ = self._right  # made once, before there are threads
+
+        # Judge them in parallel; solve the notebook before threads start
+        _ = self._solved
         with ThreadPoolExecutor(cores()) as pool:
             runs = {pool.submit(self._judge_mutant, mutant): mutant for mutant in chosen}
             for done, run in enumerate(as_completed(runs), 1):
@@ -253,37 +285,52 @@ class _Checks:
         check.detail = f"{len(chosen)}{part} wrong solutions"
 
     def _judge_mutant(self, mutant: Mutant) -> list[str]:
-        """Run the tests on a mutant; a line for each deviation from `mutants.toml`."""
-        rubric, folder = self.assignment.rubric, self.folder / "mutants" / mutant.id
+        """Run the tests on a mutant.
+
+        Returns:
+            A message for each difference from the results that `mutants.toml` predicts.
+        """
+        # Run the tests
+        rubric = self.assignment.rubric
+        folder = self.folder / "mutants" / mutant.id
         tests = mutants.affected(rubric, mutant)
         try:
-            shutil.copytree(self._right, folder)
+            shutil.copytree(self._solved, folder)
             text = mutants.apply(self.assignment, mutant)
             (folder / mutant.file).write_text(text, encoding="utf-8")
             if any(p.id == mutant.problem and not p.file for p in rubric.problems):
-                self._solve_notebook(folder, self._edition)  # which writes the mistake
+                self._solve_notebook(folder, self._edition)  # The mistake is in its results
             outcomes = self._run(folder, tests=tests)
         except (RuntimeError, ValueError) as error:
             return [str(error)]
+
+        # Compare the failed tests with the prediction
         failed = {n for n in tests if n not in outcomes or outcomes[n].outcome != "passed"}
         texts = {name: " ".join(outcomes[name].texts) for name in failed & outcomes.keys()}
         expected = set(mutant.fails)
         reasons = [f"{n} passes, must fail ({mutant.why})" for n in sorted(expected - failed)]
         for name in sorted(failed - expected):
             reasons.append(f"{name} fails, must pass: {_one_line(texts.get(name, ''))}")
+
+        # One failure must contain the predicted text
         if not any(mutant.says in text for text in texts.values()):
-            found = _one_line(" ".join(texts.values())) or "nothing"
-            reasons.append(f"no failure says {mutant.says!r}; they say {found}")
+            found = _one_line(" ".join(texts.values())) or "no text"
+            reasons.append(f"no failure contains {mutant.says!r}; the failures contain: {found}")
         return reasons
 
     def _solve_notebook(self, folder: Path, package: Path) -> None:
-        """Run the notebook in a folder of solutions, whose own `notebook.py` has precedence."""
-        own = folder / "notebook.py"
-        path = own if own.is_file() else self.assignment.folder / "notebook.py"
+        """Run the notebook in a folder of solutions.
+
+        If the folder contains a `notebook.py`, such as a mutant's, it replaces the assignment's.
+        """
+        path = folder / "notebook.py"
+        if not path.is_file():
+            path = self.assignment.folder / "notebook.py"
         if path.is_file():
             notebooks.write(path.read_text(encoding="utf-8"), folder, folder / NOTEBOOK)
             notebooks.execute(folder / NOTEBOOK, PYTHONPATH=str(package))
 
 
 def _one_line(text: str) -> str:
+    """Shorten a text to one line of at most 300 characters."""
     return textwrap.shorten(text, 300, placeholder=" ...")

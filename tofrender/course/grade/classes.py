@@ -1,6 +1,7 @@
-"""Grade a class: each submission in a process of its own, several at a time.
+"""Grade a class. Each submission is graded in a separate process, several at a time.
 
-All of them are copied before the first runs, to a folder that no submission can read or write.
+All submissions are copied before the first one runs, to a folder that no submission can read or
+change.
 """
 
 import json
@@ -24,24 +25,25 @@ from .grading import Extracted, Grader
 from .results import Results, finished, printable
 from .roster import Marks, Member, Standing, write_csv
 
-MORE_S = 25.0  # time beyond the limit before the process of a submission is told to end [s]
-END_WITHIN_S = 60.0  # time that it then has to end its children [s]
+GRACE_S = 25.0  # time between the limit of a submission and the signal that ends its process [s]
+END_WITHIN_S = 60.0  # time between this signal and killing the process [s]
 
 
 @dataclass
 class Class:
-    """A class that is graded."""
+    """Submissions of a class of students."""
 
     grader: Grader
-    folder: Path  # of the submissions
+    folder: Path  # folder of the submissions
     members: Sequence[Member]
-    csv: Path  # written after each submission, a line for each member
+    csv: Path  # table with a line for each member, written after each submission
     out: Path  # folder of the results files, `NAME.json` for each submission
     marks: dict[str, Marks] | None = None  # by the members' ids; None without a sheet
-    roster: bool = False  # whether the members are those of a roster
-    jobs: int = 1  # submissions that are graded at a time
-    private: Sequence[Path] = ()  # not readable by submissions, besides the class and its results
-    columns: Mapping[str, str] = field(default_factory=dict)  # of the CSV, see `roster.columns`
+    roster: bool = False  # whether the members come from a roster
+    jobs: int = 1  # number of submissions that are graded at a time
+    private: Sequence[Path] = ()  # further paths that submissions must not read
+    # names of the table's columns, and the field in each, see `roster.columns`
+    columns: Mapping[str, str] = field(default_factory=dict)
     # results by the member's id, without the tests
     content: dict[str, dict[str, Any]] = field(default_factory=dict)
     _processes: list[subprocess.Popen] = field(default_factory=list)
@@ -49,16 +51,22 @@ class Class:
     _stopped: bool = False
 
     def grade(self, say: Callable[[str], None]) -> None:
-        """Grade all submissions, none of which sees another; `say` gets a line about each.
+        """Grade all submissions. No submission can read another submission.
 
-        Earlier results are kept, unless the submission or the tests have changed since.
+        Earlier results are kept, unless the submission or the tests have changed.
+
+        Args:
+            say: Function that gets a line of text about each submission.
         """
+        # Copy all submissions, and read earlier results
         self.out.mkdir(parents=True, exist_ok=True)
         work = [(m, self._extract(m)) for m in self.members if m.submission is not None]
         empty = [(m, f) for m, f in work if isinstance(f, Extracted) and f.empty]
         if empty:
             shown = "; ".join(f"{printable(m.id, 80)}: {f.error}" for m, f in empty[:3])
             say(f"warning: {len(empty)} of {len(work)} submissions are empty: {shown}")
+
+        # Grade them in parallel
         with (
             ThreadPoolExecutor(self.jobs) as pool,
             ProgressBar("Grading", len(work), unit="submission") as bar,
@@ -69,16 +77,20 @@ class Class:
                 while left:
                     done, left = wait(left, timeout=1.0, return_when=FIRST_COMPLETED)
                     for run in done:
+                        # Store the result, and write the table
                         content, note = run.result()
                         member = runs[run]
                         self.content[member.id] = content
                         bar.update()
                         self.write()
+
+                        # Report it
                         score = f"{content['score']:g}" if "score" in content else "none"
                         points = f"{score} of {self.rubric.points:g} points"
                         name = printable(self.results(member).stem, 100)
                         say(f"[{bar.n}/{len(work)}] {name}: {points}, {note}")
             except BaseException:
+                # Also after Ctrl-C: end all processes, and start no other
                 pool.shutdown(wait=False, cancel_futures=True)
                 with self._lock:
                     self._stopped = True
@@ -88,7 +100,7 @@ class Class:
         self.write()
 
     def write(self) -> None:
-        """Write the CSV file: members that are graded, and those without a submission."""
+        """Write the CSV file with the graded members and the members without a submission."""
         done = [m for m in self.members if m.submission is None or m.id in self.content]
         class_ = map(self.standing, done)
         sheet = self.marks is not None
@@ -96,7 +108,7 @@ class Class:
 
     @property
     def not_graded(self) -> list[Member]:
-        """Members whose submissions the machine has failed to grade."""
+        """Members without a grade, because the machine failed."""
         return [member for member in self.members if not self.standing(member).graded]
 
     @property
@@ -105,29 +117,29 @@ class Class:
         return self.grader.assignment.rubric
 
     def standing(self, member: Member) -> Standing:
-        """Points of a member."""
+        """Return the points of a member."""
         marks = (self.marks or {}).get(member.id, Marks())
         return Standing(self.rubric, member, self.content.get(member.id), marks)
 
     def results(self, member: Member) -> Path:
-        """Results file of a member's submission."""
+        """Return the path of the results file of a member's submission."""
         assert member.submission is not None
         return self.out / f"{member.submission.name}.json"
 
     def tests(self, member: Member) -> dict[str, dict[str, Any]]:
-        """Results of each test by its id, as in `results.json`; empty without a submission."""
+        """Read the results of a member's tests, by the tests' ids; empty without a submission."""
         if member.submission is None:
             return {}
         tests = json.loads(self.results(member).read_text(encoding="utf-8"))["tests"]
         return {test["extra_data"]["test"]: test for test in tests}
 
     def pictures(self, member: Member) -> Path:
-        """Folder of pictures of a member's submission, which need not exist."""
+        """Return the folder for pictures of a member's submission, which may not exist."""
         assert member.submission is not None
         return self.out / f"{member.submission.name}.pictures"
 
     def _extract(self, member: Member) -> Extracted | dict[str, Any]:
-        """A copy of a member's submission, or earlier results, without the tests."""
+        """Copy a member's submission, or return its earlier results without the tests."""
         assert member.submission is not None
         path = self.results(member)
         content = finished(path, self.rubric, self.grader.fingerprint)
@@ -138,10 +150,21 @@ class Class:
     def _grade(
         self, member: Member, files: Extracted | dict[str, Any]
     ) -> tuple[dict[str, Any], str]:
-        """Results of a member, without the tests, and a note on their origin."""
+        """Grade a copied submission in a separate process.
+
+        Args:
+            member: Member of the class.
+            files: The copy, or earlier results, which are returned.
+
+        Returns:
+            The results without the tests, and a note with the duration or the problem.
+        """
         if isinstance(files, dict):
             return files, "graded before"
-        grader, path = self.grader, self.results(member)
+
+        # Describe the work
+        grader = self.grader
+        path = self.results(member)
         private = (self.folder, self.out, self.csv, *self.private)
         request = {
             "grader": vars(grader) | {"assignment": grader.assignment.folder},
@@ -150,21 +173,26 @@ class Class:
             "hidden": [each.absolute() for each in private],
             "pictures": self.pictures(member).absolute(),
         }
+
+        # Start the process. The request goes through standard input, because all users can read
+        # the arguments of a command, and the seed is secret
         with self._lock:
             if self._stopped:
                 raise KeyboardInterrupt
             process = subprocess.Popen(
                 [sys.executable, "-P", "-m", f"{__package__}.grading"],
                 env=safe_environment(PYTHONPATH=str(PACKAGE.parent)),
-                stdin=subprocess.PIPE,  # all can read a command's arguments, and the seed is secret
+                stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
-                start_new_session=True,  # Ctrl-C is ours to pass on
+                start_new_session=True,  # Ctrl-C reaches only this process, which ends the others
             )
             self._processes.append(process)
+
+        # Wait for its end
         try:
             text = json.dumps(request, default=str).encode()
-            errors = process.communicate(text, timeout=grader.time_limit_s + MORE_S)[1]
+            errors = process.communicate(text, timeout=grader.time_limit_s + GRACE_S)[1]
         except subprocess.TimeoutExpired:
             process.terminate()
             errors = b"took too long"
@@ -174,8 +202,10 @@ class Class:
         finally:
             with self._lock:
                 self._processes.remove(process)
+
+        # Read the results; without results, write why, and continue with other submissions
         content = finished(path, self.rubric, grader.fingerprint)
-        if content is None:  # whatever has happened to it, the others go on
+        if content is None:
             last = errors.decode(errors="replace").strip().splitlines()[-1:] or ["it was ended"]
             results = Results(self.rubric, fingerprint=grader.fingerprint, seed=grader.seed)
             results.remarks = [f"not graded: {printable(last[0], 300)}"]
@@ -194,12 +224,13 @@ def submissions_in(
 
     Args:
         folder: Folder of the class.
-        assignment: Assignment whose files a single file can stand for.
+        assignment: Assignment with the names that a single file can have.
         not_submissions: Paths in the folder that belong to the teacher, such as the roster.
 
     Raises:
-        ValueError: There is no submission, or something in the folder is neither a folder, an
-            archive, nor a file of the assignment. The message lists all of them.
+        ValueError: The folder contains no submissions, or something in it is neither a folder, an
+            archive, nor a file of the assignment. The message lists all of them. Also raised if two
+            single files seem to belong to one student.
     """
     ignored = {path.resolve() for path in not_submissions}
     rubric = assignment.rubric
@@ -238,12 +269,15 @@ def submissions_in(
 
 
 def _short(content: dict[str, Any]) -> dict[str, Any]:
-    """Results without the tests: those of a large class take little memory."""
+    """Return results without the tests, to save memory."""
     return {name: value for name, value in content.items() if name != "tests"}
 
 
 def _changed(submission: Path) -> float:
-    """Latest change of a file of a submission, in content or place [s since 1970]."""
+    """Return the time of the latest change of a submission's files, in content or place.
+
+    The time is in seconds since 1970.
+    """
     newest = 0.0
     for folder, folders, names in [("", [], [submission]), *os.walk(submission)]:
         for name in (*folders, *names):

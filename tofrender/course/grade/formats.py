@@ -1,6 +1,7 @@
-"""Formats of a results file: `grade --format`, each made from Gradescope's.
+"""Formats of a results file (`grade --format`), which are converted from Gradescope's format.
 
-Platforms without visibilities of tests get no reason for tests that are not visible.
+Other platforms show all tests to students. Therefore the reason is left out for tests that
+students must not see.
 """
 
 import datetime
@@ -11,21 +12,25 @@ from typing import Any
 from xml.etree import ElementTree
 
 Content = Mapping[str, Any]
-RUN = {
-    **{"classroom": "CLASSROOM", "assignment": "ASSIGNMENT", "submission": "SUBMISSION_TAG"},
-    **{"commit": "COMMIT_URL", "release": "RELEASE_URL", "review": "REVIEW_URL"},
+RUN_VARIABLES = {
+    "classroom": "CLASSROOM",
+    "assignment": "ASSIGNMENT",
+    "submission": "SUBMISSION_TAG",
+    "commit": "COMMIT_URL",
+    "release": "RELEASE_URL",
+    "review": "REVIEW_URL",
 }
-"""Variables in which Classroom 50 names a run."""
-POINT = 100  # integers that Classroom 50 gets for a point
+"""Fields of Classroom 50's result, and the environment variables with their values."""
+POINT = 100  # value of a point in Classroom 50, where scores are integers
 
 
 def gradescope(content: Content) -> str:
-    """Gradescope's `results.json`."""
+    """Return Gradescope's `results.json`."""
     return _json(content)
 
 
 def prairielearn(content: Content) -> str:
-    """PrairieLearn's `results.json`, whose score is a fraction and at most 1."""
+    """Return PrairieLearn's `results.json`. The score is a fraction of at most 1."""
     if not content["extra_data"]["complete"]:
         return _json({"gradable": False, "format_errors": [content["output"]]})
     tests = [
@@ -40,12 +45,15 @@ def prairielearn(content: Content) -> str:
 
 
 def classroom50(content: Content) -> str:
-    """Classroom 50's `result.json`: hundredths of points without bonus, names of the run.
+    """Return Classroom 50's `result.json`, with scores in hundredths of a point.
 
-    The file is empty, which is no result, if the submission is not graded.
+    Bonus problems are left out. If the submission is not graded, the text is empty, which
+    Classroom 50 does not accept as a result.
     """
     if not content["extra_data"]["complete"]:
         return ""
+
+    # Tests; those of bonus problems have a maximum of 0
     tests = [
         {
             "test-name": test["name"],
@@ -56,23 +64,28 @@ def classroom50(content: Content) -> str:
         for test, _ in _tests(content)
         if test["max_score"]
     ]
-    given = {name: os.environ.get(variable, "") for name, variable in RUN.items()}
+
+    # Description of the run
+    run = {name: os.environ.get(variable, "") for name, variable in RUN_VARIABLES.items()}
+    run["review"] = run["review"] or run["commit"]
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    given["review"] = given["review"] or given["commit"]
-    head: dict[str, Any] = {"schema": "classroom50/result/v1", **given, "datetime": now}
+    head: dict[str, Any] = {"schema": "classroom50/result/v1", **run, "datetime": now}
     head["usernames"] = [os.environ.get("USERNAME", "")]
     sums = {name: sum(test[name] for test in tests) for name in ("score", "max-score")}
     return _json(head | sums | {"tests": tests})
 
 
 def junit(content: Content) -> str:
-    """JUnit's XML, a test case for each test; points are properties."""
+    """Return JUnit's XML, with a test case for each test and the points as properties."""
+    # Without results, the only test case is an error
     extra = content["extra_data"]
     suite = ElementTree.Element("testsuite", name=extra["assignment"])
     if not extra["complete"]:
         case = ElementTree.SubElement(suite, "testcase", name="grading")
         ElementTree.SubElement(case, "error", message=content["output"])
         suite.attrib |= {"tests": "1", "errors": "1"}
+
+    # Test cases
     for test, reason in _tests(content):
         problem, _, name = test["name"].partition(": ")
         seconds = f"{test['extra_data']['execution_time']:g}"
@@ -83,6 +96,8 @@ def junit(content: Content) -> str:
         if test["status"] != "passed":
             failure = ElementTree.SubElement(case, "failure", message=reason.partition("\n")[0])
             failure.text = reason
+
+    # Counts
     failures = sum(test["status"] != "passed" for test in content["tests"])
     if extra["complete"]:
         suite.attrib |= {"tests": str(len(content["tests"])), "failures": str(failures)}
@@ -94,11 +109,12 @@ FORMATS = {each.__name__: each for each in (gradescope, prairielearn, classroom5
 
 
 def _tests(content: Content) -> Iterator[tuple[Mapping[str, Any], str]]:
-    """Tests, and the reason that a student may read."""
+    """Yield each test with the reason that a student may read."""
     for test in content["tests"]:
         shown = test["visibility"] == "visible" or not test["output"]
-        yield test, test["output"] if shown else "What this test asks for is not shown."
+        yield test, test["output"] if shown else "The reason is not shown for this test."
 
 
 def _json(content: Content) -> str:
+    """Format JSON; numbers that are not finite raise ValueError."""
     return json.dumps(content, indent=1, allow_nan=False) + "\n"

@@ -1,8 +1,8 @@
 """Overview of a class, in Markdown and HTML: failing tests, likely mistakes, item discrimination.
 
-A failure **looks like** a wrong solution of `mutants.toml` if it fails the same tests of its
-problem, or most of them with that mutant's words. An item **separates** if those who pass it have
-more points elsewhere.
+A submission **looks like** a mutant of `mutants.toml` if it fails the same tests of the problem. If
+the failures also contain the mutant's text, half of the tests in common are enough. A test
+**separates** if students who pass it have more points in other tests.
 """
 
 from collections import defaultdict
@@ -22,22 +22,22 @@ from .roster import Standing
 
 NAME = "overview"
 NO_ANSWER = ("not written yet", "is missing", "not judged")
-"""Words of a failure without an answer, which looks like no mistake."""
-LIKE = 0.5  # fraction of the tests of both that two alike sets of failures have in common
-SHOWN = 12  # names of members in a line
+"""Texts of failures without an answer, which do not identify a mistake."""
+LIKE = 0.5  # smallest overlap of failed tests (intersection over union) that identifies a mutant
+SHOWN = 12  # largest number of names in a cell
 
 
 @dataclass(frozen=True)
 class Result:
-    """Test results of a member's submission."""
+    """Results of the tests of a member's submission."""
 
-    member: str  # name
+    member: str  # name of the member
     scores: Mapping[str, float]  # points of each test, by its id
     failures: Mapping[str, str]  # texts of failed tests, by their ids
 
 
 def write(class_: Class, folder: Path) -> None:
-    """Write `overview.md` and `overview.html` into a folder, which exists."""
+    """Write `overview.md` and `overview.html` into an existing folder."""
     results = []
     for member in class_.members:
         if tests := class_.tests(member):
@@ -50,20 +50,27 @@ def write(class_: Class, folder: Path) -> None:
 
 
 def page(assignment: Assignment, standings: Sequence[Standing], results: Sequence[Result]) -> str:
-    """Overview as Markdown, from the points of all members and the tests of all submissions."""
+    """Return the overview as Markdown.
+
+    Args:
+        assignment: The assignment.
+        standings: Points of all graded members.
+        results: Tests of all submissions.
+    """
     rubric = assignment.rubric
     totals = np.array([each.total for each in standings] or [0.0])
     most = max((each.most for each in standings), default=rubric.points)
     parts = [
         f"# {pages.plain(rubric.title)}: the class",
-        f"{len(results)} of {len(standings)} handed in. Points, of {points_text(most)}: "
-        f"mean {totals.mean():.1f}, median {np.median(totals):.1f}, "
-        f"from {totals.min():.1f} to {totals.max():.1f}.",
+        f"{len(results)} of {len(standings)} students handed in a submission. "
+        f"Points, of {points_text(most)}: mean {totals.mean():.1f}, "
+        f"median {np.median(totals):.1f}, from {totals.min():.1f} to {totals.max():.1f}.",
         "## Problems",
         _problems(rubric, standings),
         "## Tests",
-        "How many failed, and how well the test separates: r is the correlation of its points with "
-        "those of all other tests. Above 0.3 is good; below 0, look at the test and at the text.",
+        "Number of failures, and how well a test separates: r is the correlation between the "
+        "points of the test and the points of all other tests. A value above 0.3 is good. If r is "
+        "below 0, check the test and the handout.",
         _tests(rubric, results),
         "## What failures look like",
         *_mistakes(assignment, results),
@@ -72,6 +79,7 @@ def page(assignment: Assignment, standings: Sequence[Standing], results: Sequenc
 
 
 def _problems(rubric: Rubric, standings: Sequence[Standing]) -> str:
+    """Return the table of problems: mean points, and how many students have all or none."""
     lines = []
     for problem in rubric.problems:
         got = np.array([each.points(problem) for each in standings] or [0.0])
@@ -83,6 +91,7 @@ def _problems(rubric: Rubric, standings: Sequence[Standing]) -> str:
 
 
 def _tests(rubric: Rubric, results: Sequence[Result]) -> str:
+    """Return the table of tests: number of failures and discrimination."""
     ids = list(rubric.problem_by_test)
     scores = np.array([[result.scores.get(name, 0.0) for name in ids] for result in results])
     separates = separation(scores.reshape(len(results), len(ids)))
@@ -97,9 +106,15 @@ def _tests(rubric: Rubric, results: Sequence[Result]) -> str:
 
 
 def separation(scores: np.ndarray) -> np.ndarray:
-    """Item-rest correlation (Pearson's r) of each item of scores (members, items).
+    """Return the item-rest correlation of each test.
 
-    NaN where all members have equal points.
+    This is Pearson's r between the points of the test and the sum of all other tests.
+
+    Args:
+        scores: Points of shape (members, tests).
+
+    Returns:
+        Array of shape (tests,). A value is NaN if all members have equal points.
 
     Example:
         >>> separation(np.array([[1, 1, 0], [1, 1, 0], [0, 0, 0], [0, 0, 1.0]])).round(2)
@@ -107,17 +122,19 @@ def separation(scores: np.ndarray) -> np.ndarray:
     """
     found = np.full(scores.shape[1], np.nan)
     for item in range(scores.shape[1]):
-        one, rest = scores[:, item], scores.sum(axis=1) - scores[:, item]
-        if len(one) > 1 and np.ptp(one) > 0 and np.ptp(rest) > 0:
-            found[item] = np.corrcoef(one, rest)[0, 1]
+        points = scores[:, item]
+        other_points = scores.sum(axis=1) - points
+        if len(points) > 1 and np.ptp(points) > 0 and np.ptp(other_points) > 0:
+            found[item] = np.corrcoef(points, other_points)[0, 1]
     return found
 
 
 def _mistakes(assignment: Assignment, results: Sequence[Result]) -> list[str]:
-    """Tables of the mutants that failures of each problem look like."""
+    """Return a table for each problem with the mutants that the submissions look like."""
     known = mutants.read(assignment) if (assignment.folder / "mutants.toml").is_file() else []
     parts = []
     for problem in assignment.rubric.problems:
+        # Group the members by mutants; without a mutant, by the tests that fail
         seen: dict[str, list[str]] = defaultdict(list)
         unknown: dict[tuple[str, ...], list[str]] = defaultdict(list)
         for result in results:
@@ -127,6 +144,8 @@ def _mistakes(assignment: Assignment, results: Sequence[Result]) -> list[str]:
                     unknown[tuple(sorted(failures))].append(result.member)
                 else:
                     seen[likeliest.id].append(result.member)
+
+        # Frequent mistakes come first
         lines = [
             [f"`{mutant.id}`", pages.plain(mutant.why), _names(seen[mutant.id])]
             for mutant in sorted(known, key=lambda m: -len(seen.get(m.id, ())))
@@ -138,17 +157,17 @@ def _mistakes(assignment: Assignment, results: Sequence[Result]) -> list[str]:
         ]
         if lines:
             parts.append(f"### {pages.plain(problem.title)}")
-            parts.append(pages.table(["looks like", "what is wrong", "whose"], lines))
+            parts.append(pages.table(["looks like", "mistake", "students"], lines))
     parts.append(
-        "What looks like no mutant may be a new mistake: write it into `mutants.toml`."
+        "Failures that look like no mutant may show a new mistake. Add it to `mutants.toml`."
         if parts
-        else "Nobody made a mistake that the tests find."
+        else "The tests found no mistakes."
     )
     return parts
 
 
 def failures_of(result: Result, problem: Problem) -> dict[str, str]:
-    """Texts of a problem's failed tests that had an answer."""
+    """Return the texts of a problem's failed tests, by id, except failures without an answer."""
     texts = {t.id: result.failures[t.id] for t in problem.tests if t.id in result.failures}
     return {n: text for n, text in texts.items() if not any(no in text for no in NO_ANSWER)}
 
@@ -156,21 +175,36 @@ def failures_of(result: Result, problem: Problem) -> dict[str, str]:
 def likeliest_mutant(
     failures: Mapping[str, str], problem: Problem, known: Iterable[Mutant]
 ) -> Mutant | None:
-    """Mutant of a problem whose failures are most like these, by test id; None if none is."""
-    own = {test.id for test in problem.tests}
+    """Find the mutant that failures look like.
+
+    Args:
+        failures: Texts of the failed tests, by id.
+        problem: Problem of the tests.
+        known: Mutants of the assignment.
+
+    Returns:
+        The mutant with the most similar failures, None if no mutant is similar enough.
+    """
+    tests = {test.id for test in problem.tests}
     text = "\n".join(failures.values())
-    best, most = None, 0.0
+    best = None
+    best_score = 0.0
     for mutant in known:
-        fails = own & set(mutant.fails)
+        fails = tests & set(mutant.fails)
         if mutant.problem != problem.id or not fails:
             continue
-        common = len(fails & failures.keys()) / len(fails | failures.keys())
-        says = mutant.says in text
-        if common >= (LIKE if says else 1.0) and common + says > most:
-            best, most = mutant, common + says
+
+        # Overlap of the failed tests, plus 1 if the mutant's text occurs
+        overlap = len(fails & failures.keys()) / len(fails | failures.keys())
+        has_text = mutant.says in text
+        score = overlap + has_text
+        if overlap >= (LIKE if has_text else 1.0) and score > best_score:
+            best = mutant
+            best_score = score
     return best
 
 
 def _names(members: Sequence[str]) -> str:
+    """Return the number of members, and the first names."""
     shown = ", ".join(pages.plain(name) for name in members[:SHOWN])
     return f"{len(members)}: {shown}" + ", ..." * (len(members) > SHOWN)

@@ -1,7 +1,7 @@
-"""Programs of a class in the folders that JPlag compares: https://github.com/jplag/JPlag.
+"""Prepare the programs of a class for JPlag, which finds copies: https://github.com/jplag/JPlag.
 
-JPlag compares the structure of programs, so that other names, comments and orders hide nothing,
-and ignores files that everybody was given.
+JPlag compares the structure of programs. It finds copies with changed names, comments and order,
+and ignores the code of files that all students got.
 """
 
 import shlex
@@ -15,24 +15,40 @@ from ..material import copy_file
 from . import unpacking
 from .roster import folder_name
 
-SUBMISSIONS, BASE, RESULT = "submissions", "base", "result"
+# Folders
+SUBMISSIONS = "submissions"
+BASE = "base"
+RESULT = "result"
 
 
 def write(
     assignment: Assignment, submissions: Sequence[Path], out: Path
 ) -> tuple[list[str], list[str]]:
-    """Write `OUT/submissions/NAME/*.py` and the stubs in `OUT/base/`.
+    """Write the programs to `OUT/submissions/NAME/*.py`, and the stubs to `OUT/base/`.
 
-    Returns the names of those that are there, and why others are not, a line each.
+    Args:
+        assignment: The assignment.
+        submissions: Paths of the submissions.
+        out: New or empty folder.
+
+    Returns:
+        Names of the written submissions, and a message for each submission that was left out.
+
+    Raises:
+        FileExistsError: The folder is not empty.
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise FileExistsError(f"--out = {out}: exists; must be a new folder, or an empty one")
+        raise FileExistsError(f"--out = {out}: exists; pass a new folder or an empty folder")
     patterns = [p for p in assignment.rubric.submit if p.endswith(".py")] or ["*.py"]
-    given = set(assignment.given)
-    written, reasons = [], []
+    provided = set(assignment.provided_files)
+    written = []
+    reasons = []
     with replacing(out, folder=True) as folder:
+        # Stubs
         for file in sorted(assignment.starter.glob("*.py")):
             copy_file(file, folder / BASE / file.name)
+
+        # Submissions, without files that all students got
         for number, submission in enumerate(submissions):
             name = folder_name(unpacking.stem_of(submission))
             name = name if name not in written else f"{name}_{number}"
@@ -40,10 +56,10 @@ def write(
             try:
                 names = assignment.rubric.files
                 files = set(unpacking.extract(submission, patterns, target, names))
-                for file in files & given:
+                for file in files & provided:
                     (target / file).unlink()
-                if not files - given:
-                    raise unpacking.BadSubmission("has no programs")
+                if not files - provided:
+                    raise unpacking.BadSubmission("contains no programs")
                 written.append(name)
             except unpacking.BadSubmission as error:
                 reasons.append(f"{submission.name!a}: {error}")
@@ -52,6 +68,6 @@ def write(
 
 
 def command(out: Path) -> str:
-    """Command that compares the folders of `write`."""
+    """Return the command that compares the programs that `write` wrote."""
     base, result, root = (shlex.quote(str(out / name)) for name in (BASE, RESULT, SUBMISSIONS))
     return f"java -jar jplag.jar -l python3 -bc {base} -r {result} {root}"

@@ -22,21 +22,29 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import IO
 
-MAX_BYTES = 512 << 20  # of all files together, as they really are
+MAX_BYTES = 512 << 20  # largest size of all files together, after unpacking [bytes]
 MAX_FILES = 2000
-LEVELS = 2  # folders around the files
-MAX_NAME = 250  # with its folders [bytes]
-MAX_DIRECTORY = 1 << 20  # of an archive: the description of its files [bytes]
-MAX_XZ_MEMORY = 128 << 20  # that the header of an xz file may ask for [bytes]
+LEVELS = 2  # largest number of folders around the files
+MAX_NAME = 250  # longest name of a file with its folders [bytes]
+MAX_DIRECTORY = 1 << 20  # largest size of an archive's directory [bytes]
+MAX_XZ_MEMORY = 128 << 20  # largest memory that the header of an xz file may request [bytes]
 ARCHIVES = (".zip", ".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz")
 """Endings of the archives that can be read."""
 LITTER = {"__macosx", "thumbs.db", "desktop.ini"}
 """Files and folders that operating systems leave behind, in lower case."""
-# Names of files that configure the judge, in no folder of a submission. All others may be helpers,
-# also `probes.py`, which the tests have, too: neither meets the other.
+# Files that could configure the judge are never copied from any folder of a submission. All other
+# names are allowed, also `probes.py`, because the tests' own `probes.py` is in another folder
 NEVER = {
-    *("conftest.py", "pytest.ini", ".pytest.ini", "pyproject.toml", "setup.cfg", "tox.ini"),
-    *("rubric.toml", "results.json", "sitecustomize.py", "usercustomize.py"),
+    "conftest.py",
+    "pytest.ini",
+    ".pytest.ini",
+    "pyproject.toml",
+    "setup.cfg",
+    "tox.ini",
+    "rubric.toml",
+    "results.json",
+    "sitecustomize.py",
+    "usercustomize.py",
 }
 BROKEN = (
     EOFError,
@@ -48,27 +56,36 @@ BROKEN = (
     zipfile.BadZipFile,
     zlib.error,
 )
-"""Errors of a submission that cannot be read."""
+"""Errors of Python's libraries for broken archives."""
 OF_THE_MACHINE = {errno.EIO, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOSPC, errno.ESTALE}
-"""Numbers of errors that no submission is to blame for."""
+"""Numbers of operating system errors that a submission cannot cause."""
 Opener = Callable[[], IO[bytes]]
 
 
 class BadSubmission(ValueError):
-    """A submission cannot be extracted; one line for the student."""
+    """A submission cannot be extracted; the message is one line for the student."""
 
 
 class Nothing(BadSubmission):
-    """A submission has none of the files that were asked for."""
+    """A submission contains none of the requested files."""
 
 
 def extract(
     source: Path, patterns: Sequence[str], target: Path, names: Sequence[str] = ()
 ) -> list[str]:
-    """Copy matching files of a submission into a new folder; returns their names, sorted.
+    """Copy matching files of a submission into a new folder.
 
-    The files may lie up to two folders deep, or in the only archive of a folder. If several folders
-    hold matching files, the folder with most of `names` is used. Links in a folder are ignored.
+    The files may be up to two folders deep, or in the only archive of a folder. If several folders
+    contain matching files, the folder with most of `names` is used. Links in a folder are ignored.
+
+    Args:
+        source: The submission: a folder, an archive, or a single file.
+        patterns: Patterns of the files to copy.
+        target: The new folder.
+        names: Names of the files that the problems ask for.
+
+    Returns:
+        Sorted names of the copied files.
 
     Raises:
         BadSubmission: There are too many files, the files are too large, or an archive is broken
@@ -76,6 +93,8 @@ def extract(
     """
     if source.is_file() and not is_archive(source):
         return _extract_single(source, patterns, target, names)
+
+    # List the files, and choose the matching files of one folder
     depth = LEVELS + max(len(pattern.split("/")) for pattern in patterns)
     with _open_files(source, depth) as files:
         chosen = _chosen(files, patterns, names)
@@ -84,12 +103,17 @@ def extract(
             if source.is_dir() and len(archives) == 1:
                 return extract(source / archives[0], patterns, target, names)
             shown = ", ".join(sorted(files)[:3]) + ", ..." * (len(files) > 3)
-            raise Nothing(f"has none of {', '.join(names or patterns)}; has {shown or 'no files'}")
+            wanted = ", ".join(names or patterns)
+            raise Nothing(f"contains none of {wanted}; contains {shown or 'no files'}")
+
+        # Check number and names
         if len(chosen) > MAX_FILES:
-            raise BadSubmission(f"has {len(chosen)} files, more than {MAX_FILES}")
+            raise BadSubmission(f"contains {len(chosen)} files, more than {MAX_FILES}")
         folders = {str(up) for name in chosen.values() for up in PurePosixPath(name).parents}
         for name in folders.intersection(chosen.values()):
-            raise BadSubmission(f"holds {name!a} as a file and as a folder")
+            raise BadSubmission(f"contains {name!a} as a file and as a folder")
+
+        # Copy the files, and measure their real size
         target.mkdir(parents=True)
         left = MAX_BYTES
         for name, new in chosen.items():
@@ -111,7 +135,7 @@ def _extract_single(
     name = asked_name(source.name, patterns, names)
     if name is None:
         wanted = ", ".join(names or patterns)
-        raise Nothing(f"is one file, whose name must end in one of {wanted}")
+        raise Nothing(f"is one file; its name must end in one of {wanted}")
     with _readable():
         size = source.stat().st_size
     if size > MAX_BYTES:
@@ -124,7 +148,7 @@ def _extract_single(
 
 
 def asked_name(name: str, patterns: Sequence[str], names: Sequence[str]) -> str | None:
-    """Find the file of an assignment that a single file stands for; None if it is unclear.
+    """Find the file of an assignment that a single submitted file replaces.
 
     Learning management systems put the student's name in front (`ada_12_tent.py`), and number a
     repeated upload (`ada_12_tent-1.py`). If the assignment asks for one file of this type only,
@@ -135,19 +159,27 @@ def asked_name(name: str, patterns: Sequence[str], names: Sequence[str]) -> str 
         patterns: Patterns of all files that may be handed in.
         names: Names of the files that the problems ask for.
 
+    Returns:
+        Name of the assignment's file, None if the name does not identify it.
+
     Example:
         >>> files = (["*.py", "notebook.ipynb"], ["tent.py", "disk.py"])
         >>> [asked_name(name, *files) for name in ("ada_12_tent-1.py", "x.py", "ada.ipynb")]
         ['tent.py', None, 'notebook.ipynb']
     """
+    # Collect the names that are asked for; patterns without wildcards are names, too
     whole = [pattern for pattern in patterns if not set("*?[/") & set(pattern)]
     asked = list(dict.fromkeys([*names, *whole]))
+
+    # Compare with the end of the name
     stem, suffix = os.path.splitext(name)
     first_upload = re.sub(r"-\d+$", "", stem) + suffix
     for candidate in (name, first_upload):
         found = [each for each in asked if re.search(rf"(^|[\s_.-]){re.escape(each)}$", candidate)]
         if found:
             return max(found, key=len)
+
+    # Is there only one file of this type?
     same_type = [each for each in asked if each.endswith(suffix)]
     if suffix and len(same_type) == 1:
         return same_type[0]
@@ -169,7 +201,15 @@ def stem_of(path: Path) -> str:
 
 
 def _chosen(files: Iterable[str], patterns: Sequence[str], names: Sequence[str]) -> dict[str, str]:
-    """New names of the files of one folder, by their names."""
+    """Choose the folder with the requested files.
+
+    Returns:
+        Names relative to this folder, by the names in the submission. Empty if no file matches.
+
+    Raises:
+        BadSubmission: Two folders match equally well.
+    """
+    # Group the matching files by folder
     found: dict[str, dict[str, str]] = {}
     for name in files:
         parts = name.split("/")
@@ -180,17 +220,23 @@ def _chosen(files: Iterable[str], patterns: Sequence[str], names: Sequence[str])
     if not found:
         return {}
 
+    # Prefer the folder with most of the requested names, then the folder with the shortest path
     def rank(folder: str) -> tuple[int, int]:
+        """Return a key for sorting folders."""
         return len({*found[folder].values()} & {*names}), -len([*filter(None, folder.split("/"))])
 
     first, *others = sorted(found, key=rank, reverse=True)
     if others and rank(others[0]) == rank(first):
-        raise BadSubmission(f"has its files in two folders, {first!a} and {others[0]!a}")
+        raise BadSubmission(f"contains the files in two folders, {first!a} and {others[0]!a}")
     return found[first]
 
 
 def matches(name: str, patterns: Iterable[str]) -> bool:
-    """Whether a file, by its path inside the submission with `/`, matches a pattern.
+    """Return whether a file matches a pattern. Files that could configure the judge never match.
+
+    Args:
+        name: Path of the file inside the submission, with `/`.
+        patterns: Patterns; `*` does not match `/`.
 
     Example:
         >>> names = ["deliverables/a.png", "deliverables/old/a.png", "conftest.py"]
@@ -206,7 +252,12 @@ def matches(name: str, patterns: Iterable[str]) -> bool:
 
 @contextmanager
 def _open_files(source: Path, depth: int) -> Iterator[dict[str, Opener]]:
-    """Names of all files down to `depth`, each with a function that opens it."""
+    """Return the names of all files of a submission, each with a function that opens the file.
+
+    Args:
+        source: A folder or an archive.
+        depth: Number of levels of a folder that are listed.
+    """
     with ExitStack() as stack:
         with _readable():
             if source.is_dir():
@@ -218,6 +269,7 @@ def _open_files(source: Path, depth: int) -> Iterator[dict[str, Opener]]:
 
 
 def _chunks(opener: Opener) -> Iterator[bytes]:
+    """Yield the content of a file in chunks."""
     with _readable(), opener() as file:
         while chunk := file.read(1 << 16):
             yield chunk
@@ -225,7 +277,7 @@ def _chunks(opener: Opener) -> Iterator[bytes]:
 
 @contextmanager
 def _readable() -> Iterator[None]:
-    """Blame the submission for errors when it is read, but not for a disk that is full."""
+    """Convert errors of reading to `BadSubmission`, except errors of the machine."""
     try:
         yield
     except BadSubmission:
@@ -239,14 +291,15 @@ def _readable() -> Iterator[None]:
 
 
 class _CarefulFile(io.FileIO):
-    """File that reads little at a time, for archives that claim a huge directory."""
+    """File that refuses large reads, because an archive can claim to have a huge directory."""
 
     def read(self, size: int = -1, /) -> bytes:
+        """Read at most `MAX_DIRECTORY` bytes; raise BadSubmission for more."""
         if size < 0 or size > MAX_DIRECTORY:
             size = MAX_DIRECTORY + 1
         data = super().read(size) or b""
         if len(data) > MAX_DIRECTORY:
-            raise BadSubmission(f"has more than {MAX_FILES} files")
+            raise BadSubmission(f"contains more than {MAX_FILES} files")
         return data
 
 
@@ -254,10 +307,10 @@ class _CarefulFile(io.FileIO):
 class _Entry:
     """Entry of an archive."""
 
-    name: str  # as the archive spells it
+    name: str  # name in the archive
     is_folder: bool
     fault: str  # why the entry cannot be used, "" if it can
-    open: Opener
+    open: Opener  # opens the content
 
 
 @contextmanager
@@ -278,6 +331,7 @@ def _open_archive(source: Path) -> Iterator[list[_Entry]]:
 
 
 def _zip_entry(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Entry:
+    """Describe an entry of a zip archive."""
     kind = stat.S_IFMT(info.external_attr >> 16)
     fault = ""
     if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
@@ -285,10 +339,14 @@ def _zip_entry(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Entry:
     elif info.flag_bits & 1:
         fault = "which is encrypted"
     is_folder = info.filename.replace("\\", "/").endswith("/")
-    return _Entry(info.filename, is_folder, fault, lambda: archive.open(info))
+    return _Entry(
+        name=info.filename, is_folder=is_folder, fault=fault, open=lambda: archive.open(info)
+    )
 
 
 def _tar_entry(archive: tarfile.TarFile, info: tarfile.TarInfo) -> _Entry:
+    """Describe an entry of a tar archive."""
+
     def open_entry() -> IO[bytes]:
         file = archive.extractfile(info)
         assert file is not None, "only regular files are opened"
@@ -299,14 +357,14 @@ def _tar_entry(archive: tarfile.TarFile, info: tarfile.TarInfo) -> _Entry:
         fault = "which is a link or a device"
     elif info.issparse():
         fault = "which is a sparse file"
-    return _Entry(info.name, info.isdir(), fault, open_entry)
+    return _Entry(name=info.name, is_folder=info.isdir(), fault=fault, open=open_entry)
 
 
 def _few(archive: tarfile.TarFile) -> Iterator[tarfile.TarInfo]:
     """Yield the members of a tar archive; refuse one with too many."""
     for number, info in enumerate(archive):
         if number >= MAX_FILES:
-            raise BadSubmission(f"has more than {MAX_FILES} entries")
+            raise BadSubmission(f"contains more than {MAX_FILES} entries")
         yield info
 
 
@@ -339,7 +397,7 @@ def _decompressed(file: IO[bytes], start: bytes) -> Iterator[bytes]:
 
 
 def _decompressed_xz(file: IO[bytes]) -> Iterator[bytes]:
-    """Yield the content of an xz file, whose header can ask for gigabytes of memory."""
+    """Yield the content of an xz file, with a limit for the memory that its header requests."""
     decompressor = lzma.LZMADecompressor(memlimit=MAX_XZ_MEMORY)
     while not decompressor.eof:
         data = file.read(1 << 16) if decompressor.needs_input else b""
@@ -349,31 +407,36 @@ def _decompressed_xz(file: IO[bytes]) -> Iterator[bytes]:
 
 
 def _checked(entries: Sequence[_Entry]) -> dict[str, Opener]:
-    """Return the files of an archive; BadSubmission if an entry is suspicious."""
+    """Return the files of an archive by name; raise BadSubmission for a suspicious entry."""
     if len(entries) > MAX_FILES:
-        raise BadSubmission(f"has {len(entries)} entries, more than {MAX_FILES}")
+        raise BadSubmission(f"contains {len(entries)} entries, more than {MAX_FILES}")
     files: dict[str, Opener] = {}
     for entry in entries:
+        # Refuse dangerous names and entries
         name = entry.name.replace("\\", "/")
         shown = ascii(entry.name[:100])
         path = PurePosixPath(name)
         if ".." in path.parts or path.is_absolute() or name[1:2] == ":":
-            raise BadSubmission(f"holds {shown}, which lies outside of it")
+            raise BadSubmission(f"contains {shown}, a path outside the archive")
         if not name.isprintable() or len(name.encode()) > MAX_NAME:
-            raise BadSubmission(f"holds {shown}, a name with odd characters or too many")
+            text = "a name with unprintable characters, or a name that is too long"
+            raise BadSubmission(f"contains {shown}, {text}")
         if entry.fault:
-            raise BadSubmission(f"holds {shown}, {entry.fault}")
+            raise BadSubmission(f"contains {shown}, {entry.fault}")
+
+        # Skip folders, and files of macOS
         if entry.is_folder or name.startswith("__MACOSX/") or path.name.startswith("._"):
             continue
         if str(path) in files:
-            raise BadSubmission(f"holds {shown} twice")
+            raise BadSubmission(f"contains {shown} twice")
         files[str(path)] = entry.open
     return files
 
 
 def _files_of(source: Path, depth: int) -> Iterator[tuple[str, Opener]]:
-    """Regular files of a folder, without those behind links."""
+    """Yield the regular files of a folder down to `depth`. Links are ignored."""
     for folder, folders, names in os.walk(source):
+        # Descend into visible folders only
         inside = Path(folder).relative_to(source)
         if len(inside.parts) + 1 >= depth:
             folders.clear()

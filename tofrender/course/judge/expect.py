@@ -1,14 +1,21 @@
-"""Comparisons of the graded tests: a failure shows expected and actual values, and a hint.
+"""Comparisons of the graded tests. A failure shows expected and actual values, and a hint.
 
     expect.close(area, 1.0, "integral of the density", hint="is 1/(σ√2π) in front?")
 
-The statistical ones share one chance of a false alarm, `ALPHA`, for a whole assignment; each gets
-its part by Šidák's rule, from the number of comparisons that the rubric states. A failure of
-arrays leaves a picture in the folder that the judge has chosen.
+All statistical comparisons of an assignment share one probability of a false alarm, `ALPHA`. Each
+comparison gets its part by Šidák's rule, from the number of comparisons in the rubric. If arrays
+differ, a picture is written to the folder that the judge has chosen.
 
-Of all comparisons: `actual` is the submission's answer, `expected` the right one, `what` names the
-quantity, `hint` the usual cause of a difference. `**more` are `hint`, `ratios` (hints for answers
-that are right but for a factor), and `x` and `x_label` (the abscissae of a one-dimensional array).
+All comparisons raise `Failure`, and have these arguments:
+
+| argument | meaning |
+|---|---|
+| `actual`, `samples` | the submission's answer, or several independent answers |
+| `expected` | the correct answer |
+| `what` | name of the quantity |
+| `hint` | usual cause of a difference |
+| `ratios` | hints for answers that are wrong by a factor, see `factors` |
+| `x`, `x_label` | abscissae of a one-dimensional array, and their name, for the picture |
 """
 
 import re
@@ -24,16 +31,21 @@ from ...sampling.statistics import p_values, smallest_allowed
 from . import factors
 from .factors import Ratios
 
-ALPHA = 1e-3  # chance that a right submission fails anywhere in an assignment
-PICTURE = "  picture:  "  # begin of the line of a failure that names its picture
-FACTOR = "  which is: "  # begin of the line that says by which factor an answer is off
-HINT = "  hint:     "  # begin of the line that names the usual cause
+ALPHA = 1e-3  # probability that a correct submission fails any test of an assignment
+# Beginnings of the lines of a failure
+EXPECTED = "  expected: "
+ACTUAL = "  actual:   "
+FACTOR = "  factor:   "  # factor by which the answer is wrong
+HINT = "  hint:     "  # usual cause
+PICTURE = "  picture:  "  # path of the picture
 
 
 class Failure(AssertionError):
-    """A comparison failed; the text is for the student.
+    """A comparison failed. The text is for the student.
 
-    `fraction` is the fraction of the test's points that it still gives.
+    Args:
+        text: Lines of the failure.
+        fraction: Fraction of the test's points that the answer still gets.
     """
 
     def __init__(self, text: str, fraction: float = 0.0) -> None:
@@ -45,23 +57,32 @@ _settings = SimpleNamespace(comparisons=100, pictures=None, test="test")
 
 
 def configure(**settings: Any) -> None:
-    """Set `comparisons` (their number), `pictures` (their folder) or `test` (that runs now)."""
+    """Change the settings of all following comparisons.
+
+    Args:
+        **settings: Number of statistical `comparisons` in the assignment, folder of the
+            `pictures`, or name of the current `test`.
+    """
     vars(_settings).update(settings)
 
 
 def close(
     actual: Any, expected: Any, what: str, *, rtol: float = 1e-4, atol: float = 0.0, **more: Any
 ) -> None:
-    """Numbers or arrays agree to `atol + rtol |expected|`, element by element; else `Failure`.
+    """Require that numbers or arrays differ by at most `atol + rtol |expected|` everywhere.
 
     `expected` is a number, or has the shape of `actual`.
     """
-    compared = _Compared(what, **more)
-    actual, expected = compared.numbers(actual), np.asarray(expected, np.float64)
+    # Shapes and finite values
+    compared = _Comparison(what, **more)
+    actual = compared.numbers(actual)
+    expected = np.asarray(expected, np.float64)
     if expected.ndim:
         compared.require_shape(actual, expected.shape)
     compared.require_finite(actual)
     expected = np.broadcast_to(expected, actual.shape)
+
+    # Differences; a failure names the factor by which the answer is wrong, if there is one
     excess = np.abs(actual - expected) - (atol + rtol * np.abs(expected))
 
     def agrees(other: np.ndarray) -> bool:
@@ -74,19 +95,19 @@ def close(
 
 
 def finite(actual: Any, what: str, *, hint: str = "") -> None:
-    """No NaN and no infinity; else `Failure`, which says how many and where the first is."""
-    compared = _Compared(what, hint)
+    """Require that no number is NaN or infinite."""
+    compared = _Comparison(what, hint)
     compared.require_finite(compared.numbers(actual))
 
 
 def shape(actual: Any, expected: tuple[int, ...], what: str, *, hint: str = "") -> None:
-    """An array of this shape; else `Failure`."""
-    compared = _Compared(what, hint)
+    """Require that an array has the shape `expected`."""
+    compared = _Comparison(what, hint)
     compared.require_shape(compared.numbers(actual), expected)
 
 
 def true(condition: Any, what: str, *, hint: str = "") -> None:
-    """A condition holds; else `Failure` with `what` as its text."""
+    """Require that a condition holds; `what` is the text of the failure."""
     if not bool(condition):
         raise Failure("\n".join([what, *_hint(hint)]))
 
@@ -94,12 +115,16 @@ def true(condition: Any, what: str, *, hint: str = "") -> None:
 def estimate(
     samples: Any, expected: Any, what: str, *, rounding: float = 1e-5, **more: Any
 ) -> None:
-    """Independent estimates have the mean `expected` (Student's t-test, element by element).
+    """Require that independent estimates have the mean `expected`, by Student's t-test.
 
-    `samples` has the shape (seeds, ...) with eight seeds or more, `expected` one that broadcasts to
-    (...); `rounding` is the relative difference that single precision explains.
+    Args:
+        samples: Estimates of shape (seeds, ...), with eight seeds or more.
+        expected: Expected mean, of a shape that broadcasts to (...).
+        what: Name of the quantity.
+        rounding: Relative difference that single precision explains.
+        **more: `hint`, `ratios`, `x` and `x_label`, see above.
     """
-    compared = _Compared(what, **more)
+    compared = _Comparison(what, **more)
     samples = compared.numbers(samples)
     compared.require_finite(samples)
     expected = np.broadcast_to(np.asarray(expected, np.float64), samples.shape[1:])
@@ -107,9 +132,13 @@ def estimate(
 
 
 def same(samples_a: Any, samples_b: Any, what: str, *, rounding: float = 1e-5, **more: Any) -> None:
-    """Two sets of independent estimates have equal means (Welch's t-test); see `estimate`."""
-    compared = _Compared(what, **more)
-    samples_a, samples_b = map(compared.numbers, (samples_a, samples_b))
+    """Require that two sets of independent estimates have equal means, by Welch's t-test.
+
+    For the arguments, see `estimate`.
+    """
+    compared = _Comparison(what, **more)
+    samples_a = compared.numbers(samples_a)
+    samples_b = compared.numbers(samples_b)
     compared.require_finite(samples_a)
     compared.require_finite(samples_b)
     compared.require_shape(samples_a, (len(samples_a), *samples_b.shape[1:]))
@@ -117,42 +146,65 @@ def same(samples_a: Any, samples_b: Any, what: str, *, rounding: float = 1e-5, *
 
 
 def noise(samples: Any, most: float, what: str, *, hint: str = "") -> None:
-    """Independent estimates do not scatter more than those of a good solution do.
+    """Require that independent estimates have a small standard deviation.
 
-    `samples` has the shape (n, ...), n >= 2. `most` is the largest standard deviation, in their
-    units: the root of the mean variance of all elements. Allow for the scatter of few estimates.
+    Args:
+        samples: Estimates of shape (n, ...), with n >= 2.
+        most: Largest allowed standard deviation, in the unit of the estimates. It is compared with
+            the square root of the mean variance of all elements. Leave a margin, because a few
+            estimates determine the deviation only roughly.
+        what: Name of the quantity.
+        hint: Usual cause of more noise.
     """
-    compared = _Compared(what, hint)
+    compared = _Comparison(what, hint)
     samples = compared.numbers(samples)
     compared.require_finite(samples)
     deviation = float(np.sqrt(np.mean(samples.var(axis=0, ddof=1))))
     if not deviation <= most:
-        compared = _Compared(f"standard deviation of {what}", hint)
+        compared = _Comparison(f"standard deviation of {what}", hint)
         compared.fail(f"at most {_number(most)}", _number(deviation))
 
 
 def histogram(counts: Any, probabilities: Any, what: str, **more: Any) -> None:
-    """Counts of samples follow the probabilities of their bins (Pearson's chi-square test).
+    """Require that counts of samples follow the probabilities of their bins.
 
-    Bins that expect fewer than five samples are pooled. The probabilities may sum to less than 1:
-    the remainder is the chance of falling into no bin.
+    The test is Pearson's chi-square test. Bins with fewer than five expected samples are pooled.
+
+    Args:
+        counts: Number of samples in each bin.
+        probabilities: Probability of each bin. Their sum may be below 1, if samples can fall
+            outside all bins.
+        what: Name of the quantity.
+        **more: `hint`, `x` and `x_label`, see above.
     """
-    compared = _Compared(what, **more)
-    counts, probabilities = compared.numbers(counts), np.asarray(probabilities, np.float64)
+    # Shapes and finite values
+    compared = _Comparison(what, **more)
+    counts = compared.numbers(counts)
+    probabilities = np.asarray(probabilities, np.float64)
     compared.require_shape(counts, probabilities.shape)
     compared.require_finite(counts)
     total = counts.sum()
     if not total > 0:
         compared.fail("samples in the bins", "none")
+
+    # No sample may fall into an impossible bin
     expected = probabilities * total / probabilities.sum()
     impossible = counts[expected == 0].sum()
     if impossible:
         outside = f"{impossible:.0f} of {total:.0f}"
         compared.fail("no samples where the density is 0", outside)
+
+    # Pool the bins with few expected samples
     few = expected < 5
-    pooled, of = (np.append(n[~few], n[few].sum()) for n in (counts, expected))
-    pooled, of = pooled[of > 0], of[of > 0]
-    chi2, freedom = float(((pooled - of) ** 2 / of).sum()), of.size - 1
+    pooled_counts = np.append(counts[~few], counts[few].sum())
+    pooled_expected = np.append(expected[~few], expected[few].sum())
+    used = pooled_expected > 0
+    pooled_counts = pooled_counts[used]
+    pooled_expected = pooled_expected[used]
+
+    # Compute the statistic and its p-value
+    chi2 = float(((pooled_counts - pooled_expected) ** 2 / pooled_expected).sum())
+    freedom = pooled_expected.size - 1
     p = chdtrc(freedom, chi2) if freedom > 0 else 1.0
     if not p >= smallest_allowed(ALPHA, _settings.comparisons):
         worst = int(np.argmax(np.where(few, 0, (counts - expected) ** 2 / np.maximum(expected, 1))))
@@ -160,8 +212,14 @@ def histogram(counts: Any, probabilities: Any, what: str, **more: Any) -> None:
         replace(compared, what=what + text).fail_at(worst, counts, expected)
 
 
-def _compare_means(samples, reference, compared: "_Compared", rounding: float) -> None:
-    """Fail if the mean of samples differs from the reference: values, or other samples."""
+def _compare_means(
+    samples: np.ndarray, reference: np.ndarray, compared: "_Comparison", rounding: float
+) -> None:
+    """Fail if the mean of samples differs from the reference.
+
+    The reference contains either expected values, or samples with the dimensions of `samples`.
+    """
+    # All elements share the comparison's probability of a false alarm
     least = smallest_allowed(smallest_allowed(ALPHA, _settings.comparisons), samples[0].size)
     p = p_values(samples, reference, rounding=rounding)
 
@@ -169,9 +227,13 @@ def _compare_means(samples, reference, compared: "_Compared", rounding: float) -
         return bool(p_values(samples, other, rounding=rounding).min() >= least)
 
     if not p.min() >= least:
+        # Is the answer wrong by a factor?
         shown = reference if reference.ndim < samples.ndim else reference.mean(0)
         error = samples.std(axis=0, ddof=1) / len(samples) ** 0.5
-        factor = factors.find(reference, agrees, compared.ratios, shown, 6 * float(error.max()))
+        tolerance = 6 * float(error.max())
+        factor = factors.find(reference, agrees, compared.ratios, shown, tolerance)
+
+        # Show the element with the most significant difference
         worst = int(np.argmin(p))
         about = f" (mean of {len(samples)} renders, ± {_number(error.reshape(-1)[worst])})"
         named = replace(compared, what=compared.what + about)
@@ -179,8 +241,8 @@ def _compare_means(samples, reference, compared: "_Compared", rounding: float) -
 
 
 @dataclass(frozen=True)
-class _Compared:
-    """Quantity that a comparison is of, and the failures of it; the arguments are those above."""
+class _Comparison:
+    """Description of a comparison, which raises its failures; for the fields see above."""
 
     what: str
     hint: str = ""
@@ -195,11 +257,11 @@ class _Compared:
         except (TypeError, ValueError):
             self.fail("numbers", f"{value!r:.80}")
         if numbers.size == 0:
-            self.fail("numbers", f"none: an array of shape {numbers.shape}")
+            self.fail("numbers", f"an empty array of shape {numbers.shape}")
         return numbers
 
     def require_finite(self, actual: np.ndarray) -> None:
-        """Fail if there is a NaN or an infinity."""
+        """Fail if a number is NaN or infinite, and report the first one's index."""
         bad = ~np.isfinite(actual)
         if bad.any():
             first = [int(i) for i in np.argwhere(bad)[0]]
@@ -207,42 +269,61 @@ class _Compared:
             self.fail("finite numbers", f"{bad.sum()} that are NaN or infinite{where}")
 
     def require_shape(self, actual: np.ndarray, expected: tuple[int, ...]) -> None:
-        """Fail if the shape is another."""
+        """Fail if an array does not have the expected shape."""
         if actual.shape != tuple(expected):
             self.fail(f"shape {tuple(expected)}", f"shape {actual.shape}")
 
     def fail_at(self, index: int, actual: Any, expected: Any, factor: Any = None) -> NoReturn:
-        """Fail with the element that differs most, and a picture of all."""
+        """Fail, showing one element and a picture of all elements.
+
+        Args:
+            index: Flat index of the element.
+            actual: Actual values.
+            expected: Expected values, of the same shape.
+            factor: Result of `factors.find`.
+        """
+        # Locate the element by its abscissa or its indices
         where = ""
         if actual.ndim == 1 and self.x is not None:
             where = f" at {self.x_label or 'x'} = {_number(np.asarray(self.x).reshape(-1)[index])}"
         elif actual.ndim:
             where = f" at {[int(i) for i in np.unravel_index(index, actual.shape)]}"
+
+        # Compose the text; a hint for the factor replaces the general hint
         picture = self._picture(actual, expected)
-        wrong, right = actual.reshape(-1)[index], expected.reshape(-1)[index]
+        wrong = actual.reshape(-1)[index]
+        right = expected.reshape(-1)[index]
         ratio = f" ({wrong / right:.4g} times that)" if right else ""
-        text, hint, fraction = _number(wrong) + ratio, self.hint, 0.0
+        text = _number(wrong) + ratio
+        hint = self.hint
+        fraction = 0.0
         if factor is not None:
-            name, own_hint, fraction = factor
-            text += f"\n{FACTOR}{name} times what is right, everywhere"
-            hint = own_hint or hint
+            name, factor_hint, fraction = factor
+            text += f"\n{FACTOR}{name} times the expected value, everywhere"
+            hint = factor_hint or hint
         located = replace(self, what=self.what + where, hint=hint)
         located.fail(_number(right), text, picture, fraction)
 
     def fail(self, expected: str, actual: str, picture: Any = "", fraction=0.0) -> NoReturn:
-        """Raise `Failure` with expected and actual value."""
-        lines = [self.what, f"  expected: {expected}", f"  came:     {actual}", *_hint(self.hint)]
-        raise Failure("\n".join(lines + ([f"{PICTURE}{picture}"] if picture else [])), fraction)
+        """Raise `Failure` with descriptions of the expected and the actual value."""
+        lines = [self.what, f"{EXPECTED}{expected}", f"{ACTUAL}{actual}", *_hint(self.hint)]
+        if picture:
+            lines.append(f"{PICTURE}{picture}")
+        raise Failure("\n".join(lines), fraction)
 
     def _picture(self, actual: np.ndarray, expected: np.ndarray) -> Path | None:
-        """Plot expected and actual values; None for numbers, or without a folder for pictures."""
+        """Plot expected and actual values, and return the path of the picture.
+
+        None without a folder for pictures, for one or two numbers, and above three dimensions.
+        """
         if _settings.pictures is None or actual.ndim == 0 or actual.size < 3 or actual.ndim > 3:
             return None
         from matplotlib.figure import Figure
 
         figure = Figure(figsize=(6 if actual.ndim == 1 else 8, 3.5), layout="constrained")
-        curves = {"expected": expected, "came": actual}
+        curves = {"expected": expected, "actual": actual}
         if actual.ndim == 1:
+            # Two curves in one plot
             axes = figure.subplots()
             axis = np.arange(actual.size) if self.x is None else np.asarray(self.x).reshape(-1)
             for (name, values), width in zip(curves.items(), (2, 1), strict=True):
@@ -250,11 +331,14 @@ class _Compared:
             axes.set(xlabel=self.x_label)
             axes.legend()
         else:
+            # Two images with the same color scale
             limits = {"vmin": float(expected.min()), "vmax": float(expected.max())}
             for (name, values), axes in zip(curves.items(), figure.subplots(1, 2), strict=True):
                 image = axes.imshow(values.mean(-1) if values.ndim == 3 else values, **limits)
                 axes.set_title(name)
             figure.colorbar(image, ax=figure.axes)
+
+        # The file has the name of the test
         figure.suptitle(self.what, fontsize="small", wrap=True)
         _settings.pictures.mkdir(parents=True, exist_ok=True)
         path = _settings.pictures / (re.sub(r"[^\w-]+", "_", _settings.test) + ".png")
@@ -263,8 +347,10 @@ class _Compared:
 
 
 def _hint(hint: str) -> list[str]:
+    """Return the line of a hint; no line for an empty hint."""
     return [f"{HINT}{hint}"] if hint else []
 
 
 def _number(value: Any) -> str:
+    """Format a number with six digits."""
     return f"{float(value):.6g}"

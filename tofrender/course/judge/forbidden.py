@@ -1,6 +1,7 @@
-"""Features that a handout does not allow: they are gone while a submission runs.
+"""Features that a handout does not allow: they are removed while a submission runs.
 
-`forbids` in the rubric, for an assignment or for one problem, names parts to be written by hand:
+`forbids` in the rubric names the features that students write themselves. It applies to an
+assignment or to one problem:
 
 | word | not allowed |
 |---|---|
@@ -8,12 +9,12 @@
 | `integrators` | integrators of Mitsuba and of this package |
 | `sampling` | everything in Mitsuba that samples: shapes, lights, materials, distributions |
 
-A guard that refuses calls would have to hold what it guards, and Python code can find everything
-that its process holds. Therefore `remove` deletes the features before the process loads a
-submission, and native integrators are never loaded (`plugins.leave_out`). Nothing refers to the
-features any more, so neither closures nor the garbage collector lead to them. In the sandbox the
-process can afterwards read none of the `files` that would bring them back, and start no other
-program.
+A wrapper that refuses calls would keep a reference to the wrapped feature, and Python code can
+find every object of its process. Therefore `remove` deletes the features before the process loads
+a submission, and native integrators are never loaded (`plugins.leave_out`). No object refers to
+the features afterwards, so neither closures nor the garbage collector lead to them. In the
+sandbox, the process can then read none of the `files` that would bring the features back, and
+cannot start another program.
 """
 
 import gc
@@ -33,29 +34,36 @@ NATIVE_INTEGRATORS = frozenset(
 """Mitsuba's plugins of integrators that are native libraries."""
 LOADERS = {"load_dict", "load_string", "load_file"}
 SAMPLES = re.compile(r"(sample|pdf|eval_pdf|invert|sggx)(_|$)|.*_(sample|pdf)$")
-"""Names of methods and functions of Mitsuba that sample something, or are densities."""
+"""Names of Mitsuba's methods and functions that sample, or that return probability densities."""
 MATERIALS = {"BSDF", "BSDFPtr", "PhaseFunction", "PhaseFunctionPtr", "MicrofacetDistribution"}
-"""Classes whose values are densities, too."""
+"""Classes with a method `eval` that also gives away a density."""
 LOOP = "tofrender.paths.walk"  # module of the path loop, which the package's integrators use
-OF_INTEGRATORS = (
+INTEGRATOR_FILES = (
     "tofrender/integrators",
     "tofrender/nlos/light",
     "tofrender/paths/walk.py",
-    "tofrender/paths/__pycache__/walk.*",  # bytecode, which Python runs without its source
+    "tofrender/paths/__pycache__/walk.*",  # Python runs bytecode without the source
 )
+INTEGRATORS = "integrators of Mitsuba and the package are"
 
 
 class Forbidden(Exception):
-    """A submission has used a forbidden feature; one line."""
+    """A submission used a forbidden feature; the message is one line."""
 
 
 def refuse(what: str) -> NoReturn:
-    """Raise `Forbidden`."""
+    """Raise `Forbidden`; `what` is the feature with a verb, for example "mi.warp is"."""
     raise Forbidden(f"{what} not allowed in this problem: write it yourself")
 
 
 def remove(words: Collection[str]) -> None:
-    """Delete forbidden features from this process, for good; Mitsuba's variant is active."""
+    """Delete forbidden features from this process, in the active variant of Mitsuba.
+
+    The features cannot be restored.
+
+    Args:
+        words: Words of the table above.
+    """
     if "integrators" in words:
         _remove_integrators()
     if "sampling" in words:
@@ -66,7 +74,12 @@ def remove(words: Collection[str]) -> None:
 
 
 def files(words: Collection[str], package: Path) -> list[Path]:
-    """Files that would bring forbidden features back; `package` holds the folder `tofrender`."""
+    """Return the files that would bring forbidden features back.
+
+    Args:
+        words: Words of the table above.
+        package: Folder that contains the package `tofrender`.
+    """
     if not words:
         return []
     spec = importlib.util.find_spec("mitsuba")
@@ -79,15 +92,16 @@ def files(words: Collection[str], package: Path) -> list[Path]:
     if "integrators" in words:
         found += [path for name in NATIVE_INTEGRATORS for path in mitsuba.glob(f"plugins/{name}.*")]
         found.append(mitsuba / "python" / "ad" / "integrators")
-        found += [path for pattern in OF_INTEGRATORS for path in package.glob(pattern)]
+        found += [path for pattern in INTEGRATOR_FILES for path in package.glob(pattern)]
     return [path for path in found if path.exists()]
 
 
 def _remove_warps() -> None:
-    """Empty the module `mi.warp`."""
+    """Delete the functions in the module `mi.warp`."""
     import mitsuba as mi
 
     def attribute(name: str) -> Any:
+        """Refuse the access to a deleted function."""
         refuse(f"mi.warp.{name} is")
 
     for name in list(vars(mi.warp)):
@@ -96,14 +110,20 @@ def _remove_warps() -> None:
 
 
 def _remove_sampling() -> None:
-    """Replace methods and functions of Mitsuba that sample, except `Integrator.sample`."""
+    """Replace Mitsuba's sampling methods and functions by functions that raise `Forbidden`.
+
+    Integrators, samplers and films keep their methods.
+    """
     import mitsuba as mi
 
+    # Functions; `sample_tea` hashes numbers and stays allowed
     modules = [vars(sys.modules[f"mitsuba.{mi.variant()}"]), vars(mi)]
     for content in modules:
         for name in [name for name, value in content.items() if _is_native(value)]:
             if SAMPLES.match(name) and not name.startswith("sample_tea"):
                 content[name] = _refusal(f"mi.{name} is")
+
+    # Methods
     for owner in filter(inspect.isclass, list(modules[0].values())):
         if issubclass(owner, mi.Integrator | mi.Sampler | mi.Film):
             continue
@@ -113,12 +133,12 @@ def _remove_sampling() -> None:
 
 
 def _is_native(value: object) -> bool:
-    """Whether an object is a function or a method of a native module."""
+    """Return whether an object is a function or a method of a native module."""
     return type(value).__name__ in ("nb_func", "nb_method")
 
 
 def _refusal(what: str) -> Callable[..., NoReturn]:
-    """Function that stands where a forbidden one was."""
+    """Return a function that raises `Forbidden`, as the replacement of a forbidden function."""
 
     def refused(*_: Any, **__: Any) -> NoReturn:
         refuse(what)
@@ -130,18 +150,21 @@ def _remove_integrators() -> None:
     """Delete the methods of all integrators in Python, and the package's path loop."""
     import mitsuba as mi
 
+    # Methods of the integrators
     for integrator in set(_subclasses(mi.Integrator)):
         if integrator.__module__.startswith(("mitsuba.python", "tofrender")):
             for name, value in list(vars(integrator).items()):
                 if callable(value) or isinstance(value, property | classmethod | staticmethod):
                     delattr(integrator, name)
             integrator.__init__ = _refusal(INTEGRATORS)
+
+    # Functions of the path loop, in all modules that imported them
     for module in [m for name, m in sys.modules.items() if name.startswith("tofrender.")]:
         for name, value in list(vars(module).items()):
             if isinstance(value, FunctionType) and value.__module__ == LOOP:
                 delattr(module, name)
 
-    # Native integrators cannot be deleted; without the sandbox these functions refuse them
+    # Native integrators cannot be deleted. Without the sandbox, these functions refuse them
     modules = {id(m): m for name, m in sys.modules.items() if name.startswith("mitsuba")}
     for owner in modules.values():
         for name in LOADERS & vars(owner).keys():
@@ -150,17 +173,20 @@ def _remove_integrators() -> None:
     _refuse_integrators(mi.Scene, "integrator")
 
 
-INTEGRATORS = "integrators of Mitsuba and the package are"
-
-
 def _subclasses(of: type) -> Iterator[type]:
+    """Yield all direct and indirect subclasses of a class."""
     for each in of.__subclasses__():
         yield each
         yield from _subclasses(each)
 
 
 def _refuse_integrators(owner: type | ModuleType, name: str) -> None:
-    """Let a function refuse integrators that are its results, or that it cannot load."""
+    """Wrap a function that makes Mitsuba objects so that it raises `Forbidden` for integrators.
+
+    Args:
+        owner: Class or module of the function.
+        name: Name of the function.
+    """
     import mitsuba as mi
 
     function = getattr(owner, name)

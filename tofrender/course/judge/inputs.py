@@ -1,10 +1,11 @@
-"""Numbers of the public tests: other ones in each term, equal for all students.
+"""Numbers of the public tests, which change from term to term and are equal for all students.
 
     inputs = Inputs(__file__)  # in a file of an assignment's tests/
     WIDTH = inputs.number("width", 0.05, low=0.04, high=0.08)
 
-The rubric's `term` chooses them. Term 0 has those that are written in the tests; any other draws
-from the range, by the name alone, so that tests and probes agree and no order matters.
+The rubric's `term` chooses the numbers. Term 0 uses the numbers that are written in the tests. Any
+other term draws each number from its range. The draw depends only on the term and the name of the
+number, so tests and probes get the same numbers in any order.
 """
 
 import hashlib
@@ -16,31 +17,32 @@ from .. import rubric
 
 
 class Inputs:
-    """Numbers of one assignment, by a file of its folder `tests/`."""
+    """Numbers of one assignment; `file` is any file in the assignment's folder `tests/`."""
 
     def __init__(self, file: str) -> None:
         self._term = rubric.read(Path(file).resolve().parents[1]).term
 
     def number(self, name: str, first: float, *, low: float, high: float) -> float:
-        """Number from `low` to `high` of four digits; `first` in term 0."""
+        """Return a number from `low` to `high`, rounded to four digits; `first` in term 0."""
         if self._term == 0:
             return first
         return float(f"{self._generator(name).uniform(low, high):.4g}")
 
     def integer(self, name: str, first: int, *, low: int, high: int) -> int:
-        """Integer from `low` to `high`; `first` in term 0."""
+        """Return an integer from `low` to `high`, both included; `first` in term 0."""
         if self._term == 0:
             return first
         return int(self._generator(name).integers(low, high, endpoint=True))
 
     def _generator(self, name: str) -> np.random.Generator:
-        return np.random.default_rng(_drawn(f"{self._term} {name}"))
+        return np.random.default_rng(_hash(f"{self._term} {name}"))
 
 
 def seed_of(term: int) -> int:
-    """Offset of a term to the seeds of all tests, 0 for term 0."""
-    return _drawn(str(term)) % (1 << 30) if term else 0
+    """Return the number that a term adds to the seeds of all tests; 0 for term 0."""
+    return _hash(str(term)) % (1 << 30) if term else 0
 
 
-def _drawn(text: str) -> int:
+def _hash(text: str) -> int:
+    """Return an integer of 64 bits that depends on a text."""
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little")

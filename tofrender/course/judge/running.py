@@ -1,4 +1,4 @@
-"""Run an assignment's tests in a pytest of their own, and read its report."""
+"""Run an assignment's tests in a separate pytest process, and read its report."""
 
 import json
 import math
@@ -17,24 +17,27 @@ from ...runtime.child_processes import safe_environment
 from ..assignments import PACKAGE
 from ..rubric import Rubric
 
-MAX_REPORT = 64 << 20  # bytes of a report that are read
-OK, SOME_FAILED, NONE_COLLECTED = 0, 1, 5
+MAX_REPORT = 64 << 20  # part of a report that is read [bytes]
+# Exit statuses of pytest
+OK = 0
+SOME_FAILED = 1
+NONE_COLLECTED = 5
 PYTEST_OPTIONS = ("-q", "-p", "no:cacheprovider", "-p", "tofrender.course.judge.plugin")
-"""Options of pytest with which it starts no Mitsuba and leaves no files."""
-REPORTED = {"id", "case", "outcome", "text", "share", "seconds"}  # keys of a report's line
+"""Options of pytest: load the judge's plugin, and do not write a cache."""
+REPORTED = {"id", "case", "outcome", "text", "share", "seconds"}  # required keys of a report's line
 
 
 @dataclass(frozen=True)
 class Outcome:
     """Outcome of a test, over all its cases and seeds."""
 
-    outcome: str  # "passed", "failed", or "skipped" if all cases were
-    texts: tuple[str, ...] = ()  # of the cases that failed
-    fraction: float = 0.0  # fraction of its points: that of its worst case
-    seconds: float = 0.0  # of all cases
+    outcome: str  # "passed", "failed", or "skipped" if all cases were skipped
+    texts: tuple[str, ...] = ()  # texts of the failed cases
+    fraction: float = 0.0  # fraction of the test's points; the worst case counts
+    seconds: float = 0.0  # time of all cases [s]
     cases: int = 1
     seeded: bool = False  # whether the test draws random numbers
-    uses: frozenset[str] = frozenset()  # names of the submission that it has used
+    uses: frozenset[str] = frozenset()  # names of the submission that the test used
 
 
 def run(
@@ -44,41 +47,61 @@ def run(
     submission: Path | None = None,
     edition: Path | None = None,
     seeds: int = 1,
-    more: Sequence[str] = (),
+    pytest_options: Sequence[str] = (),
 ) -> dict[str, Outcome]:
-    """Run tests of an assignment's folder; the outcomes by the tests' ids.
+    """Run tests of an assignment.
 
-    By default the submission is the folder in `pytest.ini`, or the package; it imports the package
-    of `edition`. `more` are options of pytest, which may choose no test.
+    Args:
+        folder: Folder of the assignment, or of a student.
+        tests: Ids of the tests; by default all tests.
+        submission: Folder that is judged. By default, the setting `submission` in `pytest.ini`
+            decides; without this setting, the package itself is judged.
+        edition: Folder with the package that the submission imports; by default this package.
+        seeds: Number of seeds; random tests are repeated with each seed.
+        pytest_options: Further options of pytest. They may exclude all tests.
+
+    Returns:
+        Outcomes by the ids of the tests.
+
+    Raises:
+        RuntimeError: pytest could not run the tests.
     """
     with tempfile.TemporaryDirectory() as scratch:
         report = Path(scratch) / "report.jsonl"
-        options = [f"--report={report}", f"--seeds={seeds}", *more]
+        options = [f"--report={report}", f"--seeds={seeds}", *pytest_options]
         options += [] if submission is None else [f"--submission={submission.resolve()}"]
         options += [] if tests is None else [f"tests/{test}" for test in tests]
         result = pytest(folder, options, edition)
         lines = read_report(report)
-    ended = result.returncode in (OK, *([NONE_COLLECTED] if more else []))
-    if not ended and not (result.returncode == SOME_FAILED and lines):  # It could not start
+
+    # Failed tests are a result. Failures without a report mean that pytest could not start
+    status = result.returncode
+    all_passed = status == OK
+    some_failed = status == SOME_FAILED and lines
+    none_chosen = status == NONE_COLLECTED and pytest_options
+    if not (all_passed or some_failed or none_chosen):
         raise RuntimeError(f"pytest failed in {folder.name}: {last_lines(result)}")
     return outcomes_of(lines)
 
 
 def read_report(path: Path) -> list[dict[str, Any]]:
-    """Whole lines of a judge's report, one a case of a test; none if there is no report."""
+    """Read the complete lines of a judge's report, one for each case of a test.
+
+    The result is empty if the file does not exist.
+    """
     if not path.is_file():
         return []
     with path.open("rb") as file:
         content = file.read(MAX_REPORT)
     lines = []
     for text in content.decode("utf-8", errors="replace").splitlines():
-        with suppress(ValueError):  # the last one, cut off when the judge was ended
+        with suppress(ValueError):  # The last line is incomplete if the judge was ended
             lines.append(json.loads(text))
     return [line for line in lines if isinstance(line, dict) and line.keys() >= REPORTED]
 
 
 def outcomes_of(lines: Iterable[dict[str, Any]]) -> dict[str, Outcome]:
-    """Outcomes of tests from those of their cases: one that fails fails its test."""
+    """Combine the cases of each test to its outcome. A test fails if one of its cases fails."""
     cases: dict[str, list[dict]] = {}
     for line in lines:
         cases.setdefault(line["id"], []).append(line)
@@ -86,12 +109,12 @@ def outcomes_of(lines: Iterable[dict[str, Any]]) -> dict[str, Outcome]:
 
 
 def _outcome_of(cases: list[dict]) -> Outcome:
+    """Combine the cases of one test."""
     outcomes = [case["outcome"] for case in cases]
     outcome = next((o for o in ("failed", "passed") if o in outcomes), "skipped")
-    texts = tuple(case["text"] for case in cases if case["outcome"] == "failed")
     return Outcome(
-        outcome,
-        texts,
+        outcome=outcome,
+        texts=tuple(case["text"] for case in cases if case["outcome"] == "failed"),
         fraction=min(case["share"] for case in cases),
         seconds=sum(case["seconds"] for case in cases),
         cases=len(cases),
@@ -101,7 +124,10 @@ def _outcome_of(cases: list[dict]) -> Outcome:
 
 
 def points_of(rubric: Rubric, outcomes: dict[str, Outcome]) -> dict[str, float]:
-    """Points of each problem: those of its tests that passed, and fractions of others."""
+    """Return the points of each problem, by its id.
+
+    A test that passed gives all its points, a failed test the fraction in its outcome.
+    """
     none = Outcome("skipped")
     return {
         problem.id: math.fsum(t.points * outcomes.get(t.id, none).fraction for t in problem.tests)
@@ -112,10 +138,17 @@ def points_of(rubric: Rubric, outcomes: dict[str, Outcome]) -> dict[str, float]:
 def pytest(
     folder: Path, options: Sequence[str], package: Path | None = None
 ) -> subprocess.CompletedProcess:
-    """Run pytest in an assignment's folder, quietly, and leave nothing there."""
+    """Run pytest in an assignment's folder, without leaving files there.
+
+    Args:
+        folder: Folder of the assignment.
+        options: Options of pytest.
+        package: Folder of the package `tofrender` that the tests import; by default this package.
+    """
     if find_spec("pytest") is None:
         raise ModuleNotFoundError("pytest is missing", name="pytest")
-    # An empty entry would be the working folder
+
+    # Put the package first; an empty entry of PYTHONPATH would be the working folder
     inherited = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     path = [str((package or PACKAGE.parent).resolve()), *filter(None, inherited)]
     environment = safe_environment(
@@ -131,6 +164,6 @@ def pytest(
 
 
 def last_lines(result: subprocess.CompletedProcess, count: int = 3) -> str:
-    """End of a process's output."""
+    """Return the last lines of a process's output as one line; without output, its exit status."""
     lines = [line for line in (result.stdout + result.stderr).splitlines() if line.strip()]
     return " | ".join(lines[-count:]) or f"exit status {result.returncode}"

@@ -1,20 +1,21 @@
-"""Confine a process: it may read, but change nothing except below the folders that it is given.
+"""Confine a process: it may read, but it may change files only in the folders that it is given.
 
-Either a process confines itself with `confine`, or this file, which needs nothing but the standard
-library and its neighbour `system_calls`, runs first and then executes the command::
+A process can confine itself with `confine`. Alternatively, this file runs first and then executes
+a command. It imports only the standard library and the neighboring file `system_calls`::
 
     python -I -S sandbox.py '{"writable": ["scratch"]}' python student.py
 
-| on Linux | refuses |
+| protection on Linux | refuses access to |
 |---|---|
-| Landlock (kernel 5.13 and newer, 6.12 for all) | files and their names, TCP |
-| the same | descriptions of other processes in `/proc`, and signals to them |
+| Landlock (kernel 5.13 and newer; complete in 6.12) | files and their names, TCP |
+| Landlock | descriptions of other processes in `/proc`, and signals to them |
 | a filter of system calls (x86_64, aarch64) | sockets, modes and times, shared memory, limits |
-| another user, if root starts it | files of others |
-| namespaces, where allowed | a network, objects of System V and queues, once more |
-| `setrlimit` | huge files, endless memory, core files |
+| another user, if root starts the process | files of other users |
+| namespaces, where allowed | networks, objects and queues of System V |
+| `setrlimit` | huge files, unlimited memory, core files |
 
-Elsewhere nothing is refused: `missing_protections` lists it.
+Other systems lack these protections. `missing_protections` lists what a submission can do
+on this machine.
 """
 
 import ctypes
@@ -29,36 +30,70 @@ from contextlib import contextmanager, suppress
 
 try:
     from . import system_calls
-except ImportError:  # run as a file, by `command`
+except ImportError:  # This file runs as a script, see `command`
     sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
     system_calls = importlib.import_module("system_calls")
 
 GIB = 1 << 30
 MAX_FILE = 2 * GIB  # largest file that a confined process may write [bytes]
 
-EXECUTE, WRITE_FILE, READ_FILE, READ_DIR = 1 << 0, 1 << 1, 1 << 2, 1 << 3
-TREE = 0b1_1111_1111 << 4  # removing and making: folders, files, devices, sockets, pipes, links
-REFER, TRUNCATE, IOCTL_DEV = 1 << 13, 1 << 14, 1 << 15
+# Rights to files (Landlock)
+EXECUTE = 1 << 0
+WRITE_FILE = 1 << 1
+READ_FILE = 1 << 2
+READ_DIR = 1 << 3
+CHANGE_TREE = 0b1_1111_1111 << 4  # make and remove folders, files, devices, sockets, pipes, links
+REFER = 1 << 13
+TRUNCATE = 1 << 14
+IOCTL_DEV = 1 << 15
 FILE_RIGHTS = EXECUTE | WRITE_FILE | READ_FILE | TRUNCATE
-SINCE = {1: EXECUTE | WRITE_FILE | READ_FILE | READ_DIR | TREE, 2: REFER, 3: TRUNCATE, 5: IOCTL_DEV}
-"""Rights to files, by the version of Landlock that knows them."""
-TCP = 0b11  # binding and connecting
-OUTSIDE = 0b11  # abstract sockets and signals of processes outside
+RIGHTS_BY_VERSION = {
+    1: EXECUTE | WRITE_FILE | READ_FILE | READ_DIR | CHANGE_TREE,
+    2: REFER,
+    3: TRUNCATE,
+    5: IOCTL_DEV,
+}
+"""Rights to files, by the version of Landlock that added them."""
+TCP = 0b11  # bind and connect
+OUTSIDE = 0b11  # abstract sockets of processes outside, and signals to them
 
-CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446  # system calls, on every architecture
-SET_PDEATHSIG, SET_KEEPCAPS, CAPBSET_DROP, SET_NO_NEW_PRIVS, CAP_AMBIENT = 1, 8, 24, 38, 47  # prctl
-SIGKILL = 9
-NEWIPC, NEWUSER, NEWNET = 0x08000000, 0x10000000, 0x40000000
-CHOWN, DAC_OVERRIDE, READ_ALL, KILL, SETGID, SETUID, SETPCAP, SYS_PTRACE = 0, 1, 2, 5, 6, 7, 8, 19
+# System calls of Landlock, with the same numbers on every architecture
+CREATE_RULESET = 444
+ADD_RULE = 445
+RESTRICT_SELF = 446
+
+# Options of prctl
+SET_PDEATHSIG = 1
+SET_KEEPCAPS = 8
+CAPBSET_DROP = 24
+SET_NO_NEW_PRIVS = 38
+CAP_AMBIENT = 47
+
+# Flags of unshare
+NEWIPC = 0x08000000
+NEWUSER = 0x10000000
+NEWNET = 0x40000000
+
+# Capabilities of root
+CHOWN = 0
+DAC_OVERRIDE = 1
+READ_ALL = 2
+KILL = 5
+SETGID = 6
+SETUID = 7
+SETPCAP = 8
+SYS_PTRACE = 19
 KEPT = {DAC_OVERRIDE, READ_ALL}
-"""Capabilities of root that stay: reading others' files. Landlock still refuses."""
+"""Capabilities that a submission keeps: reading files of others. Landlock still applies."""
 KEPT_BY_JUDGE = KEPT | {CHOWN, KILL, SETGID, SETUID, SETPCAP, SYS_PTRACE}
-"""Also those to start a submission as another user, to measure it and to end it."""
-SPARE_USERS = range(61184, 65520)  # range of unused users; systemd's dynamic users are there too
+"""Capabilities that a judge keeps, to start a submission as another user, measure and end it."""
+
+SIGKILL = 9
+SPARE_USERS = range(61184, 65520)  # ids of unused users; the range of systemd's dynamic users
 MAX_TASKS = 400  # threads of a submission, in addition to four per processor for its arrays
-MAX_OPEN_FILES = 256  # of each process, since files without a name need space as well
+MAX_OPEN_FILES = 256  # open files per process; deleted files that are still open use disk space
 SYSTEM = frozenset("bin dev etc lib lib32 lib64 libx32 nix proc sbin sys usr".split())  # noqa: SIM905
-"""Folders of the root that hold programs, libraries and their settings."""
+"""Top-level folders with programs, libraries and their settings."""
 HIDDEN_OF_SYSTEM = ("/dev", "/proc")
 READABLE_OF_SYSTEM = (
     "/dev/null",
@@ -74,7 +109,7 @@ READABLE_OF_SYSTEM = (
     "/proc/sys",
     "/proc/uptime",
 )
-"""Devices without effect, and files that describe the machine but no process."""
+"""Harmless devices, and files that describe the machine but no process."""
 
 
 def confine(
@@ -87,30 +122,44 @@ def confine(
     reads_all: bool = False,
     judge: bool = False,
 ) -> None:
-    """Confine this process and all its children, for good; it ends with the thread that started it.
+    """Confine this process and all its children. This cannot be undone.
 
-    Call it before there are threads: those that exist stay as they are. Everything is allowed below
-    `writable` paths, which exist. Files in `hidden` paths cannot be read, except `readable` paths
-    in them. `uid` is the user to become, if this is root, who gets all that is writable and with
-    `reads_all` keeps root's right to read.
+    Call this function before the process starts threads, because existing threads stay
+    unconfined. The process ends with the thread that started it.
 
-    A submission cannot list a folder with hidden files, unless the folder is `listed`, and it
-    cannot read files of other processes in `/proc`. A `judge` can, since it confines and ends a
-    submission in turn.
+    Args:
+        writable: Existing paths below which everything is allowed.
+        hidden: Paths with files that must not be read.
+        readable: Paths inside `hidden` that can be read nevertheless.
+        listed: Folders that contain hidden files, but may be listed.
+        memory_bytes: Expected memory of the process, which determines the limit of the address
+            space; None for no limit.
+        uid: User to become, if this process is root's. The user becomes the owner of the
+            `writable` paths.
+        reads_all: Let the user `uid` keep root's right to read all files.
+        judge: Grant the rights of a judge, which confines and ends a submission itself. A
+            submission cannot list folders with hidden files, and cannot read files of other
+            processes in `/proc`. A judge can do both.
     """
     if not sys.platform.startswith("linux"):
         return
     parent = os.getppid()
     os.umask(0o022)
+
+    # Limits and owners that need root's rights
     if judge:
         _leave_the_network()
     _limit(memory_bytes, uid, judge)
     if uid is not None:
         for path in writable:
             os.chown(path, uid, uid)
+
+    # Capabilities; for users other than root, the call fails and is not needed
     for capability in range(64):
         if capability not in (KEPT_BY_JUDGE if judge else KEPT):
-            prctl(CAPBSET_DROP, capability)  # refused unless root, who has them
+            prctl(CAPBSET_DROP, capability)
+
+    # Files
     prctl(SET_NO_NEW_PRIVS, 1)
     if landlock_version():
         if judge:
@@ -119,21 +168,28 @@ def confine(
         else:
             hidden = [*hidden, *HIDDEN_OF_SYSTEM]
             readable = [*readable, *READABLE_OF_SYSTEM, "/proc/self"]
-        names = READ_DIR if judge else 0
-        _restrict([*writable, os.devnull], hidden, readable, listed, allowed=names)
+        unrestricted = READ_DIR if judge else 0
+        _restrict([*writable, os.devnull], hidden, readable, listed, unrestricted)
+
+    # User
     if uid is not None:
         _become(uid, reads_all)
-    prctl(SET_PDEATHSIG, SIGKILL)  # after all that changes who this is, which forgets it
+
+    # End with the parent; a change of the user would reset this setting
+    prctl(SET_PDEATHSIG, SIGKILL)
     if os.getppid() != parent:
-        sys.exit("the process that started this one has ended")
+        sys.exit("the process that started this process has ended")
+
+    # System calls
     if system_calls.available():
         system_calls.restrict(judge)
 
 
 def hide(readable: Iterable[str]) -> None:
-    """Let this thread, and what it starts, read nothing but `readable` paths, and run no program.
+    """Remove the rights to read files and to run programs, except reading `readable` paths.
 
-    This removes rights that `confine` still allows.
+    This applies to the current thread and to the threads and processes that it starts. It removes
+    rights that `confine` still allows.
     """
     if not landlock_version():
         return
@@ -146,14 +202,19 @@ def hide(readable: Iterable[str]) -> None:
 
 
 def command(confinement: dict, arguments: Sequence[str]) -> list[str]:
-    """Command that runs `arguments` confined; `confinement` holds the arguments of `confine`."""
+    """Return a command that runs another command in the sandbox.
+
+    Args:
+        confinement: Keyword arguments of `confine`.
+        arguments: The other command and its arguments.
+    """
     if not sys.platform.startswith("linux"):
         return list(arguments)
     return [sys.executable, "-I", "-S", __file__, json.dumps(confinement, default=str), *arguments]
 
 
 def landlock_version() -> int:
-    """Version of the kernel's Landlock, 0 if it has none or may not be asked."""
+    """Return the version of the kernel's Landlock, 0 if Landlock is missing or not allowed."""
     if not sys.platform.startswith("linux"):
         return 0
     with suppress(OSError):
@@ -162,7 +223,8 @@ def landlock_version() -> int:
 
 
 def missing_protections() -> list[str]:
-    """Actions of a submission that this machine cannot prevent; empty if none."""
+    """Return the actions of a submission that this machine cannot prevent."""
+    # Actions that newer versions of Landlock prevent
     version = landlock_version()
     needs = {
         1: "writing to other files of the user, reading the reference solution",
@@ -171,31 +233,36 @@ def missing_protections() -> list[str]:
         6: "signals to other processes of the user",
     }
     missing = [actions for since, actions in needs.items() if version < since]
+
+    # Actions that the filter of system calls prevents
     if not system_calls.available():
         missing.append(
-            "changing modes and times of the user's files, sockets, shared memory that stays, "
+            "changing modes and times of the user's files, sockets, permanent shared memory, "
             "limits of the user's processes"
         )
+
+    # Actions that root can do, unless the submission runs as another user
     if hasattr(os, "geteuid") and os.geteuid() == 0:
-        reading = "reading what only root can read, since"
+        reading = "reading files of root, because"
         with own_user() as uid:
             if uid is None:
-                missing.append(f"{reading} root may not be another user")
+                missing.append(f"{reading} root cannot become another user here")
             elif closed := closed_to_others():
                 missing.append(f"{reading} Python needs {closed}, which other users cannot enter")
     return missing
 
 
 def protects_files() -> bool:
-    """Whether no submission can change content or modes of others' files."""
+    """Return whether the sandbox protects content and modes of all other files from changes."""
     return landlock_version() >= 3 and system_calls.available()
 
 
 @contextmanager
 def own_user() -> Iterator[int | None]:
-    """An unused user, for one submission at a time; None if this may not become another.
+    """Reserve an unused user for one submission; None if the process cannot become another user.
 
-    A socket without a file marks the user as taken, for all graders; it ends with this process.
+    An abstract socket marks the user as reserved for all graders on this machine. The socket
+    disappears with this process.
     """
     users = spare_users()
     if not users:
@@ -205,7 +272,7 @@ def own_user() -> Iterator[int | None]:
 
     with socket.socket(socket.AF_UNIX) as mark:
         for uid in users:
-            with suppress(OSError):  # another grader has marked it
+            with suppress(OSError):  # Another grader has reserved this user
                 mark.bind(f"\0tofrender-user-{uid}")
                 break
         else:
@@ -214,15 +281,22 @@ def own_user() -> Iterator[int | None]:
 
 
 def spare_users() -> list[int]:
-    """Unused users, in random order, if this is root who may become one of them."""
+    """Return the ids of unused users in random order, if this process can become one of them.
+
+    The result is empty for users other than root, and for a root with too few capabilities.
+    """
     if not sys.platform.startswith("linux") or os.geteuid() != 0:
         return []
+
+    # Has this process the necessary capabilities?
     rights = [CHOWN, DAC_OVERRIDE, KILL, SETGID, SETUID]
     rights += [READ_ALL] if closed_to_others() else []
     needed = sum(1 << right for right in rights)
     effective = [line.split()[1] for line in _lines_of("status") if line.startswith("CapEff")]
     if not effective or int(effective[0], 16) & needed != needed:
         return []
+
+    # Which users have a name or a process?
     import pwd
     from random import SystemRandom
 
@@ -230,7 +304,8 @@ def spare_users() -> list[int]:
     for name in filter(str.isdigit, os.listdir("/proc")):
         with suppress(OSError):
             known.add(os.stat(f"/proc/{name}").st_uid)
-    # Few users exist in the namespace of a container
+
+    # Which users and groups exist in this namespace? In a container, only a few do
     maps = [[tuple(map(int, line.split())) for line in _lines_of(f"{k}id_map")] for k in "ug"]
     free = [
         uid
@@ -243,12 +318,13 @@ def spare_users() -> list[int]:
 
 
 def _lines_of(name: str) -> list[str]:
+    """Read the lines of a file in this process's folder of `/proc`."""
     with open(f"/proc/self/{name}", encoding="ascii", errors="replace") as file:
         return file.readlines()
 
 
 def closed_to_others() -> str:
-    """Folder that Python needs and that other users cannot enter, "" if there is none."""
+    """Return a folder that Python needs but other users cannot enter, "" if all are open."""
     import tempfile
 
     needed = {sys.executable, *python_folders(), tempfile.gettempdir()}
@@ -261,7 +337,7 @@ def closed_to_others() -> str:
 
 
 def python_folders() -> list[str]:
-    """Folders of Python, its packages and LLVM."""
+    """Return the existing folders of Python, its packages and LLVM."""
     import site
 
     found = {sys.prefix, sys.base_prefix, sys.exec_prefix, *site.getsitepackages()}
@@ -271,7 +347,7 @@ def python_folders() -> list[str]:
 
 
 def private() -> list[str]:
-    """Folders that hold no part of the system: homes, other clones, logs of a platform."""
+    """Return the top-level folders that are not part of the system, such as home folders."""
     return [entry.path for entry in os.scandir("/") if entry.name not in SYSTEM]
 
 
@@ -317,27 +393,35 @@ def _restrict(
     hidden: Iterable[str],
     readable: Iterable[str],
     listed: Iterable[str],
-    allowed: int,
+    unrestricted: int,
 ) -> None:
-    """Enter a domain of Landlock, in which the rights `allowed` stay."""
+    """Enter a domain of Landlock, see `confine`; the rights `unrestricted` are not restricted."""
+    # Restrict all rights of this version
     version = landlock_version()
-    handled = sum(rights for since, rights in SINCE.items() if since <= version)
-    handled &= ~allowed
+    handled = sum(rights for since, rights in RIGHTS_BY_VERSION.items() if since <= version)
+    handled &= ~unrestricted
     attributes = [handled] + [TCP] * (version >= 4) + [OUTSIDE] * (version >= 6)
     packed = struct.pack(f"={len(attributes)}Q", *attributes)
     rules = _syscall(CREATE_RULESET, packed, ctypes.c_size_t(len(packed)), 0)
+
+    # Add the exceptions
     for path in everything_but(hidden, readable):
         _allow(rules, path, (EXECUTE | READ_FILE | READ_DIR) & handled)
     for path in listed:
         _allow(rules, path, READ_DIR & handled)
     for path in writable:
         _allow(rules, path, handled & ~IOCTL_DEV)
+
+    # Enter the domain
     _syscall(RESTRICT_SELF, rules, 0)
     os.close(rules)
 
 
 def everything_but(hidden: Iterable[str], readable: Iterable[str] = ()) -> Iterator[str]:
-    """Yield the largest folders, and files, that hold all but `hidden`, unless `readable` inside.
+    """Yield folders and files that together contain everything except `hidden` paths.
+
+    The folders are as large as possible. Paths in `readable` are yielded even if they are inside
+    a hidden path.
 
     Example:
         >>> list(everything_but([]))
@@ -347,42 +431,47 @@ def everything_but(hidden: Iterable[str], readable: Iterable[str] = ()) -> Itera
         >>> "/usr/bin" in everything_but(["/usr"], ["/usr/bin"])
         True
     """
-    away = {os.path.realpath(path) for path in hidden}
+    excluded = {os.path.realpath(path) for path in hidden}
 
     def walk(folder: str) -> Iterator[str]:
+        """Yield a folder, or the parts of it that are not excluded."""
         inside = folder.rstrip("/") + "/"
-        if folder in away:
+        if folder in excluded:
             return
-        if not any(path.startswith(inside) for path in away):
+        if not any(path.startswith(inside) for path in excluded):
             yield folder
             return
+
+        # Something inside is excluded; descend
         try:
             entries = [inside + name for name in os.listdir(folder)]
         except OSError:
             return
         for entry in entries:
-            if not os.path.islink(entry):  # what it points to is in the list where it lies
+            if not os.path.islink(entry):  # The target of a link is found at its own place
                 yield from walk(entry)
 
     yield from walk("/")
     for path in map(os.path.realpath, readable):
-        if any(path.startswith(folder.rstrip("/") + "/") for folder in away):
+        if any(path.startswith(folder.rstrip("/") + "/") for folder in excluded):
             yield from walk(path)
 
 
 def _allow(rules: int, path: str, rights: int) -> None:
+    """Add an exception to the rules of Landlock: rights below a path, if the path exists."""
     try:
         fd = os.open(path, os.O_PATH | os.O_CLOEXEC)
     except OSError:
         return
     if not os.path.isdir(path):
         rights &= FILE_RIGHTS
-    with suppress(OSError):  # a file system that knows no rules stays forbidden
+    with suppress(OSError):  # A file system without support for rules stays forbidden
         _syscall(ADD_RULE, rules, 1, struct.pack("=Qi", rights, fd), 0)
     os.close(fd)
 
 
 def _syscall(number: int, *arguments) -> int:
+    """Make a system call and return its result; raise OSError if it fails."""
     libc = ctypes.CDLL(None, use_errno=True)
     result = libc.syscall(ctypes.c_long(number), *arguments)
     if result < 0:
@@ -391,27 +480,33 @@ def _syscall(number: int, *arguments) -> int:
 
 
 def _become(uid: int, reads_all: bool) -> None:
-    """Become another user without any rights, but perhaps that of reading everything."""
+    """Become another user without capabilities, or only with the capability to read all files."""
     if reads_all:
         prctl(SET_KEEPCAPS, 1)
     os.setgroups([])
     os.setresgid(uid, uid, uid)
     os.setresuid(uid, uid, uid)
     if reads_all:
+        # Set the effective, permitted and inheritable capabilities
         bit = 1 << READ_ALL
         header = struct.pack("=Ii", 0x20080522, 0)
-        data = struct.pack("=6I", bit, bit, bit, 0, 0, 0)  # effective, permitted, inheritable
+        data = struct.pack("=6I", bit, bit, bit, 0, 0, 0)
         if ctypes.CDLL(None).capset(header, data) != 0:
-            raise OSError("root may not keep its right to read")
-        prctl(CAP_AMBIENT, 2, READ_ALL)  # through the start of the command
+            raise OSError("the kernel refused to keep root's right to read")
+
+        # Keep the capability when the command starts
+        prctl(CAP_AMBIENT, 2, READ_ALL)
 
 
 def _leave_the_network() -> None:
-    """Enter an empty network and IPC namespace, if the kernel lets this user."""
+    """Enter empty namespaces for network and IPC, if the kernel allows this."""
     if os.geteuid() == 0:
         ctypes.CDLL(None).unshare(NEWNET | NEWIPC)
         return
-    child = os.fork()  # some systems allow a part, which would leave this process without a user
+
+    # Try in a child first. Some systems allow only the first step, which would leave this process
+    # without a user
+    child = os.fork()
     if child == 0:
         os._exit(0 if _unshare_as_user() else 1)
     if os.waitpid(child, 0)[1] == 0:
@@ -419,8 +514,9 @@ def _leave_the_network() -> None:
 
 
 def _unshare_as_user() -> bool:
-    """Enter namespaces as an ordinary user; whether it has worked."""
-    uid, gid = os.getuid(), os.getgid()
+    """Enter namespaces as an ordinary user, and return whether this worked."""
+    uid = os.getuid()
+    gid = os.getgid()
     if ctypes.CDLL(None).unshare(NEWUSER | NEWNET | NEWIPC) != 0:
         return False
     maps = {"setgroups": "deny", "uid_map": f"{uid} {uid} 1", "gid_map": f"{gid} {gid} 1"}
@@ -432,10 +528,10 @@ def _unshare_as_user() -> bool:
     return False
 
 
-def prctl(option: int, value: int, more: int = 0) -> int:
-    """Linux's system call of this name, with one or two arguments."""
+def prctl(option: int, value: int, second_value: int = 0) -> int:
+    """Make Linux's system call prctl with one or two arguments, and return its result."""
     word = ctypes.c_ulong
-    return ctypes.CDLL(None).prctl(option, word(value), word(more), word(0), word(0))
+    return ctypes.CDLL(None).prctl(option, word(value), word(second_value), word(0), word(0))
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
-"""Problems whose task is to write a test: it has to tell right solutions from wrong ones.
+"""Problems that ask students for a test, which must distinguish correct from wrong solutions.
 
-In the rubric, `tests_of = "a2.gaussian_pulse"` makes a problem one. Its file defines one function,
-which gets a solution of that other problem and raises if it is wrong. Nobody gets the messages of
-the student's test, since they may quote these solutions.
+`tests_of = "a2.gaussian_pulse"` in the rubric marks such a problem. Its file defines one function,
+which gets a solution of the other problem and raises an exception if the solution is wrong. The
+messages of the student's test are not reported, because they could quote the solutions.
 """
 
 import tempfile
@@ -24,20 +24,28 @@ from .worker import load_file
 if TYPE_CHECKING:
     from .plugin import Submission
 
-PASSES, FAILS, UNWRITTEN = "passes", "fails", "unwritten"
+# Results of a student's test
+PASSES = "passes"
+FAILS = "fails"
+UNWRITTEN = "unwritten"
 
 
 @dataclass(frozen=True)
 class Solution:
-    """A solution that a student's test is tried on."""
+    """A solution that a student's test is applied to."""
 
     name: str
-    text: str  # of its file
-    why: str = ""  # the mistake, "" if it is right
+    text: str  # content of the solution's file
+    why: str = ""  # description of the mistake, "" if the solution is correct
 
 
 def solutions(assignment: Assignment, problem: Problem) -> list[Solution]:
-    """Right solution and wrong ones that a problem's file has to tell apart."""
+    """Return the correct solution and the wrong solutions that a student's test must distinguish.
+
+    Args:
+        assignment: Assignment with solutions and mutants.
+        problem: Problem that asks for the test.
+    """
     other = next(p for p in assignment.rubric.problems if p.id == problem.tests_of)
     right = (assignment.solutions / other.file).read_text(encoding="utf-8")
     wrong = [
@@ -50,14 +58,25 @@ def solutions(assignment: Assignment, problem: Problem) -> list[Solution]:
 
 
 def share_found(submission: "Submission", probe: str, more: Iterable[Solution] = ()) -> None:
-    """Award the fraction of the wrong solutions that the student's test finds, if right ones pass.
+    """Award points for a student's test, by the fraction of wrong solutions that it finds.
 
-    The probe gets `name` and `text` of a solution, and returns a `verdict`. Right solutions are
-    those of `solutions/`, wrong ones those of `mutants.toml`; `more` are of either kind.
+    The correct solution comes from `solutions/`, the wrong solutions from `mutants.toml`.
+
+    Args:
+        submission: The fixture.
+        probe: Name of a probe that gets `name` and `text` of a solution and returns a `verdict`.
+        more: Further solutions.
+
+    Raises:
+        Failure: The test is not written, ends the process, rejects a correct solution, or misses
+            a wrong one. In the last case, the failure gives a fraction of the points.
     """
+    # Load the student's test before it can quote a solution
     problem = submission.problem
     assert problem is not None
-    submission.ask("defines", name=problem.names[0])  # before it can quote a solution
+    submission.ask("defines", name=problem.names[0])
+
+    # Apply the test to all solutions, in random order and under neutral names
     tried = [*solutions(submission.assignment, problem), *more]
     fails = {}
     for number in np.random.default_rng(submission.seed).permutation(len(tried)):
@@ -65,27 +84,31 @@ def share_found(submission: "Submission", probe: str, more: Iterable[Solution] =
         try:
             result = submission.ask(probe, name=f"solution_{number}", text=solution.text)["is"]
         except NoAnswer:
-            raise Failure("your test has to end, and to leave the process running") from None
+            raise Failure("your test must end, and must not end the process") from None
         true(result != UNWRITTEN, f"not written yet: {problem.names[0]}")
         fails[solution] = result == FAILS
+
+    # Correct solutions must pass
     failed = [fails[solution] for solution in tried if not solution.why]
     true(
         not any(failed),
-        f"{sum(failed)} of {len(failed)} right solutions fail your test",
-        hint="what it asks for must hold for every right solution, to single precision",
+        f"{sum(failed)} of {len(failed)} correct solutions fail your test",
+        hint="every correct solution must pass your test, also one in single precision",
     )
+
+    # Points depend on the wrong solutions that fail
     wrong = [solution for solution in tried if solution.why]
     missed = [solution.why for solution in wrong if not fails[solution]]
     submission.award(1 - len(missed) / len(wrong))
     true(
         not missed,
         f"your test finds {len(wrong) - len(missed)} of {len(wrong)} wrong solutions",
-        hint="it does not notice: " + " ".join(missed[:3]),
+        hint="your test does not find: " + " ".join(missed[:3]),
     )
 
 
 def load(name: str, text: str) -> ModuleType:
-    """Module with this text; its file is gone when this returns."""
+    """Import a text as a module; the temporary file is removed afterwards."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, f"{name}.py")
         path.write_text(text, encoding="utf-8")
@@ -93,7 +116,11 @@ def load(name: str, text: str) -> ModuleType:
 
 
 def verdict(check: Callable[..., Any], *arguments: Any) -> dict[str, str]:
-    """Result of a student's test, and its message: any exception is a failure."""
+    """Run a student's test and return its result ("is") and message ("text").
+
+    Any exception is a failure of the test, except NotImplementedError, which means that the test
+    is not written.
+    """
     try:
         check(*arguments)
     except NotImplementedError:

@@ -1,4 +1,7 @@
-"""Commands `tofrender start` and `submit`, and cells: `%load_ext tofrender.course.student`."""
+"""Commands `tofrender start` and `submit`, and notebook cells that are files.
+
+`%load_ext tofrender.course.student` adds the cells to a notebook.
+"""
 
 from .cells import load_ipython_extension
 
