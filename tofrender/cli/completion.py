@@ -7,7 +7,7 @@ from ..runtime.lazy import public_names
 
 VARIANTS = tuple(
     f"{backend}_{kind}"
-    for backend in ("llvm", "cuda")
+    for backend in ("llvm", "cuda", "metal")
     for kind in (
         *("ad_rgb", "ad_mono", "ad_spectral", "ad_mono_polarized", "ad_spectral_polarized"),
         *("mono", "rgb", "spectral"),

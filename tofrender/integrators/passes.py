@@ -22,7 +22,7 @@ from ..films.histogram import MAX_ADDED
 from ..films.recording import Recording
 from ..films.sums import AsSplats
 from ..paths.camera import Tile, pixel_corner, sample_camera, sampled_size
-from ..runtime import backend, checks, plugins
+from ..runtime import backend, checks, gpu, plugins
 from ..runtime.checkpoints import SavedState
 from ..samplers.padded_sobol import mix
 from .guiding import guided
@@ -272,7 +272,7 @@ def _lanes(sampler: mi.Sampler, pixels: int, spp: int) -> tuple[int, int, bool]:
 
 def _on_gpu() -> bool:
     """Whether the active variant renders on a GPU."""
-    return str(mi.variant()).startswith("cuda")
+    return gpu.is_gpu(mi.variant())
 
 
 def _divisor(number: int, bound: int) -> int:
