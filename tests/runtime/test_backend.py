@@ -14,7 +14,6 @@ from oracles import films as oracles
 
 import tofrender
 from tofrender.runtime import backend, llvm, plugins
-from tofrender.runtime.backend import BackendError
 
 LLVM_WITHOUT_CUDA = """
 import tofrender, mitsuba as mi

@@ -8,7 +8,7 @@ import pytest
 from helpers.processes import python
 from rich.console import Console
 
-from tofrender.runtime import doctor, gpu, llvm, memory
+from tofrender.runtime import doctor, llvm, memory
 from tofrender.runtime.child_processes import run_code
 from tofrender.runtime.doctor import Check
 
