@@ -27,7 +27,8 @@ counts = rng.poisson(signals[:, None, None] * masses + background)
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")
 for method in ("matched", "log_matched", "centroid", "ml"):
-    depth = estimate_depth(counts, response, method, start_opl=0.0, bin_width_opl=width)["depth"].values
+    found = estimate_depth(counts, response, method, start_opl=0.0, bin_width_opl=width)
+    depth = found["depth"].values
     error = np.sqrt(np.mean((depth - position / 2) ** 2, axis=1))
     left.loglog(signals, error, "o-", label=method)
 bound = depth_bound(signals, background, response, width)

@@ -24,9 +24,10 @@ from tofrender.apps.explorer.contents import contents_of
 from tofrender.apps.explorer.page import page_of
 from tofrender.cli.app import main
 from tofrender.io import save_exr_layers
-from tofrender.io.netcdf import save_measurement
+from tofrender.motion.frames import join_frames
 from tofrender.rendering.dataset import in_components
 from tofrender.signals.colour import LUMINANCE
+from tofrender.vis import luminance
 
 INK = """name => {
   const canvas = document.querySelector(name);
@@ -279,15 +280,25 @@ def test_counts_are_dots_beside_their_expectation(tmp_path):
         assert page.evaluate(INK, ".plot") > 9 * np.unique(counts[y, x]).size  # Dots of 3 x 3
 
 
-@pytest.mark.parametrize("name", ["counts", "taps"])
-def test_a_measurement_is_reported(tmp_path, capsys, name):
-    model = {"spad": {}} if name == "counts" else {"itof": {"frequencies_hz": [2e7, 5e7]}}
-    sensor = {"cycles": 50, "photons": {"photons_per_cycle": 0.5}} | model
-    save_measurement(tofrender.sensors.sense(moving(), sensor), tmp_path / "sensed.nc")
-    for source in (tmp_path, tmp_path / "sensed.nc"):
-        status = main(["report", str(source), "-o", str(tmp_path / "a.html")])
-        assert status == (0 if name == "counts" else 2)
-        assert capsys.readouterr().err.count("\n") == (name == "taps")
+def test_frames_of_an_animation(tmp_path):
+    frames = [moving().assign_attrs(time_s=0.25 * k + 0.5) for k in range(3)]
+    for k, frame in enumerate(frames):
+        for name in ("transient", "steady"):
+            frame[name].values[:] = np.roll(frame[name].values, 3 * k, axis=0) * (1 + k)
+    contents = contents_of(join_frames(frames, complete=True), packed=True)
+    with opened(tmp_path, contents) as page:
+        slider = page.get_by_label("Frame")
+        assert slider.get_attribute("max") == "2"
+        for k, frame in enumerate(frames):
+            now = set_(page, laser=k, view="light", bin=25, pixels=[[20, 11]])
+            given = luminance(frame["transient"].values[11, 20])
+            np.testing.assert_allclose(
+                now["curves"][0]["values"], given, rtol=0.08, atol=1e-3 * given.max()
+            )
+            now = set_(page, view="total", colours="colour")
+            expected = 255 * np.minimum(1, now["gain"] * frame["steady"].values) ** (1 / 2.2)
+            assert np.abs(picture(page) - expected).max() < 12
+            assert f"{k + 1} of 3 at {0.25 * k + 0.5:g} s" in page.locator(".look").inner_text()
 
 
 @pytest.mark.parametrize("pixels", [[], [[2, 1]]])

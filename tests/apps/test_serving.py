@@ -29,7 +29,7 @@ def fetch(url: str, **headers: str) -> tuple[int, str]:
 
 
 def is_open(url: str, *, origin: str | None = None) -> bool:
-    found = re.fullmatch(r"http://([\w.]+):(\d+)/(\?.*)?", url)
+    found = re.fullmatch(r"http://([\w.]+|\[[\w:]+\]):(\d+)/(\?.*)?", url)
     host, port, query = found[1], int(found[2]), found[3] or ""
     lines = [
         f"GET /ws{query} HTTP/1.1",
@@ -41,9 +41,18 @@ def is_open(url: str, *, origin: str | None = None) -> bool:
         "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
         f"Sec-WebSocket-Protocol: bokeh, {generate_jwt_token(generate_session_id())}",
     ]
-    with socket.create_connection((host, port)) as there:
+    with socket.create_connection((host.strip("[]"), port)) as there:
         there.sendall("\r\n".join([*lines, "", ""]).encode())
         return b" 101 " in there.recv(4096).split(b"\r\n")[0]
+
+
+def has_ipv6() -> bool:
+    try:
+        with socket.socket(socket.AF_INET6) as probe:
+            probe.bind(("::1", 0))
+    except OSError:
+        return False
+    return True
 
 
 def viewer(*options: str):
@@ -99,6 +108,20 @@ def test_other_addresses_need_the_token():
         assert "Warp tester" in said
         assert is_open(f"{base}?token={token}")
         assert one.stop() == 0
+
+
+@pytest.mark.skipif(not has_ipv6(), reason="this machine has no address ::1")
+def test_an_address_of_ipv6():
+    with viewer("--host", "::1") as one:
+        assert one.url.startswith("http://[::1]:")
+        status, said = fetch(one.url)
+        assert status == 200
+        assert "Warp tester" in said
+        assert is_open(one.url)
+        assert not is_open(one.url, origin="http://evil.example")
+        assert fetch(one.url, Host=f"evil.example:{one.port}")[0] == 403
+        assert one.stop() == 0
+        assert "Traceback" not in one.errors
 
 
 def test_addresses():

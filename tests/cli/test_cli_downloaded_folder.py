@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from helpers import course_assignment, tiny_assignment
-from helpers.processes import GUARD_S
+from helpers.processes import GUARD_S, ROOT
 
 from tofrender.cli.app import GROUPS
 from tofrender.course import notebooks
@@ -97,7 +97,7 @@ def ran_in(folder: Path) -> list[str]:
 
 def environment(folder: Path) -> dict[str, str]:
     kept = {name: text for name, text in os.environ.items() if name != "PYTHONSAFEPATH"}
-    return kept | {"PYTHONPATH": ""}
+    return kept | {"PYTHONPATH": str(ROOT)}
 
 
 def test_the_folder_is_a_trap(downloaded):
@@ -137,6 +137,21 @@ def test_server_runs_nothing_of_its_folder(name, downloaded):
     finally:
         server.kill()
         server.communicate()
+
+
+def test_workers_run_nothing_of_their_folder(downloaded, tmp_path):
+    """Those of Python code, too; afterwards the environment is as before."""
+    code = "import os, tofrender\nif __name__ == '__main__':\n"
+    code += "    with tofrender.local_workers(1, threads=1) as client:\n"
+    code += "        print(client.submit(len, 'abc').result())\n"
+    code += "    print(os.environ.get('PYTHONSAFEPATH'))\n"
+    options: dict = {"cwd": downloaded, "env": environment(downloaded), "timeout": GUARD_S}
+    script = tmp_path / "script.py"
+    script.write_text(code)
+    command = [sys.executable, script]
+    done = subprocess.run(command, capture_output=True, text=True, **options)
+    assert ran_in(downloaded) == []
+    assert done.stdout.split() == ["3", "None"], done.stderr
 
 
 def test_notebook_runs_nothing_of_its_folder(downloaded, monkeypatch):

@@ -121,7 +121,7 @@ def test_formats_of_a_results_file(staff, tmp_path, monkeypatch):
     right = {test: Grade(True) for test in staff.rubric.problem_by_test}
     right["test_add.py::test_numbers"] = Grade(False, "the sum <is> wrong", 0.5, 0.5)
     right["test_add.py::test_arrays"] = Grade(False, "a secret")
-    content = Results(staff.rubric, right).gradescope()
+    content = Results(staff.rubric, right, complete=True).gradescope()
     made = json.loads(formats.prairielearn(content))
     assert made["score"] == pytest.approx(5 / 7)  # with the bonus of 0.5
     assert [test["points"] for test in made["tests"]] == [0.5, 0, 3, 1, 0.5]
@@ -142,6 +142,19 @@ def test_formats_of_a_results_file(staff, tmp_path, monkeypatch):
     assert suite[0].find("failure").text == "the sum <is> wrong"
     assert suite[1].find("failure").text == "What this test asks for is not shown."
     assert "a secret" not in formats.junit(content) + formats.prairielearn(content)
+
+
+def test_no_format_makes_a_grade_of_a_failure_of_the_machine(staff):
+    results = Results(staff.rubric, remarks=["not graded: the disk is full"])
+    content = results.gradescope()
+    assert "score" not in content
+    assert content["tests"] == []
+    made = json.loads(formats.prairielearn(content))
+    assert made == {"gradable": False, "format_errors": ["not graded: the disk is full"]}
+    assert formats.classroom50(content) == ""
+    suite = ElementTree.fromstring(formats.junit(content))
+    assert (suite.get("tests"), suite.get("errors")) == ("1", "1")
+    assert suite[0].find("error").get("message") == "not graded: the disk is full"
 
 
 @pytest.mark.essential

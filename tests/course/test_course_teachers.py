@@ -420,7 +420,7 @@ def test_a_page_says_a_missing_file_and_a_day_once(tmp_path):
     toys = Rubric("a0", "Toys", (problem,), late=Late(0, 0.1))
     text = "problem a0.a, a.py\nTest of {}.\na.py is missing (problem a0.a)"
     missing = {test: Grade(False, text.format(test)) for test in toys.problem_by_test}
-    content = Results(toys, missing).gradescope()
+    content = Results(toys, missing, complete=True).gradescope()
     found = {test["extra_data"]["test"]: test for test in content["tests"]}
     standing = roster.Standing(toys, Member("ada", None), content, Marks({"a0.a": 4}, 1))
     page = feedback.page(standing, found, tmp_path)
@@ -460,7 +460,7 @@ def test_programs_are_put_where_jplag_looks(staff, tmp_path, capsys):
         *("base/add.py", "base/check.py", "base/mean.py"),
         *("submissions/ada/add.py", "submissions/ada/mean.py", "submissions/ada_1/add.py"),
     }
-    assert "'empty.zip': has none of *.py; has notes.txt" in shown.err
+    assert "'empty.zip': has none of add.py, mean.py, check.py; has notes.txt" in shown.err
     assert f"-l python3 -bc {out}/base -r {out}/result {out}/submissions" in shown.out
     assert cli.main(words) == 2
     assert "exists; must be a new folder" in capsys.readouterr().err

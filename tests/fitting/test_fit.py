@@ -449,6 +449,19 @@ def test_noise_does_not_bias_products_of_two_renders(name):
     assert mean - expected > 0.05 > 10 * error
 
 
+@pytest.mark.parametrize("name", ["phase", "scale_free"])
+@pytest.mark.parametrize("render", ["black", "noise"])
+def test_renders_without_light_have_no_loss(name, render):
+    """The denominator is 0 for black renders, and may be negative for independent noise."""
+    target, first = cubes()
+    second = -first
+    if render == "black":
+        first = second = np.zeros(SHAPE, np.float32)
+    with pytest.warns(UserWarning, match=r"the render holds no light, or only noise .*raise spp"):
+        loss = LOSSES[name](mi.TensorXf(first), target, other=mi.TensorXf(second))
+    assert np.isnan(number(loss))
+
+
 def arrival(at: float, energy: float = 1.0, width: float = 0.15) -> np.ndarray:
     """A Gaussian pulse around a length [m], in 200 bins of 0.05 m."""
     edges = np.arange(201) * 0.05

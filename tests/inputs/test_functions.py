@@ -135,13 +135,13 @@ READ = {
 KINDS = {
     "amounts": "signal background",
     "boolean": "all_bins denoise discard_direct_light errors flip_normals folder hide_emitters "
-    "occluder optimize overwrite paralysable progress",
+    "occluder optimize overwrite paralysable passes_boundaries progress",
     "boolean but 1, 0": "counts_first_and_last_legs",
     "choice": "domain integrator k kind layout light loss method mis mode optimizer "
     "precision quantity sampler scheduler shown spheres style subject surface theme view weighting",
     "count": "adc_bits bins count height n_bits patience pulses sample_dimension slit_rows "
     "slit_width spp steps taps tdc_bits temporal_bins tests threads width workers",
-    "cube": "data rendered target transient values",
+    "cube": "data other rendered target transient values",
     "dataset": "capture dataset pyramid resume where",
     "file": "module out path",
     "fraction": "afterpulse_probability afterpulse_time_s coincidence_window_s "
@@ -163,10 +163,11 @@ KINDS = {
     "picture": "distance_m laser_grid laser_normals sensor_grid sensor_normals truth",
     "pixel": "x y",
     "place": "laser_origin sensor_origin",
-    "point": "angular_velocity corner e0 e1 laser o point position rotation_center v0 v1 v2 "
+    "point": "angular_velocity centre corner e0 e1 laser o point position rotation_center v0 v1 v2 "
     "velocity wi",
     "positive": "bin_width bin_width_opl bin_width_s cycles distance exposure f_number "
-    "focal_length_m full_well half_width lamp_power_w learning_rate mean_power_w period_ns "
+    "focal_length_m full_well half_width intensity_scale lamp_power_w learning_rate "
+    "mean_power_w period_ns "
     "pixel_pitch_m pulse_energy_j range_m repetition_rate_hz seconds side snr stops tdc_lsb_s "
     "wall_size wavelength wavelength_m",
     "positive but 1e30, 2**40": "megabytes radius",
@@ -262,8 +263,7 @@ OF_BINS = (
 OTHER_BOXES = [f"scenes.cornell_box_{kind}" for kind in ("flash", "glass", "mirror")]
 AXIS = {"start_opl": "metres", "bin_width_opl": "positive"}
 GAUSS = tofrender.sensors.Response(1e-9)
-HISTOGRAM = {"counts": np.ones((1, 1, 200)), "response": GAUSS}
-HISTOGRAM |= {"start_opl": 1.0, "bin_width_opl": 0.1}
+HISTOGRAM = {"counts": np.ones((1, 1, 200)), "response": GAUSS, "bin_width_opl": 0.1}
 COUNTED = {"bin_width_opl": "positive", "response": "object", "counts": "amounts"}
 OPTICS = {"lamp_power_w": 1.0, "pulse_energy_j": 1e-9, "wavelength_m": 1e-6, "f_number": 2.0}
 OPTICS |= {"pixel_pitch_m": 1e-5}

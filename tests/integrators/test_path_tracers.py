@@ -57,7 +57,9 @@ def test_reuse_is_mitsubas_path(name):
         reference = picture(course(name, integrator="path"), seed=1)
         found = picture(course(name, integrator="path_tracer_mis"), seed=1)
     assert reference.max() > 0.05
-    assert largest(found, reference) < 1e-5
+    # Mitsuba computes the density of a sphere of 1/70 of the distance with an error of 4e-4
+    tolerance = 1e-3 if name == "sphere_light_small" else 1e-5
+    assert largest(found, reference) < tolerance
 
 
 @pytest.mark.usefixtures("mitsubas_steps")

@@ -1,7 +1,7 @@
 """Emitters on index-matched boundaries: rays pass them, and their light counts.
 
 Closed forms where all light is seen along straight rays. Otherwise the reference is Mitsuba's
-`volpath`, in scenes whose boundaries are far from all other surfaces.
+`volpath`. All boundaries are far from other surfaces.
 """
 
 from typing import Any
@@ -50,6 +50,14 @@ SCENES: dict[str, dict[str, Any]] = {
         "empty": sphere(0.5, (0.4, 0, 0.1), bsdf=NULL, glow=RADIANCE),
     },
     "in a mirror": {"floor": FLOOR} | MIRROR | BALL,
+    # The rays pass the sheet long before they reach the fog, where other light is
+    "sheet before fog": LIT
+    | {
+        "sheet": plane(
+            translate(0.3, -2.9, 1.3) @ rotate((1, 0, 0), 70), 0.5, bsdf=NULL, light=area_light(0.2)
+        ),
+        "fog": filled(sphere(0.9), fog(1.5, 0.9)),
+    },
 }
 
 
@@ -131,7 +139,7 @@ def test_a_gate_sees_the_light_of_a_boundary():
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", ["ball", "lamp behind"])
 def test_hidden_boundaries_light_the_scene(name):
-    """The camera looks through the ball and what is in it, as in Mitsuba."""
+    """The camera looks through the ball and the fog in it, as in Mitsuba."""
     found = means(seen(name, hide_emitters=True), SEEDS, SPP)
     assert agree(found, volpath(name, hide_emitters=True), rounding=1e-3)
     assert not agree(found, volpath(name), rounding=1e-3)
@@ -173,7 +181,7 @@ def bins_of_sheets(sigma_t: float = 0.0) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", ["transient_path", "transient_volpath", "path_tracer_mats"])
 def test_each_boundary_counts_at_its_own_time(kind):
-    """Without noise, and at depth 1: passed emitters are no vertices."""
+    """Passed emitters do not count as vertices, so that depth 1 suffices."""
     _, transient = rendered(sheets_before_a_wall(None, type=kind), 16)
     expected = np.broadcast_to(bins_of_sheets(), (*transient.shape[:2], 60, 3))
     np.testing.assert_allclose(transient, expected, rtol=1e-4, atol=1e-6)
@@ -229,7 +237,7 @@ def test_lidar_passes_a_glowing_boundary():
 
 @pytest.mark.parametrize("what", ["radiance", "sigma_t"])
 def test_derivatives(what):
-    """Of the sum over pixels, channels and bins: by the radiance of a sheet, and by the fog."""
+    """Differentiate the sum over pixels, channels and bins by a sheet's radiance and by the fog."""
     σ = 0.4
     described = sheets_before_a_wall(fog(σ, 0.0), pulse_width_opl=0.2)
     described["sensor"]["medium"]["sigma_t"] = {"type": "constvolume", "value": σ}

@@ -269,6 +269,34 @@ def test_what_is_refused(bsdf, reason):
         tofrender.capture(scene, mode="confocal", spp=1, progress=False)
 
 
+@pytest.mark.parametrize("others", [{}, {"other": sheet(MIRROR, 50.0, size=0.1)}])
+@pytest.mark.parametrize("bsdf", [MIRROR, {"type": "twosided", "bsdf": MIRROR}, GLASS])
+def test_refused_instances(bsdf, others):
+    hidden = {
+        "group": {"type": "shapegroup", "sheet": sheet(bsdf, 0.0)},
+        "copy": {
+            "type": "instance",
+            "to_world": mi.ScalarTransform4f().translate([0, 0, 1.7]),
+            "shapegroup": {"type": "ref", "id": "group"},
+        },
+    }
+    options = {"nlos_hidden_geometry_sampling": False}
+    scene = nlos.load_nlos(described("confocal", hidden | others, **options))
+    with refused("shape 'group': an instance of a mirror or glass is not supported; copy it"):
+        tofrender.capture(scene, mode="confocal", spp=1, progress=False)
+
+
+def test_instances_of_rough_shapes():
+    """Instances without mirrors are no mirrors."""
+    hidden = {
+        "group": {"type": "shapegroup", "sheet": sheet(diffuse(0.3), 0.0)},
+        "copy": {"type": "instance", "shapegroup": {"type": "ref", "id": "group"}},
+    }
+    scene = nlos.load_nlos(described("confocal", hidden, nlos_hidden_geometry_sampling=False))
+    plan = scene.integrator().plan(scene, scene.sensors()[0])
+    assert plan.scan.specular is None
+
+
 def test_refused_derivatives():
     scene = nlos.load_nlos(described("confocal", {"mirror": sheet(MIRROR, 1.7)}))
     plan = scene.integrator().plan(scene, scene.sensors()[0])

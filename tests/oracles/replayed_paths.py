@@ -227,7 +227,10 @@ def shares(
     connection = emitters.connection
     emitters.connection = lambda *light: connection(*light[:3], light[3] & paths.complete)
     plan.lens.sample = lambda sampler: paths.lens
-    plan.emission.samples = SimpleNamespace(sample_direction=lambda *_: (paths.end, lit))
+    plan.emission.samples = SimpleNamespace(
+        sample_direction=lambda *_: (paths.end, lit),
+        pdf_direction=plan.emission.samples.pdf_direction,
+    )
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})
     sampler.seed(0, paths.lanes)
     ray = mi.Ray3f(paths.lens, paths.at(paths.d, mi.UInt32(0)))

@@ -1,4 +1,4 @@
-"""Sphere lights that fill narrow cones, where 1 - cos has no digits left in single precision."""
+"""Sphere lights that fill narrow cones, where 1 - cos cancels in single precision."""
 
 from typing import Any
 
@@ -51,7 +51,7 @@ def test_textured_spheres_are_sampled_by_mitsuba():
 
 
 def far_lamp(technique: str, radius: float, distance: float) -> dict[str, Any]:
-    """A tilted floor that is lit by a far sphere, whose light arrives from above."""
+    """A tilted floor that is lit by a far sphere above."""
     lamp = {"type": "sphere", "center": [0, 0, distance], "radius": radius}
     lamp["emitter"] = area_light(1e6)
     floor = plane(rotate((1, 0, 0), 30), 1.0, bsdf=diffuse(0.5))

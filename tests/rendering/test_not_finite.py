@@ -80,7 +80,7 @@ def test_a_sound_scene_counts_none():
     assert dataset.attrs["contributions_not_finite"] == 0
 
 
-# The normal is (0, -1, 7e-17), as that of a rectangle that an XML file rotates by 90 degrees
+# The normal is (0, -1, 7e-17), as if an XML file rotates a rectangle by 90 degrees
 ROTATED = [[0.3, 0, 0, 0.1], [0, 1.8e-17, -0.25, 0.99], [0, 0.25, 1.8e-17, 0.2], [0, 0, 0, 1]]
 
 

@@ -123,33 +123,49 @@ def fresnel(degrees, index=1.5):
 GREY = {**MIRROR, "specular_reflectance": {"type": "rgb", "value": 0.7}}
 BLACK = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
 PLASTIC = {"type": "plastic", "int_ior": 1.5, "ext_ior": 1.0}
+GLASS = {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}
+PANE = {"type": "thindielectric", "int_ior": 1.5, "ext_ior": 1.0}
+DARK = {**MIRROR, "specular_reflectance": {"type": "rgb", "value": 0.2}}
+
+
+def two_sided(*bsdfs):
+    return {"type": "twosided", **dict(zip("ab", bsdfs, strict=False))}
+
+
+def blend(a, b, weight=0.4):
+    return {"type": "blendbsdf", "weight": weight, "a": a, "b": b}
 
 
 @pytest.mark.parametrize(
-    ("floor", "reflectance"),
+    ("floor", "turned", "reflectance"),
     [
-        (PLASTIC, fresnel(80)),
-        ({"type": "blendbsdf", "weight": 0.3, "a": BLACK, "b": GREY}, 0.3 * 0.7),
-        ({"type": "blendbsdf", "weight": 0.6, "a": GREY, "b": DIFFUSE["bsdf"]}, 0.4 * 0.7),
-        (
-            {"type": "blendbsdf", "weight": 0.6, "a": GREY, "b": PLASTIC},
-            0.4 * 0.7 + 0.6 * fresnel(80),
-        ),
+        (two_sided(PLASTIC), 0, fresnel(80)),
+        (two_sided(blend(BLACK, GREY, 0.3)), 0, 0.3 * 0.7),
+        (two_sided(blend(GREY, DIFFUSE["bsdf"], 0.6)), 0, 0.4 * 0.7),
+        (two_sided(blend(GREY, PLASTIC, 0.6)), 0, 0.4 * 0.7 + 0.6 * fresnel(80)),
+        (two_sided(blend(GREY, PLASTIC, 0.6)), 180, 0.4 * 0.7 + 0.6 * fresnel(80)),
+        (two_sided(GREY, PLASTIC), 180, fresnel(80)),
+        (two_sided(blend(GREY, DARK), DARK), 180, 0.2),
+        (blend(GREY, DARK), 0, 0.6 * 0.7 + 0.4 * 0.2),
+        (blend(GREY, GLASS), 0, 0.6 * 0.7 + 0.4 * fresnel(80)),
+        (blend({"type": "null"}, GREY), 0, 0.4 * 0.7),
+        ({"type": "mask", "opacity": 0.6, "bsdf": GREY}, 0, 0.6 * 0.7),
     ],
-    ids=["plastic", "black", "diffuse", "two_mirrors"],
+    ids=[
+        *("plastic", "black", "diffuse", "mirror_and_plastic", "behind", "plastic_behind"),
+        *("mirror_behind", "two_mirrors", "mirror_and_glass", "null_and_mirror", "mask"),
+    ],
 )
-def test_a_mirror_with_smooth_lobes(floor, reflectance):
-    """The echo of the mirrored wall has the reflectance of the mirror's lobe, twice."""
-    bsdf = {"type": "twosided", "bsdf": floor}
+def test_a_mirror_with_other_lobes(floor, turned, reflectance):
+    """The echo of the mirrored wall has the reflectance of all mirrors together, twice."""
     # The floor is 1 m ahead, and faces the lidar at 80 degrees
     normal = np.array([math.sin(math.radians(80)), 0, -math.cos(math.radians(80))])
     out = np.array([0, 0, 1]) - 2 * normal[2] * normal
     target = wall(np.array([0, 0, 1]) + 3 * out, angle=math.degrees(math.atan2(-out[0], -out[2])))
-    tilted = wall(
-        (0, 0, 1), angle=math.degrees(math.atan2(normal[0], normal[2])), size=2, bsdf=bsdf
-    )
+    angle = math.degrees(math.atan2(normal[0], normal[2])) + turned
+    tilted = wall((0, 0, 1), angle=angle, size=2, bsdf=floor)
     shots = shoot(ONE, 1 << 12, scene={"floor": tilted, "wall": target}, max_depth=3)
-    late = shots["opl"].values > 2 * 3.5
+    late = np.abs(shots["opl"].values - 2 * 4) < 0.2
     echo = shots["rate"].values[:, late].sum() / PHOTONS
     assert echo == pytest.approx(reflectance**2 * RHO / (math.pi * 4**2), rel=0.02)
 
@@ -298,15 +314,21 @@ def test_background_and_detectors():
 @pytest.mark.parametrize(
     ("bsdf", "said"),
     [
-        ({"type": "roughdielectric"}, "is rough glass or a mask; must not be"),
+        ({"type": "roughdielectric"}, r"\(bsdf .*\) is rough glass, .*; use dielectric"),
         (
-            {"type": "mask", "opacity": 0.5, "bsdf": DIFFUSE},
-            "is rough glass or a mask; must not be",
+            {"type": "mask", "opacity": 0.5, "bsdf": DIFFUSE, "id": "net"},
+            r"\(bsdf 'net'\) transmits straight and has a smooth lobe, .*; use the material",
         ),
+        (blend({"type": "null"}, BLACK), "transmits straight and has a smooth lobe"),
+        (blend(PANE, BLACK), "transmits straight and has a smooth lobe"),
+        ({"type": "mask", "opacity": 0.5, "bsdf": PLASTIC}, "transmits straight and has a smooth"),
+        ({"type": "mask", "opacity": 0.5, "bsdf": PANE}, "is a mask over a pane"),
+        ({"type": "mask", "opacity": 0.5, "bsdf": blend(GREY, DARK)}, "or over a blend of mirrors"),
     ],
+    ids=["rough_glass", "net", "null", "pane", "plastic", "masked_pane", "masked_blend"],
 )
 def test_what_is_refused(bsdf, said):
-    with refused(said):
+    with refused(f"shape 'wall' .*{said}"):
         shoot(scene={"wall": wall((0, 0, 5), bsdf=bsdf)})
 
 

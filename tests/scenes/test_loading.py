@@ -217,6 +217,9 @@ def test_scene_without_sensor_or_light():
     assert "has no sensor" in refused(require_sensor, scene)
     assert "has no light" in refused(require_light, scene)
     assert "has no sensor" in refusal({"type": "scene", "ball": {"type": "sphere"}}, spp=4)
+    strange = {"type": "distantflux", "target": [0, 0, 0.5], "film": {"type": "hdrfilm"}}
+    said = refusal({"type": "scene", "flux": strange}, spp=4)
+    assert "its sensor has the unknown type 'distantflux'" in said
     whole = load_scene("cornell_box_steady_state")
     require_sensor(whole)
     require_light(whole)

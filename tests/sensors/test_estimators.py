@@ -18,12 +18,13 @@ from tofrender.sensors import (
     echo_bounds,
     echoes,
     estimate_depth,
+    false_alarms,
     pile_up,
 )
 from tofrender.sensors.jitter import kernel
 from tofrender.sensors.pile_up_checks import check_pile_up
 from tofrender.sensors.response import distribution
-from tofrender.signals.pulses import SampledPulse
+from tofrender.signals.pulses import GaussianPulse, SampledPulse
 from tofrender.signals.units import SPEED_OF_LIGHT
 
 WIDTH = 0.02
@@ -247,6 +248,41 @@ def test_false_alarms(background, asked, known):
 
 
 @pytest.mark.statistical
+@pytest.mark.parametrize("known", [True, False], ids=["known", "unknown"])
+@pytest.mark.parametrize("background", [0.02, 0.3, 1.6, 1.9, 6.5])
+def test_false_alarms_of_a_response_in_one_bin(background, known):
+    """Filtered counts are whole numbers, so that each background has its own threshold."""
+    count, bins, asked = 8000, 500, 0.1
+    counts = np.random.default_rng(3).poisson(background, (1, count, bins))
+    given = {"background": background} if known else {}
+    axis = {"start_opl": 2.0, "bin_width_opl": 0.1}
+    table = echoes(counts, GaussianPulse(0.01), asked, **axis, **given)
+    found = len(set(table["x"].values))
+    unlikely = smallest_allowed(ALPHA, COMPARISONS)
+    assert binom.sf(found - 1, count, 1.1 * asked) > unlikely
+    assert binom.cdf(found, count, asked / 1.1) > unlikely
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["known", "unknown"])
+def test_many_backgrounds_are_simulated_in_short_pixels(known, monkeypatch):
+    """A threshold takes as many simulated bins for a long window as for a short one."""
+    simulated = []
+    draw = false_alarms._histograms
+
+    def count_bins(number, at, bins):
+        simulated.append(number.size * bins)
+        return draw(number, at, bins)
+
+    monkeypatch.setattr(false_alarms, "_histograms", count_bins)
+    false_alarms._simulated.cache_clear()
+    counts = np.random.default_rng(3).poisson(3e-3, (4, 3, 4000))
+    given = {"background": 3e-3} if known else {}
+    echoes(counts, GAUSS, 0.01, start_opl=2.0, bin_width_opl=WIDTH, **given)
+    assert simulated
+    assert max(simulated) <= 4e5
+
+
+@pytest.mark.statistical
 @pytest.mark.parametrize("asked", [0.1, 0.01, 0.001])
 @pytest.mark.parametrize(
     ("background", "signal"), [(1e-4, 1.5), (1e-4, 5.1), (0.02, 5.0), (1.0, 16.0), (20.0, 50.0)]
@@ -344,7 +380,7 @@ def test_time_axes_that_are_missing(function):
     refused("start_opl = None", function, counts, GAUSS, bin_width_opl=WIDTH)
     refused("bin_width_opl = None", function, counts, GAUSS, start_opl=0.0)
     bare = xr.DataArray(counts, dims=("y", "x", "bin"))
-    refused("no coordinate opl", function, bare, GAUSS)
+    refused("needs a coordinate opl", function, bare, GAUSS)
     labelled = bare.assign_coords(opl=("bin", np.arange(99) * WIDTH))
     refused("must be None for labelled counts", function, labelled, GAUSS, start_opl=0.0)
     refused("one time axis", function, bare.rename(bin="time"), GAUSS)

@@ -36,7 +36,6 @@ DISTANT = {
     "ConstantBackgroundEmitter": "constant",
     "EnvironmentMapEmitter": "envmap",
     "SunskyEmitter": "sunsky",
-    "TimedSunskyEmitter": "timed_sunsky",
 }
 # Emitters that paths may start at: class names, and plugin names
 KINDS = CONES | SHAPES | BEAMS | DISTANT

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 from zipfile import ZipFile
 
-from ..io.contents import GATE, PHASORS, RANGE_RATE, SENSED, VOLUME
+from ..io.contents import FRAMES_LIST, GATE, PHASORS, RANGE_RATE, SENSED, VOLUME
 from ..runtime import backend, checks
 from . import options as opt
 
@@ -24,8 +24,8 @@ def report(
         Path,
         opt.argument(
             "DIR|FILE",
-            "What `render`, `capture`, `reconstruct`, `phasor`, `gate`, `fmcw` or `sense` (of a "
-            "SPAD) has written, or an .npz, .exr, .zarr, .nc.",
+            "What `render`, `capture`, `reconstruct`, `phasor`, `gate`, `fmcw` or `sense` has "
+            "written, also the folder of frames, or an .npz, .exr, .zarr, .nc.",
         ),
     ],
     out: Annotated[Path, opt.named("FILE", "HTML file to write.", "--out", "-o")],
@@ -77,6 +77,8 @@ def load_result(source: Path) -> xr.Dataset:
     if volume.name == VOLUME and volume.is_file():
         return _load_volume(volume)
     if source.is_dir():
+        if (source / FRAMES_LIST).is_file():
+            return _load_frames(source)
         for name in (SENSED, RANGE_RATE):
             if (source / name).is_file():
                 return load_measurement(source / name)
@@ -91,6 +93,25 @@ def load_result(source: Path) -> xr.Dataset:
     allowed = f"a folder of {commands}, or an .npz, .exr, .zarr, .h5, .hdf5 or .nc"
     problem = "is none of these" if source.exists() else "does not exist"
     raise ValueError(f"DIR|FILE = {checks.quote(str(source))}: {problem}; must be {allowed}")
+
+
+def _load_frames(folder: Path) -> xr.Dataset:
+    """Load the finished frames of `tofrender render --frames` along an axis `frame`."""
+    from tofrender.motion.frames import join_frames
+    from tofrender.runtime import memory
+
+    folders = sorted(each for each in folder.glob("frame_*") if each.is_dir())
+    if not folders:
+        raise ValueError(
+            f"DIR|FILE = {checks.quote(str(folder))}: has no frames; resume its render"
+        )
+    first = opt.load_render(folders[0], "DIR|FILE")
+    memory.require_free(f"DIR|FILE = {folder}", 2 * first.nbytes * len(folders))
+    frames = [first, *(opt.load_render(each, "DIR|FILE") for each in folders[1:])]
+    shapes = {tuple(each["transient"].shape) for each in frames}
+    timed = all("time_s" in each.attrs for each in frames)
+    checks.require("DIR|FILE", str(folder), timed and len(shapes) == 1, "frames of one animation")
+    return join_frames(frames, complete=all(each.attrs["complete"] for each in frames))
 
 
 def _load_gate(path: Path) -> xr.Dataset:

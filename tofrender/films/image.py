@@ -50,7 +50,7 @@ def temporal_filter_of(film: mi.Film) -> str:
     """
     if time_bins(film) is None:
         return "box"
-    return getattr(film, "temporal_filter", "")  # The film of mitransient has no such parameter
+    return getattr(film, "temporal_filter", "")  # The film of mitransient lacks it
 
 
 def pixels_of(film: mi.Film) -> dict[str, Any]:

@@ -6,6 +6,7 @@ a scalar that is 0 where both agree and has no unit, so that dim and bright scen
 """
 
 import math
+import warnings
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -96,12 +97,13 @@ def phasor_loss(
     if not isinstance(target, tuple):
         bins = _pair(rendered, target)[1]
     targets = _target_phasors(target, rendered, frequencies, start, width)
-    difference, norm = mi.Float(0), mi.Float(0)
+    difference = mi.Float(0)
+    norm = mi.Float(0)
     for frequency, of_target in zip(frequencies, targets, strict=True):
         if bins is None:
             of_rendered = _phasors(rendered, frequency, start, width)
             apart = [own - wanted for own, wanted in zip(of_rendered, of_target, strict=True)]
-        else:  # The difference of bins rounds less than that of phasors
+        else:  # Differences of bins round less than differences of phasors
             apart = _phasors(rendered - bins, frequency, start, width)
         for each, wanted in zip(apart, of_target, strict=True):
             difference += dr.sum(dr.square(each).array)
@@ -126,7 +128,8 @@ def phase_loss(
     the target, as in `phasor_loss`. The expectation of numerator and denominator is free of the
     variance of the noise, because A and B are independent renders of the same scene. `fit` renders
     both. With A = B, the loss is Σ |A|² sin²(φ_A - φ_T) / Σ |A|²: the variance of the noise adds to
-    it, and a parameter that changes the variance is biased.
+    it, and a parameter that changes the variance is biased. With noise, the loss can be negative.
+    If the denominator is not above 0, there is a warning and the loss is NaN, which ends `fit`.
 
     The loss does not depend on the gain of rendered light or target. Phase differences of 0 and of
     π have the same loss: start where the path length is wrong by less than c / 4f.
@@ -147,6 +150,9 @@ def phase_loss(
     Raises:
         ValueError: A wrong frequency or time axis, shapes that differ, or a target without phasors.
 
+    Warns:
+        UserWarning: The render holds no light, or only noise.
+
     Example:
         >>> here, there = np.zeros((2, 1, 1, 100, 1), np.float32)
         >>> here[0, 0, 20], there[0, 0, 45] = 1, 3  # a quarter of a period apart
@@ -159,9 +165,16 @@ def phase_loss(
     width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
     frequencies = check_below_limit(frequency_hz, width)
     first = _bins(rendered)
-    second = first if other is None else _bins(other)
+    if 0 in first.shape:
+        raise ValueError(f"rendered with shape {first.shape}: must have pixels, bins and channels")
+    if not isinstance(target, tuple):
+        values = checks.finite("target", checks.real_array("target", target))
+        if values.ndim == first.ndim:
+            _pair(first, target)
+    second = first if other is None else _bins(_second(other, first))
     targets = _target_phasors(target, first, frequencies, start, width)
-    out_of_phase, power = mi.Float(0), mi.Float(0)
+    out_of_phase = mi.Float(0)
+    power = mi.Float(0)
     for frequency, (target_i, target_q) in zip(frequencies, targets, strict=True):
         first_i, first_q = _phasors(first, frequency, start, width)
         second_i, second_q = _phasors(second, frequency, start, width)
@@ -170,14 +183,29 @@ def phase_loss(
         amplitude = dr.sqrt(dr.square(target_i) + dr.square(target_q))
         _nonzero_sum(amplitude)
         inverse = dr.select(amplitude > 0, 1 / dr.maximum(amplitude, 1e-30), 0)
-        cos, sin = target_i * inverse, target_q * inverse
+        cos = target_i * inverse
+        sin = target_q * inverse
         first_across = first_q * cos - first_i * sin
         second_across = second_q * cos - second_i * sin
         first_along = first_i * cos + first_q * sin
         second_along = second_i * cos + second_q * sin
         out_of_phase += dr.sum((first_across * second_across).array)
         power += dr.sum((first_along * second_along + first_across * second_across).array)
-    return mi.TensorXf(out_of_phase / power, shape=())
+    return mi.TensorXf(out_of_phase / _positive(power), shape=())
+
+
+def _second(other: Any, rendered: Any) -> Any:
+    """Return a second render; refuse another shape than that of the first."""
+    expected = tuple(rendered.shape)
+    try:
+        shape = tuple(other.shape) if isinstance(other, mi.TensorXf) else np.shape(other)
+    except (TypeError, ValueError):
+        shape = None
+    if shape is None:
+        checks.require("other", other, False, f"a tensor or an array of the shape {expected}")
+    if shape != expected:
+        raise ValueError(f"other with shape {shape}: must be {expected}, as rendered")
+    return other
 
 
 def scale_free_loss(rendered: Any, target: Any, *, other: Any = None) -> Any:
@@ -187,7 +215,8 @@ def scale_free_loss(rendered: Any, target: Any, *, other: Any = None) -> Any:
 
     with the light A of `rendered` and B of `other`. With A = B = R, this is the least value of
     Σ (g R - T)² / Σ T² over all gains g. `fit` renders A and B with independent random numbers, so
-    that the variance of the noise does not add to Σ A B.
+    that the variance of the noise does not add to Σ A B. If Σ A B is not above 0, there is a
+    warning and the loss is NaN, which ends `fit`.
 
     Args:
         rendered: A tensor of any shape.
@@ -201,18 +230,22 @@ def scale_free_loss(rendered: Any, target: Any, *, other: Any = None) -> Any:
     Raises:
         ValueError: Shapes that differ, or a target that is black.
 
+    Warns:
+        UserWarning: The render holds no light, or only noise.
+
     Example:
         >>> round(float(scale_free_loss(mi.TensorXf([1.0, 2.0]), [2.5, 5.0]).array[0]), 4)
         0.0
     """
     rendered, target = _pair(rendered, target)
-    other = rendered if other is None else _pair(other, target)[0]
+    other = rendered if other is None else _pair(_second(other, rendered), target)[0]
     norm = _nonzero_sum(dr.square(target))
 
     # Subtract the parts along the target first, which rounds less than 1 - along / power
     across = rendered - target * dr.sum(rendered * target, axis=None) / norm
     other_across = other - target * dr.sum(other * target, axis=None) / norm
-    return dr.sum(across * other_across, axis=None) / dr.sum(rendered * other, axis=None)
+    power = dr.sum(rendered * other, axis=None)
+    return dr.sum(across * other_across, axis=None) / _positive(power)
 
 
 def wasserstein_loss(rendered: Any, target: Any, *, energy_weight: float = 1.0) -> Any:
@@ -373,3 +406,20 @@ def _nonzero_sum(values: Any) -> Any:
     if not float(np.array(total).item()) > 0:
         raise ValueError("target: holds no light; must have some to compare with")
     return total
+
+
+def _positive(power: Any) -> Any:
+    """Return a denominator from products of rendered light, or NaN with a warning.
+
+    Of two independent renders with little light and much noise, the sum of products is near 0 or
+    negative, and the sign of the loss is arbitrary.
+    """
+    value = float(np.array(dr.detach(power)).item())
+    if value > 0:
+        return power
+    warnings.warn(
+        f"loss: the render holds no light, or only noise (its power is {value:.3g}); raise spp, or "
+        "start nearer",
+        stacklevel=3,
+    )
+    return power + math.nan

@@ -12,6 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import checks
+from ..runtime.interface import readable
 
 Apply = Callable[[mi.SceneParameters, dict[str, Any]], Any]
 
@@ -28,7 +29,7 @@ class Variables:
         self, scene: mi.Scene, params: Any, apply: Apply | None, bounds: Any = None
     ) -> None:
         own = isinstance(params, mi.SceneParameters)
-        start = dict(params) if own else params
+        start = dict(readable(params)) if own else params
         given = checks.mapping("params", start)
         if not given:
             raise ValueError(

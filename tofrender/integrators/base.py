@@ -21,6 +21,7 @@ from ..paths.scattering import Materials
 from ..paths.space import Vacuum
 from ..paths.surfaces import has_lobes
 from ..runtime import checks
+from ..runtime.interface import readable
 from ..runtime.settings import parameter
 from ..scenes.checking import check_scene
 from ..scenes.media import beyond, media_of
@@ -207,7 +208,7 @@ class TransientIntegrator(mi.SamplingIntegrator):
     def _require_derivatives(self, scene: mi.Scene, sensor: mi.Sensor, record: Recording) -> None:
         """Refuse a render that has no derivatives, if parameters track gradients."""
         parts = [scene, self] if sensor in scene.sensors() else [scene, self, sensor]
-        names = [name for part in parts for name in tracked(mi.traverse(part))]
+        names = [name for part in parts for name in tracked(readable(mi.traverse(part)))]
         if names:
             self._require_own_derivatives()
             attached = self.gradient_sampling == "attached"

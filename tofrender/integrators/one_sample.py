@@ -8,6 +8,7 @@ import mitsuba as mi
 from ..paths.endpoints.emitters import EmitterEndpoint
 from ..paths.records import Connection, Hit, Path, Vertex
 from ..paths.surfaces import Boundaries, first_surface
+from ..runtime import checks
 
 
 class OneSampleLights(EmitterEndpoint):
@@ -33,7 +34,7 @@ class OneSampleLights(EmitterEndpoint):
         passes_boundaries: bool = False,
     ) -> None:
         super().__init__(scene, sensor, hide_emitters, discard_direct_light)
-        self.passes_boundaries = passes_boundaries
+        self.passes_boundaries = checks.boolean("passes_boundaries", passes_boundaries)
         self.boundaries = Boundaries(scene)
 
     def hit_weight(self, path: Path, vertex: Vertex, hit: Hit) -> mi.Float:
@@ -67,6 +68,7 @@ class OneSampleLights(EmitterEndpoint):
         pdf_material = bsdf.pdf(ctx, si, si.to_local(connection.direction), connection.active)
         cannot_be_hit = connection.delta
         if self.passes_boundaries:
+            assert connection.emitter is not None
             shape = connection.emitter.get_shape()
             on_boundary = self.boundaries.have(shape.bsdf(), connection.active)
             cannot_be_hit = cannot_be_hit | on_boundary

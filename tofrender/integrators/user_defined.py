@@ -25,7 +25,14 @@ def follows(integrator: Any) -> dict[str, bool]:
     return {
         "media": getattr(integrator, "follows_media", True),
         "polarisation": getattr(integrator, "follows_polarisation", integrator is None),
+        "beams": follows_beams(integrator),
     }
+
+
+def follows_beams(integrator: Any) -> bool:
+    """Whether paths start at lights, or the scene's lights do not matter; see `check_scene`."""
+    ignores_lights = not getattr(integrator, "needs_lights", True)
+    return ignores_lights or getattr(integrator, "starts_at_lights", True)
 
 
 @dataclass

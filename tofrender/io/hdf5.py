@@ -34,6 +34,7 @@ _NAMES = (
     *(f"{d}_{what}" for d in DEVICES for what in ("xyz", *_GRIDS)),
 )
 KINDS = (np.dtype(np.float32), np.dtype(bool))  # Of a file's arrays
+MOST_LINKS = 16  # Of a path
 _COPIES = 3  # Of H at a time, at most
 _OURS = "tofrender"  # Our part of scene_info
 _COLOURS = "tofrender_colours_"  # Attributes of H by their first bin, (bins, ..., channels)
@@ -190,16 +191,50 @@ def _read(file: h5py.File) -> dict[str, Any]:
 
 
 def field_of(file: h5py.File, name: str) -> h5py.Dataset | None:
-    """Open a field, None if it is empty; a ValueError if it is in another file."""
-    item = None
-    if not isinstance(file.get(name, getlink=True), h5py.ExternalLink):
+    """Open a field, None if it is missing or empty; a ValueError if it is in another file.
+
+    HDF5 would follow links to other files, also those in the middle of a path, and wait for pipes.
+    Each step of a path is therefore resolved here, and only links within the file are followed.
+    """
+    item: Any = file
+    steps = [name]
+    followed = 0
+    while steps:
+        step = steps.pop(0)
+        if not isinstance(item, h5py.Group):
+            return None
         try:
-            item = file[name]
-        except Exception as error:
-            raise ValueError(f"{name}: cannot be read ({error}); must be a field") from None
-    if item is None or (isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)):
+            link = item.get(step, getlink=True)
+        except (TypeError, RuntimeError):  # A type of link that h5py does not know
+            raise ValueError(f"{name}: has an unknown link; must be in this file") from None
+        if isinstance(link, h5py.SoftLink):
+            followed += 1
+            if followed > MOST_LINKS:
+                raise ValueError(f"{name}: is a loop of links; must be a field")
+            if link.path.startswith("/"):
+                item = file
+            steps = [part for part in link.path.split("/") if part not in ("", ".")] + steps
+        elif isinstance(link, h5py.ExternalLink):
+            raise ValueError(f"{name}: is in another file; must be in this one")
+        elif link is None:
+            return None
+        else:
+            item = _opened(item, step, name)
+    if not isinstance(item, h5py.Dataset) or item.shape is None:
+        return None
+    return item
+
+
+def _opened(group: h5py.Group, step: str, name: str) -> Any:
+    """Open what a hard link names; its values must be in the same file."""
+    try:
+        item = group[step]
+        is_elsewhere = isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)
+    except Exception as error:
+        raise ValueError(f"{name}: cannot be read ({error}); must be a field") from None
+    if is_elsewhere:
         raise ValueError(f"{name}: is in another file; must be in this one")
-    return item if isinstance(item, h5py.Dataset) and item.shape is not None else None
+    return item
 
 
 def restore(fields: dict[str, Any]) -> xr.Dataset:

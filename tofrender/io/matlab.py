@@ -6,6 +6,7 @@ compiled code parses the file: a damaged file is a ValueError. The layout is des
 """
 
 import math
+import mmap
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -36,7 +37,7 @@ OPAQUE_CLASS = 17
 NUMERIC_CLASSES = range(6, 16)
 COMPLEX_FLAG = 0x800
 MOST_AXES = 32  # That NumPy supports
-HEAD_BYTES = 4096  # Of a compressed array: more than flags, axes and name take
+HEAD_BYTES = 4096  # Enough for flags, axes and name of an array
 ZLIB_RATIO = 1032  # Largest ratio of bytes to compressed bytes
 CUT = "is cut short or damaged; must be a whole MATLAB file"
 
@@ -90,7 +91,8 @@ def _open(file: Path) -> tuple[memoryview, str]:
     """Map a file into memory, and return the order of bytes in its numbers."""
     if file.stat().st_size < HEADER_BYTES:
         raise ValueError(CUT)
-    content = memoryview(np.memmap(file, np.uint8, "r"))
+    with file.open("rb") as opened:
+        content = memoryview(mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ))
     order = ENDIANNESS.get(bytes(content[126:128]))
     if order is None:
         raise ValueError(CUT)
@@ -98,7 +100,7 @@ def _open(file: Path) -> tuple[memoryview, str]:
 
 
 def _elements(content: memoryview, start: int, order: str) -> Iterator[Element]:
-    """Split bytes into elements, each of which must end within them."""
+    """Split bytes into elements, and check that each element ends within these bytes."""
     while start < len(content):
         if start + 8 > len(content):
             raise ValueError(CUT)
@@ -122,7 +124,7 @@ def _elements(content: memoryview, start: int, order: str) -> Iterator[Element]:
 
 
 def _first_bytes(element: Element, order: str) -> Element:
-    """Return an array with as many bytes as its head takes."""
+    """Return an array without its values if it is compressed."""
     if element.kind != COMPRESSED:
         return element
     try:
@@ -198,7 +200,7 @@ def _array(element: Element, order: str, in_cell: bool = False) -> np.ndarray:
     if head.kind == "other" or (in_cell and head.kind == "cell"):
         raise ValueError(f"{head.name or 'a cell'}: must hold real numbers")
     if head.kind == "cell":
-        # Each cell takes eight bytes or more
+        # A cell has at least eight bytes
         if 8 * count > len(element.content):
             raise ValueError(CUT)
         cells = np.empty(count, object)

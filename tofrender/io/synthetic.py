@@ -34,7 +34,8 @@ def read_znlos(file: h5py.File) -> xr.Dataset:
     fits = light.ndim - axes in (2, 3) and light.shape[:axes] == points
     fits = fits and light.shape[axes + 1] == bins
     checks.shape("data", light, fits, f"{points}, bounces, {bins} bins, as grids and t have it")
-    third = int(file["data"].attrs.get("third_bounce", 1))
+    data = field_of(file, "data")
+    third = int(data.attrs.get("third_bounce", 1)) if data is not None else 1
     checks.require("third_bounce", third, 0 <= third < light.shape[axes], "one of the bounces")
     light = light.reshape(*light.shape[: axes + 2], -1).sum(axis=-1)[..., third:, :].sum(axis=-2)
     light = light[0, 0] if points[:-2] == (1, 1) else light
@@ -46,7 +47,7 @@ def read_znlos(file: h5py.File) -> xr.Dataset:
 
 
 def _array(file: h5py.File, name: str) -> np.ndarray:
-    item = field_of(file, name) if name in file else None
+    item = field_of(file, name)
     if item is None or not item.size:
         raise ValueError(f"has nothing in the field {name}; must have it")
     memory.require_free(name, 3 * item.nbytes)

@@ -111,14 +111,14 @@ class Media(Space):
         return path, Vertex(point, dr.norm(point.p - o), valid, in_medium, passes)
 
     def _stopped(self, path: Path, flight: Flight, si: mi.SurfaceInteraction3f) -> mi.Bool | None:
-        """Return the lanes whose flight ends at an emitter on a boundary, see `Vertex.passes`."""
+        """Return lanes in which a flight ends at an emitter on a boundary, as `Vertex.passes`."""
         if path.passed is None:
             return None
         at_surface = path.active & ~flight.scattered & si.is_valid()
         return self.boundaries.contain(si, at_surface) & si.shape.is_emitter()
 
     def behind_emitter(self, path: Path, vertex: Vertex) -> Path:
-        """Return the path whose ray starts behind the emitter where it has stopped."""
+        """Start the ray of a path behind the emitter at which the ray has stopped."""
         ray = spawn_ray(vertex.si, path.ray.d, mi.Bool(True))
         ray.maxt = path.ray.maxt - dr.norm(ray.o - path.ray.o)
         medium = self.medium_behind(path, vertex, path.ray.d)

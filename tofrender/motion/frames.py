@@ -149,12 +149,18 @@ def render_frames(
                 warnings.warn(f"{message}, which are returned", stacklevel=2)
                 break
             bar.update()
-    attrs = dict(done[0].attrs)
+    return join_frames(done, complete=len(done) == len(times))
+
+
+def join_frames(frames: list[xr.Dataset], *, complete: bool) -> xr.Dataset:
+    """Join frames, each with its `time_s`, along a first axis `frame`; their times [s] label it."""
+    attrs = dict(frames[0].attrs)
+    times = [each.attrs["time_s"] for each in frames]
     for name, total in TOTALS.items():
-        attrs[name] = total(each.attrs[name] for each in done)
-    attrs["complete"] = int(len(done) == len(times))
-    start = xr.DataArray(times[: len(done)], dims="frame", attrs={"units": "s"})
-    joined = xr.concat(done, start.rename("frame"), combine_attrs="drop")
+        attrs[name] = total(each.attrs[name] for each in frames)
+    attrs["complete"] = int(complete)
+    start = xr.DataArray(times, dims="frame", attrs={"units": "s"})
+    joined = xr.concat(frames, start.rename("frame"), combine_attrs="drop")
     return joined.assign_attrs(attrs)
 
 

@@ -52,8 +52,11 @@ class DeltaLobes:
         bsdfs = [bsdf for bsdf in dict.fromkeys(materials(scene)) if bsdf is not None]
         self.sets = _table(bsdfs, [self.set_of(bsdf) for bsdf in bsdfs])
         self.mirrors = _table(bsdfs, [_mirrors_of(bsdf) for bsdf in bsdfs])
+        self.backs = _table(bsdfs, [_mirrors_of(bsdf, only_back=True) for bsdf in bsdfs])
+        self.mixed = _table(bsdfs, [self.are_mixed(bsdf) for bsdf in bsdfs])
         self.numbers = _members(self.sets)
         self.components = _members(self.mirrors)
+        self.back_components = _members(self.backs)
 
     @staticmethod
     def set_of(bsdf: mi.BSDF) -> int:
@@ -70,13 +73,24 @@ class DeltaLobes:
         return found
 
     @staticmethod
+    def are_mixed(bsdf: mi.BSDF) -> bool:
+        """Whether delta lobes of a BSDF are mixed with smooth ones, or share a direction."""
+        has = mi.has_flag
+        if DeltaLobes.set_of(bsdf) and has(bsdf.flags(), mi.BSDFFlags.Smooth):
+            return True
+        components = [bsdf.flags(component) for component in range(bsdf.component_count())]
+        for side in (mi.BSDFFlags.FrontSide, mi.BSDFFlags.BackSide):
+            for kind in (mi.BSDFFlags.Null, mi.BSDFFlags.DeltaReflection):
+                if sum(has(flags, side) and has(flags, kind) for flags in components) > 1:
+                    return True
+        return False
+
+    @staticmethod
     def require_supported(shape: mi.Shape) -> None:
         """Refuse a shape if its delta lobes cannot be followed one by one."""
         kinds = [bsdf.class_name() for bsdf in bsdfs_in(shape.bsdf())]
         lobes = DeltaLobes.set_of(shape.bsdf())
         name = f"shape {shape.id()!r}"
-        if shape.class_name() == "Instance":
-            raise ValueError(f"{name}: an instance of a mirror or glass is not supported; copy it")
         if lobes >> 1 and "MaskBSDF" in kinds:
             raise ValueError(f"{name}: a mask over a mirror or glass is not supported")
         for kind, plugin in (("NormalMap", "normalmap"), ("BumpMap", "bumpmap")):
@@ -90,6 +104,11 @@ class DeltaLobes:
     def at(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UInt32:
         """Return the set of delta lobes at surface points, as bits; 0 if rays meet nothing."""
         return dr.gather(mi.UInt32, self.sets, number_of(si.bsdf()), active & si.is_valid())
+
+    def mixed_at(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
+        """Return lanes with surface points whose delta lobes are mixed, see `are_mixed`."""
+        mixed = dr.gather(mi.UInt32, self.mixed, number_of(si.bsdf()), active & si.is_valid())
+        return mixed != 0
 
     def eval(self, si: mi.SurfaceInteraction3f, lobe: mi.UInt32, active: mi.Bool) -> LobeSample:
         """Follow a given lobe; `f` is 0 where the surface does not have it."""
@@ -139,10 +158,20 @@ class DeltaLobes:
             return found
         if number != REFLECTION:
             return self._component(si, number - REFRACTION, found, active)
+
+        # Add the mirrors. If `twosided` has two BSDFs, the components of the first one return
+        # lobes of the second one behind the surface, which must not count twice
         mirrors = dr.gather(mi.UInt32, self.mirrors, number_of(bsdf), active)
+        backs = dr.gather(mi.UInt32, self.backs, number_of(bsdf), active)
+        behind = found
         for component in self.components:
             here = active & ((mirrors >> component & 1) != 0)
-            found = self._component(si, component, found, here)
+            is_back = (backs >> component & 1) != 0
+            found = self._component(si, component, found, here & ~is_back)
+            if component in self.back_components:
+                behind = self._component(si, component, behind, here & is_back)
+        if self.back_components:
+            found = dr.select(dr.any(behind.f > 0), behind, found)
         return found
 
     @staticmethod
@@ -155,7 +184,7 @@ class DeltaLobes:
         # A component alone is chosen with certainty
         half = mi.Point2f(0.5)
         bs, weight = si.bsdf().sample(context, si, mi.Float(0.5), half, active)
-        exists = active & (bs.pdf > 0)
+        exists = active & (bs.pdf > 0) & mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
         f = dr.select(exists, mi.unpolarized_spectrum(weight), 0)
         direction = dr.select(exists, si.to_world(bs.wo), lobe.direction)
         η = dr.select(exists, bs.eta, lobe.η)
@@ -168,11 +197,13 @@ class DeltaLobes:
         return LobeSample(lobe, -si.to_world(si.wi), black, mi.Float(1), mi.Float(1))
 
 
-def _mirrors_of(bsdf: mi.BSDF) -> int:
-    """Return the set of components of a BSDF that are mirrors, as bits."""
+def _mirrors_of(bsdf: mi.BSDF, *, only_back: bool = False) -> int:
+    """Return the set of components of a BSDF that are mirrors, as bits, perhaps of its back."""
     found = 0
     for component in range(bsdf.component_count()):
-        if mi.has_flag(bsdf.flags(component), mi.BSDFFlags.DeltaReflection):
+        flags = bsdf.flags(component)
+        is_front = mi.has_flag(flags, mi.BSDFFlags.FrontSide)
+        if mi.has_flag(flags, mi.BSDFFlags.DeltaReflection) and not (only_back and is_front):
             found |= 1 << component
     return found
 

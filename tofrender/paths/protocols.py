@@ -75,7 +75,7 @@ class Space(ABC):
         """Intersect the path's ray; of the path, only throughput and current medium may change."""
 
     def behind_emitter(self, path: Path, vertex: Vertex) -> Path:
-        """Return the path whose ray starts behind the emitter where it has stopped.
+        """Start the ray of a path behind the emitter at which the ray has stopped.
 
         The path is as `next_vertex` has returned it. Called where `Vertex.passes` is not None.
         """
@@ -165,7 +165,7 @@ class Endpoint(ABC):
 
     connects: bool = True  # whether there is next-event estimation at all
     finds_all: bool = True  # whether connections find all light but that of delta lobes
-    has_hits: bool = False  # whether rays may run into emitters, whose light `hit` returns
+    has_hits: bool = False  # whether `hit` returns the light of emitters that rays run into
     importance: bool = False  # whether paths come from lights, and connections end on the sensor
     hide_emitters: bool = False  # whether the sensor looks through area lights
     history: HistoryUpdates | None = None  # for MIS weights that need earlier vertices
@@ -290,7 +290,7 @@ class Parts:
 
     @property
     def iterations(self) -> int:
-        """Bound on the rays of a path, -1 if there is none."""
+        """Largest number of rays of a path, -1 if it is unlimited."""
         return -1 if self.space.stops else self.limits.iterations
 
     def with_endpoint(self, endpoint: Endpoint) -> Self:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import drjit as dr
 import mitsuba as mi
@@ -10,8 +11,9 @@ import numpy as np
 
 from ..runtime import backend
 from ..scenes.media import CROSSINGS, LEAKS, PROBES, STEPS
-from .surfaces import bsdfs_in, has_lobes, materials, number_of, spawn_ray
+from .surfaces import bsdfs_in, has_lobes, materials, name_of, number_of, spawn_ray
 
+HAIR = "Hair"
 ROUGH = mi.BSDFFlags.GlossyTransmission
 LOBES = (ROUGH, mi.BSDFFlags.DeltaTransmission)
 DRAWS = 256  # BSDF samples that find the index of a material which transmits only part of its light
@@ -32,9 +34,9 @@ class Glass:
         lobes: tuple[mi.BSDFFlags, ...] = (ROUGH,),
     ) -> None:
         found = {
-            int(number_of(mi.BSDFPtr(bsdf))[0]): (index_of or _index)(bsdf)
+            int(number_of(mi.BSDFPtr(bsdf))[0]): (index_of or partial(_index, scene))(bsdf)
             for bsdf in dict.fromkeys(materials(scene))
-            if any(mi.has_flag(bsdf.flags(), lobe) for lobe in lobes)
+            if any(_parts(bsdf, lobe) for lobe in lobes)
         }
         self.exists = bool(found)
         indices = [found.get(k, 1.0) for k in range(max(found, default=0) + 1)]
@@ -52,7 +54,7 @@ class Glass:
         return dr.select(crossing, dr.select(si.wi.z > 0, η, dr.rcp(η)), 1)
 
 
-def _index(bsdf: mi.BSDF) -> float | mi.Float:
+def _index(scene: mi.Scene, bsdf: mi.BSDF) -> float | mi.Float:
     """Return the index behind a rough material over that before it."""
     parts = _parts(bsdf, ROUGH)
     tracked = [mi.traverse(part)["eta"] for part in parts if "eta" in mi.traverse(part)]
@@ -62,16 +64,20 @@ def _index(bsdf: mi.BSDF) -> float | mi.Float:
     if len(indices) > 1:
         listed = ", ".join(f"{index:g}" for index in indices)
         raise ValueError(
-            f"bsdf {bsdf.id()!r}: mixes rough glass of the indices {listed}; must have one index, "
-            "light that passes it would have no optical length"
+            f"{name_of(scene, bsdf)} mixes rough glass of the indices {listed}. Use one index, so "
+            "that light which passes it has an optical length"
         )
     return round(indices[0], 5)
 
 
 def _parts(bsdf: mi.BSDF, lobe: mi.BSDFFlags) -> list[mi.BSDF]:
-    """Return the plain BSDFs with a lobe that a BSDF is made of."""
+    """Return the plain BSDFs with a lobe that a BSDF is made of, without `hair`.
+
+    Light that passes a hair is in air again.
+    """
     single = [part for part in bsdfs_in(bsdf) if len(bsdfs_in(part)) == 1]
-    return [part for part in single if mi.has_flag(part.flags(), lobe)]
+    has_lobe = [part for part in single if mi.has_flag(part.flags(), lobe)]
+    return [part for part in has_lobe if part.class_name() != HAIR]
 
 
 def _indices(bsdf: mi.BSDF, lobe: mi.BSDFFlags) -> list[float]:
@@ -125,8 +131,8 @@ def index_around(scene: mi.Scene, sensor: mi.Sensor) -> float:
     for bsdf in materials(scene):
         if len(set(_all_indices(bsdf))) > 1:
             raise ValueError(
-                f"bsdf {bsdf.id()!r}: mixes glass of several indices, and the sensor is in glass "
-                f"of index {index:g}; must have one index, lengths would have none"
+                f"{name_of(scene, bsdf)} mixes glass of several indices, and the sensor is in "
+                f"glass of index {index:g}. Use one index, so that light has an optical length"
             )
     return round(float(index), 6)
 

@@ -13,8 +13,8 @@ from ..runtime.interface import NORMALS, POSITIONS, make_mesh, rows, world_trans
 from ..scenes.media import BOUNDARY, PLATES
 
 NARROW = 0.00068523  # Squared sine below which Mitsuba samples the cone of a sphere otherwise
-# Extent of a scene, in radii of its smallest sphere light, from which on Mitsuba's densities may be
-# infinite. They are infinite from a distance of 4000 radii on.
+# Extent of a scene over the radius of its smallest sphere light, above which densities of Mitsuba
+# may be infinite. They are infinite at distances above 4000 radii.
 VANISHING = 500
 NORMAL_TOLERANCE = 1e-6  # 1 less the cosine between normals that count as the same
 
@@ -48,9 +48,31 @@ def materials(scene: mi.Scene) -> list[mi.BSDF]:
     return [shape.bsdf() for shape in shapes]
 
 
+def groups_of(scene: mi.Scene) -> list[mi.Shape]:
+    """Return the shape groups that instances repeat."""
+    if not any(shape.class_name() == "Instance" for shape in scene.shapes()):
+        return []
+    nodes = mi.traverse(scene).hierarchy
+    return [node for node in nodes if node.class_name() == "ShapeGroupPlugin"]
+
+
 def bsdfs_in(node: mi.Object) -> list[mi.BSDF]:
     """Return all BSDFs in a scene, or a BSDF and those that it is made of."""
     return [each for each in mi.traverse(node).hierarchy if isinstance(each, mi.BSDF)]
+
+
+def name_of(scene: mi.Scene, bsdf: mi.BSDF) -> str:
+    """Return the names of a BSDF and of the first shape that has it, for messages.
+
+    Example:
+        >>> scene = mi.load_dict({"type": "scene", "wall": {"type": "rectangle", "id": "wall"}})
+        >>> name_of(scene, scene.shapes()[0].bsdf()).startswith("shape 'wall'")
+        True
+    """
+    nodes = mi.traverse(scene).hierarchy
+    shapes = [node for node in nodes if isinstance(node, mi.Shape) and node.bsdf() == bsdf]
+    plain = f"bsdf {bsdf.id()!r}"
+    return f"shape {shapes[0].id()!r} ({plain})" if shapes else plain
 
 
 def is_boundary(bsdf: mi.BSDF | None) -> bool:
@@ -73,7 +95,7 @@ class Boundaries:
         return self.have(si.bsdf(), active)
 
     def have(self, bsdf: mi.BSDFPtr, active: mi.Bool) -> mi.Bool:
-        """Return lanes whose BSDF is that of a boundary."""
+        """Return lanes in which a BSDF marks a boundary."""
         active = active & (bsdf.flags() == BOUNDARY)
         for plate in self._plates:
             active &= bsdf != mi.BSDFPtr(plate)
@@ -169,7 +191,7 @@ class NarrowCones:
         self.exist = bool(np.any(spheres))
         if not self.exist:
             return
-        # Whether Mitsuba's densities may be infinite, so that weights do not tell the radiance
+        # Mitsuba's densities may be infinite, so that the weights do not contain the radiance
         smallest = spheres[spheres[:, 3] > 0, 3].min()
         self.vanish = float(dr.norm(scene.bbox().extents())) > VANISHING * smallest
         self.spheres = mi.Float(table_of(emitters, spheres, np.float32).ravel())
@@ -182,7 +204,7 @@ class NarrowCones:
         """Return the density of directions from points to an emitter [1/sr].
 
         Also returns the lanes in which the emitter is a sphere light that fills a narrow cone. The
-        density is that for the given emitter, without the probability of its choice.
+        density does not include the probability of choosing the emitter.
         """
         row = number_of(emitter) * 4
         center = mi.Point3f(*(dr.gather(mi.Float, self.spheres, row + k, active) for k in range(3)))
@@ -193,7 +215,7 @@ class NarrowCones:
         return dr.detach(dr.select(narrow, pdf, 0)), narrow
 
     def choice(self, emitter: mi.EmitterPtr) -> mi.Float:
-        """Return the probability with which the scene chooses an emitter."""
+        """Return the probability that the scene chooses an emitter."""
         return emitter.sampling_weight() / self.total
 
 
@@ -202,8 +224,8 @@ class EmitterSamples:
 
     There are two corrections. The power of an emitter through an area has the geometric cosine,
     where Mitsuba uses the normals of a mesh's vertices. A mesh with smooth normals has a flat twin
-    without, on which a random number samples the same point. The other correction is that of
-    `NarrowCones`.
+    without, on which a random number samples the same point. `NarrowCones` describes the
+    other correction.
     """
 
     def __init__(self, scene: mi.Scene) -> None:
@@ -258,7 +280,7 @@ class EmitterSamples:
     def pdf_direction(
         self, at: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool | bool = True
     ) -> mi.Float:
-        """Return the density with which `sample_direction` samples a direction [1/sr]."""
+        """Return the density of a direction in `sample_direction` [1/sr]."""
         pdf = self.scene.pdf_emitter_direction(at, ds, active)
         if self.cones.exist:
             in_cone, narrow = self.cones.pdf(at.p, ds.emitter, mi.Bool(active))

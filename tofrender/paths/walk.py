@@ -129,6 +129,8 @@ def step(sampler: mi.Sampler, path: Path, parts: Parts, measurement: Measurement
     path.β = multiply_throughput(path.β, bsdf_sample.weight, importance=endpoint.importance)
     path.η = path.η * bsdf_sample.η
     path.prev = mi.Interaction3f(vertex.si)
+    if path.passed is not None:  # The next ray starts at this vertex
+        path.passed = dr.zeros(mi.Float, dr.width(path.passed))
     path.pdf, path.specular = bsdf_sample.pdf, bsdf_sample.specular
     path.depth = path.depth + dr.select(vertex.valid, mi.UInt32(1), 0)
     if limits.ignore_null:

@@ -164,7 +164,8 @@ class _Found:
             dr.eval(path, *(vars(each) for each in measured.found))
             emission, *connections = measured.found
             self._add(emission)
-            point, length = path.prev.p, path.opl
+            point = path.prev.p
+            length = path.opl
             if path.passed is not None:  # List emitters on boundaries that the ray has passed
                 passes = path.passed > 0
                 point = dr.select(passes, path.ray.o, point)

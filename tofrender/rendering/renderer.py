@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 import mitsuba as mi
 
+from ..integrators.user_defined import follows_beams
 from ..runtime import backend, checks
 from ..runtime.checkpoints import Checkpoint
 from ..runtime.progress import status, without_bars
@@ -378,8 +379,9 @@ def open_scene(settings: RenderSettings) -> tuple[mi.Scene, TransientIntegrator]
             integrator = None  # It is the scene's now
     camera = require_sensor(scene, settings.sensor)
     own = None if integrator is None else _integrator(scene, integrator)
-    follows = scene.integrator() if own is None else own
-    does = {name: getattr(follows, f"follows_{name}", True) for name in ("media", "polarisation")}
+    chosen = scene.integrator() if own is None else own
+    does = {name: getattr(chosen, f"follows_{name}", True) for name in ("media", "polarisation")}
+    does["beams"] = follows_beams(chosen)
     check_scene(scene, camera, **does)  # Those of others are refused later
     windowed_film(camera.film(), *settings.time_axis)  # Refuses a wrong window
     own = _integrator(scene, own)

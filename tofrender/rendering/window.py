@@ -23,7 +23,7 @@ CHECK_HITS = 1 << 12
 
 CHECK_RENDERS = 16  # Most test renders in one check of an automatic window
 CHECKS = 4  # Most times that an automatic window is checked and enlarged
-UNCONFIRMED = LOST_ENERGY / 2  # Fraction of the energy outside from which on a window is enlarged
+UNCONFIRMED = LOST_ENERGY / 2  # Fraction of lost energy above which a window is enlarged
 
 MANY_HITS = 250
 """Contributions near an empty window from which on chance cannot explain that it is empty."""
@@ -89,7 +89,7 @@ def check_window(film: TransientHDRFilm, arrivals: Arrivals, profile: Pulse | No
 def enlarged(
     arrivals: Arrivals, profile: Pulse | None, look: Callable[[int], Arrivals]
 ) -> Arrivals:
-    """Return arrivals whose window is confirmed by further test renders.
+    """Add light of further test renders until they confirm the window of the arrivals.
 
     One test render can miss light that few paths bring. While much of the energy of other test
     renders is outside the window, their light is added, which enlarges the window.
@@ -127,7 +127,7 @@ def warn_of_losses(
 ) -> None:
     """Warn if light is missing, and name a better window or the setting that finds one.
 
-    `automatic` says that this setting has found the window.
+    Set `automatic` if that setting has found the window.
     """
     if outside <= LOST_ENERGY:
         return

@@ -80,6 +80,18 @@ def make_mesh(
     return mesh
 
 
+def readable(params: mi.SceneParameters) -> mi.SceneParameters:
+    """Remove parameters without a value, which Mitsuba cannot read; returns the same object.
+
+    The BSDF `hair` of Mitsuba 3.9 lists the kind of absorption that it does not use.
+    """
+    properties: Any = params.properties
+    missing = [name for name, (value, *_) in properties.items() if value is None]
+    if missing:
+        params.keep([name for name in properties if name not in missing])
+    return params
+
+
 def world_transform(part: Any) -> Any:
     """Pose of a sensor or an emitter, at time 0 if it is animated."""
     found = part.world_transform()

@@ -14,8 +14,8 @@ from ..nlos.light.scan import Scan
 from ..paths.delta_lobes import DeltaLobes, Wavefront
 from ..paths.protocols import Endpoint, HistoryUpdates, Parts, Space
 from ..paths.records import BSDFEval, BSDFSample, Connection, Limits, Path, Vertex
-from ..paths.scattering import Materials
-from ..paths.surfaces import has_lobes, materials, spawn_ray
+from ..paths.scattering import MASK, Materials
+from ..paths.surfaces import bsdfs_in, has_lobes, materials, name_of, spawn_ray
 from ..paths.walk import walk
 from ..runtime import checks
 from ..signals.illuminants import white
@@ -24,7 +24,7 @@ MOST = 64  # Segments of a way whose depth is unlimited
 
 
 def require_followed(scene: mi.Scene, space: Space) -> None:
-    """Refuse water around the lidar, fog with mirrors, rough glass, and masks."""
+    """Refuse water around the lidar, fog with mirrors, rough glass, and most masks."""
     flags, has = mi.BSDFFlags, mi.has_flag
     checks.require("index around the sensor", space.index, space.index == 1, "1, in air")
     if space.scatters and has_lobes(scene, flags.DeltaReflection, flags.DeltaTransmission):
@@ -32,8 +32,20 @@ def require_followed(scene: mi.Scene, space: Space) -> None:
     for bsdf in materials(scene):
         each = bsdf.flags()
         clear = has(each, flags.DeltaTransmission) or has(each, flags.Null)
-        if has(each, flags.GlossyTransmission) or (clear and has(each, flags.Smooth)):
-            raise ValueError(f"bsdf {bsdf.id()!r}: is rough glass or a mask; must not be")
+        masks = any(part.class_name() == MASK for part in bsdfs_in(bsdf))
+        if has(each, flags.GlossyTransmission):
+            fact = "is rough glass"
+            remedy = "use dielectric, thindielectric or a material without transmission"
+        elif clear and has(each, flags.Smooth):
+            fact = "transmits straight and has a smooth lobe"
+            remedy = "use the material without a mask, and do not blend it with clear materials"
+        elif masks and DeltaLobes.are_mixed(bsdf):
+            fact = "is a mask over a pane or over a blend of mirrors"
+            remedy = "blend with null instead, or remove the mask"
+        else:
+            continue
+        name = name_of(scene, bsdf)
+        raise ValueError(f"{name} {fact}, which the lidar does not support; {remedy}")
 
 
 def sample_cone(axis: mi.Vector3f, u: mi.Point2f, half_angle: float) -> mi.Vector3f:
@@ -105,18 +117,20 @@ class MirrorsAndGlass(Materials):
     def __init__(self, scene: mi.Scene) -> None:
         super().__init__(scene)
         self.lobes = DeltaLobes(scene)
-        with_lobes = [bsdf for bsdf in materials(scene) if DeltaLobes.set_of(bsdf)]
-        self.has_mixtures = any(mi.has_flag(b.flags(), mi.BSDFFlags.Smooth) for b in with_lobes)
+        self.has_mixtures = any(DeltaLobes.are_mixed(bsdf) for bsdf in materials(scene))
 
     def sample(
         self, vertex: Vertex, connection: Connection | None, sampler: mi.Sampler, active: mi.Bool
     ) -> tuple[BSDFEval | None, BSDFSample]:
         """Sample delta lobes, and evaluate a connection if there is one."""
-        smooth = self.smooth(vertex)
-        _, sample = super().sample(vertex, None, sampler, active & ~smooth)
+        # A BSDF would choose also among smooth lobes, and among those that share a direction
+        alone = active & ~self.smooth(vertex)
+        mixed = mi.Bool(False)
         if self.has_mixtures:
-            # A BSDF would choose among all of its lobes
-            mixed = active & smooth
+            mixed = active & self.lobes.mixed_at(vertex.si, active)
+            alone &= ~mixed
+        _, sample = super().sample(vertex, None, sampler, alone)
+        if self.has_mixtures:
             lobe = self.lobes.sample(vertex.si, sampler.next_1d(), mixed)
             mixed &= dr.any(lobe.f > 0)
             ray = spawn_ray(vertex.si, lobe.direction, mi.Bool(True))

@@ -13,6 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import checks
+from ..runtime.interface import readable
 from .media import require_sound_media
 from .numbers import floats_of, is_spectral_coefficients, is_transform, require_all
 
@@ -26,6 +27,19 @@ INVERSE = 1e-4  # Largest error of a transform's product with its inverse, over 
 
 GAP = 1500 * 2.0**-24
 """Offset of rays from surfaces, over 1 m and the largest coordinate (Mitsuba's RayEpsilon)."""
+
+BEAM = "DirectionalArea"
+"""Emitter whose light leaves a surface along the normal alone."""
+
+TIMED_SKY = "TimedSunskyEmitter"
+"""Emitter whose light Mitsuba 3.9 cannot evaluate outside of scalar variants."""
+
+WAVELENGTHS = {
+    "RegularSpectrum": "regular",
+    "IrregularSpectrum": "irregular",
+    "BlackBodySpectrum": "blackbody",
+}
+"""Spectra by wavelength, which only spectral variants evaluate, and their plugins."""
 
 NARROWEST_SPOT = 0.05
 """Cutoff angle of a spot from which on its power is right to 1 % [degrees]; 37 % is lost at .02."""
@@ -43,6 +57,7 @@ def check_scene(scene: mi.Scene, sensor: mi.Sensor | None = None, **supported: b
     None stands for all of the scene's sensors. `supported` is what `require_modelled` has.
     """
     require_modelled(scene, sensor, **supported)
+    require_usable(scene)
     require_sound(scene, sensor)
     require_extent(scene)
     if supported.get("media"):
@@ -61,8 +76,13 @@ def require_modelled(
     *,
     media: bool = False,
     polarisation: bool = False,
+    beams: bool = True,
 ) -> None:
-    """Refuse another variant, and polarisation and media that the integrator does not support."""
+    """Refuse another variant, and what the integrator does not support.
+
+    That may be polarization, media, or beams: light of one direction from a surface, which paths
+    from the camera cannot find.
+    """
     active = mi.variant() or "none"
     allowed = f"a loaded scene of the active variant {active}"
     checks.require("scene", scene, hasattr(scene, "variant_name"), allowed)
@@ -76,6 +96,13 @@ def require_modelled(
     checks.require("variant", active, polarisation or not mi.is_polarized, allowed)
     if sensor is not None:
         checks.instance("sensor", sensor, mi.Sensor, SENSOR)
+    for emitter in scene.emitters():
+        if emitter.class_name() == BEAM and not beams:
+            name = emitter.get_shape().id() or "directionalarea"
+            raise ValueError(
+                f"emitter of {name!r}: paths from the camera cannot find the light of a "
+                "directionalarea emitter. Use transient_light_tracer or transient_bdpt"
+            )
     if media:
         return
     cameras = scene.sensors() if sensor is None else [sensor]
@@ -92,15 +119,32 @@ def require_modelled(
             )
 
 
+def require_usable(scene: mi.Scene) -> None:
+    """Refuse plugins that Mitsuba cannot evaluate in the active variant."""
+    spectral = mi.is_spectral
+    for node in mi.traverse(scene).hierarchy:
+        kind = node.class_name()
+        if kind in WAVELENGTHS and not spectral:
+            raise ValueError(
+                f"spectrum {node.id()!r}: Mitsuba evaluates the plugin {WAVELENGTHS[kind]} in "
+                f"spectral variants only. Use llvm_ad_spectral instead of {mi.variant()}, or rgb"
+            )
+        if kind == TIMED_SKY:
+            raise ValueError(
+                f"emitter {node.id()!r}: Mitsuba cannot evaluate timed_sunsky in the variant "
+                f"{mi.variant()}. Use sunsky"
+            )
+
+
 def require_sound(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
     """Refuse parameters that are not finite, negative light, and transforms without an inverse.
 
     Looks at each number once: a millisecond or two, and as long again for a million vertices. The
     sensor need not be the scene's.
     """
-    sources = [mi.traverse(scene)]
+    sources = [readable(mi.traverse(scene))]
     if sensor is not None and sensor not in sources[0].hierarchy:
-        sources.append(mi.traverse(sensor))
+        sources.append(readable(mi.traverse(sensor)))
     values = {name: value for source in sources for name, value in source}
     numbers = {name: list(floats_of(value)) for name, value in values.items()}
     dr.eval(numbers)
@@ -144,15 +188,16 @@ def _qualified(name: str, scene: mi.Scene) -> str:
 
 
 def _warn_of_narrow_spot(emitter: mi.Emitter) -> None:
-    """Warn of a spot light whose angles Mitsuba does not resolve: cosines are near 1."""
+    """Warn of a spot light if Mitsuba does not resolve its angles, as cosines are near 1."""
     if emitter.class_name() != "SpotLight":
         return
-    angle = float(np.ravel(mi.traverse(emitter)["cutoff_angle"])[0])
+    parameter: Any = mi.traverse(emitter)["cutoff_angle"]
+    angle = float(np.ravel(parameter)[0])
     if angle < NARROWEST_SPOT:
         name = f"{emitter.id() or 'spot'}.cutoff_angle"
         text = (
-            f"{name} = {angle:.3g} degrees: Mitsuba does not resolve such angles, so that the power "
-            f"of the spot is wrong. Use {NARROWEST_SPOT} degrees or more"
+            f"{name} = {angle:.3g} degrees: Mitsuba does not resolve such angles, and the power of "
+            f"the spot is wrong. Use {NARROWEST_SPOT} degrees or more"
         )
         warnings.warn(text, stacklevel=5)
 

@@ -51,6 +51,13 @@ def change(state: Any, settings: Mapping[str, Any]) -> None:
     film_settings = {k: settings[k] for k in FILM_SETTINGS if k in settings}
     sensors = [i for i, node in enumerate(nodes) if is_kind(node, mi.ObjectType.Sensor)]
     if not sensors and settings:
+        for i, node in enumerate(nodes):
+            if node.type == UNKNOWN and children(nodes, i, mi.ObjectType.Film):
+                raise ValueError(
+                    f"scene: its sensor has the unknown type {node.props.plugin_name()!r}; use a "
+                    "sensor of Mitsuba, or a Python plugin whose name ends in "
+                    f"{' or '.join(ENDINGS[mi.ObjectType.Sensor])}"
+                )
         raise ValueError("scene: has no sensor that could take settings; describe it by a dict")
     now_transient = False
     for sensor in sensors:

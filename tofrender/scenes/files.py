@@ -20,7 +20,7 @@ MAX_NESTING = 200
 """Most nested tags or dicts; Mitsuba's parser recurses for each until the stack overflows."""
 
 MAX_INCLUDES = 15  # Most nested includes that Mitsuba reads
-MAX_INCLUDED = 1000  # Most files that a scene includes, each counted as often as it is included
+MAX_INCLUDED = 1000  # Most files that a scene includes; repeated includes count
 
 _PLY_TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
@@ -33,8 +33,8 @@ _HEADER = re.compile(rb"\Aply\s.*?\bend_header\r?\n", re.DOTALL)
 def require_shallow_xml(path: Path, parameters: Mapping[str, str]) -> None:
     """Refuse an XML file that Mitsuba's parser would crash or hang on, by itself or its includes.
 
-    Such a file has tags nested too deeply, a second root, an include of itself, or too many
-    includes.
+    Tags that are nested too deeply, a second root, a file that includes itself, and too many
+    includes are refused.
     """
     _require_shallow(path, parameters, (), [])
 
@@ -48,7 +48,7 @@ def _require_shallow(
         path: The file.
         parameters: Values of the names that start with $.
         owners: Files that include this one, the outermost first.
-        included: All files that were included so far, to which this function adds.
+        included: All files that were included so far. This function appends to the list.
     """
     depth = 0
     known = dict(parameters)

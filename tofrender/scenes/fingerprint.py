@@ -18,7 +18,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..runtime.interface import POSITIONS, rows
+from ..runtime.interface import POSITIONS, readable, rows
 from .files import resolved_path
 from .motion import moved
 from .nodes import NAMELESS, is_kind
@@ -124,7 +124,7 @@ class _Graph:
         self._parameters: dict[Any, dict[str, Any]] = {}
 
     def digest(self, root: Any) -> str:
-        parameters: Any = mi.traverse(root)
+        parameters: Any = readable(mi.traverse(root))
         for name, (_, _, node, _) in parameters.properties.items():
             own = self._parameters.setdefault(node, {})
             own[name.rpartition(".")[2]] = parameters[name]

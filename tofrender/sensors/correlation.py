@@ -51,7 +51,7 @@ def demodulate(taps: Any, contrast: float) -> tuple[np.ndarray, np.ndarray]:
         >>> round(float(amplitude), 6), round(float(phase), 6)
         (4000.0, 1.570796)
     """
-    phasor = phasor_of_taps(taps, contrast)
+    phasor: Any = phasor_of_taps(taps, contrast)
     phase = phase_of(phasor.real, phasor.imag)
     return np.abs(phasor), wrap(phase, 2 * np.pi)
 
@@ -88,5 +88,5 @@ def multipath_phase_error(ratio: Any, difference: Any) -> np.ndarray:
         >>> multipath_phase_error(0.35, 1.9).round(6).item()
         0.357422
     """
-    both = 1 + np.asarray(ratio) * np.exp(1j * np.asarray(difference))
+    both: Any = 1 + np.asarray(ratio) * np.exp(1j * np.asarray(difference))
     return phase_of(both.real, both.imag)

@@ -8,11 +8,11 @@ import xarray as xr
 from scipy import ndimage, signal as filters, stats
 
 from ..runtime import checks
-from .false_alarms import ROUNDING, known_levels, levels, threshold
+from .false_alarms import ROUNDING, thresholds
 from .histograms import Returns, around
 from .rates import at_least_0, generator
 
-PASSES = 4  # Of the estimate of the background
+PASSES = 4  # Passes in which a background is estimated
 SEPARATE = 5  # Echoes of a pixel above which its light is not in separate echoes
 UNLIKELY = 1e-3  # Probability of counts that a known background does not explain
 FEW = 5  # Background counts of a pixel below which pixels share their background
@@ -40,8 +40,8 @@ def echoes(
         T_i = sum over lags k of n_(i + k) log(1 + S P_k / b),
 
     with the parts P_k of the response and the background b per bin. S is a return that is just
-    detectable. Maxima of T above a threshold are returns. Of returns that are closer than the
-    response is long, the highest is found.
+    detectable. Maxima of T above a threshold are returns. If returns are closer together than the
+    response is long, only the highest return is found.
 
     The threshold is such that background alone causes false returns in a pixel with the
     probability `false_alarm`, or with the probability of any count if that is smaller. T has steps
@@ -52,11 +52,11 @@ def echoes(
     such counts share the mean of all these pixels, if they have 20 counts or more together.
     Otherwise the probability holds for pixels with as many counts.
 
-    Fog and light of several scatterings are not in separate returns. Therefore b is estimated
-    although it is known if it leads to more than 5 returns in a pixel, or if it does not explain
-    the counts beside returns that are found without it (a probability below .001).
+    Fog and light of several scatterings are not separate returns. Therefore a known b is replaced
+    with an estimate in two cases: it leads to more than 5 returns in a pixel, or the counts outside
+    of strong returns are too many for it, with a probability below .001.
 
-    The errors of what is found have the bounds `echo_bounds`.
+    `echo_bounds` computes the least errors of returns.
 
     Args:
         counts: As for `estimate_depth`.
@@ -97,7 +97,7 @@ def echoes(
 def choices(seed: int, count: int) -> np.ndarray:
     """Draw numbers from 0 to 1 for the choice of pixels at the threshold.
 
-    They are independent of the numbers with which sensors draw their counts.
+    These numbers are independent of the random numbers of sensors.
     """
     return generator(seed, CHOICES).random(count)
 
@@ -135,8 +135,8 @@ def _measured(
     mean = float(np.clip(above @ data.lags / max(total, 1e-9), -reach, reach))
     variance = float(above @ (data.lags - mean) ** 2 / max(total, 1e-9))
     opl = data.start + (peak + 0.5 + mean - data.masses @ data.lags) * data.width
-    width = data.width * np.sqrt(np.clip(variance, 0, reach**2))
-    return opl, opl / 2, total, width
+    width = data.width * float(np.sqrt(np.clip(variance, 0, reach**2)))
+    return float(opl), float(opl) / 2, total, width
 
 
 class _Detector:
@@ -156,12 +156,12 @@ class _Detector:
         self.false_alarm = false_alarm
 
     def with_background(self, background: np.ndarray) -> _Found:
-        """Find the returns of all pixels, whose background (pixel) is known."""
+        """Find the returns of all pixels from their known background (pixel)."""
         pixels = np.arange(len(self.counts))
         found = self._by_background(pixels, background)
         by_counts, number, quiet_bins = self._by_counts(pixels)
 
-        # Fog is not in separate returns, and light of several scatterings follows strong returns
+        # Fog is not a separate return, and light of several scatterings follows strong returns
         excess = stats.poisson.sf(number - 0.5, background * quiet_bins) < UNLIKELY
         for pixel in list(found):
             many = len(found[pixel][0]) > SEPARATE
@@ -172,7 +172,7 @@ class _Detector:
         return found
 
     def with_unknown_background(self) -> _Found:
-        """Find the returns of all pixels, whose background is that of bins without returns."""
+        """Find the returns of all pixels; bins without returns determine the background."""
         pixels = np.arange(len(self.counts))
         found, number, quiet_bins = self._by_counts(pixels)
 
@@ -190,8 +190,7 @@ class _Detector:
         found: _Found = {}
         for block in self._blocks(pixels):
             own = background[block]
-            level = known_levels(own, self.bins)
-            filtered, above = self._filter(pixels[block], own, level, known=True)
+            filtered, above = self._filter(pixels[block], own, known=True)
             found |= self._peaks(pixels[block], filtered, above, own)
         return found
 
@@ -208,14 +207,15 @@ class _Detector:
             own = pixels[block]
             counts = self.counts[own]
             above = np.zeros(counts.shape, bool)
+
+            # Estimate the background from bins without returns, and find the returns above it
             for _ in range(PASSES):
                 quiet = ndimage.maximum_filter1d(above, self.data.lags.size) == 0
                 number[block] = (counts * quiet).sum(axis=-1)
                 quiet_bins[block] = np.maximum(quiet.sum(axis=-1), 1)
                 background = number[block] / quiet_bins[block]
-                level = levels(background, self.bins)
                 before = above
-                filtered, above = self._filter(own, background, level, known=False)
+                filtered, above = self._filter(own, background, known=False)
                 if np.array_equal(above, before):
                     break
             found |= self._peaks(own, filtered, above, background)
@@ -227,19 +227,23 @@ class _Detector:
         return [slice(start, start + step) for start in range(0, len(pixels), step)]
 
     def _filter(
-        self, pixels: np.ndarray, background: np.ndarray, level: np.ndarray, known: bool
+        self, pixels: np.ndarray, background: np.ndarray, known: bool
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return filtered counts (pixel, bin), and where they are above the threshold."""
         filtered = np.empty((len(pixels), self.bins))
         limit = np.empty(len(pixels))
-        for each in np.unique(level):
-            alike = level == each
-            counts = self.counts[pixels[alike]]
-            given = threshold(self.data.masses, self.bins, each, self.false_alarm, known)
-            filtered[alike] = ndimage.correlate1d(counts, given.weights, axis=1, mode="constant")
-            passes = self.draws[pixels[alike]] < given.chance
+        masses = self.data.masses
+        for each in thresholds(masses, self.bins, background, self.false_alarm, known):
+            own = pixels[each.pixels]
+            counts = self.counts[own]
+            filtered[each.pixels] = ndimage.correlate1d(
+                counts, each.weights, axis=1, mode="constant"
+            )
+
+            # Chance decides about pixels that are just at the threshold
+            passes = self.draws[own] < each.chance
             side = np.where(passes, 1 - 4 * ROUNDING, 1 + 4 * ROUNDING)
-            limit[alike] = given.at(background[alike]) * side
+            limit[each.pixels] = each.value * side
         return filtered, filtered > limit[:, None]
 
     def _peaks(

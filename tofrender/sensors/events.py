@@ -1,12 +1,11 @@
 """Photons of a SPAD array one by one: arrival, dead time, afterpulses, crosstalk, coincidence.
 
-Times are keys, pixel * pixel_stride + cycle * cycle_stride + bin. There are gaps between pixels, and
-between cycles that start armed, which are longer than the dead time. Therefore one pass treats a
-whole sorted row.
+Times are keys, pixel * pixel_stride + cycle * cycle_stride + bin. Gaps between pixels, and between
+cycles that start armed, are longer than the dead time. One pass therefore treats a sorted row.
 
-The cycles are simulated in chunks, so that memory does not grow with their number. If the dead time
-goes on into the next cycle, a chunk starts with what the chunk before has left: avalanches whose dead
-time has not ended, and afterpulses that have not happened.
+The cycles are simulated in chunks, so that memory does not grow with their number. The dead time of
+free-running SPADs continues in the next chunk. Such a chunk starts with the avalanches that still
+block the detector, and with the afterpulses that have not happened yet.
 """
 
 from __future__ import annotations
@@ -139,7 +138,7 @@ class Row:
         self.mean_delay = spad.afterpulse_time_s / bin_s
         self.photons = np.zeros(0, np.int64)
 
-        # What the chunk before has left: without and with what neighbors and afterpulses cause
+        # Avalanches of the chunk before: photons alone, and all avalanches
         self.blocking_alone = NOTHING
         self.blocking = NOTHING
         self.waiting = NOTHING
@@ -157,13 +156,14 @@ class Row:
             self.blocking_alone = layout.left_over(blocking, layout.dead)
         parents = keys[found & ~before]
         sources = parents[self.rng.random(parents.size) < self.spad.crosstalk_probability]
-        side, pixel = self.rng.integers(4, size=sources.size), sources // layout.pixel_stride
+        side = self.rng.integers(4, size=sources.size)
+        pixel = sources // layout.pixel_stride
         beside = [sources[(side == 0) & (pixel > 0)] - layout.pixel_stride]
         beside.append(sources[(side == 2) & (pixel < layout.width - 1)] + layout.pixel_stride)
         return {0: np.concatenate(beside), -1: sources[side == 1], 1: sources[side == 3]}
 
     def detect(self, more: list[np.ndarray], layout: Layout) -> np.ndarray:
-        """Return the sorted keys of what is detected of photons and of `more` avalanches."""
+        """Return the sorted keys of detections among the photons and `more` avalanches."""
         keys = self.photons
         if more:
             keys = np.sort(np.concatenate([keys, *more]))
@@ -187,7 +187,7 @@ class Row:
         return keys[order], order < blocking.pixel.size
 
     def _detect_with_afterpulses(self, keys: np.ndarray, layout: Layout) -> np.ndarray:
-        """Return sorted keys of what is detected of sorted keys and of the afterpulses."""
+        """Return sorted keys of detections among sorted keys and their afterpulses."""
         # Start with what the chunk before has left
         length = layout.cycles * layout.bins
         happens = self.waiting.time < length
@@ -205,7 +205,8 @@ class Row:
         pixels = roots[: can_cause.size] // layout.pixel_stride
         while can_cause.size:
             causes = self.afterpulse_rng.random(can_cause.size) < self.spad.afterpulse_probability
-            can_cause, pixels = can_cause[causes], pixels[causes]
+            can_cause = can_cause[causes]
+            pixels = pixels[causes]
             source = tree[-1][: causes.size][causes]
             delay = self.afterpulse_rng.exponential(self.mean_delay, source.size).astype(np.int64)
             delay += 0 if layout.dead is None else layout.dead + 1
@@ -275,7 +276,7 @@ def caused_and_detected(
     found = np.zeros(keys.size, bool)
     again = np.arange(keys.size)
     while again.size:
-        # Find what is detected in clusters that have changed
+        # Detect the avalanches of clusters that have changed
         found[again] = False
         again = again[happen[again]]
         found[again] = detected(keys[again], dead, paralysable)
@@ -290,7 +291,7 @@ def caused_and_detected(
 
 
 class MacroPixels:
-    """Detections of a row of macro pixels from those of its SPADs, chunk after chunk."""
+    """Detections of a row of macro pixels, chunk after chunk."""
 
     def __init__(self, spad: Spad) -> None:
         self.spad = spad
@@ -298,7 +299,7 @@ class MacroPixels:
         self.blocking = NOTHING
 
     def detect(self, rows: list[np.ndarray], layout: Layout) -> np.ndarray:
-        """Return sorted keys at which enough avalanches of the rows lie within the window."""
+        """Return sorted keys of detections from the detections of the rows of SPADs."""
         if self.spad.macro_pixel == (1, 1):
             return rows[0]
         keys = np.concatenate(rows)
@@ -311,12 +312,13 @@ class MacroPixels:
         return keys
 
     def _coincident(self, keys: np.ndarray, layout: Layout) -> np.ndarray:
-        """Return keys at which `coincidence` avalanches of a macro pixel lie within the window."""
+        """Return the keys of avalanches that complete a coincidence within the window."""
         # Avalanches of the chunk before count, but their own detections have been returned
         earlier = layout.keys_of(self.recent)
         every = np.concatenate([earlier, keys])
         order = np.argsort(every, kind="stable")
-        every, own = every[order], order >= earlier.size
+        every = every[order]
+        own = order >= earlier.size
         more = self.spad.coincidence - 1
         first = every[: max(0, every.size - more)]
         enough = every[more:] - first <= layout.window
@@ -326,7 +328,8 @@ class MacroPixels:
         blocking = layout.keys_of(self.blocking)
         hits = np.concatenate([blocking, hits])
         order = np.argsort(hits, kind="stable")
-        hits, own = hits[order], order >= blocking.size
+        hits = hits[order]
+        own = order >= blocking.size
         found = detected(hits, layout.window, paralysable=False)
         if layout.free:
             self.recent = layout.left_over(every, layout.window)

@@ -12,7 +12,7 @@ from .rates import AXIS, DIMS, at_least_0, axis_of, axis_of_centers
 from .response import distribution
 
 BIN_DIMS = ("bin", "opl")
-TAIL = 1e-3  # Of the response, at each end, that no return includes
+TAIL = 1e-3  # Part of the response at each end that no return includes
 SENSOR = "sensor_"  # Prefix of the axes of a sensor in a record of a data set
 
 
@@ -89,7 +89,7 @@ def _axis_of_array(values: xr.DataArray) -> tuple[float, float]:
     name = "opl" if "opl" in values.coords else time
     if name not in values.coords or values.sizes[time] < 2:
         raise ValueError(
-            "counts: the DataArray has no coordinate opl with two bins or more. Pass its Dataset, "
+            "counts: the DataArray needs a coordinate opl with two bins or more. Pass its Dataset, "
             "or its values with start_opl and bin_width_opl"
         )
     return axis_of_centers(values[name].values)

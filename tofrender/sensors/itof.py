@@ -117,7 +117,7 @@ class Itof(Camera):
         taps = frames["taps"].values.astype(np.float64)
         if "saturated" in frames:
             taps[:, :, frames["saturated"].values] = np.nan
-        phasor = phasor_of_taps(taps.swapaxes(0, 1), self.contrast)
+        phasor: Any = phasor_of_taps(taps.swapaxes(0, 1), self.contrast)
         amplitude, phase, depths = phasor_parts(phasor.real, phasor.imag, self.frequencies_hz)
         depth = depths[0], 0 * depths[0]
         if len(self.frequencies_hz) > 1:

@@ -123,7 +123,8 @@ def bound():
     for method, label in (("matched", "matched filter"), ("ml", "likeliest")):
         errors = []
         for counts in noisy:
-            found = estimate_depth(counts, RESPONSE, method, start_opl=0.0, bin_width_opl=WIDTH)["depth"].values
+            axis = {"start_opl": 0.0, "bin_width_opl": WIDTH}
+            found = estimate_depth(counts, RESPONSE, method, **axis)["depth"].values
             errors.append(1000 * np.sqrt(np.mean((found - place / 2) ** 2)))
         ax.loglog(signals, errors, "o-", ms=4, label=label)
     least = 1000 * depth_bound(signals.astype(float), 0.05, RESPONSE, WIDTH)

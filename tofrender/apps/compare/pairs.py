@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,12 +12,15 @@ import numpy as np
 from ...runtime import checks
 from ...signals.colour import luminance
 from ...vis.transient import Transient
+from ..explorer.measurements import film_of, is_film, picture_of_taps
 
 if TYPE_CHECKING:
     import xarray as xr
 
+LIGHT = "radiance"  # Start of the quantities of renders
 DENSITY = "radiance per metre"
 WHITE = 0.995  # Part of all lit values that are not brighter than white
+FILMS = (".npz", ".zarr", ".exr", ".nc")  # Suffixes of films and measurements
 LOOKED_AT = 16  # Bins of a film whose values and brightness stand for all
 
 
@@ -40,14 +43,15 @@ class Clock:
 
 
 def load(path: Any, load_film: "Callable[[Path], xr.Dataset]") -> Picture:
-    """Load an exr, png or jpg file, or what `tofrender render` has written."""
+    """Load an exr, png or jpg file, or what `tofrender render` or `sense` has written.
+
+    The taps of an iToF camera are shown as their mean. Of a folder of frames, the first one is
+    shown.
+    """
     path = checks.path("picture", path)
-    if path.is_dir() or path.suffix.lower() in (".npz", ".zarr", ".exr"):
+    if path.is_dir() or path.suffix.lower() in FILMS:
         try:
-            data = load_film(path)
-            film = Transient.of(data)
-            steady = data["steady"] if "steady" in data else data["transient"].sum("opl")
-            return Picture(path.name, np.asarray(steady, np.float32), film)
+            return _from_film(path.name, load_film(path))
         except ValueError:
             if path.suffix.lower() != ".exr" or path.is_dir():
                 raise
@@ -60,6 +64,22 @@ def load(path: Any, load_film: "Callable[[Path], xr.Dataset]") -> Picture:
         kinds = "an EXR, PNG or JPEG, or a film of `tofrender render`"
         raise ValueError(f"picture = {checks.quote(str(path))}: must be {kinds}") from None
     return Picture(path.name, np.array(linear))
+
+
+def _from_film(name: str, data: "xr.Dataset") -> Picture:
+    if "taps" in data:
+        return Picture(f"{name}, mean of taps", picture_of_taps(data))
+    if "frame" in data.dims:
+        name = f"{name}, frame 1 of {data.sizes['frame']}"
+        data = data.isel(frame=0).drop_vars("frame")
+    if is_film(data):
+        measured = film_of(data)
+        data = measured.film
+        film = replace(Transient.of(data), quantity=measured.quantity)
+    else:
+        film = Transient.of(data)
+    steady = data["steady"] if "steady" in data else data["transient"].sum("opl")
+    return Picture(name, np.asarray(steady, np.float32), film)
 
 
 class Pair:
@@ -97,8 +117,12 @@ class Pair:
             others = f"{a.start_opl:.4g} to {stops[0]:.4g} m"
             raise ValueError(f"{self.pictures[1].name}: {bins}; must overlap with {others} in time")
         self.quantity = a.quantity
+        is_light = [film.quantity.startswith(LIGHT) for film in (a, b)]
+        if not all(is_light) and a.quantity != b.quantity:
+            name = self.pictures[1].name
+            raise ValueError(f"{name}: {b.quantity}; must be {a.quantity}, as the other film")
         if a.quantity != b.quantity or not math.isclose(a.bin_width_opl, b.bin_width_opl):
-            self.quantity = DENSITY
+            self.quantity = DENSITY if is_light[0] else f"{a.quantity} per metre"
             dense = [film.quantity.startswith(DENSITY) for film in (a, b)]
             self._factors = [d or 1 / f.bin_width_opl for d, f in zip(dense, (a, b), strict=True)]
         return Clock(start, width, count)

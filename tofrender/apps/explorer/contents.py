@@ -227,7 +227,7 @@ def _fits(
     total = 0.0
     for name, (cube, mode) in layers.items():
         if name == "steady":
-            total += math.prod(fine.shape(cube))
+            total += math.prod(cube.shape[:-4]) * math.prod(fine.shape(cube))
             continue
         size = math.prod(cube.shape[:-4]) * math.prod(by.shape(cube))
         if not packed or size <= most_bytes / 50:

@@ -5,7 +5,7 @@ import { viewsOf } from "./pictures.js";
 import { SPEED_OF_LIGHT } from "./recording.js";
 import { STOKES } from "./stokes.js";
 import { VolumeView } from "./volume.js";
-import { hertz, lengthText, signed, when } from "./words.js";
+import { hertz, lengthText, short, signed, when } from "./words.js";
 
 export const SPEEDS = { "½": 10, 1: 20, 2: 40, 4: 80 }; // bins a second
 
@@ -82,9 +82,10 @@ export function makeParts(recording, now, set) {
   parts.smooth = tick("Smooth", (smooth) => set({ smooth }));
   parts.unwarped = tick("Without the camera segment", (unwarped) => set({ unwarped }));
   parts.unwarped.hidden = !recording.distances;
-  parts.laser = slider("Lit point", {
+  const momentOf = (frame) => (about.frames ? ` at ${short(about.frames[frame], 4)} s` : "");
+  parts.laser = slider(about.frames ? "Frame" : "Lit point", {
     max: about.lasers - 1,
-    say: (laser) => `${laser + 1} of ${about.lasers}`,
+    say: (laser) => `${laser + 1} of ${about.lasers}${momentOf(laser)}`,
     moved: (laser) => set({ laser }),
   });
   parts.laser.hidden = about.lasers < 2;

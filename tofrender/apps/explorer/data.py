@@ -21,6 +21,7 @@ from ...signals.units import ns_to_opl
 from ...vis.transient import Transient, typeset
 from ...vis.unwarp import checked_distances
 from .compression import Mode
+from .measurements import film_of, is_film, phasors_of
 
 PIXELS = {"transient": "pixels", "capture": "points", "volume": "columns", "phasors": "pixels"}
 
@@ -64,24 +65,32 @@ class ExplorerData:
 
 
 def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> ExplorerData:
-    """Check a Dataset of `render`, `capture`, `range_rate`, `strategy_pyramid` or `reconstruct`."""
+    """Check a Dataset that `explore` supports, and prepare what an explorer shows of it."""
     checks.require("data", data, isinstance(data, xr.Dataset), "an xarray.Dataset")
     rates = None
     if "rate" in data.dims:
         distances = "None, as data is of range_rate"
         checks.require("distance_m", distance_m, distance_m is None, distances)
         data, rates = _range_rate(data)
+    if "taps" in data:
+        data = phasors_of(data)
     kinds = {"intensity": "volume", "sensor_grid": "capture", "I": "phasors"}
     kind = next((kinds[name] for name in kinds if name in data), "transient")
     for name, value in (("orders", orders), ("distance_m", distance_m)):
         valid = value is None or kind == "transient"
-        checks.require(name, value, valid, f"None, as data is a {kind}")
+        checks.require(name, value, valid, f"None for a {kind}")
+        valid = value is None or "frame" not in data.dims
+        checks.require(name, value, valid, "None for frames")
     if kind != "transient":
         found = {"volume": _volume, "capture": _capture, "phasors": _phasors}[kind](data)
     else:
-        counted, own = "counts" in data, None
-        if counted:
-            data, own = _counts(data)
+        own = None
+        measured = None
+        if is_film(data):
+            measured = film_of(data)
+            data = measured.film
+            if measured.expectation is not None:
+                own = {"expectation": measured.expectation}
         elif "strategy" in data.dims:
             data, own = _strategies(data)
         orders = own if orders is None else orders
@@ -91,8 +100,10 @@ def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> Expl
             found.layers[f"stokes {name}"] = Cube(each["transient"]), found.mode
         if rates is not None:
             found.layers["rates"], found.header["rateAxis"] = rates
-        if counted:
-            found.header |= {"quantity": "counts", "counts": True}
+        if measured is not None:
+            found.header |= {"quantity": measured.quantity}
+            found.header["counts"] = measured.quantity == "counts"
+            found.axis["what"] = measured.label or found.axis["what"]
     _find_flaws(found)
     return found
 
@@ -131,7 +142,7 @@ def facts(data: xr.Dataset, found: ExplorerData) -> list[tuple[str, str]]:
     count = ", ".join(f"{f / 1e6:.4g}" for f in found.header.get("frequencies", ())) or bins
     size = f"{width} × {height} {PIXELS[kind]}, {count} {unit}"
     if spots:
-        size += f", {math.prod(spots)} laser spots"
+        size += f", {math.prod(spots)} {'frames' if 'frames' in found.header else 'laser spots'}"
     shown = ((label, data.attrs[name]) for name, label in FACTS.items() if name in data.attrs)
     return [
         ("Size", size),
@@ -144,25 +155,36 @@ def _quantity(attrs: Mapping[str, Any]) -> str:
 
 
 def _transient(data: xr.Dataset, orders: dict[str, Cube], distance_m: Any) -> ExplorerData:
-    seen = Transient.of(data)
+    frames = (
+        [data.isel(frame=k) for k in range(data.sizes["frame"])] if "frame" in data.dims else []
+    )
+    views = [Transient.of(each.drop_vars("frame")) for each in frames] or [Transient.of(data)]
+    seen = views[0]
+
+    def cube(name: str) -> Cube:
+        variable = data[name].transpose("frame", ...) if frames else data[name]
+        return Cube.of(f"data: {name}", variable)
+
     unwarped = bool(data.attrs.get("camera_unwarp"))
     per_metre = data.attrs["quantity"] == "radiance per metre"
     mode: Mode = "mean" if per_metre else "sum"
     label = f"optical path length, camera segment {'left out' if unwarped else 'included'}"
     header = {"kind": "transient", "quantity": _quantity(data.attrs), "perMetre": per_metre}
     header["depth"] = "" if unwarped else "a flash at the camera, and a single bounce"
+    if frames:
+        header["frames"] = [float(time) for time in data["frame"].values]
     axis = {"start": seen.start_opl, "width": seen.bin_width_opl, "what": label}
-    arrays = {"peaks": ns_to_opl(seen.brightest()[1])[None]}
-    found = ExplorerData(header, seen.values, mode, axis, arrays, first=(seen.x0, seen.y0))
+    arrays = {"peaks": np.stack([ns_to_opl(view.brightest()[1]) for view in views])}
+    light = cube("transient") if frames else seen.values
+    found = ExplorerData(header, light, mode, axis, arrays, first=(seen.x0, seen.y0))
     if "transient_error" in data:
-        errors = Cube.of("data: transient_error", data["transient_error"])
-        found.layers["errors"] = errors, "mean error" if per_metre else "error"
-    found.layers |= {f"orders {name}": (cube, mode) for name, cube in orders.items()}
+        found.layers["errors"] = cube("transient_error"), "mean error" if per_metre else "error"
+    found.layers |= {f"orders {name}": (each, mode) for name, each in orders.items()}
     if "steady" in data:
-        steady = Cube.of("data: steady", data["steady"])
-        if steady.shape != (*seen.size, seen.values.shape[3]):
+        steady = cube("steady")
+        if steady.shape[-3:] != (*seen.size, seen.values.shape[3]):
             raise ValueError(f"data: steady with shape {steady.shape}: must be as transient has it")
-        found.layers["steady"] = steady.view(np.s_[:, :, None, :]), "mean"
+        found.layers["steady"] = steady.view(np.s_[..., None, :]), "mean"
     if distance_m is not None:
         allowed = "None, as data is unwarped already"
         checks.require("distance_m", distance_m, not unwarped, allowed)
@@ -213,11 +235,13 @@ def _rows_from_top(frame_axes: np.ndarray) -> slice:
 
 
 def _phasors(data: xr.Dataset) -> ExplorerData:
-    """Phasors I + iQ (frequency, y, x, channel), as `tofrender phasor` writes them."""
+    """Phasors I + iQ (frequency, y, x, channel), of `tofrender phasor` or of an iToF camera."""
     re, im = (luminance(data[name].values).astype(np.float64) for name in "IQ")
     frequencies = [float(each) for each in data["frequency"].values]
     amplitude = Cube(np.moveaxis(np.hypot(re, im), 0, -1)[..., None])
-    header = {"kind": "phasors", "quantity": "amplitude", "frequencies": frequencies}
+    units = data.attrs.get("units")
+    quantity = f"amplitude [{units}]" if units else "amplitude"
+    header = {"kind": "phasors", "quantity": quantity, "frequencies": frequencies}
     axis = {"start": 0.0, "width": 1.0, "what": ""}
     arrays = {"peaks": np.zeros((1, 0, 0)), "I": re, "Q": im}
     return ExplorerData(header, amplitude, "mean", axis, arrays)
@@ -280,20 +304,6 @@ def _strategies(data: xr.Dataset) -> tuple[xr.Dataset, dict[str, xr.Dataset]]:
         strategies = np.flatnonzero(length == vertices)
         orders[name] = weighted.isel(strategy=strategies).sum("strategy")
     return weighted.sum("strategy", keep_attrs=True), orders
-
-
-def _counts(data: xr.Dataset) -> tuple[xr.Dataset, dict[str, xr.Dataset]]:
-    """Counts of `sense` as a film of one channel, and their expectation as another."""
-    whole = data["counts"].dims == ("y", "x", "bin") and "opl" in data.coords
-    checks.require("data", data, whole, "counts as sense has them")
-    axes = {axis: np.arange(data.sizes[axis]) for axis in "yx"} | {"opl": data["opl"].values}
-    found = {}
-    for name, shown in {"counts": "counts", "expected": "expectation"}.items():
-        if name in data:
-            film = data[[name]].drop_vars([*data.coords]).rename({name: "transient", "bin": "opl"})
-            film = film.astype(np.float32).expand_dims(channel=["L"], axis=-1).assign_coords(axes)
-            found[shown] = film.assign_attrs(data.attrs, quantity=QUANTITIES[0])
-    return found.pop("counts"), found
 
 
 def _range_rate(data: xr.Dataset) -> tuple[xr.Dataset, Any]:

@@ -40,7 +40,7 @@ def report(
     enough. The page states the precision of values and what was reduced. See also `explore`.
 
     Args:
-        data: Result of `render`, `capture`, `strategy_pyramid` or `reconstruct`.
+        data: As for `explore`.
         path: A file name that ends in .html.
         capture: As for `explore`.
         orders: As for `explore`.

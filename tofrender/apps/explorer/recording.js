@@ -153,7 +153,7 @@ export class Recording {
     if (!this.steady) return this.gate(0, this.count);
     const planes = newPlanes(this.steady);
     planes.forEach((plane, channel) => {
-      const from = this.steady.at(0, channel);
+      const from = this.steady.at(this.laser, channel); // A picture of each frame
       for (let i = 0; i < plane.length; i++) {
         plane[i] = this.steady.values[this.steady.codes[from + i]];
       }

@@ -35,8 +35,9 @@ def explore(
     See also `report`, `visualize_transient`.
 
     Args:
-        data: Result of `render`, `capture`, `strategy_pyramid` or `reconstruct`. Error bars are
-            shown where a render has them; a pyramid shows the light by bounces.
+        data: Result of `render`, `render_frames`, `capture`, `range_rate`, `strategy_pyramid`,
+            `reconstruct` or `sensors.sense`. Error bars are shown where a render has them; a
+            pyramid shows the light by bounces.
         capture: What the volume `data` was reconstructed from: the wall, laser spots, chosen points
             of the wall and, in 3D, the ellipsoid that the light of the chosen bin comes from.
         orders: Parts of a render's light by name, Datasets of the same pixels and bins, to be

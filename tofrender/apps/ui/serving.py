@@ -142,6 +142,7 @@ def _server(make: Callable[[], Any], title: str, host: str, port: int, token: st
         port=port,
         address=host,
         title=title,
+        location=False,  # Panel cannot read addresses of IPv6, and no page uses its location
         websocket_origin="*",  # `_restrict` compares origins
         websocket_max_message_size=MAX_MESSAGE,
         auth_provider=_token_provider(title, token),

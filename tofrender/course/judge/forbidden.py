@@ -37,7 +37,12 @@ SAMPLES = re.compile(r"(sample|pdf|eval_pdf|invert|sggx)(_|$)|.*_(sample|pdf)$")
 MATERIALS = {"BSDF", "BSDFPtr", "PhaseFunction", "PhaseFunctionPtr", "MicrofacetDistribution"}
 """Classes whose values are densities, too."""
 LOOP = "tofrender.paths.walk"  # module of the path loop, which the package's integrators use
-OF_INTEGRATORS = ("tofrender/integrators", "tofrender/nlos/light", "tofrender/paths/walk.py")
+OF_INTEGRATORS = (
+    "tofrender/integrators",
+    "tofrender/nlos/light",
+    "tofrender/paths/walk.py",
+    "tofrender/paths/__pycache__/walk.*",  # bytecode, which Python runs without its source
+)
 
 
 class Forbidden(Exception):
@@ -74,7 +79,7 @@ def files(words: Collection[str], package: Path) -> list[Path]:
     if "integrators" in words:
         found += [path for name in NATIVE_INTEGRATORS for path in mitsuba.glob(f"plugins/{name}.*")]
         found.append(mitsuba / "python" / "ad" / "integrators")
-        found += [package / name for name in OF_INTEGRATORS]
+        found += [path for pattern in OF_INTEGRATORS for path in package.glob(pattern)]
     return [path for path in found if path.exists()]
 
 

@@ -37,7 +37,7 @@ def is_plain(shape: mi.Shape) -> bool:
     flat = shape.is_mesh() and not shape.has_vertex_normals()
     if not flat and shape.class_name() not in PLAIN_SHAPES:
         return False
-    names = [name for name, _ in mi.traverse(shape.bsdf())]
+    names = list(mi.traverse(shape.bsdf()).keys())
     return bool(names) and all(PLAIN_MATERIALS.fullmatch(name) for name in names)
 
 

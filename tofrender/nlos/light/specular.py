@@ -30,7 +30,14 @@ import mitsuba as mi
 from ...paths.delta_lobes import DeltaLobes, Wavefront
 from ...paths.protocols import Space
 from ...paths.records import Connection, Path, Vertex
-from ...paths.surfaces import first_surface, is_boundary, is_on, spawn_ray
+from ...paths.surfaces import (
+    bsdfs_in,
+    first_surface,
+    groups_of,
+    is_boundary,
+    is_on,
+    spawn_ray,
+)
 from .guided import Targets
 
 if TYPE_CHECKING:
@@ -407,12 +414,20 @@ class Specular:
         Raises:
             ValueError: Light cannot be followed through a surface; one line.
         """
-        shapes = []
-        for shape in scene.shapes():
-            bsdf = shape.bsdf()
+
+        def is_specular(bsdf: mi.BSDF | None) -> bool:
             passes = space.scatters and is_boundary(bsdf)
-            if bsdf is not None and not passes and DeltaLobes.set_of(bsdf):
-                shapes.append(shape)
+            return bsdf is not None and not passes and DeltaLobes.set_of(bsdf) != 0
+
+        # An instance does not tell the materials of its shape group
+        for group in groups_of(scene):
+            if any(is_specular(bsdf) for bsdf in bsdfs_in(group)):
+                raise ValueError(
+                    f"shape {group.id()!r}: an instance of a mirror or glass is not supported; "
+                    "copy it"
+                )
+
+        shapes = [shape for shape in scene.shapes() if is_specular(shape.bsdf())]
         if not shapes:
             return None
         for shape in shapes:

@@ -15,8 +15,8 @@ from ..protocols import Endpoint
 from ..records import Connection, Hit, Path, Vertex
 from ..surfaces import EmitterSamples, Wavefronts, stretched
 
-# Density whose square float32 can represent [1/sr]. A point of an emitter that is seen edge-on has
-# higher ones, and no light.
+# Upper limit of densities in MIS weights, so that float32 can represent the square [1/sr]. Points
+# of an emitter that is seen edge-on have higher densities and emit no light towards the vertex.
 HIGHEST = 1e18
 MANY_EMITTERS = 8  # number of emitters above which a single bounding box bounds their distance
 
