@@ -14,7 +14,7 @@ from helpers.processes import says
 
 from tofrender.cli import completion
 from tofrender.integrators import passes
-from tofrender.runtime import backend, doctor, gpu, llvm
+from tofrender.runtime import backend, child_processes, doctor, gpu, llvm
 from tofrender.runtime.backend import BackendError
 from tofrender.runtime.child_processes import run_code
 
@@ -128,10 +128,10 @@ def test_a_gpu_that_traces_rays_is_chosen_and_tested_once(machine, capsys, name)
             "driver 535 or newer",
             1,
         ),
-        # Causes that may go away are tested again
+        # A lack of memory may go away and is tested again
         (gpu.CUDA, "jit_malloc(): out of memory!", "no free memory", "CUDA_VISIBLE_DEVICES", 2),
-        (gpu.CUDA, "surprise", "OptiX cannot trace a ray (Error)", "update the NVIDIA driver", 2),
-        (gpu.METAL, "surprise", "Metal cannot trace a ray (Error)", "update macOS", 2),
+        (gpu.CUDA, "surprise", "OptiX cannot trace a ray (Error)", "run `tofrender doctor`", 1),
+        (gpu.METAL, "surprise", "Metal cannot trace a ray (Error)", "update macOS", 1),
     ],
 )
 def test_a_gpu_that_traces_no_rays(machine, capsys, name, message, reason, remedy, tests):
@@ -145,6 +145,80 @@ def test_a_gpu_that_traces_no_rays(machine, capsys, name, message, reason, remed
     with pytest.raises(BackendError, match=f"variant = '{name}_ad_mono': .*use an llvm_"):
         backend.activate(f"{name}_ad_mono")
     assert len(runs) == tests
+
+
+@pytest.mark.parametrize(
+    ("code", "problem"),
+    [
+        ("import time; time.sleep(60)", "not finished after 0.2 seconds"),
+        ("import os; os.abort()", "ended by SIGABRT"),
+        ("", "ended without a result"),
+        ("print('noise')", "ended without a result"),
+    ],
+)
+def test_a_test_that_hangs_or_crashes_is_not_repeated(machine, monkeypatch, capsys, code, problem):
+    if "sleep" in code:
+        monkeypatch.setattr(child_processes, "CODE_TIMEOUT_S", 0.2)
+    runs = machine(gpu.CUDA, code)
+    for _ in range(2):
+        assert backend.default_variant() == "llvm_ad_rgb"
+        assert f"OptiX cannot trace a ray ({problem})" in capsys.readouterr().err
+    assert len(runs) == 1
+
+
+def test_a_gpu_for_one_process_is_used(machine, capsys):
+    """The test process has no access to it, because Dr.Jit has started CUDA in this process."""
+    error = 'cuda_check(): API error 0046 (CUDA_ERROR_DEVICE_UNAVAILABLE): "busy or unavailable"'
+    machine(gpu.CUDA, f"import os, sys; print({error!r}, file=sys.stderr, flush=True); os.abort()")
+    assert backend.default_variant() == "cuda_ad_rgb"
+    assert capsys.readouterr().err == ""
+
+
+def test_results_of_processes_that_test_at_once_are_all_stored(machine, monkeypatch):
+    machine(gpu.CUDA, WORKS)
+    run = gpu.run_code
+
+    def run_while_another_process_stores(code):
+        gpu._store({"another": gpu.State(True)})
+        return run(code)
+
+    monkeypatch.setattr(gpu, "run_code", run_while_another_process_stores)
+    assert gpu.state(gpu.CUDA).works
+    assert len(gpu._stored()) == 2
+
+
+def test_the_file_of_results_stays_small(machine):
+    machine(gpu.CUDA, WORKS)
+    gpu._store({str(number): gpu.State(True) for number in range(300)})
+    assert gpu.state(gpu.CUDA).works
+    assert len(gpu._stored()) == gpu.MOST_STORED
+    assert gpu._key(gpu.CUDA) in gpu._stored()
+
+
+def test_a_folder_that_is_a_file_costs_a_test_only(machine, monkeypatch, tmp_path):
+    runs = machine(gpu.CUDA, WORKS)
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("DRJIT_CACHE_DIR", str(tmp_path / "file" / "folder"))
+    for count in (1, 2):
+        assert gpu.state(gpu.CUDA).works
+        assert len(runs) == count
+
+
+IMPORT = """
+import subprocess
+def refuse(*arguments, **options):
+    raise AssertionError("starts a process")
+subprocess.Popen = refuse
+import drjit as dr
+has_backend = dr.has_backend
+dr.has_backend = lambda which: which == dr.JitBackend.LLVM and has_backend(which)
+import tofrender, mitsuba as mi
+print(mi.variant())
+"""
+
+
+def test_without_a_gpu_an_import_starts_no_process():
+    assert says(IMPORT) == ["llvm_ad_rgb"]
 
 
 def test_another_driver_is_tested_again(machine, monkeypatch):

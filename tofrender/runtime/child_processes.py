@@ -60,7 +60,13 @@ def run_code(code: str) -> Outcome:
     command = [sys.executable, "-P", "-c", code]  # Without the working folder's modules
     try:
         result = subprocess.run(
-            command, capture_output=True, text=True, timeout=CODE_TIMEOUT_S, check=False
+            command,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=CODE_TIMEOUT_S,
+            check=False,
         )
     except subprocess.TimeoutExpired:
         return Outcome({}, f"not finished after {CODE_TIMEOUT_S} seconds")
@@ -73,7 +79,11 @@ def run_code(code: str) -> Outcome:
         return Outcome({}, f"{ended_by} ({last})" if last else ended_by, result.stderr)
     if result.returncode > 0:
         return Outcome({}, last or f"exit status {result.returncode}", result.stderr)
-    return Outcome(json.loads(last_line(result.stdout)), stderr=result.stderr)
+    try:
+        answer = json.loads(last_line(result.stdout))
+    except ValueError:
+        return Outcome({}, last or "ended without a result", result.stderr)
+    return Outcome(answer, stderr=result.stderr)
 
 
 def last_line(text: str) -> str:

@@ -156,8 +156,13 @@ def _check_cuda(answer: dict) -> Check:
     if not answer.get(gpu.CUDA):
         if not gpu.driver_present():
             return Check(name, True, "no NVIDIA driver; rendering on the CPU")
+        if os.environ.get("CUDA_VISIBLE_DEVICES") in ("", "-1"):
+            return Check(name, True, "CUDA_VISIBLE_DEVICES hides all GPUs; rendering on the CPU")
         found = "there is a driver that Dr.Jit cannot use; rendering on the CPU"
-        remedy = "install NVIDIA driver 535 or newer (see `nvidia-smi`)"
+        remedy = (
+            "install NVIDIA driver 535 or newer (see `nvidia-smi`); the GPU must have compute "
+            "capability 7.5 or more"
+        )
         return Check(name, False, found, remedy, required=False)
     return _check_gpu(name, gpu.CUDA, f"driver {gpu.driver_version() or 'of unknown version'}")
 
@@ -166,7 +171,8 @@ def _check_metal(answer: dict) -> Check:
     """Check that Metal traces a ray, from what Dr.Jit has answered."""
     if not answer.get(gpu.METAL):
         found = "Dr.Jit cannot use Metal here; rendering on the CPU"
-        return Check("Metal", False, found, "update macOS, Mitsuba and Dr.Jit", required=False)
+        remedy = "update macOS to 15 or newer, if the Mac has an Apple processor"
+        return Check("Metal", False, found, remedy, required=False)
     return _check_gpu("Metal", gpu.METAL, f"macOS {platform.mac_ver()[0]}")
 
 

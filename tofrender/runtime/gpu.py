@@ -15,7 +15,7 @@ import re
 import shutil
 import sys
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
+from importlib import metadata
 from pathlib import Path
 
 from . import llvm
@@ -31,6 +31,8 @@ VARIABLE = "DRJIT_LIBOPTIX_PATH"
 OPTIX = "libnvoptix.so.1"
 
 SETUP_PAGE = "https://mitsuba.readthedocs.io/en/stable/src/optix_setup.html"
+
+MOST_STORED = 100  # Results in the file, which many machines may share
 
 DRIVER_FILE = Path("/proc/driver/nvidia/version")
 
@@ -79,7 +81,7 @@ def state(backend: str, anew: bool = False) -> State:
 
     Returns:
         The result. It is stored for this machine, its driver, and the versions of Mitsuba and
-        Dr.Jit. A failure is stored only if its cause is known and permanent.
+        Dr.Jit. A lack of free GPU memory is not stored, because it goes away.
     """
     if backend == CUDA:
         missing = _missing_optix()
@@ -88,28 +90,26 @@ def state(backend: str, anew: bool = False) -> State:
 
     # Use the stored result
     key = _key(backend)
-    stored = _stored()
-    if key in stored and not anew:
-        return stored[key]
+    if not anew:
+        known = _stored().get(key)
+        if known is not None:
+            return known
 
     # Trace a ray in another process
     result = run_code(_TRACE_A_RAY.format(variant=f"{backend}_ad_rgb"))
-    if not result.problem:
-        found = State(True)
-        permanent = True
-    else:
-        found, permanent = diagnosis(backend, result.problem, result.stderr)
+    found = diagnosis(backend, result.problem, result.stderr) if result.problem else State(True)
 
-    # Store the result
+    # Store the result. Other processes may have stored theirs in the meantime
+    stored = _stored()
     stored.pop(key, None)
-    if permanent:
+    if found.reason != NO_MEMORY:
         stored[key] = found
     _store(stored)
     return found
 
 
-def diagnosis(backend: str, problem: str, output: str) -> tuple[State, bool]:
-    """Return the state for a failed test, and whether its cause is known and permanent.
+def diagnosis(backend: str, problem: str, output: str) -> State:
+    """Return the state for a test process that failed.
 
     Args:
         backend: "cuda" or "metal".
@@ -117,13 +117,27 @@ def diagnosis(backend: str, problem: str, output: str) -> tuple[State, bool]:
         output: Text that the test process wrote to stderr.
     """
     if backend == METAL:
-        return State(False, f"Metal cannot trace a ray ({problem})", "update macOS"), False
+        return State(False, f"Metal cannot trace a ray ({problem})", f"update macOS, {TEST_AGAIN}")
+    if _HELD_BY_THIS_PROCESS in output:
+        return State(True)
     for pattern, reason, remedy in _CAUSES:
         if re.search(pattern, output):
-            return State(False, reason, remedy), "memory" not in reason
+            return State(False, reason, remedy)
     reason = f"OptiX cannot trace a ray ({problem})"
-    return State(False, reason, f"update the NVIDIA driver, or see {SETUP_PAGE}"), False
+    return State(False, reason, f"update the NVIDIA driver, or see {SETUP_PAGE}, {TEST_AGAIN}")
 
+
+TEST_AGAIN = "then run `tofrender doctor`, which repeats the test"
+"""What to do after the remedy of an unknown cause, because its result is stored."""
+
+NO_MEMORY = "the GPU has no free memory"
+
+_HELD_BY_THIS_PROCESS = "CUDA_ERROR_DEVICE_UNAVAILABLE"
+"""Error of a GPU that only one process may use, as many clusters set it up.
+
+This process has started CUDA before, so the test process gets no access. That OptiX can be loaded
+is then enough.
+"""
 
 _CAUSES = (
     (
@@ -138,7 +152,7 @@ _CAUSES = (
     ),
     (
         "out of memory|OUT_OF_MEMORY|Out of memory",
-        "the GPU has no free memory",
+        NO_MEMORY,
         "end other programs on the GPU, or choose another GPU with CUDA_VISIBLE_DEVICES",
     ),
 )
@@ -226,7 +240,7 @@ def _optix_remedy(root: Path = Path("/")) -> str:
 
 def _key(backend: str) -> str:
     """Text that differs whenever the result of the test may differ."""
-    parts = [backend, platform.node(), version("mitsuba"), version("drjit"), sys.executable]
+    parts = [backend, platform.node(), _version("mitsuba"), _version("drjit"), sys.executable]
     if backend == CUDA:
         parts.append(driver_version())
         for name in (VARIABLE, "DRJIT_LIBCUDA_PATH", "CUDA_VISIBLE_DEVICES", "LD_LIBRARY_PATH"):
@@ -234,6 +248,14 @@ def _key(backend: str) -> str:
     else:
         parts.append(platform.mac_ver()[0])
     return " ".join(parts)
+
+
+def _version(package: str) -> str:
+    """Version of an installed package; an empty string for a build that was not installed."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return ""
 
 
 def _file() -> Path:
@@ -252,8 +274,9 @@ def _stored() -> dict[str, State]:
 
 
 def _store(results: dict[str, State]) -> None:
-    """Store results; a folder that cannot be written only costs another test at the next start."""
-    text = json.dumps({key: asdict(each) for key, each in results.items()})
+    """Store the newest results; if the folder is read-only, the next start tests again."""
+    newest = list(results.items())[-MOST_STORED:]
+    text = json.dumps({key: asdict(each) for key, each in newest})
     try:
         path = _file()
         path.parent.mkdir(parents=True, exist_ok=True)
