@@ -24,8 +24,9 @@ ENDS = {
     "commands": 0.12,
     "film": 0.17,
     "times": 0.50,
-    "gradients": 0.60,
-    "scenes": 0.72,
+    "gradients": 0.58,
+    "deposits": 0.62,
+    "scenes": 0.74,
     "energies": 1.0,
 }
 """Fraction of all time at which each part must have ended. What a part leaves is for the next."""

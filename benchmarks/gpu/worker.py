@@ -18,6 +18,7 @@ PARTS = {
     "machine": ("machine", "machine"),
     "commands": ("commands", "commands"),
     "times": ("times", "times"),
+    "deposits": ("deposits", "deposits"),
     "energies": ("energies", "energies"),
     "gradients": ("gradients", "gradients"),
     "film": ("limits", "film"),

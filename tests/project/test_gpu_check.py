@@ -18,6 +18,7 @@ import tofrender
 from benchmarks.gpu import (
     __main__ as command,
     commands,
+    deposits,
     energies,
     gradients,
     limits,
@@ -143,6 +144,22 @@ def test_z_is_normal():
     expected = 0.0455 * count
     assert abs(outside - expected) < 4 * expected**0.5  # One in 16,000
     assert energies.z_of(np.full(8, 2.0), np.full(8, 2.0)) == 0
+
+
+def test_deposits():
+    part = small_part()
+    deposits.deposits(part)
+    assert len(part.results) == 6
+    assert all(row["median_s"] > 0 for row in part.results.values())
+    assert part.failed == []
+
+
+def test_lost_deposits_fail(monkeypatch):
+    monkeypatch.setattr(deposits, "_deposited", lambda film, *_: film)
+    part = small_part()
+    deposits.deposits(part)
+    assert len(part.failed) == 6
+    assert part.failed[0] == "deposits, single, Auto: the sum is off by 1.0e+00"
 
 
 @pytest.mark.slow
