@@ -82,7 +82,7 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("--minutes", type=_minutes, default=8.0, help="time for all parts [minutes] (8)")
     add("--small", action="store_true", help="small sizes on a GPU, too")
-    add("--variant", help="Mitsuba variant, by default the one that tofrender chooses")
+    add("--variant", help="Mitsuba variant (the default variant of tofrender)")
     add("--part", action="append", choices=ENDS, help="run this part; may be repeated (all)")
     add("--out", type=Path, default=Path("out/gpu.json"), help="file of results (out/gpu.json)")
     return parser
@@ -97,7 +97,7 @@ def _minutes(text: str) -> float:
 
 
 def _run(name: str, variant: str, sizes: str, seconds: float, file: Path) -> dict[str, Any]:
-    """Run a part in a process of its own, which is ended after its time."""
+    """Run a part in a separate process. The process is ended when its time is over."""
     part: dict[str, Any] = {"results": {}, "skipped": [], "failed": []}
     if seconds <= 0:
         return part | {"seconds": 0.0, "skipped": ["all: no time left"]}

@@ -1,4 +1,4 @@
-"""Whether commands work as they are, and without OptiX."""
+"""Run commands as a user does, and without OptiX."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WITHOUT_OPTIX = {gpu.VARIABLE: "/nowhere"}
 ON_THE_CPU = "tofrender: rendering on the CPU: "
 """Start of the line that names the reason if a GPU is present but cannot render."""
 
-LONGEST_S = 240.0  # Time after which a command is ended [s]
+LONGEST_S = 240.0  # Time limit of a command [s]
 
 
 def commands(part: Part) -> None:
@@ -67,9 +67,11 @@ def _command(part: Part, arguments: list[str], environment: dict[str, str]) -> d
             timeout=max(1.0, min(LONGEST_S, part.left())),
             check=False,
         )
-        status, output = done.returncode, done.stdout
+        status = done.returncode
+        output = done.stdout
     except subprocess.TimeoutExpired:
-        status, output = -1, "no time left"
+        status = -1
+        output = "no time left"
     seconds = time.monotonic() - start
     lines = [line.rstrip() for line in output.splitlines() if line.strip()]
     return {"status": status, "seconds": seconds, "output": lines}

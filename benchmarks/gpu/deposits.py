@@ -16,8 +16,9 @@ from .part import Part
 
 MODES = ("Auto", "Local", "Direct")
 LANES_PER_PIXEL = 16
-DEPOSITS = 64  # Of each lane
-CHANNELS, STRIDE = 3, 4
+DEPOSITS = 64  # Number of deposits of each lane
+CHANNELS = 3
+STRIDE = 4  # Numbers of a bin, with padding
 
 
 def deposits(part: Part) -> None:
@@ -58,7 +59,7 @@ def _deposited(
     packets: bool,
     mode: dr.ReduceMode,
 ) -> mi.Float:
-    """Add to bins of each lane's pixel. Half of the deposits are in one bin, as those of lamps."""
+    """Add to bins of each lane's pixel. Half of the deposits are in one bin, like light of a lamp."""
     while left > 0:
         scattered = (lane * 2654435761 + left * 40503) % bins
         cell = lane // LANES_PER_PIXEL * bins + dr.select(left % 2 == 0, 0, scattered)

@@ -1,4 +1,4 @@
-"""Whether a backend renders the same light as LLVM, and as closed forms say."""
+"""Compare the light that a backend renders with LLVM and with closed forms."""
 
 from __future__ import annotations
 

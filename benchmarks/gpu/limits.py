@@ -18,13 +18,14 @@ from .part import Part
 FILMS = {"40 GB": (1024, 1024, 2384), "12 GB": (1024, 1024, 715)}
 """Width, height and bins. The larger film exceeds the largest array of Dr.Jit, too."""
 
-HOST_LIMIT_GPU, HOST_LIMIT_CPU = 16 << 30, 10 << 30
+HOST_LIMIT_GPU = 16 << 30
+HOST_LIMIT_CPU = 10 << 30
 """Host memory that films may take [bytes]: the smaller film fits once into the first limit, but a
 GPU needs it twice. The limits are simulated, because CUDA does not start under `ulimit -v`."""
 
-MOST_MIB = 512  # Memory that a refusal may take [MiB]
+MOST_MIB = 512  # Largest growth of memory during a refusal [MiB]
 MEASUREMENTS = 25  # Number of measurements of memory, with equally many scenes in between
-MOST_KIB_PER_SCENE = 100.0  # A leaked scene of this size takes more
+MOST_KIB_PER_SCENE = 100.0  # Less than the size of a scene, which would leak
 LEAST_SCENES = 100  # With fewer scenes, caches of the process grow as much
 
 
@@ -89,7 +90,7 @@ def scenes(part: Part) -> None:
 
 
 def _scene(number: int) -> dict:
-    """A Cornell box whose lamp has another place in each scene."""
+    """Describe a Cornell box. The lamp has another place in each scene."""
     described = tofrender.cornell_box(width=8, height=6, temporal_bins=30)
     lamp = described["light"]
     shift = mi.ScalarTransform4f().translate([1e-4 * number, 0, 0])

@@ -1,4 +1,4 @@
-"""One part of the check: its results, its sizes, and the time that it may take."""
+"""Part of the check, with its results, sizes and time limit."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Sizes:
     Attributes:
         timed_film: Width, height and number of bins of films that are timed.
         timed_spp: Samples per pixel of renders that are timed.
-        runs: Renders of which the median time is taken.
+        runs: Number of renders per median time.
         timed_scenes: Number of scenes that are timed.
         compared_film: Width, height and number of bins of films that are compared.
         compared_spp: Samples per pixel of renders that are compared.
@@ -82,12 +82,12 @@ class Part:
 
     Attributes:
         variant: The Mitsuba variant that is checked.
-        sizes: Sizes of what is rendered.
-        seconds: Time that the part may take [s].
+        sizes: Sizes of the renders.
+        seconds: Time limit [s].
         file: File of the results so far; None to write none.
         results: Measured numbers, as JSON can store them.
-        skipped: What was left out, and why.
-        failed: What is wrong.
+        skipped: Measurements that are missing, with the reason.
+        failed: Problems that were found.
     """
 
     variant: str
@@ -106,7 +106,7 @@ class Part:
         return self._end - time.monotonic()
 
     def each(self, items: Sequence[T]) -> Iterator[T]:
-        """Yield items while the time suffices for one that takes as long as the longest so far.
+        """Yield items while there is time for another item as slow as the slowest so far.
 
         The other items are reported as skipped.
         """

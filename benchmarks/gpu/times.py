@@ -1,4 +1,4 @@
-"""Time of transient renders over that of Mitsuba's steady `path`, and what the time is spent on."""
+"""Time transient renders, relative to Mitsuba's `path`, and split the time by its use."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ PROGRAMS: dict[str, Callable[[Described], mi.Scene]] = {
 TARGETS = {"one light point": {64: 1.4, 1024: 1.2}, "ours": {64: 2.5, 1024: 2.5}}
 """Time over that of `path` that a GPU should reach, by samples per pixel."""
 
-MOST_OVER_KERNELS = 1.2  # Time over that of the kernels from the second render on
+MOST_OVER_KERNELS = 1.2  # Wall-clock time over kernel time, from the second render on
 
 
 def times(part: Part) -> None:
@@ -51,8 +51,8 @@ def times(part: Part) -> None:
 def split(render: Callable[[], object]) -> dict[str, float]:
     """Measure one render, and what its time is spent on [s].
 
-    Dr.Jit reports the times of its kernels. The remaining time is that of Python and C++ code,
-    which traces the render and starts kernels.
+    Dr.Jit reports the times of its kernels. In the remaining time, Python and C++ code traces
+    the render and starts kernels.
     """
     dr.kernel_history_clear()
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
@@ -110,7 +110,7 @@ def _seconds(render: Callable[[], object]) -> float:
 
 
 def _compare(rows: dict[str, Any], program: str) -> None:
-    """Divide the times of a program by those of `path`."""
+    """Divide the times of a program by the times of `path`."""
     if rows[program] == "not installed":
         return
     for spp, row in rows[program].items():

@@ -1,4 +1,4 @@
-"""Runs one part in a process of its own: worker.py NAME VARIANT SIZES SECONDS FILE.
+"""Run one part in a separate process: worker.py NAME VARIANT SIZES SECONDS FILE.
 
 A part that crashes or hangs then ends alone. Its results so far are in FILE.
 """

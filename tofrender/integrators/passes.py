@@ -202,8 +202,8 @@ def _seed(
 class _EmitterPixels:
     """Samples the pixels of `VisibleEmitters` more often, in a point set of their own.
 
-    On a GPU, several lanes share the samples of a ray. Each step takes a multiple of `lanes`
-    samples per pixel.
+    On a GPU, several lanes share the samples of a ray. The number of samples per pixel in a step
+    must be a multiple of `lanes`.
     """
 
     def __init__(

@@ -48,7 +48,7 @@ CODE_TIMEOUT_S = 120
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of code that ran in a process of its own."""
+    """Result of code that ran in a separate process."""
 
     answer: dict  # The JSON object that the code has printed
     problem: str = ""  # In one line, what went wrong; empty if nothing did
@@ -56,7 +56,7 @@ class Outcome:
 
 
 def run_code(code: str) -> Outcome:
-    """Run Python code that prints a JSON object in a process of its own."""
+    """Run Python code that prints a JSON object in a separate process."""
     command = [sys.executable, "-P", "-c", code]  # Without the working folder's modules
     try:
         result = subprocess.run(
