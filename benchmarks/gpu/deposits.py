@@ -59,7 +59,7 @@ def _deposited(
     packets: bool,
     mode: dr.ReduceMode,
 ) -> mi.Float:
-    """Add to bins of each lane's pixel. Half of the deposits are in one bin, like light of a lamp."""
+    """Add to the bins of each lane's pixel. One bin gets half of the deposits, as from a lamp."""
     while left > 0:
         scattered = (lane * 2654435761 + left * 40503) % bins
         cell = lane // LANES_PER_PIXEL * bins + dr.select(left % 2 == 0, 0, scattered)
