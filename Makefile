@@ -1,6 +1,6 @@
 # Every target but help and clean sets up .venv first, which takes a minute once and nothing later.
 .DEFAULT_GOAL := help
-.PHONY: help setup render notebook docs test test-all durations mutants test-kills test-inputs verify lint bench bench-full bench-lost release-check test-versions bench-tof clean
+.PHONY: help setup render notebook docs test test-all durations mutants test-kills test-inputs verify lint bench bench-full bench-lost release-check test-versions test-gpu bench-tof clean
 
 OUT ?= out/cornell_box
 
@@ -62,6 +62,9 @@ release-check: setup ## build twice, compare, install on three Pythons, run the 
 
 test-versions: setup ## run a selection of tests on three Pythons, and with the oldest packages
 	.venv/bin/python .ci/versions.py $(ARGS)
+
+test-gpu: setup ## check commands, speed, light and memory on a GPU, in 8 minutes; on a CPU with small sizes
+	.venv/bin/python -m benchmarks.gpu $(ARGS)
 
 bench-tof: setup ## test all installed transient renderers; writes out/tofbench and docs/tofbench.md
 	.venv/bin/python -m benchmarks.tofbench_page $(ARGS)

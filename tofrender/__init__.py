@@ -1,7 +1,8 @@
 """tofrender: light in flight on Mitsuba 3 and Dr.Jit.
 
-Importing the package makes a Mitsuba variant active if none is: `cuda_ad_rgb` where CUDA works,
-else `llvm_ad_rgb`. A variant that is set stays, and switching later works.
+Importing the package makes a Mitsuba variant active if none is: `cuda_ad_rgb` or, on a Mac,
+`metal_ad_rgb` if the GPU can trace a ray, otherwise `llvm_ad_rgb`. A variant that is set stays, and
+switching later works.
 
     import tofrender
     dataset = tofrender.render("cornell_box", spp=64)

@@ -28,7 +28,7 @@ from helpers.gradient_of import (
 from helpers.support import agree, over_seeds, with_film
 from oracles.gradients import Bins, Phasor, derived
 
-from tofrender.integrators import passes
+from tofrender.integrators import derivatives, passes
 
 SEEDS = range(16)
 HALF_PERCENT, STANDARD_ERRORS = 5e-3, 3
@@ -156,6 +156,28 @@ def test_hidden_lamps_that_move():
     assert found @ weights == pytest.approx(cases.LIGHT_2.expected()[1] @ weights, rel=HALF_PERCENT)
     back = reverse(cases.LIGHT_2, weights, seed=3, hide_emitters=True)
     assert back == pytest.approx(found @ weights, rel=1e-3)
+
+
+def test_larger_passes_of_a_gpu_have_the_same_derivative(monkeypatch):
+    """LLVM stands in for the GPU, which takes all samples in one pass instead of four."""
+    sizes = []
+
+    class Counted(derivatives.Rays):
+        def __init__(self, of, sampler, pixel, spp):
+            sizes.append(spp)
+            super().__init__(of, sampler, pixel, spp)
+
+    monkeypatch.setattr(derivatives, "Rays", Counted)
+    monkeypatch.setattr(derivatives, "PASS_SAMPLES", 16)
+    monkeypatch.setattr(passes, "CUDA_STEP", 4)
+    weights = cases.PLANE.weights()["moment"]
+    on_cpu = reverse(cases.PLANE, weights, spp=64, seed=5)
+    assert sizes == [16] * 4
+    sizes.clear()
+    monkeypatch.setattr(passes, "_on_gpu", lambda: True)
+    on_gpu = reverse(cases.PLANE, weights, spp=64, seed=5)
+    assert sizes == [64]
+    assert on_gpu == pytest.approx(on_cpu, rel=1e-5)
 
 
 def test_samples_for_derivatives_alone():

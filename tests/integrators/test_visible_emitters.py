@@ -197,6 +197,42 @@ def test_many_rays_are_folded(monkeypatch):
         assert largest(a, b) < 1e-5
 
 
+@pytest.mark.parametrize("added", [passes.MAX_ADDED, 256])
+def test_lanes_that_share_a_ray_take_the_same_samples(monkeypatch, added):
+    """Two lanes of a GPU share the samples of a ray. LLVM stands in for the GPU."""
+    loaded = load(SCENES["disk"]())
+    whole = rendered(loaded, SPP)
+    lanes = []
+
+    def step(pixels, pixel, count, weight=1.0):
+        if weight == 0:
+            lanes.append((dr.width(pixel), count))
+        return take_step(pixels, pixel, count, weight)
+
+    take_step = passes._step
+    monkeypatch.setattr(passes, "_step", step)
+    monkeypatch.setattr(passes, "MAX_ADDED", added)
+    alone = rendered(loaded, SPP)
+    few, lanes[:] = lanes[:], []
+    monkeypatch.setattr(passes, "_shared_by", lambda rays, lanes, most: 2)
+    shared = rendered(loaded, SPP)
+    for a, b, c in zip(whole, alone, shared, strict=True):
+        assert largest(b, a) < 1e-5
+        assert largest(c, a) < 1e-5
+    assert {width for width, _ in lanes} == {2 * width for width, _ in few}
+    assert sum(width * count for width, count in lanes) == sum(w * count for w, count in few)
+
+
+def test_how_many_lanes_share_a_ray(monkeypatch):
+    assert passes._shared_by(2000, lanes=16, most=2048) == 1
+    monkeypatch.setattr(passes, "_on_gpu", lambda: True)
+    monkeypatch.setattr(passes, "LANES", {"cuda": 1 << 20})
+    assert passes._shared_by(2000, lanes=16, most=2048) == 16
+    assert passes._shared_by(2000, lanes=1024, most=2048) == 512
+    assert passes._shared_by(2000, lanes=1024, most=100) == 64
+    assert passes._shared_by(1 << 21, lanes=16, most=2048) == 1
+
+
 @pytest.mark.statistical
 @pytest.mark.parametrize(("rfilter", "border"), [("gaussian", True), ("tent", False)])
 def test_few_samples_and_wide_filters(rfilter, border):

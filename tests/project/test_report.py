@@ -33,6 +33,27 @@ def test_the_readme_and_the_page_have_the_figures(report, results):
     assert report.page(results) != page
 
 
+def test_what_is_known_of_gpus(report, tmp_path):
+    assert "was not measured on a GPU" in report.gpu_section(tmp_path / "missing.json")
+    row = {"64": {"over_path": 1.234}, "1024": {"over_path": 1.1}}
+    programs = {"path": row, "one light point": row, "ours": row, "mitransient": "not installed"}
+    machine = {"cards": ["NVIDIA X1, 80 GiB"], "driver": "580.1", "variant": "cuda_ad_rgb"}
+    found = {
+        "small": False,
+        "machine": machine | {"versions": {"tofrender": "0.1.0"}},
+        "parts": {"times": {"results": {"mirror": programs, "targets": []}}},
+    }
+    file = tmp_path / "gpu.json"
+    file.write_text(json.dumps(found))
+    section = report.gpu_section(file)
+    assert "not measured" not in section
+    assert "on NVIDIA X1, 80 GiB, driver 580.1" in " ".join(section.split())
+    assert "| mirror | 64 | 1.2 | 1.2 | - |" in section
+    file.write_text(json.dumps(found | {"small": True}))
+    with pytest.raises(ValueError, match="has small sizes"):
+        report.gpu_section(file)
+
+
 @pytest.mark.parametrize(
     ("value", "shown"), [(1.0, "1"), (253.1, "250"), (0.984, "0.98"), (12.4, "12"), (2.05, "2")]
 )

@@ -25,6 +25,7 @@ from tofrender import local_workers
 from tofrender.cli.options import Size
 from tofrender.nlos import capture, reconstruct
 from tofrender.rendering import workers
+from tofrender.runtime import gpu
 from tofrender.runtime.checkpoints import Checkpoint
 from tofrender.scenes.packing import packed, unpacked
 
@@ -413,3 +414,48 @@ def test_reconstructions_by_workers(client, seen, method):
 def test_a_capture_of_a_loaded_scene_is_not_sent(client):
     with refused("scene = Scene: is loaded"):
         capture(tofrender.load_scene("nlos_z", optimize=False), client=client, progress=False)
+
+
+@pytest.mark.parametrize(
+    ("variant", "devices", "count", "expected"),
+    [
+        ("llvm_ad_rgb", ["0"], 3, [None, None, None]),
+        ("cuda_ad_mono", ["2", "GPU-a", "1"], 2, ["2", "GPU-a"]),
+        ("cuda_ad_rgb", ["0"], 1, ["0"]),
+        ("cuda_ad_rgb", ["0"], 2, "workers = 2: must be at most 1, the number of GPUs; .* llvm_"),
+        ("cuda_ad_rgb", ["3", "1"], 3, "workers = 3: must be at most 2, the number of GPUs"),
+        ("metal_ad_rgb", [], 1, [None]),
+        ("metal_ad_rgb", [], 2, "workers = 2: must be at most 1, the number of GPUs"),
+    ],
+)
+def test_each_worker_has_its_own_gpu(monkeypatch, variant, devices, count, expected):
+    monkeypatch.setattr(mi, "variant", lambda: variant)
+    monkeypatch.setattr(gpu, "devices", lambda: devices)
+    if isinstance(expected, str):
+        with refused(expected), local_workers(count):
+            pass
+    else:
+        variables = workers.visible_devices(count)
+        assert [each.get("CUDA_VISIBLE_DEVICES") for each in variables] == expected
+
+
+def test_a_worker_sees_its_device_also_after_it_has_died(monkeypatch):
+    """The processes are real, and the devices are names only, which LLVM does not read."""
+    monkeypatch.setattr(
+        workers, "visible_devices", lambda count: [{"CUDA_VISIBLE_DEVICES": d} for d in "75"]
+    )
+
+    def seen():
+        import os
+
+        return os.environ["CUDA_VISIBLE_DEVICES"]
+
+    with local_workers(2, threads=1) as client:
+        before = sorted(client.run(seen).values())
+        first = addresses(client)[0]
+        pid = client.run(os.getpid, workers=[first])[first]
+        os.kill(pid, signal.SIGKILL)
+        wait_for(lambda: first not in addresses(client))
+        client.wait_for_workers(2, timeout=GUARD_S)
+        after = sorted(client.run(seen).values())
+    assert before == after == ["5", "7"]

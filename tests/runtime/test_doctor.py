@@ -9,6 +9,7 @@ from helpers.processes import python
 from rich.console import Console
 
 from tofrender.runtime import doctor, llvm, memory
+from tofrender.runtime.child_processes import run_code
 from tofrender.runtime.doctor import Check
 
 DOCTOR = """
@@ -34,7 +35,7 @@ def test_where_rendering_works():
 
 
 def test_an_unusable_llvm_is_named_with_its_remedy(tmp_path):
-    works_without = doctor._in_process(doctor._ASK_DRJIT)[0]["cuda"]
+    works_without = run_code(doctor._ASK_DRJIT).answer["cuda"]
     library = tmp_path / "libLLVM-15.so"
     library.write_text("not a library")
     result = run_doctor(str(library))
@@ -53,7 +54,8 @@ def test_an_unusable_llvm_is_named_with_its_remedy(tmp_path):
 )
 def test_how_a_process_ends_is_a_result(monkeypatch, code, error):
     monkeypatch.delenv("PYTHONFAULTHANDLER", raising=False)  # Adds a line
-    assert doctor._in_process(code) == ({}, error)
+    outcome = run_code(code)
+    assert (outcome.answer, outcome.problem) == ({}, error)
 
 
 @pytest.mark.parametrize(

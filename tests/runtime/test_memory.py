@@ -11,6 +11,7 @@ import pytest
 from helpers.processes import python, says
 from helpers.support import film, refused
 
+import tofrender
 from tofrender.runtime import memory
 
 GIB = 1 << 30
@@ -162,6 +163,76 @@ def test_a_gpu_is_asked_in_its_context(monkeypatch, failing, free):
     monkeypatch.setattr(mi, "variant", lambda: "cuda_ad_rgb")
     assert memory.available() == free
     assert (driver.current, driver.held) == (0, 0)
+
+
+@pytest.fixture
+def gpu_machine(monkeypatch):
+    """Return a function that sets the free memory of a GPU and of the host [films of 1 GiB]."""
+    monkeypatch.setattr(memory, "_has_own_memory", lambda: True)
+
+    def has(on_device: float, on_host: float) -> None:
+        device_bytes = memory.RESERVE + int(on_device * GIB)
+        host_bytes = memory.RESERVE + int(on_host * GIB)
+        monkeypatch.setattr(memory, "available", lambda: device_bytes)
+        monkeypatch.setattr(memory, "free_on_host", lambda: host_bytes)
+
+    return has
+
+
+ONE_GIB = (512, 256, 512, 3)
+"""Shape of a film of 1 GiB."""
+
+
+@pytest.mark.parametrize(
+    ("on_device", "on_host", "message"),
+    [
+        (2, 3, None),
+        (1.9, 100, r"takes 2\.0 GiB of GPU memory, must be at most 1\.9 GiB; 486 bins"),
+        (100, 2.5, r"takes 3\.0 GiB of host memory, must be at most 2\.5 GiB; 426 bins"),
+        (100, 0, r"takes 3\.0 GiB of host memory, must be at most 0\.0 GiB$"),
+    ],
+)
+def test_a_gpu_needs_both_memories(gpu_machine, on_device, on_host, message):
+    gpu_machine(on_device, on_host)
+    copies = {"copies": 9, "device_copies": 2, "host_copies": 3}
+    if message is None:
+        memory.require_film(*ONE_GIB, **copies)
+    else:
+        refused(message, memory.require_film, *ONE_GIB, **copies, kind=MemoryError)
+
+
+def test_an_array_on_a_gpu_needs_both_memories(gpu_machine):
+    gpu_machine(3, 0.5)
+    quarter = GIB // 4
+    memory.require_array("phasors", quarter, 3)
+    message = "phasors: takes 1.0 GiB of host memory, must be at most 0.5 GiB"
+    refused(message, memory.require_array, "phasors", quarter, 3, host_copies=1, kind=MemoryError)
+
+
+@pytest.mark.parametrize(
+    ("variant", "own"), [("cuda_ad_mono", True), ("metal_ad_rgb", False), ("llvm_ad_rgb", False)]
+)
+def test_metal_shares_the_memory_of_the_host(monkeypatch, variant, own):
+    monkeypatch.setattr(mi, "variant", lambda: variant)
+    assert memory._has_own_memory() is own
+
+
+@pytest.mark.parametrize(
+    ("settings", "films"),
+    [
+        ({}, 2),  # Dr.Jit's copy, and one to write to
+        ({"integrator": "transient_bdpt"}, 3),  # A film for splats comes on top
+        ({"errors": True, "spp": 32}, 3.5),  # Two packed films on top
+    ],
+)
+def test_a_render_on_a_gpu_needs_host_memory_for_its_result(gpu_machine, settings, films):
+    """A film fits on the GPU, and the result does not fit on the host by a hair."""
+    scene = tofrender.load_scene("cornell_box", width=64, height=48, temporal_bins=100)
+    film_gib = memory.film_bytes(48, 64, 100, 3) / GIB
+    options = {"spp": 1, "progress": False} | settings
+    gpu_machine(100, 0.99 * films * film_gib)
+    message = r"film of 64 x 48 pixels x 100 bins: .* of host memory"
+    refused(message, tofrender.render, scene, **options, kind=MemoryError)
 
 
 needs_linux = pytest.mark.skipif(sys.platform != "linux", reason="ulimit -v counts on Linux")

@@ -159,6 +159,22 @@ def test_without_root_and_llvm_one_line_before_anything_is_installed(tmp_path):
     assert "pip" not in user.ran
 
 
+@needs_llvm
+@pytest.mark.parametrize("system", ["nvidia", "mac"])
+def test_with_a_gpu_the_set_up_continues_and_names_the_test(tmp_path, system):
+    user = Project(tmp_path, root=False)
+    if system == "nvidia":
+        user.command("nvidia-smi", "#!/bin/sh\n")
+    else:
+        user.command("uname", "#!/bin/sh\necho Darwin arm64\n")
+    status, _, errors = user.setup()
+    assert status == 0
+    before, _, after = errors.partition(": no LLVM 17 or newer found; ")
+    assert before == "setup: without LLVM, only a GPU can render (see .venv/bin/tofrender doctor)"
+    assert after.startswith("run: ")
+    assert "pip install" in user.ran
+
+
 @needs_linux
 @pytest.mark.parametrize("index", [None, ""])
 def test_root_gets_the_package(root, index):

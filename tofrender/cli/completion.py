@@ -15,7 +15,7 @@ KINDS = (
     "rgb",
     "spectral",
 )
-VARIANTS = tuple(f"{backend}_{kind}" for backend in ("llvm", "cuda") for kind in KINDS)
+VARIANTS = tuple(f"{backend}_{kind}" for backend in ("llvm", "cuda", "metal") for kind in KINDS)
 
 
 def among(names: Iterable[str]) -> Callable[[str], list[str]]:

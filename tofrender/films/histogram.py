@@ -12,6 +12,9 @@ from ..runtime import memory
 
 MAX_ADDED = 1 << 16  # Samples of a pixel that single precision may sum: 2^20 are 0.4 % low
 PACKET = 4  # Floats that one scatter adds
+TAKEN_COPIES = 2.0
+"""Host memory of `take` on a GPU, in films: what Dr.Jit transfers, and a copy to write to."""
+
 CHUNK = 1 << 16  # Cells that `take` moves at a time
 
 

@@ -24,7 +24,7 @@ from ..signals.polarisation import components, scaled, stokes_count
 from .colours import channels_of, colour_count, kept, to_rgb
 from .contribution import CameraRays
 from .exposure import BINS, PHASORS, PICTURE, Exposure, Weight, profile
-from .histogram import MAX_ADDED
+from .histogram import MAX_ADDED, TAKEN_COPIES
 from .image import require_resolved, stokes_channels
 from .phasor_sum import PhasorSum
 from .splats import Splats
@@ -234,7 +234,8 @@ class BinRecording(Recording):
         """Refuse where bins, flushed bins, and the result of `develop` do not fit together."""
         shape = self.film.shape
         copies = 2 if spp > MAX_ADDED else 1
-        memory.require_film(*shape, copies=copies + shape[3] / memory.stride(shape[3]))
+        result = shape[3] / memory.stride(shape[3])
+        memory.require_film(*shape, copies=copies + result, host_copies=TAKEN_COPIES)
 
     def measurement(self, camera: CameraRays, spp: int) -> TimeBins:
         """Create the measurement of the bins."""
@@ -316,7 +317,9 @@ class PhasorRecording(Recording):
         count = len(self.film.frequencies_hz)
         channels = (1 + 2 * count) * self.film.base_channels_count() * stokes_count() + 1
         what = f"film of {width} x {height} pixels x {count} frequencies"
-        memory.require_array(what, width * height * channels, PHASOR_COPIES)
+        memory.require_array(
+            what, width * height * channels, PHASOR_COPIES, host_copies=PHASOR_COPIES
+        )
 
     @property
     def image(self) -> mi.Film:

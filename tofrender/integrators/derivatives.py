@@ -25,10 +25,10 @@ from ..runtime import backend, checks
 from ..runtime.lane_memory import packed
 from ..runtime.progress import ProgressBar
 from .differentiable import tracked
-from .passes import best_sampler
+from .passes import best_sampler, step_samples
 from .plan import Plan
 
-PASS_SAMPLES = 1 << 20  # Camera rays of one kernel launch
+PASS_SAMPLES = 1 << 20  # Camera rays of one kernel launch on a CPU
 
 
 @contextmanager
@@ -143,7 +143,7 @@ class Derivative:
         record, spp, done = self.record, self.spp, 0
         sampler = best_sampler(spp)
         width, height = sampled_size(record.film)
-        lanes = max(1, min(spp, PASS_SAMPLES // (width * height), MAX_ADDED))
+        lanes = max(1, min(spp, step_samples(PASS_SAMPLES) // (width * height), MAX_ADDED))
         record.prepare()
         record.begin(spp)
         while done < spp:

@@ -22,7 +22,7 @@ from ..films.histogram import MAX_ADDED
 from ..films.recording import Recording
 from ..films.sums import AsSplats
 from ..paths.camera import Tile, pixel_corner, sample_camera, sampled_size
-from ..runtime import backend, checks, plugins
+from ..runtime import backend, checks, gpu, plugins
 from ..runtime.checkpoints import SavedState
 from ..samplers.padded_sobol import mix
 from .guiding import guided
@@ -155,9 +155,9 @@ def steps(
     pixels = PixelSampler(rest, record, sensor, sampler, spp, tile)
     apart = None
     if emitters is not None:
-        apart = _EmitterPixels(emitters, record, sensor, spp, seed, samples)
+        apart = _EmitterPixels(emitters, record, sensor, spp, seed, samples, lanes)
 
-    first = FIRST_SAMPLES * (CUDA_STEP if _on_gpu() else 1)
+    first = step_samples(FIRST_SAMPLES)
     flushed, per_step = done, min(most, max(1, first // (width * height * lanes)))
     while done < spp:
         start, count = time.perf_counter(), min(per_step, (spp - done) // lanes)
@@ -200,7 +200,11 @@ def _seed(
 
 
 class _EmitterPixels:
-    """Samples the pixels of `VisibleEmitters` more often, in a point set of their own."""
+    """Samples the pixels of `VisibleEmitters` more often, in a point set of their own.
+
+    On a GPU, several lanes share the samples of a ray. The number of samples per pixel in a step
+    must be a multiple of `lanes`.
+    """
 
     def __init__(
         self,
@@ -210,15 +214,18 @@ class _EmitterPixels:
         spp: int,
         seed: int | mi.UInt32,
         samples: SampleRange,
+        lanes: int,
     ) -> None:
         sampler = best_sampler(spp)
         numbers, rate, tile = mi.UInt32(emitters.pixels.tolist()), emitters.rate, samples.tile
-        lanes = len(numbers) * rate
-        sampler.set_samples_per_wavefront(rate)
+        self.share = _shared_by(len(numbers) * rate, lanes, MAX_ADDED // rate)
+        per_pixel = rate * self.share
+        own_lanes = len(numbers) * per_pixel
+        sampler.set_samples_per_wavefront(per_pixel)
         own_seed = mix(mi.UInt32(seed), mi.UInt32(rate))
         dr.make_opaque(own_seed)  # One kernel for all seeds
-        sampler.seed(own_seed, lanes)
-        self.pixel = dr.gather(mi.UInt32, numbers, dr.arange(mi.UInt32, lanes) // rate)
+        sampler.seed(own_seed, own_lanes)
+        self.pixel = dr.gather(mi.UInt32, numbers, dr.arange(mi.UInt32, own_lanes) // per_pixel)
         sampler.place(self.pixel if tile is None else tile.numbers(record.film, self.pixel))
         sampler.skip((samples.first + samples.done) * rate)
         self.record, self.rate = record, rate
@@ -231,11 +238,12 @@ class _EmitterPixels:
         """Take `count` samples per pixel."""
         self.record.set_one_writer(False)
         while count:
-            now = min(count, MAX_ADDED // self.rate)
+            most = MAX_ADDED // self.rate // self.share
+            now = min(count // self.share, most)  # Samples of each lane
             with backend.tracing_lock():
                 self.record.not_finite += _step(self.pixels, self.pixel, now, weight=0.0)
             self.record.flush(self.reached)
-            count -= now
+            count -= now * self.share
 
 
 def _around(pixels: np.ndarray, film: mi.Film) -> mi.UInt32:
@@ -256,7 +264,7 @@ def _around(pixels: np.ndarray, film: mi.Film) -> mi.UInt32:
 def _lanes(sampler: mi.Sampler, pixels: int, spp: int) -> tuple[int, int, bool]:
     """Return lanes per pixel, most samples of each in a step, and whether pixels are private."""
     looping = {sampler.class_name(), type(sampler).__name__} & {*LOOPING_SAMPLERS}
-    step = STEP_SAMPLES * (CUDA_STEP if looping and _on_gpu() else 1)
+    step = step_samples(STEP_SAMPLES) if looping else STEP_SAMPLES
     most = max(1, min(step // pixels, MAX_ADDED))
     if not looping:
         return _divisor(spp, most), 1, False
@@ -270,9 +278,24 @@ def _lanes(sampler: mi.Sampler, pixels: int, spp: int) -> tuple[int, int, bool]:
     return lanes, max(1, most // lanes), private
 
 
+def _shared_by(rays: int, lanes: int, most: int) -> int:
+    """Return the number of lanes that share a ray: a divisor of `lanes`, at most `most`.
+
+    A GPU is not busy with few rays. On a CPU, the number is 1.
+    """
+    if not _on_gpu():
+        return 1
+    return _divisor(lanes, max(1, min(LANES["cuda"] // rays, most)))
+
+
+def step_samples(samples: int) -> int:
+    """Return the camera rays of one kernel launch: `samples` on a CPU, and more on a GPU."""
+    return samples * CUDA_STEP if _on_gpu() else samples
+
+
 def _on_gpu() -> bool:
     """Whether the active variant renders on a GPU."""
-    return str(mi.variant()).startswith("cuda")
+    return gpu.is_gpu(mi.variant())
 
 
 def _divisor(number: int, bound: int) -> int:

@@ -140,7 +140,8 @@ def render_frames(
             raise TypeError(f"{name}: is no argument; must be one of {checks.join_names(known)}")
     job, shutter = open_frames(RenderSettings(scene, **settings), times_s, shutter)
     times = np.asarray(times_s, dtype=float)
-    memory.require_film(*job.film.shape, copies=2.0 * len(times) + 1)
+    copies = 2.0 * len(times) + 1
+    memory.require_film(*job.film.shape, copies=copies, device_copies=2, host_copies=copies)
     done: list[xr.Dataset] = []
     with ProgressBar("Rendering", len(times), enabled=checks.boolean("progress", progress)) as bar:
         for time in times:

@@ -27,7 +27,11 @@ class Vacuum(Space):
         camera rays at the near plane.
         """
         si = self.scene.ray_intersect(
-            path.ray, ray_flags=mi.RayFlags.All, coherent=(path.depth == 0), active=path.active
+            path.ray,
+            ray_flags=mi.RayFlags.All,
+            coherent=(path.depth == 0),
+            reorder=True,  # Group threads with equal shapes, if the GPU can
+            active=path.active,
         )
         return path, Vertex(si, dr.norm(si.p - path.prev.p), si.is_valid())
 

@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..films.exposure import profile as seen_pulse
-from ..films.histogram import MAX_ADDED
+from ..films.histogram import MAX_ADDED, TAKEN_COPIES
 from ..films.image import transient_film
 from ..films.recording import Recording, recording, warn_not_finite
 from ..integrators.plan import Plan
@@ -125,10 +125,16 @@ class Job:
         """Refuse a film that does not fit."""
         channels = self.film.shape[3]
         flushed = 2 if spp > MAX_ADDED else 1
-        copies = flushed * (2 if self.plan.splats else 1)
+        films = 2 if self.plan.splats else 1
+        copies = flushed * films
         packed = channels / memory.stride(channels)  # Of an array in a film's memory
         more = 2 * packed if self.settings.errors else DENOISING * packed * self.settings.denoise
-        memory.require_film(*self.film.shape, copies=copies + more)
+        memory.require_film(
+            *self.film.shape,
+            copies=copies + more,
+            device_copies=copies,
+            host_copies=TAKEN_COPIES + films - 1 + more,
+        )
 
 
 def decide(

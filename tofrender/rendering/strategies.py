@@ -111,7 +111,8 @@ def strategy_pyramid(
     strategies = [
         (s, segments + 1 - s) for segments in range(1, max_depth + 1) for s in range(segments + 1)
     ]
-    memory.require_film(*film.shape, copies=2 * len(strategies) + 2)
+    copies = 2 * len(strategies) + 2
+    memory.require_film(*film.shape, copies=copies, device_copies=2, host_copies=copies)
     steady, transient = [], []
     total = 2 * len(strategies)
     with ProgressBar("Rendering", total, unit="picture", enabled=progress) as bar:

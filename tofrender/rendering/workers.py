@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import drjit as dr
 import mitsuba as mi
 
-from ..runtime import backend, checks
+from ..runtime import backend, checks, gpu
 from ..runtime.backend import versions
 from ..runtime.child_processes import safe_children
 from ..scenes.packing import packed, unpacked
@@ -38,6 +38,7 @@ PATIENCE, LEAST_WAIT_S = 10.0, 60.0
 """An item is given to a second worker after so many times the usual time, but not before [s]."""
 
 ANSWER_S = 10.0  # Time that a scheduler has to answer [s]
+SILENT = "CRITICAL"  # Level of the log messages of workers that are printed
 POLL_S = 2.0  # Time between checks whether workers are left, while no item is finished [s]
 
 RESTART_TIMEOUT = "10 minutes"
@@ -92,10 +93,10 @@ def local_workers(count: int, threads: int | None = None) -> Iterator[Client]:
     """A scheduler and workers on this machine, and a client of them.
 
     They listen on the loopback interface, by TLS, and only to holders of a certificate that is made
-    for them.
+    for them. Under a `cuda_*` variant, each worker has one GPU.
 
     Args:
-        count: Number of processes, 1 to 1024.
+        count: Number of processes, 1 to 1024; on GPUs, at most their number.
         threads: Threads of each, 1 to 1024; by default the cores are shared among them.
 
     Raises:
@@ -106,6 +107,7 @@ def local_workers(count: int, threads: int | None = None) -> Iterator[Client]:
     checks.integer("count", count, 1, MAX_WORKERS)
     if threads is not None:
         checks.integer("threads", threads, 1, MAX_WORKERS)
+    visible = visible_devices(count)
     distributed = require_distributed()
     import dask.config
 
@@ -120,23 +122,71 @@ def local_workers(count: int, threads: int | None = None) -> Iterator[Client]:
         # The workers, their tracker, and workers that start again later
         stack.enter_context(safe_children())
         try:
-            cluster = distributed.LocalCluster(
-                n_workers=count,
-                threads_per_worker=1,
-                processes=True,
-                security=distributed.Security.temporary(),
-                dashboard_address="127.0.0.1:0",  # None would take port 8787, which may be in use
-                scheduler_kwargs={"dashboard": False},
-                preload=[_START.format(mi.variant())],
-                env={THREADS: str(each)},
-                silence_logs="CRITICAL",
-            )
+            cluster = _cluster([{THREADS: str(each)} | each_visible for each_visible in visible])
         except RuntimeError as error:
             cause: BaseException = error
             while cause.__cause__ is not None:
                 cause = cause.__cause__
             raise RuntimeError(f"workers: cannot start: {cause}") from None
         yield stack.enter_context(distributed.Client(stack.enter_context(cluster)))
+
+
+def visible_devices(count: int) -> list[dict[str, str]]:
+    """Return environment variables for each worker, so that no two workers share a GPU.
+
+    The variables are empty under variants that render on the CPU.
+
+    Raises:
+        ValueError: There are fewer GPUs than workers; one line.
+    """
+    backend_name = gpu.backend_of(mi.variant())
+    if backend_name is None:
+        return [{} for _ in range(count)]
+
+    # Metal uses one GPU, and CUDA those that this process may use
+    devices = gpu.devices() if backend_name == gpu.CUDA else ["0"]
+    if count > max(1, len(devices)):
+        raise ValueError(
+            f"workers = {count}: must be at most {max(1, len(devices))}, the number of GPUs; a GPU "
+            "is not faster with more workers. Use fewer, or an llvm_* variant"
+        )
+    if backend_name == gpu.METAL or not devices:
+        return [{} for _ in range(count)]
+    return [{"CUDA_VISIBLE_DEVICES": device} for device in devices[:count]]
+
+
+def _cluster(environments: Sequence[Mapping[str, str]]) -> Any:
+    """Start a scheduler and a worker for each environment, on the loopback interface."""
+    distributed = require_distributed()
+    from distributed.system import MEMORY_LIMIT
+
+    # Options of the scheduler and of all workers
+    shared = {
+        "host": "127.0.0.1",
+        "protocol": "tls://",
+        "security": distributed.Security.temporary(),
+        "dashboard": False,
+    }
+    # Without an address, the scheduler would take port 8787, which may be in use
+    scheduler = shared | {"port": 0, "dashboard_address": "127.0.0.1:0"}
+    worker = shared | {
+        "nthreads": 1,
+        "memory_limit": MEMORY_LIMIT // len(environments),
+        "preload": [_START.format(mi.variant())],
+        "silence_logs": SILENT,
+    }
+
+    # A worker that dies starts again with its own environment
+    workers = {
+        number: {"cls": distributed.Nanny, "options": worker | {"env": dict(environment)}}
+        for number, environment in enumerate(environments)
+    }
+    return distributed.SpecCluster(
+        workers=workers,
+        scheduler={"cls": distributed.Scheduler, "options": scheduler},
+        security=shared["security"],
+        silence_logs=SILENT,
+    )
 
 
 @contextmanager
@@ -282,7 +332,7 @@ def _next(client: Client, futures: list[Future], wait_s: float | None) -> set[Fu
 def _require_workers(client: Client) -> None:
     """Refuse to wait for workers of this machine, all of which have ended for good."""
     cluster: Any = client.cluster
-    if isinstance(cluster, require_distributed().LocalCluster) and all(
+    if isinstance(cluster, require_distributed().SpecCluster) and all(
         worker.status.name in ("closed", "failed") for worker in cluster.workers.values()
     ):
         raise ConnectionError("all workers are lost, and none can start again")

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from importlib.metadata import version
 from typing import Any
 
-from . import checks, llvm, memory, plugins
+from . import checks, gpu, llvm, memory, plugins
 from .progress import held_signals
 
 # Address space [bytes] of Python, Mitsuba, Dr.Jit and LLVM, and of each of Dr.Jit's threads
@@ -79,7 +79,8 @@ def activate(variant: str | None = None) -> str:
 
     Args:
         variant: The variant to switch to. None keeps the one that is active; if there is none,
-            picks `cuda_ad_rgb` if CUDA works, else `llvm_ad_rgb`.
+            chooses `cuda_ad_rgb` or, on a Mac, `metal_ad_rgb` if it can trace a ray. Otherwise
+            chooses `llvm_ad_rgb`, and prints one line if a GPU is present but cannot be used.
 
     Returns:
         The name of the active variant.
@@ -89,7 +90,7 @@ def activate(variant: str | None = None) -> str:
         BackendError: The variant cannot render on this machine.
 
     Example:
-        >>> activate() in ("cuda_ad_rgb", "llvm_ad_rgb")
+        >>> activate() in ("cuda_ad_rgb", "metal_ad_rgb", "llvm_ad_rgb")
         True
     """
     _require_address_space()
@@ -105,13 +106,11 @@ def activate(variant: str | None = None) -> str:
     if _on_variant_change not in _callbacks:
         _callbacks.append(_on_variant_change)
         mi.detail.add_variant_callback(_on_variant_change)
-    chosen: str = variant or mi.variant() or ("cuda_ad_rgb" if cuda_works() else "llvm_ad_rgb")
+    if variant is not None:
+        require_gpu(variant)
+    chosen: str = variant or mi.variant() or default_variant()
     if chosen.startswith("llvm"):
         require_llvm()
-    if variant is not None and chosen.startswith("cuda") and not cuda_works():
-        raise BackendError(
-            f"variant = {chosen!r}: no CUDA device or driver found; use an llvm_* variant"
-        )
     if chosen != mi.variant():
         mi.set_variant(chosen)
     plugins.register(chosen)
@@ -137,7 +136,7 @@ def require_vectorised() -> None:
     variant = mi.variant()
     if variant is None or variant.startswith("scalar"):
         raise BackendError(
-            f"variant = {variant!r}: cannot render in time, must be an llvm_* or cuda_* variant; "
+            f"variant = {variant!r}: cannot render in time, must be an {plugins.KINDS} variant; "
             "call mi.set_variant('llvm_ad_rgb') first"
         )
 
@@ -152,11 +151,42 @@ def versions() -> str:
     return json.dumps(found)
 
 
-def cuda_works() -> bool:
-    """Whether Dr.Jit can use a CUDA device on this machine."""
-    import drjit as dr
+def default_variant() -> str:
+    """Return the variant to use if none is set, and report a GPU that cannot be used."""
+    for backend in gpu.BACKENDS:
+        if not _is_started(backend):
+            continue
+        state = gpu.state(backend)
+        if state.works:
+            return f"{backend}_ad_rgb"
+        print(f"tofrender: rendering on the CPU: {state.reason}; {state.remedy}", file=sys.stderr)
+    return "llvm_ad_rgb"
 
-    return bool(dr.has_backend(dr.JitBackend.CUDA))
+
+def require_gpu(variant: str) -> None:
+    """Raise a BackendError if a variant needs a GPU that cannot trace a ray."""
+    backend = gpu.backend_of(variant)
+    if backend is None:
+        return
+    if not _is_started(backend):
+        device = "CUDA" if backend == gpu.CUDA else "Metal"
+        raise BackendError(
+            f"variant = {variant!r}: no {device} device or driver found; use an llvm_* variant"
+        )
+    state = gpu.state(backend)
+    if not state.works:
+        raise BackendError(
+            f"variant = {variant!r}: {state.reason}; {state.remedy}, or use an llvm_* variant"
+        )
+
+
+def _is_started(backend: str) -> bool:
+    """Whether Mitsuba has variants of a GPU backend, and Dr.Jit could start it."""
+    import drjit as dr
+    import mitsuba as mi
+
+    kind = {gpu.CUDA: dr.JitBackend.CUDA, gpu.METAL: dr.JitBackend.Metal}[backend]
+    return f"{backend}_ad_rgb" in mi.variants() and bool(dr.has_backend(kind))
 
 
 def require_llvm() -> None:

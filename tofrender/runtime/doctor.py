@@ -4,20 +4,17 @@ A wrong LLVM aborts the process that loads it, so Mitsuba and Dr.Jit run in subp
 failures become lines of the report.
 """
 
-import json
 import os
 import platform
 import re
-import shutil
-import signal
 import subprocess
 import sys
 from dataclasses import dataclass
 from importlib import metadata
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from . import backend, llvm, memory
+from . import backend, gpu, llvm, memory
+from .child_processes import last_line, run_code
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -26,9 +23,10 @@ LEAST_MEMORY = 2**30  # Bytes below which only the smallest pictures can be rend
 _PIP = f"{sys.executable} -m pip install"
 
 _ASK_DRJIT = """
-import json, drjit as dr
-cuda = dr.has_backend(dr.JitBackend.CUDA)
-print(json.dumps({"cuda": cuda, "threads": dr.thread_count()}))
+import json, drjit as dr, mitsuba as mi
+cuda = "cuda_ad_rgb" in mi.variants() and dr.has_backend(dr.JitBackend.CUDA)
+metal = "metal_ad_rgb" in mi.variants() and dr.has_backend(dr.JitBackend.Metal)
+print(json.dumps({"cuda": cuda, "metal": metal, "threads": dr.thread_count()}))
 """
 
 _TEST_RENDER = """
@@ -63,15 +61,16 @@ class Check:
 
 def diagnose() -> list[Check]:
     """Check everything that rendering depends on; takes a few seconds and never raises."""
-    answer, _ = _in_process(_ASK_DRJIT)
-    cuda = bool(answer.get("cuda"))
+    answer = run_code(_ASK_DRJIT).answer
+    device = _check_metal(answer) if sys.platform == "darwin" else _check_cuda(answer)
+    renders_on_gpu = device.ok and any(answer.get(name) for name in gpu.BACKENDS)
     used = f", Dr.Jit uses {answer['threads']}" if answer.get("threads") else ""
     return [
         Check("Python", True, f"{platform.python_version()} at {sys.executable}"),
         _package("Mitsuba", "mitsuba", "tofrender"),
         _package("Dr.Jit", "drjit", "mitsuba"),
-        _check_llvm(required=not cuda),
-        _check_cuda(cuda),
+        _check_llvm(required=not renders_on_gpu),
+        device,
         Check("Threads", True, f"{backend.cores()} for this process{used}"),
         _check_memory(),
         _check_ffmpeg(),
@@ -151,13 +150,40 @@ def _check_llvm(required: bool) -> Check:
     return Check("LLVM", True, detail)
 
 
-def _check_cuda(works: bool) -> Check:
-    if works:
-        return Check("CUDA", True, "works, and is used unless you name another variant")
-    if Path("/proc/driver/nvidia/version").exists() or shutil.which("nvidia-smi"):
-        remedy = "update the NVIDIA driver (see `nvidia-smi`), or render with llvm_* variants"
-        return Check("CUDA", False, "there is a driver that Dr.Jit cannot use", remedy, False)
-    return Check("CUDA", True, "no NVIDIA driver; rendering on the CPU")
+def _check_cuda(answer: dict) -> Check:
+    """Check that CUDA starts and that OptiX traces a ray, from what Dr.Jit has answered."""
+    name = "CUDA, OptiX"
+    if not answer.get(gpu.CUDA):
+        if not gpu.driver_present():
+            return Check(name, True, "no NVIDIA driver; rendering on the CPU")
+        if os.environ.get("CUDA_VISIBLE_DEVICES") in ("", "-1"):
+            return Check(name, True, "CUDA_VISIBLE_DEVICES hides all GPUs; rendering on the CPU")
+        found = "there is a driver that Dr.Jit cannot use; rendering on the CPU"
+        remedy = (
+            "install NVIDIA driver 535 or newer (see `nvidia-smi`); the GPU must have compute "
+            "capability 7.5 or more"
+        )
+        return Check(name, False, found, remedy, required=False)
+    return _check_gpu(name, gpu.CUDA, f"driver {gpu.driver_version() or 'of unknown version'}")
+
+
+def _check_metal(answer: dict) -> Check:
+    """Check that Metal traces a ray, from what Dr.Jit has answered."""
+    if not answer.get(gpu.METAL):
+        found = "Dr.Jit cannot use Metal here; rendering on the CPU"
+        remedy = "update macOS to 15 or newer, if the Mac has an Apple processor"
+        return Check("Metal", False, found, remedy, required=False)
+    return _check_gpu("Metal", gpu.METAL, f"macOS {platform.mac_ver()[0]}")
+
+
+def _check_gpu(name: str, backend_name: str, system: str) -> Check:
+    """Trace a ray on a GPU, whatever an earlier test has found."""
+    state = gpu.state(backend_name, anew=True)
+    if state.works:
+        detail = f"traces rays ({system}), and is used unless you name another variant"
+        return Check(name, True, detail)
+    detail = f"{state.reason} ({system}); rendering on the CPU"
+    return Check(name, False, detail, state.remedy, required=False)
 
 
 def _check_memory() -> Check:
@@ -183,45 +209,23 @@ def _check_ffmpeg() -> Check:
         remedy = f"{_PIP} --force-reinstall imageio-ffmpeg"
         if os.environ.get("IMAGEIO_FFMPEG_EXE"):
             remedy = "unset IMAGEIO_FFMPEG_EXE"
-        return Check("ffmpeg", False, f"no videos: {_last_line(str(error))}", remedy, False)
+        return Check("ffmpeg", False, f"no videos: {last_line(str(error))}", remedy, False)
     return Check("ffmpeg", True, f"{version} at {path}")
 
 
 def _check_render() -> Check:
-    answer, error = _in_process(_TEST_RENDER)
+    outcome = run_code(_TEST_RENDER)
+    error = outcome.problem
     if not error:
-        rate = answer["rate"] / 1e6
-        return Check("Test render", True, f"{rate:.2g} million samples/s with {answer['variant']}")
-    if llvm.choose() is None:
-        error, remedy = "no usable LLVM", ""  # which stands at LLVM
-    elif "BackendError: " in error:
-        remedy = ""  # which the error says itself
+        rate = outcome.answer["rate"] / 1e6
+        variant = outcome.answer["variant"]
+        return Check("Test render", True, f"{rate:.2g} million samples/s with {variant}")
+    if "BackendError: " in error:
+        remedy = ""  # The error names the remedy itself
+    elif re.search("cuda|optix|metal", error, re.IGNORECASE):
+        remedy = "render on the CPU with --variant llvm_ad_rgb, and update the driver of the GPU"
     elif error.startswith("ended by"):
         remedy = f"try another LLVM: `unset {llvm.VARIABLE}`, or run: {llvm.install_command()}"
     else:
         remedy = f"{_PIP} --force-reinstall mitsuba"
     return Check("Test render", False, re.sub(r"^(\w+\.)+\w+: ", "", error), remedy)
-
-
-def _in_process(code: str) -> tuple[dict, str]:
-    """Run Python code in a subprocess: the JSON object it prints, or what went wrong."""
-    command = [sys.executable, "-P", "-c", code]  # Without the working folder's modules
-    try:
-        result = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-    except subprocess.TimeoutExpired:
-        return {}, "not finished after 120 seconds"
-    except OSError as error:
-        return {}, str(error)
-    if result.returncode < 0:
-        last = _last_line(result.stderr)
-        ended_by = f"ended by {signal.Signals(-result.returncode).name}"
-        return {}, f"{ended_by} ({last})" if last else ended_by
-    if result.returncode > 0:
-        return {}, _last_line(result.stderr) or f"exit status {result.returncode}"
-    return json.loads(_last_line(result.stdout)), ""
-
-
-def _last_line(text: str) -> str:
-    """Last line of an output, where Python names the exception."""
-    lines = [line for line in text.splitlines() if line.strip()]
-    return lines[-1].strip() if lines else ""

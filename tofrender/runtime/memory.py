@@ -2,8 +2,9 @@
 
 import ctypes
 import math
-import os
 from pathlib import Path, PurePosixPath
+
+from . import gpu
 
 RESERVE = 300 << 20  # Bytes of a render besides its film: Mitsuba, kernels, rays
 UNLIMITED = 1 << 62
@@ -31,9 +32,14 @@ def film_bytes(height: int, width: int, temporal_bins: int, channels: int) -> in
 
 def available() -> int:
     """Memory that this process may still allocate on the active device [bytes]."""
+    return _cuda_free() if _has_own_memory() else free_on_host()
+
+
+def _has_own_memory() -> bool:
+    """Whether the active device has memory of its own. Metal shares the memory of the host."""
     import mitsuba as mi
 
-    return _cuda_free() if (mi.variant() or "").startswith("cuda") else free_on_host()
+    return gpu.backend_of(mi.variant()) == gpu.CUDA
 
 
 def free_on_host() -> int:
@@ -68,11 +74,28 @@ def require_free(what: str, size: int) -> None:
 
 
 def require_film(
-    height: int, width: int, temporal_bins: int, channels: int, copies: float = 1.0
+    height: int,
+    width: int,
+    temporal_bins: int,
+    channels: int,
+    copies: float = 1.0,
+    *,
+    device_copies: float | None = None,
+    host_copies: float = 0.0,
 ) -> None:
-    """Raise a MemoryError for a film that does not fit `copies` times, with what would fit."""
+    """Raise a MemoryError for a film that does not fit into memory, with what would fit.
+
+    Args:
+        height: Number of rows.
+        width: Number of columns.
+        temporal_bins: Number of bins per pixel.
+        channels: Number of channels per bin.
+        copies: Number of films that exist at the same time, if the CPU renders.
+        device_copies: Number of films in the memory of a GPU, by default `copies`.
+        host_copies: Number of films in host memory while or after a GPU renders.
+    """
     size = film_bytes(height, width, temporal_bins, channels)
-    part = _part_that_fits(size, copies)
+    part, needed, where = _part_that_fits(size, copies, device_copies, host_copies)
     if part >= 1:
         return
     bins, side = int(part * temporal_bins), math.sqrt(part)
@@ -80,24 +103,50 @@ def require_film(
     smaller = [f"{bins} bins"] * (bins > 0) + [pixels] * (int(min(width, height) * side) > 0)
     raise MemoryError(
         f"film of {width} x {height} pixels x {temporal_bins} bins: takes "
-        f"{copies * size / 2**30:.1f} GiB, must be at most {part * copies * size / 2**30:.1f} GiB"
+        f"{needed / 2**30:.1f} GiB{where}, must be at most {part * needed / 2**30:.1f} GiB"
         + (f"; {' or '.join(smaller)} would fit" if smaller else "")
     )
 
 
-def require_array(what: str, count: int, copies: float) -> None:
-    """Raise a MemoryError if an array of `count` floats does not fit `copies` times."""
-    size = 4 * count
-    part = _part_that_fits(size, copies)
+def require_array(what: str, count: int, copies: float, *, host_copies: float = 0.0) -> None:
+    """Raise a MemoryError if an array of `count` floats does not fit `copies` times.
+
+    On a GPU, `copies` are in its memory, and `host_copies` in that of the host.
+    """
+    part, needed, where = _part_that_fits(4 * count, copies, copies, host_copies)
     if part < 1:
         raise MemoryError(
-            f"{what}: takes {copies * size / 2**30:.1f} GiB, must be at most "
-            f"{part * copies * size / 2**30:.1f} GiB"
+            f"{what}: takes {needed / 2**30:.1f} GiB{where}, must be at most "
+            f"{part * needed / 2**30:.1f} GiB"
         )
 
 
-def _part_that_fits(size: int, copies: float) -> float:
-    """Fraction of a film of `size` bytes that fits; 1 or more if all of it does."""
+def _part_that_fits(
+    size: int, copies: float, device_copies: float | None, host_copies: float
+) -> tuple[float, float, str]:
+    """Compare what a film of `size` bytes needs with the free memory.
+
+    Returns:
+        The fraction of the film that fits (1 or more if all of it does), the needed memory [bytes],
+        and which memory is too small, as a part of a message.
+    """
+    if not _has_own_memory():
+        part = _part_after_cleanup(size, copies)
+        return part, copies * size, ""
+
+    # Check the memory of the GPU
+    on_device = copies if device_copies is None else device_copies
+    part = _part_after_cleanup(size, on_device)
+    if part < 1 or not host_copies:
+        return part, on_device * size, " of GPU memory"
+
+    # Check the memory of the host, which gets the results
+    free = max(0, free_on_host() - RESERVE)
+    return free / (host_copies * size), host_copies * size, " of host memory"
+
+
+def _part_after_cleanup(size: int, copies: float) -> float:
+    """Fraction of a film that fits `copies` times, also into memory that Dr.Jit can return."""
     part = _part_in_free_memory(size, copies)
     if part < 1:
         import drjit as dr
@@ -118,9 +167,8 @@ def _part_in_free_memory(size: int, copies: float) -> float:
 def _cuda_free() -> int:
     """Free memory of the CUDA device that Dr.Jit uses, the first one [bytes], from the driver."""
     free, total, context = ctypes.c_size_t(), ctypes.c_size_t(), ctypes.c_void_p()
-    try:
-        driver = ctypes.CDLL("nvcuda.dll" if os.name == "nt" else "libcuda.so.1")
-    except OSError:
+    driver = gpu.cuda_driver()
+    if driver is None:
         return UNLIMITED
     # Dr.Jit makes its context current only while it works
     if driver.cuDevicePrimaryCtxRetain(ctypes.byref(context), 0):

@@ -71,6 +71,8 @@ therefore registered as "tofrender_..." too, and `qualified_name` returns the na
 # Modules whose `maker` turns the class of a plugin into its factory, which chooses among classes
 _MAKERS = {"transient_path": "tofrender.nlos.light.confocal"}
 
+KINDS = "llvm_*, cuda_* or metal_*"  # Variants that render in time
+
 PEER_DEPTH = 6  # Default of max_depth in mitransient's volumetric integrators
 
 _classes: dict[str, dict[str, type]] = {}  # variant -> class name -> class
@@ -82,7 +84,7 @@ def plugin(class_name: str) -> Any:
 
     variant = mi.variant()
     if class_name not in PLUGINS or variant is None or variant.startswith("scalar"):
-        needed = "needs an llvm_* or cuda_* variant; the active one is"
+        needed = f"needs an {KINDS} variant; the active one is"
         raise AttributeError(f"tofrender.{class_name} {needed} {variant!r}")
     reason = withheld.refusal(PLUGINS[class_name].home)
     if reason is not None:

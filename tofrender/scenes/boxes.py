@@ -75,7 +75,7 @@ def cornell_box(
 
     Returns:
         A dict for `mi.load_dict` with integrator `transient_path` and film `transient_hdr_film`.
-        It loads under every llvm_* and cuda_* variant.
+        It loads under every llvm_*, cuda_* and metal_* variant.
 
     Raises:
         ValueError: An argument is out of range; one line with its name, value and what is allowed.

@@ -35,8 +35,8 @@ def caustic(*, lamp_radius: float = 0.025, **options: Unpack[TransientOptions]) 
             `integrator`, one in time that has a `max_depth` ("transient_path").
 
     Returns:
-        A dict for `mi.load_dict` with film `transient_hdr_film`. It loads under every llvm_* and
-        cuda_* variant.
+        A dict for `mi.load_dict` with film `transient_hdr_film`. It loads under every llvm_*,
+        cuda_* and metal_* variant.
 
     Raises:
         ValueError: An argument is out of range; one line with its name, value and what is allowed.

@@ -1,0 +1,1 @@
+"""`python -m benchmarks.gpu`: check a GPU in a few minutes, with results as JSON."""
