@@ -119,7 +119,7 @@ def capture_of(dataset: Annotated[xr.Dataset, CAPTURES], record: int) -> xr.Data
     kind = Kind(CAPTURES.name, axes, optional={ON_WALL: ("y", "x")}, bins="opl")
     found = read(capture, kind, "dataset")
     bins = bins_of(found, "dataset")
-    arrays = {str(name): each.values for name, each in found.data_vars.items()}
+    arrays: dict[str, Any] = {str(name): each.values for name, each in found.data_vars.items()}
     on_wall = arrays.pop(ON_WALL, np.ones(1, bool))
     return make_capture(
         **arrays,
