@@ -278,7 +278,7 @@ def one_clear_line(error: BaseException, name: str, value: Any = ...) -> str:
         return f"Python's words, not ours: {said!r}"
     if not re.search(rf"(?<!\w){re.escape(name)}(?!\w)", said):
         return f"does not name {name}: {said!r}"
-    if not re.search(r"[mM]ust |does not exist|expected <|needs up to ", said):
+    if not re.search(r"[mM]ust |does not exist|expected |Select |needs up to ", said):
         return f"does not say what is allowed: {said!r}"
     if value is not ... and not any(word in said for word in _words(value)):
         return f"does not name the value: {said!r}"
@@ -293,7 +293,7 @@ def _words(value: Any) -> list[str]:
         text = ["an integer of 1329 bits", "inf"]
     words = [*text, text[0][:20], type(value).__name__]
     if isinstance(value, dict | xr.Dataset):
-        words += ["= None", "dataset with", "Dataset", "= {}"]
+        words += ["= None", "dataset with", "Dataset", "= {}", "the axis", "the variable"]
     if isinstance(value, int | float) and abs(value) < 1e300:
         words += [f"{value:g}", f"{float(value)!r}"]
     if isinstance(value, np.ndarray):
