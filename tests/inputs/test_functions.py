@@ -56,7 +56,8 @@ def modulated() -> Any:
 
 
 def seeded(seed: int) -> xr.Dataset:
-    return data().assign_attrs(seed=seed, spp=1, complete=1, render_seconds=1.0)
+    attrs = {"seed": seed, "spp": 1, "complete": 1, "render_seconds": 1.0, "fingerprint": "1"}
+    return data().assign_attrs(attrs)
 
 
 scan_shots = cached(lambda: tofrender.scan_pattern(shots=(2, 2)))

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from ..runtime import checks
 from ..signals.units import opl_to_ns
 from .axes import CHANNELS, PARTS, STOKES, WEIGHTINGS, XYZ, Bins
 from .kinds import Kind
@@ -42,8 +43,8 @@ def read(data: Any, kind: Kind | tuple[Kind, ...], parameter: str) -> xr.Dataset
 
     Args:
         data: What a user has passed.
-        kind: Kind of the Dataset that the function takes. Of several kinds, the one with the
-            variables and axes of the Dataset is chosen.
+        kind: Kind of the Dataset that the function takes. If there are several kinds, the
+            variables and axes of the Dataset decide.
         parameter: Name of the function's parameter, for messages.
 
     Raises:
@@ -193,9 +194,10 @@ def by_pixel(values: Any, data: Any, parameter: str) -> Any:
         return values  # `read` refuses the Dataset
     labels = [data[axis].values for axis in axes]
     if not isinstance(values, xr.DataArray):
+        array = checks.real_array(parameter, values)
         order = [np.argsort(each, kind="stable") for each in labels]
-        fits = np.shape(values) == tuple(each.size for each in order)
-        return np.asarray(values)[np.ix_(*order)] if fits else values
+        fits = array.shape == tuple(each.size for each in order)
+        return array[np.ix_(*order)] if fits else array  # The function refuses other shapes
     missing = {
         axis: own
         for axis, own in zip(axes, labels, strict=True)
@@ -288,7 +290,7 @@ def _in_order(data: xr.Dataset, kind: Kind, parameter: str) -> xr.Dataset:
     known = {axis for axes in kind.all_variables.values() for axis in axes} | {"stokes"}
     for axis in map(str, data.dims):
         if axis not in known:
-            continue  # Of a variable that no function of this kind reads
+            continue  # No function reads the variables along this axis
         order = _order_along(data, axis, kind, parameter)
         if order is not None and (np.diff(order) < 0).any():
             data = data.isel({axis: order})

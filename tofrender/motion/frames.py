@@ -28,8 +28,8 @@ POSES = 8  # Default number of poses in an exposure
 MAX_POSES = 4096
 TOTALS = {"energy_outside_window": max, "render_seconds": sum}  # Attributes of all frames together
 
-OF_ONE_FRAME = ("time_s", "fingerprint")
-"""Attributes of a frame that are coordinates along `frame` of several frames."""
+OF_ONE_FRAME = {"frame": "time_s", "fingerprint": "fingerprint"}
+"""Coordinates along `frame`, and the attributes of a frame that they contain."""
 
 NOT_OF_FRAMES = ("scene", "errors", "denoise")  # Settings of a render that frames do not have
 
@@ -163,13 +163,14 @@ def join_frames(frames: list[xr.Dataset], *, complete: bool) -> xr.Dataset:
     for name, total in TOTALS.items():
         attrs[name] = total(each.attrs[name] for each in frames)
     attrs["complete"] = int(complete)
-    times = [each.attrs["time_s"] for each in frames]
-    prints = [each.attrs["fingerprint"] for each in frames]
-    for name in OF_ONE_FRAME:
-        del attrs[name]
-    start = xr.DataArray(times, dims="frame", attrs={"units": "s"})
-    joined = xr.concat(frames, start.rename("frame"), combine_attrs="drop")
-    return joined.assign_coords(fingerprint=("frame", prints)).assign_attrs(attrs)
+    coordinates = {}
+    for name, attribute in OF_ONE_FRAME.items():
+        if attribute in attrs:
+            coordinates[name] = "frame", [each.attrs[attribute] for each in frames]
+            del attrs[attribute]
+    joined = xr.concat(frames, "frame", combine_attrs="drop").assign_coords(coordinates)
+    joined["frame"].attrs["units"] = "s"
+    return joined.assign_attrs(attrs)
 
 
 def open_frames(settings: RenderSettings, times_s: Any, shutter: Shutter) -> tuple[Job, Shutter]:
