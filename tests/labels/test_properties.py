@@ -509,7 +509,9 @@ def arrays_of(result):
     if isinstance(result, bytes):
         return {"bytes": np.frombuffer(result, np.uint8)}
     if hasattr(result, "header"):  # An explorer
-        return {"data": np.frombuffer(result.data, np.uint8)}
+        axis, grid = result.header["axis"], result.header["grid"]
+        places = [axis["start"], axis["width"], *grid["first"], grid["step"]]
+        return {"data": np.frombuffer(result.data, np.uint8), "places": places}
     if isinstance(result, xr.Dataset):
         numbers = [name for name, each in result.variables.items() if each.dtype.kind in "biuf"]
         arrays = {name: result.variables[name] for name in numbers}

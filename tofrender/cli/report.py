@@ -144,9 +144,12 @@ def _load_phasors(paths: list[Path]) -> xr.Dataset:
     (((height, width, channels), (x0, y0)),) = shapes
     dims = ("frequency", "y", "x", "channel")
     parts = {k: (dims, np.stack([layers[k] for layers, *_ in files])) for k in "IQ"}
-    axes = {"frequency": [float(attrs["frequency_hz"]) for _, attrs, _ in files]}
-    axes |= {"y": y0 + np.arange(height), "x": x0 + np.arange(width)}
-    axes["channel"] = list("RGB" if channels == 3 else "L")
+    axes = {
+        "frequency": [float(attrs["frequency_hz"]) for _, attrs, _ in files],
+        "y": y0 + np.arange(height),
+        "x": x0 + np.arange(width),
+        "channel": list("RGB" if channels == 3 else "L"),
+    }
     return xr.Dataset(parts, axes)
 
 

@@ -54,12 +54,12 @@ def energy_outside_window(film: xr.Dataset, parameter: str) -> float | None:
 
 
 def _sum(values: xr.DataArray) -> float:
-    """Return the sum of all values that are not NaN. NaN is rare, and skipping it takes time."""
+    """Return the sum of the values without NaN; the usual sum is faster, and enough without NaN."""
     total = float(values.sum(dtype=np.float64, skipna=False))
     return total if np.isfinite(total) else float(values.sum(dtype=np.float64))
 
 
 def with_energy(film: xr.Dataset, parameter: str) -> xr.Dataset:
-    """Return a film whose attribute `energy_outside_window` is that of its pixels and bins."""
+    """Return a film with the attribute `energy_outside_window` of its own pixels and bins."""
     outside = energy_outside_window(film, parameter)
     return film if outside is None else film.assign_attrs({NAME: outside})

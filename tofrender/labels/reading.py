@@ -42,8 +42,8 @@ def read(data: Any, kind: Kind | tuple[Kind, ...], parameter: str) -> xr.Dataset
 
     Args:
         data: What a user has passed.
-        kind: Kind of the Dataset that the function takes. Of several kinds, the one with the
-            variables and axes of the Dataset is chosen.
+        kind: Kind of the Dataset that the function takes. If there are several kinds, the
+            variables and axes of the Dataset decide.
         parameter: Name of the function's parameter, for messages.
 
     Raises:
@@ -288,7 +288,7 @@ def _in_order(data: xr.Dataset, kind: Kind, parameter: str) -> xr.Dataset:
     known = {axis for axes in kind.all_variables.values() for axis in axes} | {"stokes"}
     for axis in map(str, data.dims):
         if axis not in known:
-            continue  # Of a variable that no function of this kind reads
+            continue  # No function reads the variables along this axis
         order = _order_along(data, axis, kind, parameter)
         if order is not None and (np.diff(order) < 0).any():
             data = data.isel({axis: order})
