@@ -6,6 +6,7 @@ Dataset with the same content in the usual order, which this file makes from pla
 call must be refused in one line of our own.
 """
 
+import dataclasses
 import functools
 import hashlib
 import importlib.util
@@ -519,6 +520,8 @@ def arrays_of(result):
         return arrays | {name: result.attrs[name] for name in names if name in result.attrs}
     if isinstance(result, xr.DataArray):
         return {"array": result}
+    if dataclasses.is_dataclass(result):
+        return dataclasses.asdict(result)
     return dict(enumerate(result if isinstance(result, tuple) else [result]))
 
 
