@@ -294,7 +294,7 @@ def _words(value: Any) -> list[str]:
         text = ["an integer of 1329 bits", "inf"]
     words = [*text, text[0][:20], type(value).__name__]
     if isinstance(value, dict | xr.Dataset):
-        words += ["= None", "dataset with", "Dataset", "= {}"]
+        words += ["= None", "dataset with", "Dataset", "= {}", "the axis", "the variable"]
     if isinstance(value, int | float) and abs(value) < 1e300:
         words += [f"{value:g}", f"{float(value)!r}"]
     if isinstance(value, np.ndarray):

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from ..runtime import checks
 from ..signals.units import opl_to_ns
 from .axes import CHANNELS, PARTS, STOKES, WEIGHTINGS, XYZ, Bins
 from .kinds import Kind
@@ -194,8 +195,9 @@ def by_pixel(values: Any, data: Any, parameter: str) -> Any:
     labels = [data[axis].values for axis in axes]
     if not isinstance(values, xr.DataArray):
         order = [np.argsort(each, kind="stable") for each in labels]
-        fits = np.shape(values) == tuple(each.size for each in order)
-        return np.asarray(values)[np.ix_(*order)] if fits else values
+        array = checks.real_array(parameter, values)
+        fits = array.shape == tuple(each.size for each in order)
+        return array[np.ix_(*order)] if fits else array
     missing = {
         axis: own
         for axis, own in zip(axes, labels, strict=True)

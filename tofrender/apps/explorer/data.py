@@ -80,7 +80,8 @@ class ExplorerData:
 def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> ExplorerData:
     """Check a Dataset that `explore` supports, and prepare what an explorer shows of it."""
     checks.require("data", data, isinstance(data, xr.Dataset), "an xarray.Dataset")
-    distance_m = by_pixel(distance_m, data, "distance_m")
+    if distance_m is not None:
+        distance_m = by_pixel(distance_m, data, "distance_m")
     rates = None
     if "rate" in data.dims:
         distances = "None, as data is of range_rate"
