@@ -405,7 +405,7 @@ def chunked(data, axis, rng):
 
 
 OPERATIONS = [
-    *(chosen, by_label, sliced, reversed_along, transposed, of_type, joined, scaled, added),
+    *(chosen, by_label, sliced, sliced, reversed_along, transposed, of_type, joined, scaled, added),
     *[chunked] * DASK,
 ]
 FIXED = ("xyz", "axis", "laser_x", "laser_y", "beat", "feature")
@@ -418,6 +418,7 @@ def changed(index, seed):
     like = ALL[index]
     rng = np.random.default_rng(seed)
     axes = [axis for axis in like.dims if axis not in FIXED]
+    axes += 2 * [axis for axis in axes if axis in ("opl", "bin", "stokes")]
     data = like
     with xr.set_options(keep_attrs=True):
         for _ in range(rng.integers(1, 4)):
