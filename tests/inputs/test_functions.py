@@ -160,7 +160,7 @@ KINDS = {
     "object": "bsdf cases client detector emitter figure jitter params record relay_wall_shapes "
     "response shapes si verdict",
     "panel": "B0 B180 B270 B90 I Q amplitude amplitudes depth phase true_depth",
-    "pair": "pixel uv",
+    "pair": "first_pixel pixel uv",
     "picture": "distance_m laser_grid laser_normals sensor_grid sensor_normals truth",
     "pixel": "x y",
     "place": "laser_origin sensor_origin",

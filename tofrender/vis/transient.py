@@ -58,9 +58,10 @@ class Transient:
             checks.one_of("quantity", quantity, QUANTITIES)
         if isinstance(data, xr.Dataset):
             film = read_light(data)
-            bins = bins_of(film, "data")
-            start_opl = bins.start_opl if start_opl is None else start_opl
-            bin_width_opl = bins.bin_width_opl if bin_width_opl is None else bin_width_opl
+            width = bins_of(film, "data").bin_width_opl
+            start = float(film["opl"].values[0] - width / 2)
+            start_opl = start if start_opl is None else start_opl
+            bin_width_opl = width if bin_width_opl is None else bin_width_opl
             first = int(film["x"][0]), int(film["y"][0])
             quantity = quantity or f"{film.attrs['quantity']} [{typeset(film.attrs['units'])}]"
             data = film["transient"]

@@ -80,7 +80,8 @@ class ExplorerData:
 def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> ExplorerData:
     """Check a Dataset that `explore` supports, and prepare what an explorer shows of it."""
     checks.require("data", data, isinstance(data, xr.Dataset), "an xarray.Dataset")
-    distance_m = by_pixel(distance_m, data, "distance_m")
+    if distance_m is not None:
+        distance_m = by_pixel(distance_m, data, "distance_m")
     rates = None
     if "rate" in data.dims:
         distances = "None, as data is of range_rate"
@@ -213,8 +214,8 @@ def _capture(data: xr.Dataset) -> ExplorerData:
     data = read_capture(data, "data")
     rows = _rows_from_top(_wall_frame(data).axes)
     light = Cube.of("data: transient", data["transient"]).view((..., rows, *[slice(None)] * 3))
-    bins = bins_of(data, "data")
-    start, width = bins.start_opl, bins.bin_width_opl
+    width = bins_of(data, "data").bin_width_opl
+    start = float(data["opl"].values[0] - width / 2)
     grid = data["sensor_grid"].values.astype(np.float64)[rows]
     mode, legs = data.attrs["mode"], bool(data.attrs["counts_first_and_last_legs"])
     views = [Transient(light.view(spot), start, width) for spot in np.ndindex(*light.shape[:-4])]
