@@ -21,12 +21,12 @@ from .worker import CHOSEN
 ROOT = Path(__file__).parents[2]
 
 ENDS = {
-    "commands": 0.12,
-    "film": 0.17,
-    "times": 0.50,
-    "gradients": 0.58,
-    "deposits": 0.62,
-    "scenes": 0.74,
+    "commands": 0.20,
+    "film": 0.23,
+    "times": 0.54,
+    "gradients": 0.61,
+    "deposits": 0.65,
+    "scenes": 0.75,
     "energies": 1.0,
 }
 """Fraction of all time at which each part must have ended. What a part leaves is for the next."""

@@ -27,7 +27,7 @@ LONGEST_S = 240.0  # Time limit of a command [s]
 def commands(part: Part) -> None:
     """Run `doctor` and a render, with and without OptiX."""
     on_gpu = gpu.is_gpu(part.variant)
-    for name in part.each(["as it is", "without OptiX"]):
+    for name in part.each(["without OptiX", "as it is"]):
         environment = WITHOUT_OPTIX if name == "without OptiX" else {}
         if environment and llvm.choose() is None:
             part.skipped.append(f"{name}: LLVM is missing, so nothing can render")

@@ -105,7 +105,7 @@ def _compare_cases(part: Part) -> None:
     abilities = frozenset(adapter.ABILITIES)
     forms = [case.form_for(abilities) for case in cases]
     supported = [form for form in forms if form is not None]
-    os.environ["TOFBENCH_VARIANT"] = part.variant
+    os.environ["TOFBENCH_BACKEND"] = gpu.backend_of(part.variant) or "llvm"
     by_name = {case.name: case for case in supported[: part.sizes.compared_cases]}
     for name in part.each(list(by_name)):
         case = by_name[name]

@@ -15,16 +15,10 @@ FEATURES = {"camera", "crop", "glass", "grid", "lens", "medium", "meter", "mirro
 
 
 def start(variant: str = "llvm_ad_rgb") -> Any:
-    """Mitsuba with a variant.
-
-    TOFBENCH_VARIANT names another RGB variant. Variants that are not RGB get its backend.
-    """
+    """Mitsuba with a variant (TOFBENCH_BACKEND names another backend, such as cuda)."""
     import mitsuba as mi
 
-    wanted = os.environ.get("TOFBENCH_VARIANT", variant)
-    if not variant.endswith("rgb"):
-        backend, _, _ = wanted.partition("_")
-        wanted = variant.replace("llvm", backend)
+    wanted = variant.replace("llvm", os.environ.get("TOFBENCH_BACKEND", "llvm"))
     if mi.variant() != wanted:
         mi.set_variant(wanted)
     mi.set_log_level(mi.LogLevel.Error)
