@@ -519,7 +519,7 @@ def test_a_new_term_draws_other_inputs(tmp_path, capsys):
         ("grade a2 --all @ --csv x.csv --columns x=y", "--columns = x=y: must be NAME=FIELD"),
         ("grade a2 --all @ --csv x.csv --format junit", "--format = junit: must be left out"),
         ("similarity a2 --all no -o x", "--all = no: is no folder"),
-        ("similarity a2 --all . -o x", "--all = .: holds no folders and no zips"),
+        ("similarity a2 --all . -o x", "--all = .: contains no submissions"),
     ],
 )
 def test_bad_use_in_one_line(words, message, tmp_path, monkeypatch, capsys):
