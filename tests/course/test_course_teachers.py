@@ -522,7 +522,7 @@ def test_a_new_term_draws_other_inputs(tmp_path, capsys):
             "--format = junit cannot be combined with --all",
         ),
         ("similarity a2 --all no -o x", "--all = no is not a folder"),
-        ("similarity a2 --all . -o x", "--all = .: holds no folders and no zips"),
+        ("similarity a2 --all . -o x", "--all = .: contains no submissions"),
     ],
 )
 def test_bad_use_in_one_line(words, message, tmp_path, monkeypatch, capsys):
