@@ -21,7 +21,9 @@ from tofrender.scenes.meshes import letter_z
 
 ROOT = Path(__file__).parents[2]
 DEVICE = (-0.5, 0.0, 0.25)
-QUIET = pytest.mark.filterwarnings("ignore:time_sampling = ", "ignore:.*do not look at the relay")
+QUIET = pytest.mark.filterwarnings(
+    "ignore:.*has no effect", "ignore:time_sampling = ", "ignore:.*do not look at the relay"
+)
 
 
 def edited(path: Path, *changes: tuple[str, str]) -> Path:

@@ -37,7 +37,7 @@ def kept(rgb: mi.Color3f) -> list[mi.Float]:
 def channels_of(
     light: mi.Spectrum, wavelengths: mi.Wavelength, active: mi.Bool | bool = True
 ) -> list[mi.Float]:
-    """Convert light to the channels of a film; polarized light has channels for each component."""
+    """Convert light to the channels of a film, for each Stokes component in polarized variants."""
     return [c for each in components(light) for c in kept(to_rgb(each, wavelengths, active))]
 
 

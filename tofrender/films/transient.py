@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, TypeVar
 
@@ -182,11 +181,6 @@ class TransientHDRFilm(mi.Film):
         # All pixels
         for cells in self._histograms().values():
             cells.flush()
-
-    def fold(self, pixels: mi.UInt32 | None = None) -> None:
-        """Flush the bins: the deprecated name of `flush`."""
-        warnings.warn("fold is deprecated. Use flush", DeprecationWarning, stacklevel=2)
-        self.flush(pixels)
 
     # --------------------- Adding light ---------------------
 

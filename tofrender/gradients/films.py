@@ -244,7 +244,10 @@ class BinChanges(Changes):
 
     @dr.syntax
     def _gradient_of_bins(self, spectrum, opl, active):
-        """Return the gradient by spectrum and length of a contribution, over all its bins."""
+        """Return the gradient of the loss by spectrum and length of a contribution.
+
+        The gradient is the sum over all bins that the contribution reaches.
+        """
         with dr.suspend_grad():
             by_spectrum = dr.zeros_like(spectrum)
             by_opl = dr.zeros_like(opl)
@@ -259,7 +262,7 @@ class BinChanges(Changes):
             return by_spectrum, by_opl
 
     def _gradient_of_bin(self, k, spectrum, opl, active):
-        """Return the gradient by spectrum and length of a contribution to bin `k`."""
+        """Return the gradient of the loss by spectrum and length, from bin `k` only."""
         with dr.resume_grad():
             light, at = _variables(spectrum, opl)
             in_bin = self._weighted(self._in_bin(light, k, at))

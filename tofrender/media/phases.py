@@ -98,7 +98,7 @@ class Phases(ScatteringWrapper):
         return vertex.medium_point.here & vertex.medium_point.mei.medium.use_emitter_sampling()
 
     def eval_pdf(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> BSDFEval:
-        """Evaluate the phase function in media, or the BSDF on surfaces."""
+        """Evaluate the phase function in media, or the BSDF on surfaces, for a direction."""
         bsdf_eval = self.inner.eval_pdf(vertex, direction, active & ~vertex.medium_point.here)
         return self._merge_phase_function(bsdf_eval, vertex, direction, active)
 

@@ -78,7 +78,7 @@ class AngularArea(mi.Emitter):
         return dr.select(facing, self.get_shape().pdf_direction(it, ds, facing), 0)
 
     def eval_direction(self, it: mi.Interaction3f, ds: Any, active: Any = True) -> Any:
-        """Return the radiance along a sampled direction."""
+        """Return the radiance of the sampled point `ds` towards the reference point `it`."""
         si = mi.SurfaceInteraction3f(ds, it.wavelengths)
         return self._emitted(si, -dr.dot(ds.d, ds.n), mi.Bool(active))
 

@@ -103,9 +103,9 @@ def wall_box_hi_nlos(**options: Unpack[TransientOptions]) -> Dict:
 
 
 def wall_box_behind(**options: Unpack[TransientOptions]) -> Dict:
-    """A plate behind the camera, which looks at a relay wall.
+    """A plate behind a camera that looks at a relay wall.
 
-    The scene has no occluder, because the camera looks in the other direction. The plate is 1 m
+    An occluder is not needed, because the camera looks in the other direction. The plate is 1 m
     wide, 1 m high and 2 mm thick, and its center is 0.25 m behind the camera.
 
     Args:

@@ -194,7 +194,7 @@ class _Children(mi.TraversalCallback):
 
 
 def _without_order(mesh: dict[str, Any]) -> dict[str, Any]:
-    """Return the parameters of a mesh with a hash of its faces that does not depend on their order.
+    """Replace the faces of a mesh by a hash that does not depend on the order of faces.
 
     Mitsuba merges meshes in arbitrary order, and the order determines the indices of vertices.
     Therefore each face is represented by the attributes at its corners.

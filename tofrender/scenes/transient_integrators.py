@@ -49,10 +49,12 @@ def transient_integrator_for(integrator: Any) -> str:
 
 
 def path_tracer_of(integrator: Any) -> dict[str, Any]:
-    """Return a dict of a transient integrator for the paths of a Mitsuba integrator.
+    """Return a transient integrator that follows the same paths as a Mitsuba integrator.
 
-    The transient integrator has the same depths. Mitsuba's integrators expose their depths only in
-    the printed form.
+    Mitsuba's integrators expose their depths only in the printed form, which is parsed.
+
+    Returns:
+        A dict for `mi.load_dict` with type, depths and `hide_emitters`.
 
     Raises:
         ValueError: If the depths of the integrator are unknown; one line.
