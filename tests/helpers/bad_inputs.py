@@ -20,6 +20,11 @@ _PYTHONS_OWN = re.compile(
     r"between|0x[0-9a-f]{6,}|incompatible function|positional argument|'NoneType' object|__\w+__|"
     r"argument must be|could not convert|ufunc|nanobind|drjit\.|Assertion|broadcast together"
 )
+_REMEDY = re.compile(
+    r"[mM]ust |does not exist|expected <|needs up to |[.;:] ([uU]se|[pP]ass|[aA]dd|[sS]et|[rR]emove|"
+    r"[cC]hoose|[cC]hange|[iI]ncrease|[rR]educe) "
+)
+"""What is allowed, or what to do instead."""
 
 
 class Odd:
@@ -278,7 +283,7 @@ def one_clear_line(error: BaseException, name: str, value: Any = ...) -> str:
         return f"Python's words, not ours: {said!r}"
     if not re.search(rf"(?<!\w){re.escape(name)}(?!\w)", said):
         return f"does not name {name}: {said!r}"
-    if not re.search(r"[mM]ust |does not exist|expected <|needs up to ", said):
+    if not _REMEDY.search(said):
         return f"does not say what is allowed: {said!r}"
     if value is not ... and not any(word in said for word in _words(value)):
         return f"does not name the value: {said!r}"
