@@ -195,7 +195,7 @@ def _remove_noise(
     if not variance.any():
         return film
     weight = 1 / np.maximum(uniform_filter(variance, POOL, mode="nearest"), QUIET * variance.max())
-    ways = mi.UInt32(np.ravel(kernels.open_ways(_is_like_neighbours(variance))))
+    ways = mi.UInt32(np.ravel(kernels.open_ways(_is_like_neighbors(variance))))
 
     for axis, step in STAGES:
         if axis == "bins":
@@ -241,7 +241,7 @@ def _sum(values: Sequence[mi.Float], colours: int) -> mi.Float:
     return sum(values[1:colours], values[0])
 
 
-def _is_like_neighbours(variance: np.ndarray) -> np.ndarray:
+def _is_like_neighbors(variance: np.ndarray) -> np.ndarray:
     """Return whether each block's variance is at most `NOISIER` times that in each neighbor."""
     steady = uniform_filter(variance, (1, 1, POOL), mode="nearest")
     return steady <= NOISIER * minimum_filter(steady, (POOL, POOL, 1), mode="nearest")

@@ -367,7 +367,7 @@ def _parse_file(config: Any, path: Path, parameters: Mapping[str, Any]) -> Any:
         if not unused:
             raise
         defaults = [node.get("name", "") for node in ElementTree.parse(path).iter("default")]
-        remedy = f"Use one of {', '.join(defaults)}" if defaults else "The file has no <default>"
+        remedy = f"Use one of {', '.join(defaults)}" if defaults else "Remove it"
         raise ValueError(
             f"parameter {unused[1]} = {unused[2]!r}: {path.name} does not use it. {remedy}"
         ) from None
