@@ -1,4 +1,4 @@
-"""The scene builders, importable from the project's root; this folder also holds Mitsuba XML."""
+"""Scene builders, importable from the project's root, next to Mitsuba XML files of the scenes."""
 
 from tofrender.scenes import *  # noqa: F403
 from tofrender.scenes import BUILT_IN

@@ -4,10 +4,11 @@ Each part is an ellipsoid with an approximate signed distance d. Their smooth un
 
     -K log(sum of exp(-d / K)) = 0.
 
-A regular grid is laid over it. Every cell that the surface passes through gets a vertex, at the
-mean of the points where its edges cross the surface, and every grid edge that crosses it gets the
-quad of the four cells around it (S. Gibson, "Constrained Elastic Surface Nets", MICCAI 1998). The
-vertices then move apart and onto the surface, whose gradient also gives the normals.
+The mesh is a surface net on a regular grid (S. Gibson, "Constrained Elastic Surface Nets", MICCAI
+1998). Every cell that the surface passes through gets a vertex, at the mean of the points where the
+cell's edges cross the surface. Every grid edge that crosses the surface gets a quad, formed by the
+vertices of the four cells around the edge. Then the vertices are smoothed and projected onto the
+surface. The gradient of the distance gives the normals.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# center x, y, z; half-axes x, y, z [m]; lean about z, spread about x [degrees]; z also mirrored
+# Center x, y, z [m]; half-axes x, y, z [m]; lean about z and spread about x [degrees]. A part with
+# z other than 0 is mirrored to -z.
 PARTS = np.array(
     [
         (-0.08, 0.24, 0.000, 0.26, 0.20, 0.165, 12, 0),  # body
@@ -45,23 +47,29 @@ CELL = 0.0135
 
 @cache
 def bunny() -> tuple[Array, NDArray[np.int64], Array]:
-    """The rabbit as a closed triangle mesh, standing on y = 0 and looking along +x.
+    """Return the rabbit as a closed triangle mesh that sits on y = 0 and looks along +x.
 
     Returns:
-        The same arrays every time; they cannot be written to.
+        Three read-only arrays, the same in each call.
 
         vertices: Positions [m], shape (v, 3).
-        faces: Indices of each triangle's corners, counter-clockwise from outside, shape (f, 3).
+        faces: Vertex indices of the triangles, counter-clockwise from outside, shape (f, 3).
         normals: Unit normals of the smooth surface at the vertices, outwards, shape (v, 3).
     """
-    low, high = np.array([-0.48, -0.04, -0.24]), np.array([0.42, 0.92, 0.24])
+    # Evaluate the distance on a grid, and extract the surface
+    low = np.array([-0.48, -0.04, -0.24])
+    high = np.array([0.42, 0.92, 0.24])
     axes = [np.arange(a, b, CELL) for a, b in zip(low, high, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     vertices, quads = _surface_net(_distance(grid), low)
+
+    # Smooth the mesh and project it onto the surface
     for _ in range(4):
         vertices = _onto_surface(_smoothed(vertices, quads))
     normals = _gradient(vertices)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+
+    # Cut quads into triangles, and set the mesh on y = 0
     faces = _triangles(vertices, quads)
     vertices = vertices - [0, vertices[:, 1].min(), 0]
     for array in (vertices, faces, normals):
@@ -70,30 +78,31 @@ def bunny() -> tuple[Array, NDArray[np.int64], Array]:
 
 
 def _smoothed(vertices: Array, quads: NDArray[np.int64]) -> Array:
-    """Each vertex in the middle of its neighbours, so that no triangle is a sliver."""
-    total, count = np.zeros_like(vertices), np.zeros(len(vertices))
+    """Move each vertex to the mean of its neighbors, which avoids thin triangles."""
+    total = np.zeros_like(vertices)
+    count = np.zeros(len(vertices))
     for k in range(4):
-        for neighbour in (quads[:, k - 1], quads[:, k - 3]):
-            np.add.at(total, quads[:, k], vertices[neighbour])
+        for neighbor in (quads[:, k - 1], quads[:, k - 3]):
+            np.add.at(total, quads[:, k], vertices[neighbor])
             np.add.at(count, quads[:, k], 1)
     return total / count[:, None]
 
 
 def _onto_surface(vertices: Array) -> Array:
-    """Newton's step along the gradient."""
+    """Move vertices to the surface by one Newton step along the gradient of the distance."""
     gradient = _gradient(vertices)
     step = _distance(vertices) / (gradient**2).sum(axis=-1)
     return vertices - step[:, None] * gradient
 
 
 def _distance(points: Array) -> Array:
-    """Approximate signed distance to the surface [m], of points (..., 3)."""
+    """Return the approximate signed distance of points (..., 3) to the surface [m]."""
     total = np.zeros(points.shape[:-1])
     for *center, a, b, c, lean, spread in PARTS:
         axes = _axes(lean, spread)
         for side in (1, -1) if center[2] else (1,):
             p = (points - center) if side > 0 else (points * [1, 1, -1] - center)
-            p = p @ axes / (a, b, c)  # in the ellipsoid's own frame, where it is a unit sphere
+            p = p @ axes / (a, b, c)  # In the frame of the ellipsoid, where it is a unit sphere
             length = np.linalg.norm(p, axis=-1)
             slope = np.linalg.norm(p / (a, b, c), axis=-1)
             d = length * (length - 1) / np.maximum(slope, 1e-9)
@@ -102,7 +111,7 @@ def _distance(points: Array) -> Array:
 
 
 def _axes(lean: float, spread: float) -> Array:
-    """Axes of a part in the columns: rotated about x by `spread`, then about z by `lean`."""
+    """Return the axes of a part as columns, after a rotation about x by `spread`, z by `lean`."""
     (s, c), (t, u) = ((np.sin(a), np.cos(a)) for a in np.deg2rad([lean, spread]))
     about_z = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     about_x = np.array([[1, 0, 0], [0, u, -t], [0, t, u]])
@@ -110,7 +119,7 @@ def _axes(lean: float, spread: float) -> Array:
 
 
 def _gradient(points: Array, step: float = 1e-5) -> Array:
-    """Central differences of the distance."""
+    """Return the gradient of the distance at points (n, 3), by central differences."""
     return np.stack(
         [(_distance(points + e) - _distance(points - e)) / (2 * step) for e in step * np.eye(3)],
         axis=-1,
@@ -118,26 +127,41 @@ def _gradient(points: Array, step: float = 1e-5) -> Array:
 
 
 def _surface_net(values: Array, low: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Vertices [m], and quads (q, 4) of their indices, counter-clockwise from outside."""
+    """Return the surface net of the zero level of a grid.
+
+    Args:
+        values: Signed distances at the grid points.
+        low: Position of the first grid point [m].
+
+    Returns:
+        Vertices (v, 3) [m], and quads (q, 4) of vertex indices, counter-clockwise from outside.
+    """
     cells = tuple(n - 1 for n in values.shape)
     inside = values < 0
-    count, total = np.zeros(cells), np.zeros((*cells, 3))
+    count = np.zeros(cells)
+    total = np.zeros((*cells, 3))
     quads = []
     index = np.arange(np.prod(cells)).reshape(cells)
     for axis in range(3):
-        # edges along this axis, and where the surface crosses them
+        # Find edges along this axis that cross the surface, and the points where they cross it
         first, second = (np.take(values, range(k, k + cells[axis]), axis) for k in (0, 1))
         crossed = (first < 0) != (second < 0)
         along = np.where(crossed, first / np.where(crossed, first - second, 1.0), 0.0)
         point = np.indices(first.shape).transpose(1, 2, 3, 0).astype(float)
         point[..., axis] += along
-        u, v = (axis + 1) % 3, (axis + 2) % 3
+
+        # Add each point to the four cells that share the edge
+        u = (axis + 1) % 3
+        v = (axis + 2) % 3
         around = ((0, 0), (1, 0), (1, 1), (0, 1))
-        for i, j in around:  # the four cells that share an edge
+        for i, j in around:
             window = [slice(None)] * 3
-            window[u], window[v] = slice(i, i + cells[u]), slice(j, j + cells[v])
+            window[u] = slice(i, i + cells[u])
+            window[v] = slice(j, j + cells[v])
             count += crossed[tuple(window)]
             total += (crossed[..., None] * point)[(*window, slice(None))]
+
+        # Make a quad of the four cells around each crossed edge inside the grid
         where = np.argwhere(crossed)
         where = where[
             (where[:, u] > 0)
@@ -149,8 +173,12 @@ def _surface_net(values: Array, low: Array) -> tuple[Array, NDArray[np.int64]]:
         ring[..., u] -= [1, 0, 0, 1]
         ring[..., v] -= [1, 1, 0, 0]
         quad = index[tuple(np.moveaxis(ring, -1, 0))]
-        outwards = inside[tuple(where.T)]  # the surface faces along the axis
+
+        # Reverse the order of corners if the surface faces against the axis
+        outwards = inside[tuple(where.T)]
         quads.append(np.where(outwards[:, None], quad, quad[:, ::-1]))
+
+    # Number the cells that the surface passes through
     used = count.ravel() > 0
     renumber = np.cumsum(used) - 1
     vertices = low + CELL * total.reshape(-1, 3)[used] / count.ravel()[used][:, None]
@@ -158,7 +186,7 @@ def _surface_net(values: Array, low: Array) -> tuple[Array, NDArray[np.int64]]:
 
 
 def _triangles(vertices: Array, quads: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Cut each quad along its shorter diagonal."""
+    """Cut each quad into two triangles along its shorter diagonal."""
     a, b, c, d = quads.T
     shorter = np.linalg.norm(vertices[a] - vertices[c], axis=1) <= np.linalg.norm(
         vertices[b] - vertices[d], axis=1

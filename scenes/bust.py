@@ -1,9 +1,9 @@
 """A head-and-shoulders bust on a round foot, made of ellipses and smooth bumps.
 
-The body is a stack of horizontal cross sections, each of two half ellipses that share their width:
-one reaches forwards, one backwards. Smooth curves through `PROFILE` say how wide and deep each
-section is. `FEATURES` then push the surface in or out where nose, eyes, mouth and ears are, and
-the head turns a little over the neck.
+The body is a stack of horizontal cross sections. Each section consists of two half ellipses with
+the same width, one to the front and one to the back. Smooth curves through `PROFILE` give the width
+and the depths of each section. `FEATURES` push the surface in or out to form nose, eyes and mouth.
+Finally the head is rotated slightly to its left.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 ROWS, COLUMNS = 100, 96
 
-# height, half-width, reach to the front, reach to the back [m]
+# Height, half-width, reach to the front, reach to the back [m]
 PROFILE = np.array(
     [
         (0.000, 0.092, 0.092, 0.092),  # foot
@@ -51,7 +51,8 @@ PROFILE = np.array(
     ]
 )
 
-# On the front of the head: x, height, half-width, half-height, push along z [m]; x also mirrored.
+# Bumps on the front of the head: x, height, half-width, half-height, push along z [m]. A bump with
+# x other than 0 is mirrored to -x.
 FEATURES = np.array(
     [
         (0.000, 0.520, 0.0070, 0.024, 0.011),  # bridge of the nose
@@ -78,14 +79,15 @@ TURN = np.deg2rad(18.0)
 
 
 def bust() -> tuple[Array, NDArray[np.int64], Array]:
-    """The bust as a closed triangle mesh, 0.67 m tall, standing on y = 0 and looking along +z.
+    """Return the bust as a closed triangle mesh, 0.67 m tall, that looks along +z.
 
     Returns:
-        vertices: Positions [m], shape (v, 3).
-        faces: Indices of each triangle's corners, counter-clockwise from outside, shape (f, 3).
+        vertices: Positions [m], shape (v, 3); the foot is at y = 0.
+        faces: Vertex indices of the triangles, counter-clockwise from outside, shape (f, 3).
         normals: Unit normals of the smooth surface at the vertices, outwards, shape (v, 3).
     """
-    height, azimuth = _rows(), _azimuths()
+    height = _rows()
+    azimuth = _azimuths()
     grid = _features(_body(height, azimuth))
     poles = grid[[0, -1]].mean(axis=1)
     vertices = _rotate_head(np.concatenate([grid.reshape(-1, 3), poles]))
@@ -94,7 +96,7 @@ def bust() -> tuple[Array, NDArray[np.int64], Array]:
 
 
 def _rows() -> Array:
-    """Heights of the cross sections; two thirds of them are in the head."""
+    """Return the heights of the cross sections [m]; about two thirds of them are in the head."""
     foot = np.linspace(0.0, 0.112, 18, endpoint=False)
     chest = np.linspace(0.112, 0.395, 18, endpoint=False)
     head = np.linspace(0.395, 0.629, 52, endpoint=False)
@@ -103,32 +105,40 @@ def _rows() -> Array:
 
 
 def _azimuths() -> Array:
-    """Angles about the vertical, from +z towards +x; dense in front, where the face is."""
+    """Return angles about the vertical, from +z towards +x [rad], densely spaced at the face."""
     uniform = np.arange(COLUMNS) * (2 * np.pi / COLUMNS)
     return uniform - 0.5 * np.sin(uniform)
 
 
 def _body(height: Array, azimuth: Array) -> Array:
-    """The body without features, shape (rows, columns, 3)."""
+    """Return the points of the body without features [m], shape (rows, columns, 3)."""
     width, front, back = (_curve(height, PROFILE[:, i])[:, None] for i in (1, 2, 3))
-    sine, cosine = np.sin(azimuth), np.cos(azimuth)
+    sine = np.sin(azimuth)
+    cosine = np.cos(azimuth)
     x = width * sine
     z = np.where(cosine > 0, front, back) * cosine
     return np.stack([x, np.broadcast_to(height[:, None], x.shape), z], axis=-1)
 
 
 def _curve(height: Array, values: Array) -> Array:
-    """A smooth curve through the profile that overshoots nowhere (Fritsch and Butland 1984)."""
+    """Interpolate a column of the profile smoothly without overshoot (Fritsch, Butland 1984)."""
+    # Slopes of the segments
     knots = PROFILE[:, 0]
     step = np.diff(knots)
     slope = np.diff(values) / step
     tangent = np.zeros_like(values)
+
+    # Tangents at the knots: a weighted harmonic mean of the slopes, 0 at extrema
     rising = slope[:-1] * slope[1:] > 0
-    before, after = step[:-1] + 2 * step[1:], 2 * step[:-1] + step[1:]
+    before = step[:-1] + 2 * step[1:]
+    after = 2 * step[:-1] + step[1:]
     with np.errstate(divide="ignore", invalid="ignore"):
         mean = (before + after) / (before / slope[:-1] + after / slope[1:])
     tangent[1:-1] = np.where(rising, mean, 0.0)
-    tangent[0], tangent[-1] = slope[0], slope[-1]
+    tangent[0] = slope[0]
+    tangent[-1] = slope[-1]
+
+    # Cubic Hermite interpolation
     i = np.clip(np.searchsorted(knots, height, side="right") - 1, 0, len(step) - 1)
     t = (height - knots[i]) / step[i]
     return (
@@ -139,26 +149,34 @@ def _curve(height: Array, values: Array) -> Array:
 
 
 def _features(grid: Array) -> Array:
-    """Push face, ears, hair and collarbones into the body."""
+    """Return the points of the body after face, hair, ears and collarbones are added."""
     x, y, z = np.moveaxis(grid, -1, 0).copy()
+
+    # Face
     front = _step(z, 0.0, 0.04)
     push = np.zeros_like(z)
     for x0, y0, half_width, half_height, depth in FEATURES:
         for side in {x0, -x0}:
             push += depth * _bump(x - side, half_width) * _bump(y - y0, half_height)
-    # hair: a cap behind the hairline, with waves that run from the forehead to the neck
+
+    # Hair: a cap behind the hairline, with waves from the forehead to the neck
     head = _step(y, 0.372, 0.412)
     hairline = 0.600 - 1.25 * np.maximum(0.045 - z, 0.0) + 0.02 * _bump(x, 0.03)
     hair = head * _step(y - hairline, -0.006, 0.008)
     wave = 0.009 + 0.0022 * np.sin(170.0 * y + 90.0 * np.abs(x) - 40.0 * z)
     outwards = np.stack([x / 0.6, (y - 0.534) * _step(y, 0.534, 0.604), z], axis=-1)
     outwards /= np.linalg.norm(outwards, axis=-1, keepdims=True)
+
+    # Ears
     ears = 0.016 * _bump(z - 0.002, 0.012) * _bump(y - 0.507, 0.020)
     ears -= 0.006 * _bump(z - 0.006, 0.007) * _bump(y - 0.509, 0.011)
-    # collarbones rise from the middle to the shoulders; the muscles of the chest lie below
+
+    # Collarbones, which rise from the center to the shoulders, and muscles of the chest
     collar = _bump(y - 0.292 - 0.12 * np.abs(x), 0.008) * _step(np.abs(x), 0.008, 0.03)
     chest = _bump(np.abs(x) - 0.075, 0.05) * _bump(y - 0.215, 0.04)
     torso = front * (0.006 * collar + 0.010 * chest)
+
+    # Move the points
     moved = grid + outwards * (hair * wave)[..., None]
     moved[..., 0] += np.sign(x) * ears
     moved[..., 2] += front * push + torso
@@ -166,31 +184,42 @@ def _features(grid: Array) -> Array:
 
 
 def _bump(distance: Array, half_width: float) -> Array:
+    """Return a Gaussian bump of height 1 that falls to 1/e at `half_width`."""
     return np.exp(-((distance / half_width) ** 2))
 
 
 def _step(value: Array, low: float, high: float) -> Array:
-    """0 below `low`, 1 above `high`, smooth between."""
+    """Return a smooth step from 0 below `low` to 1 above `high`."""
     t = np.clip((value - low) / (high - low), 0.0, 1.0)
     return t * t * (3 - 2 * t)
 
 
 def _rotate_head(vertices: Array) -> Array:
-    """Turn the head to its left, ever more from the base of the neck up."""
+    """Rotate the head to its left, with an angle that grows along the neck."""
     x, y, z = vertices.T
     angle = TURN * _step(y, 0.32, 0.44)
-    cosine, sine = np.cos(angle), np.sin(angle)
+    cosine = np.cos(angle)
+    sine = np.sin(angle)
     return np.stack([x * cosine + z * sine, y, z * cosine - x * sine], axis=-1)
 
 
 def _faces() -> NDArray[np.int64]:
-    """Two triangles for each cell of the grid, and a fan at each pole."""
+    """Return vertex indices of the faces: two triangles for each cell, and a fan at each pole."""
+    # Vertex indices of the four corners of each cell
     index = np.arange(ROWS * COLUMNS).reshape(ROWS, COLUMNS)
-    bottom, top = ROWS * COLUMNS, ROWS * COLUMNS + 1
-    a, b = index[:-1], np.roll(index, -1, axis=1)[:-1]
-    c, d = np.roll(index, -1, axis=1)[1:], index[1:]
-    first, last = index[0], index[-1]
-    left = np.arange(COLUMNS) < COLUMNS // 2  # its diagonals mirror those of the right half
+    a = index[:-1]
+    b = np.roll(index, -1, axis=1)[:-1]
+    c = np.roll(index, -1, axis=1)[1:]
+    d = index[1:]
+
+    # Vertex indices of the poles and of the rings next to them
+    bottom = ROWS * COLUMNS
+    top = ROWS * COLUMNS + 1
+    first = index[0]
+    last = index[-1]
+
+    # Diagonals of the left half mirror the diagonals of the right half
+    left = np.arange(COLUMNS) < COLUMNS // 2
     parts = [
         np.stack([a, b, np.where(left, d, c)], axis=-1),
         np.stack([np.where(left, b, a), c, d], axis=-1),
@@ -201,7 +230,7 @@ def _faces() -> NDArray[np.int64]:
 
 
 def _normals(vertices: Array, faces: NDArray[np.int64]) -> Array:
-    """The sum of the adjacent triangles' normals, weighted by their areas."""
+    """Return unit normals at the vertices: means of adjacent triangles, weighted by their areas."""
     corners = vertices[faces]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     total = np.zeros_like(vertices)

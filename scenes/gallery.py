@@ -1,8 +1,8 @@
-"""Pictures of the built-in scenes: `python -m scenes.gallery [NAME ...]` makes all, or some.
+"""Make the pictures of the built-in scenes: `python -m scenes.gallery [NAME ...]`.
 
-All of them take a few minutes. Scenes with something hidden are drawn as plans. Every other picture
-is rendered from a fixed seed, so the same versions of everything make the same file, up to the
-rounding of sums in floating point.
+All pictures together need a few minutes. Scenes with hidden objects are drawn as plans. All other
+pictures are rendered with a fixed seed, so the same versions of all packages make the same files,
+up to floating-point rounding.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from tofrender.runtime import checks
 from tofrender.scenes import BUILT_IN
 
 FOLDER = Path(__file__).parent / "pictures"
-PANEL_WIDTH = 256  # pixels
-POLARISED = "llvm_ad_mono_polarized"
-"""Variant of pictures of polarised light."""
+PANEL_WIDTH = 256  # Width of a rendered panel [pixels]
+POLARIZED = "llvm_ad_mono_polarized"
+"""Variant for pictures of polarized light."""
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One picture of a scene.
+    """One rendered picture of a scene.
 
     Attributes:
-        scene: A built-in scene.
-        label: What is written in the picture, "" for nothing.
+        scene: Name of a built-in scene.
+        label: Text in the picture, "" for a picture without text.
         options: Arguments of the scene's builder.
         spp: Samples per pixel.
-        exposure: Radiance 1 / exposure is white.
-        gated: Whether only light in the film's bins is shown.
-        shown: What of polarised light, as of `tofrender.polarisation_picture`, in a polarised
-            variant; "" for the picture.
-        cut: Share of the height that is left out at the top, and as much at the bottom.
+        exposure: Factor of the radiance; a radiance of 1 / exposure is white.
+        gated: Whether the picture shows only light that arrives in the film's bins.
+        shown: Quantity of polarized light, the `shown` of `tofrender.polarisation_picture`,
+            rendered in a polarized variant; "" for the picture in color.
+        cut: Fraction of the height that is removed at the top and at the bottom.
     """
 
     scene: str
@@ -52,13 +52,14 @@ class Panel:
     cut: float = 0.0
 
 
-ONE_BIN = {"temporal_bins": 1}  # only the steady picture is shown
-GATED = ONE_BIN | {"start_opl": 29.9, "bin_width_opl": 0.4}
-FIRST = ONE_BIN | {"start_opl": 3.0, "bin_width_opl": 3.2}  # what the window reflects
+ONE_BIN = {"temporal_bins": 1}  # For panels that show the steady picture
+GATED = ONE_BIN | {"start_opl": 29.9, "bin_width_opl": 0.4}  # Light of the sign in fog
+FIRST = ONE_BIN | {"start_opl": 3.0, "bin_width_opl": 3.2}  # Light that the window reflects
 BOTH_ENDS = ONE_BIN | {"integrator": "transient_bdpt"}
 
 
 def _by(strategy: str) -> Panel:
+    """Return Veach's plates, rendered with a sampling strategy."""
     return Panel("veach", strategy, {"integrator": f"path_tracer_{strategy}"}, 16, 1.2)
 
 
@@ -70,10 +71,11 @@ def _foggy(
     options: Mapping[str, Any] = ONE_BIN,
     gated: bool = False,
 ) -> Panel:
+    """Return a scene with fog, smoke or milk, cut to a wide format."""
     return Panel(scene, label, options, spp, exposure, gated, cut=1 / 16)
 
 
-def _polarised(
+def _polarized(
     scene: str,
     label: str,
     shown: str,
@@ -82,6 +84,7 @@ def _polarised(
     exposure: float = 1.0,
     gated: bool = False,
 ) -> Panel:
+    """Return a quantity of polarized light in a scene."""
     return Panel(scene, label, options, spp, exposure, gated, shown)
 
 
@@ -121,12 +124,12 @@ PICTURES: dict[str, tuple[Panel, ...]] = {
         _foggy("headlight_in_fog", "gate at 30 m", 1536, 25.0, GATED, gated=True),
     ),
     "polarised": (
-        _polarised("brewster_window", "window", "intensity", spp=1024),
-        _polarised("brewster_window", "degree", "degree", spp=1024),
-        _polarised("brewster_window", "first light", "intensity", FIRST, 1024, gated=True),
-        _polarised("strained_mirror_corridor", "mirrors", "intensity", exposure=1.8),
-        _polarised("strained_mirror_corridor", "angle", "angle", ONE_BIN | {"angle": 20.0}),
-        _polarised("strained_mirror_corridor", "circular", "circular"),
+        _polarized("brewster_window", "window", "intensity", spp=1024),
+        _polarized("brewster_window", "degree", "degree", spp=1024),
+        _polarized("brewster_window", "first light", "intensity", FIRST, 1024, gated=True),
+        _polarized("strained_mirror_corridor", "mirrors", "intensity", exposure=1.8),
+        _polarized("strained_mirror_corridor", "angle", "angle", ONE_BIN | {"angle": 20.0}),
+        _polarized("strained_mirror_corridor", "circular", "circular"),
     ),
     "moving": (
         Panel("fan", "fan", ONE_BIN, exposure=2.5),
@@ -134,16 +137,16 @@ PICTURES: dict[str, tuple[Panel, ...]] = {
         Panel("moving_mirror", "mirror and glass", ONE_BIN, 2048),
     ),
 }
-"""What each rendered file `pictures/NAME.png` shows, from left to right."""
+"""Panels of each rendered file `pictures/NAME.png`, from left to right."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A drawing of a scene whose steady picture shows nothing of what is hidden.
+    """A drawn plan of a scene with hidden objects, which a rendered picture would not show.
 
     Attributes:
-        scene: A built-in scene.
-        view: "above" or "side", as of `tofrender.plan_figure`.
+        scene: Name of a built-in scene.
+        view: "above" or "side", the `view` of `tofrender.plan_figure`.
     """
 
     scene: str
@@ -165,25 +168,25 @@ PLANS: dict[str, tuple[tuple[Plan, ...], ...]] = {
         (Plan("wall_box_hi_nlos"), Plan("wall_box_behind"), Plan("ourbox_confocal")),
     ),
 }
-"""What each drawn file `pictures/NAME.png` shows, in rows."""
+"""Rows of plans in each drawn file `pictures/NAME.png`."""
 
-PLAN_SIZE = (4.0, 3.25)  # inches
-PLAN_DPI = 96
+PLAN_SIZE = (4.0, 3.25)  # [inches]
+PLAN_DPI = 96  # [pixels per inch]
 
 
 def render_panel(panel: Panel, width: int = PANEL_WIDTH) -> np.ndarray:
-    """The steady picture of a scene, or what a gate sees of it, sRGB.
+    """Render a panel as an sRGB picture.
 
     Args:
-        panel: What to render.
-        width: Width [pixels], 1 to 65536; the height follows from the scene's proportions.
+        panel: The panel.
+        width: Width [pixels], 1 to 65536. The height follows from the scene's proportions.
 
     Returns:
         uint8 (height, width, 3).
     """
     before = str(mi.variant())
     if panel.shown:
-        mi.set_variant(POLARISED)
+        mi.set_variant(POLARIZED)
     try:
         image = _rendered(panel, width)
     finally:
@@ -193,17 +196,22 @@ def render_panel(panel: Panel, width: int = PANEL_WIDTH) -> np.ndarray:
 
 
 def _rendered(panel: Panel, width: int) -> np.ndarray:
-    """The panel in the active variant."""
+    """Render a panel in the active variant, without cutting it."""
+    # Load the scene in the size of the panel
     builder = BUILT_IN[panel.scene]
     film = builder(**panel.options)["sensor"]["film"]
     height = max(1, round(width * film["height"] / film["width"]))
     described = builder(width=width, height=height, **panel.options)
     scene = tofrender.load_scene(described, sampler="padded_sobol")
-    found = mi.render(scene, spp=panel.spp, seed=0)
+
+    # Render the bins or the steady picture
+    result = mi.render(scene, spp=panel.spp, seed=0)
     if panel.gated:
-        image = np.array(found[1]).sum(axis=2)
+        image = np.array(result[1]).sum(axis=2)
     else:
-        image = np.array(found[0] if isinstance(found, tuple) else found)
+        image = np.array(result[0] if isinstance(result, tuple) else result)
+
+    # Convert to sRGB
     if panel.shown:
         stokes = image.reshape(*image.shape[:2], 4, -1)
         return tofrender.polarisation_picture(stokes, panel.shown, exposure=panel.exposure)
@@ -211,11 +219,11 @@ def _rendered(panel: Panel, width: int) -> np.ndarray:
 
 
 def picture(panels: Iterable[Panel], width: int = PANEL_WIDTH) -> np.ndarray:
-    """Panels side by side with their labels, two white pixels between them.
+    """Render panels with labels, side by side with a gap of two white pixels.
 
     Args:
-        panels: Panels of one height.
-        width: Width of each [pixels].
+        panels: Panels of equal height.
+        width: Width of each panel [pixels].
 
     Returns:
         uint8 (height, columns, 3).
@@ -229,12 +237,16 @@ def picture(panels: Iterable[Panel], width: int = PANEL_WIDTH) -> np.ndarray:
 
 
 def draw_plan(plan: Plan) -> np.ndarray:
-    """The plan of a scene, uint8 (height, width, 3), of the same size for all scenes."""
+    """Draw the plan of a scene, uint8 (height, width, 3), in the same size for all scenes."""
     scene = tofrender.load_scene(BUILT_IN[plan.scene](), optimize=False)
+
+    # The laser of confocal scenes is at the position of the camera
     laser = None
     if isinstance(scene.integrator(), tofrender.ConfocalTransientIntegrator):
         ray, _ = scene.sensors()[0].sample_ray(0, 0.5, mi.Point2f(0.5), mi.Point2f(0.5))
-        laser = np.array(ray.o).ravel().tolist()  # one device with the camera
+        laser = np.array(ray.o).ravel().tolist()
+
+    # Draw the figure to an array
     title = f"{plan.scene}, from {'the side' if plan.view == 'side' else plan.view}"
     figure = tofrender.plan_figure(scene, view=plan.view, laser=laser, title=title)
     figure.set_size_inches(*PLAN_SIZE)
@@ -244,14 +256,14 @@ def draw_plan(plan: Plan) -> np.ndarray:
 
 
 def plans_picture(rows: Iterable[Iterable[Plan]]) -> np.ndarray:
-    """Plans in rows, as many in each, uint8 (height, width, 3)."""
+    """Draw plans in rows of equal length, uint8 (height, width, 3)."""
     return np.concatenate(
         [np.concatenate([draw_plan(plan) for plan in row], axis=1) for row in rows]
     )
 
 
 def labelled(image: np.ndarray, text: str) -> np.ndarray:
-    """The image with white text on black in its lower left corner.
+    """Return the image with white text on black in its lower left corner.
 
     Example:
         >>> int(labelled(np.full((40, 80, 3), 128, np.uint8), "nee").max())
@@ -271,18 +283,18 @@ def labelled(image: np.ndarray, text: str) -> np.ndarray:
 
 
 def write(folder: Path, names: Iterable[str] = (), width: int = PANEL_WIDTH) -> list[Path]:
-    """Render or draw pictures and save them.
+    """Render or draw pictures, and save them as `NAME.png`.
 
     Args:
-        folder: Where `NAME.png` go; made if it does not exist.
-        names: Names in `PICTURES` and `PLANS`; none means all.
+        folder: Folder of the files, created if it does not exist.
+        names: Names in `PICTURES` and `PLANS`. Without names, all pictures are made.
         width: Width of a rendered panel [pixels].
 
     Returns:
-        The files.
+        The paths of the files.
 
     Raises:
-        ValueError: There is no such picture; one line, before anything is rendered.
+        ValueError: If a name is unknown; one line, before a picture is rendered.
     """
     from PIL import Image
 
@@ -293,7 +305,7 @@ def write(folder: Path, names: Iterable[str] = (), width: int = PANEL_WIDTH) -> 
     for name in chosen:
         path = folder / f"{name}.png"
         if name in PLANS:
-            # Few colours: half the file
+            # With 64 colors, the file has half the size
             image = Image.fromarray(plans_picture(PLANS[name])).quantize(64)
         else:
             image = Image.fromarray(picture(PICTURES[name], width))
@@ -304,10 +316,10 @@ def write(folder: Path, names: Iterable[str] = (), width: int = PANEL_WIDTH) -> 
 
 
 def main() -> None:
-    """The command line."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(prog="python -m scenes.gallery", description=__doc__)
     known = ", ".join([*PICTURES, *PLANS])
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {known}")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"pictures to make: {known}")
     options = parser.parse_args()
     try:
         write(FOLDER, options.names)

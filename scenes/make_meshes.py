@@ -1,7 +1,8 @@
-"""Meshes of the built-in scenes: `python -m scenes.make_meshes` writes their files anew.
+"""Write the files of the built-in scenes' meshes: `python -m scenes.make_meshes`.
 
-The package reads the bust and the bunny from `tofrender/scenes/meshes.npz`, XML scenes read PLY
-files from `scenes/meshes`. Only the bunny is transformed, so only it is kept in double precision.
+The package reads the bust and the bunny from `tofrender/scenes/meshes.npz`. XML scenes read PLY
+files from `scenes/meshes`. The bunny is stored in double precision because scenes transform it; the
+bust is stored in single precision.
 """
 
 from __future__ import annotations
@@ -19,21 +20,24 @@ FOLDER = Path(__file__).parent / "meshes"
 
 
 def arrays() -> dict[str, np.ndarray]:
-    """Arrays of `meshes.npz`."""
-    found = {"bust": [np.float32(each) for each in bust()], "bunny": bunny()}
+    """Compute the arrays of `meshes.npz`, by name."""
+    computed = {"bust": [np.float32(each) for each in bust()], "bunny": bunny()}
     return {
         f"{name}_{part}": np.uint16(array) if part == "faces" else array
-        for name, mesh in found.items()
+        for name, mesh in computed.items()
         for part, array in zip(meshes.PARTS, mesh, strict=True)
     }
 
 
 def write_ply(folder: Path) -> None:
-    """Write a PLY file of each mesh into `folder`."""
-    made = {"bust": meshes.bust_mesh(), "bunny": meshes.bunny_mesh()}
-    made |= {"letter_z": meshes.letter_z_mesh()}
-    made |= {f"{half}_triangle": meshes.half_rectangle(half) for half in meshes.HALVES}
-    for name, mesh in made.items():
+    """Write a PLY file of each mesh to `folder`."""
+    by_name = {
+        "bust": meshes.bust_mesh(),
+        "bunny": meshes.bunny_mesh(),
+        "letter_z": meshes.letter_z_mesh(),
+    }
+    by_name |= {f"{half}_triangle": meshes.half_rectangle(half) for half in meshes.HALVES}
+    for name, mesh in by_name.items():
         mesh.write_ply(str(folder / f"{name}.ply"))
 
 

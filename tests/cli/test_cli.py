@@ -197,7 +197,7 @@ REFUSALS: dict[str, list[tuple[str, str]]] = {
         ("--window 0,1", "--window = 0 m to 1 m: no light arrives in it; must overlap"),
         ("--spp 10 --errors", "--spp = 10: must be a multiple of 4 with"),
         ("--workers 2 --scheduler a:1", "--scheduler and --workers"),
-        ("-D spp=3", "parameter spp = '3': must be left out, only XML files have parameters"),
+        ("-D spp=3", "parameter spp = '3': only XML files have parameters"),
         ("--sp 3", "No such option: --sp"),
         ("--spp", "Option '--spp' requires an argument."),
     ],

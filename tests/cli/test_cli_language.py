@@ -121,7 +121,7 @@ def test_json_of_the_doctor(capsys, monkeypatch, ok):
 def test_errors_leave_stdout_empty(capsys, tmp_path):
     arguments = ["render", "cornell_box", "--json", "--out", tmp_path / "out"]
     assert "--spp = 0: must be" in refused(capsys, *arguments, "--spp", "0")
-    assert "did you mean" in refused(capsys, "render", "cornel_box", *arguments[2:])
+    assert "Use cornell_box" in refused(capsys, "render", "cornel_box", *arguments[2:])
 
 
 def test_json_of_a_render_that_was_stopped(capsys, tmp_path, monkeypatch):

@@ -185,7 +185,7 @@ def test_lamps_and_mirrors_are_not_mixed(kind):
 def test_pixels_of_other_kinds_have_no_weights(kind, step):
     """Inside of blocks, too: column 10 is the last of the kind."""
     weights = kernels.pixel_weights(wall(kind=np.where(X < 11, kind, 0)), step)
-    across = np.array([right for _, right in kernels.NEIGHBOURS])
+    across = np.array([right for _, right in kernels.NEIGHBORS])
     assert not weights[:, :11].any()
     assert not weights[:, 11 : 11 + step][..., across < 0].any()
     assert (weights[step:-step, 11 + step : -step] > 0).all()

@@ -320,7 +320,7 @@ def test_folding_some_pixels_copies_nothing():
 def test_an_empty_film_says_so(call):
     made = mi.load_dict(film(), parallel=False)
     arguments = {"time_slice": (0,), "scale": (2.0,)}.get(call, ())
-    with pytest.raises(RuntimeError, match=r"is empty; call prepare\(\) first"):
+    with pytest.raises(RuntimeError, match=r"is empty\. Call prepare\(\)"):
         getattr(made, call)(*arguments)
 
 

@@ -20,6 +20,12 @@ _PYTHONS_OWN = re.compile(
     r"between|0x[0-9a-f]{6,}|incompatible function|positional argument|'NoneType' object|__\w+__|"
     r"argument must be|could not convert|ufunc|nanobind|drjit\.|Assertion|broadcast together"
 )
+_REMEDY = re.compile(
+    r"[mM]ust |does not exist|expected |needs up to |requires? |cannot be combined|is missing|"
+    r"\b([aA]dd|[rR]emove|[uU]se|[cC]hoose|[sS]elect|[pP]ass|[sS]et|[mM]ake|[rR]un|[cC]ontinue|"
+    r"[cC]hange|[iI]ncrease|[rR]educe) "
+)
+"""Words by which a message says what is allowed, or what to do instead."""
 
 
 class Odd:
@@ -264,13 +270,6 @@ def sample(kind: str, everything: bool, start: int, texts: bool = False) -> dict
     rest = [name for name in found if name not in always]
     left_out = set() if everything else set(rest) - set(rest[start % 6 :: 6])
     return {name: value for name, value in found.items() if name not in left_out}
-
-
-_REMEDY = re.compile(
-    r"[mM]ust |does not exist|expected |needs up to |requires? |cannot be combined|is missing|"
-    r"\b(Add|Remove|Use|Choose|Select|Pass|Make|Run|Continue) "
-)
-"""Words by which a message says what to change."""
 
 
 def one_clear_line(error: BaseException, name: str, value: Any = ...) -> str:

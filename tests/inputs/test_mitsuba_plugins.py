@@ -295,7 +295,7 @@ RENDERED: dict[str, Any] = {
 }
 COLOR = {"type": "mesh_attribute", "name": "vertex_color"}
 
-ANOTHER = "a transient film or a pulse needs another one; must be one of"
+ANOTHER = "does not support a transient film or a pulse"
 REFUSED: dict[str, tuple[dict, str]] = {
     "directionalarea from the camera": (
         beam_from_above(),

@@ -83,7 +83,7 @@ def test_milk_in_a_glass_that_does_not_know_the_fog_around_it():
 def test_fog_without_end_under_a_sky():
     """No light would come through; where the fog ends, it does."""
     sky = {"type": "constant", "radiance": 0.1}
-    assert "must end somewhere" in refusal(box(fog(0.1, 0.9), sky=sky))
+    assert "unbounded" in refusal(box(fog(0.1, 0.9), sky=sky))
     ends = box(fog(0.1, 0.9), sky=sky, room=filled(cube(20.0), fog(0.1, 0.9)))
     tofrender.render(ends, spp=1, window="auto")
 
@@ -94,7 +94,7 @@ def test_fog_without_end_under_a_sky():
 def test_integrators_that_do_not_follow_media(integrator):
     text = refusal(box(fog(0.1, 0.9)) | {"integrator": integrator})
     assert "medium" in text
-    assert "not followed" in text
+    assert "does not support" in text
 
 
 def test_great_depths_are_right():
@@ -123,4 +123,4 @@ def test_scenes_of_others_as_they_are(name):
 def test_a_blend_with_flakes_for_paths_from_lights(kind):
     smoke = fog(0.2, 0.9, phase=TWO_LOBES | {"a": FLAKES}, id="smoke")
     text = refusal(box(smoke), integrator={"type": kind})
-    assert text.startswith("smoke.phase = blendphase: must have no sggx for paths from lights")
+    assert text.startswith("smoke.phase = blendphase: sggx ")

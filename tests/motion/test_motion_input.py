@@ -129,13 +129,13 @@ def test_motions_of_parts_that_cannot():
         "wand": "an id of the scene, one of",
         "floo": "an id of the scene, one of",
         "sky": "infinity",
-        "shine": "the shape of that lamp",
+        "shine": "the id of its shape",
         "smoke": "medium on a grid",
     }.items():
         more = {name: parts[name]} if name in parts else {"panel": parts["panel"]}
         loaded = tofrender.load_scene(described(**more), optimize=False)
         line = refusal(tofrender.moving, loaded, {name: step})
-        assert line.startswith(f"motions = '{name}': must be "), line
+        assert line.startswith(f"motions = '{name}': "), line
         assert said in line, line
         assert tofrender.motions_of(loaded) == {}
     loaded = tofrender.load_scene(described(sun=parts["sun"]), optimize=False)

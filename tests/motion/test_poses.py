@@ -198,7 +198,7 @@ def test_a_pose_has_the_motion_of_its_time():
             once.rotation_center, np.add(MOTION.rotation_center, (0.03, -0.02, 0.05))
         )
         assert (once.velocity, once.angular_velocity) == (MOTION.velocity, MOTION.angular_velocity)
-        with pytest.raises(RuntimeError, match="another pose"), tofrender.posed(loaded, 0.2):
+        with pytest.raises(RuntimeError, match="already posed"), tofrender.posed(loaded, 0.2):
             pass
 
 

@@ -70,7 +70,7 @@ def test_paths_do_not_start_at_it(file, kind):
     file.write_text(
         SCENE.replace("orthographic", "perspective").replace('<scale value="0.9"/>', "")
     )
-    with refused("whose light cannot be followed here; must be point, spot"):
+    with refused("are not supported. Use point, spot"):
         tofrender.render(file, integrator=kind, spp=1, progress=False)
 
 

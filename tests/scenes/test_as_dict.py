@@ -59,6 +59,6 @@ def test_what_is_shared_stays_shared(tmp_path):
 
 def test_wrong_files_are_refused(tmp_path):
     said = refusal(scene_as_dict, tmp_path / "no.xml", kind=FileNotFoundError)
-    assert "must be an XML file that exists" in said
+    assert "no.xml" in said
     said = refusal(scene_as_dict, ROOT / "cornell_box.xml", {"depth": 3})
-    assert said.startswith("parameter depth = '3': cornell_box.xml does not use it")
+    assert said.startswith("parameter depth = '3': cornell_box.xml")

@@ -137,9 +137,9 @@ def test_a_scale_of_0(kind):
     flat = of(a={"type": kind, "to_world": scaled(0, 0, 0)})
     assert refusal(flat).startswith("a.")
     if kind != "cube":
-        assert "must be a transform with an inverse" in refusal(flat)
+        assert "singular" in refusal(flat)
         line = of(a={"type": kind, "to_world": scaled(1, 1, 0)})
-        assert "must be a transform with an inverse" in refusal(line)
+        assert "singular" in refusal(line)
 
 
 @pytest.mark.parametrize(
@@ -149,7 +149,7 @@ def test_a_rotation_about_an_axis_that_is_no_unit_vector(axis, right):
     """Mitsuba takes its transpose for its inverse: a disk lamp was 10 % too dark."""
     far = translate(9, 0, 0).rotate(axis, 40).scale([1, 1, 1e-3])
     turned = of(a={"type": "disk", "to_world": far})
-    with nullcontext() if right else pytest.raises(ValueError, match="need an axis of length 1"):
+    with nullcontext() if right else pytest.raises(ValueError, match=r"to_world = .* length 1"):
         check_scene(turned)
 
 
@@ -158,7 +158,7 @@ def test_a_rotation_about_an_axis_that_is_no_unit_vector(axis, right):
 )
 def test_scenes_must_be_larger_than_gaps_beside_rays(radius, x, right):
     ball = of(ball={"type": "sphere", "radius": radius, "center": [x, 0, 0]})
-    with nullcontext() if right else pytest.raises(ValueError, match="scene: its shapes span "):
+    with nullcontext() if right else pytest.raises(ValueError, match="scene: its diagonal is "):
         check_scene(ball)
 
 
@@ -168,7 +168,7 @@ def test_an_object_without_an_id_goes_by_its_class(tmp_path):
     (tmp_path / "a.xml").write_text(f'<scene version="3.0.0">{shapes}</scene>')
     said = refusal(load_scene(tmp_path / "a.xml", optimize=False))
     assert said.startswith("Rectangle 2.to_world = ")
-    assert "with an inverse" in said
+    assert "singular" in said
 
 
 def test_a_rotation_about_a_long_axis_in_a_file_or_a_dict(tmp_path):
@@ -180,7 +180,7 @@ def test_a_rotation_about_a_long_axis_in_a_file_or_a_dict(tmp_path):
     for source in ({"type": "scene", "a": {"type": "cube", "to_world": askew}}, path):
         said = refused(load_scene, source)
         assert said.startswith("a.to_world = ")
-        assert "axis of length 1" in said
+        assert "length 1" in said
 
 
 @pytest.mark.parametrize("radius", [1.0, 0.009, 0.001])
@@ -219,10 +219,10 @@ def test_what_was_changed_after_the_load():
 def test_media_are_refused():
     """Of shapes, lamps, groups, and of the sensor that looks."""
     ball = {"type": "sphere", "bsdf": {"type": "null"}}
-    end = " = HomogeneousMedium: must be left out; participating media are not followed"
+    end = " = HomogeneousMedium: "
     for side in ("interior", "exterior"):
-        assert refusal(of(ball=ball | {side: FOG})) == f"ball.{side}_medium{end}"
-    assert refusal(of(lamp={"type": "point", "medium": FOG})) == f"lamp.medium{end}"
+        assert refusal(of(ball=ball | {side: FOG})).startswith(f"ball.{side}_medium{end}")
+    assert refusal(of(lamp={"type": "point", "medium": FOG})).startswith(f"lamp.medium{end}")
     group = {"type": "shapegroup", "ball": ball | {"interior": FOG}}
     instance = {"type": "instance", "group": {"type": "ref", "id": "group"}}
     assert "interior_medium" in refusal(of(group=group, one=instance))
@@ -236,10 +236,9 @@ def test_media_are_refused():
 def test_a_scene_of_another_variant():
     scene = of(ball={"type": "sphere"})
     mi.set_variant("llvm_ad_mono")
-    assert refusal(scene) == (
-        "scene: belongs to the variant llvm_ad_rgb; must be one of the active variant "
-        "llvm_ad_mono, load it again"
-    )
+    line = refusal(scene)
+    assert line.startswith("scene: belongs to the variant llvm_ad_rgb")
+    assert "llvm_ad_mono" in line
 
 
 @pytest.mark.parametrize("angle", [0.01, 0.04])

@@ -153,8 +153,8 @@ def test_files_named_in_xml_are_found_beside_it(tmp_path):
 def test_unknown_settings_scenes_and_files(tmp_path):
     with pytest.raises(TypeError, match="spps: unknown setting; must be one of width, height"):
         check_settings({"spps": 3})
-    assert "did you mean cornell_box" in refusal("cornel_box")
-    assert "must be one of cornell_box, cornell_box_mirror" in refusal("kitchen")
+    assert "Use cornell_box" in refusal("cornel_box")
+    assert "one of cornell_box, cornell_box_mirror" in refusal("kitchen")
     for source in (tmp_path / "no.xml", "no.xml", str(tmp_path)):
         assert repr(str(source)) in refusal(source, kind=FileNotFoundError)
 
@@ -204,19 +204,20 @@ def test_settings_that_cannot_be():
     assert "width = 8: a loaded scene cannot be changed" in refusal(scene, width=8)
     camera = {"type": "perspective", "film": mi.load_dict({"type": "hdrfilm"})}
     said = refusal({"type": "scene", "camera": camera}, width=8)
-    assert "its film is a ready-made object" in said
+    assert "film cannot be changed" in said
     mi.register_sampler("dice", lambda props: mi.load_dict({"type": "independent"}))
     camera = {"type": "perspective", "random": {"type": "dice"}}
     assert "'dice' may be its sampler" in refusal({"type": "scene", "camera": camera}, spp=4)
     line = refusal("cornell_box_steady_state", temporal_bins=30)
-    assert "give `start_opl` and `bin_width_opl` too" in line
+    assert line.startswith("temporal_bins = 30: ")
+    assert "`start_opl` and `bin_width_opl`" in line
 
 
 def test_scene_without_sensor_or_light():
     scene = load_scene({"type": "scene", "ball": {"type": "sphere"}})
-    assert "has no sensor" in refused(require_sensor, scene)
-    assert "has no light" in refused(require_light, scene)
-    assert "has no sensor" in refusal({"type": "scene", "ball": {"type": "sphere"}}, spp=4)
+    assert "sensor" in refused(require_sensor, scene)
+    assert "light" in refused(require_light, scene)
+    assert "sensor" in refusal({"type": "scene", "ball": {"type": "sphere"}}, spp=4)
     strange = {"type": "distantflux", "target": [0, 0, 0.5], "film": {"type": "hdrfilm"}}
     said = refusal({"type": "scene", "flux": strange}, spp=4)
     assert "its sensor has the unknown type 'distantflux'" in said

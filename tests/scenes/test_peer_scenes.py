@@ -21,7 +21,9 @@ from tofrender.scenes.meshes import letter_z
 
 ROOT = Path(__file__).parents[2]
 DEVICE = (-0.5, 0.0, 0.25)
-QUIET = pytest.mark.filterwarnings("ignore:.*has no effect", "ignore:.*do not look at the relay")
+QUIET = pytest.mark.filterwarnings(
+    "ignore:.*has no effect", "ignore:time_sampling = ", "ignore:.*do not look at the relay"
+)
 
 
 def edited(path: Path, *changes: tuple[str, str]) -> Path:
@@ -381,7 +383,7 @@ def gated(**integrator) -> dict:
 def test_timegated_transient_path():
     """Its gates fill the bins: the histogram that our integrator puts there."""
     described = gated(type="timegated_transient_path", time_sampling="random")
-    with pytest.warns(UserWarning, match=r"\Atime_sampling = 'random': has no effect; every "):
+    with pytest.warns(UserWarning, match=r"\Atime_sampling = 'random': "):
         theirs = tofrender.load_scene(described)
     ours = tofrender.load_scene(gated(type="transient_path", max_depth=6))
     assert str(theirs.integrator()) == str(ours.integrator())
@@ -393,7 +395,8 @@ def test_timegated_transient_path():
     assert said == "time_sampling = 'no': must be one of stratified, random"
     bare = gated() | {"integrator": {"type": "timegated_transient_path"}}
     said = refusal(tofrender.load_scene, bare)
-    assert said.startswith("integrator = 'timegated_transient_path': has no confocal_projector")
+    assert said.startswith("integrator = 'timegated_transient_path': ")
+    assert "confocal_projector" in said
 
 
 @QUIET
@@ -402,11 +405,12 @@ def test_nlos_confocal(tmp_path):
         options = tags("boolean", nlos_confocal=value) + more
         return apart(peer_scenes.nlos_z(tmp_path, size=2, path_options=options))
 
-    with pytest.warns(UserWarning, match=r"\Anlos_confocal = True: is capture_type = 'confocal'"):
+    with pytest.warns(UserWarning, match=r"\Anlos_confocal = True: .*capture_type = 'confocal'"):
         assert with_option("true").integrator().capture_type == "confocal"
     assert with_option("false").integrator().capture_type == "single"
     said = refusal(with_option, "true", tags("integer", capture_type=2))
-    assert said == "nlos_confocal = True: must be left out; capture_type is given"
+    assert said.startswith("nlos_confocal = True: ")
+    assert "capture_type" in said
 
 
 @pytest.mark.statistical

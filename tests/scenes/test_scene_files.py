@@ -55,9 +55,8 @@ def test_faces_must_have_the_vertices_of_their_file(form, more, tmp_path):
     for face in ((0, 1, 4), (0, 4, 1), (70_000_000, 1, 2), (0, -1, 2)):
         said = refusal(ply(path, form, [(0, 1, 2), face], more=more))
         wrong = next(k for k in face if not 0 <= k < 4)
-        assert said == (
-            f"{path}: its face 1 has the vertex {wrong}; must be one of its vertices, 0 to 3"
-        )
+        assert said.startswith(f"{path}: face 1 refers to vertex {wrong}, ")
+        assert "vertices 0 to 3" in said
     for index in ("int", "uint", "ushort", "uchar"):
         good = ply(path, form, [(0, 1, 2), (1, 3, 2)], index, more)
         require_indices(str(path))
@@ -70,7 +69,7 @@ def test_a_mesh_beside_the_scene_file(tmp_path):
     shape = '<shape type="ply"><string name="filename" value="mesh.ply"/></shape>'
     path = tmp_path / "scene.xml"
     path.write_text(f'<scene version="3.0.0">{shape}</scene>', encoding="utf-8")
-    assert refusal(path).startswith("mesh.ply: its face 0 has the vertex 9; must be")
+    assert refusal(path).startswith("mesh.ply: face 0 refers to vertex 9, ")
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -110,10 +109,9 @@ def nested(path: Path, depth: int, inner: str = "") -> Path:
 def test_tags_within_each_other(tmp_path):
     path = tmp_path / "scene.xml"
     for depth in (MAX_NESTING, 20_000):
-        assert refusal(nested(path, depth)) == (
-            f"scene = {str(path)!r}: has more than {MAX_NESTING} tags within each other in line 2; "
-            "must have fewer"
-        )
+        line = refusal(nested(path, depth))
+        assert line.startswith(f"scene = {str(path)!r}: more than {MAX_NESTING} tags")
+        assert "line 2" in line
     assert 'Plugin "x" not found' in refusal(nested(path, MAX_NESTING - 1))
 
 
@@ -122,9 +120,9 @@ def test_tags_of_a_file_that_is_included(tmp_path):
     path = tmp_path / "scene.xml"
     names = '<default name="which" value="deep"/>', '<include filename="$which.xml"/>'
     path.write_text(f'<scene version="3.0.0">{"".join(names)}</scene>', encoding="utf-8")
-    assert "deep.xml': has more than" in refusal(path)
+    assert "deep.xml': more than" in refusal(path)
     path.write_text(f'<scene version="3.0.0">{names[1]}</scene>', encoding="utf-8")
-    assert "deep.xml': has more than" in refusal(path, parameters={"which": "deep"})
+    assert "deep.xml': more than" in refusal(path, parameters={"which": "deep"})
     path.write_text('<scene version="3.0.0"><include filename="scene.xml"/></scene>')
     assert "scene.xml" in refusal(path)
 
@@ -136,7 +134,7 @@ def test_dicts_within_each_other():
             material = {"type": "mask", "bsdf": material}
         return {"type": "scene", "ball": {"type": "sphere", "bsdf": material}}
 
-    assert refusal(scene(20_000)) == f"scene: has more than {MAX_NESTING} dicts within each other"
+    assert refusal(scene(20_000)).startswith(f"scene: more than {MAX_NESTING} dicts")
     assert isinstance(load_scene(scene(20)), mi.Scene)
 
 

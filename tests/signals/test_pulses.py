@@ -260,16 +260,16 @@ def test_pulse_from_arrays(tmp_path):
     ("name", "content", "message"),
     [
         ("a.dat", b"", r"must end in .npz, .csv or .txt"),
-        ("none.csv", None, "must be a file that exists"),
-        ("a.csv", b"", "has 0 rows; must have at least two"),
-        ("a.csv", b"opl,value\n0,1", "has 1 rows"),
+        ("none.csv", None, "none.csv"),
+        ("a.csv", b"", "0 rows"),
+        ("a.csv", b"opl,value\n0,1", "1 rows"),
         ("a.csv", b"0,1\n1,2,3\n", "line 2 = '1,2,3': must be two numbers"),
         ("a.csv", b"0,1\none,2\n", "line 2 = 'one,2'"),
         ("a.csv", b"0,one\n1,2\n", "line 1 = '0,one'"),
         ("a.csv", b"nan,1\n1,2\n", "line 1 = 'nan,1'"),
-        ("a.txt", b"0 1\n1 2\n3 3\n", "opl = 1: opl must rise in even steps"),
-        ("a.txt", b"2 1\n1 2\n0 3\n", "opl = 0: opl must rise in even steps"),
-        ("a.txt", b"1 1\n1 2\n", "opl = 1: opl must rise in even steps"),
+        ("a.txt", b"0 1\n1 2\n3 3\n", "opl = 1: "),
+        ("a.txt", b"2 1\n1 2\n0 3\n", "opl = 0: "),
+        ("a.txt", b"1 1\n1 2\n", "opl = 1: "),
         ("a.txt", b"0 0\n1 0\n", "values: all are 0"),
         ("a.txt", b"0 1\n1 -2\n", "values: contain -2"),
         ("a.txt", b"\xff\xfe0\x000", "must be text in UTF-8"),
@@ -297,5 +297,5 @@ def test_bad_files(tmp_path, name, content, message):
 
 def test_an_array_that_is_missing(tmp_path):
     np.savez(tmp_path / "a.npz", values=[1.0], start_opl=0)
-    with pytest.raises(ValueError, match="has no bin_width_opl"):
+    with pytest.raises(ValueError, match="bin_width_opl is missing"):
         SampledPulse.from_file(tmp_path / "a.npz")

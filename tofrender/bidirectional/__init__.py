@@ -1,1 +1,1 @@
-"""Paths from lights, and bidirectional paths: emission, the lens, light paths, MIS weights."""
+"""Light paths and bidirectional paths: emission, the lens, stored vertices and MIS weights."""

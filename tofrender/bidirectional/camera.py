@@ -1,4 +1,4 @@
-"""The camera as the endpoint of paths from lights, and the vertices stored for other paths."""
+"""Endpoint of light paths that connects to the camera, and storage of light-path vertices."""
 
 from __future__ import annotations
 
@@ -21,29 +21,62 @@ from .mis import BidirectionalMIS, PartialSums
 
 @dataclass
 class StoredVertex:
-    """A vertex of a path from a light."""
+    """A vertex of a light path."""
 
+    # Surface interaction, see `as_surface` for points of media
     si: mi.SurfaceInteraction3f
-    depth: mi.UInt32  # number of vertices before it
-    β: mi.Spectrum  # throughput, without the emission weight
-    η: mi.Float  # index of refraction before it, relative to that at the light
-    opl: mi.Float  # optical path length from the light [m]
-    a: mi.Float  # partial MIS sums of the path, see `PartialSums`
+
+    # Number of vertices before this vertex
+    depth: mi.UInt32
+
+    # Throughput of the light path, without the emission weight
+    β: mi.Spectrum
+
+    # Index of refraction before the vertex, relative to the index at the light
+    η: mi.Float
+
+    # Optical path length from the light [m]
+    opl: mi.Float
+
+    # Partial MIS sums of the light path, see `PartialSums`
+    a: mi.Float
     b: mi.Float
-    medium: mi.MediumPtr | None  # scatters there, null on surfaces; None in scenes without media
-    rate: mi.Float | None  # of `opl`, and velocity of the vertex [m/s]; None without rates
+
+    # Medium that scatters at the vertex, null on surfaces; None in scenes without media
+    medium: mi.MediumPtr | None
+
+    # Rate of change of `opl` [m/s], None if rates are not computed
+    rate: mi.Float | None
+
+    # Velocity of the vertex [m/s], None if rates are not computed
     velocity: mi.Vector3f | None
 
     @classmethod
     def allocate(cls, count: int, in_media: bool, moves: bool) -> dr.Local:
-        """Allocate lane memory for stored vertices."""
-        si, β, zero = dr.zeros(mi.SurfaceInteraction3f), dr.zeros(mi.Spectrum), mi.Float(0)
-        medium = dr.zeros(mi.MediumPtr) if in_media else None
-        rates = (mi.Float(0), dr.zeros(mi.Vector3f)) if moves else (None, None)
-        return tape(cls(si, mi.UInt32(0), β, zero, zero, zero, zero, medium, *rates), count)
+        """Allocate lane memory for stored vertices.
+
+        Args:
+            count: Number of vertices.
+            in_media: Whether vertices may be points of media.
+            moves: Whether vertices have rates and velocities.
+        """
+        zero = mi.Float(0)
+        example = cls(
+            si=dr.zeros(mi.SurfaceInteraction3f),
+            depth=mi.UInt32(0),
+            β=dr.zeros(mi.Spectrum),
+            η=zero,
+            opl=zero,
+            a=zero,
+            b=zero,
+            medium=dr.zeros(mi.MediumPtr) if in_media else None,
+            rate=mi.Float(0) if moves else None,
+            velocity=dr.zeros(mi.Vector3f) if moves else None,
+        )
+        return tape(example, count)
 
     def vertex(self, length: mi.Float, active: mi.Bool) -> Vertex:
-        """Return it as a vertex at the end of a ray."""
+        """Return the stored vertex as a vertex at the end of a ray with a length [m]."""
         if self.medium is None:
             return Vertex(self.si, length, active)
         medium = dr.select(active, self.medium, dr.zeros(mi.MediumPtr))
@@ -52,18 +85,30 @@ class StoredVertex:
 
 @dataclass
 class LightPath:
-    """History of a path from a light."""
+    """History of a light path."""
 
-    partial_sums: PartialSums  # partial MIS sums so far
-    count: mi.UInt32  # number of stored vertices
-    vertices: dr.Local | None  # the stored vertices, in lane memory
+    # Partial MIS sums up to the last vertex
+    partial_sums: PartialSums
+
+    # Number of stored vertices
+    count: mi.UInt32
+
+    # Stored vertices in lane memory, None if vertices are not stored
+    vertices: dr.Local | None
 
 
 class LightPathHistory(HistoryUpdates[LightPath]):
-    """Updates partial MIS sums of paths from lights, and stores vertices for camera paths.
+    """Updates of the partial MIS sums of light paths, and storage of vertices for camera paths.
 
-    `capacity` is the number of stored vertices; with `in_media` they may be points of media, with
-    `moves` they have rates.
+    Args:
+        scene: The scene.
+        emission: Emission sampling.
+        emitted: The emission samples of the paths.
+        scattering: Scattering of light paths.
+        mis: The MIS weights.
+        capacity: Largest number of stored vertices, 0 to store none.
+        in_media: Whether vertices may be points of media.
+        moves: Whether rates are computed.
     """
 
     def __init__(
@@ -77,9 +122,14 @@ class LightPathHistory(HistoryUpdates[LightPath]):
         in_media: bool,
         moves: bool = False,
     ) -> None:
-        self.scene, self.emission, self.emitted = scene, emission, emitted
-        self.scattering, self.mis = scattering, mis
-        self.capacity, self.in_media, self.moves = capacity, in_media, moves
+        self.scene = scene
+        self.emission = emission
+        self.emitted = emitted
+        self.scattering = scattering
+        self.mis = mis
+        self.capacity = capacity
+        self.in_media = in_media
+        self.moves = moves
 
     def start(self) -> LightPath:
         """Create the history of a path without vertices."""
@@ -89,37 +139,55 @@ class LightPathHistory(HistoryUpdates[LightPath]):
         return LightPath(PartialSums(mi.Float(0), mi.Float(0)), mi.UInt32(0), vertices)
 
     def at_vertex(self, path: Path[LightPath], vertex: Vertex, active: mi.Bool) -> LightPath:
-        """Update the partial sums, and store the vertex if connections can find light there."""
+        """Update the partial sums, and store the vertex if it has a smooth lobe."""
+        # Update the partial sums
         history = path.history
         if not self.mis.exponent and not self.capacity:
             return history
-        sums, count = self._partial_sums(path, vertex), history.count
+        sums = self._partial_sums(path, vertex)
+        count = history.count
+
+        # Store the vertex
         if history.vertices is not None:
             store = active & self.scattering.smooth(vertex) & (count < self.capacity)
             record = StoredVertex(
-                *(vertex.si, path.depth, path.β, path.η, path.opl, sums.a, sums.b),
-                vertex.medium_point.medium if self.in_media else None,
-                *(path.rate, path.velocity),
+                si=vertex.si,
+                depth=path.depth,
+                β=path.β,
+                η=path.η,
+                opl=path.opl,
+                a=sums.a,
+                b=sums.b,
+                medium=vertex.medium_point.medium if self.in_media else None,
+                rate=path.rate,
+                velocity=path.velocity,
             )
             history.vertices.write(packed(record), dr.select(store, count, 0), store)
             count = count + dr.select(store, mi.UInt32(1), 0)
         return LightPath(sums, count, history.vertices)
 
     def _partial_sums(self, path: Path[LightPath], vertex: Vertex) -> PartialSums:
-        """Return partial sums at a vertex; those of the first depend on the emission sample."""
-        start, si, power = self.emitted, vertex.si, self.mis.power
+        """Return the partial sums at a vertex. At the first vertex, they follow from emission."""
+        # Sums at later vertices
+        start = self.emitted
+        si = vertex.si
+        power = self.mis.power
         cos = vertex.cosine(path.ray.d)
         later = self.mis.at_vertex(path.history.partial_sums, path, vertex)
         first = path.depth == 0
 
         # Density of next-event estimation from the first vertex to the point of emission
         ds = dr.zeros(mi.DirectionSample3f, dr.width(path.depth))
-        ds.p, ds.n, ds.uv, ds.emitter = start.origin, start.normal, start.uv, start.emitter
-        ds.d, ds.dist = -start.ray.d, vertex.length
+        ds.p = start.origin
+        ds.n = start.normal
+        ds.uv = start.uv
+        ds.emitter = start.emitter
+        ds.d = -start.ray.d
+        ds.dist = vertex.length
         pdf = self.emission.samples.pdf_direction(si, ds, first & ~start.delta)
         ratio = self.emission.ratio(start.emitter, ds, pdf, vertex.length)
 
-        # Sums over the strategies that connect to it, or hit it
+        # Sums at the first vertex, over the strategies that connect to the emitter or hit it
         inverse_cos = dr.select(cos > 0, dr.rcp(cos), 0)
         cannot_be_hit = start.delta | (not self.mis.hits)
         hit = dr.select(cannot_be_hit, 0, power(start.cos * inverse_cos / start.density))
@@ -137,21 +205,30 @@ class LightPathHistory(HistoryUpdates[LightPath]):
 
 @dataclass
 class LensConnection(Connection):
-    """A connection to the lens."""
+    """Connection to the lens."""
 
+    # The lens point with direction, distance and film position
     lens_sample: Arrival = field(kw_only=True)
 
 
 class Camera(Endpoint):
-    """The lens, for paths from lights: all strategies with t = 1.
+    """Endpoint with the lens, for light paths: all strategies with t = 1.
 
-    A connection carries the camera's importance over the density of the lens point, whose cosine,
-    and that of the area that the lens covers, have cancelled:
+    The weight of a connection is the camera's importance over the density of the lens point, times
+    the geometric factor. The cosine of the importance cancels with the cosine at the lens, which
+    leaves
 
-        1 / (A cos³θ d²)
+        1 / (A cos³θ d²).
 
-    With `camera_unwarp`, the segment to the lens does not count in lengths; with `hide_emitters`,
-    the lens sees through area lights. Without `connects` there are no connections.
+    Args:
+        scene: The scene.
+        lens: The lens.
+        emitted: The emission samples of the paths.
+        mis: The MIS weights.
+        history: Updates of the paths' histories.
+        connects: Whether paths connect to the lens.
+        camera_unwarp: Whether path lengths exclude the segment to the lens.
+        hide_emitters: Whether the lens sees through area lights.
     """
 
     importance = True
@@ -168,26 +245,41 @@ class Camera(Endpoint):
         camera_unwarp: bool = False,
         hide_emitters: bool = False,
     ) -> None:
-        self.scene, self.lens, self.emitted, self.mis = scene, lens, emitted, mis
-        self.history, self.connects = history, connects
-        self.camera_unwarp, self.hide_emitters = camera_unwarp, hide_emitters
+        self.scene = scene
+        self.lens = lens
+        self.emitted = emitted
+        self.mis = mis
+        self.history = history
+        self.connects = connects
+        self.camera_unwarp = camera_unwarp
+        self.hide_emitters = hide_emitters
 
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> LensConnection:
         """Sample a connection to a point on the lens."""
+        # Sample a point on the lens
         si = vertex.si
         lens_sample = self._connect_lens(vertex, self.lens.sample(sampler))
         active = active & lens_sample.seen
         end = lens_sample.near
+
+        # Skip hidden emitters
         if self.hide_emitters:
             active &= ~si.shape.is_emitter()
             end = behind_emitters(self.scene, mi.Ray3f(end, -lens_sample.direction)).o
+
+        # Weight and length of the connection
         light = self.emitted.weight * (lens_sample.density / dr.square(lens_sample.distance))
         weight = dr.select(active, light, 0)
         length = mi.Float(0) if self.camera_unwarp else lens_sample.distance
         return LensConnection(
-            *(end, lens_sample.direction, weight, length, active, lens_sample.density),
+            point=end,
+            direction=lens_sample.direction,
+            weight=weight,
+            length=length,
+            active=active,
+            pdf=lens_sample.density,
             position=lens_sample.position,
             frame=sensor_frame(self.lens.sensor, mi.Ray3f(si.p, -lens_sample.direction)),
             medium_length=lens_sample.distance,
@@ -196,10 +288,12 @@ class Camera(Endpoint):
         )
 
     def _connect_lens(self, vertex: Vertex, lens: mi.Point3f) -> Arrival:
-        """Connect a vertex to a lens point; the clip planes hide no point of a medium."""
+        """Connect a vertex to a lens point. The clip planes do not affect points of media."""
         p = vertex.si.p
         if vertex.in_medium is None:
             return self.lens.arrive(p, lens)
+
+        # Points in front of the near plane connect to the lens itself
         lens_sample = self.lens.arrive(p, lens, vertex.medium_point.here)
         before = dr.norm(lens_sample.near - lens) > lens_sample.distance
         lens_sample.near = dr.select(before, lens, lens_sample.near)
@@ -208,8 +302,9 @@ class Camera(Endpoint):
     def mis_weight(
         self, path: Path[LightPath], vertex: Vertex, connection: LensConnection, bsdf_eval: BSDFEval
     ) -> mi.Float:
-        """Return the MIS weight of strategy (s, 1)."""
-        x, lens_sample = mi.Float(0), connection.lens_sample
+        """Return the MIS weight of strategy (s, 1), which connects to the lens."""
+        x = mi.Float(0)
+        lens_sample = connection.lens_sample
         if self.mis.exponent:
             cos = vertex.cosine(connection.direction)
             density = lens_sample.density * cos / dr.square(lens_sample.distance)

@@ -1,12 +1,13 @@
-"""The lens of a camera, its importance, and connections of points to it.
+"""The lens of a camera: its importance, and connections of points to the lens.
 
-Rays through uniform points of the film, whose window has the area A in the plane at distance
-1, have the solid-angle density
+Camera rays go through uniform points of the film. Let A be the area of the film's window on a plane
+at distance 1, and θ the angle between ray and axis. Then the solid-angle density of the rays is
 
-    p(ω) = 1 / (A cos³θ)            θ: angle between the ray and the axis
+    p(ω) = 1 / (A cos³θ).
 
-and the importance We = p / cosθ (over the area of the lens, if it has one), whose integral over
-directions, cosine and lens is 1: a film pixel is the mean of what arrives on it.
+The importance is We = p / cosθ, divided by the area of the lens for thin lenses. The integral of
+We cosθ over directions and over the lens is 1, so a pixel of the film is the mean of the radiance
+that arrives.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ class Lens(Window):
         sensor: The camera.
 
     Raises:
-        ValueError: Nothing can connect to the sensor; one line.
+        ValueError: If connections to the sensor are not supported; one line.
     """
 
     def __init__(self, sensor: mi.Sensor) -> None:
@@ -33,33 +34,48 @@ class Lens(Window):
         dr.make_opaque(self.area)
 
     def density(self, d: mi.Vector3f) -> mi.Float:
-        """Density p(ω) of a camera ray's direction, which is in the window [1/sr]."""
+        """Return the density p(ω) of the direction of a camera ray inside of the window [1/sr]."""
         cos = dr.abs(dr.dot(d, self.axis))
         return dr.rcp(self.area * cos * cos * cos)
 
     def importance(self, d: mi.Vector3f) -> mi.Float:
-        """Importance We of a camera ray's direction, which is in the window [1/sr, 1/(sr m²)]."""
+        """Return the importance We of the direction of a camera ray inside of the window.
+
+        The unit is 1/sr for a pinhole and 1/(sr m²) for a thin lens.
+        """
         lens = dr.pi * self.radius * self.radius if self.is_thin else mi.Float(1)
         return self.density(d) / (dr.abs(dr.dot(d, self.axis)) * lens)
 
     def sample(self, sampler: mi.Sampler) -> mi.Point3f:
-        """Sample a point uniformly on the lens; a pinhole has one, and draws no random number."""
+        """Sample a uniform point on the lens. A pinhole does not use random numbers."""
         if not self.is_thin:
             return self.position
         disk = mi.warp.square_to_uniform_disk_concentric(sampler.next_2d()) * self.radius
         return self.position + self.right * disk.x + self.up * disk.y
 
     def arrive(self, p: mi.Point3f, lens: mi.Point3f, distant: mi.Bool | bool = False) -> Arrival:
-        """Connect points to a point on the lens; `distant` ones are behind any clip."""
+        """Connect points to a point on the lens.
+
+        Args:
+            p: The points.
+            lens: The point on the lens.
+            distant: Lanes with points that the clip planes do not affect.
+        """
+        # Direction and distance of the point
         to_point = p - lens
         distance = dr.norm(to_point)
         d = to_point / distance
-        cos, depth = dr.dot(d, self.axis), dr.dot(to_point, self.axis)
-        # A lens point sees what the middle sees where the ray crosses the plane in focus
+        cos = dr.dot(d, self.axis)
+        depth = dr.dot(to_point, self.axis)
+
+        # Position on the film. For a thin lens, all rays through one point of the plane in focus
+        # arrive at the same position
         offset = mi.Vector3f(lens - self.position) if self.is_thin else mi.Vector3f(0)
         crossing = offset + d * (self.focus / cos)
         x, y = self.plane(crossing) if self.is_thin else self.plane(d)
         uv = (mi.Point2f(x, y) - self.corner) / self.extent
+
+        # Is the point between the clip planes, and inside of the film's window?
         seen = (cos > 0) & (distant | ((depth >= self.near_clip) & (depth <= self.far_clip)))
         seen &= dr.all((uv >= 0) & (uv < 1))
         return Arrival(

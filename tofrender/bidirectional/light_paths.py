@@ -1,4 +1,4 @@
-"""Emitters and the stored vertices of a light path, as the endpoint of camera paths."""
+"""Endpoint of camera paths that connects to emitters and to the stored vertices of a light path."""
 
 from __future__ import annotations
 
@@ -20,37 +20,49 @@ from .mis import BidirectionalMIS, PartialSums
 
 @dataclass
 class EmitterConnection(Connection):
-    """A connection to an emitter sample."""
+    """Connection to an emitter sample."""
 
-    # density of the connection over that of emission, see `Emission.ratio`
+    # Ratio of the densities of the connection and of emission, see `Emission.ratio`
     emission_ratio: mi.Float = field(kw_only=True)
 
 
 @dataclass
 class VertexConnection(Connection):
-    """A connection to a stored vertex of a light path."""
+    """Connection to a stored vertex of a light path."""
 
+    # The stored vertex
     stored: StoredVertex = field(kw_only=True)
+
+    # The stored vertex as a `Vertex` at the end of the connection
     vertex: Vertex = field(kw_only=True)
-    # density with which the light path would have gone back from that vertex [1/sr]
+
+    # Density of sampling the previous vertex of the light path from the stored vertex [1/sr]
     pdf_reverse: mi.Float = field(kw_only=True)
 
 
 class CameraPathHistory(HistoryUpdates[PartialSums]):
-    """Updates partial MIS sums of camera paths, whose rays start in some directions."""
+    """Updates of the partial MIS sums of camera paths.
+
+    Args:
+        mis: The MIS weights.
+        lens: The lens.
+        direction: Directions of the camera rays.
+    """
 
     def __init__(self, mis: BidirectionalMIS, lens: Lens, direction: mi.Vector3f) -> None:
-        self.mis, self.lens, self.direction = mis, lens, direction
+        self.mis = mis
+        self.lens = lens
+        self.direction = direction
 
     def start(self) -> PartialSums:
-        """Return the partial sums of the lens."""
+        """Return the partial sums at the lens."""
         a = mi.Float(0)
         if self.mis.camera_connections and self.mis.exponent:
             a = dr.rcp(self.mis.power(self.lens.density(self.direction)))
         return PartialSums(a, mi.Float(0))
 
     def at_vertex(self, path: Path[PartialSums], vertex: Vertex, active: mi.Bool) -> PartialSums:
-        """Update the partial sums for the segment to a vertex."""
+        """Update the partial sums for the segment that ends at a vertex."""
         return self.mis.at_vertex(path.history, path, vertex)
 
     def after_sample(self, path: Path, vertex: Vertex, bsdf_sample: BSDFSample) -> PartialSums:
@@ -61,17 +73,27 @@ class CameraPathHistory(HistoryUpdates[PartialSums]):
 
 
 class StoredVertices:
-    """Connections to the stored vertices of a light path with some emission weight."""
+    """Connections to the stored vertices of a light path.
+
+    Args:
+        light: The light path.
+        weight: Emission weight of the light path.
+        adjoint: Scattering of light paths.
+        max_depth: Largest number of segments of a complete path.
+    """
 
     def __init__(
         self, light: LightPath, weight: mi.UnpolarizedSpectrum, adjoint: Scattering, max_depth: int
     ) -> None:
         assert light.vertices is not None
-        self.stored, self.stored_count, self.weight = light.vertices, light.count, weight
-        self.adjoint, self.max_depth = adjoint, max_depth
+        self.stored = light.vertices
+        self.stored_count = light.count
+        self.weight = weight
+        self.adjoint = adjoint
+        self.max_depth = max_depth
 
     def count(self, path: Path) -> mi.UInt32:
-        """Return the number of stored vertices that the path's maximum depth allows."""
+        """Return the number of stored vertices that `max_depth` allows to connect to."""
         segments_left = mi.Int32(self.max_depth - 2) - mi.Int32(path.depth)
         return dr.minimum(self.stored_count, mi.UInt32(dr.maximum(segments_left, 0)))
 
@@ -84,33 +106,57 @@ class StoredVertices:
         sampler: mi.Sampler,
         active: mi.Bool,
     ) -> VertexConnection:
-        """Connect to stored vertex number k."""
-        # Read the vertex
+        """Connect a vertex of a camera path to the stored vertex with index k.
+
+        Args:
+            k: Index of the stored vertex.
+            first: The connection of the same vertex to an emitter, which is not used here.
+            vertex: The vertex of the camera path.
+            path: The camera path.
+            sampler: The sampler, which is not used here.
+            active: Active lanes.
+        """
+        # --------------------- Read the stored vertex ---------------------
+
         active = active & (k < self.stored_count)
         record = self.stored.read(dr.select(active, k, 0), active)
         absent = dict.fromkeys(("medium", "rate", "velocity"))
         stored = StoredVertex(**absent | vars(record))
-        # Lane memory that was never written has invalid pointers, which must not be called
+
+        # Lane memory that was never written contains invalid pointers. Replace them by null
         stored.si.shape = dr.select(active, stored.si.shape, dr.zeros(mi.ShapePtr))
         stored.si.instance = dr.select(active, stored.si.instance, dr.zeros(mi.ShapePtr))
 
-        # Connect to it, and evaluate the adjoint BSDF there
+        # --------------------- Connect to the stored vertex ---------------------
+
         to_vertex = stored.si.p - vertex.si.p
         d2 = dr.squared_norm(to_vertex)
         distance = dr.sqrt(d2)
         d = to_vertex / distance
         active = active & (d2 > 0) & (stored.depth + path.depth + 3 <= self.max_depth)
+
+        # Evaluate the adjoint BSDF at the stored vertex
         there = stored.vertex(distance, active)
         bsdf_eval = self.adjoint.eval_pdf(there, -d, active)
         weight = apply_light_path(self.weight, stored.β, bsdf_eval.f) / d2
         weight = dr.select(active, weight, 0)
+
+        # --------------------- Length of the rest of the path ---------------------
+
+        # Optical path lengths are measured in units of the camera path's index of refraction
         η = stored.η * bsdf_eval.η
-        length, rate = distance + stored.opl / η, None
+        length = distance + stored.opl / η
+        rate = None
         if path.velocity is not None and stored.velocity is not None:
             assert stored.rate is not None
             rate = dr.dot(stored.velocity - path.velocity, d) + stored.rate / η
         return VertexConnection(
-            *(stored.si.p, d, weight, length, active, bsdf_eval.pdf),
+            point=stored.si.p,
+            direction=d,
+            weight=weight,
+            length=length,
+            active=active,
+            pdf=bsdf_eval.pdf,
             rate=rate,
             stored=stored,
             vertex=there,
@@ -119,9 +165,17 @@ class StoredVertices:
 
 
 class LightPaths(EmitterEndpoint):
-    """Emitters, and the stored vertices of a light path: all strategies with t > 1.
+    """Endpoint with emitters and stored vertices of a light path: all strategies with t > 1.
 
-    `adjoint` is the scattering of light paths; `options` as for `EmitterEndpoint`.
+    Args:
+        scene: The scene.
+        sensor: The sensor.
+        lens: The lens of the sensor.
+        emission: Emission sampling.
+        adjoint: Scattering of light paths.
+        mis: The MIS weights.
+        max_depth: Largest number of segments of a path.
+        *options: The remaining arguments of `EmitterEndpoint`.
     """
 
     def __init__(
@@ -136,13 +190,22 @@ class LightPaths(EmitterEndpoint):
         *options: bool,
     ) -> None:
         super().__init__(scene, sensor, *options)
-        self.lens, self.emission, self.mis = lens, emission, mis
-        self.adjoint, self.max_depth = adjoint, max_depth
+        self.lens = lens
+        self.emission = emission
+        self.mis = mis
+        self.adjoint = adjoint
+        self.max_depth = max_depth
 
     def for_paths(
         self, direction: mi.Vector3f, light: LightPath | None, weight: mi.UnpolarizedSpectrum | None
     ) -> LightPaths:
-        """Return the endpoint for camera rays of some directions, and for their light paths."""
+        """Return the endpoint for camera rays and their light paths.
+
+        Args:
+            direction: Directions of the camera rays.
+            light: Light paths, None for endpoints without stored vertices.
+            weight: Emission weights of the light paths.
+        """
         other = copy(self)
         other.history = CameraPathHistory(self.mis, self.lens, direction)
         if light is not None:
@@ -152,7 +215,7 @@ class LightPaths(EmitterEndpoint):
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> EmitterConnection:
-        """Sample an emitter, with the density of emission in the same direction."""
+        """Sample an emitter, and compute the density of emission in the same direction."""
         ds, weight = self.sample_direction(vertex, sampler.next_2d(), active)
         ratio = mi.Float(0)
         if self.mis.exponent:
@@ -161,8 +224,9 @@ class LightPaths(EmitterEndpoint):
         return EmitterConnection(**vars(connection), emission_ratio=ratio)
 
     def hit_weight(self, path: Path[PartialSums], vertex: Vertex, hit: Hit) -> mi.Float:
-        """Return the MIS weight of strategy (0, t)."""
-        x, power = mi.Float(0), self.mis.power
+        """Return the MIS weight of strategy (0, t), which hits an emitter."""
+        x = mi.Float(0)
+        power = self.mis.power
         if self.mis.exponent:
             ds = mi.DirectionSample3f(self.scene, si=vertex.si, ref=path.prev)
             emitted = self.emission.density(path.prev, ds, hit.pdf, vertex.length)
@@ -173,10 +237,15 @@ class LightPaths(EmitterEndpoint):
         self, path: Path, vertex: Vertex, connection: Connection, bsdf_eval: BSDFEval
     ) -> mi.Float:
         """Return the MIS weight of strategy (1, t), or of a connection to a stored vertex."""
-        mis, x = self.mis, mi.Float(0)
+        mis = self.mis
+        x = mi.Float(0)
         cos = vertex.cosine(connection.direction)
+
+        # --------------------- Strategy (1, t): connection to an emitter ---------------------
+
         if isinstance(connection, EmitterConnection):
             if mis.exponent:
+                # Strategies that start at the emitter, and the strategy that hits it
                 emitted = mis.power(cos / connection.emission_ratio)
                 x = emitted * mis.sum(path.history, bsdf_eval.pdf_reverse)
                 if mis.hits:
@@ -184,12 +253,17 @@ class LightPaths(EmitterEndpoint):
                     x += dr.select(connection.delta, 0, ratio)
             return mis.weight(x, 1, path.depth + 2)
 
+        # --------------------- Connection to a stored vertex ---------------------
+
         assert isinstance(connection, VertexConnection)
         stored = connection.stored
         if mis.exponent:
+            # Densities by area of sampling each of the two vertices from the other
             d2 = dr.squared_norm(stored.si.p - vertex.si.p)
             from_here = bsdf_eval.pdf * connection.vertex.cosine(connection.direction) / d2
             from_there = connection.pdf * cos / d2
+
+            # Strategies with fewer vertices on the light path and on the camera path
             light_sums = PartialSums(stored.a, stored.b)
             x = mis.power(from_here) * mis.sum(light_sums, connection.pdf_reverse)
             x += mis.power(from_there) * mis.sum(path.history, bsdf_eval.pdf_reverse)

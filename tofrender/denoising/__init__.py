@@ -1,4 +1,4 @@
-"""Removal of noise from transient films, by two halves of their samples and first-hit features."""
+"""Denoising of transient films, from two halves of their samples and features of first hits."""
 
 from ..runtime.lazy import attach_stub
 

@@ -1,7 +1,8 @@
-"""Storage of a film's channels side by side, and its blocks of pixels and bins.
+"""Storage of a film's channels for fast gathers, and blocks of pixels and bins.
 
-A block has a gain of its own. Lanes go through the cells of one block after the other, so that
-sums in blocks need no atomic additions.
+A cell is one bin of one pixel. A block contains 4 x 4 pixels and 2 bins, and the denoiser computes
+one gain for each block. Lanes visit the cells block by block, so sums over blocks do not need
+atomic additions.
 """
 
 from __future__ import annotations
@@ -13,24 +14,31 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-PIXELS, BINS = 4, 2  # Size of a block: pixels along each side, and bins
-
-CELLS = PIXELS * PIXELS * BINS
+PIXELS = 4  # Size of a block in pixels, along each side
+BINS = 2  # Size of a block in bins
+CELLS = PIXELS * PIXELS * BINS  # Number of cells in a block
 
 
 @dataclass
 class Packets:
-    """Channels of each cell, padded to a power of two, so that one gather reads them."""
+    """Channels of each cell, padded to a power of two so that one gather reads all channels."""
 
-    data: mi.Float
-    cells: int  # Pixels times bins
-    channels: int
+    data: mi.Float  # The padded channels of all cells
+    cells: int  # Number of cells: pixels times bins
+    channels: int  # Number of channels
 
     @classmethod
     def of(
         cls, cells: int, cell: mi.UInt32, values: Sequence[mi.Float], active: mi.Bool | bool = True
     ) -> Packets:
-        """Packets with these values at some cells, of which each is there once."""
+        """Store channels of cells.
+
+        Args:
+            cells: Number of all cells.
+            cell: Index of the cell of each lane. No cell may occur twice.
+            values: The channels, one array for each.
+            active: Lanes that store their values.
+        """
         stride = 1 << (len(values) - 1).bit_length()
         padded = mi.ArrayXf([*values, *[mi.Float(0)] * (stride - len(values))])
         data = dr.empty(mi.Float, cells * stride)
@@ -38,24 +46,24 @@ class Packets:
         return cls(data, cells, len(values))
 
     def at(self, cell: mi.UInt32, active: mi.Bool | bool = True) -> list[mi.Float]:
-        """Channels of some cells."""
+        """Return the channels of the cells with these indices."""
         shape = dr.width(self.data) // self.cells, dr.width(cell)
-        found = dr.gather(mi.ArrayXf, self.data, cell, active, shape=shape)
-        return [found[channel] for channel in range(self.channels)]
+        values = dr.gather(mi.ArrayXf, self.data, cell, active, shape=shape)
+        return [values[channel] for channel in range(self.channels)]
 
     def totals(self, bins: int) -> np.ndarray:
-        """Sums over the bins of each pixel, (pixels, channels)."""
+        """Return the sums over the bins of each pixel, shape (pixels, channels)."""
         values = self.at(dr.arange(mi.UInt32, self.cells))
         dr.eval(values)
         return np.stack([np.array(dr.block_sum(value, bins)) for value in values], axis=-1)
 
 
 class Blocks:
-    """Blocks of a film of some height, width and number of bins.
+    """Division of a film into blocks.
 
     Attributes:
-        size: Height, width and bins of the film.
-        shape: Blocks along each of these.
+        size: Height [pixels], width [pixels] and number of bins of the film.
+        shape: Number of blocks along each of these axes.
     """
 
     def __init__(self, height: int, width: int, bins: int) -> None:
@@ -65,10 +73,16 @@ class Blocks:
         )
 
     def lanes(self) -> tuple[mi.UInt32, mi.UInt32, mi.UInt32, mi.Bool]:
-        """Row, column and bin of a lane for each cell, block by block; False for those outside."""
+        """Assign a lane to each cell, block by block.
+
+        Returns:
+            Row, column and bin of each lane, and whether the cell is inside of the film. Blocks at
+            the edges may extend beyond the film.
+        """
         _, across, times = self.shape
         lane = dr.arange(mi.UInt32, int(np.prod(self.shape)) * CELLS)
-        block, within = lane // CELLS, lane % CELLS
+        block = lane // CELLS
+        within = lane % CELLS
         t = block % times * BINS + within % BINS
         x = block // times % across * PIXELS + within // BINS % PIXELS
         y = block // (times * across) * PIXELS + within // (BINS * PIXELS)
@@ -76,11 +90,11 @@ class Blocks:
         return y, x, t, (y < height) & (x < width) & (t < bins)
 
     def of(self, y: mi.UInt32, x: mi.UInt32, t: mi.UInt32) -> mi.UInt32:
-        """Number of the block that a cell is in."""
+        """Return the index of the block that contains the cell in row y, column x and bin t."""
         return (y // PIXELS * self.shape[1] + x // PIXELS) * self.shape[2] + t // BINS
 
     def sums(self, *values: mi.Float) -> list[np.ndarray]:
-        """Sums of values of all `lanes` in each block, arrays of `shape`."""
+        """Return the sums in each block of values of all `lanes`, as arrays of shape `shape`."""
         dr.eval(values)
         sums = [np.array(dr.block_sum(each, CELLS), np.float64) for each in values]
         return [each.reshape(self.shape) for each in sums]

@@ -1,15 +1,16 @@
-"""Filter of transient films whose strength follows from the difference of two halves.
+"""Filter of transient films with a strength that is estimated from two halves of the samples.
 
-With the noise D = (first - second) / 2 of the mean M and fixed linear operators F and Q, the
-expected value of <M, Q F M> - <D, Q F D> is <θ, Q F θ>, for noise of any distribution if the halves
-are independent. So for the film x = F M so far and its residual r = Q x, the expected squared error
-of x - g r is least at
+Two independent renders with half of the samples each have the mean M and the noise
+D = (first - second) / 2. θ is the unknown film without noise. For fixed linear operators F and Q,
+the expected value of <M, Q F M> - <D, Q F D> is <θ, Q F θ>, for any distribution of the noise. Let
+x = F M be the film after the previous stages, and r = Q x the residual of the next stage. Then the
+expected squared error of x - g r is smallest for the gain
 
     g = (<x - M, r> + <D, Q F D>) / <r, r>,    clipped to 0 ... 1
 
-This is Stein's unbiased risk estimate (Ann. Statist. 9, 1981) without a Gaussian assumption. The
-products are summed over blocks with their neighbours: hundreds of values for one number, or the
-choice itself would follow the noise and do harm.
+This is Stein's unbiased risk estimate (Ann. Statist. 9, 1981) without the assumption of Gaussian
+noise. The products are summed over blocks and their neighbors, so that hundreds of values determine
+one gain. With fewer values, the gain would follow the noise and increase the error.
 """
 
 from __future__ import annotations
@@ -26,19 +27,21 @@ from . import kernels
 from .blocks import Blocks, Packets
 
 STAGES = (("bins", 1), ("pixels", 1), ("bins", 2), ("pixels", 2))
-"""Filters one after the other, with the distance of their taps."""
+"""Filters in their order of application, with the distance between their taps."""
 
-POOL = 3  # Blocks along each axis over whose sums the products are added up
-MARGIN = 6.0  # Factor of the part of a residual that seems to be light, so that doubtful ones stay
-NOISIER = 30.0  # Ratio of variances above which a block keeps its light from its neighbours
-QUIET = 1e-12  # Variance of a block, over the greatest, below which it counts as much
-LEAST_ALBEDO = np.float32(0.05)  # Light of darker surfaces is divided by this
+POOL = 3  # Number of blocks along each axis over which the products are summed
+MARGIN = (
+    6.0  # Factor of the estimated fraction of light in a residual, so that the filter is careful
+)
+NOISIER = 30.0  # Blocks with a larger ratio of variance do not exchange light with neighbors
+QUIET = 1e-12  # Smallest variance of a block, relative to the largest variance
+LEAST_ALBEDO = np.float32(0.05)  # Light of darker surfaces is divided by this albedo
 
 KINDS = {"scattering": 0, "emitter": 1, "specular": 2}
-"""Kinds of a pixel's first hits: one of the latter two if any of its rays has it."""
+"""Kinds of a pixel's first hits. One ray with an emitter or a specular hit determines the kind."""
 
 FEATURES = {"position": 3, "normal": 3, "albedo": 3, "distance": 1, "kind": 1}
-"""Features and their channels."""
+"""Features of first hits, with their numbers of channels."""
 
 
 def denoise_film(
@@ -47,27 +50,30 @@ def denoise_film(
     features: Mapping[str, np.ndarray],
     colours: int = 0,
 ) -> np.ndarray:
-    """Remove noise from a transient film whose samples are known in two halves.
+    """Denoise a transient film, using two renders with half of the samples each.
 
-    Pixels are mixed where their first hits are alike, never those that see an emitter, a mirror or
-    clear glass; bins are mixed everywhere but in pixels that see an emitter, which stay as they
-    are. Sums over all bins and the pixels of a kind stay. A pixel gets no light in bins before the
-    first light of its 3 x 3 neighborhood. In bins that are much darker than those around them, the
-    error can grow; docs/denoising.md has numbers.
+    Pixels are mixed if their first hits are similar. Pixels that see an emitter, a mirror or clear
+    glass are not mixed with other pixels. Neighboring bins are mixed in all pixels except pixels
+    that see an emitter, which are returned unchanged. The sum over all bins and all pixels of one
+    kind does not change. A pixel does not receive light in bins before the first light of its 3 x 3
+    neighborhood. In bins that are much darker than their neighbors, the error can grow; see
+    docs/denoising.md for numbers.
 
     Args:
-        mean: Mean of the films of both halves, float (height, width, bins, channels), finite.
-        half_difference: Half their difference, of either sign, which changes nothing.
-        features: Arrays (height, width, 3) of `position` [m], `normal` and `albedo` (0 to 1) of the
-            first hits, (height, width) of `distance` [m] and of `kind`, one of `KINDS`.
-        colours: Channels, the first ones, whose intensity decides; the others are mixed as they
-            are. By default all, or those of S0 if there are 4 or 12.
+        mean: Mean of the two films, finite, shape (height, width, bins, channels).
+        half_difference: Half the difference of the two films; its sign does not matter.
+        features: Features of the first hits by name: `position` [m], `normal` and `albedo` (0 to 1)
+            of shape (height, width, 3), `distance` [m] and `kind`, one of `KINDS`, of shape
+            (height, width).
+        colours: Number of leading channels that determine the strength of the filter. The other
+            channels are filtered with the same strength. The default 0 selects all channels, or the
+            channels of S0 if the number of channels is 4 or 12.
 
     Returns:
         The filtered mean, float32 (height, width, bins, channels).
 
     Raises:
-        ValueError: The arrays do not fit together or are not finite; one line.
+        ValueError: If the shapes of the arrays do not fit, or a number is not finite; one line.
 
     Example:
         >>> rng, ones = np.random.default_rng(0), np.ones((16, 16, 3))
@@ -79,6 +85,7 @@ def denoise_film(
         >>> bool(denoise_film(mean, (first - second) / 2, flat).std() < 0.4 * mean.std())
         True
     """
+    # Check the arguments
     backend.require_vectorised()
     mean = checks.finite("mean", checks.real_array("mean", mean, np.float32))
     checks.shape("mean", mean, mean.ndim == 4 and mean.size, "(height, width, bins, channels)")
@@ -90,51 +97,60 @@ def denoise_film(
     checks.integer("colours", colours, 0, channels)
     colours = colours or (channels // 4 if channels in (4, 12) else channels)
     checks.require("colours", colours, channels % colours == 0, f"a divisor of {channels}")
-    kind, scale = features["kind"].ravel(), np.ones((height * width, channels), np.float32)
+
+    # Factor of each pixel and channel: the albedo, except for emitters
+    kind = features["kind"].ravel()
+    scale = np.ones((height * width, channels), np.float32)
     if channels % 3 == 0:
         albedo = np.maximum(features["albedo"].reshape(-1, 3), LEAST_ALBEDO)
         scale[:] = np.tile(albedo, channels // 3)
         scale[kind == KINDS["emitter"]] = 1
 
-    # Divide by albedo; the last channel is the noise of the sum
+    # Divide by the albedo, and append the noise of the sum of channels as last channel
     cell = dr.arange(mi.UInt32, height * width * bins)
     light, difference, inverse = (mi.Float(np.ravel(each)) for each in (mean, noise, 1 / scale))
-    values, total = [], mi.Float(0)
+    values = []
+    total = mi.Float(0)
     for channel in range(channels):
         factor = dr.gather(mi.Float, inverse, cell // bins * channels + channel)
         values.append(dr.gather(mi.Float, light, cell * channels + channel) * factor)
         if channel < colours:
             total += dr.gather(mi.Float, difference, cell * channels + channel) * factor
     film = Packets.of(dr.width(cell), cell, [*values, total])
+
+    # Filter the film
     before = film.totals(bins)[:, :channels]
     reached = _reached_bins(np.any(mean != 0, axis=-1))
     film = _remove_noise(film, Blocks(height, width, bins), features, colours, reached)
     after = film.totals(bins)[:, :channels]
 
-    # Keep the sums of each kind
-    for own in (kind == each for each in np.unique(kind)):
-        was, now = (
-            np.sum((scale * each)[own, :colours], axis=0, dtype=np.float64)
+    # Preserve the sum of the pixels of each kind
+    for selected in (kind == each for each in np.unique(kind)):
+        sum_before, sum_after = (
+            np.sum((scale * each)[selected, :colours], axis=0, dtype=np.float64)
             for each in (before, after)
         )
-        factor = np.divide(was, now, out=np.ones(colours), where=now > 0)
-        scale[own] *= np.tile(factor, channels // colours)
-    scales, found = mi.Float(np.ravel(scale)), dr.empty(mi.Float, mean.size)
+        factor = np.divide(sum_before, sum_after, out=np.ones(colours), where=sum_after > 0)
+        scale[selected] *= np.tile(factor, channels // colours)
+
+    # Multiply by the albedo
+    scales = mi.Float(np.ravel(scale))
+    result = dr.empty(mi.Float, mean.size)
     for channel, value in enumerate(film.at(cell)[:channels]):
         factor = dr.gather(mi.Float, scales, cell // bins * channels + channel)
         target = cell * channels + channel
-        dr.scatter(found, value * factor, target, mode=dr.ReduceMode.Permute)
-    return np.array(found).reshape(mean.shape)
+        dr.scatter(result, value * factor, target, mode=dr.ReduceMode.Permute)
+    return np.array(result).reshape(mean.shape)
 
 
 def _reached_bins(lit: np.ndarray) -> np.ndarray:
-    """Find the bins of each pixel from the first light of its 3 x 3 neighborhood on.
+    """Find the bins of each pixel that are not before the first light of its 3 x 3 neighborhood.
 
     Args:
-        lit: Whether a bin holds light, bool (height, width, bins).
+        lit: Whether a bin contains light, bool (height, width, bins).
 
     Returns:
-        A bool array of the same shape. The filter moves no light into the other bins.
+        A bool array of the same shape. The filter does not move light into the other bins.
     """
     bins = lit.shape[-1]
     first = np.where(lit.any(axis=-1), lit.argmax(axis=-1), bins)
@@ -149,47 +165,58 @@ def _remove_noise(
     colours: int,
     reached: np.ndarray,
 ) -> Packets:
-    """Remove the stages' residuals as far as they are noise.
+    """Subtract the residual of each stage, with a gain per block that is small if it is light.
 
-    The last channel of the film is its noise. `reached` (height, width, bins) marks the bins that
-    exchange light; the others keep theirs.
+    Args:
+        film: The film; its last channel is the noise.
+        blocks: Blocks of the film.
+        features: Features of the first hits.
+        colours: Number of channels that determine the gains.
+        reached: Bins that exchange light, bool (height, width, bins). Other bins do not change.
+
+    Returns:
+        The filtered film.
     """
     height, width, bins = blocks.size
     cells = dr.arange(mi.UInt32, height * width * bins)
     pixel = cells // bins
-    start = film.at(cells)
-    original, noise = _sum(start, colours), start[-1]
+    channels = film.at(cells)
+    original = _sum(channels, colours)
+    noise = channels[-1]
     dr.eval(original, noise)
     exchanging = mi.Bool(reached.ravel())
     emitter = mi.Bool(features["kind"].ravel() == KINDS["emitter"])
 
-    # A firefly must not decide for its neighbours, nor reach them
+    # Weight blocks by their inverse variance, so that a firefly does not determine the gains of
+    # its neighbors. Much noisier blocks do not exchange light with their neighbors.
     y, x, t, inside = blocks.lanes()
     cell = (y * width + x) * bins + t
     (variance,) = blocks.sums(dr.square(dr.gather(mi.Float, noise, cell, inside)))
     if not variance.any():
         return film
     weight = 1 / np.maximum(uniform_filter(variance, POOL, mode="nearest"), QUIET * variance.max())
-    ways = mi.UInt32(np.ravel(kernels.open_ways(_is_like_neighbours(variance))))
+    ways = mi.UInt32(np.ravel(kernels.open_ways(_is_like_neighbors(variance))))
 
-    for over, step in STAGES:
-        if over == "bins":
+    for axis, step in STAGES:
+        if axis == "bins":
             taps = kernels.over_bins(blocks, step)
         else:
             taps = kernels.over_pixels(blocks, step, kernels.pixel_weights(features, step), ways)
 
-        # Residuals, and what they and the noise tell in each block
-        own = film.at(cell, inside)
+        # Compute the residuals r of all channels
+        here = film.at(cell, inside)
         open_here = dr.gather(mi.Bool, exchanging, cell, inside)
-        residuals = [mi.Float(0) for _ in own]
+        residuals = [mi.Float(0) for _ in here]
         for other, tap, there in taps:
             there &= open_here & dr.gather(mi.Bool, exchanging, other, there)
             tap &= there
             for channel, value in enumerate(film.at(other, there)):
-                residuals[channel] += tap * (own[channel] - value)
-        found = Packets.of(film.cells, cell, residuals, inside)
+                residuals[channel] += tap * (here[channel] - value)
+        stored = Packets.of(film.cells, cell, residuals, inside)
+
+        # Sum <x - M, r> + <D, Q F D> and <r, r> over blocks and their neighbors
         light = _sum(residuals, colours)
-        excess = (_sum(own, colours) - dr.gather(mi.Float, original, cell, inside)) * light
+        excess = (_sum(here, colours) - dr.gather(mi.Float, original, cell, inside)) * light
         excess += dr.gather(mi.Float, noise, cell, inside) * residuals[-1]
         excess, power = (
             uniform_filter(weight * each, POOL, mode="constant")
@@ -197,36 +224,37 @@ def _remove_noise(
         )
         signal = 1 - np.divide(excess, power, out=np.zeros_like(power), where=power > 0)
 
-        # Remove them, where most of them is noise
+        # Subtract the residuals of blocks where most of the residual is noise
         gains = np.clip(1 - MARGIN * np.maximum(signal, 0), 0, 1)
         if not gains.any():
             continue
         block = blocks.of(pixel // width, pixel % width, cells % bins)
         gain = dr.gather(mi.Float, mi.Float(np.ravel(gains).astype(np.float32)), block)
         gain &= ~dr.gather(mi.Bool, emitter, pixel)
-        pairs = zip(film.at(cells), found.at(cells), strict=True)
+        pairs = zip(film.at(cells), stored.at(cells), strict=True)
         film = Packets.of(film.cells, cells, [value - gain * each for value, each in pairs])
     return film
 
 
 def _sum(values: Sequence[mi.Float], colours: int) -> mi.Float:
+    """Return the sum of the leading channels."""
     return sum(values[1:colours], values[0])
 
 
-def _is_like_neighbours(variance: np.ndarray) -> np.ndarray:
-    """Whether blocks are not much noisier than any neighbour, whom their noise would reach."""
+def _is_like_neighbors(variance: np.ndarray) -> np.ndarray:
+    """Return whether each block's variance is at most `NOISIER` times that in each neighbor."""
     steady = uniform_filter(variance, (1, 1, POOL), mode="nearest")
     return steady <= NOISIER * minimum_filter(steady, (POOL, POOL, 1), mode="nearest")
 
 
 def _checked(features: Mapping[str, np.ndarray], size: tuple[int, int]) -> dict[str, np.ndarray]:
-    """Refuse features that are incomplete, do not fit the film or are not finite."""
+    """Return the features as float32 arrays; refuse missing, unfitting or infinite features."""
     complete = isinstance(features, Mapping) and not set(FEATURES) - set(features)
     checks.require("features", features, complete, f"a dict of {', '.join(FEATURES)}")
-    found = {}
+    arrays = {}
     for name, channels in FEATURES.items():
-        array = found[name] = checks.real_array(f"features: {name}", features[name], np.float32)
+        array = arrays[name] = checks.real_array(f"features: {name}", features[name], np.float32)
         shape = size if channels == 1 else (*size, channels)
         checks.shape(f"features: {name}", array, array.shape == shape, f"{shape}, as the film")
         checks.finite(f"features: {name}", array)
-    return found
+    return arrays

@@ -1,4 +1,4 @@
-"""Contributions of paths, and the camera rays that measurements of them belong to."""
+"""Contributions of paths, and the camera rays of their samples."""
 
 from __future__ import annotations
 
@@ -10,31 +10,38 @@ import mitsuba as mi
 
 
 class CameraRays(Protocol):
-    """Camera rays as films need them, see `paths.camera.CameraSample`."""
+    """Interface of the camera rays of samples, see `paths.camera.CameraSample`."""
 
-    ray: mi.RayDifferential3f
-    weight: mi.UnpolarizedSpectrum
-    position: mi.Point2f
+    ray: mi.RayDifferential3f  # The rays
+    weight: mi.UnpolarizedSpectrum  # Weight of the sensor
+    position: mi.Point2f  # Position on the film [pixels]
 
 
 @dataclass
 class Contribution:
-    """Light that one path carries from an emitter to the sensor."""
+    """Light that a path carries from an emitter to the sensor."""
 
-    # radiance, in polarised variants a Stokes vector, of type `mi.SpectrumEntry`; the weight of the
-    # camera ray is not in it
+    # Radiance without the weight of the camera ray [W m^-2 sr^-1]. In polarized variants, a Stokes
+    # vector of type `mi.SpectrumEntry`
     spectrum: mi.Spectrum
-    opl: mi.Float  # optical path length from the emitter to the sensor [m]
-    active: mi.Bool  # lanes that have such a contribution
-    # position on the film [pixels] of a splat; None for that of the camera ray
+
+    # Optical path length from the emitter to the sensor [m]
+    opl: mi.Float
+
+    # Lanes with a contribution
+    active: mi.Bool
+
+    # Position of a splat on the film [pixels], None for the position of the camera ray
     position: mi.Point2f | None = None
-    # where the path ends, on the emitter or, from lights, on the lens [m]; None if unknown
+
+    # Point on the emitter or, for light paths, on the lens where the path ends [m]; None if unknown
     end: mi.Point3f | None = None
-    # rate of change of `opl` [m/s]; None unless it was asked for, and in scenes at rest
+
+    # Rate of change of `opl` [m/s], None in scenes at rest or if rates are not computed
     rate: mi.Float | None = None
 
 
 def rate_of(contribution: Contribution) -> mi.Float:
-    """Return the rate of change of a contribution's length in active lanes [m/s], 0 at rest."""
+    """Return the rate of change of a contribution's path length [m/s], 0 in scenes at rest."""
     rate = mi.Float(0) if contribution.rate is None else contribution.rate
     return dr.select(contribution.active, rate, 0)

@@ -1,4 +1,4 @@
-"""Films for the pixels of another one."""
+"""Create films with the pixels of another film, and read properties of films."""
 
 from __future__ import annotations
 
@@ -14,24 +14,29 @@ if TYPE_CHECKING:
 
 
 def image_film(film: mi.Film) -> mi.Film:
-    """Return a new `hdrfilm` of the same size, crop and filter, in float32."""
+    """Return a new `hdrfilm` in float32 with the size, crop and filter of another film."""
     pixel_format = "luminance" if mi.is_monochromatic else "rgb"
     stored = {"pixel_format": pixel_format, "component_format": "float32"}
     return mi.load_dict({"type": "hdrfilm"} | pixels_of(film) | stored)
 
 
 def stokes_channels() -> list[str]:
-    """Return names of channels for the Stokes components that a picture has beside its colours."""
-    colours = "L" if mi.is_monochromatic else "RGB"
-    return [f"{each}.{c}" for each in STOKES[1:] for c in colours] if mi.is_polarized else []
+    """Return the names of a picture's channels for S1, S2 and S3, none if unpolarized."""
+    colors = "L" if mi.is_monochromatic else "RGB"
+    return [f"{each}.{c}" for each in STOKES[1:] for c in colors] if mi.is_polarized else []
 
 
 def transient_film(
     film: mi.Film, temporal_bins: int, start_opl: float, bin_width_opl: float, **pixels: int
 ) -> TransientHDRFilm:
-    """Return a new `transient_hdr_film` of the same pixels and filters, with the given bins [m].
+    """Return a new `transient_hdr_film` with the pixels and filters of another film.
 
-    `pixels` replaces some parameters of `pixels_of`.
+    Args:
+        film: The other film.
+        temporal_bins: Number of bins.
+        start_opl: Start of the first bin [m].
+        bin_width_opl: Width of a bin [m].
+        **pixels: Values that replace parameters of `pixels_of`.
     """
     bins = {
         "temporal_bins": temporal_bins,
@@ -44,28 +49,37 @@ def transient_film(
 
 
 def temporal_filter_of(film: mi.Film) -> str:
-    """Return the filter in time of a film: "box", or "" for its `rfilter` in time as well.
+    """Return the temporal filter of a film: "box", or "" if the `rfilter` is used in time too.
 
-    The filter of a film without time bins reconstructs the picture and has no meaning in time.
+    The filter of a film without time bins reconstructs the picture only, so its temporal filter is
+    "box".
     """
     if time_bins(film) is None:
         return "box"
-    return getattr(film, "temporal_filter", "")  # The film of mitransient lacks it
+
+    # mitransient's film does not have this attribute
+    return getattr(film, "temporal_filter", "")
 
 
 def pixels_of(film: mi.Film) -> dict[str, Any]:
-    """Return the parameters of a film that say which pixels it has."""
-    size, crop, offset = film.size(), film.crop_size(), film.crop_offset()
+    """Return the parameters of a film that define its pixels: size, crop, border and filter."""
+    size = film.size()
+    crop = film.crop_size()
+    offset = film.crop_offset()
     return {
-        **{"width": size.x, "height": size.y},
-        **{"crop_width": crop.x, "crop_height": crop.y},
-        **{"crop_offset_x": offset.x, "crop_offset_y": offset.y},
-        **{"sample_border": film.sample_border(), "rfilter": film.rfilter()},
+        "width": size.x,
+        "height": size.y,
+        "crop_width": crop.x,
+        "crop_height": crop.y,
+        "crop_offset_x": offset.x,
+        "crop_offset_y": offset.y,
+        "sample_border": film.sample_border(),
+        "rfilter": film.rfilter(),
     }
 
 
 def box_by_default(props: mi.Properties) -> None:
-    """Give a film the box filter if its parameters have none; refuse an `rfilter` that is none."""
+    """Add a box filter to the parameters of a film without filter; refuse an invalid `rfilter`."""
     kind = mi.ReconstructionFilter
     if "rfilter" in props:
         checks.instance("rfilter", props["rfilter"], kind, "a filter, like {'type': 'tent'}")
@@ -74,14 +88,14 @@ def box_by_default(props: mi.Properties) -> None:
 
 
 def time_bins(film: mi.Film) -> tuple[int, float, float] | None:
-    """Return the number of a film's time bins, start and width [m]; None without bins."""
+    """Return number, start [m] and width [m] of a film's time bins, None for other films."""
     if not hasattr(film, "temporal_bins") or not hasattr(film, "add_transient_data"):
         return None
     return int(film.temporal_bins), float(film.start_opl), float(film.bin_width_opl)
 
 
 def require_resolved(film: mi.Film) -> None:
-    """Refuse time bins too narrow for the lengths in them, see `checks.resolved`."""
+    """Refuse time bins that single precision cannot resolve, see `checks.resolved`."""
     axis = time_bins(film)
     if axis is not None:
         bins, start, width = axis

@@ -25,27 +25,33 @@ if TYPE_CHECKING:
 class PhasorHDRFilm(mi.Film):
     """A film that stores phasors instead of time bins (plugin `phasor_hdr_film`).
 
-    The phasor at the frequency f is P(f) = sum of L exp(+i 2 pi f opl / c) over all light. It is
-    summed path by path: no window cuts it off, and no bin blurs it. I = Re P, Q = Im P.
+    The phasor at the frequency f is P(f) = sum of L exp(+i 2 pi f opl / c) over all light, with
+    I = Re P and Q = Im P. It is summed path by path, so it includes light of all path lengths at
+    full temporal resolution.
 
     | parameter | default | meaning |
     |---|---|---|
-    | `frequencies_hz` | | list as text, e.g. "20e6, 50e6" [Hz]; as many as fit into memory |
-    | `wl_mean`, `wl_sigma` | 100, 1000 | mitransient's choice of wavelengths [m], without a list: |
-    | `temporal_bins` | 4096 | those that a Fourier transform of so many bins |
-    | `bin_width_opl` | 0.003 | of this width [m] has between c / wl_mean -+ c / (2 wl_sigma) |
-    | `start_opl` | 0 | path length of phase 0 [m] |
-    | `width`, ... `rfilter` | | size, crop and filter as of any film; box by default |
+    | `frequencies_hz` | | list as text, e.g. "20e6, 50e6" [Hz]; memory limits the number |
+    | `wl_mean` | 100 | mean wavelength w [m] of mitransient's choice of frequencies |
+    | `wl_sigma` | 1000 | width s [m] of mitransient's choice of frequencies |
+    | `temporal_bins` | 4096 | number of bins of mitransient's choice of frequencies |
+    | `bin_width_opl` | 0.003 | width of these bins [m] |
+    | `start_opl` | 0 | path length with phase 0 [m] |
+    | `width`, ... `rfilter` | | size, crop and filter as in other films; box by default |
 
-    `develop()` returns `(steady, phasors)`; phasors has the shape (height, width, frequencies, 2)
-    in monochromatic variants, (height, width, frequencies, 2, 3) in others, with I and Q along the
-    axis of length 2. In polarised variants, the last axis has 4 or 12 channels: those of S0, S1, S2
-    and S3.
+    Without `frequencies_hz`, the film uses mitransient's choice: the frequencies of a Fourier
+    transform over these bins that are between c / w - c / (2 s) and c / w + c / (2 s).
 
-    mitransient's film of this name differs in the sign of Q, takes monochromatic variants only, and
-    can hold the frequency 0, which is the steady image.
+    `develop()` returns `(steady, phasors)`. The shape of the phasors is (height, width,
+    frequencies, 2) in monochromatic variants and (height, width, frequencies, 2, 3) in others, with
+    I and Q along the axis of length 2. In polarized variants, the last axis has 4 or 12 channels,
+    for S0, S1, S2 and S3.
 
-    Limitations: our integrators only; it has no `add_transient_data` for others.
+    mitransient's film of the same name has the opposite sign of Q, supports monochromatic variants
+    only, and can include the frequency 0, which is the steady image.
+
+    Limitations: the film supports this package's integrators only, because it does not have the
+    method `add_transient_data`.
 
     Example:
         >>> film = mi.load_dict({"type": "phasor_hdr_film", "frequencies_hz": "20e6, 50e6"})
@@ -54,6 +60,7 @@ class PhasorHDRFilm(mi.Film):
     """
 
     def __init__(self, props: mi.Properties) -> None:
+        # Read the parameters
         box_by_default(props)
         text = props.get("frequencies_hz", None)
         mean = checks.metres("wl_mean", props.get("wl_mean", 100.0), positive=True)
@@ -62,27 +69,33 @@ class PhasorHDRFilm(mi.Film):
         bins = checks.integer("temporal_bins", props.get("temporal_bins", 4096), 2, checks.MAX_BINS)
         super().__init__(props)
         self.start_opl = parameter(props, "start_opl", 0.0)
+
+        # The given frequencies, or mitransient's choice
         self.frequencies_hz = (
             _of_wavelengths(mean, sigma, bins, width) if text is None else parse_frequencies(text)
         )
         self._steady: mi.Film | None = None
 
     def recording(self, exposure: Exposure) -> PhasorRecording:
-        """Return how an integrator's light is recorded, see `films.recording`."""
-        from .recording import PhasorRecording  # Student editions may not have it
+        """Return the recording of an integrator's light on this film, see `films.recording`."""
+        from .recording import PhasorRecording  # Not included in all student editions
 
         return PhasorRecording(self, exposure)
 
     def base_channels_count(self) -> int:
-        """Channels of the steady image without weight."""
+        """Return the number of channels of a color: 1 in monochromatic variants, otherwise 3."""
         return 1 if mi.is_monochromatic else 3
 
     def prepare(self, aovs: Sequence[str]) -> int:
-        """Make an empty image with channels for all phasors."""
-        colours = "L" if mi.is_monochromatic else "RGB"
+        """Create an empty image with channels for all phasors.
+
+        Returns:
+            The number of channels of the image.
+        """
+        colors = "L" if mi.is_monochromatic else "RGB"
         stokes = STOKES if mi.is_polarized else ("",)
-        axes = product(range(len(self.frequencies_hz)), "IQ", stokes, colours)
-        names = [f"{part}{k:03d}{component}.{colour}" for k, part, component, colour in axes]
+        axes = product(range(len(self.frequencies_hz)), "IQ", stokes, colors)
+        names = [f"{part}{k:03d}{component}.{color}" for k, part, component, color in axes]
         self._steady = image_film(self)
         return self._steady.prepare([*aovs, *stokes_channels(), *names])
 
@@ -92,40 +105,50 @@ class PhasorHDRFilm(mi.Film):
 
     @property
     def steady(self) -> mi.Film:
-        """The image, an `hdrfilm`, with the phasors behind its colours; needs `prepare`."""
+        """The image, an `hdrfilm`, with channels of phasors after the channels of color.
+
+        Raises:
+            RuntimeError: If `prepare` has not been called.
+        """
         if self._steady is None:
-            raise RuntimeError("phasor_hdr_film: is empty; call prepare() first, or render")
+            raise RuntimeError("phasor_hdr_film: the film is empty. Call prepare() or render first")
         return self._steady
 
     def develop(self, raw: bool = False) -> tuple[mi.TensorXf, mi.TensorXf]:
-        """Return the steady image and the phasors, whose shapes the class tells.
+        """Return the steady image and the phasors, with shapes as described for the class.
 
-        `raw` sums are not divided by the filter's weights, with which `steady` then ends.
+        Args:
+            raw: Whether the sums are not divided by the weights of the reconstruction filter. The
+                last channel of the steady image then contains these weights.
         """
         image = self.steady.develop(raw=raw)
-        colours = self.base_channels_count() * stokes_count()
+        channels = self.base_channels_count() * stokes_count()
         count = len(self.frequencies_hz)
-        extra = image.shape[2] - 2 * count * colours
-        shape = (*image.shape[:2], count, 2) + (() if colours == 1 else (colours,))
-        steady, phasors = image[:, :, :extra], image[:, :, extra:]
+        extra = image.shape[2] - 2 * count * channels
+        shape = (*image.shape[:2], count, 2) + (() if channels == 1 else (channels,))
+        steady = image[:, :, :extra]
+        phasors = image[:, :, extra:]
         return steady, mi.TensorXf(phasors.array, shape)
 
     def to_string(self) -> str:
-        """The film's parameters."""
+        """Return the film's parameters as text."""
         return (
             f"PhasorHDRFilm[\n  size = {self.size()},\n  crop_size = {self.crop_size()},\n"
             f"  frequencies_hz = {self.frequencies_hz},\n  start_opl = {self.start_opl}\n]"
         )
 
     def factors(self, pulse: Pulse | None) -> np.ndarray:
-        """Return the factor of each phasor: the phase of `start_opl`, and the light's pulse."""
+        """Return a complex factor of each phasor: phase of `start_opl` times pulse's transform."""
         shifts = [-2 * math.pi * f * self.start_opl / SPEED_OF_LIGHT for f in self.frequencies_hz]
         pulses = [fourier_transform(pulse, f) for f in self.frequencies_hz]
         return np.array([np.exp(1j * s) * p for s, p in zip(shifts, pulses, strict=True)])
 
 
 def parse_frequencies(value: Any) -> tuple[float, ...]:
-    """Parse one or more frequencies [Hz]: a number, a sequence of numbers, or text with commas.
+    """Convert a number, a sequence of numbers, or text with commas to a tuple of frequencies [Hz].
+
+    Raises:
+        ValueError: If a frequency is out of range; one line.
 
     Example:
         >>> parse_frequencies("20e6, 50e6")
@@ -138,6 +161,7 @@ def parse_frequencies(value: Any) -> tuple[float, ...]:
 
 
 def _number(text: str) -> float | str:
+    """Convert text to a number, or return the text if it is not a number."""
     try:
         return float(text)
     except ValueError:
@@ -145,7 +169,11 @@ def _number(text: str) -> float | str:
 
 
 def fourier_transform(pulse: Pulse | None, frequency_hz: float) -> complex:
-    """Integral of p(t) exp(+i 2 pi f t / c): what a pulse does to a phasor.
+    """Return the factor of a phasor by a pulse p: the integral of p(t) exp(+i 2 pi f t / c).
+
+    Args:
+        pulse: The pulse, or None for an instant with the factor 1.
+        frequency_hz: The frequency f [Hz].
 
     Example:
         >>> from tofrender import GaussianPulse
@@ -157,13 +185,20 @@ def fourier_transform(pulse: Pulse | None, frequency_hz: float) -> complex:
     low, high = pulse.support
     edges = np.linspace(low, high, 4097)
     mass = np.diff(np.array(pulse.cdf(mi.Float(edges)), dtype=np.float64))
-    centres = 0.5 * (edges[1:] + edges[:-1])
+    centers = 0.5 * (edges[1:] + edges[:-1])
     turns = 2 * math.pi * frequency_hz / SPEED_OF_LIGHT
-    return complex(np.sum(mass * np.exp(1j * turns * centres)) / np.sum(mass))
+    return complex(np.sum(mass * np.exp(1j * turns * centers)) / np.sum(mass))
 
 
 def _of_wavelengths(mean: float, sigma: float, bins: int, width: float) -> tuple[float, ...]:
-    """Frequencies [Hz] that mitransient picks for a Morlet wavelet of these wavelengths [m]."""
+    """Return the frequencies [Hz] that mitransient chooses for a Morlet wavelet.
+
+    Args:
+        mean: Mean wavelength [m].
+        sigma: Width of the wavelet [m].
+        bins: Number of bins of the Fourier transform.
+        width: Width of a bin [m].
+    """
     length = bins * width
     low = max(1, math.floor(length / mean - 0.5 * length / sigma))
     high = min(bins // 2, math.ceil(length / mean + 0.5 * length / sigma))

@@ -1,4 +1,4 @@
-"""Recordings of moving scenes: bins of path length and its rate of change, and Doppler phasors."""
+"""Recordings of moving scenes: bins of path length and its rate, and phasors with Doppler shift."""
 
 from __future__ import annotations
 
@@ -22,34 +22,46 @@ from .transient import TransientHDRFilm
 class Axis:
     """Bins of equal width."""
 
-    count: int
-    start: float
-    width: float
+    count: int  # Number of bins
+    start: float  # Start of the first bin
+    width: float  # Width of a bin
 
     def bin_of(self, value: mi.Float) -> mi.Float:
-        """Return the number of the bin that a value falls into, as a float without fraction."""
+        """Return the index of the bin that contains a value, as a float."""
         return dr.floor((value - self.start) / self.width)
 
 
-Number = Callable[[mi.Float, mi.Float], mi.Float]
-"""Returns the place of a length [m] and a rate [m/s] along all bins, -1 if there is none."""
+BinPosition = Callable[[mi.Float, mi.Float], mi.Float]
+"""Function of a path length [m] and a rate [m/s]. It returns the center of their bin on the time
+axis of the film, or -1 outside of all bins.
+"""
 
 
 @dataclass
 class RateBins(TimeBins):
-    """Adds contributions to bins of path length and rate, which are the time bins of a film."""
+    """Bins of path length and rate, stored as the time bins of a film."""
 
-    number: Number | None = None  # A function, so that the loop does not carry axes
+    # A function, so that the path loop does not carry the axes as state
+    position_of: BinPosition | None = None
 
     def add(self, contribution: Contribution) -> None:
-        """Add a contribution; outside of the bins it counts in the picture only."""
-        assert self.number is not None
-        number = self.number(contribution.opl, rate_of(contribution))
-        super().add(replace(contribution, opl=number))
+        """Add a contribution. Contributions outside of the bins are only added to the picture."""
+        assert self.position_of is not None
+        position = self.position_of(contribution.opl, rate_of(contribution))
+        super().add(replace(contribution, opl=position))
 
 
 def rate_film(film: mi.Film, opl: Axis, rate: Axis) -> TransientHDRFilm:
-    """Return a film with bins of all rates for each length, for the pixels of another film."""
+    """Return a film with the pixels of another film, and bins of all rates for each path length.
+
+    Args:
+        film: The other film.
+        opl: Bins of path length [m].
+        rate: Bins of the rate of change of path length [m/s].
+
+    Raises:
+        ValueError: If the number of all bins is too large; one line.
+    """
     count = opl.count * rate.count
     if count > checks.MAX_BINS:
         raise ValueError(
@@ -60,13 +72,14 @@ def rate_film(film: mi.Film, opl: Axis, rate: Axis) -> TransientHDRFilm:
 
 
 class RateRecording(BinRecording):
-    """Records bins of path length [m] and rate [m/s] on a `rate_film`."""
+    """Recording of bins of path length [m] and rate [m/s] on a `rate_film`."""
 
     needs_rates = True
 
     def __init__(self, film: TransientHDRFilm, opl: Axis, rate: Axis) -> None:
         super().__init__(film, Exposure())
-        self.opl, self.rate = opl, rate
+        self.opl = opl
+        self.rate = rate
 
     @property
     def width_opl(self) -> float:
@@ -77,25 +90,26 @@ class RateRecording(BinRecording):
         """Create the measurement of the bins."""
         splat = self.splat(camera, spp)
         bins = RateBins.of_film(self.film, camera, spp, None, splat_steady=splat)
-        return replace(bins, number=self._number)
+        return replace(bins, position_of=self._position_of)
 
-    def _number(self, opl: mi.Float, rate: mi.Float) -> mi.Float:
-        """Return the middle of the film's bin for a length and a rate, -1 outside."""
-        i, j = self.opl.bin_of(opl), self.rate.bin_of(rate)
+    def _position_of(self, opl: mi.Float, rate: mi.Float) -> mi.Float:
+        """Return the center of the film's bin for a length and a rate, -1 outside of all bins."""
+        i = self.opl.bin_of(opl)
+        j = self.rate.bin_of(rate)
         inside = (i >= 0) & (i < self.opl.count) & (j >= 0) & (j < self.rate.count)
         return dr.select(inside, i * self.rate.count + j + 0.5, -1)
 
 
 class DopplerRecording(PhasorRecording):
-    """Records phasors, each multiplied by a factor that depends on the rate of change."""
+    """Recording of phasors with a factor that depends on the rate of change of path length."""
 
     needs_rates = True
-    emitters_apart = False  # Poses must take equal samples
+    emitters_apart = False  # All poses must use the same samples
 
     def __init__(self, film: mi.Film, exposure: Exposure, factor: Factor) -> None:
         super().__init__(film, exposure)
         self.factor = factor
 
     def measurement(self, camera: CameraRays, spp: int) -> PhasorSum:
-        """Create the phasors' sums."""
+        """Create the sums of phasors."""
         return PhasorSum.zero(self.film.frequencies_hz, self.splat(camera, spp), self.factor)

@@ -1,4 +1,4 @@
-"""Measurements that sum light along a path: all of it, or weighted by its length."""
+"""Measurements of the sum of light along a path, with or without a weight by path length."""
 
 from __future__ import annotations
 
@@ -12,15 +12,20 @@ from ..signals.polarisation import no_light
 from .contribution import Contribution
 
 Splat = Callable[[list[mi.Spectrum], mi.Point2f, mi.Bool], None]
-"""Adds light at positions anywhere on the film [pixels]: one spectrum per picture, active lanes."""
+"""Function that adds light at any position of the film. Its arguments are one spectrum per image,
+the position [pixels], and the active lanes.
+"""
 
 
 @dataclass
 class Radiance:
-    """Sums all light, as a steady camera does."""
+    """Sum of all light, as a steady camera measures it."""
 
-    total: mi.Spectrum  # An `mi.UnpolarizedSpectrum` or a Stokes vector
-    splat: Splat | None = None  # Adds contributions that have a position
+    # Sum of the light, an `mi.UnpolarizedSpectrum` or a Stokes vector
+    total: mi.Spectrum
+
+    # Function that adds contributions with a position
+    splat: Splat | None = None
 
     @classmethod
     def zero(cls, splat: Splat | None = None) -> Radiance:
@@ -28,7 +33,7 @@ class Radiance:
         return cls(no_light(), splat)
 
     def add(self, contribution: Contribution) -> None:
-        """Add a contribution."""
+        """Add a contribution to the sum, or to the film if it has a position."""
         if contribution.position is not None:
             self.splat([contribution.spectrum], contribution.position, contribution.active)
             return
@@ -40,14 +45,15 @@ class Radiance:
         return [self.total]
 
     def with_sums(self, sums: list[mi.Spectrum]) -> Radiance:
-        """Copy the measurement, with other sums."""
+        """Return a copy of the measurement with other sums."""
         return replace(self, total=sums[0])
 
 
 @dataclass
 class Weighted(Radiance):
-    """Sums light times a weight of its length [m]: a gate, or the correlation with a modulation."""
+    """Sum of light times a weight by path length [m], such as a gate or a modulation."""
 
+    # Weight by path length
     weight: Callable[[mi.Float], mi.Float] | None = None
 
     @classmethod
@@ -56,18 +62,18 @@ class Weighted(Radiance):
         return cls(no_light(), splat, weight)
 
     def add(self, contribution: Contribution) -> None:
-        """Add a contribution."""
+        """Add a contribution, multiplied by its weight."""
         weighted = contribution.spectrum * self.weight(contribution.opl)
         super().add(replace(contribution, spectrum=weighted))
 
 
 @dataclass
 class AsSplats:
-    """Adds all contributions to a measurement as splats at the positions of their camera rays."""
+    """Measurement that adds the contributions of camera rays as splats."""
 
-    measurement: Radiance
-    position: mi.Point2f
+    measurement: Radiance  # Measurement with a function for splats
+    position: mi.Point2f  # Positions of the camera rays on the film [pixels]
 
     def add(self, contribution: Contribution) -> None:
-        """Add a contribution."""
+        """Add a contribution as a splat at the position of its camera ray."""
         self.measurement.add(replace(contribution, position=self.position))

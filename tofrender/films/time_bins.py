@@ -1,4 +1,4 @@
-"""The measurement that adds light to the time bins of a film."""
+"""Measurement that adds light to the time bins of a film."""
 
 from __future__ import annotations
 
@@ -11,25 +11,26 @@ import mitsuba as mi
 
 from ..signals.polarisation import no_light, scaled
 from ..signals.pulses import Pulse
-from .colours import units_of
+from .colors import units_of
 from .contribution import CameraRays, Contribution
 from .sums import Radiance, Splat
 
 Put = Callable[[mi.Spectrum, mi.Float, mi.Bool], None]
-"""Adds light of an optical path length [m] to a film's bins, in active lanes."""
+"""Function that adds light with an optical path length [m] to a film's bins, in active lanes."""
 
 PutAt = Callable[[mi.Spectrum, mi.Float, mi.Point2f, mi.Bool], None]
-"""As `Put`, at a position anywhere on the film [pixels]."""
+"""Function like `Put` for light at any position of the film [pixels]."""
 
 
 @dataclass
 class TimeBins(Radiance):
-    """Adds contributions to the time bins of a film, and sums them as a steady camera does."""
+    """Measurement that adds light to time bins, and sums all light as a steady camera does."""
 
-    # adds a contribution to the bins. A function hides the film from the path loop, which would
-    # otherwise carry a copy of all bins as its state
+    # Function that adds a contribution to the bins. A function hides the film from the path loop,
+    # which would otherwise carry a copy of all bins as state
     put: Put | None = None
-    # adds a contribution that has a position, to the bins and to the steady image
+
+    # Function that adds a contribution with a position to the bins and to the steady image
     splat_bins: PutAt | None = None
 
     @classmethod
@@ -39,31 +40,49 @@ class TimeBins(Radiance):
         camera: CameraRays,
         spp: int,
         pulse: Pulse | None,
-        at_centres: bool = False,
+        at_centers: bool = False,
         splat_steady: Splat | None = None,
     ) -> TimeBins:
-        """Create the measurement of the bins of a film, ours or mitransient's.
+        """Create the measurement of the bins of this package's or mitransient's film.
 
-        A bin takes the pulse's exact energy within it, which adds no noise, or if `at_centres` its
-        density at the bin's centre. `splat_steady` adds splats to the steady image.
+        Args:
+            film: The film.
+            camera: The camera rays.
+            spp: Number of samples per pixel.
+            pulse: Temporal profile of the light, None for an instant.
+            at_centers: False for bins that measure the exact energy of the pulse in the bin, which
+                does not add noise. True for bins that measure the density of the pulse at their
+                center.
+            splat_steady: Function that adds splats to the steady image.
         """
-        position, wavelengths, weight = camera.position, camera.ray.wavelengths, camera.weight / spp
-        # Before the loop, as four components would look the same colours up at each vertex
+        position = camera.position
+        wavelengths = camera.ray.wavelengths
+        weight = camera.weight / spp
+
+        # Convert wavelengths to colors once, because polarized light would otherwise convert them
+        # for four components at each vertex
         spectral = mi.is_polarized and mi.is_spectral
-        more = {"colours": units_of(wavelengths)} if spectral else {}
+        options = {"colors": units_of(wavelengths)} if spectral else {}
 
         def put(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
+            """Add light of an instant to a bin."""
             light = scaled(spectrum, weight)
-            film.add_transient_data(position, opl, wavelengths, light, mi.Float(1), active, **more)
+            film.add_transient_data(
+                position, opl, wavelengths, light, mi.Float(1), active, **options
+            )
 
         def convolved(put: Put, spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
+            """Add the light of a pulse to the bins."""
             if pulse is None:
                 put(spectrum, opl, active)
             else:
-                add_pulse(film, pulse, put, spectrum, opl, active, at_centres)
+                add_pulse(film, pulse, put, spectrum, opl, active, at_centers)
 
         def splat(spectrum: mi.Spectrum, opl: mi.Float, at: mi.Point2f, active: mi.Bool) -> None:
+            """Add light to the bins and the steady image, at any position of the film."""
+
             def put_splat(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
+                """Add a splat of an instant to a bin."""
                 film.add_splat(at, opl, wavelengths, scaled(spectrum, weight), active)
 
             splat_steady([spectrum], at, active)
@@ -73,8 +92,9 @@ class TimeBins(Radiance):
         return cls(no_light(), put=partial(convolved, put), splat_bins=splat_bins)
 
     def add(self, contribution: Contribution) -> None:
-        """Add a contribution."""
-        spectrum, active = contribution.spectrum, contribution.active
+        """Add a contribution to the bins and to the steady sum."""
+        spectrum = contribution.spectrum
+        active = contribution.active
         if contribution.position is not None:
             self.splat_bins(spectrum, contribution.opl, contribution.position, active)
             return
@@ -90,19 +110,39 @@ def add_pulse(
     spectrum: mi.Spectrum,
     opl: mi.Float,
     active: mi.Bool,
-    at_centres: bool,
+    at_centers: bool,
 ) -> None:
-    """Add a pulse to each bin that it reaches: its energy there, a difference of its cdf.
+    """Add light with the temporal profile of a pulse to all bins that the pulse reaches.
 
-    With `at_centres` its density at the bin's centre instead: a gate for every bin.
+    | loop state | meaning |
+    |---|---|
+    | `k` | index of the bin |
+    | `before` | fraction of the pulse's energy before bin k |
+    | `filling` | lanes with more bins |
+
+    Args:
+        film: The film.
+        pulse: The pulse.
+        put: Function that adds light to one bin.
+        spectrum: The light.
+        opl: Optical path length of the pulse's center [m].
+        active: Active lanes.
+        at_centers: False to add the pulse's energy in each bin, a difference of its cdf. True to
+            add the pulse's density at the center of each bin, which is a time gate for each bin.
     """
-    start, width = float(film.start_opl), float(film.bin_width_opl)
-    k, last = bins_of_pulse(film, pulse, opl, at_centres)
+    # --------------------- Which bins does the pulse reach? ---------------------
+
+    start = float(film.start_opl)
+    width = float(film.bin_width_opl)
+    k, last = bins_of_pulse(film, pulse, opl, at_centers)
     delay = opl - start
-    before = mi.Float(0) if at_centres else pulse.cdf(k * width - delay)  # Energy before bin k
+    before = mi.Float(0) if at_centers else pulse.cdf(k * width - delay)
     filling = active & (k <= last)
+
+    # --------------------- Add a part of the pulse to each bin ---------------------
+
     while filling:
-        if dr.hint(at_centres, mode="scalar"):
+        if dr.hint(at_centers, mode="scalar"):
             part = pulse_weight(film, pulse, k, opl, True)
         else:
             after = pulse.cdf((k + 1) * width - delay)
@@ -114,32 +154,49 @@ def add_pulse(
 
 
 def bins_of_pulse(
-    film: mi.Film, pulse: Pulse, opl: mi.Float, at_centres: bool
+    film: mi.Film, pulse: Pulse, opl: mi.Float, at_centers: bool
 ) -> tuple[mi.Int32, mi.Int32]:
-    """Return the first and the last bin reached by a pulse that arrives at a length."""
-    bins, start, width = int(film.temporal_bins), float(film.start_opl), float(film.bin_width_opl)
-    low, high = (dr.opaque(mi.Float, each) for each in pulse.support)  # One kernel for all widths
-    first, last = (opl - start + low) / width, (opl - start + high) / width
-    # The arrival at opl is seen by the gate at t with p(t - opl)
-    first = dr.ceil(first - 0.5) if at_centres else dr.floor(first)
-    last = dr.floor(last - 0.5) if at_centres else dr.floor(last)
+    """Return the first and the last bin that a pulse with an optical path length reaches."""
+    bins = int(film.temporal_bins)
+    start = float(film.start_opl)
+    width = float(film.bin_width_opl)
+
+    # Ends of the pulse in bins. Opaque values make one kernel for all widths of the pulse
+    low, high = (dr.opaque(mi.Float, each) for each in pulse.support)
+    first = (opl - start + low) / width
+    last = (opl - start + high) / width
+
+    # With `at_centers`, the center of a bin must be between the ends
+    first = dr.ceil(first - 0.5) if at_centers else dr.floor(first)
+    last = dr.floor(last - 0.5) if at_centers else dr.floor(last)
     return mi.Int32(dr.clip(first, 0, bins)), mi.Int32(dr.clip(last, -1, bins - 1))
 
 
 def bin_of_instant(film: mi.Film, opl: mi.Float) -> tuple[mi.Int32, mi.Int32]:
-    """Return the bin of light without a pulse, twice; (0, -1) outside the window."""
-    bins, start, width = int(film.temporal_bins), float(film.start_opl), float(film.bin_width_opl)
+    """Return the bin of light without a pulse as first and last bin, (0, -1) outside the window."""
+    bins = int(film.temporal_bins)
+    start = float(film.start_opl)
+    width = float(film.bin_width_opl)
     k = mi.Int32(dr.floor(dr.clip((opl - start) / width, -1, bins)))
     within = (k >= 0) & (k < bins)
     return dr.select(within, k, 0), dr.select(within, k, -1)
 
 
 def pulse_weight(
-    film: mi.Film, pulse: Pulse, k: mi.Int32, opl: mi.Float, at_centres: bool
+    film: mi.Film, pulse: Pulse, k: mi.Int32, opl: mi.Float, at_centers: bool
 ) -> mi.Float:
-    """Return energy in bin `k` of a pulse that arrives at a length, or density at its centre."""
-    start, width = float(film.start_opl), float(film.bin_width_opl)
+    """Return the fraction of a pulse's energy in bin `k`, or its density at the bin's center.
+
+    Args:
+        film: The film.
+        pulse: The pulse.
+        k: Index of the bin.
+        opl: Optical path length of the pulse's center [m].
+        at_centers: Whether the density at the center of the bin is returned [1/m].
+    """
+    start = float(film.start_opl)
+    width = float(film.bin_width_opl)
     opl = opl - start
-    if at_centres:
+    if at_centers:
         return pulse.eval((k + 0.5) * width - opl)
     return pulse.cdf((k + 1) * width - opl) - pulse.cdf(k * width - opl)

@@ -12,7 +12,7 @@ import numpy as np
 from ..runtime import checks
 from ..runtime.settings import parameter
 from ..signals.polarisation import stokes_count, to_stokes
-from .colours import channels_by, channels_of
+from .colors import channels_by, channels_of
 from .histogram import Histogram
 from .image import box_by_default, image_film, stokes_channels
 from .splats import Splats, footprint
@@ -23,15 +23,15 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 TEMPORAL_FILTERS = ("", "box")
-WEIGHT = 3  # Number of the channel that has a picture's weights, behind its colours
+WEIGHT = 3  # Index of the picture's weight channel, after RGB
 
 
 class TransientHDRFilm(mi.Film):
     r"""A film with time bins (plugin `transient_hdr_film`), interchangeable with mitransient's.
 
     Bin k collects the light that arrives with an optical path length in
-    [start_opl + k w, start_opl + (k + 1) w). Its value is the radiance that arrives within the bin:
-    the sum over bins plus what falls outside the window is the steady image.
+    [start_opl + k w, start_opl + (k + 1) w). Its value is the radiance that arrives within the bin.
+    The sum over all bins, plus the light outside the window, is the steady image.
 
     | parameter | default | meaning |
     |---|---|---|
@@ -41,26 +41,27 @@ class TransientHDRFilm(mi.Film):
     | `width`, `height` | 768, 576 | size [pixels] |
     | `crop_width` ... `crop_offset_y` | whole film | crop window [pixels] |
     | `sample_border` | false | sample beyond the border, by the filter's radius |
-    | `rfilter` | box | reconstruction filter, in space; others than box cost time |
-    | `temporal_filter` | "" | filter in time by default: "box", or "" for `rfilter` |
-    | `pixel_format`, ... | | only what is stored: RGB (or luminance) in float32, OpenEXR |
+    | `rfilter` | box | reconstruction filter in space; filters other than box are slower |
+    | `temporal_filter` | "" | default filter in time: "box", or "" for `rfilter` |
+    | `pixel_format`, ... | | only RGB (or luminance), float32 and OpenEXR are supported |
 
     `develop()` returns `(steady, transient)`: tensors of shape (height, width, channels) and
-    (height, width, temporal_bins, channels), of the crop's size, where channels is 1 in
-    monochromatic variants and 3 (RGB) otherwise. Polarised variants have four times as many: those
-    of S0, then of S1, S2 and S3 (see `signals.polarisation`); in monochromatic ones, bins are
-    mitransient's, whose picture has S0 only, and whose film has S0 only in spectral ones.
+    (height, width, temporal_bins, channels) of the crop window. `channels` is 1 in monochromatic
+    variants and 3 (RGB) otherwise. In polarized variants, the number is four times larger: the
+    channels of S0 are followed by S1, S2 and S3 (see `signals.polarisation`). The bins equal
+    mitransient's in monochromatic polarized variants. mitransient's picture has S0 only, and its
+    spectral polarized films have S0 only.
 
     Attributes that an integrator sets after `prepare`:
 
-    - `samples_per_pixel`: Number of samples that `spec` is divided by in `add_transient_data`.
-      Needed with filters other than box.
-    - `taken`: Fraction of these samples that were taken so far, above 0 and at most 1.
+    - `samples_per_pixel`: Number of samples per pixel; `add_transient_data` expects `spec` divided
+      by this number. Required for filters other than box.
+    - `taken`: Fraction of these samples that have been taken, above 0 and at most 1.
     - `one_writer_per_pixel`: Whether only one thread writes to each pixel, see `Histogram.add`.
 
-    Limitations: no alpha channel in time, no AOVs in time, no exhaustive scan. Pictures are those
-    of Mitsuba's JIT variants. Its `scalar_*` variants read filters other than box from a table of
-    31 steps and differ from those by up to 1 % in edge rows without `sample_border`.
+    Limitations: alpha channels and AOVs in time and exhaustive scans are not supported. Pictures
+    equal those of Mitsuba's JIT variants. Mitsuba's `scalar_*` variants read filters other than box
+    from a table with 31 steps, and differ by up to 1 % in rows at the edge without `sample_border`.
 
     Example:
         >>> bins = {"temporal_bins": 8, "start_opl": 1.0, "bin_width_opl": 0.25}
@@ -70,16 +71,19 @@ class TransientHDRFilm(mi.Film):
     """
 
     def __init__(self, props: mi.Properties) -> None:
+        # Time bins and filters
         box_by_default(props)
         self.temporal_bins: int = parameter(props, "temporal_bins", 2048)
         self.bin_width_opl: float = parameter(props, "bin_width_opl", 0.003)
         self.start_opl: float = parameter(props, "start_opl", 0.0)
         name = props.get("temporal_filter", "")
         self.temporal_filter: str = checks.one_of("temporal_filter", name, TEMPORAL_FILTERS)
+
+        # Refuse mitransient's parameters of exhaustive scans, and other formats
         scans = ("exhaustive_scan", False), ("laser_scan_width", 0), ("laser_scan_height", 0)
         for name, only in scans:
             value = props.get(name, only)
-            checks.require(name, value, not value, f"{only}, this film has no laser axes")
+            checks.require(name, value, not value, f"{only}, exhaustive scans are not supported")
         stored = {
             "pixel_format": "luminance" if mi.is_monochromatic else "rgb",
             "component_format": "float32",
@@ -87,41 +91,55 @@ class TransientHDRFilm(mi.Film):
         }
         for name, only in stored.items():
             checks.one_of(name, props.get(name, only), (only,))
+
+        # Size and crop window
         for side in ("width", "height"):
             parameter(props, side, None)
             if f"crop_{side}" in props:
                 checks.integer(f"crop_{side}", props[f"crop_{side}"], 1, checks.MAX_SIZE)
         super().__init__(props)
+
+        # Content, created by `prepare` and `expect_splats`
         self._steady: mi.Film | None = None
         self._bins: Histogram | None = None
         self._splats: Splats | None = None
+
+        # State of a render
         self.samples_per_pixel: float | None = None
         self.taken = 1.0
         self.one_writer_per_pixel = False
 
     def recording(self, exposure: Exposure) -> BinRecording:
-        """Return how an integrator's light is recorded, see `films.recording`."""
-        from .recording import BinRecording  # Student editions may not have it
+        """Return the recording of an integrator's light on this film, see `films.recording`."""
+        from .recording import BinRecording  # Not included in all student editions
 
         return BinRecording(self, exposure)
 
+    # --------------------- Interface of films ---------------------
+
     def end_opl(self) -> float:
-        """End of the last bin [m]."""
+        """Return the end of the last bin [m]."""
         return self.start_opl + self.bin_width_opl * self.temporal_bins
 
     def base_channels_count(self) -> int:
-        """Channels of a colour: 1 in monochromatic variants, otherwise 3."""
+        """Return the number of channels of a color: 1 in monochromatic variants, otherwise 3."""
         return 1 if mi.is_monochromatic else 3
 
     def prepare(self, aovs: Sequence[str]) -> int:
         """Create an empty steady image, with `aovs` as extra channels, and empty bins.
 
-        Returns the number of the image's channels, weight included. A `MemoryError` says what fits.
+        Returns:
+            The number of the image's channels, including the weight channel.
+
+        Raises:
+            MemoryError: If the bins do not fit into memory. The message describes what fits.
         """
-        self._bins = self._splats = None  # Free memory before it is allocated again
+        # Release the old bins before new bins are allocated
+        self._bins = self._splats = None
         self._bins = Histogram(*self.shape)
         self._steady = image_film(self)
-        self.samples_per_pixel, self.taken = None, 1.0
+        self.samples_per_pixel = None
+        self.taken = 1.0
         self.one_writer_per_pixel = False
         return self.steady.prepare([*aovs, *stokes_channels()])
 
@@ -129,30 +147,42 @@ class TransientHDRFilm(mi.Film):
         """Clear all bins and the steady image."""
         if self._steady is not None:
             self._steady.clear()
-            expected = self._splats is not None
+            has_splats = self._splats is not None
             self._bins = self._splats = None
             self._bins = Histogram(*self.shape)
-            if expected:
+            if has_splats:
                 self.expect_splats()
 
     def expect_splats(self) -> None:
-        """Allocate bins of their own for splats; raises `MemoryError` if they do not fit."""
+        """Allocate separate bins for splats.
+
+        Raises:
+            MemoryError: If the bins do not fit into memory.
+        """
         self._splats = Splats(self, self.temporal_bins)
 
     def flush(self, pixels: mi.UInt32 | None = None) -> None:
-        """Flush the bins to a second sum, which `develop` adds.
+        """Move the sums in bins to a second array, which `develop` adds.
 
-        Single precision loses small numbers that are added to a large one: integrators call this
-        every 2^16 samples per pixel, for all pixels, which takes as much memory again, or for some
-        by their numbers, row by row in the crop window, which must be the same in every call. With
-        another filter than box, those are pixels of the splats.
+        Single precision loses small numbers that are added to a large sum. Therefore integrators
+        call this method every 2^16 samples per pixel.
+
+        Args:
+            pixels: Indices of the pixels in the crop window, row by row. All calls must pass the
+                same pixels. None selects all pixels, which needs twice the memory of the bins. With
+                filters other than box, the pixels select bins of splats instead of samples.
         """
+        # Some pixels
         if pixels is not None:
             part = "bins" if self.rfilter().is_box_filter() else "splats"
             self._histograms()[part].flush_pixels(pixels)
             return
+
+        # All pixels
         for cells in self._histograms().values():
             cells.flush()
+
+    # --------------------- Adding light ---------------------
 
     def add_splat(
         self,
@@ -162,12 +192,22 @@ class TransientHDRFilm(mi.Film):
         spec: mi.Spectrum,
         active: mi.Bool,
     ) -> None:
-        """Add the light of a path from an emitter to the bins of splats, after `expect_splats`.
+        """Add the light of a path from an emitter to the bins of splats.
 
-        Arguments as for `add_transient_data`; `spec` is divided by the light paths per pixel.
+        Args:
+            pos: Position on the film [pixels].
+            distance: Optical path length [m].
+            wavelengths: Sampled wavelengths [nm].
+            spec: Radiance over the number of light paths per pixel.
+            active: Lanes with a contribution.
+
+        Raises:
+            RuntimeError: If `expect_splats` has not been called.
         """
         if self._splats is None:
-            raise RuntimeError("transient_hdr_film: has no room for splats; call expect_splats()")
+            raise RuntimeError(
+                "transient_hdr_film: the bins of splats are missing. Call expect_splats() first"
+            )
         k, active = self._bin(distance, active)
         values = channels_of(to_stokes(spec), wavelengths, active)
         self._splats.add(pos, [values], k, active)
@@ -180,46 +220,64 @@ class TransientHDRFilm(mi.Film):
         spec: mi.Spectrum,
         ray_weight: mi.Float,
         active: mi.Bool,
-        colours: Sequence[mi.Color3f] | None = None,
+        colors: Sequence[mi.Color3f] | None = None,
         **_laser,
     ) -> None:
-        """Add a contribution to the bin that its length falls into.
+        """Add a contribution to the bin of its path length.
 
         Args:
-            pos: Position on the film [pixels], crop offset included.
-            distance: Optical path length [m]; outside of the window it is ignored.
+            pos: Position on the film [pixels], including the crop offset.
+            distance: Optical path length [m]. Light outside of the window is ignored.
             wavelengths: Sampled wavelengths [nm], for spectral variants.
-            spec: Radiance over the number of samples per pixel; in polarised variants a Stokes
-                vector (`mi.SpectrumEntry`), or a Mueller matrix whose first column counts.
-            ray_weight: Factor of `spec`, from the camera.
-            active: Lanes that have a contribution.
-            colours: Those of the wavelengths, see `colours.units_of`, if they were looked up.
+            spec: Radiance over the number of samples per pixel. In polarized variants, a Stokes
+                vector (`mi.SpectrumEntry`), or a Mueller matrix with this vector as first column.
+            ray_weight: Weight of the camera ray, a factor of `spec`.
+            active: Lanes with a contribution.
+            colors: Colors of the wavelengths from `colors.units_of`, if they are known.
+            **_laser: Arguments of mitransient's integrators for laser scans, which are ignored.
         """
+        # Convert the light to channels
         k, active = self._bin(distance, active)
         light = to_stokes(spec * ray_weight)
-        if colours is None:
+        if colors is None:
             values = channels_of(light, wavelengths, active)
         else:
-            values = channels_by(colours, light)
+            values = channels_by(colors, light)
+
+        # Distribute the light over the pixels of the reconstruction filter
         for x, y, weight in footprint(self, pos):
             weighted = [value * weight for value in values]
             self.bins.add(weighted, x, y, k, active, private=self.one_writer_per_pixel)
 
-    def develop(self, raw: bool = False) -> tuple[mi.TensorXf, mi.TensorXf]:
-        """Return the steady image and the bins; `raw` ones are not divided by filter weights.
+    # --------------------- Results ---------------------
 
-        Needs `prepare`, and `samples_per_pixel` with filters other than box: else a `RuntimeError`.
+    def develop(self, raw: bool = False) -> tuple[mi.TensorXf, mi.TensorXf]:
+        """Return the steady image and the bins.
+
+        Args:
+            raw: Whether the sums are not divided by the weights of the reconstruction filter.
+
+        Raises:
+            RuntimeError: If `prepare` has not been called, or if `samples_per_pixel` is not set and
+                the filter is not box.
         """
+        # Bins of samples
         scale = None if raw else self._pixel_scale()
         bins = self.bins.tensor(scale)
+
+        # Bins of splats
         if self._splats is not None:
             bins += self._splats.cells.tensor() * (1.0 if raw else 1 / self.taken)
         return self.steady.develop(raw=raw), bins
 
     def take(self) -> tuple[np.ndarray, np.ndarray]:
-        """Develop into float32 arrays without a copy of the bins; the film is then empty."""
+        """Return the developed film as float32 arrays without copying the bins.
+
+        The film is empty afterwards.
+        """
         scale = self._pixel_scale()
-        steady, transient = np.array(self.steady.develop()), self.bins.take(scale)
+        steady = np.array(self.steady.develop())
+        transient = self.bins.take(scale)
         if self._splats is not None:
             splats = self._splats.cells.take()
             splats /= self.taken
@@ -236,42 +294,49 @@ class TransientHDRFilm(mi.Film):
         }
 
     def restore(self, state: Mapping[str, np.ndarray], factor: float) -> None:
-        """Restore a `state`, multiplied by a factor; call `expect_splats` before if it has some."""
+        """Restore the content from a `state`, multiplied by a factor.
+
+        If the state contains splats, `expect_splats` must be called first.
+        """
         for part, cells in self._histograms().items():
             prefix = f"{part}."
-            own = {n.removeprefix(prefix): state[n] for n in state if n.startswith(prefix)}
-            if own:
-                cells.restore(own, factor)
+            arrays = {n.removeprefix(prefix): state[n] for n in state if n.startswith(prefix)}
+            if arrays:
+                cells.restore(arrays, factor)
 
     def _histograms(self) -> dict[str, Histogram]:
+        """Return the bins of samples and of splats, by name."""
         splats = {} if self._splats is None else {"splats": self._splats.cells}
         return {"bins": self.bins, **splats}
 
     @property
     def steady(self) -> mi.Film:
-        """The steady image, an `hdrfilm`; raises a `RuntimeError` before `prepare`."""
+        """The steady image, an `hdrfilm`. Before `prepare`, this raises a `RuntimeError`."""
         return self._prepared(self._steady)
 
     @property
     def bins(self) -> Histogram:
-        """The bins; raises a `RuntimeError` before `prepare`."""
+        """The bins. Before `prepare`, this raises a `RuntimeError`."""
         return self._prepared(self._bins)
 
     @staticmethod
     def _prepared(part: T | None) -> T:
+        """Return a part of the film, and refuse a film that is not prepared."""
         if part is None:
-            raise RuntimeError("transient_hdr_film: is empty; call prepare() first, or render")
+            raise RuntimeError(
+                "transient_hdr_film: the film is empty. Call prepare() or render first"
+            )
         return part
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
-        """(height, width, temporal_bins, channels), of the crop window."""
+        """Shape of the bins of the crop window: (height, width, temporal_bins, channels)."""
         width, height = self.crop_size()
         channels = self.base_channels_count() * stokes_count()
         return (int(height), int(width), self.temporal_bins, channels)
 
     def time_slice(self, k: int) -> mi.TensorXf:
-        """Return bin `k`, 0 to `temporal_bins` - 1, as an image (height, width, channels)."""
+        """Return bin `k` (0 to `temporal_bins` - 1) as an image (height, width, channels)."""
         k = checks.integer("k", k, 0, self.temporal_bins - 1)
         image = self.bins.slice(k, self._pixel_scale())
         if self._splats is not None:
@@ -279,18 +344,23 @@ class TransientHDRFilm(mi.Film):
         return image
 
     def merge_tile(self, tile: TransientHDRFilm) -> None:
-        """Add the bins and the steady image of a film that was rendered for a part of this one.
+        """Add the bins and the steady image of a tile.
 
-        A tile has the same `size`, bins and filter, or else is refused by a `ValueError`. Its crop
-        window is its position; tiles must not overlap. With filters other than box, this film and
-        its tiles must sample beyond their borders (`sample_border`), or seams would be too dark.
+        Args:
+            tile: A film with the same `size`, bins and filter. Its crop window is the position of
+                the tile. Tiles must not overlap. With filters other than box, this film and the
+                tiles must set `sample_border`, because seams would otherwise be too dark.
+
+        Raises:
+            ValueError: If the tile does not fit; one line.
         """
+        # Is the tile a part of this film?
         names = "temporal_bins", "start_opl", "bin_width_opl", "size", "rfilter", "sample_border"
         for name in names:
             values = (getattr(film, name) for film in (self, tile))
-            mine, its = (str(value() if callable(value) else value) for value in values)
-            if mine != its:
-                raise ValueError(f"tile.{name} = {its}: must be {mine}, as in the film")
+            of_film, of_tile = (str(value() if callable(value) else value) for value in values)
+            if of_film != of_tile:
+                raise ValueError(f"tile.{name} = {of_tile}: must be {of_film}, as in the film")
         x, y = (int(v) for v in tile.crop_offset() - self.crop_offset())
         height, width, _, _ = tile.shape
         if x < 0 or y < 0 or x + width > self.shape[1] or y + height > self.shape[0]:
@@ -301,9 +371,11 @@ class TransientHDRFilm(mi.Film):
         needs_border = tile.shape != self.shape and not self.rfilter().is_box_filter()
         if needs_border and not tile.sample_border():
             raise ValueError(
-                "tile.sample_border = False: must be True with another filter than box, here and "
-                "in the film, so that seams get the samples beyond them"
+                "tile.sample_border = False: must be True in tile and film if the filter is not "
+                "box, because seams would otherwise be too dark"
             )
+
+        # Add bins, splats and the steady image
         self.bins.merge(tile.bins, x, y)
         if tile._splats is not None:
             if self._splats is None:
@@ -316,8 +388,11 @@ class TransientHDRFilm(mi.Film):
 
     def scale(self, factor: float) -> None:
         """Multiply the bins and the steady image by a number."""
+        # The bins
         for cells in self._histograms().values():
             cells.scale(factor)
+
+        # The steady image except for its weight channel
         raw = self.steady.develop(raw=True)
         count = raw.shape[2]
         is_weight = dr.arange(mi.UInt32, dr.width(raw.array)) % count == WEIGHT
@@ -326,7 +401,7 @@ class TransientHDRFilm(mi.Film):
         self.steady.put_block(mi.ImageBlock(mi.TensorXf(scaled, raw.shape), self.crop_offset()))
 
     def to_string(self) -> str:
-        """The film's parameters."""
+        """Return the film's parameters as text."""
         return (
             f"TransientHDRFilm[\n  size = {self.size()},\n  crop_size = {self.crop_size()},\n"
             f"  crop_offset = {self.crop_offset()},\n  temporal_bins = {self.temporal_bins},\n"
@@ -335,20 +410,26 @@ class TransientHDRFilm(mi.Film):
         )
 
     def _bin(self, distance: mi.Float, active: mi.Bool) -> tuple[mi.UInt32, mi.Bool]:
-        """Return the bin of a length, and the lanes where there is one."""
+        """Return the index of the bin of a path length [m], and the lanes inside of the window."""
         position = (distance - self.start_opl) / self.bin_width_opl
         active = active & (position >= 0) & (position < self.temporal_bins)
         return mi.UInt32(dr.select(active, position, 0)), active
 
     def _pixel_scale(self) -> mi.Float | None:
-        """Samples over the filter's weights at each pixel; None if all are 1."""
+        """Return, for each pixel, the number of samples over the sum of filter weights.
+
+        Returns:
+            The ratios, or None if all ratios are 1.
+        """
         if self.rfilter().is_box_filter() and self.taken == 1:
             return None
         if self.samples_per_pixel is None:
             raise RuntimeError(
-                "transient_hdr_film: samples_per_pixel is not set, which a film with a filter "
-                f"other than box needs to develop; its filter is {self.rfilter()}"
+                "transient_hdr_film: samples_per_pixel is not set, but the filter "
+                f"{self.rfilter()} needs it. Set samples_per_pixel before develop()"
             )
+
+        # Read the weight channel of the steady image
         raw = self.steady.develop(raw=True)
         pixel = dr.arange(mi.UInt32, raw.shape[0] * raw.shape[1])
         weight = dr.gather(mi.Float, raw.array, pixel * raw.shape[2] + WEIGHT)

@@ -1,1 +1,1 @@
-"""Derivatives of renders: detached sampling, and those of the loop's steps and of films."""
+"""Derivatives of renders: detached sampling, derivatives of path steps and of films."""

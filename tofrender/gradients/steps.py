@@ -1,17 +1,18 @@
-"""Derivatives of the path loop: of `walk.step`, one vertex at a time.
+"""Derivatives of the path loop: forward and reverse derivatives of `walk.step`, vertex by vertex.
 
-A step maps the state of a path to the next one and adds contributions. A derivative of the whole
-loop therefore needs that of one step only, which Dr.Jit differentiates while it traces it.
+A step maps the state of a path to the next state and adds contributions. Therefore the derivative
+of the whole loop follows from the derivative of one step, which Dr.Jit differentiates.
 
-**Forwards**, each step propagates the derivatives of the state: `move` traces once.
+**Forward mode** (`jvp`): each step propagates the derivatives of the state. The paths are traced
+once.
 
-**In reverse**, the gradient of the state goes from the last step to the first: `pull` traces once
-to store the states, and then goes back over them. A step is traced again from its state, with the
-same random numbers, and the gradient of what follows is propagated through it. The states are in
-memory of each lane; neither time nor memory has more than one factor of depth, and memory is that
-of the threads at work, however many paths there are.
+**Reverse mode** (`vjp`): the gradient of the state is propagated from the last step to the first.
+The paths are traced once to store the states. Then each step is traced again from its stored state
+with the same random numbers, and the gradient is propagated through the step. The states are stored
+in memory of each lane. Time and memory grow linearly with depth. Only active threads need memory,
+so the memory does not depend on the number of paths.
 
-So all that a step depends on has a derivative: lengths, indices, MIS weights, directions of
+Everything in a step has a derivative: lengths, indices of refraction, MIS weights, directions of
 mirrors. For the sampling of directions, see `detached`.
 """
 
@@ -29,68 +30,110 @@ from ..paths.walk import step
 from ..runtime.lane_memory import packed, tape, unpacked
 from .films import Changes
 
-MOST_KEPT = 256  # vertices of a path whose states fit into the memory of a lane
+MOST_KEPT = 256  # Largest number of vertices of a path with states in the memory of a lane
 
 
 @dr.syntax
-def move(
+def jvp(
     sampler: mi.Sampler, path: Path, rate: Any, parts: Parts, changes: Changes, sums: list
 ) -> tuple[list, Path]:
-    """Trace paths with the derivatives of their states (`rate`, packed) and of sums over them.
+    """Trace paths together with the derivatives of their states and of the sums of their light.
 
-    Returns the derivatives of the sums, and the paths at their ends.
+    | loop state | meaning |
+    |---|---|
+    | `path` | state of the path |
+    | `rate` | derivative of the state, packed |
+    | `sums` | derivatives of the sums of light |
+
+    Args:
+        sampler: The sampler.
+        path: Starts of the paths.
+        rate: Derivatives of the starts, packed.
+        parts: Parts of the path loop.
+        changes: Derivatives of the film.
+        sums: Derivatives of the sums of light at the start.
+
+    Returns:
+        The derivatives of the sums, and the paths at their ends.
     """
     while path.active:
-        path, rate, sums = _moved(sampler, path, rate, parts, changes, sums)
+        path, rate, sums = _jvp_of_step(sampler, path, rate, parts, changes, sums)
     return sums, path
 
 
-def _moved(sampler, path, rate, parts, changes, sums):
+def _jvp_of_step(sampler, path, rate, parts, changes, sums):
+    """Trace one step, and propagate the derivatives of the state through it."""
     with dr.resume_grad():
+        # Attach the derivative to the state
         state = packed(path)
         dr.enable_grad(state)
         dr.set_grad(state, rate)
+
+        # Trace one step, and propagate the derivatives to its light and to the next state
         collected = changes.step()
         new = step(sampler, unpacked(state, path), parts, collected)
         after = packed(new)
-        sums = changes.move(collected, sums, after)
+        sums = changes.jvp(collected, sums, after)
         rate = dr.grad(after)
     return dr.detach(new), rate, sums
 
 
 class _NoMeasurement:
+    """Measurement that ignores all light, for tracing paths to store their states."""
+
     def add(self, contribution: Contribution) -> None:
-        """Drop a contribution."""
+        """Ignore a contribution."""
 
 
 @dr.syntax
-def pull(sampler: mi.Sampler, path: Path, parts: Parts, changes: Changes) -> Any:
-    """Propagate the gradient of paths' light back; returns that of their first state, packed."""
-    most = parts.iterations if parts.iterations > 0 else MOST_KEPT
-    start, nothing = packed(path), _NoMeasurement()
-    states, numbers = tape(path, most), dr.alloc_local(mi.UInt32, most)
-    k, here = mi.UInt32(0), path
+def vjp(sampler: mi.Sampler, path: Path, parts: Parts, changes: Changes) -> Any:
+    """Propagate the film's gradient back through the paths.
 
-    # Store the states of all vertices
+    | loop state | meaning |
+    |---|---|
+    | `k` | index of the vertex |
+    | `here` | state of the path at vertex k, while states are stored |
+    | `gradient` | gradient by the state at vertex k, packed, on the way back |
+
+    Args:
+        sampler: The sampler.
+        path: Starts of the paths.
+        parts: Parts of the path loop.
+        changes: Derivatives of the film.
+
+    Returns:
+        The gradient by the starts of the paths, packed.
+    """
+    # --------------------- Store the states of all vertices ---------------------
+
+    most = parts.iterations if parts.iterations > 0 else MOST_KEPT
+    start = packed(path)
+    nothing = _NoMeasurement()
+    states = tape(path, most)
+    dimensions = dr.alloc_local(mi.UInt32, most)
+    k = mi.UInt32(0)
+    here = path
     while here.active & (k < most):
         states.write(packed(here), k)
-        numbers.write(sampler.dimension, k)
+        dimensions.write(sampler.dimension, k)
         here = step(sampler, here, parts, nothing)
         k += 1
 
-    # Propagate the gradient from the last vertex to the first
+    # --------------------- Propagate the gradient from the last vertex to the first -----------
+
     gradient = dr.grad(start)
     while k > 0:
         k -= 1
-        sampler.dimension = numbers.read(k)
-        gradient = _pulled(sampler, states.read(k), path, gradient, parts, changes)
+        sampler.dimension = dimensions.read(k)
+        gradient = _vjp_of_step(sampler, states.read(k), path, gradient, parts, changes)
     return gradient
 
 
-def _pulled(sampler, state, example, gradient, parts, changes):
+def _vjp_of_step(sampler, state, example, gradient, parts, changes):
+    """Trace one step again from its state, and return the gradient by this state."""
     with dr.resume_grad():
         dr.enable_grad(state)
         collected = changes.step()
         new = step(sampler, unpacked(state, example), parts, collected)
-        changes.pull(collected, packed(new), gradient)
+        changes.vjp(collected, packed(new), gradient)
         return dr.grad(state)

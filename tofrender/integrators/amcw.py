@@ -81,9 +81,11 @@ class AMCWTransientPath(TransientPath):
 
     def exposure(self) -> Exposure:
         """Return how light counts: its correlation on a picture; phasors of its pulse."""
-        lacks = NO_MODULATION if self.modulation is None else ""
+        steady_film_error = NO_MODULATION if self.modulation is None else ""
         weight = None if self.modulation is None else self.modulation.eval
-        return Exposure((PICTURE, PHASORS), self.pulse, weight=weight, lacks=lacks)
+        return Exposure(
+            (PICTURE, PHASORS), self.pulse, weight=weight, steady_film_error=steady_film_error
+        )
 
 
 def render_single_amcw(
@@ -191,7 +193,7 @@ def in_time(own: mi.Integrator) -> TransientIntegrator:
     traits = getattr(own, "traits", None)
     if traits is None:
         return mi.load_dict(path_tracer_of(own))
-    if PHASORS in own.exposure().onto:
+    if PHASORS in own.exposure().supported_films:
         return own
     tracer = mi.load_dict({"type": plugins.qualified_name("transient_path"), **traits})
     tracer.pulse = own.pulse

@@ -196,7 +196,7 @@ class BothEnds(TransientPath):
         """Return how light counts: on a picture all of it, or that of one gate."""
         target = self.target_time if target_time is None else target_time
         weight = None if target is None else self.gate(target)
-        return replace(super().exposure(), onto=(BINS, PHASORS, PICTURE), weight=weight)
+        return replace(super().exposure(), supported_films=(BINS, PHASORS, PICTURE), weight=weight)
 
     def plan(self, scene, sensor=None, weight=None) -> BidirectionalPlan:
         """Return the plan for paths from both ends."""

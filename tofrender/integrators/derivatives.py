@@ -15,7 +15,7 @@ from ..films.histogram import MAX_ADDED
 from ..films.recording import BinRecording, Recording
 from ..gradients.detached import Detached
 from ..gradients.films import BinChanges, Changes, Collected
-from ..gradients.steps import MOST_KEPT, move, pull
+from ..gradients.steps import MOST_KEPT, jvp, vjp
 from ..paths.camera import CameraSample, sample_camera, sampled_size
 from ..paths.protocols import Endpoint, Parts
 from ..paths.records import Path
@@ -111,9 +111,9 @@ class Derivative:
         film = self.changes(self.record, rays.camera, self.spp)
         with dr.resume_grad():
             start, collected = rays.attached_start(film)
-            rates = film.move(collected, film.zero(), start)
+            rates = film.jvp(collected, film.zero(), start)
             rate = dr.grad(start)
-        rates, _ = move(rays.sampler, rays.path, rate, rays.parts, film, rates)
+        rates, _ = jvp(rays.sampler, rays.path, rate, rays.parts, film, rates)
         before, behind = film.channels(rates)
         image = self.record.image
         block = image.create_block()
@@ -131,10 +131,10 @@ class Derivative:
         with dr.suspend_grad(), ProgressBar("Gradients", self.spp, unit="spp") as bar:
             for rays in self._passes(seed):
                 film = self.changes(self.record, rays.camera, self.spp, gradients)
-                gradient = pull(rays.sampler, rays.path, rays.parts, film)
+                gradient = vjp(rays.sampler, rays.path, rays.parts, film)
                 with dr.resume_grad():
                     start, collected = rays.attached_start(film)
-                    film.pull(collected, start, gradient)
+                    film.vjp(collected, start, gradient)
                 dr.eval()
                 bar.update(rays.spp)
 

@@ -207,7 +207,7 @@ def _pulse_reasons(record: Recording, by_width: bool, changes_lengths: bool) -> 
     if isinstance(record, PhasorRecording) and by_width:
         yield "pulse_width_opl: has no derivative on a phasor_hdr_film; must be on a film with bins"
     exposure = record.exposure
-    gate = getattr(record.weight, "pulse", exposure.pulse if exposure.at_centres else None)
+    gate = getattr(record.weight, "pulse", exposure.pulse if exposure.at_centers else None)
     if gate is not None and hasattr(gate, "support") and not _is_smooth(gate, gate.eval):
         yield (
             f"pulse = {checks.quote(gate)}: has hard edges, so that gates have no derivative by "
@@ -217,12 +217,12 @@ def _pulse_reasons(record: Recording, by_width: bool, changes_lengths: bool) -> 
         return
     pulse = record.profile
     if pulse is None:
-        if changes_lengths or exposure.at_centres:
+        if changes_lengths or exposure.at_centers:
             yield (
                 "pulse = None: leaves bins without a derivative by length; must be a pulse, e.g. "
                 "by pulse_width_opl = 0.03"
             )
-    elif not exposure.at_centres and not _is_smooth(pulse, pulse.cdf):
+    elif not exposure.at_centers and not _is_smooth(pulse, pulse.cdf):
         yield (
             f"pulse = {checks.quote(pulse)}: has a cdf without derivative; must be one that is the "
             "integral of its derivative, in operations of Dr.Jit"

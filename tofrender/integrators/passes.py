@@ -17,7 +17,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..films.colours import colour_count
+from ..films.colors import color_count
 from ..films.histogram import MAX_ADDED
 from ..films.recording import Recording
 from ..films.sums import AsSplats
@@ -320,7 +320,7 @@ def _step(pixels: PixelSampler, pixel: mi.UInt32, count: int, weight: float = 1.
         not_finite += odd
         sampler.advance()
     elif dr.hint(record.film.rfilter().is_box_filter(), mode="scalar"):  # Sums go to one pixel
-        n = colour_count(image)
+        n = color_count(image)
         sums = [mi.Float(0) for _ in range(block.channel_count() - 1)]
         while left > 0:
             _, colour, rest, odd = pixels.sample(pixel)

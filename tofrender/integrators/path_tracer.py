@@ -46,4 +46,4 @@ class PathTracer(TransientPath):
 
     def exposure(self) -> Exposure:
         """Return how light counts: on a picture all of it."""
-        return replace(super().exposure(), onto=(BINS, PHASORS, PICTURE))
+        return replace(super().exposure(), supported_films=(BINS, PHASORS, PICTURE))

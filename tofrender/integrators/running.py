@@ -83,7 +83,7 @@ def render_image(
         if not isfunction(getattr(type(integrator), "sample", None)):  # Mitsuba's know no time
             kind = type(integrator).__name__
             raise TypeError(f"integrator = {kind}: has no sample of its own; must have {call}")
-        record = recording(film, Exposure(onto=(PICTURE,)))
+        record = recording(film, Exposure(supported_films=(PICTURE,)))
         arguments = [dr.opaque(mi.Float, target) for target in targets]
         tracer: Tracer = UserDefinedTracer(integrator, scene, record, *arguments)
     else:

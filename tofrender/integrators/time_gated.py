@@ -122,8 +122,14 @@ class TimeGatedTransientPath(TransientIntegrator):
     def exposure(self, target_time: float | None = None) -> Exposure:
         """Return how light counts: one gate on a picture, a gate at the centre of every bin."""
         target = self.target_time if target_time is None else target_time
-        weight, lacks = (None, NO_TARGET) if target is None else (self.gate(target), "")
-        return Exposure((BINS, PICTURE), self.pulse, at_centres=True, weight=weight, lacks=lacks)
+        weight, steady_film_error = (None, NO_TARGET) if target is None else (self.gate(target), "")
+        return Exposure(
+            (BINS, PICTURE),
+            self.pulse,
+            at_centers=True,
+            weight=weight,
+            steady_film_error=steady_film_error,
+        )
 
     def plan(self, scene, sensor=None, weight=None) -> Plan:
         """Plan gated next-event estimation, and paths that end when the gate closes."""
@@ -246,7 +252,7 @@ def render_transient(
     check_view(scene, sensor, **follows(integrator))
     film = transient_film(sensor.film(), bins, start, width)
     integrator.gate(start)  # Refuses where there is no pulse
-    record = recording(film, replace(integrator.exposure(), at_centres=True))
+    record = recording(film, replace(integrator.exposure(), at_centers=True))
     plan, settings = integrator.plan(scene, sensor), (spp, seed, checkpoint, progress)
     render_all(scene, integrator, sensor, plan, record, *settings)
     return film.take()[1]

@@ -1,1 +1,1 @@
-"""Participating media: free flights, transmittance, phase functions, and gated connections."""
+"""Participating media: free flights, transmittance, phase functions and gated connections."""

@@ -1,4 +1,4 @@
-"""State of a flight through media."""
+"""State of a flight through media, and sampling of its channel."""
 
 from __future__ import annotations
 
@@ -12,27 +12,51 @@ import mitsuba as mi
 class Flight:
     """State of the loop over null collisions and boundaries along a ray."""
 
-    ray: mi.Ray3f  # the ray that finds the next surface
-    pi: mi.PreliminaryIntersection3f  # that surface
-    end: mi.Float  # its distance from the start of the flight [m]
-    distance: mi.Float  # distance up to which the flight is sampled [m]
-    medium: mi.MediumPtr  # the current medium
-    # density of the flight in each channel over that in the sampled channel; for connections, the
-    # transmittance
+    # Ray that finds the next surface. It starts behind the last boundary
+    ray: mi.Ray3f
+
+    # Next surface on the ray
+    pi: mi.PreliminaryIntersection3f
+
+    # Distance from the start of the flight to the next surface [m], infinite without a surface
+    end: mi.Float
+
+    # Distance from the start of the flight to the point reached so far [m]
+    distance: mi.Float
+
+    # Current medium, null in vacuum
+    medium: mi.MediumPtr
+
+    # Free flights: density of the flight in each channel, relative to the density in the sampled
+    # channel. Connections: transmittance so far
     weight: mi.UnpolarizedSpectrum
-    albedo: mi.UnpolarizedSpectrum  # albedo at a scattering point
-    scattered: mi.Bool  # lanes that end at a scattering point
-    active: mi.Bool  # lanes that go on
-    needs_intersection: mi.Bool  # lanes whose next surface is not known
-    passes_emitters: mi.Bool  # lanes that cross area lights like boundaries
-    mueller: mi.Spectrum | None = None  # of null transmission along a connection
-    stops: mi.Bool | None = None  # lanes that stop at emitters on boundaries; None if none do
+
+    # Single-scattering albedo at the scattering point
+    albedo: mi.UnpolarizedSpectrum
+
+    # Lanes that have reached a scattering point
+    scattered: mi.Bool
+
+    # Lanes that continue
+    active: mi.Bool
+
+    # Lanes that have crossed a boundary, so that the next surface must be searched
+    needs_intersection: mi.Bool
+
+    # Lanes that cross area lights like boundaries, for hidden emitters
+    passes_emitters: mi.Bool
+
+    # Mueller matrix of null transmission along a connection, None in unpolarized variants
+    mueller: mi.Spectrum | None = None
+
+    # Lanes that stop at emitters on boundaries, None if no lane stops
+    stops: mi.Bool | None = None
 
     @classmethod
     def start(
         cls, ray: mi.Ray3f, medium: mi.MediumPtr, active: mi.Bool, passes_emitters: mi.Bool | bool
     ) -> Flight:
-        """Start a flight along a ray."""
+        """Start a flight along a ray in a medium."""
         lanes = dr.width(ray)
         zero = dr.zeros(mi.Float, lanes)
         pi = dr.zeros(mi.PreliminaryIntersection3f, lanes)
@@ -53,14 +77,15 @@ class Flight:
 
 
 def channel_probabilities(β: mi.UnpolarizedSpectrum) -> mi.UnpolarizedSpectrum:
-    """Return channel probabilities in proportion to throughput."""
+    """Return probabilities of the channels, proportional to throughput."""
     total = dr.sum(dr.abs(β))
     return dr.select(total > 0, dr.abs(β) / total, mi.UnpolarizedSpectrum(1 / len(β)))
 
 
 def sample_channel(q: mi.UnpolarizedSpectrum, xi: mi.Float) -> mi.UInt32:
-    """Sample a channel with the probabilities `q`."""
-    channel, cdf = mi.UInt32(0), mi.Float(0)
+    """Sample the index of a channel with the probabilities `q`, given a random number `xi`."""
+    channel = mi.UInt32(0)
+    cdf = mi.Float(0)
     for k in range(len(q) - 1):
         cdf = cdf + q[k]
         channel += dr.select(xi >= cdf, mi.UInt32(1), 0)
@@ -68,7 +93,7 @@ def sample_channel(q: mi.UnpolarizedSpectrum, xi: mi.Float) -> mi.UInt32:
 
 
 def value_in(values: mi.UnpolarizedSpectrum, channel: mi.UInt32) -> mi.Float:
-    """Return the value of a channel."""
+    """Return the value of the channel with an index that differs between lanes."""
     selected = mi.Float(values[0])
     for k in range(1, len(values)):
         selected = dr.select(channel == k, values[k], selected)

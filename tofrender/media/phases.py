@@ -1,4 +1,4 @@
-"""Scattering in participating media, by phase functions."""
+"""Scattering by the phase functions of participating media."""
 
 from __future__ import annotations
 
@@ -15,28 +15,47 @@ from ..signals.polarisation import depolarise, rayleigh
 
 
 def stored_medium_point(si: mi.SurfaceInteraction3f, medium: mi.MediumPtr) -> MediumPoint:
-    """Restore a point that was stored as `as_surface` returned it, with its medium."""
+    """Restore the point of a medium from a stored result of `as_surface` and its medium."""
     mei = dr.zeros(mi.MediumInteraction3f, dr.width(medium))
-    mei.p, mei.t, mei.wi, mei.sh_frame = si.p, si.t, si.wi, si.sh_frame
-    mei.time, mei.wavelengths, mei.medium = si.time, si.wavelengths, medium
+    mei.p = si.p
+    mei.t = si.t
+    mei.wi = si.wi
+    mei.sh_frame = si.sh_frame
+    mei.time = si.time
+    mei.wavelengths = si.wavelengths
+    mei.medium = medium
     return MediumPoint(mei, medium != None)  # noqa: E711 (a Dr.Jit mask)
 
 
 def as_surface(
     si: mi.SurfaceInteraction3f, mei: mi.MediumInteraction3f, here: mi.Bool
 ) -> mi.SurfaceInteraction3f:
-    """Merge surface and medium interactions; the latter have no shape and no normal."""
+    """Merge surface and medium interactions into one record.
+
+    Args:
+        si: Surface interactions.
+        mei: Medium interactions.
+        here: Lanes with a medium interaction. Shape and normal are zero in these lanes.
+    """
     point = dr.zeros(mi.SurfaceInteraction3f, dr.width(mei))
-    point.p, point.t, point.time, point.wavelengths = mei.p, mei.t, mei.time, mei.wavelengths
-    point.wi, point.sh_frame = mei.wi, mei.sh_frame
+    point.p = mei.p
+    point.t = mei.t
+    point.time = mei.time
+    point.wavelengths = mei.wavelengths
+    point.wi = mei.wi
+    point.sh_frame = mei.sh_frame
     return dr.select(here, point, si)
 
 
 class Phases(ScatteringWrapper):
-    """Phase functions in media, and another scattering on surfaces.
+    """Phase functions in media, combined with another scattering on surfaces.
 
-    With `importance`, paths come from lights; with `both_ways`, there are reverse densities; with
-    `connects`, all media connect, whatever their `sample_emitters` says.
+    Args:
+        surfaces: Scattering on surfaces.
+        media: The media of the scene.
+        importance: Whether paths start at lights.
+        both_ways: Whether reverse densities are computed.
+        connects: Whether all media connect to emitters, even if their `sample_emitters` is false.
     """
 
     def __init__(
@@ -48,32 +67,38 @@ class Phases(ScatteringWrapper):
         connects: bool = False,
     ) -> None:
         super().__init__(surfaces)
-        self.both_ways, self.connects = both_ways, connects
-        polarising = [m for m in media if m.phase_function().class_name() == RAYLEIGH]
-        self.polarising = polarising if mi.is_polarized else []
-        self.importance, flakes = importance, [m for m in media if has_flakes(m)]
+        self.both_ways = both_ways
+        self.connects = connects
+        self.importance = importance
+
+        # Media that polarize light
+        polarizing = [m for m in media if m.phase_function().class_name() == RAYLEIGH]
+        self.polarizing = polarizing if mi.is_polarized else []
+
+        # Media with flakes, which Mitsuba does not evaluate correctly in a blend on light paths
+        flakes = [m for m in media if has_flakes(m)]
         self.flakes = bool(flakes)
         for medium in flakes if importance else ():
             if medium.phase_function().class_name() != FLAKES:
                 raise ValueError(
-                    f"{medium.id() or medium.class_name()}.phase = blendphase: must have no sggx "
-                    "for paths from lights, from which it scatters otherwise"
+                    f"{medium.id() or medium.class_name()}.phase = blendphase: sggx inside a blend "
+                    "is not supported for paths from lights. Use sggx alone, or transient_volpath"
                 )
         mode = mi.TransportMode.Importance if importance else mi.TransportMode.Radiance
         self.context = mi.PhaseFunctionContext(None, mode)
 
     def smooth(self, vertex: Vertex) -> mi.Bool:
-        """Return points of media with emitter sampling, and smooth surfaces."""
+        """Return the lanes on smooth surfaces, or at points of media with emitter sampling."""
         return self._connects(vertex) | self.inner.smooth(vertex)
 
     def _connects(self, vertex: Vertex) -> mi.Bool:
-        """Return points of media with emitter sampling."""
+        """Return the lanes at points of media with emitter sampling."""
         if self.connects:
             return vertex.medium_point.here
         return vertex.medium_point.here & vertex.medium_point.mei.medium.use_emitter_sampling()
 
     def eval_pdf(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> BSDFEval:
-        """Evaluate the phase function, or the BSDF."""
+        """Evaluate the phase function in media, or the BSDF on surfaces, for a direction."""
         bsdf_eval = self.inner.eval_pdf(vertex, direction, active & ~vertex.medium_point.here)
         return self._merge_phase_function(bsdf_eval, vertex, direction, active)
 
@@ -81,31 +106,43 @@ class Phases(ScatteringWrapper):
         self, bsdf_eval: BSDFEval, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool
     ) -> BSDFEval:
         """Evaluate the phase function in media, and keep `bsdf_eval` on surfaces."""
-        here, mei = vertex.medium_point.here, vertex.medium_point.mei
+        # Evaluate the phase function
+        here = vertex.medium_point.here
+        mei = vertex.medium_point.mei
         phase = mei.medium.phase_function()
         f, pdf = phase.eval_pdf(self.context, mei, direction, active & here)
         pdf_reverse = bsdf_eval.pdf_reverse
         if self.both_ways:
             reverse = self._pdf_reverse(mei, direction, active & here)
             pdf_reverse = dr.select(here, reverse, pdf_reverse)
-        f = dr.select(here, self._scattered(f, mei, direction), bsdf_eval.f)
-        pdf, η = dr.select(here, pdf, bsdf_eval.pdf), dr.select(here, 1, bsdf_eval.η)
-        return BSDFEval(f, pdf, η, pdf_reverse)
+
+        # Merge with the BSDF
+        return BSDFEval(
+            f=dr.select(here, self._scattered(f, mei, direction), bsdf_eval.f),
+            pdf=dr.select(here, pdf, bsdf_eval.pdf),
+            η=dr.select(here, 1, bsdf_eval.η),
+            pdf_reverse=pdf_reverse,
+        )
 
     def sample(
         self, vertex: Vertex, connection: Connection | None, sampler: mi.Sampler, active: mi.Bool
     ) -> tuple[BSDFEval | None, BSDFSample]:
-        """Sample the phase function or the BSDF, and evaluate a connection if there is one."""
-        here, mei = vertex.medium_point.here, vertex.medium_point.mei
+        """Sample the phase function or the BSDF, and evaluate a connection if it is not None."""
+        # --------------------- Evaluate the connection, sample the BSDF ---------------------
+
+        here = vertex.medium_point.here
+        mei = vertex.medium_point.mei
         on_surface = connection and replace(connection, active=connection.active & ~here)
         bsdf_eval, bsdf_sample = self.inner.sample(vertex, on_surface, sampler, active & ~here)
         if connection is not None:
             bsdf_eval = self._merge_phase_function(
                 bsdf_eval, vertex, connection.direction, connection.active
             )
-        xi, u = sampler.next_1d(), sampler.next_2d()
 
-        # Sample the phase function
+        # --------------------- Sample the phase function ---------------------
+
+        xi = sampler.next_1d()
+        u = sampler.next_2d()
         at = mei
         if self.flakes:
             at = mi.MediumInteraction3f(mei)
@@ -115,6 +152,9 @@ class Phases(ScatteringWrapper):
         pdf_reverse = bsdf_sample.pdf_reverse
         if self.both_ways:
             pdf_reverse = dr.select(here, self._pdf_reverse(mei, wo, active & here), pdf_reverse)
+
+        # --------------------- Merge both samples ---------------------
+
         return bsdf_eval, replace(
             bsdf_sample,
             ray=ray,
@@ -129,30 +169,34 @@ class Phases(ScatteringWrapper):
     def _scattered(
         self, f: mi.Spectrum, mei: mi.MediumInteraction3f, wo: mi.Vector3f
     ) -> mi.Spectrum:
-        """Return the Mueller matrix of scattering: a depolariser, or Rayleigh's."""
+        """Return the Mueller matrix of scattering: a depolarizer, or Rayleigh scattering."""
         factor = depolarise(f)
-        comes, goes = (mei.wi, wo) if self.importance else (wo, mei.wi)
-        for medium in self.polarising:
+        incident, outgoing = (mei.wi, wo) if self.importance else (wo, mei.wi)
+        for medium in self.polarizing:
             here = mei.medium == mi.MediumPtr(medium)
-            factor = dr.select(here, rayleigh(f, comes, goes), factor)
+            factor = dr.select(here, rayleigh(f, incident, outgoing), factor)
         return factor
 
     def _pdf_reverse(
         self, mei: mi.MediumInteraction3f, wo: mi.Vector3f, active: mi.Bool
     ) -> mi.Float:
-        """Density of scattering from `wo` to where the path came from [1/sr]."""
+        """Return the density of sampling the reverse direction, from `wo` to `mei.wi` [1/sr]."""
         other = mi.MediumInteraction3f(mei)
-        other.wi, previous = wo, mei.wi
+        other.wi = wo
+        previous = mei.wi
         other.sh_frame = mi.Frame3f(wo)
         return other.medium.phase_function().eval_pdf(self.context, other, previous, active)[1]
 
 
 def _symmetric_frame(n: mi.Vector3f) -> mi.Frame3f:
-    """Return a frame around `n` whose matrix is symmetric.
+    """Return a frame around `n` with a symmetric matrix.
 
-    Mitsuba 3.9 turns an `sggx` by the transpose of the frame that it samples in.
+    Mitsuba 3.9 rotates samples of `sggx` by the transpose of the frame. A symmetric frame gives the
+    correct result.
     """
     side = dr.select(n.z < 0, mi.Float(-1), 1)
-    x, y, z = mi.Vector3f(side, 0, 0), mi.Vector3f(0, side, 0), mi.Vector3f(0, 0, side)
+    x = mi.Vector3f(side, 0, 0)
+    y = mi.Vector3f(0, side, 0)
+    z = mi.Vector3f(0, 0, side)
     v = side * (n + z) / (1 + dr.abs(n.z))
     return mi.Frame3f(v * n.x - x, v * n.y - y, n)

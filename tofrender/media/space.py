@@ -1,19 +1,21 @@
-"""Participating media: fog, smoke, milk.
+"""Participating media: free flights and transmittance in fog, smoke and milk.
 
-A path passes media and index-matched boundaries (BSDF `null`) to its next vertex: a surface, or a
-point where a medium scatters. Null collisions and such boundaries are no vertices: the length of a
-segment is the distance of its ends, times the path's index of refraction.
+The next vertex of a path is a surface, or a point where a medium scatters. On the way, the path
+passes media, null collisions and index-matched boundaries (BSDF `null`). They are not vertices. The
+length of a segment is the distance between its two vertices, times the path's index of refraction.
 
-**Free flights** are sampled in one channel, chosen in proportion to throughput, and weighted by
-the density of all channels together (balance heuristic, Veach 1997):
+**Free flights** are sampled in one channel, which is chosen in proportion to throughput. The
+weight of a flight accounts for the densities of all channels (balance heuristic, Veach 1997):
 
     weight_c = P_c / Σ_k q_k P_k,     q_k = β_k / Σβ,
 
-where P_c is the density of the flight sampled in channel c. Throughput then changes by absorption
-only. In grids, tentative collisions come from the majorant, and are real with the probability
-σ_t / majorant (Woodcock et al. 1965). **Connections** are multiplied by transmittance: exp(-∫σ_t)
-in homogeneous media, σ_n / majorant at each tentative collision in grids (ratio tracking, Novák et
-al. 2014).
+where P_c is the density of the flight if it is sampled in channel c. Therefore only absorption
+changes the sum of the throughput. In grids, tentative collisions are sampled from the majorant.
+They are real with the probability σ_t / majorant (Woodcock et al. 1965).
+
+**Connections** are multiplied by the transmittance. It is exp(-∫σ_t) in homogeneous media, and the
+product of σ_n / majorant over all tentative collisions in grids (ratio tracking, Novák et al.
+2014).
 """
 
 from __future__ import annotations
@@ -32,16 +34,20 @@ from ..signals.polarisation import bsdf_to_world, intensity, multiply_throughput
 from .flight import Flight, channel_probabilities, sample_channel, value_in
 from .phases import Phases, as_surface
 
-FARTHEST = 1e30  # replaces infinite distances where they are multiplied [m]
+FARTHEST = 1e30  # Replaces infinite distances in products [m]
 
 
 class Media(Space):
     """Straight rays through homogeneous media and grids.
 
-    The medium is `outside` at the sensor and `beyond` at infinity, where light may start. With
-    `hide_emitters`, a sensor looks through area lights behind boundaries, too. With `straight`,
-    connections pass surfaces with null transmission, as in Mitsuba's `volpath`: panes, masks,
-    polarisers.
+    Args:
+        scene: The scene.
+        outside: Medium around the sensor, None for vacuum.
+        beyond: Medium at infinite distance, where light of distant emitters starts.
+        hide_emitters: Whether rays from the sensor pass area lights, also behind boundaries.
+        straight: Whether connections pass surfaces with null transmission (thin panes, masks,
+            polarizers), as in Mitsuba's `volpath`.
+        index: Index of refraction around the sensor.
     """
 
     scatters = True
@@ -55,30 +61,38 @@ class Media(Space):
         straight: bool = False,
         index: float = 1.0,
     ) -> None:
-        self.scene, self.outside, self.beyond, self.index = scene, outside, beyond, index
+        self.scene = scene
+        self.outside = outside
+        self.beyond = beyond
+        self.index = index
+
+        # Flights need a loop for null collisions in grids, and for boundaries
         self.media = media_of(scene) + ([] if outside is None else [outside])
         self.has_grids = any(not medium.is_homogeneous() for medium in self.media)
         self.boundaries = Boundaries(scene)
         self.straight = straight and lets_straight_through(scene)
         self.has_boundaries = self.boundaries.exist or self.straight
         self.repeats = self.has_grids or self.has_boundaries
-        shining = [shape for shape in scene.shapes() if shape.is_emitter()]
-        self.hides = hide_emitters and bool(shining)
-        self.stops = any(is_boundary(shape.bsdf()) for shape in shining)
+
+        # Rays pass hidden emitters, and stop at emitters on boundaries
+        area_lights = [shape for shape in scene.shapes() if shape.is_emitter()]
+        self.hides = hide_emitters and bool(area_lights)
+        self.stops = any(is_boundary(shape.bsdf()) for shape in area_lights)
 
     def with_phase_functions(self, surfaces: Scattering, **options: bool) -> Scattering:
-        """Return phase functions in media, with the given scattering on surfaces."""
+        """Return scattering by phase functions in media, and by `surfaces` on surfaces."""
         return Phases(surfaces, self.media, **options) if self.media else surfaces
 
     def medium_at_sensor(self, ray: mi.Ray3f) -> mi.MediumPtr:
-        """Return the sensor's medium."""
+        """Return the medium around the sensor."""
         return _everywhere(self.outside, dr.width(ray))
 
     @dr.syntax
     def medium_at(self, ray: mi.Ray3f) -> mi.MediumPtr:
-        """Find the medium at the start of rays, from the first medium transition along them."""
+        """Find the medium at the start of rays, from the first medium transition along each ray."""
+        # The transition may be farther away than the end of a connection
         ray = mi.Ray3f(ray)
-        ray.maxt = mi.Float(dr.inf)  # The transition may be behind the end of a connection
+        ray.maxt = mi.Float(dr.inf)
         medium = _everywhere(self.beyond, dr.width(ray))
         active = mi.Bool(True)
         while active:
@@ -91,34 +105,45 @@ class Media(Space):
         return medium
 
     def attached(self) -> Media:
-        """Return the space with derivatives."""
+        """Return these media with derivatives."""
         from .attached import AttachedMedia
 
         return AttachedMedia(self)
 
     def next_vertex(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
-        """Sample a scattering point, or find the next surface that is no index-matched boundary."""
+        """Sample the next vertex: a scattering point, or a surface that is not a boundary."""
+        # Sample a free flight
         flight, weight = self.sample_flight(path, sampler)
-        o, scattered = path.prev.p, flight.scattered
+        o = path.prev.p
+        scattered = flight.scattered
         path = replace(path, medium=flight.medium, β=multiply_throughput(path.β, weight))
+
+        # Create the vertex at the surface or the scattering point
         si = flight.pi.compute_surface_interaction(
             flight.ray, mi.RayFlags.All, path.active & ~scattered
         )
         mei = medium_interaction(path.ray, dr.fma(path.ray.d, flight.distance, o), flight.medium)
-        point, valid = as_surface(si, mei, scattered), scattered | si.is_valid()
-        in_medium = MediumPoint(mei, scattered)
+        point = as_surface(si, mei, scattered)
+        valid = scattered | si.is_valid()
         passes = self._stopped(path, flight, si)
-        return path, Vertex(point, dr.norm(point.p - o), valid, in_medium, passes)
+        vertex = Vertex(
+            si=point,
+            length=dr.norm(point.p - o),
+            valid=valid,
+            in_medium=MediumPoint(mei, scattered),
+            passes=passes,
+        )
+        return path, vertex
 
     def _stopped(self, path: Path, flight: Flight, si: mi.SurfaceInteraction3f) -> mi.Bool | None:
-        """Return lanes in which a flight ends at an emitter on a boundary, as `Vertex.passes`."""
+        """Return the lanes where a flight ends at an emitter on a boundary, for `Vertex.passes`."""
         if path.passed is None:
             return None
         at_surface = path.active & ~flight.scattered & si.is_valid()
         return self.boundaries.contain(si, at_surface) & si.shape.is_emitter()
 
     def behind_emitter(self, path: Path, vertex: Vertex) -> Path:
-        """Start the ray of a path behind the emitter at which the ray has stopped."""
+        """Start the ray of a path behind the emitter where the ray has stopped."""
         ray = spawn_ray(vertex.si, path.ray.d, mi.Bool(True))
         ray.maxt = path.ray.maxt - dr.norm(ray.o - path.ray.o)
         medium = self.medium_behind(path, vertex, path.ray.d)
@@ -128,12 +153,29 @@ class Media(Space):
     def sample_flight(
         self, path: Path, sampler: mi.Sampler
     ) -> tuple[Flight, mi.UnpolarizedSpectrum]:
-        """Sample free flights along rays; returns them and their throughput weights."""
-        # Choose a channel in proportion to throughput
-        q, o = channel_probabilities(intensity(path.β)), path.prev.p
+        """Sample free flights along the rays of paths.
+
+        The loop carries a `Flight`:
+
+        | state | meaning |
+        |---|---|
+        | `distance` | distance reached so far [m] |
+        | `end` | distance of the next surface [m] |
+        | `medium` | current medium |
+        | `weight` | density in each channel, relative to the sampled channel |
+        | `active` | lanes after a null collision or a boundary |
+
+        Returns:
+            The flights, and the factors of the paths' throughput.
+        """
+        # --------------------- Sample a channel ---------------------
+
+        q = channel_probabilities(intensity(path.β))
+        o = path.prev.p
         channel = sample_channel(q, sampler.next_1d())
 
-        # Fly to the first collision or surface; on through null collisions and boundaries
+        # --------------------- Fly to the first collision or surface ---------------------
+
         passes_emitters = self.hides & (path.depth == 0)
         flight = Flight.start(path.ray, path.medium, path.active, passes_emitters)
         if path.passed is not None:
@@ -141,18 +183,22 @@ class Media(Space):
             flight.distance = mi.Float(path.passed)
         flight = self._intersect(flight, o, path.depth == 0)
         flight = self._fly(flight, o, channel, sampler)
+
+        # --------------------- Continue after null collisions and boundaries ---------------------
+
         if self.repeats:
             while flight.active:
                 if self.has_boundaries:
                     flight = self._intersect(flight, o)
                 flight = self._fly(flight, o, channel, sampler)
 
-        # Balance heuristic over the channels
+        # --------------------- Weight by the balance heuristic over channels ---------------------
+
         weight = flight.weight / dr.sum(q * flight.weight)
         return flight, dr.select(flight.scattered, weight * flight.albedo, weight)
 
     def _intersect(self, flight: Flight, o: mi.Point3f, coherent: mi.Bool | bool = False) -> Flight:
-        """Find the next surface where it is not known."""
+        """Find the next surface of the lanes in `needs_intersection`."""
         flight = copy(flight)
         pi = self.scene.ray_intersect_preliminary(
             flight.ray, coherent, active=flight.needs_intersection
@@ -166,7 +212,7 @@ class Media(Space):
     def _fly(
         self, flight: Flight, o: mi.Point3f, channel: mi.UInt32, sampler: mi.Sampler
     ) -> Flight:
-        """Fly to the next collision, real or null, or through the next boundary."""
+        """Fly to the next collision, real or null, or to the next surface, and cross boundaries."""
         flight = copy(flight)
 
         # Sample a tentative collision with the majorant of the chosen channel
@@ -177,7 +223,7 @@ class Media(Space):
         majorant_c = value_in(majorant, channel)
         flight.weight *= dr.select(inside, dr.exp((majorant_c - majorant) * step), 1)
 
-        # Decide between real and null collision
+        # Is there a collision before the next surface, and is it real or null?
         collides = inside & (mei.t < remaining)
         real = collides
         if self.has_grids:
@@ -189,7 +235,7 @@ class Media(Space):
         flight.scattered = real
         flight.distance = dr.select(collides, flight.distance + mei.t, flight.distance)
 
-        # Go on after null collisions, and behind boundaries
+        # Continue after null collisions, and behind boundaries
         crosses = flight.active & ~collides
         null = collides & ~real
         if self.has_boundaries:
@@ -202,7 +248,7 @@ class Media(Space):
     def _tentative_collision(
         self, flight: Flight, o: mi.Point3f, channel: mi.UInt32, sampler: mi.Sampler
     ) -> tuple[mi.Bool, mi.MediumInteraction3f]:
-        """Sample a tentative collision; returns the lanes that are in a medium, and it."""
+        """Sample a tentative collision, and return the lanes in a medium and the collision."""
         inside = flight.active & (flight.medium != None)  # noqa: E711
         ray = mi.Ray3f(flight.ray)
         ray.o = dr.fma(ray.d, flight.distance, o)
@@ -213,12 +259,24 @@ class Media(Space):
     def _cross_boundary(
         self, flight: Flight, at_surface: mi.Bool, connects: bool = False
     ) -> tuple[Flight, mi.Bool]:
-        """Cross boundaries, with `connects` also null transmission; returns flight and lanes."""
+        """Cross boundaries between media.
+
+        Args:
+            flight: The flight.
+            at_surface: Lanes that have reached the next surface.
+            connects: Whether connections also cross surfaces with null transmission.
+
+        Returns:
+            The flight, and the lanes that have crossed a surface.
+        """
+        # Is the surface an index-matched boundary?
         at_surface &= flight.pi.is_valid()
         null_transmission = connects and self.straight
         flags = mi.RayFlags.All if null_transmission else mi.RayFlags.Minimal
         si = flight.pi.compute_surface_interaction(flight.ray, flags, at_surface)
         crosses = self.boundaries.contain(si, at_surface)
+
+        # Does the surface transmit light without refraction?
         if null_transmission:
             factor = si.bsdf().eval_null_transmission(si, at_surface)
             transmits = dr.any(intensity(factor) > 0)
@@ -229,16 +287,21 @@ class Media(Space):
                 product = multiply_throughput(flight.mueller, factor)
                 flight.mueller = dr.select(at_surface & transmits, product, flight.mueller)
             crosses |= at_surface & transmits
+
+        # Stop at emitters on boundaries, and pass hidden emitters
         if flight.stops is not None:
             crosses &= ~(flight.stops & si.shape.is_emitter())
         if self.hides:
             crosses |= at_surface & flight.passes_emitters & si.shape.is_emitter()
 
-        # Update the current medium, and continue behind the surface
-        d, changes = flight.ray.d, crosses & si.is_medium_transition()
+        # Update the current medium
+        d = flight.ray.d
+        changes = crosses & si.is_medium_transition()
         flight.medium = dr.select(changes, si.target_medium(d), flight.medium)
         flight.distance = dr.select(crosses, flight.end, flight.distance)
-        # Offset along the ray, not along the normal: many boundaries would shift it sideways
+
+        # Continue behind the surface. The offset is along the ray, because offsets along normals
+        # of many boundaries would shift the ray to the side
         offset = dr.norm(si.spawn_ray(d).o - si.p)
         start = flight.pi.t + offset / dr.maximum(dr.abs(dr.dot(si.n, d)), 0.1)
         flight.ray.o = dr.select(crosses, dr.fma(d, start, flight.ray.o), flight.ray.o)
@@ -249,19 +312,24 @@ class Media(Space):
     def transmittance(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
     ) -> mi.UnpolarizedSpectrum:
-        """Estimate the transmittance of a connection; 0 where a surface blocks it."""
+        """Estimate the transmittance of a connection, 0 if a surface blocks the connection."""
         return self.transmittance_and_medium(path, vertex, connection, sampler)[0]
 
     def transmittance_and_medium(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
     ) -> tuple[mi.UnpolarizedSpectrum, mi.MediumPtr]:
-        """As `transmittance`, and the medium at the connection's end."""
+        """Estimate the transmittance of a connection, and return the medium at its end too."""
+        # Start a flight to the end of the connection
         medium = self.medium_behind(path, vertex, connection.direction)
-        o, length = vertex.si.p, connection.medium_length
-        passes_emitters = self.hides and connection.position is not None  # It ends on the sensor
+        o = vertex.si.p
+        length = connection.medium_length
+        ends_on_sensor = connection.position is not None
+        passes_emitters = self.hides and ends_on_sensor
         ray = vertex.si.spawn_ray_to(connection.point)
         flight = Flight.start(ray, medium, connection.active, passes_emitters)
         length = dr.norm(connection.point - o) if length is None else length
+
+        # Attenuate along the flight
         if self.straight and mi.is_polarized:
             flight.mueller = mi.Spectrum(1) + dr.zeros(mi.Float, dr.width(ray))
         flight = self._fly_to(flight, o, length, sampler, connection.unoccluded)
@@ -272,17 +340,34 @@ class Media(Space):
     def scattering_point(
         self, path: Path, distance: mi.Float, sampler: mi.Sampler, active: mi.Bool
     ) -> tuple[Path, Vertex]:
-        """Return points of media at distances along rays, and paths with their σ_s [1/m]."""
-        o, ray = path.prev.p, mi.Ray3f(path.ray)
+        """Continue paths to points of media at given distances along their rays.
+
+        Args:
+            path: The paths.
+            distance: Distances of the points from the last vertices [m].
+            sampler: The sampler.
+            active: Active lanes.
+
+        Returns:
+            The paths, with throughput multiplied by transmittance and by σ_s [1/m], and the points
+            as vertices.
+        """
+        # Estimate the transmittance up to the point
+        o = path.prev.p
+        ray = mi.Ray3f(path.ray)
         ray.maxt = mi.Float(distance)
         passes_emitters = self.hides & (path.depth == 0)
         flight = Flight.start(ray, path.medium, active, passes_emitters)
         flight = self._fly_to(flight, o, distance, sampler)
+
+        # Is the point in a medium, and inside of the medium's grid?
         ray.o = o
         mei = medium_interaction(ray, dr.fma(ray.d, distance, o), flight.medium)
         here = active & (flight.medium != None) & dr.any(flight.weight > 0)  # noqa: E711
         within, first, last = flight.medium.intersect_aabb(ray)
         here &= within & (distance >= first) & (distance <= last)
+
+        # Multiply by the scattering coefficient
         σ_s, _, _ = flight.medium.get_scattering_coefficients(mei, here)
         path = replace(
             path,
@@ -302,26 +387,41 @@ class Media(Space):
         sampler: mi.Sampler,
         unoccluded: mi.Bool | bool = False,
     ) -> Flight:
-        """Estimate transmittance up to a length, 0 behind surfaces but in `unoccluded` lanes."""
+        """Estimate the transmittance up to a distance.
+
+        Args:
+            flight: A new flight. Its weight becomes the transmittance.
+            o: Start of the flight, where distances are 0.
+            length: Distance of the end [m].
+            sampler: The sampler.
+            unoccluded: Lanes where surfaces do not block the flight. In other lanes, the
+                transmittance behind a surface is 0.
+        """
         unoccluded = mi.Bool(unoccluded)
         if self.has_boundaries:
             while flight.active:
+                # Fly to the next tentative collision, the next surface or the end
                 flight = self._intersect(flight, o)
                 flight.end = dr.minimum(flight.end, length)
                 active = flight.active
                 flight = self._attenuate(flight, o, sampler)
                 null = flight.active
+
+                # Cross a boundary, or stop at another surface
                 at_surface = active & ~null & flight.pi.is_valid()
                 flight, crosses = self._cross_boundary(flight, at_surface, connects=True)
                 blocked = at_surface & ~crosses & ~unoccluded
                 flight.weight = dr.select(blocked, 0, flight.weight)
                 flight.active = (null | crosses) & dr.any(flight.weight > 0)
         else:
+            # Without boundaries, one shadow ray is enough
             flight.needs_intersection &= ~unoccluded
             tested = flight.needs_intersection
             blocked = tested & self.scene.ray_test(flight.ray, tested)
             flight.active &= ~blocked
             flight.weight = dr.select(blocked, 0, flight.weight)
+
+            # Attenuate along the whole flight; grids need several tentative collisions
             flight.end = mi.Float(length)
             flight = self._attenuate(flight, o, sampler)
             if self.has_grids:
@@ -330,31 +430,38 @@ class Media(Space):
         return flight
 
     def _attenuate(self, flight: Flight, o: mi.Point3f, sampler: mi.Sampler) -> Flight:
-        """Multiply by transmittance up to the next tentative collision, or the medium's end."""
+        """Multiply by the transmittance up to the next tentative collision, or to `flight.end`."""
         flight = copy(flight)
         inside, mei = self._tentative_collision(flight, o, mi.UInt32(0), sampler)
-        remaining, majorant = flight.end - flight.distance, mei.combined_extinction
+
+        # Homogeneous media: the exact transmittance up to the end
+        remaining = flight.end - flight.distance
+        majorant = mei.combined_extinction
         factor = dr.exp(-majorant * dr.minimum(remaining, FARTHEST))
+
+        # Grids: ratio tracking, one factor at each tentative collision
         collides = mi.Bool(False)
-        if self.has_grids:  # Ratio tracking
+        if self.has_grids:
             homogeneous = flight.medium.is_homogeneous()
             collides = inside & ~homogeneous & (mei.t < remaining)
             ratio = mi.UnpolarizedSpectrum(dr.select(majorant > 0, mei.sigma_n / majorant, 1))
             factor = dr.select(homogeneous, factor, dr.select(collides, ratio, 1))
+
+        # Continue after a collision
         flight.weight *= dr.select(inside, factor, 1)
         flight.distance = dr.select(collides, flight.distance + mei.t, flight.distance)
         flight.active = mi.Bool(collides)
         return flight
 
     def medium_behind(self, path: Path, vertex: Vertex, direction: mi.Vector3f) -> mi.MediumPtr:
-        """Return the medium on the side of a vertex that a direction points to."""
+        """Return the medium on the side of a vertex where a direction points."""
         on_surface = True if vertex.in_medium is None else ~vertex.in_medium.here
         changes = on_surface & vertex.si.is_valid() & vertex.si.is_medium_transition()
         return dr.select(changes, vertex.si.target_medium(direction), path.medium)
 
 
 def _everywhere(medium: mi.Medium | None, lanes: int) -> mi.MediumPtr:
-    """Return a medium in all lanes, null for vacuum."""
+    """Return pointers to a medium in all lanes, null pointers for vacuum."""
     if medium is None:
         return dr.zeros(mi.MediumPtr, lanes)
     return dr.full(mi.MediumPtr, medium, lanes)
@@ -365,7 +472,11 @@ def medium_interaction(
 ) -> mi.MediumInteraction3f:
     """Create the medium interaction at a point on a ray."""
     mei = dr.zeros(mi.MediumInteraction3f, dr.width(ray))
-    mei.p, mei.t, mei.wi = p, dr.norm(p - ray.o), -ray.d
-    mei.time, mei.wavelengths = ray.time, ray.wavelengths
-    mei.sh_frame, mei.medium = mi.Frame3f(-ray.d), medium
+    mei.p = p
+    mei.t = dr.norm(p - ray.o)
+    mei.wi = -ray.d
+    mei.time = ray.time
+    mei.wavelengths = ray.wavelengths
+    mei.sh_frame = mi.Frame3f(-ray.d)
+    mei.medium = medium
     return mei

@@ -1,11 +1,13 @@
-"""FMCW lidar: beat spectra of chirped light, and the range and velocity that they tell.
+"""FMCW lidar: beat spectra of chirped light, and estimates of range and velocity.
 
-The frequency of the laser rises by B within the duration T of a chirp, and falls in the next. Light
-of the path length L, which grows at the rate V, beats with the laser at
+During an up chirp of duration T, the frequency of the laser rises by the bandwidth B. During the
+following down chirp it falls by B. Light with the path length L and its rate of change V beats with
+the laser at the frequencies
 
     f_up = γ L / c + V / λ,    f_down = γ L / c - V / λ,    γ = B / T.
 
-L = c (f_up + f_down) / (2γ) and V = λ (f_up - f_down) / 2 have the resolution c / B and λ / T.
+Therefore L = c (f_up + f_down) / (2γ) with the resolution c / B, and V = λ (f_up - f_down) / 2 with
+the resolution λ / T.
 """
 
 import math
@@ -21,34 +23,37 @@ from ..runtime import checks, memory
 from ..signals.units import SPEED_OF_LIGHT
 from .choices import MAX_LOOKS, WINDOWS
 
-FINE = 8  # Steps of the grid of frequencies in one bin of a spectrum
-MAX_SAMPLES = 1 << 20
-CHUNK = 1 << 22  # Steps of the grid that are transformed at once
+FINE = 8  # Number of steps of the frequency grid in one bin of a spectrum
+MAX_SAMPLES = 1 << 20  # Largest number of samples of a chirp
+CHUNK = 1 << 22  # Number of grid steps that are transformed together
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fmcw:
-    """FMCW lidar with a receiver for I and Q, which tells the sign of a beat.
+    """FMCW lidar with a receiver for I and Q, so that the sign of a beat is measured.
 
-    Every cell of a film of `range_rate` is a rough scatterer: its amplitude is complex Gaussian, of
-    the cell's radiance as mean power. In a look, that is an up and a down chirp, amplitudes add up
-    (speckle of contrast 1); looks are independent, and their spectra averaged (1 / √looks). Between
-    the middles of both chirps, phases turn by 2π V T / λ.
+    Each cell of a film of `range_rate` is a rough scatterer. Its amplitude is a complex Gaussian
+    random number, and its mean power is the cell's radiance. A look consists of an up chirp and a
+    down chirp. Within a look, the amplitudes of all cells add up, which gives speckle of contrast
+    1. Looks are independent, and averaging their spectra reduces the contrast to 1 / √looks.
+    Between the centers of the two chirps, the phase of a cell changes by 2π V T / λ.
 
     Args:
         bandwidth_hz: Bandwidth B of a chirp [Hz].
         chirp_s: Duration T of a chirp [s].
         wavelength_m: Wavelength λ of the laser [m].
-        window: "hann", "rectangular", "hamming" or "blackman", by which samples are multiplied.
-        looks: Number of looks to average, up to 10,000; 0 for the expectation.
-        photons: Detected photons of a chirp in the mean over pixels, for spectra in photons with
-            the shot noise of the local oscillator, of which each bin has 1 in the mean; None for
-            spectra in the units of the film, without noise.
+        window: Window that the samples are multiplied by: "hann", "rectangular", "hamming" or
+            "blackman".
+        looks: Number of looks to average, up to 10,000, or 0 for the expected spectrum.
+        photons: Number of detected photons per chirp, averaged over pixels. Spectra are then in
+            photons and contain the shot noise of the local oscillator, with a mean of 1 in each
+            bin. None for spectra in the units of the film, without noise.
         excess_noise: Noise in units of shot noise, from 1 to 100.
-        sample_rate_hz: Samples of I and Q per second; by default as many as the film's beats need.
+        sample_rate_hz: Number of samples of I and Q per second. The default is determined by the
+            film's highest beat.
 
     Raises:
-        ValueError: An argument is out of range.
+        ValueError: If an argument is out of range.
 
     Example:
         >>> lidar = Fmcw(bandwidth_hz=1e9, chirp_s=1e-5, wavelength_m=1.55e-6)
@@ -84,28 +89,43 @@ class Fmcw:
 
     @property
     def resolution(self) -> tuple[float, float]:
-        """Resolution of path lengths c / B [m] and of their rates λ / T [m/s]."""
+        """Resolution of path lengths c / B [m] and of rates λ / T [m/s]."""
         return SPEED_OF_LIGHT / self.bandwidth_hz, self.wavelength_m / self.chirp_s
 
     def samples(self, opl: Axis, rate: Axis) -> int:
-        """Return the number of samples of a chirp, if that and the lidar suit a film's bins."""
+        """Return the number of samples of a chirp for a film.
+
+        Args:
+            opl: The film's bins of path length [m].
+            rate: The film's bins of rate [m/s].
+
+        Raises:
+            ValueError: If the film's bins are too wide, or its highest beat is too high; one line.
+        """
+        # Are the bins at most as wide as the resolution?
         for name, axis, finest in zip(("opl", "rate"), (opl, rate), self.resolution, strict=True):
             if axis.width > finest * (1 + 1e-6):
                 raise ValueError(
                     f"film with bins of {name} {axis.width:.4g} wide: must be at most as wide as "
                     f"the lidar's resolution, {finest:.4g}"
                 )
-        along, across = (
+
+        # The highest beat of the film, in periods per chirp
+        of_opl, of_rate = (
             max(abs(axis.start), abs(axis.start + axis.count * axis.width)) / finest
             for axis, finest in zip((opl, rate), self.resolution, strict=True)
         )
-        highest = along + across  # Periods in a chirp
+        highest = of_opl + of_rate
+
+        # A given sampling rate must be at least twice the highest beat
         if self.sample_rate_hz is not None:
             count = 2 * int(self.sample_rate_hz * self.chirp_s / 2)
             least = 2 * highest / self.chirp_s
             allowed = f"at least {least:.6g}, twice the film's highest beat"
             checks.require("sample_rate_hz", self.sample_rate_hz, count >= 2 * highest, allowed)
             return count
+
+        # Choose a number of samples with a fast Fourier transform
         if 2 * highest > MAX_SAMPLES - 8:
             raise ValueError(
                 f"film with beats up to {highest / self.chirp_s:.4g} Hz: must be at most "
@@ -120,18 +140,19 @@ class Fmcw:
         """Compute the spectra of up and down chirps.
 
         Args:
-            film: A Dataset of `range_rate`, with bins no wider than the resolution; its channels
-                are added.
-            seed: Of speckle and noise.
+            film: A Dataset of `range_rate` with bins up to the width of the resolution. Its
+                channels are summed.
+            seed: Seed of speckle and noise.
 
         Returns:
-            A Dataset with `up` and `down (y, x, beat)`, the power in each frequency bin, and `beat`
-            [Hz] from minus to plus half the sampling rate, which is rounded to an even number of
-            samples in a chirp; f_down has the sign of the formula.
+            A Dataset with `up` and `down` (y, x, beat), the power in each frequency bin. `beat`
+            [Hz] ranges from minus to plus half the sampling rate, and its sign is that of the
+            formulas of f_up and f_down. The number of samples in a chirp is rounded to an even
+            number.
 
         Raises:
-            ValueError: The film is of another kind, or its bins or beats do not suit the lidar.
-            MemoryError: The spectra do not fit.
+            ValueError: If the film is of another kind, or its bins or beats do not fit the lidar.
+            MemoryError: If the spectra do not fit into memory.
 
         Example:
             >>> import xarray as xr
@@ -144,16 +165,21 @@ class Fmcw:
             >>> round(found["opl"].item(), 2), round(found["rate"].item(), 2)
             (5.1, 0.1)
         """
+        # Check the arguments and the memory
         seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
         film = read(film, RANGE_RATES, "film")
         light, opl, rate = checked_film(film)
         count = self.samples(opl, rate)
         height, width = light.shape[:2]
         memory.require_free("film", 8 * height * width * count + 64 * FINE * max(CHUNK, count))
+
+        # Convert radiance to photons
         scale = 1.0
         if self.photons is not None:
             mean = float(light.sum(dtype=float)) / (height * width)
             scale = self.photons / mean if mean else 0.0
+
+        # Compute the spectra of each row, with a separate random generator, in chunks
         beats = self._beats(opl, rate)
         spectra = np.empty((2, height, width, count), np.float32)
         step = max(1, CHUNK // (FINE * count))
@@ -164,10 +190,12 @@ class Fmcw:
                 pixel, cell = np.nonzero(part)
                 power = part[pixel, cell].astype(float) * scale
                 cells = pixel, beats[:, cell], power
-                found = self._power((len(part), count), cells, random)
-                spectra[:, row, first : first + step] = np.fft.fftshift(found, axes=-1)
+                spectrum = self._power((len(part), count), cells, random)
+                spectra[:, row, first : first + step] = np.fft.fftshift(spectrum, axes=-1)
+
+        # Label the result
         beat = (np.arange(count) - count // 2) / self.chirp_s
-        about = {k: v for k, v in asdict(self).items() if v is not None}
+        parameters = {k: v for k, v in asdict(self).items() if v is not None}
         units = {"units": "photons" if self.photons else film["radiance"].attrs.get("units", "1")}
         return xr.Dataset(
             {
@@ -176,31 +204,38 @@ class Fmcw:
             },
             {axis: film[axis].values for axis in "yx" if axis in film.coords}
             | {"beat": ("beat", beat, {"units": "Hz", "long_name": "frequency of the beat"})},
-            {**film.attrs, **about, "seed_of_spectra": seed, "quantity": "up"},
+            {**film.attrs, **parameters, "seed_of_spectra": seed, "quantity": "up"},
         )
 
     def estimates(self, spectra: Annotated[xr.Dataset, SPECTRA]) -> xr.Dataset:
         """Estimate path lengths and rates from the highest peaks of spectra.
 
-        A parabola through the logarithms of three bins finds a peak's frequency.
+        The frequency of a peak is the vertex of a parabola through the logarithms of three bins.
+
+        Args:
+            spectra: A Dataset of `spectra`.
 
         Returns:
-            A Dataset with `opl` [m] and `rate` [m/s], NaN without light, and `peak`, the mean
-            height of both peaks, (y, x).
+            A Dataset with `opl` [m] and `rate` [m/s], which are NaN without light, and `peak`, the
+            mean height of both peaks. The dimensions are (y, x).
 
         Raises:
-            ValueError: `spectra` are not from this lidar's `spectra`.
+            ValueError: If the spectra were not computed with the parameters of this lidar.
         """
+        # Do the spectra belong to this lidar?
         spectra = read(spectra, SPECTRA, "spectra")
-        own = all(
+        is_own = all(
             spectra.attrs.get(name) == getattr(self, name)
             for name in ("bandwidth_hz", "chirp_s", "wavelength_m")
         )
         beat = (np.arange(spectra["beat"].size) - spectra["beat"].size // 2) / self.chirp_s
-        own &= np.allclose(spectra["beat"], beat)
+        is_own &= np.allclose(spectra["beat"], beat)
         allowed = "a Dataset of this lidar's spectra, with all beats"
-        checks.require("spectra", list(spectra), own, allowed)
-        (up, high), (down, other) = (self._peak(spectra[name].values) for name in ("up", "down"))
+        checks.require("spectra", list(spectra), is_own, allowed)
+
+        # Convert the frequencies of the peaks to path length and rate
+        up, up_height = self._peak(spectra["up"].values)
+        down, down_height = self._peak(spectra["down"].values)
         finest_opl, finest_rate = self.resolution
         units = str(spectra["up"].attrs.get("units", "1"))
         meaning = "change of path length of the material"
@@ -212,48 +247,64 @@ class Fmcw:
                     finest_rate * (up - down) / 2,
                     {"units": "m/s", "long_name": meaning},
                 ),
-                "peak": (("y", "x"), (high + other) / 2, {"units": units}),
+                "peak": (("y", "x"), (up_height + down_height) / 2, {"units": units}),
             },
             {axis: spectra[axis].values for axis in "yx" if axis in spectra.coords},
             spectra.attrs | {"quantity": "rate"},
         )
 
     def _beats(self, opl: Axis, rate: Axis) -> np.ndarray:
-        """Return periods within an up and a down chirp, (2, cells), of all cells of a film."""
-        along, across = (
+        """Return the beats of all cells of a film, in periods per up and down chirp, (2, cells)."""
+        of_opl, of_rate = (
             (axis.start + (np.arange(axis.count) + 0.5) * axis.width) / finest
             for axis, finest in zip((opl, rate), self.resolution, strict=True)
         )
-        return np.stack([np.add.outer(along, sign * across).ravel() for sign in (1, -1)])
+        return np.stack([np.add.outer(of_opl, sign * of_rate).ravel() for sign in (1, -1)])
 
     def _power(
         self, shape: tuple[int, int], cells: tuple[np.ndarray, ...], random: np.random.Generator
     ) -> np.ndarray:
-        """Return power spectra (2, pixels, count) of the pixel, beats and power of lit cells.
+        """Return power spectra of up and down chirps, (2, pixels, count), frequency 0 first.
 
-        Cells are split onto two steps of a grid of frequencies each; frequency 0 is first. The
-        spectrum of the expectation is the transform of autocorrelations.
+        Each cell is distributed over two steps of a fine grid of frequencies. The expected spectrum
+        is the Fourier transform of autocorrelations.
+
+        Args:
+            shape: Number of pixels and number of samples.
+            cells: Pixel, beats (2, cells) and power of all cells with light.
+            random: Random generator.
         """
         from scipy.signal import get_window
 
-        (pixels, count), (pixel, beats, power) = shape, cells
+        # Window, grid and noise
+        pixels, count = shape
+        pixel, beats, power = cells
         window: Any = get_window(WINDOWS[self.window], count)
-        total, steps = float(np.sum(window**2)), FINE * count
+        total = float(np.sum(window**2))
+        steps = FINE * count
         noise = 0.0 if self.photons is None else self.excess_noise
         middle = np.arange(-(count // 2), count - count // 2)
+
+        # Distribute the cells over the grid. Amplitudes are distributed so that the mean power over
+        # the chirp does not change
         near = 1.0
-        if self.looks:  # Amplitudes are split so that power is kept in the mean over the chirp
+        if self.looks:
             near = float(np.sum(window**2 * np.cos(2 * np.pi * middle / steps))) / total
         split = [_splitter(pixel, each, (pixels, steps), near) for each in beats]
+
+        # The expected spectrum: multiply the autocorrelations of light and window
         if not self.looks:
-            lags = np.correlate(window, window, "full")[count - 1 :]
+            of_window = np.correlate(window, window, "full")[count - 1 :]
             grid = np.stack([each @ power for each in split]).reshape(2, pixels, steps)
-            own = steps * np.fft.ifft(grid)
-            lag = lags * own[..., :count]
-            lag[..., 1:] += lags[:0:-1] * own[..., steps - count + 1 :]
+            of_light = steps * np.fft.ifft(grid)
+            lag = of_window * of_light[..., :count]
+            lag[..., 1:] += of_window[:0:-1] * of_light[..., steps - count + 1 :]
             return np.maximum(np.fft.fft(lag).real, 0) / (count * total) + noise
+
+        # The mean of independent looks with random amplitudes of up and down chirps
         turn = np.exp(-1j * np.pi * (beats[0] - beats[1]))
-        mean, size = np.zeros((2, pixels, count)), np.sqrt(power / (2 * count))
+        mean = np.zeros((2, pixels, count))
+        size = np.sqrt(power / (2 * count))
         for _ in range(self.looks):
             up = size * _gaussian(random, power.shape)
             grid = np.stack([split[0] @ up, split[1] @ (up.conj() * turn)])
@@ -264,35 +315,45 @@ class Fmcw:
         return mean / (self.looks * total)
 
     def _peak(self, spectra: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the frequencies of peaks, in periods of a chirp, and their heights."""
+        """Return the frequencies of the highest peaks, in periods per chirp, and their heights."""
+        # The highest bin and its neighbors
         count = spectra.shape[-1]
         place = spectra.argmax(axis=-1)[..., None]
         three = np.take_along_axis(spectra, (place + np.arange(-1, 2)) % count, axis=-1)
         height = three[..., 1].astype(float)
+
+        # The vertex of a parabola through the logarithms
         with np.errstate(divide="ignore", invalid="ignore"):
             left, middle, right = np.log(np.maximum(three / height[..., None], 1e-12)).T
             bend = left - 2 * middle + right
             offset = np.where(bend < 0, 0.5 * (left - right) / bend, 0.0).T
-        found = place[..., 0] - count // 2 + offset
-        return np.where(height > 0, found, np.nan), height
+        frequency = place[..., 0] - count // 2 + offset
+        return np.where(height > 0, frequency, np.nan), height
 
 
 def _gaussian(random: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
-    """Return complex Gaussian numbers of mean power 2."""
+    """Return complex Gaussian random numbers with mean power 2."""
     return random.standard_normal((*shape, 2)).view(complex)[..., 0]
 
 
 def _splitter(pixel: np.ndarray, beats: np.ndarray, shape: tuple[int, int], near: float) -> Any:
-    """Return the matrix that splits cells onto two steps each of their pixels' grids.
+    """Return a sparse matrix that distributes each cell over two steps of its pixel's grid.
 
-    `near` is the mean correlation of two neighbouring steps over the chirp, 1 to split power.
+    Args:
+        pixel: Pixel of each cell.
+        beats: Beat of each cell, in periods per chirp.
+        shape: Number of pixels and number of steps.
+        near: Mean correlation of two neighboring steps over the chirp; 1 to distribute power.
     """
     from scipy.sparse import csc_array
 
+    # Linear interpolation between the two neighboring steps
     pixels, steps = shape
     lower = np.floor(FINE * beats)
     upper = FINE * beats - lower
     places = (lower[:, None].astype(int) + np.arange(2)) % steps + steps * pixel[:, None]
+
+    # Normalize the power, and build the matrix column by column
     size = np.sqrt(1 - 2 * upper * (1 - upper) * (1 - near))
     parts = np.stack([1 - upper, upper], axis=1) / size[:, None]
     columns = np.arange(0, parts.size + 1, 2)
@@ -300,19 +361,28 @@ def _splitter(pixel: np.ndarray, beats: np.ndarray, shape: tuple[int, int], near
 
 
 def checked_film(film: Any, name: str = "film") -> tuple[np.ndarray, Axis, Axis]:
-    """Return radiance (y, x, opl, rate) and the axes of a Dataset of `range_rate`."""
+    """Check a Dataset of `range_rate`, and return its radiance and axes.
+
+    Args:
+        film: The Dataset.
+        name: Name of the argument for error messages.
+
+    Returns:
+        The radiance (y, x, opl, rate), summed over channels, and the axes of path length and rate.
+    """
     film = read(film, RANGE_RATES, name)
     values = checks.real_array(name, film["radiance"].values)
     light = values.sum(axis=-1, dtype=np.float32)
-    whole = np.isfinite(light).all() and light.min() >= 0
-    checks.require(name, light, whole, "finite and at least 0")
+    is_valid = np.isfinite(light).all() and light.min() >= 0
+    checks.require(name, light, is_valid, "finite and at least 0")
     return light, axis_of(film, "opl", name), axis_of(film, "rate", name)
 
 
 def axis_of(film: xr.Dataset, axis: str, name: str = "film") -> Axis:
-    """Return the bins along an axis of a film, from their centers.
+    """Return the bins along an axis of a film, computed from the coordinate of their centers.
 
-    Films of `range_rate` state the width of their bins, so that gaps are found.
+    The attributes of a film of `range_rate` contain the widths of its bins. Therefore gaps are
+    found.
     """
     centers = np.asarray(film[axis].values, float)
     widths = np.diff(centers)
@@ -326,4 +396,4 @@ def axis_of(film: xr.Dataset, axis: str, name: str = "film") -> Axis:
             f"{name}: the bins of {axis} are {width:g} apart, but {stated:g} wide. Render fewer "
             "bins instead of coarsen; do not skip bins"
         )
-    return Axis(centers.size, float(centers[0]) - width / 2, width)
+    return Axis(count=centers.size, start=float(centers[0]) - width / 2, width=width)

@@ -1,4 +1,4 @@
-"""Load a scene whose contributions are to have rates of change."""
+"""Load scenes for renders with rates of change of path lengths."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from ..rendering.settings import RenderSettings
 from ..runtime import backend, checks
 from ..runtime.checkpoints import Checkpoint
 
-FOLLOW = ("TransientPath", "TransientVolpath", "TransientLightTracer", "TransientBDPT")
-"""Classes of integrators whose contributions have rates of change."""
+SUPPORTED = ("TransientPath", "TransientVolpath", "TransientLightTracer", "TransientBDPT")
+"""Classes of integrators that compute rates of change of path lengths."""
 
 
 class MovingSettings(TypedDict, total=False):
-    """Arguments of `render` that renders of moving scenes take, too."""
+    """Arguments of `render` that renders of moving scenes support too."""
 
     spp: int | None
     seed: int
@@ -37,27 +37,46 @@ NAMES = tuple(MovingSettings.__annotations__)
 
 
 def open_moving(settings: RenderSettings) -> tuple[mi.Scene, mi.Sensor, TransientIntegrator, int]:
-    """Load a scene; returns it, its sensor, an integrator without pulse, and samples per pixel."""
+    """Load a scene for a render with rates of change.
+
+    Returns:
+        The scene, its sensor, an integrator without pulse, and the number of samples per pixel.
+
+    Raises:
+        ValueError: If the integrator is not supported or has a pulse; one line.
+    """
+    # The scene, and its integrator or the transient integrator with the same paths
     backend.require_unpolarised()
-    scene, own = open_scene(settings)
-    tracer: Any = in_time(own)
-    checks.one_of("integrator", type(tracer).__name__, FOLLOW)
+    scene, integrator = open_scene(settings)
+    tracer: Any = in_time(integrator)
+    checks.one_of("integrator", type(tracer).__name__, SUPPORTED)
     checks.require(
-        "pulse", tracer.pulse, tracer.pulse is None, "left out: each path has one length"
+        "pulse", tracer.pulse, tracer.pulse is None, "omitted, because pulses are not supported"
     )
+
+    # The sensor, with the sample count of the scene by default
     sensor = scene.sensors()[settings.sensor]
     spp = sensor.sampler().sample_count() if settings.spp is None else settings.spp
     return scene, sensor, tracer, spp
 
 
-def separated(
-    scene: object, settings: Mapping[str, Any], **more: Any
+def split_settings(
+    scene: object, settings: Mapping[str, Any], **time_axis: Any
 ) -> tuple[RenderSettings, Checkpoint | None, bool]:
-    """Check settings; returns those of the render, its checkpoint, and whether to show a bar."""
+    """Check the settings of a user, and split them.
+
+    Args:
+        scene: The scene.
+        settings: Settings of `MovingSettings`.
+        **time_axis: Settings of `RenderSettings` for the time axis.
+
+    Returns:
+        The settings of the render, the checkpoint, and whether a progress bar is shown.
+    """
     unknown = [name for name in settings if name not in NAMES]
     if unknown:
-        raise TypeError(f"{unknown[0]}: is no argument; must be one of {checks.join_names(NAMES)}")
-    own = dict(settings)
-    checkpoint = Checkpoint.of(own.pop("checkpoint", None))
-    progress = checks.boolean("progress", own.pop("progress", True))
-    return RenderSettings(scene, **own, **more), checkpoint, progress
+        raise TypeError(f"{unknown[0]} is not an argument. Use one of {checks.join_names(NAMES)}")
+    remaining = dict(settings)
+    checkpoint = Checkpoint.of(remaining.pop("checkpoint", None))
+    progress = checks.boolean("progress", remaining.pop("progress", True))
+    return RenderSettings(scene, **remaining, **time_axis), checkpoint, progress

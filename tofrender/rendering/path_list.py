@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 import xarray as xr
 
-from ..films.colours import kept, to_rgb
+from ..films.colors import kept, to_rgb
 from ..films.contribution import Contribution
 from ..integrators.base import TransientIntegrator
 from ..integrators.bidirectional import BidirectionalPlan

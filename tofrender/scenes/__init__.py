@@ -1,4 +1,4 @@
-"""Built-in scenes: functions that return dicts for `mi.load_dict`, and their names."""
+"""Built-in scenes: builder functions that return dicts for `mi.load_dict`, and a table of them."""
 
 from collections.abc import Callable
 
@@ -40,26 +40,60 @@ from .views import SAMPLER
 BUILT_IN: dict[str, Callable[..., Dict]] = {
     builder.__name__: builder
     for builder in (
-        *(cornell_box, cornell_box_mirror, cornell_box_glass, cornell_box_flash),
-        *(cornell_box_steady_state, bust_simple, bust_ao, veach),
-        *(sphere_light_small, sphere_light_medium, sphere_light_large),
-        *(rectangle_light_quad, rectangle_light_triangles, small_box),
-        *(caustic, mirror_and_glass, lamp_in_fixture, light_through_hole),
-        *(cornell_box_fog, lamp_in_milk, smoke_corridor, headlight_in_fog),
-        *(brewster_window, strained_mirror_corridor),
-        *(fan, corridor, moving_mirror),
-        *(nlos_z, nlos_bunny, nlos_patch, nlos_plane, nlos_behind_fog),
-        *(wall_box_sphere_nlos, wall_box_spheres_nlos, wall_box_hi_nlos, wall_box_behind),
+        # Cornell boxes
+        cornell_box,
+        cornell_box_mirror,
+        cornell_box_glass,
+        cornell_box_flash,
+        cornell_box_steady_state,
+        # Steady scenes
+        bust_simple,
+        bust_ao,
+        veach,
+        sphere_light_small,
+        sphere_light_medium,
+        sphere_light_large,
+        rectangle_light_quad,
+        rectangle_light_triangles,
+        small_box,
+        # Caustics and hidden light sources
+        caustic,
+        mirror_and_glass,
+        lamp_in_fixture,
+        light_through_hole,
+        # Participating media
+        cornell_box_fog,
+        lamp_in_milk,
+        smoke_corridor,
+        headlight_in_fog,
+        # Polarized light
+        brewster_window,
+        strained_mirror_corridor,
+        # Moving parts
+        fan,
+        corridor,
+        moving_mirror,
+        # Non-line-of-sight captures
+        nlos_z,
+        nlos_bunny,
+        nlos_patch,
+        nlos_plane,
+        nlos_behind_fog,
+        # Confocal captures
+        wall_box_sphere_nlos,
+        wall_box_spheres_nlos,
+        wall_box_hi_nlos,
+        wall_box_behind,
         ourbox_confocal,
     )
 }
-"""The built-in scenes by name; a builder's first line of documentation describes its scene."""
+"""The built-in scenes by name. The first line of a builder's docstring describes its scene."""
 
 __all__ = [*BUILT_IN, "BUILT_IN", "SAMPLER", "START_OPL", "describe"]
 
 
 def describe(name: str) -> str:
-    """The first line of a built-in scene's documentation.
+    """Return the first line of a built-in scene's docstring.
 
     Example:
         >>> describe("cornell_box")

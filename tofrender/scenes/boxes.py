@@ -1,8 +1,8 @@
-"""Boxes with light that is reflected many times.
+"""Boxes in which light is reflected many times.
 
-The Cornell box of Mitsuba's tutorials, two metres wide, with the camera at z = 3.9 m, is lit from
-the ceiling or by a flash at the camera; one has a mirror, one a glass sphere in it. A smaller box
-with two spheres is steady.
+The Cornell box of Mitsuba's tutorials is two meters wide, and its camera is at z = 3.9 m. A light
+in the ceiling or a flash at the camera illuminates it. Variants contain a mirror or a glass sphere.
+The scene `small_box` is a smaller box with two spheres and a steady film.
 """
 
 from copy import deepcopy
@@ -13,16 +13,19 @@ from .parts import CORNELL, Dict, X, Y, area_light, diffuse, pose, rgb, shape, s
 from .views import SteadyOptions, camera, steady_film, steady_scene, transient_film
 
 START_OPL = {"area": 3.5, "flash": 6.0}
-"""Start of the built-in window [m] by light, a little before its first light arrives."""
+"""Start of the default time window [m] for each light, slightly before the first light arrives."""
 
 CORNELL_VIEW = [0, 0, 3.9], [0, 0, 0], 39.3077
-"""Origin, target and field of view of the Cornell box's camera."""
+"""Origin [m], target [m] and field of view [degrees] of the Cornell box's camera."""
 
 UNIT = [1, 1, 1]
 
 
 def _cornell(integrator: str, film: Dict, spp: int, max_depth: int, light: str) -> Dict:
+    """Return the Cornell box with an integrator, a film and a light ("area" or "flash")."""
     checks.one_of("light", light, START_OPL)
+
+    # The light: a point light at the camera, or a panel below the ceiling
     if light == "flash":
         lamp = {
             "type": "point",
@@ -32,7 +35,10 @@ def _cornell(integrator: str, film: Dict, spp: int, max_depth: int, light: str) 
     else:
         panel = shape("rectangle", pose([0, 0.99, 0.01], X, 90, [0.23, 0.19, 0.19]), "white")
         lamp = panel | {"emitter": area_light([18.387, 13.9873, 6.75357])}
-    small, large = [0.3, 0.3, 0.3], [0.3, 0.61, 0.3]
+
+    # Half sizes of the two boxes [m]
+    small = [0.3, 0.3, 0.3]
+    large = [0.3, 0.61, 0.3]
     return {
         "type": "scene",
         "integrator": {"type": integrator, "max_depth": checks.depth("max_depth", max_depth)},
@@ -63,22 +69,22 @@ def cornell_box(
     """The Cornell box with two white boxes, lit from the ceiling.
 
     Args:
-        width: Picture's width [pixels], 1 to 65536.
-        height: Picture's height [pixels], 1 to 65536.
+        width: Width of the picture [pixels], 1 to 65536.
+        height: Height of the picture [pixels], 1 to 65536.
         temporal_bins: Number of time bins, 1 to 1048576.
-        start_opl: Start of the first bin, an optical path length [m]. By default 3.5 with the
-            ceiling light and 6.0 with the flash, a little before the first light arrives.
+        start_opl: Optical path length at the start of the first bin [m]. The default is 3.5 with
+            the ceiling light and 6.0 with the flash, slightly before the first light arrives.
         bin_width_opl: Width of a bin [m], above 0.
         spp: Samples per pixel.
-        max_depth: Longest path in segments, camera's included; 8 is seven bounces.
+        max_depth: Longest path in segments, including the camera's; 8 allows seven bounces.
         light: "area" for the light in the ceiling, "flash" for a point light at the camera.
 
     Returns:
         A dict for `mi.load_dict` with integrator `transient_path` and film `transient_hdr_film`.
-        It loads under every llvm_*, cuda_* and metal_* variant.
+        The dict loads in every llvm_*, cuda_* and metal_* variant.
 
     Raises:
-        ValueError: An argument is out of range; one line with its name, value and what is allowed.
+        ValueError: If an argument is out of range. The message has its name, value and range.
 
     Example:
         >>> scene = cornell_box(width=64, height=64, light="flash")
@@ -95,7 +101,7 @@ def cornell_box_steady_state(
 ) -> Dict:
     """The Cornell box for Mitsuba's own `path` integrator, without time.
 
-    Args and errors are those of `cornell_box`.
+    Arguments and errors are as in `cornell_box`.
 
     Returns:
         A dict for `mi.load_dict` with integrator `path` and film `hdrfilm`.
@@ -142,11 +148,11 @@ def cornell_box_glass(**options: Any) -> Dict:
 def cornell_box_flash(**options: Any) -> Dict:
     """The Cornell box lit by a flash at the camera.
 
-    Light and camera coincide, as in a time-of-flight camera: the first light at a pixel has
-    travelled twice the distance of what the pixel sees.
+    Light and camera are at the same point, as in a time-of-flight camera. The first light that
+    arrives at a pixel has traveled twice the distance to the surface that the pixel sees.
 
     Args:
-        **options: The keyword arguments of `cornell_box`, `light` excepted.
+        **options: The keyword arguments of `cornell_box` except `light`.
 
     Example:
         >>> cornell_box_flash()["light"]["type"]
@@ -166,13 +172,13 @@ SPHERES = {
 
 
 def small_box(*, spheres: str = "diffuse", **options: Unpack[SteadyOptions]) -> Dict:
-    """A small box with two spheres in it, much of whose light is indirect.
+    """A small box with two spheres and much indirect light.
 
     Args:
         spheres: "diffuse", or "mirror_glass" for a mirror on the left and glass on the right.
         **options: As for `veach`; by default `width` and `height` are 256, `max_bounces` is 8.
 
-    Returns and errors are those of `veach`.
+    Return value and errors are as in `veach`.
 
     Example:
         >>> small_box(spheres="mirror_glass")["right-material"]["int_ior"]

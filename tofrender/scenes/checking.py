@@ -1,4 +1,4 @@
-"""Refuse loaded scenes that cannot be rendered right: unsupported features, unsound numbers."""
+"""Refuse loaded scenes that would render wrong: unsupported features and invalid numbers."""
 
 from __future__ import annotations
 
@@ -18,43 +18,50 @@ from .media import require_sound_media
 from .numbers import floats_of, is_spectral_coefficients, is_transform, require_all
 
 LIGHT = re.compile(r"(.*\.)?(radiance|irradiance|intensity|texture|scale|\w+_scale|data)(\.\w+)?")
-"""Parameters of emitters that their radiance is proportional to."""
+"""Parameters of emitters that scale the radiance, so that they must not be negative."""
 
 SINGULAR = 1e-12
-"""Largest determinant, over the product of the edges' lengths, of a transform without inverse."""
+"""Transforms are singular below this ratio of determinant and product of the columns' lengths."""
 
-INVERSE = 1e-4  # Largest error of a transform's product with its inverse, over the magnitudes in it
+INVERSE = 1e-4  # Largest relative error of the product of a transform with its inverse
 
 GAP = 1500 * 2.0**-24
-"""Offset of rays from surfaces, over 1 m and the largest coordinate (Mitsuba's RayEpsilon)."""
+"""Offset of rays from surfaces (Mitsuba's RayEpsilon), relative to 1 m + largest coordinate."""
 
 BEAM = "DirectionalArea"
-"""Emitter whose light leaves a surface along the normal alone."""
+"""Emitter that shines only along the normal of its surface."""
 
 TIMED_SKY = "TimedSunskyEmitter"
-"""Emitter whose light Mitsuba 3.9 cannot evaluate outside of scalar variants."""
+"""Emitter that Mitsuba 3.9 can evaluate in scalar variants only."""
 
 WAVELENGTHS = {
     "RegularSpectrum": "regular",
     "IrregularSpectrum": "irregular",
     "BlackBodySpectrum": "blackbody",
 }
-"""Spectra by wavelength, which only spectral variants evaluate, and their plugins."""
+"""Classes of spectra that only spectral variants evaluate, and their plugins."""
 
 NARROWEST_SPOT = 0.05
-"""Cutoff angle of a spot from which on its power is right to 1 % [degrees]; 37 % is lost at .02."""
+"""Smallest cutoff angle [degrees] of a spot with 1 % error of power; at 0.02 the error is 37 %."""
 
 EXTENT = 0.03
-"""Least diagonal of a scene, over 1 m and the largest coordinate: light and lengths are then right
-to .5 %, measured in a diffuse sphere and the Cornell box by all integrators."""
+"""Smallest diagonal of a scene, relative to 1 m plus the largest coordinate. The error of light and
+lengths is then below 0.5 %, measured for all integrators in a diffuse sphere and the Cornell
+box."""
 
 SENSOR = "a sensor of the scene, as scene.sensors()[0]"
 
 
 def check_scene(scene: mi.Scene, sensor: mi.Sensor | None = None, **supported: bool) -> None:
-    """Refuse a scene whose picture would be silently wrong or black.
+    """Refuse a scene if its picture would be wrong or black without an error.
 
-    None stands for all of the scene's sensors. `supported` is what `require_modelled` has.
+    Args:
+        scene: The scene.
+        sensor: The sensor to render, or None for all sensors of the scene.
+        **supported: Features that the integrator supports, the options of `require_modelled`.
+
+    Raises:
+        ValueError: If the scene is refused; one line.
     """
     require_modelled(scene, sensor, **supported)
     require_usable(scene)
@@ -65,7 +72,7 @@ def check_scene(scene: mi.Scene, sensor: mi.Sensor | None = None, **supported: b
 
 
 def check_view(scene: mi.Scene, sensor: mi.Sensor, **supported: bool) -> None:
-    """`check_scene` for a sensor that must be one; with its options."""
+    """Check a scene by `check_scene`, and refuse a `sensor` that is not an `mi.Sensor`."""
     check_scene(scene, sensor, **supported)
     checks.instance("sensor", sensor, mi.Sensor, SENSOR)
 
@@ -78,22 +85,35 @@ def require_modelled(
     polarisation: bool = False,
     beams: bool = True,
 ) -> None:
-    """Refuse another variant, and what the integrator does not support.
+    """Refuse a scene of another variant, and features that the integrator does not support.
 
-    That may be polarization, media, or beams: light of one direction from a surface, which paths
-    from the camera cannot find.
+    Args:
+        scene: The scene.
+        sensor: The sensor to render, or None for all sensors of the scene.
+        media: Whether the integrator supports participating media.
+        polarisation: Whether the integrator supports polarized variants.
+        beams: Whether the integrator supports emitters that shine in one direction only, which
+            paths from the camera cannot hit.
+
+    Raises:
+        ValueError: If the scene is refused; one line.
     """
+    # The variant
     active = mi.variant() or "none"
     allowed = f"a loaded scene of the active variant {active}"
     checks.require("scene", scene, hasattr(scene, "variant_name"), allowed)
     if scene.variant_name() != active:
         raise ValueError(
-            f"scene: belongs to the variant {scene.variant_name()}; must be one of the active "
-            f"variant {active}, load it again"
+            f"scene: belongs to the variant {scene.variant_name()}, but the active variant is "
+            f"{active}. Load the scene again"
         )
-    plain = active.replace("_polarized", "")
-    allowed = f"one without polarisation, which is not followed, like {plain}"
-    checks.require("variant", active, polarisation or not mi.is_polarized, allowed)
+    if mi.is_polarized and not polarisation:
+        raise ValueError(
+            f"variant = {active!r}: the integrator does not support polarization. "
+            f"Use {active.replace('_polarized', '')}"
+        )
+
+    # Sensor and emitters
     if sensor is not None:
         checks.instance("sensor", sensor, mi.Sensor, SENSOR)
     for emitter in scene.emitters():
@@ -103,6 +123,8 @@ def require_modelled(
                 f"emitter of {name!r}: paths from the camera cannot find the light of a "
                 "directionalarea emitter. Use transient_light_tracer or transient_bdpt"
             )
+
+    # Participating media
     if media:
         return
     cameras = scene.sensors() if sensor is None else [sensor]
@@ -114,8 +136,8 @@ def require_modelled(
         if medium is not None:
             parameter = f"{owner.id() or owner.class_name()}.{name.removeprefix('get_')}"
             raise ValueError(
-                f"{parameter} = {medium.class_name()}: must be left out; participating media are "
-                "not followed"
+                f"{parameter} = {medium.class_name()}: the integrator does not support "
+                "participating media. Use transient_volpath, or remove the medium"
             )
 
 
@@ -139,15 +161,24 @@ def require_usable(scene: mi.Scene) -> None:
 def require_sound(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
     """Refuse parameters that are not finite, negative light, and transforms without an inverse.
 
-    Looks at each number once: a millisecond or two, and as long again for a million vertices. The
-    sensor need not be the scene's.
+    Args:
+        scene: The scene.
+        sensor: A sensor to check too, which may be outside of the scene.
+
+    Raises:
+        ValueError: If a number is invalid. The message has the parameter's name and value.
+
+    The check runs for one or two milliseconds, and twice as long with a million vertices.
     """
+    # Collect the numbers of all parameters
     sources = [readable(mi.traverse(scene))]
     if sensor is not None and sensor not in sources[0].hierarchy:
         sources.append(readable(mi.traverse(sensor)))
     values = {name: value for source in sources for name, value in source}
     numbers = {name: list(floats_of(value)) for name, value in values.items()}
     dr.eval(numbers)
+
+    # Are all numbers finite, and can transforms be inverted?
     for name, leaves in numbers.items():
         value = values[name]
         if not all(map(_is_finite, leaves)):
@@ -157,6 +188,8 @@ def require_sound(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
             require_all(_qualified(name, scene), value, good, "finite numbers")
         if is_transform(value) and len(leaves) == 16:
             require_inverse(_qualified(name, scene), value)
+
+    # Check emitters and meshes
     for emitter in scene.emitters():
         _require_positive(emitter)
         _warn_of_narrow_spot(emitter)
@@ -164,18 +197,22 @@ def require_sound(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
         box: Any = shape.bbox()
         if shape.is_mesh() and np.all(np.ravel(box.max) == np.ravel(box.min)):
             raise ValueError(
-                f"{shape.id() or shape.class_name()}.vertex_positions: are all in one point; "
-                "must span a surface"
+                f"{shape.id() or shape.class_name()}.vertex_positions: all vertices are at one "
+                "point. Pass vertices of a surface"
             )
 
 
 def _is_finite(leaf: Any) -> bool:
-    array = np.asarray(leaf)  # NaN is passed on by both
+    """Return whether all numbers of an array are finite."""
+    array = np.asarray(leaf)  # `min` and `max` are NaN if a number is NaN
     return array.size == 0 or bool(np.isfinite([array.min(), array.max()]).all())
 
 
 def _qualified(name: str, scene: mi.Scene) -> str:
-    """Name of a parameter; objects without an id are named by their class and a number."""
+    """Return the name of a parameter for messages.
+
+    An object without an id is named by its class and a number, e.g. "Rectangle 2.to_world".
+    """
     address = re.match(r"object_(\d+)(?=\.)", name)
     if address is None:
         return name
@@ -188,7 +225,7 @@ def _qualified(name: str, scene: mi.Scene) -> str:
 
 
 def _warn_of_narrow_spot(emitter: mi.Emitter) -> None:
-    """Warn of a spot light if Mitsuba does not resolve its angles, as cosines are near 1."""
+    """Warn if a spot light is so narrow that Mitsuba's cosines do not resolve its angles."""
     if emitter.class_name() != "SpotLight":
         return
     parameter: Any = mi.traverse(emitter)["cutoff_angle"]
@@ -203,6 +240,7 @@ def _warn_of_narrow_spot(emitter: mi.Emitter) -> None:
 
 
 def _require_positive(emitter: mi.Emitter) -> None:
+    """Refuse an emitter with negative light."""
     shape = emitter.get_shape()
     owner = (emitter if shape is None else shape).id() or emitter.class_name()
     for name, value in mi.traverse(emitter):
@@ -212,40 +250,54 @@ def _require_positive(emitter: mi.Emitter) -> None:
 
 
 def require_extent(scene: mi.Scene) -> None:
-    """Refuse a scene that is so small, or so far from the origin, that gaps beside rays show.
+    """Refuse a scene that is too small, or too far from the origin, for Mitsuba's ray offsets.
 
-    Mitsuba starts rays off surfaces by 9e-5 (1 m + the largest coordinate), however small all is.
+    Mitsuba starts rays at a distance of 9e-5 (1 m + largest coordinate) from surfaces. In small
+    scenes this offset is visible.
     """
     box: Any = scene.bbox()
-    low, high = np.ravel(box.min).astype(float), np.ravel(box.max).astype(float)
+    low = np.ravel(box.min).astype(float)
+    high = np.ravel(box.max).astype(float)
     if not (np.isfinite([low, high]).all() and (low <= high).all()):
         return
-    extent, far = float(np.linalg.norm(high - low)), float(np.abs([low, high]).max())
-    least = EXTENT * (1 + far)
+    extent = float(np.linalg.norm(high - low))
+    farthest = float(np.abs([low, high]).max())
+    least = EXTENT * (1 + farthest)
     if extent < least:
         raise ValueError(
-            f"scene: its shapes span {extent:.3g} m, up to {far:.3g} m from the origin; must span "
-            f"at least {least:.3g} m there, where rays start {GAP * (1 + far):.2g} m off surfaces; "
-            "scale it up"
+            f"scene: its diagonal is {extent:.3g} m and its largest coordinate {farthest:.3g} m, "
+            f"where Mitsuba starts rays {GAP * (1 + farthest):.2g} m off surfaces. Scale the scene "
+            f"up to at least {least:.3g} m, or move it to the origin"
         )
 
 
 def require_inverse(name: str, transform: Any, *, flat: bool = False) -> None:
-    """Refuse a transform with a wrong inverse (a rotation about a long axis), or none unless flat.
+    """Refuse a transform with a wrong or missing inverse.
 
-    Transforms of meshes may be flat: they are applied to the vertices and forgotten.
+    Mitsuba computes a wrong inverse for a rotation about an axis with a length other than 1.
+
+    Args:
+        name: Name of the parameter.
+        transform: The transform.
+        flat: Whether the transform may be singular. This is allowed for meshes, because Mitsuba
+            applies their transform to the vertices and does not keep it.
+
+    Raises:
+        ValueError: If the transform is refused; one line.
     """
     both = (transform, transform.inverse())
     matrix, inverse = (np.array(each.matrix, dtype=float).reshape(4, 4)[:3, :3] for each in both)
     shown = np.round(np.array(transform.matrix, dtype=float).reshape(4, 4), 6).tolist()
     edges = np.linalg.norm(matrix, axis=0)
     if not flat and not abs(np.linalg.det(matrix)) > SINGULAR * math.prod(edges):
-        raise ValueError(f"{name} = {shown}: must be a transform with an inverse, no scale of 0")
+        raise ValueError(f"{name} = {shown}: the transform is singular. Use scales other than 0")
+
+    # Is the product with the inverse the identity? Infinite numbers are refused by `require_sound`
     if not np.isfinite([matrix, inverse]).all():
-        return  # Refused elsewhere
+        return
     off = np.abs(matrix @ inverse - np.eye(3)).max()
     if off > INVERSE * (np.abs(matrix) @ np.abs(inverse)).max():
         raise ValueError(
-            f"{name} = {shown}: must be a transform whose inverse is right; rotations need an axis "
-            "of length 1"
+            f"{name} = {shown}: Mitsuba's inverse of this transform is wrong. Use axes of length 1 "
+            "for rotations"
         )

@@ -1,4 +1,4 @@
-"""Translate names in scene files of mitransient and its course fork into those of this package."""
+"""Translate plugin names of mitransient and its course fork in scene files to this package's."""
 
 import warnings
 from typing import Any
@@ -10,11 +10,15 @@ TIME_SAMPLINGS = ("stratified", "random")
 
 
 def translate_names(state: Any) -> None:
-    """Replace names by this package's where they mean the same, and refuse others.
+    """Replace names in a parsed scene by this package's equivalents.
 
-    `timegated_transient_path`, whose gates fill the bins of a film, becomes the `transient_path`
-    around the same `confocal_projector`; `transient_prbvolpath` becomes `transient_volpath`;
-    `nlos_confocal` of a `transient_nlos_path` its `capture_type`.
+    - `timegated_transient_path` with a `confocal_projector` becomes `transient_path` with the same
+      projector. Its gates fill the bins of a film, so the result is the same.
+    - `transient_prbvolpath` becomes `transient_volpath`.
+    - The parameter `nlos_confocal` of a `transient_nlos_path` becomes `capture_type`.
+
+    Raises:
+        ValueError: If a node has no equivalent; one line.
     """
     for node in state.nodes:
         name = node.props.plugin_name()
@@ -28,29 +32,36 @@ def translate_names(state: Any) -> None:
 
 
 def _gate_all_bins(props: Any) -> None:
+    """Replace `timegated_transient_path` by `transient_path`."""
     if "confocal_projector" not in props:
         raise ValueError(
-            "integrator = 'timegated_transient_path': has no confocal_projector; must have one, or "
-            "be transient_path, or time_gated_transient_path for a single gate"
+            "integrator = 'timegated_transient_path': only supported with a confocal_projector. "
+            "Use transient_path for a film with bins, or time_gated_transient_path for one gate"
         )
     if "time_sampling" in props:
-        given = checks.one_of("time_sampling", props["time_sampling"], TIME_SAMPLINGS)
+        sampling = checks.one_of("time_sampling", props["time_sampling"], TIME_SAMPLINGS)
         del props["time_sampling"]
-        text = f"time_sampling = {given!r}: has no effect; every path counts in all bins"
+        text = (
+            f"time_sampling = {sampling!r}: ignored, because every path contributes to all bins. "
+            "Remove it"
+        )
         warnings.warn(text, stacklevel=5)
     limit_depth(props)
     props.set_plugin_name("transient_path")
 
 
 def _set_capture_type(props: Any) -> None:
+    """Replace the parameter `nlos_confocal` by `capture_type`."""
     confocal = checks.boolean("nlos_confocal", props["nlos_confocal"])
     del props["nlos_confocal"]
     if "capture_type" in props:
-        raise ValueError(f"nlos_confocal = {confocal}: must be left out; capture_type is given")
+        raise ValueError(
+            f"nlos_confocal = {confocal}: capture_type is given too. Remove nlos_confocal"
+        )
     props["capture_type"] = "confocal" if confocal else "single"
     if confocal:
         warnings.warn(
-            "nlos_confocal = True: is capture_type = 'confocal'; the light is scaled by the "
-            "emitter's irradiance at each lit point (or laser_power), not by 1",
+            "nlos_confocal = True: replaced by capture_type = 'confocal'. The light is scaled by "
+            "the emitter's irradiance at each lit point (or laser_power), not by 1",
             stacklevel=5,
         )

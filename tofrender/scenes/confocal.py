@@ -1,14 +1,17 @@
 """Scenes of confocal captures: a laser and a camera share one pinhole and look at a wall.
 
-In the scenes `wall_box_...` they stand at the origin and look down -z at a relay wall, and what
-they look for is out of their sight, but not out of the wall's. Metres, y up.
+In the scenes `wall_box_...`, laser and camera are at the origin and look along -z at a relay wall.
+The hidden objects are outside of the camera's sight, but the relay wall faces them. Lengths are in
+meters, y is up.
 
-The projector's power is 100 W. The course's fork of mitransient, which these parameters come from,
-takes that number as a density over the pattern, so that its direct light is 5.92 times darker in
-`wall_box_...` (1 / tan^2(.78 / 2)) and 12.6 times in `ourbox_confocal`: see `confocal_projector`.
+The projector's power is 100 W. The parameters come from the course's fork of mitransient, which
+uses the number 100 as a density over the pattern instead. The direct light of the fork is darker by
+1 / tan^2(fov / 2): 5.92 times in `wall_box_...` and 12.6 times in `ourbox_confocal`. See
+`confocal_projector`.
 
-Shapes go by their ids: `relay_wall`, `occluder`, and what is hidden is `hidden_...`. Each has a
-material of its own, and no two that could be merged into one shape have the same.
+Ids of shapes are `relay_wall`, `occluder`, and `hidden_...` for hidden objects. Mitsuba merges
+shapes of equal type and material when it loads a scene, so shapes of equal type have different
+materials.
 """
 
 from collections.abc import Sequence
@@ -18,13 +21,14 @@ from .parts import CORNELL, Dict, X, Y, diffuse, pose, rgb, shape
 from .views import TransientOptions, transient_scene
 
 WALL = {"reflectance": [0.8, 0.8, 0.8], "half_width": 2.0, "z": -2.0}
-"""The relay wall of the scenes `wall_box_...` [m]; it faces +z."""
+"""The relay wall of the scenes `wall_box_...`, which faces +z. Lengths are in meters."""
 
 HIDDEN_Z = -0.75  # z of the centers of hidden spheres, in the plane of the occluder's back [m]
 
-RED, GREEN = [0.01, 0.0, 0.0], [0.0, 0.05, 0.0]
+RED = [0.01, 0.0, 0.0]  # Reflectance of the occluder and of single spheres
+GREEN = [0.0, 0.05, 0.0]  # Reflectance of the spheres that form letters
 
-# x and y of the spheres that make the letters, and their radius [m]
+# x and y of the spheres that form the letters, and their radius [m]
 ROWS = (-0.2, -0.36, -0.52, -0.68, -0.84)
 LETTERS = {
     "h_left": ([(-0.5, y) for y in ROWS], 0.08),
@@ -35,11 +39,11 @@ LETTERS = {
 
 
 def wall_box_sphere_nlos(**options: Unpack[TransientOptions]) -> Dict:
-    """A sphere before a relay wall, hidden by a box.
+    """A sphere in front of a relay wall, hidden by a box.
 
-    The box fills the lower half of the view. It and the sphere, radius 0.25 m, retroreflect. The
-    box ends at z = -0.75 m, where the sphere's center is: half of the sphere is within the box, the
-    other half sees the wall.
+    The box fills the lower half of the view. Box and sphere are retroreflectors, and the sphere's
+    radius is 0.25 m. The box ends at z = -0.75 m, in the plane of the sphere's center: half of the
+    sphere is inside the box, and the other half faces the wall.
 
     Args:
         **options: As for `caustic`, without `integrator`; by default `width` and `height` are 128,
@@ -50,7 +54,7 @@ def wall_box_sphere_nlos(**options: Unpack[TransientOptions]) -> Dict:
         The laser, a `confocal_projector`, is a part of the integrator.
 
     Raises:
-        ValueError: An argument is out of range; one line with its name, value and what is allowed.
+        ValueError: If an argument is out of range. The message has its name, value and range.
 
     Example:
         >>> scene = wall_box_sphere_nlos(width=32, height=32)
@@ -64,7 +68,7 @@ def wall_box_sphere_nlos(**options: Unpack[TransientOptions]) -> Dict:
 
 
 def wall_box_spheres_nlos(**options: Unpack[TransientOptions]) -> Dict:
-    """Three spheres before a relay wall, hidden by a box.
+    """Three spheres in front of a relay wall, hidden by a box.
 
     Args:
         **options: As for `wall_box_sphere_nlos`.
@@ -82,7 +86,7 @@ def wall_box_spheres_nlos(**options: Unpack[TransientOptions]) -> Dict:
 
 
 def wall_box_hi_nlos(**options: Unpack[TransientOptions]) -> Dict:
-    """Letters H and I, made of spheres, before a relay wall, hidden by a box.
+    """Letters H and I, made of spheres, in front of a relay wall, hidden by a box.
 
     Args:
         **options: As for `wall_box_sphere_nlos`.
@@ -99,10 +103,10 @@ def wall_box_hi_nlos(**options: Unpack[TransientOptions]) -> Dict:
 
 
 def wall_box_behind(**options: Unpack[TransientOptions]) -> Dict:
-    """A plate behind the camera, which looks at a relay wall.
+    """A plate behind a camera that looks at a relay wall.
 
-    Nothing is in the way: the camera just looks elsewhere. The plate is 1 m wide, 1 m high, 2 mm
-    thick, and its middle is 0.25 m behind the camera.
+    An occluder is not needed, because the camera looks in the other direction. The plate is 1 m
+    wide, 1 m high and 2 mm thick, and its center is 0.25 m behind the camera.
 
     Args:
         **options: As for `wall_box_sphere_nlos`; `start_opl` is 0.5 by default.
@@ -118,6 +122,7 @@ def wall_box_behind(**options: Unpack[TransientOptions]) -> Dict:
 
 
 def _before_wall(options: TransientOptions, start_opl: float = 0.0) -> Dict:
+    """Return a scene with laser, camera and relay wall, without hidden shapes."""
     half = WALL["half_width"]
     wall = {"type": "rectangle", "to_world": pose([0, 0, WALL["z"]], X, 0, [half, half, 1])}
     scene = _scene([0, 0, 0], [0, 0, -1], 45.0, 0.78, options, start_opl=start_opl)
@@ -125,33 +130,35 @@ def _before_wall(options: TransientOptions, start_opl: float = 0.0) -> Dict:
 
 
 def _box(center: Sequence[float], half_sizes: Sequence[float]) -> Dict:
+    """Return a retroreflective box [m]."""
     bsdf = retroreflector(RED)
     return {"type": "cube", "to_world": pose(center, X, 0, half_sizes), "bsdf": bsdf}
 
 
-def _ball(x: float, y: float, radius: float, colour: Sequence[float]) -> Dict:
-    bsdf = retroreflector(colour)
+def _ball(x: float, y: float, radius: float, color: Sequence[float]) -> Dict:
+    """Return a hidden retroreflective sphere [m]."""
+    bsdf = retroreflector(color)
     return {"type": "sphere", "center": [x, y, HIDDEN_Z], "radius": radius, "bsdf": bsdf}
 
 
 def retroreflector(reflectance: Sequence[float]) -> Dict:
-    """A material that sends light back where it came from, within about 0.14 rad."""
+    """Return a material that reflects light back to its source, within about 0.14 rad."""
     return {"type": "retroreflector", "reflectance": rgb(reflectance), "lobe_exponent": 100.0}
 
 
 EYE = [0.0, 0.45, 1.05]
-"""Position of the camera and the laser of `ourbox_confocal` [m]; they look down -z."""
+"""Position of camera and laser of `ourbox_confocal` [m]. Both look along -z."""
 
 
 def ourbox_confocal(**options: Unpack[TransientOptions]) -> Dict:
     """A closed box with two boxes in it, seen and lit from its front wall.
 
-    Nothing is hidden and no wall is a relay. The box is 1 m wide, 0.9 m high and 1.6 m deep and
-    stands on y = 0; its left wall is red, its right wall green, the others white. All are
-    two-sided.
+    The scene has neither hidden objects nor a relay wall. The box is 1 m wide, 0.9 m high and 1.6 m
+    deep, and its floor is at y = 0. The left wall is red, the right wall green, and the other walls
+    are white. All walls are two-sided.
 
-    A default load merges the white shapes into one mesh. Where they must be told apart, load with
-    `optimize=False`.
+    By default, Mitsuba merges the white shapes into one mesh when it loads the scene. Load with
+    `optimize=False` to keep them separate.
 
     Args:
         **options: As for `wall_box_sphere_nlos`; by default `temporal_bins` is 700, `spp` 4096.
@@ -163,7 +170,11 @@ def ourbox_confocal(**options: Unpack[TransientOptions]) -> Dict:
     view = EYE, [0.0, 0.45, -1.0], 39.3077
     scene = _scene(*view, 0.55, options, temporal_bins=700, spp=4096)
     scene |= {name: {"type": "twosided", "side": diffuse(c)} for name, c in CORNELL.items()}
-    side, end, floor = [0.8, 0.45, 1], [0.5, 0.45, 1], [0.5, 0.8, 1]
+
+    # Half sizes of the walls [m]
+    side = [0.8, 0.45, 1]
+    end = [0.5, 0.45, 1]
+    floor = [0.5, 0.8, 1]
     return scene | {
         "floor": shape("rectangle", pose([0, 0, 0.3], X, -90, floor), "white"),
         "ceiling": shape("rectangle", pose([0, 0.9, 0.3], X, 90, floor), "white"),
@@ -177,7 +188,11 @@ def ourbox_confocal(**options: Unpack[TransientOptions]) -> Dict:
 
 
 def confocal_projector(fov: float) -> Dict:
-    """One spot of light per camera ray, where it meets the scene; `fov` is the grid's [rad]."""
+    """Return a projector that lights one spot per camera ray, where the ray meets the scene.
+
+    Args:
+        fov: Field of view of the projector's grid [rad].
+    """
     return {
         "type": "confocal_projector",
         "grid_rows": 1,
@@ -201,12 +216,30 @@ def _scene(
     options: TransientOptions,
     **defaults: float,
 ) -> Dict:
-    """A scene without shapes; `fov` in degrees, `projector_fov` in radians."""
+    """Return a scene without shapes.
+
+    Args:
+        origin: Position of camera and laser [m].
+        target: Point that both look at [m].
+        fov: Field of view of the camera [degrees].
+        projector_fov: Field of view of the projector [rad].
+        options: Options of the caller.
+        **defaults: Defaults of the scene for these options.
+    """
     if "integrator" in options:
-        raise TypeError("integrator: no such option; it is the one that has the projector")
-    window = {"width": 128, "height": 128, "temporal_bins": 1000, "start_opl": 0.0}
-    window |= {"bin_width_opl": 0.01, "spp": 1000, "max_depth": 8} | defaults
-    scene = transient_scene(origin, target, fov, options, **window)
+        raise TypeError(
+            "integrator is not an option of this scene: transient_path contains its projector"
+        )
+    window = {
+        "width": 128,
+        "height": 128,
+        "temporal_bins": 1000,
+        "start_opl": 0.0,
+        "bin_width_opl": 0.01,
+        "spp": 1000,
+        "max_depth": 8,
+    }
+    scene = transient_scene(origin, target, fov, options, **window | defaults)
     scene["sensor"]["sampler"]["type"] = "independent"
     scene["integrator"] = {
         "type": "transient_path",

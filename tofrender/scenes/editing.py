@@ -1,4 +1,4 @@
-"""Putting settings into a scene that Mitsuba's parser has read, before it is built."""
+"""Apply settings to a scene that Mitsuba's parser has read, before the scene is instantiated."""
 
 from __future__ import annotations
 
@@ -13,25 +13,27 @@ from .transient_integrators import change_integrator
 
 parser: Any = mi.parser
 
-STEADY_FILM, TRANSIENT_FILM = "hdrfilm", "transient_hdr_film"
+STEADY_FILM = "hdrfilm"
+TRANSIENT_FILM = "transient_hdr_film"
+
 FILM_SETTINGS = ("width", "height", "temporal_bins", "start_opl", "bin_width_opl")
 WINDOW_SETTINGS = FILM_SETTINGS[2:]
 INTEGRATOR_SETTINGS = ("integrator", "max_depth", "pulse_width_opl")
 
-# Properties that a node keeps when its plugin is replaced.
+# Properties that a node keeps when its plugin is replaced
 CROP = ("crop_width", "crop_height", "crop_offset_x", "crop_offset_y")
 FILM_KEPT = ("width", "height", *CROP, "sample_border")
 SAMPLER_KEPT = ("sample_count", "seed")
 
 
 def qualify_plugins(state: Any) -> None:
-    """Replace names that other packages may have registered too by those of our own plugins."""
+    """Replace plugin names that mitransient may also register by unambiguous names."""
     for node in state.nodes:
         node.props.set_plugin_name(plugins.qualified_name(node.props.plugin_name()))
 
 
 def name_shapes(state: Any) -> None:
-    """Use the name of a shape in an XML file as its id where it has none, as exporters do."""
+    """Give each shape without an id its name in the XML file as id. Exporters write such names."""
     for parent in state.nodes:
         for name, value in parts(parent.props):
             if isinstance(value, mi.Properties.ResolvedReference) and not name.startswith("_"):
@@ -41,24 +43,39 @@ def name_shapes(state: Any) -> None:
 
 
 def change(state: Any, settings: Mapping[str, Any]) -> None:
-    """Put settings into a scene that Mitsuba's parser has read.
+    """Apply settings to a scene that Mitsuba's parser has read.
 
-    A film `hdrfilm` that gets a whole window becomes a `transient_hdr_film`, and the integrator
-    `path` then a `transient_path`, also where `aov`, `moment` or `stokes` is around it. Parts that
-    the scene leaves to Mitsuba's defaults are added.
+    If the settings contain a complete time window, a film `hdrfilm` becomes a
+    `transient_hdr_film`, and the integrator `path` becomes a `transient_path`, even inside an
+    `aov`, `moment` or `stokes`. Missing parts (film, sampler, integrator) are added with Mitsuba's
+    defaults.
+
+    Args:
+        state: The parser's state, which is changed.
+        settings: Checked settings of `SceneSettings`, by name.
+
+    Raises:
+        ValueError: If the scene cannot be changed in this way; one line.
     """
-    nodes = state.nodes  # Named by index, because the list moves in memory when one is added
+    # Nodes are addressed by index, because the list moves in memory when a node is added
+    nodes = state.nodes
     film_settings = {k: settings[k] for k in FILM_SETTINGS if k in settings}
+
+    # Find the sensors
     sensors = [i for i, node in enumerate(nodes) if is_kind(node, mi.ObjectType.Sensor)]
     if not sensors and settings:
         for i, node in enumerate(nodes):
             if node.type == UNKNOWN and children(nodes, i, mi.ObjectType.Film):
                 raise ValueError(
                     f"scene: its sensor has the unknown type {node.props.plugin_name()!r}; use a "
-                    "sensor of Mitsuba, or a Python plugin whose name ends in "
+                    "sensor of Mitsuba, or a Python plugin with a name that ends in "
                     f"{' or '.join(ENDINGS[mi.ObjectType.Sensor])}"
                 )
-        raise ValueError("scene: has no sensor that could take settings; describe it by a dict")
+        raise ValueError(
+            "scene: no sensor was found for the settings. Describe the sensor by a dict or in XML"
+        )
+
+    # Change film and sampler of each sensor
     now_transient = False
     for sensor in sensors:
         if film_settings:
@@ -70,6 +87,8 @@ def change(state: Any, settings: Mapping[str, Any]) -> None:
                 replace_plugin(sampler, settings["sampler"], SAMPLER_KEPT)
             if "spp" in settings:
                 sampler.props["sample_count"] = settings["spp"]
+
+    # Change the integrator; a ready-made one is removed if another is requested
     if now_transient or settings.keys() & {*INTEGRATOR_SETTINGS}:
         wanted = settings.get("integrator", "path")
         if "integrator" in settings:
@@ -82,16 +101,19 @@ def change(state: Any, settings: Mapping[str, Any]) -> None:
 
 
 def _child(nodes: Any, parent: int, kind: mi.ObjectType, default: str) -> int:
-    """Index of the child of `parent` of this kind; if there is none, Mitsuba's default is added."""
+    """Return the index of the first child of a kind, or add the plugin `default` as a child."""
     found = children(nodes, parent, kind)
     if found:
         return found[0]
-    role, unknown = kind.name.lower(), None
+
+    # Is there a part that may be of this kind, but cannot be changed?
+    role = kind.name.lower()
+    unknown = None
     for name, value in parts(nodes[parent].props):
         if isinstance(value, getattr(mi, kind.name)):
             raise ValueError(
-                f"scene: its {role} is a ready-made object, whose settings cannot be changed; "
-                "describe it by a dict"
+                f"scene: the settings of its {role} cannot be changed, because the {role} is a "
+                "loaded object. Describe it by a dict"
             )
         if isinstance(value, mi.Properties.ResolvedReference):
             node = nodes[value.index()]
@@ -102,11 +124,14 @@ def _child(nodes: Any, parent: int, kind: mi.ObjectType, default: str) -> int:
             unknown = node.props.plugin_name()
     if unknown:
         raise ValueError(
-            f"scene: {unknown!r} may be its {role}; to change it, use an XML file, which says, "
-            f"or a plugin's name that ends in {' or '.join(ENDINGS[kind])}"
+            f"scene: the plugin {unknown!r} may be its {role}, and the settings need the {role}. "
+            f"Use an XML file, or a plugin with a name that ends in {' or '.join(ENDINGS[kind])}"
         )
+
+    # Add Mitsuba's default
     added = parser.SceneNode()
-    added.type, added.props = kind, mi.Properties(default)
+    added.type = kind
+    added.props = mi.Properties(default)
     nodes.append(added)
     index = len(nodes) - 1
     nodes[parent].props[f"added_{role}"] = mi.Properties.ResolvedReference(index)
@@ -114,7 +139,7 @@ def _child(nodes: Any, parent: int, kind: mi.ObjectType, default: str) -> int:
 
 
 def _change_film(film: Any, settings: Mapping[str, Any]) -> bool:
-    """Change a film node; returns whether it was steady and is now transient."""
+    """Apply settings to a film node. Return True if the film was steady and is now transient."""
     name = film.props.plugin_name()
     window = [setting for setting in WINDOW_SETTINGS if setting in settings]
     to_transient = bool(window) and name == STEADY_FILM
@@ -122,11 +147,11 @@ def _change_film(film: Any, settings: Mapping[str, Any]) -> bool:
         missing = [setting for setting in WINDOW_SETTINGS if setting not in settings]
         if missing:
             raise ValueError(
-                f"{window[0]} = {settings[window[0]]!r}: the scene's film is steady; to make it "
-                f"transient, give {' and '.join(f'`{each}`' for each in missing)} too"
+                f"{window[0]} = {settings[window[0]]!r}: the scene's film is steady. Pass "
+                f"{' and '.join(f'`{each}`' for each in missing)} too to make it transient"
             )
         replace_plugin(film, TRANSIENT_FILM, FILM_KEPT)
-        film.props["temporal_filter"] = "box"  # Its filter reconstructs the picture, not the time
+        film.props["temporal_filter"] = "box"  # The steady film's filter applies to pixels only
     for setting, value in settings.items():
         film.props[setting] = value
     return to_transient

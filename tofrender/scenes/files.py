@@ -1,6 +1,6 @@
-"""Refuse files on which Mitsuba crashes or hangs: nested XML, PLY faces without vertices.
+"""Refuse files on which Mitsuba crashes or hangs: deeply nested XML, PLY files with wrong indices.
 
-Other errors in files are left to Mitsuba.
+Mitsuba reports all other errors in files.
 """
 
 import os
@@ -17,24 +17,45 @@ from ..runtime import checks
 from ..runtime.plugins import require_safe_type
 
 MAX_NESTING = 200
-"""Most nested tags or dicts; Mitsuba's parser recurses for each until the stack overflows."""
+"""Largest depth of nested tags or dicts. Mitsuba's parser recurses until the stack overflows."""
 
-MAX_INCLUDES = 15  # Most nested includes that Mitsuba reads
-MAX_INCLUDED = 1000  # Most files that a scene includes; repeated includes count
+MAX_INCLUDES = 15  # Largest depth of nested includes that Mitsuba reads
+MAX_INCLUDED = 1000  # Largest number of files that a scene includes; repeated includes count
 
+# NumPy types of the types in headers of PLY files
 _PLY_TYPES = {
-    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
-    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
-    **{"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"},
+    "char": "i1",
+    "int8": "i1",
+    "uchar": "u1",
+    "uint8": "u1",
+    "short": "i2",
+    "int16": "i2",
+    "ushort": "u2",
+    "uint16": "u2",
+    "int": "i4",
+    "int32": "i4",
+    "uint": "u4",
+    "uint32": "u4",
+    "float": "f4",
+    "float32": "f4",
+    "double": "f8",
+    "float64": "f8",
 }
 _HEADER = re.compile(rb"\Aply\s.*?\bend_header\r?\n", re.DOTALL)
 
 
 def require_shallow_xml(path: Path, parameters: Mapping[str, str]) -> None:
-    """Refuse an XML file that Mitsuba's parser would crash or hang on, by itself or its includes.
+    """Refuse an XML file if Mitsuba's parser would crash or hang on it or on a file it includes.
 
-    Tags that are nested too deeply, a second root, a file that includes itself, and too many
-    includes are refused.
+    The causes are tags that are nested too deeply, a second root, a file that includes itself, and
+    too many includes.
+
+    Args:
+        path: The XML file.
+        parameters: Values of the parameters, which names of included files may contain.
+
+    Raises:
+        ValueError: If the file is refused; one line.
     """
     _require_shallow(path, parameters, (), [])
 
@@ -60,8 +81,8 @@ def _require_shallow(
         depth += 1
         if depth > MAX_NESTING:
             raise ValueError(
-                f"scene = {str(path)!r}: has more than {MAX_NESTING} tags within each other "
-                f"in line {reader.CurrentLineNumber}; must have fewer"
+                f"scene = {str(path)!r}: more than {MAX_NESTING} tags are nested in line "
+                f"{reader.CurrentLineNumber}. Use fewer levels"
             )
         if tag == "default":
             known.setdefault(attributes.get("name", ""), attributes.get("value", ""))
@@ -102,10 +123,10 @@ def _require_shallow(
     except expat.ExpatError as error:
         if error.code == expat.errors.codes[expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT]:
             raise ValueError(
-                f"scene = {str(path)!r}: goes on after its end in line {error.lineno}; must be one "
-                "scene"
+                f"scene = {str(path)!r}: the scene ends before line {error.lineno}, but the file "
+                "continues. Remove the rest of the file"
             ) from None
-        return  # Mitsuba says what is wrong, and where
+        return  # Mitsuba reports the error and its line
 
 
 def require_utf8(name: str, text: str | os.PathLike[str]) -> None:
@@ -121,77 +142,92 @@ def require_utf8(name: str, text: str | os.PathLike[str]) -> None:
 
 
 def require_readable_dict(description: Mapping[str, Any]) -> None:
-    """Refuse a dict nested too deeply, with a value that is None, or with an unsafe plugin type."""
+    """Refuse a dict that is nested too deeply, contains None, or names an unsafe plugin.
+
+    Raises:
+        ValueError: If the dict is refused; one line with the path of the entry.
+    """
     level: list[Any] = [("", description)]
     for _ in range(MAX_NESTING):
         values = [(f"{at}{name}", v) for at, each in level for name, v in each.items()]
         for name, value in values:
             if value is None:
-                raise ValueError(f"{name} = None: must have a value, or be left out")
+                raise ValueError(f"{name} = None: pass a value or omit the entry")
             if isinstance(value, str):
                 require_utf8(name, value)
             if isinstance(value, str) and name.rpartition(".")[2] == "type":
                 require_safe_type(value)
                 if value == "resources" and name.count(".") != 1:
-                    raise ValueError(f"{name} = 'resources': must be a part of the scene itself")
+                    raise ValueError(
+                        f"{name} = 'resources': nested in another part. Move it to the top level "
+                        "of the scene"
+                    )
         level = [(f"{name}.", v) for name, v in values if isinstance(v, Mapping)]
         if not level:
             return
-    raise ValueError(f"scene: has more than {MAX_NESTING} dicts within each other")
+    raise ValueError(f"scene: more than {MAX_NESTING} dicts are nested. Use fewer levels")
 
 
 def require_indices(filename: str) -> None:
-    """Refuse a PLY file whose faces have indices of vertices that it does not have."""
+    """Refuse a PLY file if a face refers to a vertex that does not exist."""
     path = resolved_path(filename)
     if not path.is_file():
         return
     try:
         vertices, faces = _vertices_and_faces(path)
     except (KeyError, TypeError, ValueError):
-        return  # No mesh that Mitsuba reads: it says so
+        return  # Mitsuba cannot read this file and reports why
     wrong = np.argwhere((faces < 0) | (faces >= vertices))
     if len(wrong):
         face, corner = wrong[0]
         raise ValueError(
-            f"{filename}: its face {face} has the vertex {int(faces[face, corner])}; "
-            f"must be one of its vertices, 0 to {vertices - 1}"
+            f"{filename}: face {face} refers to vertex {int(faces[face, corner])}, but the file "
+            f"has vertices 0 to {vertices - 1}. Repair the mesh"
         )
 
 
 def _vertices_and_faces(path: Path) -> tuple[int, np.ndarray]:
-    """Number of vertices in a PLY file, and indices of its triangles' corners, shape (n, 3).
+    """Return the number of vertices in a PLY file, and the vertex indices of its triangles (n, 3).
 
-    Fails with a KeyError, TypeError or ValueError for forms that Mitsuba does not read: elements of
-    varying size, and other faces than triangles.
+    Raises:
+        KeyError, TypeError, ValueError: If Mitsuba cannot read the file, for example elements of
+            varying size, or faces other than triangles.
     """
+    # Read the header
     with path.open("rb") as file:
         head = _HEADER.match(file.read(1 << 16))
     if head is None:
         raise ValueError("no header")
     counts: dict[str, int] = {}
     fields: dict[str, list[tuple]] = {}
-    order, element = "", ""
+    order = ""  # Byte order, or "" for a text file
+    element = ""
 
     def number(kind: str) -> str:
+        """Return the NumPy type of a number in the file; numbers in text are read as doubles."""
         return order + _PLY_TYPES[kind] if order else "f8"
 
+    # Collect the number and the fields of each element
     for line in head[0].decode("latin-1").splitlines():
         match line.split():
             case ["format", given, _]:
                 order = {"binary_little_endian": "<", "binary_big_endian": ">"}.get(given, "")
             case ["element", element, count]:
-                counts[element], fields[element] = int(count), []
+                counts[element] = int(count)
+                fields[element] = []
             case ["property", "list", count, index, _]:
                 fields[element] += [("count", number(count)), ("corners", number(index), 3)]
             case ["property", kind, name]:
                 fields[element] += [(f"{name} ", number(kind))]
+
+    # Skip the elements before the faces, then read the faces
     start = head.end() if order else 0
     for element, count in counts.items():
         row = np.dtype(fields[element])
         if element != "face":
             start += count * row.itemsize
             continue
-        if order:  # Nothing else of the file is read
+        if order:
             faces = np.fromfile(path, row, count, offset=start)
         else:
             numbers = np.array(path.read_bytes()[head.end() :].split(), dtype=np.float64)
@@ -203,6 +239,6 @@ def _vertices_and_faces(path: Path) -> tuple[int, np.ndarray]:
 
 
 def resolved_path(name: str) -> Path:
-    """Path at which Mitsuba finds a file."""
-    untyped: Any = mi  # the stubs of this function are not callable
+    """Return the path where Mitsuba finds a file."""
+    untyped: Any = mi  # Mitsuba's stubs declare this function as not callable
     return Path(str(untyped.file_resolver().resolve(name)))

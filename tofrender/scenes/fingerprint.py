@@ -1,7 +1,8 @@
-"""Identify a render by the scene's resolved description, its parameters, and the bytes of files.
+"""Compute fingerprints that identify a render, from the scene's description, parameters and files.
 
-A scene that the package loads remembers its description as its id, so that all properties count.
-Of one that Mitsuba has loaded, only its objects' parameters and texts can be hashed.
+`load_scene` stores a hash of the scene's complete description in the scene's id. Scenes that
+Mitsuba has loaded have no such description. For them, the parameters and printed forms of the
+objects are hashed.
 """
 
 from __future__ import annotations
@@ -24,66 +25,83 @@ from .motion import moved
 from .nodes import NAMELESS, is_kind
 
 RULE = "2-"
-"""Prefix of fingerprints; those of the first rule, without it, distinguished fewer scenes."""
+"""Prefix of fingerprints. Fingerprints without a prefix are older and distinguish fewer scenes."""
 
-DESCRIPTION = "description "
+DESCRIPTION = "description "  # Start of the id of a scene with a stored description
 NOT_COUNTED = (mi.ObjectType.Film, mi.ObjectType.Sampler, mi.ObjectType.Integrator)
-"""Kinds of objects that a render compares by itself, or may replace."""
+"""Kinds of objects that are not part of a description; a render compares or replaces them."""
 
 WALL = "relay_wall"
-"""The id by which a capture finds its wall; integrators may have ids of shapes as parameters."""
+"""Id by which a capture finds its relay wall. Integrators may also have ids as parameters."""
 
 TYPE: Any = mi.Properties.Type
 
 
 def fingerprint(scene: mi.Scene, sensor: mi.Sensor, integrator: Any) -> str:
-    """A short hash of all that a picture depends on, but for the film's size, samples and seed.
+    """Return a short hash of everything that a picture depends on except size, samples and seed.
 
-    Materials, lights, meshes, textures, sensor, integrator, the film's filter and references count;
-    names of parts and files do not, but for ids that the integrator refers to. Returns "2-" and
-    twelve hexadecimal digits.
+    The hash covers materials, lights, meshes, textures, sensor, integrator, the film's filter and
+    references. Names of parts and files are not included, except for ids that the integrator refers
+    to.
+
+    Returns:
+        The text "2-" and twelve hexadecimal digits.
     """
+    # The stored description, and the current parameters of scene and sensor
     described = scene.id() if scene.id().startswith(DESCRIPTION) else moved(scene)
-    graph, film = _Graph(not described.startswith(DESCRIPTION)), sensor.film()
+    graph = _Graph(not described.startswith(DESCRIPTION))
+    film = sensor.film()
     parts = [described, graph.digest(scene), graph.digest(sensor)]
     parts += [str(film.rfilter()), str(film.sample_border())]
-    own = {"hide_emitters": None, **getattr(integrator, "__dict__", {})}  # Mitsuba keeps the first
-    values = (f"{name} = {_text(getattr(integrator, name, v))}" for name, v in own.items())
+
+    # The integrator's attributes; `hide_emitters` is not in `__dict__` of Mitsuba's base class
+    attributes = {"hide_emitters": None, **getattr(integrator, "__dict__", {})}
+    values = (f"{name} = {_text(getattr(integrator, name, v))}" for name, v in attributes.items())
     parts += [type(integrator).__name__, *sorted(values)]
+
+    # Shapes that the integrator refers to by id
     referred = {WALL, *re.findall(r"[^\s,'\[\]()]+", "\n".join(parts))}
     parts += sorted(f"{s.id()}: {graph.digest(s)}" for s in scene.shapes() if s.id() in referred)
     return RULE + _hash("\n".join(parts))[:12]
 
 
 def shape_digest(shape: mi.Shape) -> str:
-    """A hash of a shape with its material, emitter and medium, whatever its id."""
+    """Return a hash of a shape with its material, emitter and medium, independent of its id."""
     return _Graph(True).digest(shape)
 
 
 def file_digest(file: Path) -> str:
-    """A hash of a file's bytes."""
+    """Return a hash of a file's bytes."""
     with file.open("rb") as opened:
         return hashlib.file_digest(opened, "sha256").hexdigest()
 
 
 def remember_description(scene: mi.Scene, description: str) -> None:
-    """Store a description in a scene's id; objects of Mitsuba have no other place for it."""
+    """Store a description in the scene's id, the only place that a scene of Mitsuba offers."""
     scene.set_id(DESCRIPTION + description)
 
 
 def describe(state: Any) -> str:
-    """A hash of all nodes of a parsed scene, references resolved: plugins, properties, references.
+    """Return a hash of all nodes of a parsed scene: plugins, properties and references.
 
-    Of files it is their bytes that count, wherever they lie. Film, samplers and the integrator are
-    left out: the render says these.
+    Files are hashed by their bytes, independent of their paths. Film, samplers and integrator are
+    not included, because a render compares them separately.
+
+    Args:
+        state: State of Mitsuba's parser, with resolved references.
     """
-    nodes, known = state.nodes, {}
+    nodes = state.nodes
+    known: dict[int, str] = {}
 
     def digest(index: int) -> str:
+        """Return the hash of a node and of the nodes that it refers to."""
         if index not in known:
             node = nodes[index]
-            props = mi.Properties(node.props)  # Mitsuba tells of properties that nobody reads
-            kept, children = [props.plugin_name()], []
+
+            # Read a copy, because Mitsuba reports properties that have not been read
+            props = mi.Properties(node.props)
+            kept = [props.plugin_name()]
+            children = []
             for name, value in props.items():
                 kind = props.type(name)
                 if kind != TYPE.ResolvedReference:
@@ -98,7 +116,7 @@ def describe(state: Any) -> str:
 
 
 def _property(kind: Any, name: str, value: Any) -> str:
-    """A property of a node as text, without loss."""
+    """Return a property of a node as text without loss of precision."""
     if kind == TYPE.String and "file" in name:
         file = resolved_path(value)
         if file.is_file():
@@ -113,9 +131,11 @@ def _property(kind: Any, name: str, value: Any) -> str:
 
 
 class _Graph:
-    """Hashes of loaded objects: their class, their parameters, and their children.
+    """Hashes of loaded objects, from their class, their parameters and their children.
 
-    `printed` says whether their printed form counts, too: flags that are no parameters.
+    Args:
+        printed: Whether the printed form of objects is hashed too. It shows flags that are not
+            parameters.
     """
 
     def __init__(self, printed: bool) -> None:
@@ -124,56 +144,67 @@ class _Graph:
         self._parameters: dict[Any, dict[str, Any]] = {}
 
     def digest(self, root: Any) -> str:
+        """Return the hash of an object and its children."""
         parameters: Any = readable(mi.traverse(root))
         for name, (_, _, node, _) in parameters.properties.items():
-            own = self._parameters.setdefault(node, {})
-            own[name.rpartition(".")[2]] = parameters[name]
+            of_node = self._parameters.setdefault(node, {})
+            of_node[name.rpartition(".")[2]] = parameters[name]
         return self._digest(root)
 
     def _digest(self, node: Any) -> str:
+        """Return the hash of a node with known parameters, and of its children."""
         if node not in self._known:
+            # The children; in a scene, their names and order are arbitrary
             children = _Children()
             node.traverse(children)
             separate = mi.Film | mi.Sampler | mi.Integrator
             digests = [
                 (n, self._digest(c)) for n, c in children.found if not isinstance(c, separate)
             ]
-            if isinstance(node, mi.Scene):  # Named by ids or addresses, and in any order
+            if isinstance(node, mi.Scene):
                 digests = sorted(("", digest) for _, digest in digests)
+
+            # The printed form; Python plugins may not have one
             text = ""
             if self.printed and not isinstance(node, mi.Scene | mi.Shape | mi.Sensor):
-                with suppress(RuntimeError):  # Python plugins need not describe themselves
+                with suppress(RuntimeError):
                     text = re.sub(r" at 0x[0-9a-fA-F]+", "", str(node))
-            own = self._parameters.get(node, {})
-            if "faces" in own:
-                own = _without_order(own)
-            values = [f"{name} = {_digest(value)}" for name, value in own.items()]
+
+            # The parameters
+            parameters = self._parameters.get(node, {})
+            if "faces" in parameters:
+                parameters = _without_order(parameters)
+            values = [f"{name} = {_digest(value)}" for name, value in parameters.items()]
             kind = [type(node).__name__, node.class_name(), text]
             self._known[node] = _hash("\n".join([*kind, *values, *map(str, digests)]))
         return self._known[node]
 
 
 class _Children(mi.TraversalCallback):
-    """Children of an object by name."""
+    """Callback of a traversal that collects the children of an object with their names."""
 
     def __init__(self) -> None:
         super().__init__()
         self.found: list[tuple[str, Any]] = []
 
     def put(self, name: str, value: Any, flags: Any, cpptype: Any = None) -> None:
-        """Called by Mitsuba for each parameter and object."""
+        """Collect a child. Mitsuba calls this method for each parameter and object."""
         if isinstance(value, mi.Object):
             self.found.append((name, value))
 
 
 def _without_order(mesh: dict[str, Any]) -> dict[str, Any]:
-    """Parameters of a mesh, its faces hashed by the attributes at their corners, in any order.
+    """Replace the faces of a mesh by a hash that does not depend on the order of faces.
 
-    Meshes that Mitsuba merges come in any order, and number their vertices by it.
+    Mitsuba merges meshes in arbitrary order, and the order determines the indices of vertices.
+    Therefore each face is represented by the attributes at its corners.
     """
     faces = np.array(mesh["faces"]).reshape(-1, 3)
     count = len(rows(mesh, POSITIONS))
-    rest, corners = {}, []
+
+    # Collect the attributes at the corners of each face
+    rest = {}
+    corners = []
     for name, value in mesh.items():
         attribute = name.startswith(("vertex_", "face_")) and dr.is_array_v(value) and len(faces)
         if name.startswith("vertex_") and attribute:
@@ -183,6 +214,8 @@ def _without_order(mesh: dict[str, Any]) -> dict[str, Any]:
             corners.append(np.array(value).reshape(len(faces), -1))
         elif name != "faces":
             rest[name] = value
+
+    # Project each face to one random number, and hash the sorted numbers
     if corners:
         table = np.ascontiguousarray(np.hstack(corners), np.float32).view(np.uint32)
         random = hashlib.shake_128(b"corners").digest(8 * table.shape[1])
@@ -192,9 +225,11 @@ def _without_order(mesh: dict[str, Any]) -> dict[str, Any]:
 
 
 def _text(value: Any, depth: int = 5) -> str:
-    """A parameter as text: shapes by their ids, other objects by their attributes.
+    """Return a parameter of an integrator as text.
 
-    Of objects that print themselves, like pulses of the package, their text and what is public.
+    Shapes are represented by their ids, and other objects by their attributes, down to `depth`
+    levels. For objects with their own `repr`, such as pulses, the text has the `repr` and the
+    public attributes.
     """
     if isinstance(value, list | tuple):
         return f"[{', '.join(_text(each, depth) for each in value)}]"
@@ -210,17 +245,19 @@ def _text(value: Any, depth: int = 5) -> str:
         return _Graph(True).digest(value)
     if not depth or isroutine(value) or isclass(value) or not hasattr(value, "__dict__"):
         return _digest(value)
-    kind, silent = type(value), type(value).__repr__ is object.__repr__
+    kind = type(value)
+    without_repr = kind.__repr__ is object.__repr__
     inside = ", ".join(
         f"{name} = {_text(each, depth - 1)}"
         for name, each in vars(value).items()
-        if (silent or name[0] != "_") and not isinstance(getattr(kind, name, 0), cached_property)
+        if (without_repr or name[0] != "_")
+        and not isinstance(getattr(kind, name, 0), cached_property)
     )
-    return f"{kind.__name__ if silent else value}({inside})"
+    return f"{kind.__name__ if without_repr else value}({inside})"
 
 
 def _digest(value: Any) -> str:
-    """A parameter as text; arrays by a hash."""
+    """Return a parameter as text, with a hash for arrays."""
     if not dr.is_array_v(value) or dr.is_special_v(value):
         return re.sub(r" at 0x[0-9a-fA-F]+", "", str(value))
     array = np.array(value)
@@ -228,5 +265,6 @@ def _digest(value: Any) -> str:
 
 
 def _hash(content: np.ndarray | str) -> str:
+    """Return the SHA-256 hash of a text or of an array's bytes."""
     text = content.encode() if isinstance(content, str) else np.ascontiguousarray(content).tobytes()
     return hashlib.sha256(text).hexdigest()

@@ -1,7 +1,7 @@
-"""Scenes with participating media: fog, milk, smoke.
+"""Scenes with participating media: fog, milk and smoke.
 
-Each has a medium of HG phase function whose extinction, `sigma_t`, can be changed; 0 leaves clear
-air. Metres, y up.
+Each scene has one medium with a Henyey-Greenstein phase function. The option `sigma_t` is the
+extinction, and 0 gives clear air. Lengths are in meters, y is up.
 """
 
 from functools import cache
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .boxes import CORNELL_VIEW, cornell_box
 from .parts import (
-    LAMP_COLOUR,
+    LAMP_COLOR,
     Dict,
     X,
     Y,
@@ -39,15 +39,15 @@ MAX_FOG = 20.0  # Largest extinction in the Cornell box [1/m]
 def cornell_box_fog(*, sigma_t: float = 0.3, **options: Unpack[TransientOptions]) -> Dict:
     """The Cornell box with thin fog in it.
 
-    The fog ends at the open front of the box; the camera is outside of it.
+    The fog ends at the open front of the box, and the camera is outside of the fog.
 
     Args:
-        sigma_t: Extinction of the fog [1/m], 0 to 20; the mean free path is 1 / sigma_t.
-        **options: As for `caustic`; each point where the medium scatters ends a segment. By default
+        sigma_t: Extinction of the fog [1/m], 0 to 20. The mean free path is 1 / sigma_t.
+        **options: As for `caustic`. A scattering event in the medium ends a segment. By default
             `temporal_bins` is 500, `start_opl` 3.5, `max_depth` -1 and `integrator`
             "transient_volpath".
 
-    Returns and errors are those of `caustic`.
+    Return value and errors are as in `caustic`.
 
     Example:
         >>> scene = cornell_box_fog(width=64, height=64, sigma_t=0.5)
@@ -56,7 +56,7 @@ def cornell_box_fog(*, sigma_t: float = 0.3, **options: Unpack[TransientOptions]
     """
     window = {"temporal_bins": 500, "start_opl": 3.5}
     scene = cornell_box() | transient_scene(*CORNELL_VIEW, options, **window, **VOLPATH)
-    # A centimetre behind the walls, so that no two surfaces coincide
+    # The boundary is a centimeter behind the walls, so that no two surfaces coincide
     around = pose([0, 0, -0.005], Y, 0, [1.01, 1.01, 1.005])
     return scene | {
         "fog": medium(extinction(sigma_t, MAX_FOG), [0.98, 0.98, 0.98], 0.6),
@@ -65,14 +65,16 @@ def cornell_box_fog(*, sigma_t: float = 0.3, **options: Unpack[TransientOptions]
 
 
 MILK_INDEX = 1.35
+"""Index of refraction of the milk."""
+
 MAX_MILK = 1000.0  # Largest extinction of the milk [1/m]
 
 
 def lamp_in_milk(*, sigma_t: float = 100.0, **options: Unpack[TransientOptions]) -> Dict:
     """A small lamp in a glass of thin milk that lights a table.
 
-    The milk has the index of refraction 1.35, so light in it takes that much longer. The glass
-    itself is left out.
+    The milk has the index of refraction 1.35, so optical path lengths in the milk are 1.35 times
+    the geometric lengths. The wall of the glass is not modeled.
 
     Args:
         sigma_t: Extinction of the milk [1/m], 0 to 1000.
@@ -84,9 +86,14 @@ def lamp_in_milk(*, sigma_t: float = 100.0, **options: Unpack[TransientOptions])
         >>> scene["milk-side"]["radius"] > scene["light"]["radius"]
         True
     """
-    radius, bottom, top = 0.035, 0.001, 0.1
-    cap, inside = [radius, radius, 1], {"interior": ref("milk")}
-    lamp = ball_light([0, 0.045, 0], 0.01, 0.08, LAMP_COLOUR)
+    # Size of the glass [m]
+    radius = 0.035
+    bottom = 0.001
+    top = 0.1
+    cap = [radius, radius, 1]
+
+    inside = {"interior": ref("milk")}
+    lamp = ball_light([0, 0.045, 0], 0.01, 0.08, LAMP_COLOR)
     view = [0.07, 0.19, 0.42], [0.005, 0.045, 0], 26
     return transient_scene(*view, options, start_opl=0.4, bin_width_opl=0.004, **VOLPATH) | {
         "black": diffuse([0, 0, 0]),
@@ -109,10 +116,11 @@ def lamp_in_milk(*, sigma_t: float = 100.0, **options: Unpack[TransientOptions])
 
 MAX_SMOKE = 10.0  # Largest extinction of the smoke [1/m]
 
-SMOKE_LOW, SMOKE_HIGH = (-1.01, -0.01, -0.01), (1.01, 2.41, 8.4)
-"""Corners of the box that the smoke is in [m]; a centimetre behind walls, floor and ceiling."""
+SMOKE_LOW = (-1.01, -0.01, -0.01)
+SMOKE_HIGH = (1.01, 2.41, 8.4)
+"""Corners of the box with the smoke [m], a centimeter behind walls, floor and ceiling."""
 
-# center x, y, z; radius across, radius up [m]; fraction of the largest density
+# Center x, y, z; horizontal and vertical radius [m]; fraction of the largest density
 PUFFS = np.array(
     [
         (-0.45, 0.9, 6.6, 0.30, 0.45, 1.0),
@@ -127,17 +135,22 @@ PUFFS = np.array(
 
 @cache
 def smoke_density() -> NDArray[np.float32]:
-    """Density of the smoke in `smoke_corridor`, 0 to 1: puffs exp(-r²), one at the most.
+    """Return the relative density of the smoke in `smoke_corridor`, from 0 to 1.
+
+    The density is a sum of puffs exp(-r²), limited to 1.
 
     Returns:
-        The same array every time, which cannot be written to, shape (z, y, x, 1) = (64, 20, 16, 1).
+        A read-only array of shape (z, y, x, 1) = (64, 20, 16, 1), the same array in every call.
     """
+    # Coordinates of the voxels' centers [m]
     sizes = (16, 20, 64)
     axes = [
         low + (high - low) * (np.arange(n) + 0.5) / n
         for low, high, n in zip(SMOKE_LOW, SMOKE_HIGH, sizes, strict=True)
     ]
     z, y, x = np.meshgrid(*reversed(axes), indexing="ij")
+
+    # Sum the puffs
     total = np.zeros_like(x)
     for px, py, pz, across, up, fraction in PUFFS:
         r2 = ((x - px) ** 2 + (z - pz) ** 2) / across**2 + ((y - py) / up) ** 2
@@ -150,10 +163,11 @@ def smoke_density() -> NDArray[np.float32]:
 def smoke_corridor(*, sigma_t: float = 3.0, **options: Unpack[TransientOptions]) -> Dict:
     """A corridor with puffs of smoke, lit from the camera's end.
 
-    The density is a grid. A pulse runs down the corridor and lights one puff after the other.
+    The density is a grid volume. A pulse travels along the corridor and lights one puff after the
+    other.
 
     Args:
-        sigma_t: Extinction where the smoke is thickest [1/m], 0 to 10.
+        sigma_t: Extinction at the largest density [1/m], 0 to 10.
         **options: As for `cornell_box_fog`; by default `temporal_bins` is 400, `start_opl` 3.5,
             `bin_width_opl` 0.06.
 
@@ -161,8 +175,13 @@ def smoke_corridor(*, sigma_t: float = 3.0, **options: Unpack[TransientOptions])
         >>> smoke_corridor(sigma_t=1)["smoke"]["scale"]
         1.0
     """
-    low, high = np.array(SMOKE_LOW), np.array(SMOKE_HIGH)
-    center, half = ((low + high) / 2).tolist(), ((high - low) / 2).tolist()
+    # The box with the smoke [m]
+    low = np.array(SMOKE_LOW)
+    high = np.array(SMOKE_HIGH)
+    center = ((low + high) / 2).tolist()
+    half = ((high - low) / 2).tolist()
+
+    # The smoke
     grid = {
         "type": "gridvolume",
         "grid": mi.VolumeGrid(smoke_density()),
@@ -176,6 +195,8 @@ def smoke_corridor(*, sigma_t: float = 3.0, **options: Unpack[TransientOptions])
         "albedo": rgb([0.93, 0.93, 0.95]),
         "phase": {"type": "hg", "g": 0.2},
     }
+
+    # Doors on both sides, camera and time window
     doors = {
         f"door{k}": shape("cube", pose([x, 1.0, z], Y, 0, [0.03, 1.0, 0.45]), "door")
         for k, (x, z) in enumerate([(-1, 6.2), (1, 4.6), (-1, 3.0), (1, 1.4)])
@@ -204,16 +225,16 @@ def smoke_corridor(*, sigma_t: float = 3.0, **options: Unpack[TransientOptions])
     }
 
 
-SIGN_DISTANCE = 15.0  # From the camera to the sign [m]
+SIGN_DISTANCE = 15.0  # Distance from the camera to the sign [m]
 MAX_ROAD_FOG = 2.0  # Largest extinction of the fog on the road [1/m]
 
 
 def headlight_in_fog(*, sigma_t: float = 0.16, **options: Unpack[TransientOptions]) -> Dict:
-    """A sign on a road, hidden by what fog scatters back from a headlight.
+    """A sign on a road, hidden by light of a headlight that fog scatters back.
 
-    The headlight is 0.6 m beside the camera, the sign 15 m before both. What the fog scatters back
-    arrives first, half of it before a path length of 6.3 m, nine tenths before 15 m. The light of
-    the sign arrives at 30.0 to 30.15 m: a gate there shows the sign.
+    The headlight is 0.6 m to the right of the camera, and the sign is 15 m in front of both. Light
+    from the fog arrives first: half of it before a path length of 6.3 m, and nine tenths before
+    15 m. Light from the sign arrives at 30.0 to 30.15 m, so a time gate there shows the sign.
 
     Args:
         sigma_t: Extinction of the fog [1/m], 0 to 2.

@@ -1,7 +1,7 @@
-"""Small steady scenes that compare techniques to sample light.
+"""Small steady scenes for comparing techniques of light sampling.
 
-A bust for renderers without materials, Veach's plates, lights of one power in three sizes, and one
-light in two shapes. Metres, y up.
+The scenes are a bust for integrators without materials, Veach's plates, lights of equal power in
+three sizes, and one light in two shapes. Lengths are in meters, y is up.
 """
 
 from copy import deepcopy
@@ -12,23 +12,23 @@ from .parts import Dict, X, Y, area_light, ball_light, diffuse, pose, rgb, shape
 from .views import SteadyOptions, camera, steady_film, steady_scene
 
 BUST_LIGHT = {"position": [-0.9, 1.5, 1.3], "energy": 110.0}
-"""The point light of `bust_simple`: where it is [m], and its energy [W]."""
+"""The point light of `bust_simple`: position [m] and energy [W]."""
 
 
 def bust_simple(*, width: int = 192, height: int = 256, spp: int = 16) -> Dict:
     """A bust on the ground, lit by a point light of the integrator `simple`.
 
     Args:
-        width: Picture's width [pixels], 1 to 65536.
-        height: Picture's height [pixels], 1 to 65536.
+        width: Width of the picture [pixels], 1 to 65536.
+        height: Height of the picture [pixels], 1 to 65536.
         spp: Samples per pixel.
 
     Returns:
-        A dict for `mi.load_dict`; `simple` has the light, the scene has none. The bust in it is a
-        mesh of the active variant.
+        A dict for `mi.load_dict`. The light is a parameter of the integrator `simple`, so the scene
+        has no emitter. The bust is a mesh of the active variant.
 
     Raises:
-        ValueError: An argument is out of range; one line with its name, value and what is allowed.
+        ValueError: If an argument is out of range. The message has its name, value and range.
 
     Example:
         >>> bust_simple()["integrator"]["position"]
@@ -38,13 +38,12 @@ def bust_simple(*, width: int = 192, height: int = 256, spp: int = 16) -> Dict:
 
 
 def bust_ao(*, width: int = 192, height: int = 256, spp: int = 64) -> Dict:
-    """A bust on the ground under a sky of one brightness (ambient occlusion).
+    """A bust on the ground under a uniform sky (ambient occlusion).
 
-    Args and errors are those of `bust_simple`.
+    Arguments and errors are as in `bust_simple`.
 
     Returns:
-        A dict for `mi.load_dict` with integrator `ao`. The bust in it is a mesh of the active
-        variant.
+        A dict for `mi.load_dict` with integrator `ao`. The bust is a mesh of the active variant.
 
     Example:
         >>> bust_ao()["integrator"]
@@ -54,6 +53,7 @@ def bust_ao(*, width: int = 192, height: int = 256, spp: int = 64) -> Dict:
 
 
 def _bust(integrator: Dict, width: int, height: int, spp: int) -> Dict:
+    """Return the scene with the bust and an integrator."""
     return {
         "type": "scene",
         "integrator": integrator,
@@ -64,7 +64,7 @@ def _bust(integrator: Dict, width: int, height: int, spp: int) -> Dict:
     }
 
 
-# radius [m], x [m] and colour, the mean of whose channels is 1
+# Radius [m], x [m] and color; the mean of the color's channels is 1
 VEACH_LIGHTS = {
     "blue": (0.04, -3.3, [0.50, 0.90, 1.60]),
     "green": (0.13, -1.3, [0.70, 1.50, 0.80]),
@@ -73,7 +73,8 @@ VEACH_LIGHTS = {
 }
 VEACH_POWER = 60.0  # Power of each light of `veach`, mean of its channels [W]
 
-# roughness, y [m], z [m] and tilt [degrees], which mirrors the lights into the camera
+# Roughness, y [m], z [m] and tilt [degrees]; with this tilt the plate reflects the lights to the
+# camera
 VEACH_PLATES = {
     "smooth": (0.005, 1.9, -1.6, -42),
     "glossy": (0.02, 1.0, -0.6, -54),
@@ -85,22 +86,22 @@ VEACH_PLATES = {
 def veach(**options: Unpack[SteadyOptions]) -> Dict:
     """Four plates of differing roughness mirror four lights of differing size.
 
-    The scene is after Veach and Guibas (1995). Each light has the same power. Sampling the
-    material finds the small lights rarely, worst on the rough plates; sampling the lights misses
-    the narrow lobe of the smooth plates, worst for the large light. Only together they are good
-    everywhere.
+    The scene follows Veach and Guibas (1995). All lights have the same power. BSDF sampling rarely
+    hits the small lights, especially from the rough plates. Emitter sampling often misses the
+    narrow lobe of the smooth plates, especially for the large light. Multiple importance sampling
+    combines both and works well everywhere.
 
     Args:
         **options: `width` and `height` [pixels], from 1 to 65536, by default 384 and 256; `spp`
             (64); `integrator`: "path_tracer_mats", "path_tracer_nee", "path_tracer_mis" (the
-            default) or Mitsuba's "path"; `max_bounces`: most reflections between light and camera,
-            from 0, or -1 for no limit (1).
+            default) or Mitsuba's "path"; `max_bounces`: largest number of reflections between
+            light and camera, from 0, or -1 for no limit (1).
 
     Returns:
         A dict for `mi.load_dict` with film `hdrfilm`.
 
     Raises:
-        ValueError: An argument is out of range; one line with its name, value and what is allowed.
+        ValueError: If an argument is out of range. The message has its name, value and range.
 
     Example:
         >>> veach()["smooth"]["alpha"]
@@ -112,6 +113,8 @@ def veach(**options: Unpack[SteadyOptions]) -> Dict:
         "floor": shape("rectangle", pose([0, -1.6, 0], X, -90, [12, 12, 1]), "grey"),
         "back": shape("rectangle", pose([0, 4, -3.2], X, 0, [12, 6, 1]), "grey"),
     }
+
+    # The plates
     for name, (alpha, y, z, tilt) in VEACH_PLATES.items():
         scene[name] = {
             "type": "roughconductor",
@@ -121,23 +124,26 @@ def veach(**options: Unpack[SteadyOptions]) -> Dict:
             "specular_reflectance": rgb([0.45, 0.45, 0.45]),
         }
         scene[f"{name}-plate"] = shape("rectangle", pose([0, y, z], X, tilt, [3.5, 0.45, 1]), name)
-    for name, (radius, x, colour) in VEACH_LIGHTS.items():
-        scene[f"{name}-light"] = ball_light([x, 4.2, -1.0], radius, VEACH_POWER, colour)
+
+    # The lights
+    for name, (radius, x, color) in VEACH_LIGHTS.items():
+        scene[f"{name}-light"] = ball_light([x, 4.2, -1.0], radius, VEACH_POWER, color)
     return scene
 
 
-SPHERE_LIGHT_CENTER = [0.0, 2.8, 0.0]
+SPHERE_LIGHT_CENTER = [0.0, 2.8, 0.0]  # Center of the light of `sphere_light_...` [m]
 SPHERE_LIGHT_POWER = 260.0  # Power of the light of `sphere_light_...` [W]
 
 SPHERE_LIGHT_RADII = {"small": 0.03, "medium": 0.3, "large": 0.9}
-"""Radii of the light [m]; it stays above the floor and in front of the wall."""
+"""Radii of the light [m]. Each light is above the floor and in front of the wall."""
 
 
 def sphere_light_small(**options: Unpack[SteadyOptions]) -> Dict:
     """A floor and a wall under a sphere light of radius 0.03 m.
 
-    The whole light is above the horizon of every point of floor and wall. Lights of the same power
-    then give the same direct light at any radius: E = Φ cosθ / (4 pi d²), d from the center.
+    The whole light is above the horizon of every point of floor and wall. Therefore lights of the
+    same power give the same irradiance at any radius: E = Φ cosθ / (4 pi d²), where d is the
+    distance from the light's center.
 
     Args:
         **options: As for `veach`; by default `width` is 256, `height` 192.
@@ -176,9 +182,13 @@ def sphere_light_large(**options: Unpack[SteadyOptions]) -> Dict:
 
 
 def _sphere_light(size: str, options: SteadyOptions) -> Dict:
+    """Return the scene `sphere_light_...` with a light of one size."""
     scene = steady_scene([0, 2.2, 4.5], [0, 0.3, -0.7], 28, options)
-    scene["sensor"]["fov_axis"] = "y"  # the light is above the picture, however wide that is
-    radius, white = SPHERE_LIGHT_RADII[size], [1.0, 1.0, 1.0]
+
+    # With a fixed vertical field of view, the light is above the picture at any aspect ratio
+    scene["sensor"]["fov_axis"] = "y"
+    radius = SPHERE_LIGHT_RADII[size]
+    white = [1.0, 1.0, 1.0]
     return scene | {
         "black": diffuse([0, 0, 0]),
         "sand": diffuse([0.75, 0.65, 0.5]),
@@ -189,8 +199,9 @@ def _sphere_light(size: str, options: SteadyOptions) -> Dict:
     }
 
 
-PANEL_RADIANCE = [40.0, 36.0, 31.0]
+PANEL_RADIANCE = [40.0, 36.0, 31.0]  # [W m^-2 sr^-1]
 PANEL = [-0.75, 2.0, -1.1], X, 50, [0.65, 0.3, 1]
+"""Position [m], axis, angle [degrees] and scale of the panel, arguments of `pose`."""
 
 
 def rectangle_light_quad(**options: Unpack[SteadyOptions]) -> Dict:
@@ -210,8 +221,8 @@ def rectangle_light_quad(**options: Unpack[SteadyOptions]) -> Dict:
 def rectangle_light_triangles(**options: Unpack[SteadyOptions]) -> Dict:
     """A dark monolith in a room, lit by a panel that is two triangles.
 
-    The two triangles are shapes of their own, two lights to choose from; the picture is the same.
-    They are meshes of the active variant.
+    The two triangles are separate shapes and separate emitters, meshes of the active variant. The
+    picture is the same as with one rectangle.
 
     Args:
         **options: As for `sphere_light_small`.
@@ -228,6 +239,7 @@ def rectangle_light_triangles(**options: Unpack[SteadyOptions]) -> Dict:
 
 
 def _monolith(options: SteadyOptions) -> Dict:
+    """Return the room with the monolith, without its light."""
     return steady_scene([0.2, 1.3, 5.2], [0, 1.25, 0], 33, options) | {
         "black": diffuse([0, 0, 0]),
         "grey": diffuse([0.6, 0.6, 0.6]),
@@ -239,10 +251,11 @@ def _monolith(options: SteadyOptions) -> Dict:
         "back": shape("rectangle", pose([0, 1.35, -1.8], X, 0, [2, 1.35, 1]), "grey"),
         "left": shape("rectangle", pose([-2, 1.35, 0], Y, 90, [2.5, 1.35, 1]), "blue"),
         "right": shape("rectangle", pose([2, 1.35, 0], Y, -90, [2.5, 1.35, 1]), "grey"),
-        # its sides are as 1 : 4 : 9
+        # Its sides have the ratio 1 : 4 : 9
         "monolith": shape("cube", pose([0.5, 0.9, -0.3], Y, -50, [0.4, 0.9, 0.1]), "stone"),
     }
 
 
-def _plastic(colour: list[float], alpha: float) -> Dict:
-    return {"type": "roughplastic", "diffuse_reflectance": rgb(colour), "alpha": alpha}
+def _plastic(color: list[float], alpha: float) -> Dict:
+    """Return a rough plastic with a diffuse color and a roughness."""
+    return {"type": "roughplastic", "diffuse_reflectance": rgb(color), "alpha": alpha}

@@ -1,12 +1,13 @@
-"""Motion of a scene's shapes, lamps and sensors: how it is stored, and poses at a time.
+"""Rigid motion of a scene's shapes, emitters and sensors, and the scene's poses at a time.
 
-The motion of each part is rigid: a point x of it moves as
+A point x of a part moves as
 
     x(t) = c + v t + R(ω t) (x - c),        velocity v + ω × (x - c) at t = 0,
 
 with the velocity v, the angular velocity ω and the rotation center c.
 
-Mitsuba's objects have no place for it, so the scene's id stores it, behind the scene's description.
+Mitsuba's objects cannot store motions. Therefore the motions are stored in the scene's id, after
+the scene's description.
 """
 
 from __future__ import annotations
@@ -26,23 +27,24 @@ from ..runtime.backend import tracing_lock
 from ..runtime.interface import NORMALS, POSITIONS, like, name_of, pose_name, vectors
 from .nodes import is_kind
 
-FASTEST = 1e6  # largest speed [m/s]; relativistic terms, of (v / c)², are left out
-MOTIONS, TIME = "\nmotions ", "\ntime "  # what precedes motions and the pose's time in scene ids
+FASTEST = 1e6  # Largest speed [m/s]; terms of second order in v / c are neglected
+MOTIONS = "\nmotions "  # Text in a scene's id before the motions
+TIME = "\ntime "  # Text in a scene's id before the time of the pose
 KINDS = (mi.ObjectType.Shape, mi.ObjectType.Sensor, mi.ObjectType.Emitter)
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Rigid motion of a shape, a lamp or a sensor.
+    """Rigid motion of a shape, an emitter or a sensor.
 
     Args:
         velocity: Velocity [m/s] of the rotation center, at most 1e6 m/s.
-        angular_velocity: Axis of rotation times angular speed [rad/s]; by the right-hand rule.
-        rotation_center: Point of the axis at the time 0 [m]; by default the part's own center. This
-            is the center of a shape's bounding box, and the position of a lamp or a sensor.
+        angular_velocity: Axis of rotation times angular speed [rad/s], by the right-hand rule.
+        rotation_center: A point of the axis at the time 0 [m]. The default is the part's own
+            center: the center of a shape's bounding box, or the position of an emitter or a sensor.
 
     Raises:
-        ValueError: A component is not finite, or a speed above the limit.
+        ValueError: If a component is not finite, or a speed is above the limit.
 
     Example:
         >>> Motion(velocity=(0, 0, 2)).velocity
@@ -66,12 +68,12 @@ class Motion:
 
     @property
     def moves(self) -> bool:
-        """Whether anything moves."""
+        """Whether the velocity or the angular velocity is not zero."""
         return any(self.velocity) or any(self.angular_velocity)
 
     @property
     def _axis_point(self) -> np.ndarray:
-        """Point of the axis at the time 0 [m]; any point if nothing rotates."""
+        """A point of the axis at the time 0 [m]; the origin if the part does not rotate."""
         if self.rotation_center is not None:
             return np.array(self.rotation_center)
         if any(self.angular_velocity):
@@ -82,7 +84,8 @@ class Motion:
         return np.zeros(3)
 
     def matrix(self, time_s: float) -> np.ndarray:
-        """Return the transform from the pose at 0 to that at a time [s], shape (4, 4)."""
+        """Return the transform (4, 4) from the pose at time 0 to the pose at `time_s` [s]."""
+        # Rotation about the origin
         speed = float(np.linalg.norm(self.angular_velocity))
         rotation = np.eye(4)
         if speed > 0:
@@ -90,36 +93,40 @@ class Motion:
             degrees = float(np.degrees(np.fmod(speed * time_s, 2 * np.pi)))
             transform: Any = mi.ScalarTransform4d
             rotation = np.array(transform().rotate(axis, degrees).matrix)
-        there, back = np.eye(4), np.eye(4)
-        there[:3, 3] = self._axis_point + np.multiply(self.velocity, time_s)
-        back[:3, 3] = -self._axis_point
-        return there @ rotation @ back
+
+        # Move the rotation center to the origin, rotate, and move it to its new position
+        to_origin = np.eye(4)
+        to_origin[:3, 3] = -self._axis_point
+        from_origin = np.eye(4)
+        from_origin[:3, 3] = self._axis_point + np.multiply(self.velocity, time_s)
+        return from_origin @ rotation @ to_origin
 
     def affine(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return a and ω of the velocity a + ω × x at a point x, at the time 0."""
+        """Return a and ω, so that a point x has the velocity a + ω × x at the time 0."""
         spin = np.array(self.angular_velocity)
         return np.array(self.velocity) - np.cross(spin, self._axis_point), spin
 
     def speed_at(self, bbox: Any) -> float:
-        """Return the largest speed of a corner of a bounding box, at the time 0 [m/s]."""
-        box, (a, spin) = mi.ScalarBoundingBox3f(bbox), self.affine()
+        """Return the largest speed of the corners of a bounding box at the time 0 [m/s]."""
+        box = mi.ScalarBoundingBox3f(bbox)
+        a, spin = self.affine()
         corners = [np.array(box.corner(k)) for k in range(8)] if box.valid() else [np.zeros(3)]
         return max(float(np.linalg.norm(a + np.cross(spin, corner))) for corner in corners)
 
 
 def moving(scene: mi.Scene, motions: Mapping[str, Motion]) -> mi.Scene:
-    """Set the motions of a loaded scene's shapes, lamps and sensors.
+    """Set the motions of a loaded scene's shapes, emitters and sensors.
 
     Args:
-        scene: The scene; its pictures are those of the time 0, see `posed`.
-        motions: Motions by the ids of shapes, instances, lamps and sensors; they replace all
-            earlier ones. An area light moves with its shape.
+        scene: The scene. Its pictures show the pose at the time 0; see `posed` for other times.
+        motions: Motions by the ids of shapes, instances, emitters and sensors. They replace all
+            earlier motions. An area light moves with its shape.
 
     Returns:
         The same scene.
 
     Raises:
-        ValueError: An id is not in the scene, or names what cannot move; one line.
+        ValueError: If an id is not in the scene, or the part cannot move; one line.
 
     Example:
         >>> import mitsuba as mi, tofrender
@@ -128,15 +135,18 @@ def moving(scene: mi.Scene, motions: Mapping[str, Motion]) -> mi.Scene:
         >>> motions_of(scene)["small-box"].velocity
         (0.0, 0.0, 1.0)
     """
+    # Check the motions, and complete the rotation centers
     checks.instance("scene", scene, mi.Scene, "a loaded scene")
-    known = _movable(scene)
-    given: dict[str, Motion] = {}
+    parts = _movable(scene)
+    completed: dict[str, Motion] = {}
     for name, motion in checks.mapping("motions", motions).items():
         checks.instance(f"motions[{name!r}]", motion, Motion, "a Motion")
-        _require_movable(name, known)
-        given[name] = _with_center(motion, known[name])
-        _require_slow(given[name], known[name])
-    stored = {name: asdict(motion) for name, motion in given.items() if motion.moves}
+        _require_movable(name, parts)
+        completed[name] = _with_center(motion, parts[name])
+        _require_slow(completed[name], parts[name])
+
+    # Store the motions in the scene's id
+    stored = {name: asdict(motion) for name, motion in completed.items() if motion.moves}
     if stored:
         _invert_again(scene, stored)
     base = scene.id().partition(MOTIONS)[0]
@@ -145,7 +155,11 @@ def moving(scene: mi.Scene, motions: Mapping[str, Motion]) -> mi.Scene:
 
 
 def _invert_again(scene: mi.Scene, names: Iterable[str]) -> None:
-    """Let Mitsuba invert transforms as it does at the end of a pose, which then changes no bit."""
+    """Let Mitsuba recompute inverse transforms of parts.
+
+    Mitsuba also recomputes them at the end of a pose. After this function, the scene is bitwise
+    equal before and after a pose.
+    """
     params = mi.traverse(scene)
     with tracing_lock():
         for key in (f"{name}.to_world" for name in names):
@@ -155,12 +169,12 @@ def _invert_again(scene: mi.Scene, names: Iterable[str]) -> None:
 
 
 def moved(scene: mi.Scene) -> str:
-    """Return the part of a scene's id that tells its motions and pose, which fingerprints have."""
+    """Return the part of a scene's id with motions and the time of the pose, for fingerprints."""
     return "".join(scene.id().partition(MOTIONS)[1:])
 
 
 def motions_of(scene: mi.Scene) -> dict[str, Motion]:
-    """Return the motions of a scene's parts at the time of its pose, by id; empty if at rest."""
+    """Return the motions of a scene's moving parts at the time of its pose, by id."""
     checks.instance("scene", scene, mi.Scene, "a loaded scene")
     text, _, time = scene.id().partition(MOTIONS)[2].partition(TIME)
     found = {name: Motion(**each) for name, each in json.loads(text or "{}").items()}
@@ -169,7 +183,7 @@ def motions_of(scene: mi.Scene) -> dict[str, Motion]:
 
 
 def _later(motion: Motion, time_s: float) -> Motion:
-    """Return the motion of a pose at a later time."""
+    """Return the motion of a part in the pose at a time [s], with the moved rotation center."""
     if motion.rotation_center is None:
         return motion
     center = np.add(motion.rotation_center, np.multiply(motion.velocity, time_s))
@@ -177,9 +191,11 @@ def _later(motion: Motion, time_s: float) -> Motion:
 
 
 def _with_center(motion: Motion, part: Any) -> Motion:
-    """Return the motion of a part, with the part's own center if it rotates and has no other."""
+    """Return the motion of a part, with the part's own center if the rotation center is missing."""
     if motion.rotation_center is not None or not any(motion.angular_velocity):
         return motion
+
+    # The center of the bounding box, or the position
     if isinstance(part, mi.Shape):
         box = mi.ScalarBoundingBox3f(part.bbox())
         center = np.ravel(np.array(box.center(), dtype=float))
@@ -195,7 +211,7 @@ def _with_center(motion: Motion, part: Any) -> Motion:
 
 @contextmanager
 def posed(scene: mi.Scene, time_s: float) -> Iterator[mi.Scene]:
-    """Move a scene to its pose at a time [s], and back at the end.
+    """Move a scene to its pose at a time [s], and back when the `with` block ends.
 
     Example:
         >>> import tofrender
@@ -205,12 +221,17 @@ def posed(scene: mi.Scene, time_s: float) -> Iterator[mi.Scene]:
         ...     later = tofrender.render(scene, spp=1, window=(3.5, 15.0))
     """
     time_s = checks.number("time_s", time_s, unit="seconds")
-    motions, before = motions_of(scene), scene.id()
+    motions = motions_of(scene)
+    before = scene.id()
     if time_s == 0 or not motions:
         yield scene
         return
     if TIME in before:
-        raise RuntimeError("posed: the scene is in another pose already; must end that first")
+        raise RuntimeError(
+            "posed(): the scene is already posed. Leave the other `with posed(...)` block first"
+        )
+
+    # Move the parts, and keep copies of the parameters
     params = mi.traverse(scene)
     kept = {}
     with tracing_lock():
@@ -221,6 +242,8 @@ def posed(scene: mi.Scene, time_s: float) -> Iterator[mi.Scene]:
                 params[key] = moved
         params.update()
         scene.set_id(f"{before}{TIME}{time_s!r}")
+
+    # Move the parts back at the end, even after an error
     try:
         yield scene
     finally:
@@ -232,10 +255,13 @@ def posed(scene: mi.Scene, time_s: float) -> Iterator[mi.Scene]:
 
 
 def _moved(params: Any, name: str, change: np.ndarray) -> Iterator[tuple[str, Any]]:
-    """Return parameters of a part that a transform of the world changes, by key."""
+    """Yield key and new value of each parameter of a part that a transform (4, 4) changes."""
+    # Opaque values are inputs of kernels, so all poses share one kernel
     transform: Any = mi.Transform4f
     matrix = transform(mi.Matrix4f(change.tolist()))
-    dr.make_opaque(matrix)  # One kernel for all poses
+    dr.make_opaque(matrix)
+
+    # The transform of a shape, an emitter or a sensor
     key = f"{name}.to_world"
     if key in params:
         kind: Any = type(params[key])
@@ -243,11 +269,15 @@ def _moved(params: Any, name: str, change: np.ndarray) -> Iterator[tuple[str, An
         moved = kind(mi.Matrix4f((change @ before).tolist()))
         dr.make_opaque(moved)
         yield key, moved
+
+    # The position of a point emitter
     key = f"{name}.position"
     if key in params:
         moved = matrix @ mi.Point3f(params[key])
         dr.make_opaque(moved)
         yield key, moved
+
+    # The vertices of a mesh
     for names, kind in ((POSITIONS, mi.Point3f), (NORMALS, mi.Normal3f)):
         key = name_of(params, names, f"{name}.")
         if key is not None and dr.width(params[key]):
@@ -257,63 +287,77 @@ def _moved(params: Any, name: str, change: np.ndarray) -> Iterator[tuple[str, An
 
 
 def take_motions(state: Any) -> dict[str, Motion]:
-    """Remove motions from a parsed scene, whose plugins do not know them, and return them by id.
+    """Remove the motions from a parsed scene, and return them by id.
 
-    The properties of shapes, lamps and sensors are `velocity`, `angular_velocity` and
-    `rotation_center`, which needs one of the others.
+    The properties of shapes, emitters and sensors are `velocity`, `angular_velocity` and
+    `rotation_center`. A `rotation_center` alone is not a motion. The properties are removed because
+    Mitsuba's plugins do not support them.
     """
     found: dict[str, Motion] = {}
-    for number, node in enumerate(state.nodes):
-        props, names = node.props, [each.name for each in fields(Motion)]
+    for index, node in enumerate(state.nodes):
+        # Does this node move, and may it move?
+        props = node.props
         if "velocity" not in props and "angular_velocity" not in props:
             continue
         if not any(is_kind(node, kind) for kind in KINDS):
             raise ValueError(
-                f"{props.plugin_name()}: has a velocity; only shapes, lamps, sensors may"
+                f"{props.plugin_name()}: only shapes, emitters and sensors can move. Remove its "
+                "velocity"
             )
-        given = {name: props[name] for name in names if name in props}
-        for name in given:
+
+        # Move the properties to a motion; parts without an id get one
+        motion = {each.name: props[each.name] for each in fields(Motion) if each.name in props}
+        for name in motion:
             del props[name]
         if not props.id():
-            props.set_id(f"moving_{number}")
+            props.set_id(f"moving_{index}")
         try:
-            found[props.id()] = Motion(**given)
+            found[props.id()] = Motion(**motion)
         except ValueError as error:
             raise ValueError(f"{props.id()}: {error}") from None
     return {name: motion for name, motion in found.items() if motion.moves}
 
 
 def _movable(scene: mi.Scene) -> dict[str, Any]:
-    """Return the parts of a scene by id: shapes, lamps that are no surface, and sensors."""
+    """Return the shapes, emitters and sensors of a scene that have an id, by id."""
     parts = [*scene.emitters(), *scene.sensors(), *scene.shapes()]
     return {each.id(): each for each in parts if each.id()}
 
 
 def _require_movable(name: str, known: Mapping[str, Any]) -> None:
-    """Refuse ids that are not in the scene, and parts whose pose cannot change."""
+    """Refuse ids that are not in the scene, and parts that cannot move."""
     allowed = checks.join_names([each for each in known if not each.startswith("__")])
-    merged = "; shapes that share a material are one unless loaded with optimize=False"
+    merged = "; Mitsuba merges shapes that share a material unless loaded with optimize=False"
     checks.require("motions", name, name in known, f"an id of the scene, one of {allowed}{merged}")
+
+    # Emitters at infinity are fixed, and area lights move with their shape
     part = known[name]
     if isinstance(part, mi.Emitter):
         flags = part.flags()
-        at_infinity = mi.has_flag(flags, mi.EmitterFlags.Infinite)
-        checks.require("motions", name, not at_infinity, "no lamp at infinity, which is at rest")
-        on_shape = mi.has_flag(flags, mi.EmitterFlags.Surface)
-        checks.require("motions", name, not on_shape, "the shape of that lamp")
+        if mi.has_flag(flags, mi.EmitterFlags.Infinite):
+            raise ValueError(f"motions = {name!r}: emitters at infinity cannot move. Remove it")
+        if mi.has_flag(flags, mi.EmitterFlags.Surface):
+            raise ValueError(f"motions = {name!r}: an area light. Use the id of its shape")
+
+    # Does the part have a pose that can change?
     params = mi.traverse(part)
-    has_pose = pose_name(params) or name_of(params, ("position", *POSITIONS))
-    checks.require("motions", name, has_pose, f"no {part.class_name()}, whose pose is fixed")
+    if not (pose_name(params) or name_of(params, ("position", *POSITIONS))):
+        raise ValueError(
+            f"motions = {name!r}: the pose of a {part.class_name()} is fixed. Remove it"
+        )
+
+    # The grid of a medium would not move with the shape
     if isinstance(part, mi.Shape):
         medium = part.interior_medium()
-        grid = medium is not None and not medium.is_homogeneous()
-        checks.require(
-            "motions", name, not grid, "no shape with a medium on a grid, which is fixed"
-        )
+        if medium is not None and not medium.is_homogeneous():
+            raise ValueError(
+                f"motions = {name!r}: a shape with a medium on a grid cannot move. Use a "
+                "homogeneous medium"
+            )
 
 
 def _require_slow(motion: Motion, part: Any) -> None:
-    """Refuse a shape that moves too fast at some point."""
+    """Refuse a shape if a corner of its bounding box is faster than `FASTEST`."""
     if isinstance(part, mi.Shape):
         slow = motion.speed_at(part.bbox()) <= FASTEST
         checks.require("motions", part.id(), slow, f"of speeds up to {FASTEST:g} m/s")

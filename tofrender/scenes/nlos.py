@@ -1,13 +1,12 @@
-"""Scenes of non-line-of-sight captures: a device looks at a relay wall, which sees what is hidden.
+"""Scenes of non-line-of-sight captures: a device looks at a relay wall that faces a hidden object.
 
-The relay wall is 2 m wide and 2 m high, at z = 0, and faces +z. Device and hidden object are both
-in front of it, the object farther away, and an occluder beside the device may keep the object out
-of its sight. Laser and sensor are one device. Metres, y up.
+The relay wall is at z = 0, is 2 m wide and high, and faces +z. Laser and sensor form one device.
+Device and hidden object are both in front of the wall, and the object is farther from the wall. An
+occluder next to the device may block the direct view of the object. Lengths are in meters, y is up.
 
-Shapes go by their ids: `relay_wall`, `occluder`, and the hidden one is `hidden_...`. Each has a
-material of its own, so that Mitsuba, which merges meshes and rectangles of equal material when it
-loads a scene, keeps them apart: the wall by its sensor, the others by their reflectance, and
-ready-made meshes are never merged.
+Ids of shapes are `relay_wall`, `occluder`, and `hidden_...` for the hidden object. Mitsuba merges
+meshes and rectangles of equal material when it loads a scene. These shapes are not merged: the wall
+has a sensor, the other materials differ in reflectance, and loaded meshes are never merged.
 """
 
 from collections.abc import Sequence
@@ -22,36 +21,36 @@ from .parts import Dict, Y, diffuse, extinction, medium, medium_boundary, pose, 
 from .views import SAMPLER, transient_film
 
 DEVICE = (-0.5, 0.0, 0.25)  # Position of laser and sensor [m]
-OCCLUDER_WIDTH = 0.1  # Width of the occluder in its wider direction, less its margin [m]
-MARGIN = 1.05  # The occluder is this much wider than what it has to hide
-LEAD = 0.15  # Path length between the default start of a window and the first hidden light [m]
+OCCLUDER_WIDTH = 0.1  # Width of the occluder in its wider direction, without margin [m]
+MARGIN = 1.05  # Width of the occluder relative to the width that hides the object exactly
+LEAD = 0.15  # Path length between the default start of the window and the first hidden light [m]
 BUNNY_TURN = 25.0  # Rotation of the bunny about y, from +x towards -z [degrees]
 
 
 def nlos_z(*, distance: float = 1.0, occluder: bool = True, **options: Any) -> Dict:
-    """The letter Z, flat, before a relay wall.
+    """The letter Z, flat, in front of a relay wall.
 
-    The letter is 0.8 m wide and high, its strokes 0.103 m wide, and it faces the wall. It reads as
-    a Z for who looks at the wall from behind it.
+    The letter is 0.8 m wide and high, its strokes are 0.103 m wide, and its front faces the wall.
+    It appears as a Z to a viewer who is behind the letter and looks at the wall.
 
     Args:
         distance: Distance of the letter from the wall [m].
-        occluder: Whether a black plate keeps the letter out of the device's sight. It shadows a
-            small part of what passes between wall and letter too.
-        **options: `width` and `height`, points of the wall, from 1 to 65536, by default 64;
-            `temporal_bins` from 1 to 1048576 (300); `start_opl` [m], where None is 0.15 m before
-            the first hidden light; `bin_width_opl` [m] above 0 (0.006); `spp` (1024); `device`,
-            where laser and sensor are, (x, y, z) [m] with z above 0; `target`, where the laser
-            meets the wall, (x, y) in [-1, 1]; `wall_reflectance` (0.8) from 0 and
-            `hidden_reflectance` (0.7) above 0, both up to 1.
+        occluder: Whether a black plate hides the letter from the device. The plate also blocks a
+            small part of the light between wall and letter.
+        **options: `width` and `height`, the number of points on the wall, from 1 to 65536, by
+            default 64; `temporal_bins` from 1 to 1048576 (300); `start_opl` [m] (None, 0.15 m
+            before the first hidden light); `bin_width_opl` [m] above 0 (0.006); `spp` (1024);
+            `device`, the position (x, y, z) of laser and sensor [m] with z above 0; `target`, the
+            point (x, y) of the wall that the laser lights, in [-1, 1]; `wall_reflectance` (0.8)
+            from 0 to 1; `hidden_reflectance` (0.7) above 0, up to 1.
 
     Returns:
-        A dict for `mi.load_dict` with sensor `nlos_capture_meter`, a part of the wall, integrator
-        `transient_nlos_path` and film `transient_hdr_film`. Path lengths are counted from wall to
-        wall. The letter in it is a mesh of the active variant.
+        A dict for `mi.load_dict` with integrator `transient_nlos_path`, and with sensor
+        `nlos_capture_meter` and film `transient_hdr_film` as parts of the wall. Path lengths are
+        measured from wall to wall. The letter is a mesh of the active variant.
 
     Raises:
-        ValueError: An argument is out of range; one line with its name, value and what is allowed.
+        ValueError: If an argument is out of range. The message has its name, value and range.
 
     Example:
         >>> scene = nlos_z(width=32, height=32)
@@ -72,17 +71,18 @@ def nlos_patch(
     occluder: bool = False,
     **options: Any,
 ) -> Dict:
-    """A small square, tilted, before a relay wall.
+    """A small square, tilted, in front of a relay wall.
 
-    Of a patch of area A that is small, what the wall's point w sends back to itself has a closed
-    form, which `tilt` makes sensitive to each of the cosines:
-    Φ ρ_w² ρ_h A cos_w² cos_h² / (π³ r⁴).
+    For a small patch of area A, the light that a point w of the wall receives back from the patch
+    has a closed form: Φ ρ_w² ρ_h A cos_w² cos_h² / (π³ r⁴). Φ is the power of the laser, ρ_w and
+    ρ_h are the reflectances of wall and patch, and r is the distance. With a `tilt`, both cosines
+    differ.
 
     Args:
         side: Length of the patch's sides [m].
-        position: Its middle, (x, y, z) [m].
-        tilt: How far it is turned about y [degrees], between -90 and 90. Its normal is
-            (-sin tilt, 0, -cos tilt): 0 faces the wall.
+        position: Center of the patch, (x, y, z) [m].
+        tilt: Rotation of the patch about y [degrees], between -90 and 90. The normal is
+            (-sin tilt, 0, -cos tilt), so that a patch with tilt 0 faces the wall.
         occluder: As in `nlos_z`.
         **options: As for `nlos_z`; `bin_width_opl` is 0.012 by default.
 
@@ -98,8 +98,8 @@ def nlos_patch(
     corners = _corners(to_world)
     if not corners[:, 2].min() > 0:
         raise ValueError(
-            f"position = {checks.quote(position)}, side = {checks.quote(side)}: must leave all of "
-            "the patch before the wall"
+            f"position = {checks.quote(position)}, side = {checks.quote(side)}: the patch reaches "
+            "behind the wall. Increase z of the position or reduce the side"
         )
     patch = {"type": "rectangle", "to_world": to_world, "bsdf": _hidden_material(options)}
     options = {"bin_width_opl": 0.012} | options
@@ -111,9 +111,10 @@ def nlos_plane(
 ) -> Dict:
     """A large plane, parallel to a relay wall.
 
-    For an infinite plane at distance D, what the wall's point w sends back to itself has a closed
-    form: dL/dr = 2 Φ ρ_w² ρ_h D⁴ / (π² r⁷) for r above D. Of that, an edge at distance R from w
-    takes away the fraction (D/R)⁶.
+    For an infinite plane at distance D, the light that a point w of the wall receives back has a
+    closed form: dL/dr = 2 Φ ρ_w² ρ_h D⁴ / (π² r⁷) for r above D. Φ is the power of the laser, and
+    ρ_w and ρ_h are the reflectances of wall and plane. A finite plane with its edge at distance R
+    from w lacks the fraction (D/R)⁶ of this light.
 
     Args:
         distance: Distance of the plane from the wall [m].
@@ -134,12 +135,13 @@ def nlos_plane(
 
 
 def nlos_bunny(*, distance: float = 1.0, occluder: bool = True, **options: Any) -> Dict:
-    """A rabbit before a relay wall, 0.88 m tall.
+    """A rabbit in front of a relay wall, 0.88 m tall.
 
-    It sits in profile, its head to the right for who looks at the wall, a little turned towards it.
+    The rabbit is seen in profile. Its head is on the right for a viewer who looks at the wall, and
+    is turned slightly towards the wall.
 
     Args:
-        distance: Distance of its middle from the wall [m].
+        distance: Distance of the rabbit's center from the wall [m].
         occluder: As in `nlos_z`.
         **options: As for `nlos_z`; `bin_width_opl` is 0.008 by default.
 
@@ -152,21 +154,23 @@ def nlos_bunny(*, distance: float = 1.0, occluder: bool = True, **options: Any) 
     vertices = transformed(stored("bunny")[0], to_world)
     if not vertices[:, 2].min() > 0:
         raise ValueError(
-            f"distance = {checks.quote(distance)}: must leave all of the bunny before the wall"
+            f"distance = {checks.quote(distance)}: the bunny reaches behind the wall. Increase the "
+            "distance"
         )
     mesh = bunny_mesh(to_world, bsdf=_hidden_material(options))
     options = {"bin_width_opl": 0.008} | options
     return _scene({"hidden_bunny": mesh}, vertices, occluder, **options)
 
 
-MAX_THIN_FOG = 10.0  # Largest extinction of the fog before the hidden letter [1/m]
+MAX_THIN_FOG = 10.0  # Largest extinction of the fog in front of the hidden letter [1/m]
 
 
 def nlos_behind_fog(*, sigma_t: float = 0.5, occluder: bool = True, **options: Any) -> Dict:
-    """The letter Z, hidden behind thin fog, before a relay wall.
+    """The letter Z, hidden behind thin fog, in front of a relay wall.
 
-    As `nlos_z`, 1 m from the wall. The fog is 4 m wide and high, from 0.45 m to 0.9 m before the
-    wall; it is in a box that bends no light. Device and wall are outside of it.
+    The scene is `nlos_z` with the letter at 1 m from the wall. The fog is 4 m wide and high and
+    extends from 0.45 m to 0.9 m in front of the wall. Its boundary does not refract light. Device
+    and wall are outside of the fog.
 
     Args:
         sigma_t: Extinction of the fog [1/m], 0 to 10.
@@ -197,18 +201,29 @@ def _scene(
     target: Sequence[float] = (0.0, 0.0),
     wall_reflectance: float = 0.8,
 ) -> Dict:
-    """Wall and device before the `hidden` shape, which has these `points` (n, 3) [m]."""
-    origin, spot = checks.point("device", device), checks.point("target", target, 2)
-    checks.require("device", device, origin[2] > 0, "before the wall, z above 0")
+    """Return a scene with relay wall, device and hidden shapes.
+
+    `hidden` contains the hidden shapes by name, and `points` are points of these shapes [m], shape
+    (n, 3). If `occluder` is true, a plate hides these points from the device. The options are
+    described at `nlos_z`.
+    """
+    # Position of the device, and the point that the laser lights
+    origin = checks.point("device", device)
+    spot = checks.point("target", target, 2)
+    checks.require("device", device, origin[2] > 0, "in front of the wall, z above 0")
     valid = max(map(abs, spot)) <= 1
     checks.require("target", target, valid, "on the wall, from -1 to 1 in x and y")
+
+    # The film; its window starts shortly before the first light of the hidden shapes
     nearest = float(points[:, 2].min())
     start = round(max(0.0, 2 * nearest - LEAD), 2) if start_opl is None else start_opl
     film = transient_film(width, height, temporal_bins, start, bin_width_opl)
     count = checks.integer("spp", spp, 1, checks.MAX_SPP)
+
+    # The relay wall with the sensor
     wall = {
         "type": "rectangle",
-        "bsdf": _grey("wall_reflectance", wall_reflectance, low=0),
+        "bsdf": _gray("wall_reflectance", wall_reflectance, low=0),
         "sensor": {
             "type": "nlos_capture_meter",
             "sensor_origin": origin,
@@ -216,12 +231,14 @@ def _scene(
             "sampler": {"type": SAMPLER, "sample_count": count},
         },
     }
+
+    # The occluder between device and hidden shapes
     plate = {}
     if checks.boolean("occluder", occluder):
         if not origin[2] < nearest:
             raise ValueError(
-                f"device = {checks.quote(device)}: with an occluder, must be nearer to the wall "
-                f"than the hidden shape, z below {nearest:g}"
+                f"device = {checks.quote(device)}: with an occluder, the device must be nearer to "
+                f"the wall than the hidden shape. Choose z below {nearest:g}"
             )
         plate["occluder"] = _occluder(np.array(origin), points)
     return {
@@ -246,27 +263,41 @@ def _scene(
 
 
 def _occluder(device: np.ndarray, points: np.ndarray) -> Dict:
-    """A black plate, parallel to the wall, that just covers the points as seen from the device."""
+    """Return a black plate, parallel to the wall, that hides the points from the device.
+
+    Args:
+        device: Position of the device [m], shape (3,).
+        points: Points of the hidden shapes [m], shape (n, 3).
+    """
+    # Range of directions to the points, as x / z and y / z
     slopes = (points - device)[:, :2] / (points - device)[:, 2:]
-    low, high = slopes.min(axis=0), slopes.max(axis=0)
+    low = slopes.min(axis=0)
+    high = slopes.max(axis=0)
+
+    # Distance between device and plate, so that the plate is OCCLUDER_WIDTH wide
     depth = points[:, 2].min() - device[2]
     gap = min(OCCLUDER_WIDTH / float((high - low).max()), depth / 2)
+
+    # Size and center of the plate
     half = gap * MARGIN * (high - low) / 2
-    middle = device[:2] + gap * (low + high) / 2
-    to_world = pose([*middle.tolist(), float(device[2]) + gap], Y, 0, [*half.tolist(), 1])
+    center = device[:2] + gap * (low + high) / 2
+    to_world = pose([*center.tolist(), float(device[2]) + gap], Y, 0, [*half.tolist(), 1])
     return {"type": "rectangle", "to_world": to_world, "bsdf": diffuse([0.0, 0.0, 0.0])}
 
 
 def _hidden_material(options: dict[str, Any]) -> Dict:
-    """Material of the hidden shape, removed from the options; never the occluder's black."""
-    return _grey("hidden_reflectance", options.pop("hidden_reflectance", 0.7), positive=True)
+    """Remove the hidden reflectance from the options, and return the material of the hidden shape.
+
+    The reflectance is above 0, so that the material differs from that of the occluder.
+    """
+    return _gray("hidden_reflectance", options.pop("hidden_reflectance", 0.7), positive=True)
 
 
 def _corners(to_world: Any) -> np.ndarray:
-    """Corners of a rectangle [m], shape (4, 3)."""
+    """Return the corners of a rectangle with a transform [m], shape (4, 3)."""
     return transformed(np.array([[x, y, 0] for x in (-1, 1) for y in (-1, 1)]), to_world)
 
 
-def _grey(name: str, value: Any, **limits: Any) -> Dict:
-    """A diffuse material of this reflectance, at most 1."""
+def _gray(name: str, value: Any, **limits: Any) -> Dict:
+    """Return a diffuse material with a reflectance up to 1, the checked parameter `name`."""
     return diffuse([checks.number(name, value, high=1, **limits)] * 3)

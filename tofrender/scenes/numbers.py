@@ -1,4 +1,4 @@
-"""Floating-point numbers that the parameters of a scene consist of."""
+"""Extract and check the floating-point numbers of scene parameters."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -7,11 +7,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-SHOWN = 16  # Most numbers of a parameter that a message shows
+SHOWN = 16  # Largest number of values that a message shows
 
 
 def floats_of(value: Any) -> Iterator[Any]:
-    """Arrays of floating-point numbers that a parameter consists of."""
+    """Yield the arrays of floating-point numbers in a parameter, e.g. the channels of a color."""
     if is_transform(value):
         value = value.matrix
     if dr.is_tensor_v(value):
@@ -24,15 +24,15 @@ def floats_of(value: Any) -> Iterator[Any]:
 
 
 def is_transform(value: Any) -> bool:
-    """Whether a parameter is a transform of Mitsuba's."""
+    """Return whether a parameter is a transform of Mitsuba."""
     return "Transform" in type(value).__name__
 
 
 def is_spectral_coefficients(value: Any) -> bool:
-    """Whether a parameter consists of coefficients of spectra, which may be negative.
+    """Return whether a parameter contains coefficients of spectra, which may be negative.
 
-    Spectral variants convert RGB colors into three coefficients of a smooth spectrum. Environment
-    maps and volumes have a scale as their fourth channel.
+    Spectral variants convert an RGB color to three coefficients of a smooth spectrum. In
+    environment maps and volumes, a scale follows as fourth channel.
     """
     if not mi.is_spectral:
         return False
@@ -42,14 +42,21 @@ def is_spectral_coefficients(value: Any) -> bool:
 
 
 def is_wavelength(name: str) -> bool:
-    """Whether a parameter, by its whole name, has the wavelengths [nm] of a spectrum."""
+    """Return whether a parameter with this full name contains wavelengths [nm] of a spectrum."""
     return name.rpartition(".")[2] in ("wavelengths", "range")
 
 
 def require_all(
     name: str, value: Any, good: Callable[[np.ndarray], np.ndarray], allowed: str
 ) -> None:
-    """Refuse a parameter that has a wrong number; shows all numbers if they are few."""
+    """Refuse a parameter with a wrong number. The message shows all numbers if they are few.
+
+    Args:
+        name: Name of the parameter.
+        value: Value of the parameter.
+        good: Function that returns which numbers of an array are allowed.
+        allowed: Description of allowed numbers, for the message.
+    """
     flat = np.concatenate([np.ravel(np.asarray(leaf)) for leaf in floats_of(value)] or [[]])
     wrong = np.flatnonzero(~good(flat))
     if wrong.size:

@@ -1,4 +1,4 @@
-"""Make scenes picklable: Mitsuba's objects in a dict become arrays."""
+"""Make scene dicts picklable by replacing Mitsuba objects with arrays."""
 
 import os
 from collections.abc import Mapping
@@ -12,21 +12,22 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Packed:
-    """An object of Mitsuba as an array."""
+    """A Mitsuba object as an array."""
 
     kind: str  # "transform", "bitmap" or "grid"
-    values: np.ndarray  # matrix and its inverse transpose, (2, 4, 4), or pixels or voxels
-    srgb: bool = False  # whether pixels are gamma-encoded
+    values: np.ndarray  # Matrix and its inverse transpose (2, 4, 4), or pixels, or voxels
+    srgb: bool = False  # Whether pixels are gamma-encoded
 
 
 def packed(name: str, value: Any) -> Any:
-    """An argument that pickles; names of files become whole paths."""
+    """Return a picklable copy of the argument `name`. The path of a scene file becomes absolute."""
     if name == "scene" and isinstance(value, str | os.PathLike):
         return str(Path(value).resolve()) if os.path.exists(value) else value
     return _packed(value, name)
 
 
 def _packed(value: Any, where: str) -> Any:
+    """Return a picklable copy of a value; `where` is its path for error messages."""
     if isinstance(value, Mapping):
         return {name: _packed(part, f"{where}.{name}") for name, part in value.items()}
     if isinstance(value, list | tuple):
@@ -42,13 +43,13 @@ def _packed(value: Any, where: str) -> Any:
     if isinstance(value, mi.Object):
         kind = type(value).__name__
         raise ValueError(
-            f"{where} = {kind}: is loaded and cannot be sent to workers; must be a name or a dict"
+            f"{where} = {kind}: loaded objects cannot be sent to workers. Pass a name or a dict"
         )
     return value
 
 
 def unpacked(scene: Any) -> Any:
-    """The scene that `packed` took."""
+    """Return the scene from which `packed` made its result."""
     if isinstance(scene, Mapping):
         return {name: unpacked(part) for name, part in scene.items()}
     if isinstance(scene, list | tuple):
@@ -57,7 +58,7 @@ def unpacked(scene: Any) -> Any:
         return scene
     if scene.kind == "transform":
         transform = mi.ScalarTransform4f(scene.values[0].tolist())
-        # Found anew, it would differ in its last digits
+        # Use the stored inverse transpose, because a new one would differ by rounding
         transform.inverse_transpose = type(transform.inverse_transpose)(scene.values[1].tolist())
         return transform
     if scene.kind == "grid":

@@ -1,4 +1,4 @@
-"""Materials, media, shapes and lights that the built-in scenes are made of."""
+"""Materials, media, shapes and lights of the built-in scenes, as dicts for `mi.load_dict`."""
 
 from collections.abc import Sequence
 from math import pi
@@ -10,7 +10,8 @@ from ..runtime import checks
 
 Dict = dict[str, Any]
 
-X, Y = [1, 0, 0], [0, 1, 0]
+X = [1, 0, 0]
+Y = [0, 1, 0]
 
 CORNELL = {
     "white": [0.885809, 0.698859, 0.666422],
@@ -19,31 +20,31 @@ CORNELL = {
 }
 """Reflectances of the Cornell box's walls."""
 
-LAMP_COLOUR = [1.22, 1.02, 0.76]  # its mean is 1
+LAMP_COLOR = [1.22, 1.02, 0.76]  # The mean of the channels is 1
 
 
 def ref(name: str) -> Dict:
-    """A reference to another part of the scene."""
+    """Return a reference to another part of the scene."""
     return {"type": "ref", "id": name}
 
 
 def rgb(value: Sequence[float]) -> Dict:
-    """A colour, linear RGB."""
+    """Return a linear RGB color."""
     return {"type": "rgb", "value": list(value)}
 
 
 def diffuse(reflectance: Sequence[float]) -> Dict:
-    """A diffuse material."""
+    """Return a diffuse material with an RGB reflectance."""
     return {"type": "diffuse", "reflectance": rgb(reflectance)}
 
 
 def extinction(sigma_t: float, most: float) -> float:
-    """A checked extinction coefficient [1/m]."""
+    """Check that an extinction coefficient is between 0 and `most` [1/m], and return it."""
     return checks.number("sigma_t", sigma_t, unit="1/m", low=0, high=most)
 
 
 def medium(sigma_t: float, albedo: list[float], g: float) -> Dict:
-    """A homogeneous medium of an extinction [1/m] and an HG phase function."""
+    """Return a homogeneous medium with extinction [1/m], RGB albedo and HG phase function."""
     phase = {"type": "hg", "g": g}
     return {"type": "homogeneous", "sigma_t": sigma_t, "albedo": rgb(albedo), "phase": phase}
 
@@ -51,41 +52,52 @@ def medium(sigma_t: float, albedo: list[float], g: float) -> Dict:
 def pose(
     position: Sequence[float], axis: Sequence[float], angle: float, scale: Sequence[float]
 ) -> Any:
-    """Transform that scales, rotates about `axis` by `angle` degrees, moves to `position` [m]."""
+    """Return a transform that scales, then rotates about `axis` [degrees], then translates [m]."""
     return mi.ScalarTransform4f().translate(position).rotate(axis, angle).scale(scale)
 
 
 def shape(kind: str, to_world: Any, bsdf: str) -> Dict:
-    """A shape that uses the scene's material `bsdf`."""
+    """Return a shape of a plugin `kind` with the scene's material `bsdf`."""
     return {"type": kind, "to_world": to_world, "bsdf": ref(bsdf)}
 
 
 def sphere(center: Sequence[float], radius: float, bsdf: str) -> Dict:
-    """A sphere [m] that uses the scene's material `bsdf`."""
+    """Return a sphere [m] with the scene's material `bsdf`."""
     return {"type": "sphere", "center": list(center), "radius": radius, "bsdf": ref(bsdf)}
 
 
 def cylinder(x: float, z: float, ys: Sequence[float], radius: float, bsdf: str) -> Dict:
-    """An upright cylinder without caps [m] that uses the scene's material `bsdf`."""
+    """Return a vertical cylinder without caps [m] with the scene's material `bsdf`.
+
+    Args:
+        x: Position of the axis [m].
+        z: Position of the axis [m].
+        ys: Heights of the two ends [m].
+        radius: Radius [m].
+        bsdf: Name of the material.
+    """
     ends = {"p0": [x, ys[0], z], "p1": [x, ys[1], z]}
     return {"type": "cylinder", **ends, "radius": radius, "bsdf": ref(bsdf)}
 
 
 def medium_boundary(to_world: Any, medium: str) -> Dict:
-    """A cube that holds a medium and refracts no light."""
+    """Return a cube that contains the scene's medium `medium` and does not refract light."""
     null = {"type": "null"}
     return {"type": "cube", "to_world": to_world, "bsdf": null, "interior": ref(medium)}
 
 
 def area_light(radiance: Sequence[float]) -> Dict:
-    """Emitter of a shape; radiance [W m^-2 sr^-1]."""
+    """Return an area emitter with an RGB radiance [W m^-2 sr^-1]."""
     return {"type": "area", "radiance": rgb(radiance)}
 
 
 def ball_light(
-    center: Sequence[float], radius: float, power: float, colour: Sequence[float]
+    center: Sequence[float], radius: float, power: float, color: Sequence[float]
 ) -> Dict:
-    """A black sphere that radiates `power` times `colour` [W]: radiance power / (4 pi² radius²)."""
+    """Return a black sphere [m] that emits the power `power` times `color` [W].
+
+    The radiance is power / (4 pi² radius²) times `color`.
+    """
     radiance = power / (4 * pi**2 * radius**2)
-    light = {"emitter": area_light([radiance * channel for channel in colour])}
+    light = {"emitter": area_light([radiance * channel for channel in color])}
     return sphere(center, radius, "black") | light

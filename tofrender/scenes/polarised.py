@@ -1,7 +1,8 @@
-"""Scenes whose light is polarised: a window, and mirrors with strained plastic between them.
+"""Scenes with polarized light: a window, and mirrors with strained plastic between them.
 
-They are made for polarised variants, such as llvm_ad_mono_polarized. In others they render too: a
-polariser is then a filter that halves the light, and strained plastic is clear. Metres, y up.
+These scenes need a polarized variant, such as llvm_ad_mono_polarized, for their effects. In other
+variants, a polarizer is a filter that halves the light, and strained plastic is clear. Lengths are
+in meters, y is up.
 """
 
 from functools import cache
@@ -17,45 +18,68 @@ from .parts import Dict, X, Y, area_light, diffuse, pose, rgb, shape, sphere
 from .views import TransientOptions, transient_scene
 
 
-def _plate(kind: str, angle_name: str, angle: float, **more: Any) -> Dict:
-    """A plate whose axis is at an angle [degrees], the same at all wavelengths."""
+def _plate(kind: str, angle_name: str, angle: float, **parameters: Any) -> Dict:
+    """Return a polarizing material with its axis at an angle [degrees] at all wavelengths.
+
+    Args:
+        kind: Name of the plugin.
+        angle_name: Name of the angle in error messages.
+        angle: The angle [degrees], -180 to 180.
+        **parameters: Other parameters of the plugin.
+    """
     degrees = checks.number(angle_name, angle, unit="degrees", low=-180, high=180)
-    return {"type": kind, "theta": {"type": "uniform", "value": degrees}, **more}
+    return {"type": kind, "theta": {"type": "uniform", "value": degrees}, **parameters}
 
 
 def _lamp(to_world: Any, radiance: float) -> Dict:
+    """Return a rectangular lamp with the same radiance in all channels [W m^-2 sr^-1]."""
     return shape("rectangle", to_world, "black") | {"emitter": area_light([radiance] * 3)}
 
 
 INDEX = 1.5  # Index of refraction of the window
 
 BREWSTER = 56.30993247402022
-"""Angle of incidence at which glass reflects one polarisation only, atan(INDEX) [degrees]."""
+"""Angle of incidence at which glass reflects only one polarization, atan(INDEX) [degrees]."""
 
 
 def _before(along: float, aside: float, up: float) -> list[float]:
-    """Point in the frame of the ray that the window's middle reflects, before the window [m]."""
-    s, c = sin(radians(BREWSTER)), cos(radians(BREWSTER))
+    """Return a point in front of the window [m], relative to the reflected axis of the camera.
+
+    Args:
+        along: Distance along the reflected axis, from the center of the window [m].
+        aside: Distance to the side [m].
+        up: Height above the axis [m].
+    """
+    s = sin(radians(BREWSTER))
+    c = cos(radians(BREWSTER))
     return [-along * s - aside * c, up, along * c - aside * s]
 
 
 def _behind(along: float, aside: float, up: float) -> list[float]:
-    """Point in the frame of the camera's axis, `along` it from the window's middle on [m]."""
-    s, c = sin(radians(BREWSTER)), cos(radians(BREWSTER))
+    """Return a point behind the window [m], relative to the axis of the camera.
+
+    Args:
+        along: Distance along the axis, from the center of the window [m]; negative values are
+            between camera and window.
+        aside: Distance to the side [m].
+        up: Height above the axis [m].
+    """
+    s = sin(radians(BREWSTER))
+    c = cos(radians(BREWSTER))
     return [-along * s + aside * c, up, -along * c - aside * s]
 
 
 def brewster_window(*, polariser: float = 0.0, **options: Unpack[TransientOptions]) -> Dict:
-    """A window at Brewster's angle: a reflected target, a room behind it.
+    """A window at Brewster's angle: a reflected target, and a room behind the window.
 
-    The target's light comes back from the glass first, polarised along the camera's `up` and at
-    most 6.2 m long; light of the room passes the glass and is hardly polarised. A polariser before
-    the middle of the window takes the reflection away. In variants without polarisation, it is a
-    grey filter.
+    Light of the target is reflected by the glass and arrives first, on paths of at most 6.2 m. It
+    is polarized along the camera's `up`. Light of the room passes through the glass and is hardly
+    polarized. A polarizer in front of the window's center blocks the reflection. In variants
+    without polarization, the polarizer is a gray filter.
 
     Args:
-        polariser: Angle of what the polariser lets pass, from the picture's right [degrees], -180
-            to 180: 0 takes the reflection away, 90 leaves it.
+        polariser: Angle of the polarization that passes, from the picture's right [degrees], -180
+            to 180. The reflection is blocked at 0 and passes at 90.
         **options: As for `caustic`; by default `start_opl` is 3, `bin_width_opl` 0.04 and
             `max_depth` -1.
 
@@ -66,12 +90,16 @@ def brewster_window(*, polariser: float = 0.0, **options: Unpack[TransientOption
     view = _behind(-2.0, 0, 0), [0, 0, 0], 36
     scene = transient_scene(*view, options, start_opl=3.0, bin_width_opl=0.04, max_depth=-1)
     scene["integrator"]["rr_depth"] = 20
-    to_window = 180 - BREWSTER  # About y, of what is before the window
+    to_window = (
+        180 - BREWSTER
+    )  # Rotation about y of the target, so that it faces the window [degrees]
 
     def wall(x: float, y: float, half_x: float, half_y: float) -> Dict:
+        """Return a part of the wall around the window."""
         return shape("rectangle", pose([x, y, 0], Y, 0, [half_x, half_y, 1]), "wall")
 
     def disk(along: float, radius: float, bsdf: str) -> Dict:
+        """Return a disk of the target."""
         where = pose(_before(along, 0, 0), Y, to_window, [radius, radius, 1])
         return shape("disk", where, bsdf)
 
@@ -109,26 +137,28 @@ def brewster_window(*, polariser: float = 0.0, **options: Unpack[TransientOption
     }
 
 
-CORRIDOR = 10.0  # Distance of the two mirrors [m]
+CORRIDOR = 10.0  # Distance between the two mirrors [m]
 
-LAMP_HALF, HOLE_HALF = 0.9, 0.5
-"""Half the width of the square lamp, and of the hole in it that the camera looks through [m]."""
+LAMP_HALF = 0.9  # Half the width of the square lamp [m]
+HOLE_HALF = 0.5  # Half the width of the hole in the lamp, in front of the camera [m]
 
-MOST_RETARDANCE = 60.0  # Retardance of the plastic where it is strained most [degrees]
+MOST_RETARDANCE = 60.0  # Largest retardance of the plastic [degrees]
 
-# x, y; radius that the strain falls to one half in, all in halves of the plate's width
+# x, y and radius of each screw's strain (half width at half maximum), in halves of the plate's
+# width
 SCREWS = np.array([(-0.7, -0.6, 0.35), (0.6, -0.75, 0.25), (0.75, 0.5, 0.4), (-0.45, 0.8, 0.3)])
 
 
 @cache
 def retardance_of_plastic() -> NDArray[np.float32]:
-    """Retardance of the plastic in `strained_mirror_corridor` [degrees], largest at four screws.
+    """Return the retardance of the plastic in `strained_mirror_corridor`, largest at four screws.
 
     Returns:
-        The same array every time, which cannot be written to, shape (64, 64, 1), from the top.
+        A read-only array [degrees] of shape (64, 64, 1), the top row first; later calls return the
+        same array.
     """
-    middles = (2 * np.arange(64) + 1) / 64 - 1
-    x, y = np.meshgrid(middles, middles[::-1])
+    centers = (2 * np.arange(64) + 1) / 64 - 1
+    x, y = np.meshgrid(centers, centers[::-1])
     total = sum(1 / (1 + ((x - a) ** 2 + (y - b) ** 2) / r**2) for a, b, r in SCREWS)
     found = (MOST_RETARDANCE * total / np.max(total))[..., None].astype(np.float32)
     found.flags.writeable = False
@@ -136,19 +166,21 @@ def retardance_of_plastic() -> NDArray[np.float32]:
 
 
 def strained_mirror_corridor(*, angle: float = 45.0, **options: Unpack[TransientOptions]) -> Dict:
-    """A lamp between mirrors, seen through strained plastic over and over.
+    """A lamp between mirrors, seen repeatedly through strained plastic.
 
-    The camera looks through a hole in a square lamp, whose light is polarised along the picture's
-    right. The k-th image of the lamp, from outside, is 20 k m away: its light has passed the
-    plastic 2 k times, which turned its state each time, and it has bins of its own. Every path is
-    certain, so the picture has no noise. In variants without polarisation, all images are grey.
+    The camera looks through a hole in a square lamp. The light of the lamp is polarized along the
+    picture's right. The mirrors show images of the lamp inside each other. Light of the k-th image,
+    counted from outside, has traveled 20 k m and has passed the plastic 2 k times. Each pass
+    changes the polarization, and each image arrives in separate time bins. No path depends on
+    random numbers, so the picture has no noise. In variants without polarization, all images are
+    gray.
 
     Args:
-        angle: From the lamp's polarisation to the axis of the strain [degrees], -180 to 180. At 0
-            nothing changes.
+        angle: Angle from the lamp's polarization to the axis of the strain [degrees], -180 to 180.
+            At 0 the plastic does not change the polarization.
         **options: As for `caustic`; by default `temporal_bins` is 250, `start_opl` 19.5,
-            `bin_width_opl` 1, `spp` 64 and `max_depth` 100; the k-th image takes 4 k + 1. An
-            integrator whose paths do not hit lamps by chance finds no light.
+            `bin_width_opl` 1, `spp` 64 and `max_depth` 100; the k-th image needs 4 k + 1. The
+            integrator must be one with paths that hit the lamp.
 
     Example:
         >>> strained_mirror_corridor(angle=30)["strained"]["theta"]["value"]
@@ -161,8 +193,9 @@ def strained_mirror_corridor(*, angle: float = 45.0, **options: Unpack[Transient
     strain = mi.Bitmap(retardance_of_plastic().copy())
     retardance = {"type": "bitmap", "bitmap": strain, "raw": True}
 
-    def across(z: float, bsdf: str, turn: float = 0) -> Dict:
-        return shape("rectangle", pose([0, 0, z], Y, turn, [1, 1, 1]), bsdf)
+    def across(z: float, bsdf: str, angle: float = 0) -> Dict:
+        """Return a square across the corridor, rotated about y [degrees]."""
+        return shape("rectangle", pose([0, 0, z], Y, angle, [1, 1, 1]), bsdf)
 
     return scene | {
         "black": diffuse([0, 0, 0]),
@@ -182,12 +215,17 @@ def strained_mirror_corridor(*, angle: float = 45.0, **options: Unpack[Transient
 
 
 def _frame(z: float, margin: float = 0.0) -> Dict:
-    """Transforms of the four sides of the lamp, or of its cover; they face the far mirror."""
-    middle, half = (LAMP_HALF + HOLE_HALF) / 2, (LAMP_HALF - HOLE_HALF) / 2 + margin
-    upright, flat = [half, LAMP_HALF + margin, 1], [HOLE_HALF, half, 1]
+    """Return transforms of the four sides of the square lamp, which face the far mirror.
+
+    With a `margin` [m], the sides are wider, for the polarizers in front of the lamp.
+    """
+    center = (LAMP_HALF + HOLE_HALF) / 2
+    half = (LAMP_HALF - HOLE_HALF) / 2 + margin
+    vertical = [half, LAMP_HALF + margin, 1]
+    horizontal = [HOLE_HALF, half, 1]
     return {
-        "left": pose([-middle, 0, z], Y, 180, upright),
-        "right": pose([middle, 0, z], Y, 180, upright),
-        "top": pose([0, middle, z], Y, 180, flat),
-        "bottom": pose([0, -middle, z], Y, 180, flat),
+        "left": pose([-center, 0, z], Y, 180, vertical),
+        "right": pose([center, 0, z], Y, 180, vertical),
+        "top": pose([0, center, z], Y, 180, horizontal),
+        "bottom": pose([0, -center, z], Y, 180, horizontal),
     }

@@ -1,4 +1,4 @@
-"""Replace the integrator of a parsed scene by a transient one."""
+"""Replace the integrator of a parsed scene by a transient integrator."""
 
 from __future__ import annotations
 
@@ -14,26 +14,34 @@ from ..runtime.settings import INTEGRATORS
 from .nodes import TRANSIENT_INTEGRATORS, children
 
 WRAPPERS = {"aov": "AOVs", "moment": "moments", "stokes": "Stokes vectors"}
-"""Integrators that add AOVs or statistics to the picture of another, nested one."""
+"""Integrators that add AOVs or statistics to the picture of a nested integrator."""
 
 INHERITED = ("max_depth", "rr_depth", "hide_emitters")
 """Parameters that the replacement of an integrator inherits."""
 
-DEPTHS = {**dict.fromkeys(("path", "volpath", "volpathmis", "ptracer"), -1), "prbvolpath": 6}
-"""Longest paths of Mitsuba's integrators where a scene gives none; -1 is unlimited."""
+DEPTHS = {"path": -1, "volpath": -1, "volpathmis": -1, "ptracer": -1, "prbvolpath": 6}
+"""Default `max_depth` of Mitsuba's integrators; -1 is unlimited."""
 
 REPLACEMENTS = {
     "path": "transient_path",
-    **dict.fromkeys(("volpath", "volpathmis", "prbvolpath"), "transient_volpath"),
+    "volpath": "transient_volpath",
+    "volpathmis": "transient_volpath",
+    "prbvolpath": "transient_volpath",
 }
-"""Transient integrators that replace those of Mitsuba when the film becomes transient."""
+"""Transient integrators that replace Mitsuba's integrators when the film becomes transient."""
 
-ONE_BOUNCE = ("ao", "simple")  # Integrators that take no `max_depth`
-UNLIMITED = 0xFFFFFFFF  # A `max_depth` of -1 as Mitsuba's integrators print it
+ONE_BOUNCE = ("ao", "simple")  # Integrators without `max_depth`
+UNLIMITED = 0xFFFFFFFF  # Mitsuba's integrators print a `max_depth` of -1 as this number
 
 
 def transient_integrator_for(integrator: Any) -> str:
-    """Name of the transient integrator for the paths of one of Mitsuba's, wrapped or not."""
+    """Return the name of the transient integrator for the paths of a Mitsuba integrator.
+
+    The integrator may be nested in a wrapper.
+
+    Raises:
+        ValueError: If the paths of the integrator are unknown; one line.
+    """
     printed = str(integrator)
     if "max_depth" not in printed or not type(integrator).__module__.startswith("mitsuba"):
         raise ValueError(_unknown(integrator))
@@ -41,11 +49,21 @@ def transient_integrator_for(integrator: Any) -> str:
 
 
 def path_tracer_of(integrator: Any) -> dict[str, Any]:
-    """Dict of a transient integrator for the paths of one of Mitsuba's, with the same depths."""
+    """Return a transient integrator that follows the same paths as a Mitsuba integrator.
+
+    Mitsuba's integrators expose their depths only in the printed form, which is parsed.
+
+    Returns:
+        A dict for `mi.load_dict` with type, depths and `hide_emitters`.
+
+    Raises:
+        ValueError: If the depths of the integrator are unknown; one line.
+    """
     printed = re.match(r"\w+\[\s*max_depth = (\d+)(?:,\s*rr_depth = (\d+))?", str(integrator))
     if printed is None:
         raise ValueError(_unknown(integrator))
-    depth, roulette = int(printed[1]), printed[2] or getattr(integrator, "rr_depth", 5)
+    depth = int(printed[1])
+    roulette = printed[2] or getattr(integrator, "rr_depth", 5)
     return {
         "type": plugins.qualified_name(transient_integrator_for(integrator)),
         "max_depth": -1 if depth == UNLIMITED else depth,
@@ -55,55 +73,73 @@ def path_tracer_of(integrator: Any) -> dict[str, Any]:
 
 
 def _unknown(integrator: Any) -> str:
+    """Return the message for an integrator with unknown paths."""
     is_python = type(integrator).__module__ != "mitsuba"
     kind = type(integrator).__name__ if is_python else integrator.class_name()
     return (
-        f"integrator = {kind}: does not tell which paths it follows; must be one like "
-        "transient_path, or a path tracer of Mitsuba's"
+        f"integrator = {kind}: not supported, because its paths are unknown. Use transient_path or "
+        "another transient integrator, or a path tracer of Mitsuba"
     )
 
 
 def change_integrator(
     nodes: Any, index: int, settings: Mapping[str, Any], now_transient: bool
 ) -> None:
-    """Put settings into a scene's integrator, node `index`, or replace it by another.
+    """Apply settings to a scene's integrator, or replace the integrator.
 
-    `now_transient` says that the film was steady before.
+    Args:
+        nodes: Nodes of the parsed scene.
+        index: Index of the integrator.
+        settings: Checked settings of `SceneSettings`, by name.
+        now_transient: Whether the settings replaced a steady film by a transient film.
+
+    Raises:
+        ValueError: If the integrator cannot be replaced; one line.
     """
     wrapper = nodes[index].props.plugin_name()
     inner = _innermost(nodes, index)
     name = nodes[inner].props.plugin_name()
     props = nodes[inner].props
-    if "max_bounces" in props:  # Replaced by `max_depth`, which all integrators have
+
+    # Replace `max_bounces` by `max_depth`, which all integrators support
+    if "max_bounces" in props:
         props["max_depth"] = checks.depth_of_bounces(props["max_bounces"])
         del props["max_bounces"]
+
+    # Choose the new integrator
     wanted = settings.get("integrator")
     in_time = now_transient or "pulse_width_opl" in settings
     if wanted is None and in_time and name not in TRANSIENT_INTEGRATORS:
         if name not in REPLACEMENTS:
             raise ValueError(
-                f"integrator = {name!r}: a transient film or a pulse needs another one; "
-                f"must be one of {', '.join(INTEGRATORS)}"
+                f"integrator = {name!r}: does not support a transient film or a pulse. "
+                f"Use one of {', '.join(INTEGRATORS)}"
             )
         wanted = REPLACEMENTS[name]
+
+    # Replace the integrator, or remove the wrapper around it
     if isinstance(wanted, Mapping) or (wanted is not None and wanted != name):
         nodes[index].props = _replacement(wanted, nodes[inner].props)
     elif (wanted is not None or now_transient) and inner != index:
         nodes[index].props = mi.Properties(nodes[inner].props)
+
+    # Apply the other settings
     inner = _innermost(nodes, index)
     for setting in ("max_depth", "pulse_width_opl"):
         if setting in settings:
             nodes[inner].props[setting] = settings[setting]
+
     now = nodes[index].props.plugin_name()
     if wrapper in WRAPPERS and now != wrapper:
         warnings.warn(
-            f"integrator = {wrapper!r}: becomes {now!r}, its {WRAPPERS[wrapper]} are left out",
+            f"integrator = {wrapper!r}: replaced by {now!r}, which does not compute its "
+            f"{WRAPPERS[wrapper]}",
             stacklevel=5,
         )
 
 
 def _innermost(nodes: Any, index: int) -> int:
-    """Index of the integrator that samples paths: the one nested in wrappers, else itself."""
+    """Return the index of the integrator that samples paths, inside of all wrappers."""
     while nodes[index].props.plugin_name() in WRAPPERS:
         nested = children(nodes, index, mi.ObjectType.Integrator)
         if len(nested) != 1:
@@ -113,24 +149,34 @@ def _innermost(nodes: Any, index: int) -> int:
 
 
 def _replacement(wanted: str | Mapping[str, Any], old: mi.Properties) -> mi.Properties:
-    """Properties of the new integrator; depths that it does not name are as before."""
-    given: dict[str, Any] = {"type": wanted} if isinstance(wanted, str) else dict(wanted)
-    plugin = given.pop("type")
+    """Return the properties of a new integrator, which inherits depths of the old integrator.
+
+    Args:
+        wanted: A plugin's name, or a dict as for `mi.load_dict`. Its parameters have priority.
+        old: Properties of the integrator that is replaced.
+    """
+    values: dict[str, Any] = {"type": wanted} if isinstance(wanted, str) else dict(wanted)
+    plugin = values.pop("type")
     new = mi.Properties(plugin)
     new.set_id(old.id())
+
+    # Inherit depths and `hide_emitters`
     if plugin in TRANSIENT_INTEGRATORS:
-        before = {"max_depth": DEPTHS[old.plugin_name()]} if old.plugin_name() in DEPTHS else {}
-        before |= {name: old[name] for name in INHERITED if name in old}
+        inherited = {"max_depth": DEPTHS[old.plugin_name()]} if old.plugin_name() in DEPTHS else {}
+        inherited |= {name: old[name] for name in INHERITED if name in old}
         if plugin in ONE_BOUNCE:
-            before.pop("max_depth", None)
-        given = before | given
-    for name, value in given.items():
+            inherited.pop("max_depth", None)
+        values = inherited | values
+
+    # Store the parameters, and instantiate nested plugins
+    for name, value in values.items():
         if isinstance(value, Mapping):
             value = mi.load_dict({**value, "type": plugins.qualified_name(value.get("type", ""))})
         try:
             new[name] = value.item() if hasattr(value, "item") else value
         except TypeError:
             raise ValueError(
-                f"integrator: {name} = {value!r}: is of no kind that a plugin takes"
+                f"integrator: {name} = {value!r}: plugins do not support a {type(value).__name__}. "
+                "Pass a number, a text, a dict or a Mitsuba object"
             ) from None
     return new

@@ -1,4 +1,4 @@
-"""Cameras, films and integrators of the built-in scenes, and their options."""
+"""Cameras, films and integrators of the built-in scenes, and the options of their builders."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, TypedDict
@@ -12,10 +12,10 @@ from .parts import Dict, Y
 SAMPLER = "padded_sobol"  # The sampler of all built-in scenes
 
 PATH_TRACERS = ("path_tracer_mats", "path_tracer_nee", "path_tracer_mis")
-"""Integrators that count bounces; Mitsuba's `path` counts segments, one more."""
+"""Integrators with a limit of bounces. Mitsuba's `path` limits segments, which are one more."""
 
 WITH_DEPTH = tuple(name for name in INTEGRATORS if name != "ao")
-"""Integrators of transient scenes: those that have a `max_depth`."""
+"""Integrators with a `max_depth`, which transient scenes support."""
 
 
 class TransientOptions(TypedDict, total=False):
@@ -48,14 +48,28 @@ def transient_scene(
     options: Mapping[str, Any],
     **defaults: Any,
 ) -> Dict:
-    """A scene without shapes: integrator, transient film, and a camera as in `camera`.
+    """Return a scene without shapes: an integrator, and a camera with a transient film.
 
-    `options` are the `TransientOptions` that a builder is given, `defaults` its own.
+    Args:
+        origin: Position of the camera [m].
+        target: Point that the camera looks at [m].
+        fov: Field of view on the smaller axis [degrees].
+        options: Options that the user passed to a builder, a part of `TransientOptions`.
+        **defaults: Defaults of the builder for these options.
     """
-    given = {"width": 256, "height": 256, "temporal_bins": 300, "bin_width_opl": 0.02, "spp": 256}
-    given = _merged(given | {"integrator": "transient_path"} | defaults, options)
-    depth, kind, spp = (given.pop(name) for name in ("max_depth", "integrator", "spp"))
-    film = transient_film(**given)
+    general = {
+        "width": 256,
+        "height": 256,
+        "temporal_bins": 300,
+        "bin_width_opl": 0.02,
+        "spp": 256,
+        "integrator": "transient_path",
+    }
+    merged = _merged(general | defaults, options)
+
+    # The remaining options belong to the film
+    depth, kind, spp = (merged.pop(name) for name in ("max_depth", "integrator", "spp"))
+    film = transient_film(**merged)
     checks.one_of("integrator", kind, WITH_DEPTH)
     return {
         "type": "scene",
@@ -71,33 +85,46 @@ def steady_scene(
     options: Mapping[str, Any],
     **defaults: Any,
 ) -> Dict:
-    """A scene as of `transient_scene` with a steady film and a path tracer or Mitsuba's `path`."""
-    given = {"width": 256, "height": 192, "spp": 64, "integrator": "path_tracer_mis"}
-    given = _merged(given | {"max_bounces": 1} | defaults, options)
-    checks.one_of("integrator", given["integrator"], (*PATH_TRACERS, "path"))
-    depth = checks.depth_of_bounces(given["max_bounces"])
-    limit = {"max_bounces": given["max_bounces"]}
-    if given["integrator"] == "path":
-        limit = {"max_depth": depth}
-    film = steady_film(given["width"], given["height"])
+    """Return a scene without shapes: a path tracer, and a camera with a steady film.
+
+    Arguments are as in `transient_scene`, with options of `SteadyOptions`.
+    """
+    general = {
+        "width": 256,
+        "height": 192,
+        "spp": 64,
+        "integrator": "path_tracer_mis",
+        "max_bounces": 1,
+    }
+    merged = _merged(general | defaults, options)
+
+    # The path tracers limit bounces, Mitsuba's `path` limits segments
+    kind = checks.one_of("integrator", merged["integrator"], (*PATH_TRACERS, "path"))
+    depth = checks.depth_of_bounces(merged["max_bounces"])
+    limit = {"max_depth": depth} if kind == "path" else {"max_bounces": merged["max_bounces"]}
+    film = steady_film(merged["width"], merged["height"])
     return {
         "type": "scene",
-        "integrator": {"type": given["integrator"]} | limit,
-        "sensor": camera(origin, target, fov, film, given["spp"]),
+        "integrator": {"type": kind} | limit,
+        "sensor": camera(origin, target, fov, film, merged["spp"]),
     }
 
 
 def _merged(defaults: Dict, options: Mapping[str, Any]) -> Dict:
+    """Return defaults with the user's options, and refuse unknown options."""
     for name in options:
         if name not in defaults:
-            raise TypeError(f"{name}: no such option; there are {', '.join(defaults)}")
+            raise TypeError(f"{name} is not an option. Use {', '.join(defaults)}")
     return defaults | dict(options)
 
 
 def camera(
     origin: Sequence[float], target: Sequence[float], fov: float, film: Dict, spp: int
 ) -> Dict:
-    """A pinhole camera at `origin` that looks at `target` [m]; `fov` is on the smaller axis."""
+    """Return a pinhole camera at `origin` that looks at `target` [m].
+
+    The field of view `fov` [degrees] is measured on the smaller axis. `spp` is the sample count.
+    """
     return {
         "type": "perspective",
         "fov_axis": "smaller",
@@ -111,18 +138,18 @@ def camera(
 
 
 def steady_film(width: int, height: int) -> Dict:
-    """A steady film with a box filter [pixels]."""
+    """Return a steady film with a box filter, of a size in pixels."""
     return {"type": "hdrfilm", **_checked(width=width, height=height), "rfilter": {"type": "box"}}
 
 
 def transient_film(
     width: int, height: int, temporal_bins: int, start_opl: float, bin_width_opl: float
 ) -> Dict:
-    """A film with time bins, from `start_opl` [m] on, each `bin_width_opl` [m] wide."""
+    """Return a film with time bins, the first at `start_opl` [m], each `bin_width_opl` [m] wide."""
     bins = {"temporal_bins": temporal_bins, "start_opl": start_opl, "bin_width_opl": bin_width_opl}
     return steady_film(width, height) | {"type": "transient_hdr_film", **_checked(**bins)}
 
 
 def _checked(**settings: Any) -> Dict:
-    """Settings of a scene, each one checked."""
+    """Check each setting, and return the settings."""
     return {name: CHECKS[name](name, value) for name, value in settings.items()}

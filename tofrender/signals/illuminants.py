@@ -1,4 +1,4 @@
-"""Colours of light sources that are no emitters of Mitsuba's, in any variant."""
+"""Colors of light sources that are not Mitsuba emitters, in any variant."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ import numpy as np
 
 
 def white(wavelengths: Any) -> Any:
-    """Spectrum of the colour (1, 1, 1), as of an emitter of that colour.
+    """Return the spectrum of an emitter with the color (1, 1, 1).
 
-    In spectral variants the standard illuminant D65 of luminance 1 at the sampled wavelengths [nm]:
-    equal energy at all wavelengths has the colour (1.21, .95, .91).
+    In spectral variants, this is the standard illuminant D65 with luminance 1 at the sampled
+    wavelengths [nm]. A spectrum with equal energy at all wavelengths would have the color
+    (1.21, 0.95, 0.91).
     """
     if not mi.is_spectral:
         return mi.UnpolarizedSpectrum(1)
@@ -22,15 +23,19 @@ def white(wavelengths: Any) -> Any:
 
 
 class Colours:
-    """Table of colours of light sources, from `rgb` (n, 3), 0 or more."""
+    """Table of the colors of light sources, which can be evaluated as spectra.
+
+    Args:
+        rgb: Linear RGB colors of shape (n, 3), 0 or more.
+    """
 
     def __init__(self, rgb: np.ndarray) -> None:
         rgb = np.asarray(rgb, dtype=np.float64)
         if mi.is_monochromatic:
             self._values: Any = mi.luminance(mi.Color3f(rgb.T.copy()))
         elif mi.is_spectral:
-            # As Mitsuba's emitters: D65 times twice the largest component, times a smooth
-            # reflectance in which that component is one half
+            # Mitsuba's emitters are D65 times a scale times a smooth reflectance. The scale is
+            # twice the largest component, so that the reflectance is at most one half.
             unique, index = np.unique(rgb, axis=0, return_inverse=True)
             scale = 2 * unique.max(axis=1)
             reflectances = unique / np.where(scale > 0, scale, 1)[:, None]
@@ -44,7 +49,7 @@ class Colours:
         dr.eval(self._values)
 
     def at(self, index: mi.UInt32, wavelengths: Any, active: mi.Bool | bool = True) -> Any:
-        """Spectrum of the colour at `index`, an `mi.UnpolarizedSpectrum`."""
+        """Return the spectrum of the color with an index, an `mi.UnpolarizedSpectrum`."""
         values = dr.gather(type(self._values), self._values, index, active)
         if not mi.is_spectral:
             return mi.UnpolarizedSpectrum(values)

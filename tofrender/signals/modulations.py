@@ -1,17 +1,18 @@
 """Modulations: the weight that a correlation sensor gives to light, as a function of path length.
 
-The light is modulated, the sensor multiplies it with a demodulation and integrates. Light of one
-path length is thus weighted by the **correlation function** of the two, which is periodic in the
-optical path length with period c/f. A modulation here is that function:
+The light is modulated. The sensor multiplies the light by a demodulation and integrates. Therefore
+light of one path length is weighted by the **correlation function** of modulation and demodulation,
+which is periodic in the optical path length with the period c/f. In this module, a modulation is
+this correlation function:
 
     eval(opl)                 weight of light with the path length opl [m]
     frequency_hz              repetition frequency f [Hz], from 1e-9 to 1e18
     phase_offset              phase of the demodulation [rad], any finite number
-    get_unambiguous_range()   half a period, c / 2f [m]: depths beyond it wrap around
+    get_unambiguous_range()   half a period, c / 2f [m]; larger depths wrap around
 
-All correlations are scaled to [-1, 1], as if the sensor reported the difference of two taps, and
-are functions of the phase x = f opl/c + phase_offset/(2 pi), in turns. `eval` accepts a Dr.Jit
-float or a number, and returns the same type. Arguments out of range raise a ValueError.
+All correlations are scaled to [-1, 1], like the difference of two taps of a sensor. They are
+functions of the phase x = f opl/c + phase_offset/(2 pi), in turns. `eval` accepts a Dr.Jit float or
+a number, and returns the same type. Arguments out of range raise a ValueError.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from .units import SPEED_OF_LIGHT, check_frequency
 
 
 class Modulation(Protocol):
-    """Interface of modulations; see the module's text."""
+    """Interface of modulations; see the docstring of the module."""
 
     frequency_hz: float
 
@@ -39,48 +40,51 @@ class Modulation(Protocol):
 
 
 class _Periodic:
-    """A function of the phase x, in turns, that repeats with the frequency."""
+    """Base class of modulations, which are periodic functions of the phase x in turns."""
 
     c = SPEED_OF_LIGHT
 
     def __init__(self, frequency_hz: float, phase_offset: float = 0.0) -> None:
         self.frequency_hz = check_frequency("frequency_hz", frequency_hz)
         self.phase_offset = checks.number("phase_offset", phase_offset, unit="radians")
-        # The period in two single-precision parts, so that opl - n period has no rounding error
+
+        # Store the period as the sum of two single-precision numbers, so that opl - n period is
+        # computed without rounding error
         period = SPEED_OF_LIGHT / self.frequency_hz
         self._period = float(np.float32(period))
         self._rest = period - self._period
         self._shift = math.remainder(self.phase_offset / (2.0 * math.pi), 1.0)
 
     def _turns(self, opl: Any) -> Any:
-        """Phase x within [-1/2, 1/2], as exact as `opl` itself for up to 2^24 periods."""
+        """Return the phase x in [-1/2, 1/2], as precise as `opl` for up to 2^24 periods."""
         n = dr.round(opl / self._period)
         within = dr.fma(-n, self._rest, dr.fma(-n, self._period, opl))
         x = within / self._period + self._shift
         return x - dr.round(x)
 
     def get_unambiguous_range(self) -> float:
-        """Largest unambiguous depth, half of a path: c / 2f [m]."""
+        """Return the largest unambiguous depth, half of a period: c / 2f [m]."""
         return SPEED_OF_LIGHT / (2.0 * self.frequency_hz)
 
     def __repr__(self) -> str:
-        """Name, arguments and, if it is not 0, the offset."""
+        """Return the class with its arguments, and the phase offset if it is not 0."""
         offset = f", phase_offset={self.phase_offset:g}" if self.phase_offset else ""
         return f"{type(self).__name__}({self._arguments()}{offset})"
 
     def _arguments(self) -> str:
+        """Return the arguments for `repr`."""
         return f"frequency_hz={self.frequency_hz:g}"
 
 
 class AMCWPulse(_Periodic):
     """Amplitude-modulated continuous wave: m(opl) = cos(omega opl/c + phase_offset).
 
-    A phasor P = sum of L exp(+i omega opl/c) has I = Re P and Q = Im P. Its I is measured with
-    `phase_offset = 0`. **Its Q is plus sine, `phase_offset = -pi/2`**: cos(x - pi/2) = sin x,
-    while +pi/2 gives minus sine and a depth that runs backwards.
+    A phasor P = sum of L exp(+i omega opl/c) has I = Re P and Q = Im P. I is measured with
+    `phase_offset = 0`. **Q is measured with `phase_offset = -pi/2`**, because
+    cos(x - pi/2) = sin x. An offset of +pi/2 would give minus sine, and depths with wrong sign.
 
     Args:
-        frequency_hz: Modulation frequency f [Hz]; also the attribute `frequency`.
+        frequency_hz: Modulation frequency f [Hz], also stored as the attribute `frequency`.
         phase_offset: Phase of the demodulation [rad].
 
     Attributes:
@@ -102,16 +106,17 @@ class AMCWPulse(_Periodic):
         self.omega = 2.0 * math.pi * self.frequency_hz
 
     def eval(self, opl: mi.Float) -> mi.Float:
-        """Weight in [-1, 1] of light with the path length `opl` [m]."""
+        """Return the weight in [-1, 1] of light with the path length `opl` [m]."""
         return dr.cos((2.0 * math.pi) * self._turns(opl))
 
 
 class SquareWave(_Periodic):
-    """Square light times square demodulation, half a period on, half off: a triangle wave.
+    """Correlation of square light with a square demodulation, which is a triangle wave.
 
-    m(x) = 1 - 4 |x - round(x)|, which is 1 at x = 0 and -1 at x = 1/2. Its harmonics n = 1, 3, 5,
-    ... have amplitudes 8/(pi n)^2, so an algorithm for cosines measures a slightly wrong phase: the
-    "wiggling error" of real cameras.
+    Light and demodulation are on for one half of the period and off for the other half. The
+    correlation is m(x) = 1 - 4 |x - round(x)|, with m(0) = 1 and m(1/2) = -1. The harmonics
+    n = 1, 3, 5, ... have the amplitudes 8/(pi n)^2. Therefore an algorithm for cosines measures a
+    slightly wrong phase. This is the "wiggling error" of real cameras.
 
     Args:
         frequency_hz: Repetition frequency f [Hz].
@@ -125,11 +130,11 @@ class SquareWave(_Periodic):
     """
 
     def eval(self, opl: mi.Float) -> mi.Float:
-        """Weight in [-1, 1] of light with the path length `opl` [m]."""
+        """Return the weight in [-1, 1] of light with the path length `opl` [m]."""
         return 1.0 - 4.0 * abs(self._turns(opl))
 
 
-# Slots of the period at which each demodulation switches, first on, then off, on, off, ...
+# Slots of the period where each demodulation switches: first on, then off, on, off, ...
 _SWITCHES = {
     3: ((0, 3), (2, 5), (4, 1)),
     4: ((5, 11), (2, 8), (0, 3, 7, 10), (4, 6, 9, 1)),
@@ -144,28 +149,29 @@ _SWITCHES = {
 
 
 class HamiltonianCode(_Periodic):
-    """Correlation of a Hamiltonian code, one of k: a piecewise-linear function.
+    """One of the k correlations of a Hamiltonian code, a piecewise-linear function.
 
     The period is divided into n = 6, 12 or 30 slots for k = 3, 4 or 5. The light is a pulse of one
-    slot, n times the mean power; each of the k demodulations d_i is binary in every slot, and from
-    one slot to the next exactly one of the k switches. So
+    slot with n times the mean power. Each of the k demodulations d_i is -1 or 1 in every slot. From
+    one slot to the next, exactly one demodulation switches. Therefore the correlation
 
         m_i(x) = n * integral of d_i from x to x + 1/n
 
-    is linear from d_i[j] at x = j/n to d_i[j + 1] at x = (j + 1)/n, and the k correlations together
-    follow edges of the k-dimensional cube, a closed tour of n different corners, all but the all-on
-    and all-off one (k = 4: all but four). This longer curve distinguishes more depths at the same
-    noise than a cosine's circle. For k = 3 the demodulations are one square wave, shifted by thirds
-    of the period; for k = 4 and 5 they differ in shape, too.
+    is linear from d_i[j] at x = j/n to d_i[j + 1] at x = (j + 1)/n. As points in k dimensions, the
+    k correlations follow edges of a cube on a closed tour of n corners. The tour visits all corners
+    except "all on" and "all off" (for k = 4, all except four). This curve is longer than the circle
+    of a cosine, so the code distinguishes more depths at the same noise. For k = 3, the
+    demodulations are square waves, shifted by thirds of the period. For k = 4 and 5, their shapes
+    differ too.
 
     Source: Gupta, Velten, Nayar and Breitbach, "What Are Optimal Coding Functions for
     Time-of-Flight Imaging?", ACM Transactions on Graphics 37(2), 2018. The slots for k = 4 and 5
-    are those of ToFSim, a public simulator from the same group. There d_i is 0 or 1, here -1 or 1.
+    come from ToFSim, a public simulator of the same group, where d_i is 0 or 1.
 
     Args:
         k: Number of demodulations: 3, 4 or 5.
         frequency_hz: Repetition frequency f [Hz].
-        demodulation: Index i, from 0 to k - 1; `HamiltonianCode.all` makes all k.
+        demodulation: Index i, from 0 to k - 1. `HamiltonianCode.all` returns all k correlations.
         phase_offset: Phase of the demodulation [rad].
 
     Attributes:
@@ -187,15 +193,17 @@ class HamiltonianCode(_Periodic):
         self.demodulation = checks.integer("demodulation", demodulation, 0, self.k - 1)
         super().__init__(frequency_hz, phase_offset)
         switches = _SWITCHES[self.k]
-        slots = sum(len(each) for each in switches)  # One switch a slot
+        slots = sum(len(each) for each in switches)  # Each slot has exactly one switch
+
+        # Set the slots between on and off to 1
         self.code = np.full(slots, -1.0)
-        own = switches[self.demodulation]
-        for on, off in zip(own[::2], own[1::2], strict=True):
+        of_this = switches[self.demodulation]
+        for on, off in zip(of_this[::2], of_this[1::2], strict=True):
             self.code[np.arange(on, off if off > on else off + slots) % slots] = 1.0
 
     @classmethod
     def all(cls, k: int, frequency_hz: float) -> list[HamiltonianCode]:
-        """Make all k correlations of a code, which together determine depths.
+        """Return all k correlations of a code, which determine the depth together.
 
         Example:
             >>> [code.demodulation for code in HamiltonianCode.all(4, 20e6)]
@@ -204,7 +212,8 @@ class HamiltonianCode(_Periodic):
         return [cls(k, frequency_hz, i) for i in range(checks.integer("k", k, 3, 5))]
 
     def eval(self, opl: mi.Float) -> mi.Float:
-        """Weight in [-1, 1] of light with the path length `opl` [m]."""
+        """Return the weight in [-1, 1] of light with the path length `opl` [m]."""
+        # Sum the changes of the demodulation up to the slot, with linear interpolation
         x = self._turns(opl)
         slot = self.code.size * (x - dr.floor(x))
         value: Any = float(self.code[0])
@@ -214,33 +223,35 @@ class HamiltonianCode(_Periodic):
         return value
 
     def _arguments(self) -> str:
+        """Return the arguments for `repr`."""
         return f"k={self.k}, {super()._arguments()}, demodulation={self.demodulation}"
 
 
 class MSequence(_Periodic):
     """Maximal-length binary sequence of N = 2^n_bits - 1 chips, correlated with itself.
 
-    A linear-feedback shift register of n_bits runs through all its states but 0. The periodic
-    autocorrelation of the +1/-1 sequence is 1 at no shift and -1/N at every other whole chip, and
-    straight in between: a triangle, one chip c/(f N) to each side, on a flat floor:
+    The sequence comes from a linear-feedback shift register with n_bits, which visits all states
+    except 0. The periodic autocorrelation of the sequence of +1 and -1 is 1 without shift, -1/N at
+    all other integer shifts, and linear between them. It is a triangle that extends one chip
+    c/(f N) to each side, on a flat floor:
 
         m(x) = max(1 - (1 + 1/N) N |x - round(x)|, -1/N)
 
-    Light paths that differ by more than a chip mix only by the floor. (Light is not negative: a
-    source of power 1 + s instead of the sequence s adds its mean, 1/N, and the floor is 0.)
-    `phase_offset` moves the peak to opl = -phase_offset/(2 pi) c/f: scan it over a period to sample
-    a transient chip by chip.
+    Light paths that differ by more than one chip interfere only by the floor. (Light cannot be
+    negative. A source with the power 1 + s instead of s adds the mean 1/N of the sequence s, and
+    the floor is 0.) `phase_offset` moves the peak to opl = -phase_offset/(2 pi) c/f. Scan the
+    offset over a period to sample a transient chip by chip.
 
     Source: Golomb, "Shift Register Sequences", 1967; for time of flight: Kadambi et al., "Coded
     Time of Flight Cameras", ACM Transactions on Graphics 32(6), 2013.
 
     Args:
         n_bits: Length of the register, from 2 to 16.
-        frequency_hz: Frequency f at which the whole sequence repeats [Hz]; chips follow at N f.
-        phase_offset: Phase of the demodulation [rad] of the whole sequence.
+        frequency_hz: Repetition frequency f of the whole sequence [Hz]. The chip rate is N f.
+        phase_offset: Phase of the demodulation [rad]; 2 pi is the length of the whole sequence.
 
     Attributes:
-        n_chips: N.
+        n_chips: Number of chips N.
 
     Example:
         >>> sequence = MSequence(3, 10e6)
@@ -258,15 +269,16 @@ class MSequence(_Periodic):
 
     @cached_property
     def code(self) -> np.ndarray:
-        """Sequence of SciPy's shift register, NumPy array of shape (n_chips,) of -1 and 1."""
+        """Sequence of -1 and 1 from SciPy's shift register, NumPy array of shape (n_chips,)."""
         from scipy.signal import max_len_seq
 
         return 2.0 * max_len_seq(self.n_bits)[0] - 1.0
 
     def eval(self, opl: mi.Float) -> mi.Float:
-        """Weight in [-1/N, 1] of light with the path length `opl` [m]."""
+        """Return the weight in [-1/N, 1] of light with the path length `opl` [m]."""
         slope = self.n_chips + 1.0
         return dr.maximum(1.0 - slope * abs(self._turns(opl)), -1.0 / self.n_chips)
 
     def _arguments(self) -> str:
+        """Return the arguments for `repr`."""
         return f"n_bits={self.n_bits}, {super()._arguments()}"

@@ -1,9 +1,9 @@
 """Amplitude, phase and depth of phasors, in the convention P = sum L exp(+i 2 pi f opl/c).
 
-The whole package uses it: I = Re P, Q = Im P, a longer path increases the phase.
+The whole package uses this convention: I = Re P, Q = Im P, and a longer path has a larger phase.
 """
 
-# ruff: noqa: E741 (I and Q are what the field calls them)
+# ruff: noqa: E741 (I and Q are the field's names)
 
 import math
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from .units import SPEED_OF_LIGHT, check_frequencies
 def wrap(values: Any, period: float) -> np.ndarray:
     """Wrap values to [0, period).
 
-    `np.mod` alone rounds small negative values to the period itself.
+    Unlike `np.mod`, this function does not round small negative values to the period itself.
 
     Example:
         >>> wrap([-1e-20, 7.5], 5.0)
@@ -32,7 +32,7 @@ def wrap(values: Any, period: float) -> np.ndarray:
 def phase_of(I: Any, Q: Any) -> np.ndarray:
     """Return the phase atan2(Q, I) in (-pi, pi] [rad].
 
-    `np.arctan2` alone returns -pi where Q is -0 or rounds to it.
+    Unlike `np.arctan2`, this function returns pi instead of -pi if Q is -0 and I is negative.
 
     Example:
         >>> phase_of(-1.0, -0.0).round(4).item()
@@ -63,36 +63,41 @@ def _frequencies_first(name: str, values: Any, frequencies: Sequence[float]) -> 
 def phasor_parts(
     I: Any, Q: Any, frequency_hz: float | Sequence[float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Amplitude, phase and depth of phasors I + iQ.
+    """Return amplitude, phase and depth of phasors I + iQ.
 
-    depth = c (phase mod 2 pi) / (4 pi f) is half the path length, wrapped to [0, c / 2f): the
-    distance of a surface if light and camera coincide and all light is direct.
+    depth = c (phase mod 2 pi) / (4 pi f) is half the path length, wrapped to [0, c / 2f). This is
+    the distance of a surface if light and camera are at the same point and all light is direct.
 
     Args:
-        I: Real part, any shape; for a sequence of frequencies the first axis is theirs, of a
-            DataArray the axis `frequency`.
+        I: Real part, any shape. With a sequence of frequencies, the first axis is the frequency;
+            of a DataArray, it is the axis `frequency`.
         Q: Imaginary part, of the same shape.
-        frequency_hz: Modulation frequency [Hz], above 0, or a sequence of them.
+        frequency_hz: Modulation frequency [Hz], above 0, or a sequence of frequencies.
 
     Returns:
         (amplitude, phase, depth), float64 of the same shape: amplitude in units of I, phase =
         atan2(Q, I) in (-pi, pi] [rad], depth [m]. Without light all three are 0.
 
     Raises:
-        ValueError: Shapes that do not fit, or a frequency that is not finite and above 0.
+        ValueError: If the shapes do not fit, or a frequency is not finite and above 0.
 
     Example:
         >>> amplitude, phase, depth = phasor_parts(0.0, -2.0, 20e6)  # three quarters of a turn
         >>> bool(np.isclose(depth, 0.75 * SPEED_OF_LIGHT / (2 * 20e6)))
         True
     """
+    # Check the arguments
     frequencies, many = check_frequencies(frequency_hz)
     if many:
-        I, Q = (_frequencies_first(name, each, frequencies) for name, each in (("I", I), ("Q", Q)))
-    I, Q = checks.real_array("I", I, np.float64), checks.real_array("Q", Q, np.float64)
+        I = _frequencies_first("I", I, frequencies)
+        Q = _frequencies_first("Q", Q, frequencies)
+    I = checks.real_array("I", I, np.float64)
+    Q = checks.real_array("Q", Q, np.float64)
     if I.shape != Q.shape or (many and I.shape[:1] != (len(frequencies),)):
         first = f", {len(frequencies)} frequencies first" if many else ""
         raise ValueError(f"I, Q with shapes {I.shape}, {Q.shape}: must be equal{first}")
+
+    # Convert the phase to depth, below the unambiguous range of each frequency
     phase = phase_of(I, Q)
     ranges = SPEED_OF_LIGHT / (2 * np.array(frequencies))
     ranges = ranges.reshape(-1, *[1] * (I.ndim - 1)) if many else ranges[0]

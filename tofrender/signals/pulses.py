@@ -1,15 +1,15 @@
 """Pulses: temporal profiles of emitted light.
 
-A pulse is a density over the offset t from its centre, in metres of optical path:
+A pulse is a density over the offset t from the pulse's center, in meters of optical path:
 
     eval(t)      density p(t) [1/m]
-    cdf(t)       integral of p up to t, which gives exact bin masses as differences
-    sample(xi)   (t, weight) for a uniform xi, with E[weight f(t)] = integral of p f
-    support      (first, last) offset [m] outside of which p is 0 or negligible
+    cdf(t)       integral of p up to t; differences are exact energies of bins
+    sample(xi)   (t, weight) for a uniform random number xi, with E[weight f(t)] = integral of p f
+    support      (first, last) offset [m]; outside of this interval, p is 0 or negligible
 
 All three functions accept Dr.Jit floats or numbers, and return the same type (`weight` is always a
-Dr.Jit float). `sample` is finite for every xi in [0, 1], both ends included. Widths are from 1e-12
-to 1e12 m; arguments out of range raise a ValueError.
+Dr.Jit float). `sample` is finite for every xi in [0, 1], including both ends. Widths are from 1e-12
+to 1e12 m. Arguments out of range raise a ValueError.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from ..runtime.archives import read_array
 
 
 class Pulse(Protocol):
-    """Interface of pulses; see the module's text."""
+    """Interface of pulses; see the docstring of the module."""
 
     @property
     def support(self) -> tuple[float, float]: ...  # noqa: D102
@@ -45,15 +45,15 @@ class Pulse(Protocol):
 
 
 def _like(given: Any, result: Any) -> Any:
-    """Convert a Dr.Jit float to a number if a number was given."""
+    """Convert a result of type Dr.Jit float to a number if the argument `given` was a number."""
     return result[0] if isinstance(given, Real) else result
 
 
 class GaussianPulse:
-    """Normalised Gaussian p(t) = exp(-t^2 / (2 s^2)) / (s sqrt(2 pi)).
+    """Normalized Gaussian p(t) = exp(-t^2 / (2 s^2)) / (s sqrt(2 pi)).
 
     Args:
-        width_opl: Standard deviation s [m]; a number, or a Dr.Jit float with gradients.
+        width_opl: Standard deviation s [m], a number or a Dr.Jit float with gradients.
 
     Attributes:
         width: s as a Dr.Jit float.
@@ -74,9 +74,9 @@ class GaussianPulse:
 
     @property
     def width(self) -> mi.Float:
-        """Standard deviation [m] as a Dr.Jit float, the same variable each time.
+        """Standard deviation [m] as a Dr.Jit float, the same variable in each call.
 
-        Gradients may be enabled on it; `take_width` applies a value that is assigned to it.
+        Gradients may be enabled on this variable. After assigning a value to it, call `take_width`.
         """
         if type(self._width) is not mi.Float:
             self._width = mi.Float(self.width_opl)
@@ -95,7 +95,7 @@ class GaussianPulse:
 
     @property
     def _variable_width(self) -> Any:
-        """Width if it has gradients, or if a fit changes it from kernel to kernel, else None."""
+        """Width with gradients, or width that a fit changes between kernels; otherwise None."""
         width = self._width
         if dr.grad_enabled(width) or (width is not None and width.state == dr.VarState.Evaluated):
             return width
@@ -103,27 +103,30 @@ class GaussianPulse:
 
     @property
     def support(self) -> tuple[float, float]:
-        """Five standard deviations to each side [m], with all but 6e-7 of the energy."""
+        """Interval of five standard deviations to each side [m]; 6e-7 of the energy is outside."""
         return (-5.0 * self.width_opl, 5.0 * self.width_opl)
 
     def eval(self, t: mi.Float) -> mi.Float:
-        """Density [1/m] at the offset `t` [m]."""
-        z, height, width = t / self.width_opl, self.normalization, self._variable_width
+        """Return the density [1/m] at the offset `t` [m]."""
+        z = t / self.width_opl
+        height = self.normalization
+        width = self._variable_width
         if width is not None:
-            z, height = t / width, dr.rcp(width * math.sqrt(2.0 * math.pi))
+            z = t / width
+            height = dr.rcp(width * math.sqrt(2.0 * math.pi))
         return height * dr.exp(-0.5 * z * z)
 
     def cdf(self, t: mi.Float) -> mi.Float:
-        """Fraction of the energy up to the offset `t` [m]: (1 + erf(t / (s sqrt 2))) / 2."""
+        """Return the fraction of the energy up to `t` [m]: (1 + erf(t / (s sqrt 2))) / 2."""
         variable = self._variable_width
         width: Any = self.width_opl if variable is None else variable
         return 0.5 + 0.5 * dr.erf(t / (width * math.sqrt(2.0)))
 
     def sample(self, xi: mi.Float) -> tuple[mi.Float, mi.Float]:
-        """Offset s sqrt(2) erfinv(2 xi - 1) [m] and its weight, 1.
+        """Return the offset s sqrt(2) erfinv(2 xi - 1) [m] and the weight 1.
 
-        erfinv is infinite at both ends, and a 24-bit sampler returns 0 now and then, so `xi` is
-        kept 2^-24 away from 0 and 1: every offset is finite.
+        erfinv is infinite at both ends, and samplers with 24 bits sometimes return 0. Therefore
+        `xi` is limited to the interval from 2^-24 to 1 - 2^-24, so that every offset is finite.
         """
         edge = 2.0**-24
         argument = dr.clip(2.0 * xi - 1.0, -1.0 + 2 * edge, 1.0 - 2 * edge)
@@ -134,7 +137,7 @@ class GaussianPulse:
 
 
 class BoxPulse:
-    """Constant p(t) = 1 / w over [-w/2, w/2]: a laser that is on for w/c, or an open gate.
+    """Box p(t) = 1 / w over [-w/2, w/2], such as a laser that is on for w/c, or an open gate.
 
     Args:
         width_opl: Full width w [m].
@@ -158,16 +161,16 @@ class BoxPulse:
         return (-0.5 * self.width_opl, 0.5 * self.width_opl)
 
     def eval(self, t: mi.Float) -> mi.Float:
-        """Density [1/m] at the offset `t` [m]; both ends belong to the box."""
+        """Return the density [1/m] at the offset `t` [m]; both ends belong to the box."""
         density: Any = self.normalization
         return dr.select(dr.abs(t) <= 0.5 * self.width_opl, density, 0.0)
 
     def cdf(self, t: mi.Float) -> mi.Float:
-        """Fraction of the energy up to the offset `t` [m]: t / w + 1/2, kept within [0, 1]."""
+        """Return the fraction of the energy up to `t` [m]: t / w + 1/2, limited to [0, 1]."""
         return dr.clip(t / self.width_opl + 0.5, 0.0, 1.0)
 
     def sample(self, xi: mi.Float) -> tuple[mi.Float, mi.Float]:
-        """Offset w (xi - 1/2) [m] and its weight, 1."""
+        """Return the offset w (xi - 1/2) [m] and the weight 1."""
         return self.width_opl * (dr.clip(xi, 0.0, 1.0) - 0.5), mi.Float(1.0)
 
     def __repr__(self) -> str:
@@ -175,15 +178,15 @@ class BoxPulse:
 
 
 class SampledPulse:
-    """Measured pulse: constant within equal bins, normalised.
+    """Measured pulse: a normalized density that is constant in each of n equal bins.
 
     Args:
-        values: Relative energy in each bin, shape (n,), none negative, at least one positive.
-        start_opl: Offset at which the first bin starts [m].
+        values: Relative energy in each bin, shape (n,), 0 or more, at least one above 0.
+        start_opl: Offset at the start of the first bin [m].
         bin_width_opl: Width of a bin [m].
 
     Attributes:
-        density: Normalised density in each bin [1/m], NumPy array of shape (n,).
+        density: Normalized density in each bin [1/m], NumPy array of shape (n,).
 
     Example:
         >>> pulse = SampledPulse([1.0, 3.0], start_opl=0.0, bin_width_opl=0.5)
@@ -196,21 +199,24 @@ class SampledPulse:
     def __init__(
         self, values: Sequence[float] | np.ndarray, start_opl: float, bin_width_opl: float
     ) -> None:
+        # Check the values
         try:
             energy = checks.real_array("values", values, np.float64)
         except ValueError:
             allowed = "must be a list of finite numbers, 0 or more"
             raise ValueError(f"values = {checks.quote(values)}: {allowed}") from None
         if energy.ndim != 1 or energy.size == 0:
-            raise ValueError(f"values: shape {energy.shape}; must be a list of at least one number")
+            raise ValueError(f"values with shape {energy.shape}: must be a list of numbers")
         if not np.all(np.isfinite(energy)) or np.any(energy < 0):
             worst = energy[~np.isfinite(energy) | (energy < 0)][0]
-            raise ValueError(f"values: contain {worst:g}; each must be a finite number, 0 or more")
+            raise ValueError(f"values: contain {worst:g}; all must be finite numbers, 0 or more")
         if not np.any(energy > 0):
             raise ValueError("values: all are 0; at least one must be above 0")
+
+        # Normalize the density; the sum of large energies could overflow
         self.start_opl = checks.metres("start_opl", start_opl)
         self.bin_width_opl = checks.width("bin_width_opl", bin_width_opl)
-        energy = energy / energy.max()  # The sum could overflow
+        energy = energy / energy.max()
         mass = energy / energy.sum()
         self.density = mass / self.bin_width_opl
         self._cumulative = np.concatenate([[0.0], np.cumsum(mass)])
@@ -218,18 +224,18 @@ class SampledPulse:
 
     @classmethod
     def from_file(cls, path: str | os.PathLike[str]) -> SampledPulse:
-        r"""Read a measured pulse.
+        r"""Read a measured pulse from a file.
 
         Args:
             path: A file of one of two kinds.
                 `.npz`: arrays `values` of shape (n,), `start_opl` and `bin_width_opl` [m].
-                `.csv` or `.txt`: a row for each of at least two bins, with its centre [m] and its
-                value, evenly spaced to a hundredth of a bin, separated by commas, semicolons or
-                blanks. A first row may name them, and `#` starts a comment.
+                `.csv` or `.txt`: a row with center [m] and value for each of at least two bins,
+                separated by commas, semicolons or blanks. The centers are evenly spaced, up to a
+                hundredth of a bin. The first row may contain names, and `#` starts a comment.
 
         Raises:
-            FileNotFoundError: There is no such file.
-            ValueError: The file does not hold a pulse.
+            FileNotFoundError: If the file does not exist.
+            ValueError: If the file does not contain a pulse; one line.
 
         Example:
             >>> import tempfile
@@ -245,7 +251,7 @@ class SampledPulse:
         if path.suffix.lower() not in readers:
             raise ValueError(f"{where}: must end in .npz, .csv or .txt")
         if not path.is_file():
-            raise FileNotFoundError(f"{where}: must be a file that exists")
+            raise FileNotFoundError(f"{where}: does not exist. Pass an existing file")
         try:
             return cls(*readers[path.suffix.lower()](path))
         except OSError as error:
@@ -257,32 +263,38 @@ class SampledPulse:
 
     @property
     def support(self) -> tuple[float, float]:
-        """Start of the first and end of the last bin [m]."""
+        """Start of the first bin and end of the last bin [m]."""
         return (self.start_opl, self.start_opl + self.density.size * self.bin_width_opl)
 
     def eval(self, t: mi.Float) -> mi.Float:
-        """Density [1/m] at the offset `t` [m]."""
+        """Return the density [1/m] at the offset `t` [m]."""
         position = (mi.Float(t) - self.start_opl) / self.bin_width_opl
         inside = (position >= 0) & (position < self.density.size)
         density = dr.gather(mi.Float, mi.Float(self.density), mi.UInt32(position), inside)
         return _like(t, density)
 
     def cdf(self, t: mi.Float) -> mi.Float:
-        """Fraction of the energy up to the offset `t` [m]."""
+        """Return the fraction of the energy up to the offset `t` [m]."""
+        # Find the bin, and interpolate the cumulative energy
         n = self.density.size
         position = dr.clip((mi.Float(t) - self.start_opl) / self.bin_width_opl, 0, n)
         k = dr.minimum(mi.UInt32(position), n - 1)
         table = mi.Float(self._cumulative)
-        low, high = dr.gather(mi.Float, table, k), dr.gather(mi.Float, table, k + 1)
+        low = dr.gather(mi.Float, table, k)
+        high = dr.gather(mi.Float, table, k + 1)
         return _like(t, dr.lerp(low, high, position - k))
 
     def sample(self, xi: mi.Float) -> tuple[mi.Float, mi.Float]:
-        """Offset [m] by inversion of the cdf, and its weight, 1."""
+        """Return the offset [m] by inversion of the cdf, and the weight 1."""
+        # Find the bin
         u = dr.clip(mi.Float(xi), 0, 1)
         table = mi.Float(self._cumulative)
         last = self.density.size - 1
         k = dr.binary_search(0, last, lambda i: dr.gather(mi.Float, table, i + 1) <= u)
-        low, high = dr.gather(mi.Float, table, k), dr.gather(mi.Float, table, k + 1)
+
+        # Invert the linear cdf within the bin
+        low = dr.gather(mi.Float, table, k)
+        high = dr.gather(mi.Float, table, k + 1)
         within = dr.clip(dr.select(high > low, (u - low) / (high - low), 0), 0, 1)
         t = self.start_opl + (k + within) * self.bin_width_opl
         return _like(xi, t), mi.Float(1.0)
@@ -295,25 +307,27 @@ class SampledPulse:
 
 
 def _read_npz(path: Path) -> tuple[np.ndarray, float, float]:
-    """Values, start and bin width [m] from arrays of these names."""
+    """Read values, start [m] and bin width [m] from an `.npz` file."""
     names = ("values", "start_opl", "bin_width_opl")
     allowed = f"must be an .npz file with the arrays {', '.join(names)}"
     try:
-        with zipfile.ZipFile(path) as archive:  # NumPy accepts other kinds of file as .npz, too
+        # `np.load` would accept other kinds of file too
+        with zipfile.ZipFile(path) as archive:
             missing = [name for name in names if f"{name}.npy" not in archive.namelist()]
             if missing:
-                raise ValueError(f"has no {missing[0]}; {allowed}")
+                raise ValueError(f"{missing[0]} is missing; {allowed}")
             values, start, width = (read_array(archive, name) for name in names)
     except (zipfile.BadZipFile, zlib.error, EOFError, KeyError):
-        raise ValueError(f"is damaged or of another kind; {allowed}") from None
+        raise ValueError(f"the file is damaged or of another kind; {allowed}") from None
     for name, number in (("start_opl", start), ("bin_width_opl", width)):
         if number.size != 1:
-            raise ValueError(f"{name}: shape {number.shape}; must be one number")
+            raise ValueError(f"{name} with shape {number.shape}: must be one number")
     return values, start.item(), width.item()
 
 
 def _read_table(path: Path) -> tuple[np.ndarray, float, float]:
-    """Values, start and bin width [m] from rows of a bin's centre and its value."""
+    """Read values, start [m] and bin width [m] from rows with center and value of a bin."""
+    # Read the rows; the first row may contain names
     rows: list[list[float]] = []
     for line, text in enumerate(path.read_text(encoding="utf-8-sig").splitlines(), 1):
         words = text.partition("#")[0].replace(",", " ").replace(";", " ").split()
@@ -323,20 +337,23 @@ def _read_table(path: Path) -> tuple[np.ndarray, float, float]:
         numbers = [number for number in row if number is not None]
         if len(row) == len(numbers) == 2 and math.isfinite(numbers[0]):
             rows.append(numbers)
-        elif rows or numbers:  # A first row may have names
+        elif rows or numbers:
             raise ValueError(f"line {line} = {text[:40]!r}: must be two numbers, opl [m] and value")
     if len(rows) < 2:
-        raise ValueError(f"has {len(rows)} rows; must have at least two, each opl [m] and value")
+        raise ValueError(f"found {len(rows)} rows; must be at least two, each opl [m] and value")
+
+    # Find the spacing of the centers
     opl, values = np.array(rows).T
     step = (opl[-1] - opl[0]) / (opl.size - 1)
     uneven = np.abs(opl - np.linspace(opl[0], opl[-1], opl.size)) > 0.01 * step
     if step <= 0 or uneven.any():
         worst = opl[np.argmax(uneven)] if step > 0 else opl[-1]
-        raise ValueError(f"opl = {worst:g}: opl must rise in even steps, here {step:g} metres")
+        raise ValueError(f"opl = {worst:g}: opl must increase in even steps, here {step:g} metres")
     return values, float(opl[0] - 0.5 * step), float(step)
 
 
 def _number(word: str) -> float | None:
+    """Convert a word to a number, or return None if it is not a number."""
     try:
         return float(word)
     except ValueError:
@@ -344,10 +361,10 @@ def _number(word: str) -> float | None:
 
 
 def convolve(first: Pulse, second: Pulse) -> Pulse:
-    """Convolution of two pulses, as of a laser and a detector.
+    """Return the convolution of two pulses, for example of a laser and a detector.
 
-    Two Gaussians give a Gaussian; others are convolved on 4096 samples of the joint support. The
-    mean is the sum of both means.
+    The convolution of two Gaussians is a Gaussian. Other pulses are convolved in 4096 bins of their
+    joint support. The mean of the result is the sum of both means.
 
     Example:
         >>> convolve(GaussianPulse(0.03), GaussianPulse(0.04))
@@ -355,19 +372,24 @@ def convolve(first: Pulse, second: Pulse) -> Pulse:
     """
     if isinstance(first, GaussianPulse) and isinstance(second, GaussianPulse):
         return GaussianPulse(math.hypot(first.width_opl, second.width_opl))
+
+    # Energy of both pulses in equal bins
     low = first.support[0] + second.support[0]
     step = (first.support[1] + second.support[1] - low) / 4096
     masses = [_masses(pulse, step) for pulse in (first, second)]
-    # Bins [i, i+1) and [j, j+1) of two densities add to [i+j, i+j+2), half of the mass in each
+
+    # The sum of offsets in the bins [i, i+1) and [j, j+1) is in [i+j, i+j+2), half of it in each
+    # bin
     joint = np.convolve(masses[0], masses[1])
     joint = 0.5 * (np.append(joint, 0.0) + np.insert(joint, 0, 0.0))
-    # A pulse that is narrower than a step fills one, which moves its mean
+
+    # Correct the mean: a pulse that is narrower than a bin fills a whole bin
     mean = low + step * (joint @ (np.arange(joint.size) + 0.5)) / joint.sum()
     return SampledPulse(joint, low + _mean(first) + _mean(second) - mean, step)
 
 
 def _masses(pulse: Pulse, step: float) -> np.ndarray:
-    """Energy of `pulse` in bins of width `step` [m] that cover its support."""
+    """Return the energy of a pulse in bins of width `step` [m] that cover its support."""
     low, high = pulse.support
     edges = low + step * np.arange(math.ceil((high - low) / step) + 1)
     values: Any = pulse.cdf(mi.Float(edges))
@@ -375,7 +397,7 @@ def _masses(pulse: Pulse, step: float) -> np.ndarray:
 
 
 def _mean(pulse: Pulse) -> float:
-    """Mean offset of `pulse` [m], by 4096 bins of its own support."""
+    """Return the mean offset of a pulse [m], computed from 4096 bins of its support."""
     low, high = pulse.support
     step = (high - low) / 4096
     masses = _masses(pulse, step)

@@ -1,4 +1,4 @@
-"""Speed of light, conversion of optical path length and time, and frequencies of modulation."""
+"""Speed of light, conversion of optical path length and time, and checks of frequencies."""
 
 from typing import Any
 
@@ -7,12 +7,15 @@ from ..runtime import checks
 SPEED_OF_LIGHT = 299_792_458.0
 """Speed of light in vacuum [m/s]."""
 
-MIN_FREQUENCY, MAX_FREQUENCY = 1e-9, 1e18
-"""Range of frequencies [Hz] whose period in metres single precision can divide by."""
+# Range of frequencies [Hz]; single precision can represent their periods in meters
+MIN_FREQUENCY = 1e-9
+MAX_FREQUENCY = 1e18
 
 
 def opl_to_ns(opl):
-    """Time of flight t = opl / c [ns] of an optical path length [m], a number or any array.
+    """Convert an optical path length [m] to time of flight t = opl / c [ns].
+
+    The argument is a number or an array of any package.
 
     Example:
         >>> round(opl_to_ns(3.0), 4)
@@ -22,7 +25,9 @@ def opl_to_ns(opl):
 
 
 def ns_to_opl(time_ns):
-    """Optical path length c t [m] of a time of flight [ns], a number or any array.
+    """Convert a time of flight t [ns] to optical path length c t [m].
+
+    The argument is a number or an array of any package.
 
     Example:
         >>> round(ns_to_opl(10.0), 8)
@@ -33,24 +38,31 @@ def ns_to_opl(time_ns):
 
 
 def _times(name, value, factor, labels):
-    """Multiply by a factor; labeled values get labels of their own."""
+    """Multiply a number or an array by a factor, and refuse other types.
+
+    A DataArray gets the given labels, because its unit changes.
+    """
     try:
         found = value * factor
     except (TypeError, OverflowError):
-        given = checks.quote(value)
-        raise ValueError(f"{name} = {given}: must be a number or an array of any") from None
-    if hasattr(found, "attrs") and hasattr(found, "dtype"):  # A DataArray, of units of its own
+        shown = checks.quote(value)
+        raise ValueError(f"{name} = {shown}: must be a number or an array of numbers") from None
+    if hasattr(found, "attrs") and hasattr(found, "dtype"):
         found.attrs = labels
     return found
 
 
 def check_frequency(name: str, value: Any) -> float:
-    """Require a frequency [Hz] from 1e-9 to 1e18 and return it as a float."""
+    """Require a frequency from 1e-9 to 1e18 [Hz], and return it as a float."""
     return checks.number(name, value, unit="hertz", low=MIN_FREQUENCY, high=MAX_FREQUENCY)
 
 
 def check_frequencies(value: Any, name: str = "frequency_hz") -> tuple[list[float], bool]:
-    """List of one frequency [Hz] or of a sequence of them, and whether it was a sequence."""
+    """Require a frequency or a sequence of frequencies [Hz].
+
+    Returns:
+        The list of frequencies, and whether the value was a sequence.
+    """
     try:
         values = None if isinstance(value, str | bytes | dict) else list(value)
     except TypeError:
@@ -58,18 +70,23 @@ def check_frequencies(value: Any, name: str = "frequency_hz") -> tuple[list[floa
     if values is None:
         return [check_frequency(name, value)], False
     if not values:
-        given = checks.quote(value)
-        raise ValueError(f"{name} = {given}: must hold at least one frequency in hertz")
+        shown = checks.quote(value)
+        raise ValueError(f"{name} = {shown}: must contain at least one frequency in hertz")
     return [check_frequency(f"{name}[{i}]", each) for i, each in enumerate(values)], True
 
 
 def check_below_limit(frequency_hz: Any, width: float) -> list[float]:
-    """Return the frequencies [Hz], whose half periods must be longer than bins of a width [m]."""
+    """Require frequencies [Hz] with half periods that are longer than a bin, and return them.
+
+    Args:
+        frequency_hz: A frequency or a sequence of frequencies [Hz].
+        width: Width of a bin [m].
+    """
     frequencies, _ = check_frequencies(frequency_hz)
     limit = SPEED_OF_LIGHT / (2 * width)
     if max(frequencies) >= limit:
         raise ValueError(
-            f"frequency_hz = {max(frequencies):g}: must be below {limit:g}, where bins of "
-            f"{width:g} m are half a period"
+            f"frequency_hz = {max(frequencies):g}: must be below {limit:g}, so that half a period "
+            f"is longer than a bin of {width:g} m"
         )
     return frequencies
