@@ -1,4 +1,5 @@
-# Every target but help and clean sets up .venv first, which takes a minute once and nothing later.
+# Every target except help and clean first sets up .venv. This takes half a minute once, and later
+# nothing. "make render" installs only what rendering needs.
 .DEFAULT_GOAL := help
 .PHONY: help setup render notebook docs test test-all durations mutants test-kills test-inputs verify lint bench bench-full bench-lost release-check test-versions bench-tof clean
 
@@ -12,7 +13,8 @@ help: ## list the targets
 setup: ## create .venv, install the package, find or install LLVM
 	@sh .ci/setup
 
-render: setup ## render the Cornell box into $(OUT) (EXR stack, video, figure); ARGS="--spp 16" adds options
+render: ## render the Cornell box into $(OUT) (EXR stack, video, figure); ARGS="--spp 16" adds options
+	@sh .ci/setup render
 	.venv/bin/tofrender render cornell_box --out "$(OUT)" $(ARGS)
 
 notebook: setup ## open the notebooks in JupyterLab; git stores them without outputs
