@@ -3,11 +3,13 @@
 import json
 import os
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from helpers import affected
 
 FILE = Path(__file__).parents[1] / "durations.json"
 """Seconds of a case of each test function by file; those of fixtures for a module have an @."""
@@ -44,8 +46,9 @@ def load() -> dict[str, dict[str, float]]:
 class Durations:
     """Measures what each test computes, with its own fixtures, in the process that runs it."""
 
-    def __init__(self, strict: bool = False) -> None:
+    def __init__(self, strict: bool = False, whole: Collection[str] = ()) -> None:
         self.strict = strict
+        self.whole = whole  # Packages of which all cases run, so that a test may take longer
         self.cases: dict[tuple[str, str], list[float]] = defaultdict(list)
         self.fixtures: dict[tuple[str, str], float] = {}
         self.own, self.shared = 0.0, {}
@@ -87,7 +90,11 @@ class Durations:
 
     def too_slow(self) -> dict[str, float]:
         """Seconds of the tests that took longer than a test of `make test` may."""
-        sums = {"::".join(key): sum(cases) for key, cases in self.cases.items()}
+        sums = {
+            f"{file}::{test}": sum(cases)
+            for (file, test), cases in self.cases.items()
+            if affected.package_of(file) not in self.whole
+        }
         return {test: spent for test, spent in sums.items() if self.strict and spent > LIMIT_S}
 
     @pytest.hookimpl(trylast=True)
@@ -142,9 +149,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
+@pytest.hookimpl(trylast=True)
 def pytest_configure(config: pytest.Config) -> None:
     """Measure, if asked to."""
     if config.getoption("store_durations"):
         config.pluginmanager.register(Store(), "durations")
     elif config.getoption("strict_durations") and config.getoption("brief"):
-        config.pluginmanager.register(Durations(strict=True), "durations")
+        touched, importing = config.stash[affected.WHOLE]
+        whole = [*touched, *importing]
+        config.pluginmanager.register(Durations(strict=True, whole=whole), "durations")
