@@ -35,8 +35,9 @@ test-fast: setup ## run the tests that take less than 0.1 s, in about a minute, 
 test-all: setup ## run all tests, in an hour and a half; SHARD=3/8 runs the third of eight parts
 	.venv/bin/python -m pytest -n auto --dist worksteal $(if $(SHARD),--shard $(SHARD)) $(ARGS)
 
-durations: setup ## run all tests and store what each takes, by which make test and shards are chosen
+durations: setup ## store what each test takes in make test-all and in make test, by which both choose
 	DRJIT_CACHE_DIR=$$(mktemp -d) .venv/bin/python -m pytest -n auto --dist worksteal --store-durations $(ARGS)
+	DRJIT_CACHE_DIR=$$(mktemp -d) .venv/bin/python -m pytest -n auto --dist worksteal --brief --store-durations $(ARGS)
 
 mutants: setup ## plant more than 180 bugs, one at a time, and see that the tests find each
 	.venv/bin/python -m tests.mutants $(ARGS)

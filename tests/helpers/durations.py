@@ -12,7 +12,13 @@ import pytest
 from helpers import affected
 
 FILE = Path(__file__).parents[1] / "durations.json"
-"""Seconds of a case of each test function by file; those of fixtures for a module have an @."""
+"""Seconds of a case of each test function by file.
+
+Fixtures for a module have an @. What a case takes in `make test`, where other tests may not have
+compiled its kernels before, has the key of BRIEF.
+"""
+
+BRIEF = "brief {}"
 
 STORED_S = 0.05  # Less, for all cases of a test together, is not stored and counts as 0
 
@@ -118,11 +124,14 @@ class Store(Durations):
         if hasattr(session.config, "workerinput"):
             return
         stored = load()
+        brief = session.config.getoption("brief")
         for file in {file for file, _ in self.cases}:
-            stored[file] = {}
+            stored[file] = stored.get(file, {}) if brief else {}
         for (file, test), cases in self.cases.items():
+            key = BRIEF.format(test) if brief else test
+            stored[file].pop(key, None)
             if sum(cases) >= STORED_S:
-                stored[file][test] = float(f"{sum(cases) / len(cases):.2g}")
+                stored[file][key] = float(f"{sum(cases) / len(cases):.2g}")
         for (file, name), spent in self.fixtures.items():
             if spent >= STORED_S:
                 stored[file][name] = float(f"{spent:.2g}")

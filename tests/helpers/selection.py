@@ -31,8 +31,15 @@ class Test:
 
     __test__ = False
 
-    def __init__(self, cases: list[pytest.Item], case_s: float, fixtures_s: float) -> None:
+    def __init__(
+        self,
+        cases: list[pytest.Item],
+        case_s: float,
+        fixtures_s: float,
+        brief_case_s: float | None = None,
+    ) -> None:
         self.cases, self.case_s, self.fixtures_s = cases, case_s, fixtures_s
+        self.brief_case_s = case_s if brief_case_s is None else brief_case_s
         self.file = durations.split(cases[0].nodeid)[0]
         self.package = affected.package_of(self.file)
 
@@ -46,7 +53,7 @@ class Test:
         essential = any(case.get_closest_marker("essential") for case in self.cases)
         if self.fixtures_s + self.case_s > CASE_S and not essential:
             return []
-        fit = int(CASES_S / self.case_s) if self.case_s else len(self.cases)
+        fit = int(CASES_S / self.brief_case_s) if self.brief_case_s else len(self.cases)
         return covering(self.cases, max(fit, 1))
 
 
@@ -79,7 +86,9 @@ def tests(items: list[pytest.Item], stored: dict[str, dict[str, float]]) -> list
     found = []
     for (file, test), its in cases.items():
         shared = sum(stored[file][name] / users[file, name] for name in fixtures[file, test])
-        found.append(Test(its, stored.get(file, {}).get(test, 0.0), shared))
+        known = stored.get(file, {})
+        brief_case_s = known.get(durations.BRIEF.format(test))
+        found.append(Test(its, known.get(test, 0.0), shared, brief_case_s))
     return found
 
 

@@ -96,6 +96,17 @@ def test_make_test_runs_what_durations_say(run, tmp_path):
         assert status == 0, lines
         assert any(line.startswith("8 passed") for line in lines), lines
         assert "of 17 cases, among them 1 of 6 tests whole" in lines[-1]
+
+    # What a case takes in make test decides how many of them run there.
+    assert run("--brief", "--store-durations")[0] == 0
+    known = json.loads(file.read_text())["test_times.py"]
+    assert known["test_long"] == near["test_long"]
+    assert known["brief test_many_cases"] == pytest.approx(0.04, rel=0.2, abs=0.03)
+    file.write_text(json.dumps({"test_times.py": near | {"brief test_many_cases": 0.08}}))
+    status, lines = run("--brief")
+    assert any(line.startswith("6 passed") for line in lines), lines
+    file.write_text(json.dumps({"test_times.py": near}))
+
     status, lines = run("-m", "not slow")
     assert status == 0, lines
     assert lines[-1].startswith("2 passed")
