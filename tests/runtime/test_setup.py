@@ -257,11 +257,16 @@ def test_a_set_with_another_name_is_refused(user):
     assert user.ran == ""
 
 
-def test_pip_installs_where_uv_fails(user):
+@pytest.mark.parametrize("is_pinned", [True, False])  # Not in the edition of an assignment
+def test_pip_installs_where_uv_does_not(user, is_pinned):
     (user.base / "uv-fails").touch()
+    pins = user.folder / ".ci/requirements.txt"
+    if not is_pinned:
+        pins.write_text(re.sub(r"^uv==.*?\n(?=\w|\Z)", "", pins.read_text(), flags=re.M | re.S))
     user.works("render")
-    assert [call.split()[0] for call in installs(user)] == ["uv", "python", "python"]
-    assert "--require-hashes -r .ci/requirements.txt" in installs(user)[1]
+    tried = ["uv"] if is_pinned else []
+    assert [call.split()[0] for call in installs(user)] == [*tried, "python", "python"]
+    assert "--require-hashes -r .ci/requirements.txt" in installs(user)[-2]
 
 
 @pytest.mark.parametrize("damage", ["moved", "interrupted", "no python", "folder only"])
