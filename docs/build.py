@@ -1,6 +1,6 @@
 """Build the documentation: `make docs`, or `python docs/build.py`; `--help` lists the options.
 
-Notebooks and examples run side by side, and only those that have to, see `docs/_ext/running.py`.
+Notebooks and examples run side by side, if a change concerns them, see `docs/_ext/running.py`.
 Pages come from docs/, notebooks/, scenes/README.md, assignments/README.md, CHANGELOG.md and
 CONTRIBUTING.md. All that is made is in build/docs: `source` is what Sphinx reads, `html` the site.
 No step needs a network, nor does the site. A warning, a dead link and an address that a page would
@@ -239,10 +239,13 @@ def remove_unused_explorers() -> None:
 
 
 def run_notebooks(names: set[str] | None) -> list[str]:
-    """Run the notebooks that have to run, or those of some names, and make the film.
+    """Run the notebooks that a change concerns, and make the film of the start page.
+
+    Args:
+        names: Names of notebooks; no others run. None for all notebooks.
 
     Returns:
-        The names of those that failed.
+        The names of the notebooks that failed.
     """
     import running
 
@@ -255,7 +258,7 @@ def run_notebooks(names: set[str] | None) -> list[str]:
         jobs[FILM] = (make_film, SOURCE / "_static/made")
     failed = running.run_jobs(jobs, cores())
 
-    # Sphinx has to read a notebook again whose outputs are new.
+    # A newer time makes Sphinx read the notebook again, with its new outputs.
     for path in stale:
         path.touch()
     return failed
@@ -284,11 +287,13 @@ def build(full: bool = False, quick: bool = False, since: str | None = None) -> 
             os.environ["DOCS_ONLY"] = " ".join(names)
         if run_notebooks(names):
             return 1
+
+        # Without the file with its digest, sphinx-gallery runs an example again.
         for example in EXAMPLES.glob("*.py"):
             if not running.is_current(example.name):
                 (SOURCE / "gallery" / f"{example.name}.md5").unlink(missing_ok=True)
 
-    # The API's pages follow the package; Sphinx sees only changes of its own sources.
+    # The pages of the API show docstrings, so that Sphinx reads them again each time.
     for page in (SOURCE / "api").glob("*.md"):
         page.touch()
     status = build_main([*options, "-b", "html", str(SOURCE), str(HTML)])

@@ -1,8 +1,8 @@
 """Decide which notebooks and examples have to run again, and run notebooks side by side.
 
-A page runs again if its own code has changed, or one of the modules of the package that its last
-run had imported. Comments and docstrings of modules do not count. `record` writes down the imports
-of a run. jupyter-cache keeps the outputs of notebooks, sphinx-gallery those of examples.
+A page runs again if its own code has changed, or a module of the package that its last run had
+imported. Comments and docstrings of modules do not count. `record` writes down the imports of a
+run. jupyter-cache keeps the outputs of notebooks, and sphinx-gallery keeps the outputs of examples.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pathlib import Path
 ROOT = next(folder for folder in Path(__file__).parents if (folder / "pyproject.toml").is_file())
 BUILD = ROOT / "build" / "docs"
 RUNS = BUILD / "runs"
-"""What each page has imported in its last run: NAME.json, with a digest of each file."""
+"""Folder with a file NAME.json for each page: the files that its last run used, with digests."""
 NOTEBOOKS = BUILD / "notebooks"
 PAGE = "TOFRENDER_DOCS_PAGE"
 """Environment variable with the name of the page that a process runs."""
@@ -35,7 +35,7 @@ TEXT = (".md", ".png", ".py", ".pyc", ".pyi")
 
 @cache
 def digest(path: Path) -> str:
-    """Return a digest of a file, for Python of its code without comments and docstrings."""
+    """Return a digest of a file. Comments and docstrings of the package do not change it."""
     content = path.read_bytes()
     if path.suffix == ".py" and path.is_relative_to(ROOT / "tofrender"):
         tree = ast.parse(content)
@@ -56,7 +56,7 @@ def data_files(modules: Iterable[Path]) -> set[Path]:
 
 
 def record(name: str) -> None:
-    """Write the modules of the package that this process has imported, as those of a page."""
+    """Write down which modules of the package this process has imported to run a page."""
     modules = {
         Path(module.__file__)
         for module_name, module in list(sys.modules.items())
@@ -80,7 +80,7 @@ def keep(name: str) -> None:
 
 
 def is_current(name: str) -> bool:
-    """Return whether a page has run with the size and the package that are there now."""
+    """Return whether a page has run with the present size and the present package."""
     try:
         kept = json.loads((RUNS / f"{name}.json").read_text())
     except FileNotFoundError:
@@ -116,14 +116,15 @@ def stale_notebooks(paths: Iterable[Path]) -> list[Path]:
 
 
 def run_jobs(jobs: dict[str, tuple], processes: int) -> list[str]:
-    """Run functions with arguments, each in a process of its own, and print the progress.
+    """Run functions with arguments, each in a new process, and print the progress.
 
     Returns:
-        The names of those that failed.
+        The names of the jobs that failed.
     """
-    failed = []
+    failed: list[str] = []
     if not jobs:
         return failed
+
     with ProcessPoolExecutor(
         processes, mp_context=get_context("spawn"), max_tasks_per_child=1
     ) as pool:

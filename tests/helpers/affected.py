@@ -12,7 +12,7 @@ WHOLE = pytest.StashKey[tuple[list[str], list[str]]]()
 
 
 def package_of(path: str) -> str:
-    """Return the package to which a file of the package or of its tests belongs, or "".
+    """Return the package that a module or a test file belongs to, or "" for other files.
 
     >>> package_of("tests/films/test_film.py"), package_of("tofrender/nlos/light/corner.py")
     ('films', 'nlos')
@@ -25,7 +25,7 @@ def package_of(path: str) -> str:
 
 
 def touched(since: str, root: Path = ROOT) -> set[str]:
-    """Return the packages of which a file differs from that of a commit.
+    """Return the packages with a file that differs from a commit.
 
     Raises:
         ValueError: Git does not know the commit.
@@ -45,6 +45,7 @@ def importers(packages: Iterable[str]) -> set[str]:
     """
     import grimp
 
+    # Treat each package as one module of the graph.
     graph = grimp.build_graph("tofrender", cache_dir=None, exclude_type_checking_imports=True)
     for package in graph.find_children("tofrender"):
         graph.squash_module(package)

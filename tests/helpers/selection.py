@@ -1,7 +1,7 @@
 """Which tests run: those of `make test`, by their durations, or a shard of all, `--shard 3/8`.
 
 With `--changed COMMIT`, `make test` also runs the whole tests of the packages that changed since
-that commit, and of the packages that import them. If they take longer than WHOLE_S, it runs a part.
+that commit, and of the packages that import them, or a part of these tests, see WHOLE_S.
 """
 
 import math
@@ -105,7 +105,7 @@ def shard(found: list[Test], index: int, count: int) -> list[Test]:
 
 
 def in_time(found: list[Test], limit_s: float, turn: int) -> list[Test]:
-    """All of some tests, or if they take longer than a limit, a part that changes turn by turn."""
+    """Return all of some tests, or a part of them if all exceed a limit; each turn has its part."""
     count = max(1, math.ceil(sum(test.all_s for test in found) / limit_s))
     return shard(found, turn % count + 1, count)
 
@@ -113,7 +113,7 @@ def in_time(found: list[Test], limit_s: float, turn: int) -> list[Test]:
 def whole(
     found: list[Test], changed: Collection[str], importing: Collection[str], turn: int
 ) -> list[Test]:
-    """The tests of changed packages and of those that import them, as far as the time allows."""
+    """Return the tests of changed and of importing packages, as many as fit into WHOLE_S."""
     own = [test for test in found if test.package in changed]
     others = [test for test in found if test.package in importing]
     chosen = in_time(own, WHOLE_S, turn)
