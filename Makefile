@@ -1,6 +1,7 @@
-# Every target but help and clean sets up .venv first, which takes a minute once and nothing later.
+# Every target except help and clean first sets up .venv. This takes half a minute once, and later
+# nothing. "make render" installs only what rendering needs.
 .DEFAULT_GOAL := help
-.PHONY: help setup render notebook docs test test-all durations mutants test-kills test-inputs verify lint bench bench-full bench-lost release-check test-versions test-gpu bench-tof clean
+.PHONY: help setup render notebook docs docs-full test test-fast test-all durations mutants test-kills test-inputs verify lint bench bench-full bench-lost release-check test-versions test-gpu bench-tof clean
 
 OUT ?= out/cornell_box
 
@@ -12,23 +13,31 @@ help: ## list the targets
 setup: ## create .venv, install the package, find or install LLVM
 	@sh .ci/setup
 
-render: setup ## render the Cornell box into $(OUT) (EXR stack, video, figure); ARGS="--spp 16" adds options
+render: ## render the Cornell box into $(OUT) (EXR stack, video, figure); ARGS="--spp 16" adds options
+	@sh .ci/setup render
 	.venv/bin/tofrender render cornell_box --out "$(OUT)" $(ARGS)
 
 notebook: setup ## open the notebooks in JupyterLab; git stores them without outputs
 	.venv/bin/jupyter lab --config=.ci/jupyter_config.py $(ARGS)
 
-docs: setup ## build the documentation in build/docs/html, without a network; runs examples and notebooks
+docs: setup ## build the documentation in build/docs/html, without a network; small notebooks
 	.venv/bin/python docs/build.py $(ARGS)
 
-test: setup ## test every part, in about ten minutes; ARGS='-m "not slow and not statistical"' in one, empty caches aside
+docs-full: setup ## the same with notebooks of full size, for the site that is published
+	.venv/bin/python docs/build.py --full $(ARGS)
+
+test: setup ## test every part; ARGS="--changed COMMIT" also runs all tests of changed packages
 	.venv/bin/python -m pytest -n auto --dist worksteal --brief $(ARGS)
+
+test-fast: setup ## run the tests that take less than 0.1 s, in about a minute, while you write
+	.venv/bin/python -m pytest -n auto --dist worksteal -m "not slow and not statistical" $(ARGS)
 
 test-all: setup ## run all tests, in an hour and a half; SHARD=3/8 runs the third of eight parts
 	.venv/bin/python -m pytest -n auto --dist worksteal $(if $(SHARD),--shard $(SHARD)) $(ARGS)
 
-durations: setup ## run all tests and store what each takes, by which make test and shards are chosen
+durations: setup ## store what each test takes in make test-all and in make test, by which both choose
 	DRJIT_CACHE_DIR=$$(mktemp -d) .venv/bin/python -m pytest -n auto --dist worksteal --store-durations $(ARGS)
+	DRJIT_CACHE_DIR=$$(mktemp -d) .venv/bin/python -m pytest -n auto --dist worksteal --brief --store-durations $(ARGS)
 
 mutants: setup ## plant more than 180 bugs, one at a time, and see that the tests find each
 	.venv/bin/python -m tests.mutants $(ARGS)

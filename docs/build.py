@@ -1,5 +1,6 @@
-"""Build the documentation: `make docs`, or `python docs/build.py [--quick | --since COMMIT]`.
+"""Build the documentation: `make docs`, or `python docs/build.py`; `--help` lists the options.
 
+Notebooks and examples run side by side, if a change concerns them, see `docs/_ext/running.py`.
 Pages come from docs/, notebooks/, scenes/README.md, assignments/README.md, CHANGELOG.md and
 CONTRIBUTING.md. All that is made is in build/docs: `source` is what Sphinx reads, `html` the site.
 No step needs a network, nor does the site. A warning, a dead link and an address that a page would
@@ -9,10 +10,8 @@ load from elsewhere fail.
 from __future__ import annotations
 
 import argparse
-import hashlib
 import os
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -25,6 +24,7 @@ EXTENSIONS = ROOT / "docs/_ext"
 MOST_BYTES = 3e6  # Of a page with all that it loads, which a phone is to get in seconds
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^()\s:]+)\)")
 TEXT = (".md", ".ipynb")
+FILM = "the film of the start page"
 
 
 def places() -> dict[str, Path]:
@@ -91,17 +91,9 @@ def assemble() -> None:
                 path.unlink()  # Its page is gone
 
 
-def state() -> str:
-    """A name for the package as it is and the size of notebooks: pictures follow both."""
-    digest = hashlib.sha256()
-    for path in sorted((ROOT / "tofrender").rglob("*.py")):
-        digest.update(path.read_bytes())
-    digest.update(os.environ.get("TOFRENDER_NOTEBOOK_SIZE", "").encode())
-    return digest.hexdigest()[:16]
-
-
 def make_film(folder: Path) -> None:
     """The film of the start page, the picture that is there until it plays, and the explorers."""
+    import running
     from PIL import Image
 
     import tofrender
@@ -122,16 +114,20 @@ def make_film(folder: Path) -> None:
         "cornell_box", spp=512, size=(84, 84), bins=90, pulse_width=0.08, **box
     )
     tofrender.report(small, folder / "landing.html", megabytes=0.5, **whole)
+    running.record(FILM)
 
 
 STARTUP = """
+import os
 import sys
 from pathlib import Path
 
 sys.path.insert(0, "EXTENSIONS")
 import explorers
+import running
 
 explorers.use_pages(Path("MADE"))
+get_ipython().events.register("post_run_cell", lambda _: running.record(os.environ[running.PAGE]))
 """
 """What notebooks run first: a widget needs a kernel, so a page shows the explorer as a page."""
 
@@ -233,32 +229,81 @@ def changed(since: str) -> set[str]:
     return {Path(line).name for line in done.stdout.splitlines()}
 
 
-def build(quick: bool = False, since: str | None = None) -> int:
-    """Build the site; returns Sphinx's exit status, or 1 if a link is dead."""
+def remove_unused_explorers() -> None:
+    """Remove the pages with explorers that no page shows any more."""
+    shown = {address.rpartition("/")[2] for _, found, _ in pages() for _, _, address in found}
+    for folder in (SOURCE, HTML):
+        for path in (folder / "_static/made").glob("explorer_*.html"):
+            if path.name not in shown:
+                path.unlink()
+
+
+def run_notebooks(names: set[str] | None) -> list[str]:
+    """Run the notebooks that a change concerns, and make the film of the start page.
+
+    Args:
+        names: Names of notebooks; no others run. None for all notebooks.
+
+    Returns:
+        The names of the notebooks that failed.
+    """
+    import running
+
+    quiet_kernels(BUILD / "ipython")
+    notebooks = sorted(SOURCE.glob("notebooks/*.ipynb"))
+    chosen = [path for path in notebooks if names is None or path.name in names]
+    stale = running.stale_notebooks(chosen)
+    jobs: dict[str, tuple] = {path.name: (running.run_notebook, path) for path in stale}
+    if not running.is_current(FILM):
+        jobs[FILM] = (make_film, SOURCE / "_static/made")
+    failed = running.run_jobs(jobs, cores())
+
+    # A newer time makes Sphinx read the notebook again, with its new outputs.
+    for path in stale:
+        path.touch()
+    return failed
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
+def build(full: bool = False, quick: bool = False, since: str | None = None) -> int:
+    """Build the site; returns Sphinx's exit status, or 1 if a notebook fails or a link is dead."""
+    import running
     from sphinx.cmd.build import build_main
 
+    os.environ["TOFRENDER_NOTEBOOK_SIZE"] = "" if full else "small"
     assemble()
-    now = state()
-    stamp = BUILD / "state"
-    if not stamp.exists() or stamp.read_text() != now:  # The package is another
-        made = (SOURCE / "gallery", SOURCE / "_static/made", HTML / "_static/made")
-        for folder in (*made, BUILD / "notebooks", BUILD / "doctrees"):
-            shutil.rmtree(folder, ignore_errors=True)
-    stamp.parent.mkdir(parents=True, exist_ok=True)
-    stamp.write_text(now)
-    if not (SOURCE / "_static/made/cornell_box.png").exists():
-        make_film(SOURCE / "_static/made")
-    if not quick:
-        quiet_kernels(BUILD / "ipython")
     HTML.joinpath("_static").mkdir(parents=True, exist_ok=True)
-    options = ["-W", "--keep-going", "-q", "-d", str(BUILD / "doctrees")]
+    options = ["-W", "--keep-going", "-j", str(cores()), "-d", str(BUILD / "doctrees")]
     if quick:
         options += ["-D", "nb_execution_mode=off", "-D", "plot_gallery=False"]
-    elif since is not None:
-        os.environ["DOCS_ONLY"] = " ".join(changed(since))
+    else:
+        names = None if since is None else changed(since)
+        if names is not None:
+            os.environ["DOCS_ONLY"] = " ".join(names)
+        if run_notebooks(names):
+            return 1
+
+        # Without the file with its digest, sphinx-gallery runs an example again.
+        for example in EXAMPLES.glob("*.py"):
+            if not running.is_current(example.name):
+                (SOURCE / "gallery" / f"{example.name}.md5").unlink(missing_ok=True)
+
+    # The pages of the API show docstrings, so that Sphinx reads them again each time.
+    for page in (SOURCE / "api").glob("*.md"):
+        page.touch()
     status = build_main([*options, "-b", "html", str(SOURCE), str(HTML)])
+    for example in EXAMPLES.glob("*.py"):
+        if (SOURCE / "gallery" / f"{example.name}.md5").exists():  # It ran to its end
+            running.keep(example.name)
     if status:
         return status
+    if not quick:
+        remove_unused_explorers()
     shrink_pictures()
     wrong = faults()
     for line in wrong:
@@ -271,9 +316,10 @@ def build(quick: bool = False, since: str | None = None) -> int:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Build the documentation in build/docs/html.")
     which = parser.add_mutually_exclusive_group()
+    which.add_argument("--full", action="store_true", help="run notebooks at their full size")
     which.add_argument("--quick", action="store_true", help="run no notebooks and no examples")
     which.add_argument(
         "--since", metavar="COMMIT", help="run the notebooks and examples changed since a commit"
     )
-    sys.path.insert(0, str(ROOT))
+    sys.path[:0] = [str(ROOT), str(EXTENSIONS)]
     sys.exit(build(**vars(parser.parse_args())))

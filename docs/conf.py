@@ -10,11 +10,9 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE / "_ext"))
 
-import explorers  # noqa: E402
 import figures  # noqa: E402
 
 (HERE / "_static/made").mkdir(parents=True, exist_ok=True)
-explorers.use_pages(HERE / "_static/made")  # In the gallery; notebooks have kernels of their own
 
 project = "tofrender"
 author = "The tofrender authors"
@@ -79,7 +77,9 @@ sphinx_gallery_conf = {
     else "|".join(map(re.escape, run_only.split())) or "(?!)",
     "within_subsection_order": "FileNameSortKey",
     "image_scrapers": (figures.scrape,),
-    "reset_modules": ("matplotlib", figures.strict),
+    "reset_modules": ("matplotlib", figures.prepare),
+    "reset_modules_order": "both",
+    "parallel": True,  # As many processes as Sphinx has
     "capture_repr": ("_repr_html_",),
     "abort_on_example_error": True,
     "download_all_examples": False,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import html
+import os
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ def use_pages(folder: Path) -> None:
 
     def explore(data: Any, *, megabytes: float = MEGABYTES, **options: Any) -> Explorer:
         SHOWN.append(data)
-        page = folder / "explorer.tmp.html"
+        page = folder / f"explorer.{os.getpid()}.tmp.html"
         tofrender.report(data, page, megabytes=min(megabytes, MEGABYTES), overwrite=True, **options)
         name = f"explorer_{hashlib.sha256(page.read_bytes()).hexdigest()[:16]}.html"
         page.replace(folder / name)

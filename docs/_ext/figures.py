@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
 import explorers
+import running
 
 
 def scrape(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any]) -> str:
@@ -73,11 +75,13 @@ def ink(figure: Any, theme: str) -> None:
         axes.tick_params(color=turned("#1a1a1a"), labelcolor=turned("#1a1a1a"))
 
 
-def strict(gallery_conf: dict[str, Any], name: str) -> None:
-    """Let an example that warns fail."""
-    import warnings
-
+def prepare(gallery_conf: dict[str, Any], name: str | None, when: str) -> None:
+    """Let an example that warns fail, and let it show explorers; note afterwards what it needed."""
+    if when == "after":
+        running.record(str(name))
+        return
     warnings.simplefilter("error", UserWarning)
+    explorers.use_pages(Path(gallery_conf["src_dir"]) / "_static/made")
 
 
 def _brightest(dataset: Any, path: str) -> None:

@@ -13,7 +13,7 @@ from helpers.served import is_free, served
 from tornado.iostream import StreamClosedError
 from tornado.websocket import WebSocketClosedError
 
-from tofrender.apps.ui import page, serving
+from tofrender.apps.ui import serving
 from tofrender.apps.view.sources import LiveRender
 from tofrender.cli import options
 from tofrender.cli.app import main
@@ -145,6 +145,8 @@ def test_readers_may_go_while_something_is_sent_to_them(caplog):
 
 
 def test_what_panel_keeps_of_quick_changes_is_written(monkeypatch):
+    from tofrender.apps.ui import page  # Imports Panel, which takes seconds
+
     written = []
     monkeypatch.setattr(page, "schedule_write_events", lambda *events: written.append(events))
     monkeypatch.setattr(page, "WRITTEN_S", 0)

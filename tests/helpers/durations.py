@@ -3,14 +3,22 @@
 import json
 import os
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from helpers import affected
+
 FILE = Path(__file__).parents[1] / "durations.json"
-"""Seconds of a case of each test function by file; those of fixtures for a module have an @."""
+"""Seconds of a case of each test function by file.
+
+Fixtures for a module have an @. What a case takes in `make test`, where other tests may not have
+compiled its kernels before, has the key of BRIEF.
+"""
+
+BRIEF = "brief {}"
 
 STORED_S = 0.05  # Less, for all cases of a test together, is not stored and counts as 0
 
@@ -44,8 +52,9 @@ def load() -> dict[str, dict[str, float]]:
 class Durations:
     """Measures what each test computes, with its own fixtures, in the process that runs it."""
 
-    def __init__(self, strict: bool = False) -> None:
+    def __init__(self, strict: bool = False, whole: Collection[str] = ()) -> None:
         self.strict = strict
+        self.whole = whole  # Packages of which all cases run, so that a test may take longer
         self.cases: dict[tuple[str, str], list[float]] = defaultdict(list)
         self.fixtures: dict[tuple[str, str], float] = {}
         self.own, self.shared = 0.0, {}
@@ -87,7 +96,11 @@ class Durations:
 
     def too_slow(self) -> dict[str, float]:
         """Seconds of the tests that took longer than a test of `make test` may."""
-        sums = {"::".join(key): sum(cases) for key, cases in self.cases.items()}
+        sums = {
+            f"{file}::{test}": sum(cases)
+            for (file, test), cases in self.cases.items()
+            if affected.package_of(file) not in self.whole
+        }
         return {test: spent for test, spent in sums.items() if self.strict and spent > LIMIT_S}
 
     @pytest.hookimpl(trylast=True)
@@ -111,11 +124,14 @@ class Store(Durations):
         if hasattr(session.config, "workerinput"):
             return
         stored = load()
+        brief = session.config.getoption("brief")
         for file in {file for file, _ in self.cases}:
-            stored[file] = {}
+            stored[file] = stored.get(file, {}) if brief else {}
         for (file, test), cases in self.cases.items():
+            key = BRIEF.format(test) if brief else test
+            stored[file].pop(key, None)
             if sum(cases) >= STORED_S:
-                stored[file][test] = float(f"{sum(cases) / len(cases):.2g}")
+                stored[file][key] = float(f"{sum(cases) / len(cases):.2g}")
         for (file, name), spent in self.fixtures.items():
             if spent >= STORED_S:
                 stored[file][name] = float(f"{spent:.2g}")
@@ -142,9 +158,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
+@pytest.hookimpl(trylast=True)
 def pytest_configure(config: pytest.Config) -> None:
     """Measure, if asked to."""
     if config.getoption("store_durations"):
         config.pluginmanager.register(Store(), "durations")
     elif config.getoption("strict_durations") and config.getoption("brief"):
-        config.pluginmanager.register(Durations(strict=True), "durations")
+        touched, importing = config.stash[affected.WHOLE]
+        whole = [*touched, *importing]
+        config.pluginmanager.register(Durations(strict=True, whole=whole), "durations")

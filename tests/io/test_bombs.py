@@ -80,7 +80,7 @@ BOMBS = {
     "fewer values than axes": matrix((300, 400, 600), doubles(1)),
     "packed axes": compressed(matrix((40_000, 40_000, 500), doubles(1))),
     "packed claim": long_claim(),
-    "packed zeros": compressed(matrix((3, 4, 6), doubles(72)) + bytes(500 << 20)),
+    "packed zeros": compressed(matrix((3, 4, 6), doubles(72)) + bytes(2 * LITTLE)),
     "cells": matrix((60_000, 60_000), matrix((1, 1), doubles(1)), flags=1),
     "cells in cells": matrix((1, 1), matrix((1, 1), matrix((1, 1), doubles(1)), flags=1), flags=1),
     "negative axes": matrix((-3, -4, 6), doubles(72)),

@@ -31,6 +31,58 @@ def build(monkeypatch):
     sys.modules.pop("build")
 
 
+@pytest.fixture
+def running(monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(ROOT / "docs/_ext")
+    module = importlib.import_module("running")
+    monkeypatch.setattr(module, "ROOT", tmp_path)
+    monkeypatch.setattr(module, "RUNS", tmp_path / "runs")
+    monkeypatch.setenv("TOFRENDER_NOTEBOOK_SIZE", "small")
+    yield module
+    sys.modules.pop("running")
+
+
+def test_pages_run_again_if_what_they_use_has_changed(running, tmp_path, monkeypatch):
+    film = tmp_path / "tofrender/films/film.py"
+    other = tmp_path / "tofrender/cli/app.py"
+    data = tmp_path / "tofrender/films/data/table.csv"
+    scene = tmp_path / "scenes/box.xml"
+    for path in (film, other, data, scene):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("a = 1\n")
+    running.RUNS.mkdir()
+    for name in ("a.ipynb", "b.py"):
+        (running.RUNS / f"{name}.txt").write_text(str(film))
+        running.keep(name)
+
+    def are_current() -> list[bool]:
+        running.digest.cache_clear()
+        return [running.is_current(name) for name in ("a.ipynb", "b.py", "c.py")]
+
+    assert are_current() == [True, True, False]  # c.py has never run
+    film.write_text('"""A film."""\na = 1  # Its bins\n')
+    other.write_text("a = 2\n")
+    assert are_current() == [True, True, False]
+    for path in (film, data, scene):
+        before = path.read_text()
+        path.write_text("a = 2\n")
+        assert are_current() == [False, False, False], path
+        path.write_text(before)
+    monkeypatch.setenv("TOFRENDER_NOTEBOOK_SIZE", "")
+    assert are_current() == [False, True, False]  # Only notebooks have sizes
+    film.unlink()
+    assert are_current() == [False, False, False]
+
+
+def test_jobs_that_fail_are_named(running, capsys):
+    failed = running.run_jobs({"fine": (int, "1"), "wrong": (int, "one")}, 2)
+    assert failed == ["wrong"]
+    shown = capsys.readouterr()
+    assert "docs: wrong failed: invalid literal" in shown.err
+    assert "ran fine" in shown.out
+    assert "of 2" in shown.out
+
+
 def test_pages_with_python_are_found():
     names = {page.stem for page in WITH_PYTHON}
     assert {"index", "researcher", "conventions", "how_it_works", "datasets"} <= names

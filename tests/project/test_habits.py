@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 import yaml
-from helpers import selection, workers
+from helpers import affected, selection, workers
 from mutants.__main__ import bugs, planted as plant
 
 ROOT = Path(__file__).parents[2]
@@ -96,6 +96,17 @@ def test_make_test_runs_what_durations_say(run, tmp_path):
         assert status == 0, lines
         assert any(line.startswith("8 passed") for line in lines), lines
         assert "of 17 cases, among them 1 of 6 tests whole" in lines[-1]
+
+    # What a case takes in make test decides how many of them run there.
+    assert run("--brief", "--store-durations")[0] == 0
+    known = json.loads(file.read_text())["test_times.py"]
+    assert known["test_long"] == near["test_long"]
+    assert known["brief test_many_cases"] == pytest.approx(0.04, rel=0.2, abs=0.03)
+    file.write_text(json.dumps({"test_times.py": near | {"brief test_many_cases": 0.08}}))
+    status, lines = run("--brief")
+    assert any(line.startswith("6 passed") for line in lines), lines
+    file.write_text(json.dumps({"test_times.py": near}))
+
     status, lines = run("-m", "not slow")
     assert status == 0, lines
     assert lines[-1].startswith("2 passed")
@@ -123,13 +134,62 @@ def test_cases_are_chosen_so_that_each_value_occurs():
     assert selection.covering(cases, 99) == cases
 
 
+def case_times(name: str, seconds: float, count: int = 1) -> selection.Test:
+    """A test with cases that each take some seconds."""
+    return selection.Test([Case(name)] * count, seconds, 0)
+
+
+def test_a_change_runs_the_whole_tests_of_its_package_and_of_importers():
+    own = [case_times(f"tests/films/test_{k}.py::t", 100) for k in range(4)]
+    others = [case_times(f"tests/paths/test_{k}.py::t", 150) for k in range(9)]
+    rest = [case_times("tests/io/test_a.py::t", 1), case_times("tests/conftest.py::t", 1)]
+    every = [*own, *others, *rest]
+
+    # All fit into the time.
+    assert selection.whole(every, {"films"}, set(), 0) == own
+    assert selection.whole(every, {"films"}, {"io"}, 0) == [*own, rest[0]]
+
+    # The package's own tests fit, and three turns run the importers' tests.
+    turns = [selection.whole(every, {"films"}, {"paths"}, turn) for turn in range(3)]
+    assert all(turn[:4] == own for turn in turns)
+    assert {test for turn in turns for test in turn} == {*own, *others}
+    assert max(sum(test.all_s for test in turn) for turn in turns) <= selection.WHOLE_S
+
+    # The package's own tests alone take too long.
+    turns = [selection.whole(every, {"paths"}, {"films"}, turn) for turn in range(2)]
+    assert {test for turn in turns for test in turn} == {*own, *others}
+    assert max(sum(test.all_s for test in turn) for turn in turns) <= 1.25 * selection.WHOLE_S
+
+
+def test_what_has_changed_follows_from_the_commit(tmp_path):
+    def git(*arguments: str) -> None:
+        identity = ["-c", "user.name=a", "-c", "user.email=a"]
+        subprocess.run(["git", *identity, *arguments], cwd=tmp_path, check=True)
+
+    for name in ("tofrender/films/film.py", "tests/io/test_a.py", "tests/conftest.py", "README.md"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("1")
+    git("init", "-q")
+    git("add", ".")
+    git("commit", "-q", "-m", "first")
+    assert affected.touched("HEAD", tmp_path) == set()
+    (tmp_path / "tests/conftest.py").write_text("2")
+    (tmp_path / "tests/io/test_a.py").write_text("2")
+    assert affected.touched("HEAD", tmp_path) == {"io"}
+    (tmp_path / "tofrender/films/film.py").unlink()
+    git("commit", "-q", "-a", "-m", "second")
+    assert affected.touched("HEAD~1", tmp_path) == {"films", "io"}
+    with pytest.raises(ValueError, match="HEAD~9 is not a commit"):
+        affected.touched("HEAD~9", tmp_path)
+
+
 def test_shards_have_each_file_once_and_take_as_long():
     found = [selection.Test([Case(f"{k}.py::t")] * 2, 1 + k % 3, 0) for k in range(40)]
     shards = [selection.shard(found, k, 8) for k in range(1, 9)]
-    assert sorted(case.nodeid for part in shards for case in part) == sorted(
-        case.nodeid for test in found for case in test.cases
+    assert sorted(test.file for part in shards for test in part) == sorted(
+        test.file for test in found
     )
-    sums = [sum(1 + int(case.nodeid.split(".")[0]) % 3 for case in part) for part in shards]
+    sums = [sum(test.all_s for test in part) for part in shards]
     assert max(sums) < 1.3 * min(sums)
 
 

@@ -79,7 +79,7 @@ REFUSED = "from tofrender.runtime.backend import BackendError\nraise BackendErro
 @pytest.mark.parametrize(
     ("code", "detail", "remedy"),
     [
-        ("import os; os.kill(os.getpid(), 11)", "ended by SIGSEGV", llvm.install_command()),
+        ("import os; os.kill(os.getpid(), 11)", "ended by SIGSEGV", "install it"),
         (REFUSED, "ulimit -v = 1", ""),  # Names its remedy and gets no other
     ],
 )
@@ -87,6 +87,7 @@ def test_a_test_render_that_fails(monkeypatch, code, detail, remedy):
     monkeypatch.delenv("PYTHONFAULTHANDLER", raising=False)  # Adds a line
     monkeypatch.setattr(doctor, "_TEST_RENDER", code)
     monkeypatch.setattr(llvm, "choose", lambda: llvm.Library(Path("libLLVM.so.19"), 19))
+    monkeypatch.setattr(llvm, "install_command", lambda: "install it")
     check = doctor._check_render()
     assert (check.ok, check.required, check.detail) == (False, True, detail)
     assert remedy in check.remedy

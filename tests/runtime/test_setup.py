@@ -23,12 +23,20 @@ case "$*" in
   *ensurepip*) [ ! -e "{base}/no-venv" ] ;;
   "-m venv .venv") mkdir -p .venv/bin && cp "$0" .venv/bin/python ;;
   "-m pip --version") ;;
+  "-m pip install"*" -r .venv/uv.txt")
+    grep -q "^uv==" .venv/uv.txt && cp "{base}/bin/uv" .venv/bin/uv ;;
   "-m pip install"*)
     [ -e "{base}/pip-says" ] && cat "{base}/pip-says" && exit 1
     touch .venv/bin/tofrender ;;
   *llvm.py*) shift; exec "{python}" "{base}/llvm_here.py" "$@" ;;
   *) exec "{python}" "$@" ;;
 esac
+"""
+
+# A uv that leaves the command behind, except where pip fails too.
+FAKE_UV = """#!/bin/sh
+echo "uv $*" >>"{calls}"
+[ ! -e "{base}/pip-says" ] && [ ! -e "{base}/uv-fails" ] && touch .venv/bin/tofrender
 """
 
 # tofrender/runtime/llvm.py on a machine of ours.
@@ -76,6 +84,7 @@ class Project:
         self.bin.mkdir()
         (base / "llvm_here.py").write_text(self.fill(LLVM_HERE, euid=0 if root else 1000))
         self.command("python3", FAKE_PYTHON)
+        self.command("uv", FAKE_UV)
         self.command("apt-get", APT_GET)
         self.command("id", f"#!/bin/sh\necho {0 if root else 1000}\n")
         self.command("dpkg", "#!/bin/sh\n")
@@ -96,30 +105,30 @@ class Project:
         with open(sys.executable, "rb") as file:
             (self.base / "usr/lib/x86_64-linux-gnu" / name).write_bytes(file.read(64))
 
-    def start(self, **environ: str) -> subprocess.Popen:
+    def start(self, wanted: str = "all", **environ: str) -> subprocess.Popen:
         """Begin a run of the set-up."""
         environ = {"PATH": f"{self.bin}:/usr/bin:/bin", "TMPDIR": str(self.base), **environ}
         pipes: dict = dict.fromkeys(("stdout", "stderr"), subprocess.PIPE) | {"text": True}
-        command = ["/bin/sh", str(self.folder / ".ci/setup")]
+        command = ["/bin/sh", str(self.folder / ".ci/setup"), wanted]
         return subprocess.Popen(command, env=environ, stdin=subprocess.DEVNULL, **pipes)
 
-    def setup(self, **environ: str) -> tuple[int, str, str]:
+    def setup(self, wanted: str = "all", **environ: str) -> tuple[int, str, str]:
         """Status, stdout and stderr; `self.ran` then tells which fakes it called, in order."""
         self.calls.write_text("")
-        process = self.start(**environ)
+        process = self.start(wanted, **environ)
         out, err = process.communicate()
         self.ran = self.calls.read_text()
         return process.returncode, out, err
 
-    def works(self, **environ: str) -> str:
+    def works(self, wanted: str = "all", **environ: str) -> str:
         """What a set-up says on stdout that comes to its end."""
-        status, out, err = self.setup(**environ)
+        status, out, err = self.setup(wanted, **environ)
         assert status == 0, err
         return out
 
-    def refuses(self, **environ: str) -> str:
+    def refuses(self, wanted: str = "all", **environ: str) -> str:
         """The one line of a set-up that fails, after its name."""
-        status, _, err = self.setup(**environ)
+        status, _, err = self.setup(wanted, **environ)
         assert (status, err.count("\n"), err[:7]) == (1, 1, "setup: ")
         return err[7:-1]
 
@@ -232,6 +241,48 @@ def test_the_second_run_does_nothing_but_install_new_pins(user):
     user.works()
     assert "-m pip install" in user.ran
     assert "-m venv" not in user.ran
+
+
+def installs(project: Project) -> list[str]:
+    """The calls of uv and pip that install packages, except the one that installs uv."""
+    calls = [line for line in project.ran.splitlines() if "pip install" in line]
+    return [call for call in calls if ".venv/uv.txt" not in call]
+
+
+def test_rendering_needs_fewer_packages_than_tests(user):
+    user.works("render")
+    (install,) = installs(user)
+    assert install.startswith("uv ")
+    assert "-e . --constraints .ci/requirements.txt" in install
+    assert "--build-constraints .ci/requirements.txt" in install
+
+    # The environment has what rendering needs, and lacks the rest.
+    assert user.works("render") == ""
+    user.works()
+    everything, package = installs(user)
+    assert "--require-hashes -r .ci/requirements.txt" in everything
+    assert "--no-deps" in package
+
+    # An environment for tests renders, too.
+    assert user.works("render") == ""
+    assert user.works() == ""
+
+
+def test_a_set_with_another_name_is_refused(user):
+    assert user.refuses("docs").startswith("docs is not a set of packages")
+    assert user.ran == ""
+
+
+@pytest.mark.parametrize("is_pinned", [True, False])  # Not in the edition of an assignment
+def test_pip_installs_where_uv_does_not(user, is_pinned):
+    (user.base / "uv-fails").touch()
+    pins = user.folder / ".ci/requirements.txt"
+    if not is_pinned:
+        pins.write_text(re.sub(r"^uv==.*?\n(?=\w|\Z)", "", pins.read_text(), flags=re.M | re.S))
+    user.works("render")
+    tried = ["uv"] if is_pinned else []
+    assert [call.split()[0] for call in installs(user)] == [*tried, "python", "python"]
+    assert "--require-hashes -r .ci/requirements.txt" in installs(user)[-2]
 
 
 @pytest.mark.parametrize("damage", ["moved", "interrupted", "no python", "folder only"])
@@ -354,18 +405,18 @@ def without_flock(project: Project) -> str:
 @pytest.mark.parametrize("flock", [True, False])
 def test_two_at_once_install_once(user, flock):
     waits = 'while [ ! -e "{base}/go" ]; do sleep 0.1; done; touch .venv/bin'
-    user.command("python3", FAKE_PYTHON.replace("touch .venv/bin", waits))
+    user.command("uv", FAKE_UV.replace("touch .venv/bin", waits))
     path = f"{user.bin}:/usr/bin:/bin" if flock else without_flock(user)
     user.calls.write_text("")
     first = user.start(PATH=path)
-    while "pip install" not in user.calls.read_text() and first.poll() is None:
+    while "uv pip install" not in user.calls.read_text() and first.poll() is None:
         time.sleep(0.01)
     second = user.start(PATH=path)
     assert "Waiting for another set-up" in second.stdout.readline()
     (user.base / "go").touch()
     said = [each.communicate() for each in (first, second)]
     assert (first.returncode, second.returncode) == (0, 0), said
-    assert user.calls.read_text().count("--require-hashes") == 1
+    assert user.calls.read_text().count("uv pip install") == 2  # The packages, then this one
     assert "Waiting" not in said[0][0]
     assert not (user.folder / ".setup-lock.d").exists()
 
