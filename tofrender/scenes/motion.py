@@ -129,11 +129,11 @@ def moving(scene: mi.Scene, motions: Mapping[str, Motion]) -> mi.Scene:
         (0.0, 0.0, 1.0)
     """
     checks.instance("scene", scene, mi.Scene, "a loaded scene")
-    known = _movable(scene)
+    known = movable_parts(scene)
     given: dict[str, Motion] = {}
     for name, motion in checks.mapping("motions", motions).items():
         checks.instance(f"motions[{name!r}]", motion, Motion, "a Motion")
-        _require_movable(name, known)
+        require_movable("motions", name, known)
         given[name] = _with_center(motion, known[name])
         _require_slow(given[name], known[name])
     stored = {name: asdict(motion) for name, motion in given.items() if motion.moves}
@@ -211,24 +211,34 @@ def posed(scene: mi.Scene, time_s: float) -> Iterator[mi.Scene]:
         return
     if TIME in before:
         raise RuntimeError("posed: the scene is in another pose already; must end that first")
+    changes = {name: motion.matrix(time_s) for name, motion in motions.items()}
+    with placed(scene, changes):
+        scene.set_id(f"{before}{TIME}{time_s!r}")
+        try:
+            yield scene
+        finally:
+            scene.set_id(before)
+
+
+@contextmanager
+def placed(scene: mi.Scene, changes: Mapping[str, np.ndarray]) -> Iterator[None]:
+    """Apply transforms of the world (4, 4) to parts of a scene, by id, and undo them at the end."""
     params = mi.traverse(scene)
     kept = {}
     with tracing_lock():
-        for name, motion in motions.items():
-            for key, moved in _moved(params, name, motion.matrix(time_s)):
+        for name, change in changes.items():
+            for key, moved in _moved(params, name, change):
                 kind: Any = type(params[key])
                 kept[key] = kind(params[key])
                 params[key] = moved
         params.update()
-        scene.set_id(f"{before}{TIME}{time_s!r}")
     try:
-        yield scene
+        yield
     finally:
         with tracing_lock():
             for key, value in kept.items():
                 params[key] = value
             params.update()
-            scene.set_id(before)
 
 
 def _moved(params: Any, name: str, change: np.ndarray) -> Iterator[tuple[str, Any]]:
@@ -283,33 +293,31 @@ def take_motions(state: Any) -> dict[str, Motion]:
     return {name: motion for name, motion in found.items() if motion.moves}
 
 
-def _movable(scene: mi.Scene) -> dict[str, Any]:
+def movable_parts(scene: mi.Scene) -> dict[str, Any]:
     """Return the parts of a scene by id: shapes, lamps that are no surface, and sensors."""
     parts = [*scene.emitters(), *scene.sensors(), *scene.shapes()]
     return {each.id(): each for each in parts if each.id()}
 
 
-def _require_movable(name: str, known: Mapping[str, Any]) -> None:
+def require_movable(argument: str, name: str, known: Mapping[str, Any]) -> None:
     """Refuse ids that are not in the scene, and parts whose pose cannot change."""
     allowed = checks.join_names([each for each in known if not each.startswith("__")])
     merged = "; shapes that share a material are one unless loaded with optimize=False"
-    checks.require("motions", name, name in known, f"an id of the scene, one of {allowed}{merged}")
+    checks.require(argument, name, name in known, f"an id of the scene, one of {allowed}{merged}")
     part = known[name]
     if isinstance(part, mi.Emitter):
         flags = part.flags()
         at_infinity = mi.has_flag(flags, mi.EmitterFlags.Infinite)
-        checks.require("motions", name, not at_infinity, "no lamp at infinity, which is at rest")
+        checks.require(argument, name, not at_infinity, "no lamp at infinity, which is at rest")
         on_shape = mi.has_flag(flags, mi.EmitterFlags.Surface)
-        checks.require("motions", name, not on_shape, "the shape of that lamp")
+        checks.require(argument, name, not on_shape, "the shape of that lamp")
     params = mi.traverse(part)
     has_pose = pose_name(params) or name_of(params, ("position", *POSITIONS))
-    checks.require("motions", name, has_pose, f"no {part.class_name()}, whose pose is fixed")
+    checks.require(argument, name, has_pose, f"no {part.class_name()}, whose pose is fixed")
     if isinstance(part, mi.Shape):
         medium = part.interior_medium()
         grid = medium is not None and not medium.is_homogeneous()
-        checks.require(
-            "motions", name, not grid, "no shape with a medium on a grid, which is fixed"
-        )
+        checks.require(argument, name, not grid, "no shape with a medium on a grid, which is fixed")
 
 
 def _require_slow(motion: Motion, part: Any) -> None:
