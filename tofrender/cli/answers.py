@@ -23,6 +23,10 @@ _BINNED = {"out": str, "complete": bool, "scene": str, "bins": int, "start_opl":
 _BINNED |= {"bin_width": float, **_SAMPLING}
 _RENDER = {"channels": int, "integrator": str, "pulse": str, "max_depth": int, "sampler": str}
 _RENDER |= {"variant": str, "render_seconds": float, "energy_outside_window": float}
+_AGREEMENT = {"recording": str, "poses": int, "correlation": float, "correlation_p10": float}
+_AGREEMENT |= {"log_correlation": float, "log_correlation_p10": float}
+_AGREEMENT |= {"zone_correlation": list[float], "peak_error_m": float, "peak_error_p90_m": float}
+_AGREEMENT |= {"peak_near": float, "counts_near": float}
 
 SCHEMAS: dict[str, dict[str, Any]] = {
     "scenes": {"scenes": [{"name": str, "description": str}]},
@@ -41,6 +45,9 @@ SCHEMAS: dict[str, dict[str, Any]] = {
     | {"expected": float | None, "total": float},
     "capture": _BINNED | {"mode": str, "columns": int, "rows": int},
     "lidar": _WRITTEN | {"scene": str, "shots": int, "points": int},
+    "twin": _WRITTEN
+    | {"source": str, **_SAMPLING, "table": [_AGREEMENT]}
+    | {"wrong_mesh_correlation": float, "later_scale": float},
     "reconstruct": _WRITTEN | {"source": str, "method": str, "median_depth": float | None},
 }
 """Types of the values that each command's object has, in their order."""

@@ -29,6 +29,7 @@ from . import (
     report,
     sense,
     time,
+    twin,
     view,
     warp,
     writing,
@@ -186,7 +187,7 @@ def doctor(as_json: Json = False) -> None:
 SHOWN = (
     *(time.phasor, time.gate, nlos.capture, nlos.reconstruct, warp.warp, report.report),
     *(moving.doppler, moving.fmcw),
-    *(render.render, lidar.lidar, writing.merge, sense.sense, dataset.dataset),
+    *(render.render, lidar.lidar, writing.merge, sense.sense, dataset.dataset, twin.twin),
 )
 """Commands with a status line; the others print each thing that they have done."""
 
@@ -195,7 +196,7 @@ _TEACHERS = ("release", "verify", "grade", "gradescope", "prairielearn", "classr
 GROUPS = {
     "Render": ("render", "gate", "phasor", "doppler", "fmcw", "lidar", "dataset", "merge"),
     "Around the corner": ("capture", "reconstruct"),
-    "Measure and look": ("sense", "report", "view", "compare"),
+    "Measure and look": ("sense", "twin", "report", "view", "compare"),
     "Learn sampling": ("warp", "warptest"),
     "Students": ("start", "submit"),
     "Teachers": (*_TEACHERS, "similarity", "new-term"),

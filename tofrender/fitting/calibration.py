@@ -168,7 +168,8 @@ def calibrate(
     problem = _Problem(sensor, lights, counts, names, error, slice(first, last + 1))
     with status("Calibrating"):
         problem.require_determined(problem.start)
-        found = optimize.least_squares(
+        solve: Any = optimize.least_squares
+        found = solve(
             problem.residuals,
             problem.start,
             jac=problem.jacobian,
@@ -219,6 +220,14 @@ def _counts(histograms: Any, lights: Mapping[str, Light], sensor: MultiZone) -> 
         if not same:
             raise ValueError(f"renders: {name} has other pixels or bins than the first part")
     return counts
+
+
+def _weighted(albedos: np.ndarray, signals: list[np.ndarray]) -> np.ndarray:
+    """Return the sum of the signals of parts, weighted by their albedos."""
+    total = np.zeros_like(signals[0])
+    for albedo, signal in zip(albedos, signals, strict=True):
+        total += albedo * signal
+    return total
 
 
 class _Problem:
@@ -330,7 +339,7 @@ class _Problem:
     def _expected(self, sensor: MultiZone, albedos: np.ndarray) -> np.ndarray:
         """Return expected counts (poses, zones, bins)."""
         signals = self._signals(sensor.weights(self.lights[0]))
-        total = sum(a * s for a, s in zip(albedos, signals, strict=True))
+        total = _weighted(albedos, signals)
         return sensor.binned(sensor.responses(self.lights[0].opl), sensor.crossed(total))
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
@@ -344,7 +353,7 @@ class _Problem:
         light = self.lights[0]
         weights = sensor.weights(light)
         signals = self._signals(weights)
-        total = sum(a * s for a, s in zip(albedos, signals, strict=True))
+        total = _weighted(albedos, signals)
         crossed = sensor.crossed(total)
         responses = sensor.responses(light.opl)
         without_floor = replace(sensor, floors=0 * sensor.floors)
@@ -383,7 +392,7 @@ class _Problem:
                 for k in range(self.sizes[name]):
                     change = self._difference(sensor, name, variables[name], k)
                     changed = self._signals(change)
-                    signal = sum(a * s for a, s in zip(albedos, changed, strict=True))
+                    signal = _weighted(albedos, changed)
                     columns.append(of_weights(signal))
         for albedo, signal in zip(albedos[1:], signals[1:], strict=True):
             columns.append(of_weights(albedo * signal))

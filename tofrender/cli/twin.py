@@ -1,0 +1,75 @@
+"""The command `tofrender twin`."""
+
+from pathlib import Path
+from typing import Annotated
+
+from . import options as opt
+from .answers import Json, answer
+
+HEADINGS = ("recording", "poses", "correlation", "of logarithms", "first peak", "< 10 mm", "counts")
+
+
+def twin(
+    source: Annotated[Path, opt.argument("FOLDER", "Folder of the data set LCSPC.")],
+    out: opt.Out,
+    spp: Annotated[int, opt.setting("spp")] = 4,
+    seed: opt.Seed = 0,
+    figure: opt.Figure = "png",
+    dpi: opt.Dpi = None,
+    variant: opt.Variant = None,
+    as_json: Json = False,
+) -> None:
+    """Compare a twin of the TMF8820 with the chip.
+
+    FOLDER is a copy of github.com/uwgraphics/LCSPCData. The command renders each pose of four
+    recordings, calibrates the sensor on 32 poses of tall_block, and compares the counts of all
+    other poses with those of the chip. It writes twin.json with all numbers, and figures of
+    measured and rendered histograms.
+    """
+    import json
+
+    opt.check_out(out)
+    opt.check_apart(out, source)
+    opt.activate(variant)
+
+    from tofrender import io
+    from tofrender.apps.twin.experiment import run_experiment
+    from tofrender.apps.twin.figures import histogram_figure, residual_figure
+
+    result = run_experiment(source, spp=spp, seed=seed)
+    found = result.facts()
+    files = ["twin.json"]
+    with io.output_folder(out, overwrite=True) as folder:
+        (folder / "twin.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+        for name in result.table:
+            for kind, draw in (("histograms", histogram_figure), ("residuals", residual_figure)):
+                file = f"{name}_{kind}.{figure}"
+                io.save_figure(draw(result, name), folder / file, **opt.dots(dpi))
+                files.append(file)
+
+    # Print the table
+    lines = [f"{out}: {', '.join(files[:3])} and {len(files) - 3} more"]
+    lines.append("  ".join([f"{HEADINGS[0]:<18}", *(f"{each:>13}" for each in HEADINGS[1:])]))
+    for name, each in result.table.items():
+        cells = [
+            str(each.poses),
+            f"{each.correlation:.3f} / {each.correlation_p10:.3f}",
+            f"{each.log_correlation:.3f} / {each.log_correlation_p10:.3f}",
+            f"{1e3 * each.peak_error_m:.1f} mm",
+            f"{each.peak_near:.1%}",
+            f"{each.counts_near:.1%}",
+        ]
+        lines.append("  ".join([f"{name:<18}", *(f"{cell:>13}" for cell in cells)]))
+    wrong = result.wrong_mesh.correlation
+    lines.append(f"correlation with the mesh of another object: {wrong:.3f}")
+    facts = {
+        "out": str(out),
+        "files": files,
+        "source": str(source),
+        "spp": spp,
+        "seed": seed,
+        "table": found["table"],
+        "wrong_mesh_correlation": wrong,
+        "later_scale": result.later_scale,
+    }
+    answer("twin", as_json, facts, lines)
