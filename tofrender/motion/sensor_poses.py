@@ -98,7 +98,7 @@ def render_poses(
     with ProgressBar("Rendering", len(matrices), enabled=progress) as bar:
         for matrix in matrices:
             change = matrix @ back
-            with placed(job.scene, {part: change for part in parts}):
+            with placed(job.scene, dict.fromkeys(parts, np.asarray(change))):
                 posed_job = _posed_job(job)
                 result = render_item(posed_job, whole(job), progress=False)
                 finished = result.done == whole(job).count
@@ -177,7 +177,7 @@ def _joined(renders: list[xr.Dataset], matrices: np.ndarray, parts: list[str]) -
     return joined.assign_attrs(attrs)
 
 
-def _tangents(camera: mi.Sensor) -> dict[str, Any]:
+def _tangents(camera: Any) -> dict[str, Any]:
     """Return the tangents of the pixels' centers, of a perspective camera only."""
     if camera.class_name() != "PerspectiveCamera":
         return {}
@@ -186,7 +186,7 @@ def _tangents(camera: mi.Sensor) -> dict[str, Any]:
 
     def directions(u: np.ndarray, v: np.ndarray) -> np.ndarray:
         position = mi.Point2f(np.float32(u), np.float32(v))
-        ray, _ = camera.sample_ray(mi.Float(0.0), mi.Float(0.5), position, mi.Point2f(0.5))
+        ray, _ = camera.sample_ray(0.0, 0.5, position, mi.Point2f(0.5))
         local = to_local @ np.array(ray.d, dtype=np.float64).reshape(3, -1)
         return local[:2] / local[2]
 

@@ -79,8 +79,10 @@ class MultiZone:
     crosstalk: float = 0.0
 
     def __post_init__(self) -> None:
-        zones = np.shape(self.centers)[0] if np.ndim(self.centers) == 2 else 0
-        checks.integer("zones", zones, 1, MOST_ZONES)
+        centers = checks.real_array("centers", self.centers, np.float64)
+        is_list = centers.ndim == 2 and 1 <= len(centers) <= MOST_ZONES
+        checks.shape("centers", centers, is_list, f"(zones, 2), with 1 to {MOST_ZONES} zones")
+        zones = len(centers)
         shapes: dict[str, tuple[int, ...]] = {"centers": (zones, 2), "sizes": (zones, 2)}
         shapes |= dict.fromkeys(("gains", "starts_opl", "floors"), (zones,))
         shapes |= {"shift": (2,), "scale": (2,)}
