@@ -370,6 +370,7 @@ TABLE = [
     *rows("AMCWPulse", "SquareWave", "HamiltonianCode", "MSequence", **WAVE),
     row("SampledPulse", {"values": "energies", "bin_width_opl": "pulse-width"}, values=[1.0, 2.0]),
     row("SampledPulse.from_file"),
+    row("KnotPulse", {"opl": "zone", "values": "zone"}, opl=[0.0, 0.1], values=[1.0, 2.0]),
     *rows("opl_to_ns", opl="length"),
     row("sensors.MultiZone", ZONES, **ONE_ZONE),
     # --------------------------------------------------------------------------------- sensors
