@@ -22,9 +22,8 @@ def twin(
     """Compare a twin of the TMF8820 with the chip.
 
     FOLDER is a copy of github.com/uwgraphics/LCSPCData. The command renders each pose of four
-    recordings, calibrates the sensor on 32 poses of tall_block, and compares the counts of all
-    other poses with those of the chip. It writes twin.json with all numbers, and figures of
-    measured and rendered histograms.
+    recordings, calibrates the sensor on 32 poses of tall_block, and compares rendered and measured
+    counts of all other poses. It writes twin.json with all numbers, and figures of the histograms.
     """
     import json
 

@@ -13,7 +13,7 @@ import xarray as xr
 from ..runtime import checks, memory
 from .files import reading
 
-JSON_RATIO = 20  # Bytes in memory for a byte of JSON text
+JSON_RATIO = 20  # Memory in bytes for each byte of JSON text
 GZIP_MAGIC = b"\x1f\x8b"
 
 
@@ -38,7 +38,7 @@ def load_histograms(path: str | os.PathLike[str]) -> xr.Dataset:
         `zone_rows` and `zone_columns` are their numbers.
 
     Raises:
-        FileNotFoundError: There is no such file.
+        FileNotFoundError: The file does not exist.
         ValueError: The file has another layout, or its histograms differ in shape.
 
     Example:
@@ -78,7 +78,7 @@ def load_poses(path: str | os.PathLike[str]) -> np.ndarray:
         0, 0, 0, 1, also where the file has zeros only.
 
     Raises:
-        FileNotFoundError: There is no such file.
+        FileNotFoundError: The file does not exist.
         ValueError: The file contains no such matrices.
 
     Example:
@@ -101,7 +101,7 @@ def load_poses(path: str | os.PathLike[str]) -> np.ndarray:
 
 
 def _matrices(poses: Any) -> np.ndarray:
-    """Return poses as matrices (poses, 4, 4), whose last row may be missing or 0."""
+    """Return poses as matrices (poses, 4, 4). The given last row can be missing or 0."""
     found = checks.finite("pose", checks.real_array("pose", poses, np.float64))
     valid = found.ndim == 3 and len(found) > 0 and found.shape[1:] in ((3, 4), (4, 4))
     checks.shape("pose", found, valid, "(poses, 4, 4)")
@@ -154,7 +154,7 @@ def _posed(records: list[Any]) -> xr.Dataset:
     """Return the Dataset of records with `hists` and `pose`."""
     for number, record in enumerate(records):
         if not isinstance(record, dict) or "hists" not in record:
-            raise ValueError(f"record {number} has no hists; must have hists (zones, bins)")
+            raise ValueError(f"record {number} contains no hists; must be counts (zones, bins)")
     counts = _counts("hists", [record["hists"] for record in records], 3)
     variables: dict[str, Any] = {"counts": (("pose", "zone", "bin"), counts)}
     if all("pose" in record for record in records):

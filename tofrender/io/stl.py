@@ -13,7 +13,7 @@ from .files import reading
 
 HEADER = 80  # Bytes of text before the number of triangles
 TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-BYTES_IN_MEMORY = 400  # Of a triangle while its vertices are merged
+BYTES_IN_MEMORY = 400  # Memory for each triangle while vertices are merged
 WORDS_OF_TRIANGLE = 21  # facet normal x y z outer loop (vertex x y z) * 3 endloop endfacet
 
 
@@ -27,11 +27,12 @@ def load_stl(path: str | os.PathLike[str], **parts: Any) -> mi.Mesh:
 
     Returns:
         The mesh, which can be a part of a scene's dict. Vertices with equal coordinates are merged,
-        and the mesh has flat faces. STL files have no units; Mitsuba uses metres here.
+        and the mesh has flat faces. STL files do not state a unit; coordinates are used as metres.
 
     Raises:
-        FileNotFoundError: There is no such file.
-        ValueError: The file is no STL file, is cut short, or has coordinates that are not finite.
+        FileNotFoundError: The file does not exist.
+        ValueError: The file has another format, is cut short, or has coordinates that are not
+            finite.
 
     Example:
         >>> import tempfile, pathlib

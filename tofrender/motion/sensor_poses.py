@@ -24,7 +24,7 @@ from ..runtime.interface import pose
 from ..runtime.progress import ProgressBar
 from ..scenes.motion import motions_of, movable_parts, placed, require_movable
 
-NOT_OF_POSES = ("scene", "errors", "denoise")  # Settings of a render that poses do not have
+NOT_OF_POSES = ("scene", "errors", "denoise")  # Settings of a render that are not supported
 RIGID = 1e-3  # Largest error of the rotation of a pose
 
 
@@ -45,8 +45,8 @@ def render_poses(
         poses: Poses of the sensor in the world, shape (poses, 4, 4): a rotation and a translation
             [m]. A sensor looks along its axis z. Its axis x is to the left in the picture, and its
             axis y is up.
-        attached: Ids of lights and shapes that move with the sensor, like a laser beside it.
-        progress: Show a bar for work that takes long.
+        attached: Ids of lights and shapes that move with the sensor, for example a laser.
+        progress: Show a progress bar.
         **settings: `spp`, `seed`, `size`, `bins`, `start_opl`, `bin_width`, `window`,
             `pulse_width`, `max_depth`, `integrator`, `sampler`, `sensor`, `define` and `settings`,
             as for `render`. All poses have the same window; "auto" is not supported.
@@ -58,7 +58,7 @@ def render_poses(
         Ctrl-C, SIGTERM and SIGHUP return the poses that are finished, with `complete` = 0.
 
     Raises:
-        ValueError: An argument or the scene is wrong, or a pose is no rigid motion.
+        ValueError: An argument or the scene is wrong, or a pose is not rigid.
         MemoryError: The poses do not fit.
         KeyboardInterrupt: The render was stopped in the first pose; one line.
 
@@ -141,7 +141,7 @@ def require_poses(name: str, poses: Any) -> np.ndarray:
 
 
 def _moving_parts(job: Job, attached: Sequence[str]) -> list[str]:
-    """Return the ids of the sensor and of what is attached to it."""
+    """Return the ids of the sensor and of the attached parts."""
     if motions_of(job.scene):
         raise ValueError("the scene has moving parts; render_poses supports scenes at rest")
     if isinstance(attached, str):

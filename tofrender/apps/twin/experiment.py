@@ -37,9 +37,9 @@ class Experiment:
         expected: Expected counts of each recording, in its unit of counts.
         held_out: Which poses of each recording were not fitted.
         table: Agreement of each recording on these poses.
-        controls: Correlations of each recording with what is not a twin, see `_controls`.
+        controls: Correlations of each recording with fitted histograms, see `_controls`.
         wrong_mesh: Agreement on the first recording if the other object is rendered.
-        later_scale: Counts of the later session over those of the first.
+        later_scale: Counts of the later session over counts of the first session.
     """
 
     calibration: Calibration
@@ -160,7 +160,7 @@ def _controls(
 ) -> dict[str, float]:
     """Return the median correlation with the mean of the fitted histograms, and with the nearest.
 
-    The nearest histogram is that of the fitted pose whose position and axis differ least.
+    The nearest fitted pose has the smallest difference of position [m] and viewing direction.
     """
     known = trained.counts[fitted]
     measured = recording.counts[held]

@@ -65,8 +65,8 @@ class Recording:
     ) -> dict[str, xr.Dataset]:
         """Render each part alone, with the albedo 1 and with the other part black.
 
-        `shown` is a recording whose mesh is rendered instead, from the poses of this one. `step` is
-        called after each part.
+        `shown` is a recording with a mesh to render instead, from the poses of this recording.
+        `step` is called after each part.
         """
         source = self if shown is None else shown
         found = {}
@@ -95,7 +95,7 @@ class Recording:
             color = {"type": "rgb", "value": albedos[part]}
             bsdf = {"type": "twosided", "material": {"type": "diffuse", "reflectance": color}}
             meshes[part] = mesh_with(part, self.vertices, self.faces[part], bsdf=bsdf)
-        # Interreflection has no visible effect, so paths end at the first surface
+        # Paths end at the first surface, since interreflection does not improve the agreement
         return meshes | {
             "type": "scene",
             "integrator": {"type": "transient_path", "max_depth": 2},
