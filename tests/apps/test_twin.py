@@ -7,6 +7,7 @@ import pytest
 from helpers.refusals import refused
 from helpers.twin_recordings import CLOTH, LATER, write_recordings
 
+from tofrender import io
 from tofrender.apps.twin.agreement import agreement, correlations, first_peaks
 from tofrender.apps.twin.experiment import FITTED_BINS
 from tofrender.apps.twin.recordings import FILES, load_recording, training_poses
@@ -72,7 +73,8 @@ def test_parts_of_the_mesh(folder):
 
 def test_the_command_finds_a_known_sensor(folder, tmp_path, capsys):
     out = tmp_path / "out"
-    assert main(["twin", str(folder), "--out", str(out), "--json"]) == 0
+    arguments = ["twin", str(folder), "--out", str(out), "--json", "--dpi", "40"]
+    assert main(arguments) == 0
     facts = json.loads(capsys.readouterr().out)
     assert [each["recording"] for each in facts["table"]] == list(FILES)
     assert [each["poses"] for each in facts["table"]] == [6, 8, 8, 8]
@@ -84,6 +86,7 @@ def test_the_command_finds_a_known_sensor(folder, tmp_path, capsys):
     assert facts["wrong_mesh_correlation"] < 0.95
     assert facts["later_scale"] == pytest.approx(LATER, rel=0.02)
     assert {each.name for each in out.iterdir()} == set(facts["files"])
+    io.check_output(out, overwrite=True)  # The command can replace its own folder
     found = json.loads((out / "twin.json").read_text())["parameters"]
     assert found["albedo cloth"]["value"] == pytest.approx(CLOTH, rel=0.03)
     assert found["bin_width_opl"]["value"] == pytest.approx(

@@ -53,7 +53,7 @@ RUNS = {
     "capture": ["capture", "nlos_patch", "--out", "hidden.hdf5", "--spp", "1", "--grid", "4x4"],
     "reconstruct": ["reconstruct", "hidden.hdf5", "--out", "volume"],
     "sense": ["sense", "one", "--sensor", "scanning_dtof", "--out", "counts"],
-    "twin": ["twin", "recordings", "--out", "twin", "--spp", "1"],
+    "twin": ["twin", "recordings", "--out", "twin", "--spp", "1", "--dpi", "40"],
     "report": ["report", "one", "--out", "report.html"],
     "warp": ["warp", "tent", "--out", "tent.png"],
     "warptest": ["warptest", "tent", "--headless", "--out", "tent2.png"],

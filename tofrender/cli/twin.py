@@ -3,9 +3,11 @@
 from pathlib import Path
 from typing import Annotated
 
+from ..io.contents import TWIN
 from . import options as opt
 from .answers import Json, answer
 
+DRAWN = ("tall_block", "pyramid")  # Recordings with figures
 HEADINGS = ("recording", "poses", "correlation", "of logarithms", "first peak", "< 10 mm", "counts")
 
 
@@ -31,16 +33,17 @@ def twin(
     opt.check_apart(out, source)
     opt.activate(variant)
 
-    from tofrender import io
+    from tofrender import __version__, io
     from tofrender.apps.twin.experiment import run_experiment
     from tofrender.apps.twin.figures import histogram_figure, residual_figure
 
     result = run_experiment(source, spp=spp, seed=seed)
     found = result.facts()
-    files = ["twin.json"]
+    files = [TWIN]
+    written = {"made_by": f"tofrender {__version__}"} | found
     with io.output_folder(out, overwrite=True) as folder:
-        (folder / "twin.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-        for name in result.table:
+        (folder / TWIN).write_text(json.dumps(written, indent=1) + "\n", encoding="utf-8")
+        for name in DRAWN:
             for kind, draw in (("histograms", histogram_figure), ("residuals", residual_figure)):
                 file = f"{name}_{kind}.{figure}"
                 io.save_figure(draw(result, name), folder / file, **opt.dots(dpi))
