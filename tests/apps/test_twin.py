@@ -96,10 +96,12 @@ def test_the_command_finds_a_known_sensor(folder, tmp_path, capsys):
 
 
 def test_folders_without_the_data_are_refused(tmp_path, capsys):
-    assert main(["twin", str(tmp_path / "no"), "--out", str(tmp_path / "out")]) == 2
-    message = capsys.readouterr().err
-    assert "tall_block.json: does not exist" in message
-    assert message.count("\n") == 1
+    (tmp_path / "empty").mkdir()
+    for folder, words in (("empty", "tall_block.json: does not exist"), ("no", "not a folder")):
+        assert main(["twin", str(tmp_path / folder), "--out", str(tmp_path / "out")]) == 2
+        message = capsys.readouterr().err
+        assert words in message
+        assert message.count("\n") == 1
 
 
 def test_a_mesh_without_an_object_is_refused(folder, tmp_path):

@@ -8,6 +8,7 @@ from . import options as opt
 from .answers import Json, answer
 
 DRAWN = ("tall_block", "pyramid")  # Recordings with figures
+OUTPUT_FLOATS = 1 << 18  # Size of the figures, in numbers of 4 bytes
 HEADINGS = ("recording", "poses", "correlation", "of logarithms", "first peak", "< 10 mm", "counts")
 
 
@@ -31,16 +32,17 @@ def twin(
 
     opt.check_out(out)
     opt.check_apart(out, source)
+    opt.check_disk_space(out, OUTPUT_FLOATS)
     opt.activate(variant)
 
-    from tofrender import __version__, io
+    from tofrender import io
     from tofrender.apps.twin.experiment import run_experiment
     from tofrender.apps.twin.figures import histogram_figure, residual_figure
 
     result = run_experiment(source, spp=spp, seed=seed)
     found = result.facts()
     files = [TWIN]
-    written = {"made_by": f"tofrender {__version__}"} | found
+    written = {"made_by": "tofrender twin"} | found
     with io.output_folder(out, overwrite=True) as folder:
         (folder / TWIN).write_text(json.dumps(written, indent=1) + "\n", encoding="utf-8")
         for name in DRAWN:

@@ -17,6 +17,7 @@ import xarray as xr
 from ...io.histograms import load_histograms
 from ...io.stl import read_stl
 from ...motion.sensor_poses import render_poses
+from ...runtime import checks
 from ...scenes.meshes import mesh_with
 
 FILES = {
@@ -106,6 +107,9 @@ class Recording:
 
 def load_recording(folder: Path, name: str) -> Recording:
     """Read a recording from the folder of the data."""
+    folder = checks.path("path", folder)
+    if not folder.is_dir():
+        raise FileNotFoundError(f"path = {folder}: is not a folder; must be a copy of LCSPCData")
     root = folder / "real" if (folder / "real").is_dir() else folder
     histograms, mesh = (root / file for file in FILES[name])
     data = load_histograms(histograms)
