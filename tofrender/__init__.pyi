@@ -190,6 +190,7 @@ from .signals.phasors import phasor_parts as phasor_parts
 from .signals.pulses import (
     BoxPulse as BoxPulse,
     GaussianPulse as GaussianPulse,
+    KnotPulse as KnotPulse,
     SampledPulse as SampledPulse,
 )
 from .signals.units import (

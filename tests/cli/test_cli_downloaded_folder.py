@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from helpers import course_assignment, tiny_assignment
+from helpers import course_assignment, tiny_assignment, twin_recordings
 from helpers.processes import GUARD_S, ROOT
 
 from tofrender.cli.app import GROUPS
@@ -53,6 +53,7 @@ RUNS = {
     "capture": ["capture", "nlos_patch", "--out", "hidden.hdf5", "--spp", "1", "--grid", "4x4"],
     "reconstruct": ["reconstruct", "hidden.hdf5", "--out", "volume"],
     "sense": ["sense", "one", "--sensor", "scanning_dtof", "--out", "counts"],
+    "twin": ["twin", "recordings", "--out", "twin", "--spp", "1", "--dpi", "40"],
     "report": ["report", "one", "--out", "report.html"],
     "warp": ["warp", "tent", "--out", "tent.png"],
     "warptest": ["warptest", "tent", "--headless", "--out", "tent2.png"],
@@ -82,6 +83,7 @@ def downloaded(tmp_path_factory):
     course_assignment.write(folder / "tiny")
     course_assignment.write_submission(folder / "handed_in")
     tiny_assignment.sums(folder / "sums")
+    twin_recordings.write_recordings(folder / "recordings")
     for submission in ("right", "class/ada"):
         tiny_assignment.write(folder / submission, {"p0.py": tiny_assignment.ADD0})
     return folder

@@ -61,6 +61,7 @@ NO_PIXELS = make_dataset(2, 3, 3).isel(x=slice(0, 0))
 NONE_GOOD: dict[str, dict[str, Any]] = {
     # kind that nothing of ANY is good for: more that is bad
     **{kind: {} for kind in ("object", "address", "definition", "render")},
+    "zone": {"nan in it": [[np.nan, 1.0]]},
     "angles": {"400": (400, 10), "0": (0, 10), "1 number": (40,), "nan": (40, np.nan)},
     "returns": {"16": 16},
     "count": {"2.0": 2.0, "numpy-0": np.int64(0), "-2**40": -(1 << 40)},

@@ -3,6 +3,7 @@
 import ast
 import functools
 import inspect
+import json
 import shutil
 import warnings
 from collections.abc import Callable
@@ -130,6 +131,7 @@ WRITTEN = {
 READ = {
     **{"load_zarr": "a.zarr", "load_npz": "a.npz", "load_exr_stack": "a.exr"},
     **{"load_capture": "counts.npz", "from_file": "a.csv"},
+    **{"load_stl": "a.stl", "load_histograms": "a.json", "load_poses": "a.json"},
 }
 """The file of each function that has a path."""
 
@@ -283,6 +285,12 @@ SCANNED |= {"bin_width_opl": "pulse-width", "max_depth": "depth", "spp": "count"
 CHIRPS = {"bandwidth_hz": "positive but 1e30", "chirp_s": "positive", "window": "choice"}
 CHIRPS |= {"looks": "seed", "photons": "positive?", "sample_rate_hz": "positive?"}
 FRAMES = {"scene": "source", "times_s": "times", "exposure_s": "from 0", "row_time_s": "from 0"}
+ZONES = {"centers": "zone", "sizes": "zone", "gains": "zone", "starts_opl": "zone"}
+ZONES |= {"floors": "zone", "pulse": "object", "bins": "count", "bin_width_opl": "pulse-width"}
+ZONES |= {"blur": "fraction", "shift": "pair", "scale": "pair", "crosstalk": "fraction"}
+ONE_ZONE = {"centers": [[0.0, 0.1]], "sizes": [[0.1, 0.2]], "gains": [1.0], "starts_opl": [0.0]}
+ONE_ZONE |= {"floors": [0.0], "pulse": tofrender.SampledPulse([1.0], 0.0, 0.1), "bins": 3}
+ONE_ZONE |= {"bin_width_opl": 0.1}
 TENT = {"sample": sampling.square_to_tent, "name": "a"}
 PIXELS = np.ones((2, 3, 3))
 FIRST_HITS = dict.fromkeys(("position", "normal", "albedo"), PIXELS)
@@ -363,7 +371,9 @@ TABLE = [
     *rows("AMCWPulse", "SquareWave", "HamiltonianCode", "MSequence", **WAVE),
     row("SampledPulse", {"values": "energies", "bin_width_opl": "pulse-width"}, values=[1.0, 2.0]),
     row("SampledPulse.from_file"),
+    row("KnotPulse", {"opl": "zone", "values": "zone"}, opl=[0.0, 0.1], values=[1.0, 2.0]),
     *rows("opl_to_ns", opl="length"),
+    row("sensors.MultiZone", ZONES, **ONE_ZONE),
     # --------------------------------------------------------------------------------- sensors
     row("sensors.Spad", {"coincidence": "count"}, **SPAD, coincidence=2),
     row("sensors.GatedCamera", delays_opl=[1.0], width_s=1e-9),
@@ -464,6 +474,11 @@ def saved(folder: Path, name: str) -> Path:
         return tofrender.save_capture(captured(), path)
     if name == "counts.npz":
         np.savez(path, counts=np.ones((2, 3, 4)), bin_width_s=1e-10, wall_size=1.0)
+    elif path.suffix == ".stl":
+        corners = "vertex 0 0 0 vertex 1 0 0 vertex 0 1 0"
+        path.write_text(f"solid facet normal 0 0 1 outer loop {corners} endloop endfacet endsolid")
+    elif path.suffix == ".json":
+        path.write_text(json.dumps([{"hists": [[1, 2]], "pose": np.eye(4).tolist()}]))
     elif path.suffix == ".csv":
         path.write_text("0.0,1\n0.1,2\n")
     elif path.suffix == ".zarr":

@@ -24,6 +24,7 @@ COMMANDS: dict[str, list[str]] = {
     "reconstruct": ["wall.h5", "--method", "bp"],
     "merge": ["a", "b"],
     "sense": ["render", "--sensor", "itof"],
+    "twin": ["folder"],
     "warp": ["beckmann", "--alpha", "0.5", "--count", "4"],
     "warptest": ["beckmann", "--headless", "--alpha", "0.5", "--count", "4"],
     "view": ["cornell_box", "--live", "--size", "4x4", "--spp", "1", "--no-browser"],
@@ -71,6 +72,7 @@ OPTIONS |= {
     **{"-D": "definition", "scene": "source", "view source": "source", "phasor source": "render"},
     **{"sense source": "render", "sense --sensor": "choice"},
     **{"reconstruct source": "file", "report source": "file", "submit folder": "file"},
+    **{"twin source": "render"},
     **{"gate --pulse-width": "positive"},
     **{"doppler --exposure": "positive"},
 }

@@ -55,6 +55,7 @@ COMMANDS = {
     "reconstruct": ("", ["reconstruct", "{capture}", "--method", "bp"]),
     "report": (".html", ["report", "{render}"]),
     "sense": ("", ["sense", "{render}", "--sensor", "itof"]),
+    "twin": ("", ["twin", "recordings"]),
     "warp": (".png", ["warp", "tent", "--count", "4"]),
 }
 REPLACES = {"gif", "mp4", "layers", "lidar", "report", "warp"}

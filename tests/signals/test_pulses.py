@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from helpers.support import ALPHA, COMPARISONS
 from oracles import films as oracles
+from scipy import integrate
 
 from tofrender.sampling.statistics import smallest_allowed
 from tofrender.signals.pulse_checks import check_pulse
-from tofrender.signals.pulses import BoxPulse, GaussianPulse, SampledPulse, convolve
+from tofrender.signals.pulses import BoxPulse, GaussianPulse, KnotPulse, SampledPulse, convolve
 
 PULSES = {
     "gaussian": GaussianPulse(0.03),
@@ -21,6 +22,7 @@ PULSES = {
     "narrow box": BoxPulse(1e-4),
     "sampled": SampledPulse([1.0, 0.0, 3.0, 2.0, 0.0], -0.2, 0.125),
     "one bin": SampledPulse([4.0], 1.0, 0.5),
+    "knots": KnotPulse([-0.1, 0.02, 0.05, 0.4], [1e-4, 0.5, 2.0, 3e-3]),
     "convolved": convolve(GaussianPulse(0.03), SampledPulse([1.0, 2.0], 0.0, 0.1)),
     "boxes": convolve(BoxPulse(0.1), BoxPulse(0.3)),
 }
@@ -299,3 +301,47 @@ def test_an_array_that_is_missing(tmp_path):
     np.savez(tmp_path / "a.npz", values=[1.0], start_opl=0)
     with pytest.raises(ValueError, match="bin_width_opl is missing"):
         SampledPulse.from_file(tmp_path / "a.npz")
+
+
+KNOTS = np.array([-0.1, 0.02, 0.05, 0.4])
+LEVELS = np.array([1e-4, 0.5, 2.0, 3e-3])
+
+
+def knot_density(t: np.ndarray) -> np.ndarray:
+    """The density of KNOTS and LEVELS, not normalized."""
+    inside = (t >= KNOTS[0]) & (t <= KNOTS[-1])
+    return np.where(inside, np.exp(np.interp(t, KNOTS, np.log(LEVELS))), 0.0)
+
+
+def test_pulse_of_knots_has_a_linear_logarithm_between_them():
+    pulse = KnotPulse(KNOTS, LEVELS)
+    whole = integrate.quad(lambda t: float(knot_density(np.array(t))), -0.1, 0.4, points=KNOTS)[0]
+    for t in (-0.05, 0.021, 0.04, 0.1, 0.39):
+        part = integrate.quad(lambda x: float(knot_density(np.array(x))), -0.1, t, points=KNOTS)[0]
+        assert float(pulse.cdf(t)) == pytest.approx(part / whole, abs=3e-4)
+        assert float(pulse.eval(t)) == pytest.approx(
+            float(knot_density(np.array(t))) / whole, rel=0.05
+        )
+    assert pulse.support == pytest.approx((-0.1, 0.4))
+    assert pulse.eval(0.41) == 0.0
+    assert float(pulse.cdf(0.4)) == 1.0
+
+
+def test_pulse_of_equal_knots_is_a_box():
+    pulse = KnotPulse([0.0, 0.1, 0.5], [2.0, 2.0, 2.0])
+    assert float(pulse.cdf(0.2)) == pytest.approx(0.4, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("opl", "values", "words"),
+    [
+        ([0.0, 0.0], [1.0, 1.0], "rise"),
+        ([0.0], [1.0], "rise"),
+        ([0.0, 1.0], [1.0], "2 numbers"),
+        ([0.0, 1.0], [1.0, 0.0], "above 0"),
+        ([0.0, 1e-9, 1.0], [1.0, 1.0, 1.0], "even steps"),
+    ],
+)
+def test_wrong_knots_are_refused(opl, values, words):
+    with pytest.raises(ValueError, match=words):
+        KnotPulse(opl, values)

@@ -40,6 +40,19 @@ _RENDER = {
     "render_seconds": float,
     "energy_outside_window": float,
 }
+_AGREEMENT = {
+    "recording": str,
+    "poses": int,
+    "correlation": float,
+    "correlation_p10": float,
+    "log_correlation": float,
+    "log_correlation_p10": float,
+    "zone_correlation": list[float],
+    "peak_error_m": float,
+    "peak_error_p90_m": float,
+    "peak_near": float,
+    "counts_near": float,
+}
 
 SCHEMAS: dict[str, dict[str, Any]] = {
     "scenes": {"scenes": [{"name": str, "description": str}]},
@@ -58,6 +71,9 @@ SCHEMAS: dict[str, dict[str, Any]] = {
     | {"expected": float | None, "total": float},
     "capture": _BINNED | {"mode": str, "columns": int, "rows": int},
     "lidar": _WRITTEN | {"scene": str, "shots": int, "points": int},
+    "twin": _WRITTEN
+    | {"source": str, **_SAMPLING, "table": [_AGREEMENT]}
+    | {"wrong_mesh_correlation": float, "later_scale": float},
     "reconstruct": _WRITTEN | {"source": str, "method": str, "median_depth": float | None},
 }
 """Keys of the object of each command in their order, with the types of the values."""

@@ -29,6 +29,7 @@ from . import (
     report,
     sense,
     time,
+    twin,
     view,
     warp,
     writing,
@@ -261,6 +262,7 @@ SHOWN = (
     nlos.capture,
     nlos.reconstruct,
     sense.sense,
+    twin.twin,
     report.report,
     warp.warp,
 )
@@ -269,7 +271,7 @@ SHOWN = (
 GROUPS = {
     "Render": ("render", "gate", "phasor", "doppler", "fmcw", "lidar", "dataset", "merge"),
     "Around the corner": ("capture", "reconstruct"),
-    "Measure and look": ("sense", "report", "view", "compare"),
+    "Measure and look": ("sense", "twin", "report", "view", "compare"),
     "Learn sampling": ("warp", "warptest"),
     "Students": ("start", "submit"),
     "Teachers": (

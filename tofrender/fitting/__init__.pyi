@@ -1,3 +1,4 @@
+from .calibration import Calibration as Calibration, calibrate as calibrate
 from .fitter import Fit as Fit, fit as fit
 from .losses import (
     l2_loss as l2_loss,

@@ -7,7 +7,9 @@ from .exr import (
     save_exr_stack as save_exr_stack,
 )
 from .hdf5 import save_capture as save_capture
+from .histograms import load_histograms as load_histograms, load_poses as load_poses
 from .npz import load_npz as load_npz, save_npz as save_npz
 from .output import check_output as check_output, output_folder as output_folder
 from .pictures import save_png_frames as save_png_frames, save_video as save_video
 from .point_clouds import save_point_cloud as save_point_cloud
+from .stl import load_stl as load_stl

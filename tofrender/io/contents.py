@@ -25,6 +25,7 @@ RANGE_RATE = "range_rate.nc"
 SPECTRA = "spectra.nc"
 ESTIMATES = "estimates.nc"
 SENSED = "sensed.nc"
+TWIN = "twin.json"
 VOLUME = "volume.npz"
 
 
@@ -63,6 +64,7 @@ COMMANDS = {
         (_figure("range_velocity"), _figure("velocity")),
     ),
     "sense": Contents(_plain(SENSED), (_figure("summary"),)),
+    "twin": Contents(_plain(TWIN), (_figure(r"\w+_(histograms|residuals)"),)),
     "reconstruct": Contents(
         (r"brightness\.exr", r"depth\.exr"), (*_plain(VOLUME), _figure("volume"))
     ),

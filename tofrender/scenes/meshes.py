@@ -41,7 +41,7 @@ def stored(name: str) -> tuple[np.ndarray, ...]:
 
 def bust_mesh(**parts: Dict) -> Any:
     """Return the bust as an `mi.Mesh`; parts, e.g. a `bsdf`, are dicts for `mi.load_dict`."""
-    return _mesh("bust", *stored("bust"), **parts)
+    return mesh_with("bust", *stored("bust"), **parts)
 
 
 def bunny_mesh(to_world: Any | None = None, **parts: Dict) -> Any:
@@ -53,7 +53,7 @@ def bunny_mesh(to_world: Any | None = None, **parts: Dict) -> Any:
     """
     vertices, faces, normals = stored("bunny")
     turned = normals if to_world is None else normals @ np.array(to_world.matrix)[:3, :3].T
-    return _mesh("bunny", transformed(vertices, to_world), faces, turned, **parts)
+    return mesh_with("bunny", transformed(vertices, to_world), faces, turned, **parts)
 
 
 def letter_z() -> tuple[np.ndarray, np.ndarray]:
@@ -88,13 +88,13 @@ def letter_z() -> tuple[np.ndarray, np.ndarray]:
 def letter_z_mesh(to_world: Any | None = None, **parts: Dict) -> Any:
     """Return the letter Z as an `mi.Mesh`, with parts as in `bust_mesh`."""
     vertices, faces = letter_z()
-    return _mesh("letter_z", transformed(vertices, to_world), faces, None, **parts)
+    return mesh_with("letter_z", transformed(vertices, to_world), faces, None, **parts)
 
 
 def half_rectangle(half: str, to_world: Any | None = None, **parts: Dict) -> Any:
     """Return the "lower" or "upper" triangle of a `rectangle`, with parts as in `bust_mesh`."""
     corners = transformed(HALVES[half], to_world)
-    return _mesh(f"{half}_triangle", corners, np.array([[0, 1, 2]]), None, **parts)
+    return mesh_with(f"{half}_triangle", corners, np.array([[0, 1, 2]]), None, **parts)
 
 
 def transformed(points: np.ndarray, to_world: Any | None) -> np.ndarray:
@@ -105,8 +105,12 @@ def transformed(points: np.ndarray, to_world: Any | None) -> np.ndarray:
     return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def _mesh(
-    name: str, vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray | None, **parts: Dict
+def mesh_with(
+    name: str,
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    normals: np.ndarray | None = None,
+    **parts: Dict,
 ) -> Any:
     """Return an `mi.Mesh` with arrays as in `stored` and parts as in `bust_mesh`."""
     properties = mi.Properties()

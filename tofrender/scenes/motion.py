@@ -137,11 +137,11 @@ def moving(scene: mi.Scene, motions: Mapping[str, Motion]) -> mi.Scene:
     """
     # Check the motions, and complete the rotation centers
     checks.instance("scene", scene, mi.Scene, "a loaded scene")
-    parts = _movable(scene)
+    parts = movable_parts(scene)
     completed: dict[str, Motion] = {}
     for name, motion in checks.mapping("motions", motions).items():
         checks.instance(f"motions[{name!r}]", motion, Motion, "a Motion")
-        _require_movable(name, parts)
+        require_movable("motions", name, parts)
         completed[name] = _with_center(motion, parts[name])
         _require_slow(completed[name], parts[name])
 
@@ -230,28 +230,42 @@ def posed(scene: mi.Scene, time_s: float) -> Iterator[mi.Scene]:
         raise RuntimeError(
             "posed(): the scene is already posed. Leave the other `with posed(...)` block first"
         )
+    changes = {name: motion.matrix(time_s) for name, motion in motions.items()}
+    with placed(scene, changes):
+        scene.set_id(f"{before}{TIME}{time_s!r}")
+        try:
+            yield scene
+        finally:
+            scene.set_id(before)
 
+
+@contextmanager
+def placed(scene: mi.Scene, changes: Mapping[str, np.ndarray]) -> Iterator[None]:
+    """Apply transforms to parts of a scene, and undo them at the end of the block.
+
+    Args:
+        scene: A loaded scene.
+        changes: Transforms in world space (4, 4), by the ids of the parts.
+    """
     # Move the parts, and keep copies of the parameters
     params = mi.traverse(scene)
     kept = {}
     with tracing_lock():
-        for name, motion in motions.items():
-            for key, moved in _moved(params, name, motion.matrix(time_s)):
+        for name, change in changes.items():
+            for key, moved in _moved(params, name, change):
                 kind: Any = type(params[key])
                 kept[key] = kind(params[key])
                 params[key] = moved
         params.update()
-        scene.set_id(f"{before}{TIME}{time_s!r}")
 
     # Move the parts back at the end, even after an error
     try:
-        yield scene
+        yield
     finally:
         with tracing_lock():
             for key, value in kept.items():
                 params[key] = value
             params.update()
-            scene.set_id(before)
 
 
 def _moved(params: Any, name: str, change: np.ndarray) -> Iterator[tuple[str, Any]]:
@@ -318,32 +332,32 @@ def take_motions(state: Any) -> dict[str, Motion]:
     return {name: motion for name, motion in found.items() if motion.moves}
 
 
-def _movable(scene: mi.Scene) -> dict[str, Any]:
+def movable_parts(scene: mi.Scene) -> dict[str, Any]:
     """Return the shapes, emitters and sensors of a scene that have an id, by id."""
     parts = [*scene.emitters(), *scene.sensors(), *scene.shapes()]
     return {each.id(): each for each in parts if each.id()}
 
 
-def _require_movable(name: str, known: Mapping[str, Any]) -> None:
+def require_movable(argument: str, name: str, known: Mapping[str, Any]) -> None:
     """Refuse ids that are not in the scene, and parts that cannot move."""
     allowed = checks.join_names([each for each in known if not each.startswith("__")])
     merged = "; Mitsuba merges shapes that share a material unless loaded with optimize=False"
-    checks.require("motions", name, name in known, f"an id of the scene, one of {allowed}{merged}")
+    checks.require(argument, name, name in known, f"an id of the scene, one of {allowed}{merged}")
 
     # Emitters at infinity are fixed, and area lights move with their shape
     part = known[name]
     if isinstance(part, mi.Emitter):
         flags = part.flags()
         if mi.has_flag(flags, mi.EmitterFlags.Infinite):
-            raise ValueError(f"motions = {name!r}: emitters at infinity cannot move. Remove it")
+            raise ValueError(f"{argument} = {name!r}: emitters at infinity cannot move. Remove it")
         if mi.has_flag(flags, mi.EmitterFlags.Surface):
-            raise ValueError(f"motions = {name!r}: an area light. Use the id of its shape")
+            raise ValueError(f"{argument} = {name!r}: an area light. Use the id of its shape")
 
     # Does the part have a pose that can change?
     params = mi.traverse(part)
     if not (pose_name(params) or name_of(params, ("position", *POSITIONS))):
         raise ValueError(
-            f"motions = {name!r}: the pose of a {part.class_name()} is fixed. Remove it"
+            f"{argument} = {name!r}: the pose of a {part.class_name()} is fixed. Remove it"
         )
 
     # The grid of a medium would not move with the shape
@@ -351,7 +365,7 @@ def _require_movable(name: str, known: Mapping[str, Any]) -> None:
         medium = part.interior_medium()
         if medium is not None and not medium.is_homogeneous():
             raise ValueError(
-                f"motions = {name!r}: a shape with a medium on a grid cannot move. Use a "
+                f"{argument} = {name!r}: a shape with a medium on a grid cannot move. Use a "
                 "homogeneous medium"
             )
 

@@ -4,6 +4,7 @@ from .config import sense as sense
 from .echo_detection import echoes as echoes
 from .estimators import estimate_depth as estimate_depth
 from .itof import Itof as Itof
+from .multi_zone import MultiZone as MultiZone
 from .pile_up import coates as coates, coates_variance as coates_variance
 from .radiometry import expected_photons as expected_photons
 from .response import Response as Response
