@@ -288,9 +288,10 @@ FRAMES = {"scene": "source", "times_s": "times", "exposure_s": "from 0", "row_ti
 ZONES = {"centers": "zone", "sizes": "zone", "gains": "zone", "starts_opl": "zone"}
 ZONES |= {"floors": "zone", "pulse": "object", "bins": "count", "bin_width_opl": "pulse-width"}
 ZONES |= {"blur": "fraction", "shift": "pair", "scale": "pair", "crosstalk": "fraction"}
-ONE_ZONE = {"centers": [[0.0, 0.1]], "sizes": [[0.1, 0.2]], "gains": [1.0], "starts_opl": [0.0]}
-ONE_ZONE |= {"floors": [0.0], "pulse": tofrender.SampledPulse([1.0], 0.0, 0.1), "bins": 3}
-ONE_ZONE |= {"bin_width_opl": 0.1}
+TWO_ZONES = {"centers": [[0.0, 0.1]] * 2, "sizes": [[0.1, 0.2]] * 2, "gains": [1.0, 2.0]}
+TWO_ZONES |= {"starts_opl": [0.0, 0.0], "floors": [0.0, 0.0]}
+TWO_ZONES |= {"pulse": tofrender.SampledPulse([1.0], 0.0, 0.1), "bins": 3}
+TWO_ZONES |= {"bin_width_opl": 0.1}
 TENT = {"sample": sampling.square_to_tent, "name": "a"}
 PIXELS = np.ones((2, 3, 3))
 FIRST_HITS = dict.fromkeys(("position", "normal", "albedo"), PIXELS)
@@ -373,7 +374,7 @@ TABLE = [
     row("SampledPulse.from_file"),
     row("KnotPulse", {"opl": "zone", "values": "zone"}, opl=[0.0, 0.1], values=[1.0, 2.0]),
     *rows("opl_to_ns", opl="length"),
-    row("sensors.MultiZone", ZONES, **ONE_ZONE),
+    row("sensors.MultiZone", ZONES, **TWO_ZONES),
     # --------------------------------------------------------------------------------- sensors
     row("sensors.Spad", {"coincidence": "count"}, **SPAD, coincidence=2),
     row("sensors.GatedCamera", delays_opl=[1.0], width_s=1e-9),
