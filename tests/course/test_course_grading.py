@@ -362,7 +362,7 @@ def test_no_submission_takes_much_longer_than_its_limit(tmp_path, home, monkeypa
     monkeypatch.setattr(grading, "time", SimpleNamespace(monotonic=lambda: now[0]))
     with grading.open_grader(find(staff), time_limit_s=60) as grader:
         content = graded(grader, student, tmp_path)
-    assert content["execution_time"] == 60 + grading.BEYOND_S
+    assert content["execution_time"] == 60 + grading.GRACE_S
     assert content["score"] == 0
     assert content["tests"][0]["output"] == "not judged: the problem took more than 20 s"
     assert content["tests"][-1]["output"] == "not judged: all problems together took 60 s"
