@@ -46,7 +46,8 @@ def range_rate(
 
     Returns:
         A Dataset with `radiance (y, x, opl, rate, channel)`, of each bin, and `steady (y, x,
-        channel)` [W m^-2 sr^-1]; `opl` [m] and `rate` [m/s] are the bins' centres.
+        channel)` [W m^-2 sr^-1]; `opl` [m] and `rate` [m/s] are the bins' centers. The
+        attributes `bin_width_opl` and `bin_width_rate` are the widths of the bins.
 
     Raises:
         ValueError: An argument or the scene is wrong.
