@@ -194,10 +194,10 @@ def by_pixel(values: Any, data: Any, parameter: str) -> Any:
         return values  # `read` refuses the Dataset
     labels = [data[axis].values for axis in axes]
     if not isinstance(values, xr.DataArray):
-        array = checks.real_array(parameter, values)
         order = [np.argsort(each, kind="stable") for each in labels]
+        array = checks.real_array(parameter, values)
         fits = array.shape == tuple(each.size for each in order)
-        return array[np.ix_(*order)] if fits else array  # The function refuses other shapes
+        return array[np.ix_(*order)] if fits else array
     missing = {
         axis: own
         for axis, own in zip(axes, labels, strict=True)

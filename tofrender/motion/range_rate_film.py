@@ -46,7 +46,8 @@ def range_rate(
 
     Returns:
         A Dataset with the `radiance` of each bin (y, x, opl, rate, channel) and `steady` (y, x,
-        channel) [W m^-2 sr^-1]. `opl` [m] and `rate` [m/s] are the centers of the bins.
+        channel) [W m^-2 sr^-1]. `opl` [m] and `rate` [m/s] are the centers of the bins. The
+        attributes `bin_width_opl` and `bin_width_rate` are the widths of the bins.
 
     Raises:
         ValueError: If an argument or the scene is wrong.
