@@ -30,7 +30,7 @@ test: setup ## test every part; ARGS="--changed COMMIT" also runs all tests of c
 	.venv/bin/python -m pytest -n auto --dist worksteal --brief $(ARGS)
 
 test-fast: setup ## run the tests that take less than 0.1 s, in about a minute, while you write
-	.venv/bin/python -m pytest -n auto --dist worksteal -m "not slow and not statistical" $(ARGS)
+	.venv/bin/python -m pytest tests --ignore tests/inputs -n auto --dist worksteal -m "not slow and not statistical" $(ARGS)
 
 test-all: setup ## run all tests, in an hour and a half; SHARD=3/8 runs the third of eight parts
 	.venv/bin/python -m pytest -n auto --dist worksteal $(if $(SHARD),--shard $(SHARD)) $(ARGS)
