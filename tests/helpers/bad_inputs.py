@@ -21,8 +21,8 @@ _PYTHONS_OWN = re.compile(
     r"argument must be|could not convert|ufunc|nanobind|drjit\.|Assertion|broadcast together"
 )
 _REMEDY = re.compile(
-    r"[mM]ust |does not exist|expected <|needs up to |[.;:] ([uU]se|[pP]ass|[aA]dd|[sS]et|[rR]emove|"
-    r"[cC]hoose|[cC]hange|[iI]ncrease|[rR]educe) "
+    r"[mM]ust |does not exist|expected <|needs up to |[.;:] ([uU]se|[pP]ass|[aA]dd|[sS]et|"
+    r"[rR]emove|[cC]hoose|[cC]hange|[iI]ncrease|[rR]educe) "
 )
 """What is allowed, or what to do instead."""
 
