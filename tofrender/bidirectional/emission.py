@@ -25,7 +25,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..paths.surfaces import EmitterSamples, Wavefronts, number_of, table_of
+from ..paths.surfaces import EmitterSamples, number_of, table_of
+from ..paths.wavefronts import Wavefronts
 from ..runtime.interface import pose
 
 CONES = {"PointLight": "point", "SpotLight": "spot", "Projector": "projector"}
@@ -278,13 +279,13 @@ class Emission:
         """Sample a direction of a distant emitter, and a uniform point of the disk."""
         # Sample a direction
         sphere = self.sphere
-        at = _interaction(sphere.centre, like)
+        at = _interaction(sphere.center, like)
         ds, radiance = emitter.sample_direction(at, u, active)
 
         # Sample a point of the disk, which touches the sphere
         disk = mi.warp.square_to_uniform_disk_concentric(u_point) * sphere.radius
         across = mi.Frame3f(ds.d).to_world(mi.Vector3f(disk.x, disk.y, sphere.radius))
-        p = mi.Point3f(sphere.centre + across)
+        p = mi.Point3f(sphere.center + across)
         return Emitted(
             ray=mi.Ray3f(p, -ds.d, like.time, like.wavelengths),
             origin=p,

@@ -7,7 +7,7 @@ import mitsuba as mi
 
 from ..paths.protocols import Endpoint
 from ..paths.records import Connection, Path, Vertex
-from ..paths.surfaces import Wavefronts
+from ..paths.wavefronts import Wavefronts
 from ..runtime import checks
 from ..sampling.warps import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
 from ..signals.illuminants import white

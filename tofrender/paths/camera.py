@@ -9,7 +9,7 @@ import mitsuba as mi
 
 from ..runtime.interface import world_transform
 from ..signals.polarisation import sensor_frame
-from .surfaces import Wavefronts
+from .wavefronts import Wavefronts
 
 
 @dataclass

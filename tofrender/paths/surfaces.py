@@ -1,15 +1,14 @@
-"""Surfaces of a scene: predicates, area elements, emitters' normals; start of distant light."""
+"""Surfaces of a scene: predicates, area elements, and the normals of emitters."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..runtime.interface import NORMALS, POSITIONS, make_mesh, rows, world_transform
+from ..runtime.interface import NORMALS, POSITIONS, make_mesh, rows
 from ..scenes.media import BOUNDARY, PLATES
 
 NARROW = 0.00068523  # Squared sine below which Mitsuba samples the cone of a sphere otherwise
@@ -360,27 +359,3 @@ def spawn_ray(si: mi.SurfaceInteraction3f, d: mi.Vector3f, specular: mi.Bool) ->
     along = dr.norm(ray.o - si.p) / dr.maximum(dr.abs(dr.dot(si.n, d)), 0.1)
     ray.o = dr.select(specular, dr.fma(d, along, si.p), ray.o)
     return ray
-
-
-@dataclass
-class Wavefronts:
-    """Planes on which distant light starts; they touch the sphere around scene and sensor."""
-
-    centre: mi.Point3f  # the sphere's centre [m]
-    radius: mi.Float  # its radius [m]
-
-    @classmethod
-    def around(cls, scene: mi.Scene, sensor: mi.Sensor | None) -> Wavefronts:
-        """Return those of the sphere around a scene, and the sensor's position if there is one."""
-        box = scene.bbox()
-        if sensor is not None:
-            position = world_transform(sensor) @ mi.Point3f(0)
-            box.expand(mi.ScalarPoint3f([float(x[0]) for x in position]))
-        sphere = box.bounding_sphere()
-        centre, radius = mi.Point3f(sphere.center), mi.Float(sphere.radius)
-        dr.make_opaque(centre, radius)
-        return cls(centre, radius)
-
-    def length(self, p: mi.Point3f, d: mi.Vector3f) -> mi.Float:
-        """Return the length from `p` along `d` to the plane where its light starts [m]."""
-        return self.radius - dr.dot(d, p - self.centre)

@@ -13,7 +13,8 @@ import mitsuba as mi
 from ...runtime import checks
 from ..protocols import Endpoint
 from ..records import Connection, Hit, Path, Vertex
-from ..surfaces import EmitterSamples, Wavefronts, stretched
+from ..surfaces import EmitterSamples, stretched
+from ..wavefronts import Wavefronts
 
 # Upper limit of densities in MIS weights, so that float32 can represent the square [1/sr]. Points
 # of an emitter that is seen edge-on have higher densities and emit no light towards the vertex.

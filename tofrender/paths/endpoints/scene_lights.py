@@ -11,7 +11,8 @@ import mitsuba as mi
 
 from ...runtime import checks
 from ..records import BSDFEval, Connection, Hit, Path, Vertex
-from ..surfaces import Wavefronts, has_lobes
+from ..surfaces import has_lobes
+from ..wavefronts import Wavefronts
 from .emitters import EmitterEndpoint, power_heuristic
 
 GOLDEN = 0.6180339887  # the golden ratio's fraction, whose multiples fill the unit interval evenly

@@ -1,0 +1,35 @@
+"""Start of light from emitters at infinity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from ..runtime.interface import world_transform
+
+
+@dataclass
+class Wavefronts:
+    """Planes from which distant light starts. They touch the sphere around scene and sensor."""
+
+    center: mi.Point3f  # center of the sphere [m]
+    radius: mi.Float  # radius of the sphere [m]
+
+    @classmethod
+    def around(cls, scene: mi.Scene, sensor: mi.Sensor | None) -> Wavefronts:
+        """Return the planes for the sphere around a scene and, if it is given, the sensor."""
+        box = scene.bbox()
+        if sensor is not None:
+            position = world_transform(sensor) @ mi.Point3f(0)
+            box.expand(mi.ScalarPoint3f([float(x[0]) for x in position]))
+        sphere = box.bounding_sphere()
+        center = mi.Point3f(sphere.center)
+        radius = mi.Float(sphere.radius)
+        dr.make_opaque(center, radius)
+        return cls(center, radius)
+
+    def length(self, p: mi.Point3f, d: mi.Vector3f) -> mi.Float:
+        """Return the length from `p` along `d` to the plane where the light starts [m]."""
+        return self.radius - dr.dot(d, p - self.center)
