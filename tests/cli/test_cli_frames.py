@@ -74,7 +74,7 @@ def test_a_stopped_run_goes_on_frame_by_frame(tmp_path, capsys, monkeypatch):
     assert main([*command, "--seed", "2"]) == 130
     assert (out / "frame_0002" / "transient.npz").read_bytes() == mine  # Until the new one is whole
     capsys.readouterr()
-    assert ".frames holds frames of a stopped run" in refused(capsys, *command)
+    assert "a stopped run has left frames in" in refused(capsys, *command)
     said, _ = done(capsys, *command, "--seed", "2", "--resume", "--json")
     assert json.loads(said)["seed"] == 2
     assert (out / "frame_0002" / "transient.npz").read_bytes() != mine
