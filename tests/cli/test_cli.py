@@ -318,7 +318,9 @@ def test_bad_scene_is_one_line(capsys, tmp_path):
     broken = tmp_path / "broken.xml"
     broken.write_text('<scene version="3.0.0">\n<shape>\n')
     assert "broken.xml" in refused(capsys, "render", broken, *out)
-    assert "parameter w = '3'" in refused(capsys, "render", XML, *out, "-D", "w=3")
+    said = refused(capsys, "render", XML, *out, "-D", "w=3")
+    assert "parameter w = '3'" in said
+    assert "width, height" in said
     assert "Missing option '--out'" in refused(capsys, "render", "cornell_box")
     assert "did you mean 'render'" in refused(capsys, "rendr").lower()
 

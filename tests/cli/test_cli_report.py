@@ -95,6 +95,7 @@ def test_what_cannot_be_read_is_one_line(tmp_path, capsys, kind):
     capsys.readouterr()
     said = refused(capsys, "report", source, "-o", page)
     assert str(tmp_path)[:60] in said
+    assert "must be" in said or "Use a folder" in said
     assert not page.exists()
     assert not list(tmp_path.glob(".tofrender-*"))
 
