@@ -129,8 +129,12 @@ class Recording:
             first.append(dr.select(valid_ray, mi.Float(1), mi.Float(0)))
         return first, [value for each in rest for value in kept(each)]
 
-    def begin(self, spp: int, splats: bool = False) -> None:
-        """Prepare for samples."""
+    def begin(self, spp: int, splats: bool = False, apart: bool = False) -> None:
+        """Prepare for samples.
+
+        With `splats`, measurements add contributions that have a position. If these are `apart`,
+        kernels that add splats add no samples, which saves memory.
+        """
         self.splats = Splats(self.film, self.splat_images) if splats else None
         self._splatted = self._in_picture = np.zeros(())
 
@@ -241,12 +245,12 @@ class BinRecording(Recording):
         at_centres, splat = self.exposure.at_centres, self.splat(camera, spp)
         return TimeBins.of_film(self.film, camera, spp, self.profile, at_centres, splat)
 
-    def begin(self, spp: int, splats: bool = False) -> None:
+    def begin(self, spp: int, splats: bool = False, apart: bool = False) -> None:
         """Prepare the film for samples."""
-        super().begin(spp, splats)
+        super().begin(spp, splats, apart)
         self.film.samples_per_pixel = spp
         if splats:
-            self.film.expect_splats()
+            self.film.expect_splats(apart)
 
     def set_one_writer(self, one_writer: bool) -> None:
         """Set whether only one thread writes to each pixel in the next kernel."""
@@ -288,7 +292,7 @@ class MitransientRecording(BinRecording):
     def require_memory(self, spp: int) -> None:
         """Accept any film: its memory is not known."""
 
-    def begin(self, spp: int, splats: bool = False) -> None:
+    def begin(self, spp: int, splats: bool = False, apart: bool = False) -> None:
         """Prepare for samples, without splats."""
         if splats:
             raise TypeError(

@@ -96,6 +96,7 @@ class TransientHDRFilm(mi.Film):
         self._steady: mi.Film | None = None
         self._bins: Histogram | None = None
         self._splats: Splats | None = None
+        self._splats_in_bins = False
         self.samples_per_pixel: float | None = None
         self.taken = 1.0
         self.one_writer_per_pixel = False
@@ -120,6 +121,7 @@ class TransientHDRFilm(mi.Film):
         Returns the number of the image's channels, weight included. A `MemoryError` says what fits.
         """
         self._bins = self._splats = None  # Free memory before it is allocated again
+        self._splats_in_bins = False
         self._bins = Histogram(*self.shape)
         self._steady = image_film(self)
         self.samples_per_pixel, self.taken = None, 1.0
@@ -136,9 +138,15 @@ class TransientHDRFilm(mi.Film):
             if expected:
                 self.expect_splats()
 
-    def expect_splats(self) -> None:
-        """Allocate bins of their own for splats; raises `MemoryError` if they do not fit."""
-        self._splats = Splats(self, self.temporal_bins)
+    def expect_splats(self, in_bins: bool = False) -> None:
+        """Allocate bins of their own for splats; raises `MemoryError` if they do not fit.
+
+        With `in_bins` and a box filter, the bins of the samples take the splats, too. Kernels that
+        add splats must then add no samples.
+        """
+        self._splats_in_bins = in_bins and self.rfilter().is_box_filter()
+        if not self._splats_in_bins:
+            self._splats = Splats(self, self.temporal_bins)
 
     def flush(self, pixels: mi.UInt32 | None = None) -> None:
         """Flush the bins to a second sum, which `develop` adds.
@@ -172,11 +180,15 @@ class TransientHDRFilm(mi.Film):
 
         Arguments as for `add_transient_data`; `spec` is divided by the light paths per pixel.
         """
-        if self._splats is None:
+        if self._splats is None and not self._splats_in_bins:
             raise RuntimeError("transient_hdr_film: has no room for splats; call expect_splats()")
         k, active = self._bin(distance, active)
         values = channels_of(to_stokes(spec), wavelengths, active)
-        self._splats.add(pos, [values], k, active)
+        if self._splats is not None:
+            self._splats.add(pos, [values], k, active)
+            return
+        for x, y, _ in footprint(self, pos):
+            self.bins.add(values, x, y, k, active, private=False)
 
     def add_transient_data(
         self,

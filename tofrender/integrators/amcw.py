@@ -52,6 +52,7 @@ class AMCWTransientPath(TransientPath):
     default_depth = 8
     fills_bins = False
     takes_light_samples = False
+    uses_techniques = True
 
     def __init__(self, props: mi.Properties | None = None) -> None:
         props = mi.Properties("amcw_transient_path") if props is None else props
