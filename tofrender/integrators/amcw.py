@@ -52,13 +52,17 @@ class AMCWTransientPath(TransientPath):
     default_depth = 8
     fills_bins = False
     takes_light_samples = False
-    uses_techniques = True
 
     def __init__(self, props: mi.Properties | None = None) -> None:
         props = mi.Properties("amcw_transient_path") if props is None else props
         super().__init__(props)
         frequency, offset = props.get("frequency_hz", None), props.get("phase_offset", 0.0)
         self.modulation = None if frequency is None else AMCWPulse(frequency, offset)
+
+    @property
+    def uses_techniques(self) -> bool:
+        """Whether renders may use the techniques for caustics."""
+        return True
 
     def set_modulation(self, modulation: Any) -> None:
         """Set the modulation: an `AMCWPulse`, or anything with `eval(opl)`; else a `TypeError`."""
