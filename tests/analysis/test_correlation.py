@@ -168,7 +168,7 @@ def test_true_depth_of_planes():
     depth = true_depth(load(room(film(24, 18, sample_border=True, **crop))))
     assert depth == pytest.approx(expected[4:9, 10:17], abs=2e-6, nan_ok=True)
     refused("sensor = 1", true_depth, loaded, 1)
-    refused("no sensor", true_depth, mi.load_dict({"type": "scene"}))
+    refused("sensor is missing", true_depth, mi.load_dict({"type": "scene"}))
 
 
 def test_true_depth_of_a_name_and_under_another_variant():

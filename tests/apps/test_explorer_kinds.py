@@ -197,7 +197,7 @@ def test_reports_of_phasors(tmp_path, capsys):
     small = {"I": np.zeros((2, 3, 3)), "Q": np.zeros((2, 3, 3))}
     save_exr_layers(tmp_path / "phasor_1000000Hz.exr", small, {"frequency_hz": 1e6})
     assert main(["report", str(tmp_path), "-o", str(tmp_path / "other.html")]) == 2
-    assert "must be of one render" in capsys.readouterr().err
+    assert "Pass files of one render" in capsys.readouterr().err
     (tmp_path / "phasor_20000000Hz.exr").write_bytes(b"text")
     assert main(["report", str(tmp_path), "-o", str(path)]) == 2
     (said,) = capsys.readouterr().err.splitlines()

@@ -60,8 +60,10 @@ def test_a_stopped_run_goes_on_frame_by_frame(tmp_path, capsys, monkeypatch):
     before = (out / "frame_0000" / "transient.npz").stat().st_mtime_ns
     assert "a stopped run has left frames in" in refused(capsys, *command)
     said = refused(capsys, *command, "--resume", "--row-time", "0.001")
-    assert "have row_time_s = 0.0; must be 0.001" in said
-    assert refused(capsys, *command, "--resume", "--seed", "2").startswith("--resume: frames in")
+    assert "have row_time_s = 0.0 instead of 0.001" in said
+    assert refused(capsys, *command, "--resume", "--seed", "2").startswith(
+        "--resume: the frames in"
+    )
     done(capsys, *command, "--resume")
     assert rendered == [0.0, 0.01, 0.01, 0.02]
     assert (out / "frame_0000" / "transient.npz").stat().st_mtime_ns == before
@@ -72,7 +74,7 @@ def test_a_stopped_run_goes_on_frame_by_frame(tmp_path, capsys, monkeypatch):
     assert main([*command, "--seed", "2"]) == 130
     assert (out / "frame_0002" / "transient.npz").read_bytes() == mine  # Until the new one is whole
     capsys.readouterr()
-    assert ".frames holds frames of a stopped run" in refused(capsys, *command)
+    assert "a stopped run has left frames in" in refused(capsys, *command)
     said, _ = done(capsys, *command, "--seed", "2", "--resume", "--json")
     assert json.loads(said)["seed"] == 2
     assert (out / "frame_0002" / "transient.npz").read_bytes() != mine

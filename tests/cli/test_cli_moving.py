@@ -39,7 +39,7 @@ def test_doppler_writes_what_the_function_measures(tmp_path, capsys):
     said = refused(
         capsys, "doppler", *BOX, "--waveform", "triangle", "--dpi", 99, "--out", tmp_path / "c"
     )
-    assert "must be sine" in said
+    assert "require --waveform sine" in said
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # Energy outside the bins

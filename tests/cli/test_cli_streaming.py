@@ -272,7 +272,7 @@ def test_a_run_killed_while_it_wrote_files_goes_on(capsys, out, whole):
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ({"spp": 8}, "spp = 8; must be 16"),
+        ({"spp": 8}, "--spp 8"),
         ({"seed": 4}, "seed = 4; must be 0"),
         ({"settings": {"width": 10}}, "fingerprint"),
         ({"errors": True}, "errors = True; must be False"),

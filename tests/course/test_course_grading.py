@@ -703,7 +703,7 @@ def test_interrupted_run_leaves_nothing(assignment, tmp_path, monkeypatch):
     wait_for(sleepers)
     process.terminate()
     said = process.communicate()[1].splitlines()[-1]
-    assert said == "error: interrupted; what is graded is kept"
+    assert said == "error: interrupted; finished results are kept"
     assert process.returncode == 130
     assert not sleepers()
     assert "score" not in json.loads(out.read_text())

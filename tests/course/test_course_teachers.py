@@ -489,7 +489,7 @@ def test_a_new_term_draws_other_inputs(tmp_path, capsys):
     assert Inputs(file).number("height", 0.5, low=1, high=2) != first
     assert 3 <= Inputs(file).integer("count", 1, low=3, high=4) <= 4
     assert cli.main(["new-term", str(staff.folder)]) == 0
-    assert "a0: term 7 is term " in capsys.readouterr().out
+    assert "a0: changed the term from 7 to " in capsys.readouterr().out
     drawn = rubric.read(staff.folder).term
     assert drawn > 0
     assert Inputs(file).number("width", 0.5, low=1, high=2) != first

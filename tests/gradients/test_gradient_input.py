@@ -176,7 +176,7 @@ DATASETS = {
     **{"size": (4, 4), "bins": 4, "start_opl": 0.0, "bin_width": 0.1, "window": (3.0, 5.0)},
     **{"pulse_width": 0.1, "max_depth": 2, "sampler": "independent", "define": {}, "errors": True},
     **{"resume": xr.Dataset(), "checkpoint": "a.npz", "out": "a.zarr", "workers": 2},
-    **{"scheduler": "tcp://localhost:1", "client": 1, "settings": {}, "temporal_bins": 4},
+    **{"scheduler": "tcp://localhost:1", "client": 1, "settings": {}, "bins": 4},
 }
 
 

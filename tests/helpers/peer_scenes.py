@@ -52,6 +52,7 @@ def give_names_back() -> None:
     """Let plugins' names mean ours again, once mitransient is imported and has taken them."""
     mi.register_integrator("transient_path", maker(tofrender.TransientPath))
     mi.register_integrator("transient_nlos_path", tofrender.TransientNLOSPath)
+    mi.register_emitter("angulararea", tofrender.AngularArea)
     mi.register_sensor("nlos_capture_meter", tofrender.NLOSCaptureMeter)
     mi.register_film("transient_hdr_film", tofrender.TransientHDRFilm)
     mi.register_film("phasor_hdr_film", tofrender.PhasorHDRFilm)

@@ -336,7 +336,7 @@ def rendered(parts: dict, spp: int = 32, seed: int = 0) -> Any:
     return tofrender.render(parts, spp=spp, seed=seed, **options)
 
 
-@pytest.mark.filterwarnings("ignore:integrator = .* becomes")
+@pytest.mark.filterwarnings("ignore:integrator = .* replaced by")
 @pytest.mark.parametrize("name", RENDERED)
 def test_plugins_that_render(name, tmp_path):
     found = rendered(described(name, tmp_path))

@@ -448,7 +448,7 @@ def test_gates(technique, spp):
 @pytest.mark.parametrize("kind", TRACERS)
 def test_a_window_of_its_own(kind):
     """The window is found by paths of the same kind: no other path sees a caustic."""
-    it, options = CAUSTICS["slab"], {"window": "auto", "temporal_bins": 50, "progress": False}
+    it, options = CAUSTICS["slab"], {"window": "auto", "bins": 50, "progress": False}
     looked = looking_down(it.view, it.parts(), it.edges, max_depth=it.max_depth)
     tracer = {"type": kind, "max_depth": it.max_depth, "camera_unwarp": True}
     dataset = tofrender.render(looked, integrator=tracer, spp=256, **options)

@@ -57,7 +57,7 @@ def test_what_a_caller_changes_later_stays_out():
         ({"sensor_grid": GRID * np.nan}, "sensor_grid: must hold finite numbers"),
         ({"sensor_normals": 2 * BASE["sensor_normals"]}, "sensor_normals: .*length 1"),
         ({"laser_grid": GRID}, "laser_grid = .*: must be None"),
-        ({"mode": "single"}, "laser_grid of type NoneType: must hold"),
+        ({"mode": "single"}, "laser_grid of type NoneType: must contain"),
         ({"on_wall": False}, r"on_wall = False: must be bool \(rows, columns\)"),
         ({"mode": "single", **LASER, "laser_grid": GRID}, "laser_"),
         ({"counts_first_and_last_legs": True}, "sensor_origin, laser_origin: must be known"),

@@ -375,7 +375,7 @@ def test_captures_that_a_method_does_not_allow():
     early = scenes.capture_of(point(), scenes.Wall(4), start=-2, bins=10)
     refused = [
         (uneven, "lct", "a confocal capture on a grid that is not even.* bp, fbp$"),
-        (BASE["transient"], "bp", "capture = DataArray"),
+        (BASE["transient"], "bp", "capture: expected a capture"),
         (early, "bp", "bins end before light can come back"),
     ]
     for mode in ("single", "exhaustive"):

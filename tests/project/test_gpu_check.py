@@ -50,13 +50,14 @@ def test_the_machine_is_described():
 
 
 @pytest.mark.slow
-def test_times():
+def test_times(monkeypatch):
+    """Without mitransient, which would take the names of plugins from the tests that follow."""
+    monkeypatch.setattr(times.peers, "has", lambda name: False)
     part = small_part()
-    installed = times.peers.has("mitransient")
     times.times(part)
     rows = part.results["Cornell box"]
     assert set(rows) == {"path", "one light point", "ours", "mitransient"}
-    assert isinstance(rows["mitransient"], dict) == installed
+    assert not isinstance(rows["mitransient"], dict)
     assert rows["path"]["4"]["over_path"] == 1
     assert rows["ours"]["4"]["over_path"] > 1
     for program in ("path", "one light point", "ours"):

@@ -18,7 +18,7 @@ QUESTIONS = {
     "And without root?": ("install", "Any of these is enough"),
     "On Debian?": ("install", "python3-venv"),
     "In Colab?": ("install", "upload the wheel|Upload the wheel"),
-    "Does it use my GPU?": ("install", "NVIDIA only"),
+    "Does it use my GPU?": ("install", "Linux with an NVIDIA GPU"),
     "Which Python do I need?": ("versions", r"3\.11, 3\.12, 3\.13"),
     "How do I cite it?": ("cite", "@software"),
     "May I use it at work?": ("licence", "BSD-3-Clause"),

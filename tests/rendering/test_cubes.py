@@ -83,7 +83,7 @@ def test_what_is_not_finite_is_told_as_of_an_array(monkeypatch, chunks):
     values = dataset["transient"].values
     values[9, 0, 2, 1], values[3, 10, 16, 0], values[3, 10, 16, 2] = np.nan, -np.inf, np.nan
     said = "transient: 3 of 7293 values are not finite, the first is -inf at [3, 10, 16, 0]; must "
-    with pytest.raises(ValueError, match=f"^{re.escape(said)}all be$"):
+    with pytest.raises(ValueError, match=f"^{re.escape(said)}all be finite$"):
         require_finite(dataset if chunks is None else dataset.chunk(chunks))
 
 

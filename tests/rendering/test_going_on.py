@@ -551,7 +551,7 @@ REFUSED = [
     (boxed, {"window": (3.5, 20.0)}, "bin_width_opl"),
     (boxed, {"pulse": 0.1}, "pulse"),
     (boxed, {"sampler": "independent"}, "sampler"),
-    (boxed_in, {"variant": "llvm_ad_mono"}, "variant = 'llvm_ad_rgb'; must be 'llvm_ad_mono'"),
+    (boxed_in, {"variant": "llvm_ad_mono"}, "variant = 'llvm_ad_rgb' instead"),
     *[(gate, change, "") for change in ({"at": 6.0}, {"seed": 1}, {"light": "flash"})],
     (gate, {"film": GAUSSIAN}, ""),
     (gate_of, {"pulse": tofrender.GaussianPulse(0.1)}, ""),

@@ -403,7 +403,7 @@ _METRES = "must be a finite number of metres"
 _BAD = [
     ("spp", 1 << 25, f"{_INTEGER} 1 to 16777216"),
     ("seed", 1 << 32, f"{_INTEGER} 0 to 4294967295"),
-    *[(name, 1 << 21, f"{_INTEGER} 1 to 1048576") for name in ("bins", "temporal_bins")],
+    *[(name, 1 << 21, f"{_INTEGER} 1 to 1048576") for name in ("bins",)],
     ("workers", 1025, f"{_INTEGER} 1 to 1024"),
     ("sampler", "padded-sobol", "did you mean 'padded_sobol'"),
     ("integrator", "path", "must be one of transient_path"),

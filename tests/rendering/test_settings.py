@@ -29,10 +29,10 @@ FILES = {"format", "precision", "video", "figure", "dpi", "as_json"}
 FRAMES = {"frames", "frame_time", "exposure", "poses", "row_time"}
 """An animation: in Python, `render_frames` is told."""
 
-OBJECTS = {"client", "params", "settings", "temporal_bins", "progress"}
+OBJECTS = {"client", "params", "settings", "progress"}
 """What a command cannot be given, old names, and what `--no-progress` is for in all commands."""
 
-OTHERS = {"resume", "checkpoint", "out", "client", "params", "temporal_bins"}
+OTHERS = {"resume", "checkpoint", "out", "client", "params"}
 """Arguments of `render` that are files, objects, or old names."""
 
 
@@ -137,7 +137,6 @@ LOADED = "must be left out with a loaded scene"
         (loaded, {"define": {"a": 1}}, f"define = {{'a': 1}}: {LOADED}"),
         (box, {"window": "auto", "start_opl": 3}, "start_opl = 3: must be left out with `window`"),
         (box, {"window": "auto", "bin_width": 3}, "bin_width = 3: must be left out with `window`"),
-        (box, {"bins": 8, "temporal_bins": 7}, "temporal_bins = 7: must be left out with `bins`"),
         (box, {"workers": 2, "scheduler": "127.0.0.1:8786"}, "scheduler: must be left out with `w"),
         (box, {"workers": 2, "resume": xr.Dataset()}, "resume: must be left out"),
         (box, {"bins": 3, "settings": {"temporal_bins": 4}}, "bins: must be left out, settings ha"),

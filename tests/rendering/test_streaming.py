@@ -324,7 +324,7 @@ def test_a_disk_that_becomes_full_keeps_finished_tiles(out, monkeypatch, capsys,
 
     with monkeypatch.context() as patch:
         patch.setattr(zarr.storage.LocalStore, "set", full)
-        with pytest.raises(OSError, match="room") as error:
+        with pytest.raises(OSError, match="the disk is too full") as error:
             render(box(), out=out)
     assert str(out.parent) in one_line(error)
     assert len(receipts(out)) == 2

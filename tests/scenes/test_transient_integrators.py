@@ -139,7 +139,7 @@ def in_a_file(integrator: str, folder) -> str:
 @QUIET
 @pytest.mark.parametrize("name", [*WRAPPERS, *OTHERS])
 def test_an_override_renders_any_file(name, tmp_path):
-    options = {"window": (0, 40), "temporal_bins": 2, "spp": 1, "progress": False}
+    options = {"window": (0, 40), "bins": 2, "spp": 1, "progress": False}
     path = in_a_file(name, tmp_path)
     by_name = tofrender.render(path, integrator="transient_path", **options)
     assert by_name.attrs["integrator"] == "TransientPath"

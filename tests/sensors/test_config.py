@@ -13,6 +13,7 @@ from scipy import stats
 import tofrender
 from tofrender.sensors import Spad, expected_photons, sense
 from tofrender.sensors.config import FOLDER, PRESETS, read_sensor
+from tofrender.sensors.multi_zone import MULTI_ZONE_PRESETS
 
 GOOD = {"cycles": 9, "photons": {"photons_per_cycle": 0.1}, "spad": {}}
 
@@ -55,7 +56,8 @@ def test_presets_measure_what_they_expect(box, name):
 
 
 def test_presets_are_the_files():
-    assert sorted(PRESETS) == sorted(path.stem for path in FOLDER.glob("*.toml"))
+    files = sorted(path.stem for path in FOLDER.glob("*.toml"))
+    assert sorted((*PRESETS, *MULTI_ZONE_PRESETS)) == files
 
 
 def test_pixels_are_means_of_the_films():

@@ -201,7 +201,7 @@ def _check_class(
 
 def _require_folder(option: str, path: Path) -> None:
     if not path.is_dir():
-        raise ValueError(f"{option} = {path} is not a folder")
+        raise ValueError(f"{option} = {path} is not a folder. Pass the folder of the submissions")
 
 
 def _require_no_folder(option: str, path: Path) -> None:

@@ -24,6 +24,8 @@ ORDERED = {
 """Names along an axis in their order. Other names keep the order that they have."""
 WHOLE = ("xyz", "axis", "part", "weighting")
 """Axes whose names must all be there: no function is defined on a choice of them."""
+MAY_BE_EMPTY = ("point",)
+"""Axes without entries that have a meaning: a scan without echoes has no points."""
 RISING = ("y", "x", "laser_y", "laser_x", "shot", "tap")
 """Axes of indices that rise."""
 OF_A_FRAME: dict[str, tuple[str, Callable[[Any], Any]]] = {
@@ -262,7 +264,7 @@ def _require_variables(data: xr.Dataset, kind: Kind, parameter: str) -> None:
             )
         found = set(data[name].dims) - {"stokes"}
         for axis, size in data[name].sizes.items():
-            if size == 0:
+            if size == 0 and axis not in MAY_BE_EMPTY:
                 raise ValueError(
                     f"{parameter}: the axis {axis} is empty. Select one entry of it or more"
                 )

@@ -136,41 +136,41 @@ def render(
         bins: Number of time bins; by default the film's. A scene whose film is steady becomes
             transient, with 300 bins by default. Its window is "auto" by default. Its pulse is
             "auto" if neither a window nor a pulse is given.
-        start_opl: Path length where bins start [m]; by default the film's.
-        bin_width: Width of a time bin [m]; by default the film's.
-        window: Start and stop of all bins, path length [m]; "auto" finds what holds 99.9 % of the
-            light. It is given instead of `start_opl` and `bin_width`.
-        pulse_width: Standard deviation of a Gaussian pulse [m]; "auto" takes a 128th of the window,
-            unless the integrator has a pulse; by default the integrator's.
-        max_depth: Longest path in segments, -1 if unlimited; by default the integrator's.
-        integrator: Integrator plugin: a name, a dict or an integrator; by default the
-            scene's. A name or dict replaces the scene's while that is loaded, and what it does not
-            say of `max_depth`, `rr_depth` and `hide_emitters` stays as it is there; in a loaded
-            scene, it has its own defaults.
-        sampler: Plugin that draws the random numbers, by default `padded_sobol`, whatever the scene
-            says: on the Cornell box, its steady picture has about half the variance of Mitsuba's
-            default. A name picks another; an object is cloned, and its own `sample_count` counts if
-            `spp` is not given.
-        sensor: Number of the sensor.
+        start_opl: Start of the first time bin, optical path length [m]; by default the film's.
+        bin_width: Width of a time bin, optical path length [m]; by default the film's.
+        window: Start of the first and stop of the last time bin [m], instead of `start_opl` and
+            `bin_width`. "auto" looks for the window that contains 99.9 % of the light.
+        pulse_width: Standard deviation of the Gaussian pulse [m]; by default the integrator's.
+            "auto" is 1/128 of the window, unless the integrator has a pulse.
+        max_depth: Longest path in segments, -1 for no limit; by default the integrator's.
+        integrator: Integrator plugin: a name, a dict or an integrator; by default the scene's. A
+            name or a dict keeps the scene's values of `max_depth`, `rr_depth` and `hide_emitters`
+            unless it changes them. For a loaded scene it has its own defaults.
+        sampler: Plugin of random numbers: a name or a sampler, by default `padded_sobol`, also if
+            the scene has another one. The steady picture of the Cornell box has about half the
+            variance of Mitsuba's default sampler. A sampler is cloned, and its `sample_count` is
+            used if `spp` is not given.
+        sensor: Index of the sensor.
         define: Values of an XML file's parameters, by name.
-        errors: Estimate standard errors: the samples are taken in 16 batches (8 or 4 where `spp`
-            is no multiple of 16), each with points of its own, whose scatter tells.
-        denoise: Remove noise by what two halves of the samples tell, see `denoise`: `spp` must be
-            even, and seven films more fit into memory. `raw` has the film with its noise.
-        resume: A Dataset of the same render with fewer samples, stopped or complete, to go on
-            from: only the samples that are missing are taken. `padded_sobol` goes on in the same
-            point set. With a film filter other than box, the result differs from that of one
-            render by at most a twentieth of the noise.
-        checkpoint: A `Checkpoint`, or the name of its file: the film so far is kept there every
-            30 s and when the render is stopped. A call with equal arguments, `spp` apart, goes on
-            from it to the same result.
-        out: Name of a folder that ends in .zarr. The film streams to it, tile by tile, and may be
-            larger than memory. The same call goes on with the tiles of a render that was stopped.
-        workers: Number of processes here that render tiles or, for light that lands anywhere, some
-            of the samples. The scene must be a name, a file or a dict.
-        scheduler: Address of a Dask scheduler, whose workers render.
-        client: A `distributed.Client` of one.
-        progress: Show a bar for work that takes long.
+        errors: Estimate the standard error of each bin from 16 independent batches of samples, or
+            from 8 or 4 batches if `spp` is not a multiple of 16.
+        denoise: Remove noise from the film by the difference of two renders with half of the
+            samples each, see `denoise`. `spp` must be even, and the memory must hold seven more
+            films. The variable `raw` is the noisy film.
+        resume: A Dataset of the same render with fewer samples, stopped or complete. Only the
+            missing samples are rendered, with `padded_sobol` from the same point set. With a film
+            filter other than box, the result differs from the result of one render by at most 1/20
+            of the noise.
+        checkpoint: A `Checkpoint`, or the name of its file. The film is saved there every 30 s and
+            when the render is stopped. A call with equal arguments, except `spp`, continues from
+            the file and gives the same result.
+        out: Name of a folder that ends in .zarr. The film is written there tile by tile, and may be
+            larger than the memory. The same call continues a render that was stopped.
+        workers: Number of local worker processes. They render tiles, or parts of the samples for
+            light tracing. The scene must be a name, a file or a dict.
+        scheduler: Address of a Dask scheduler. Its workers render.
+        client: A `distributed.Client` of a scheduler.
+        progress: Show progress bars of long work.
         settings: More changes of the scene while it is loaded, as keyword arguments of `load_scene`
             by name.
 

@@ -254,7 +254,7 @@ def interval(
     start = metres(f"{name}[0]", start)
     stop = metres(f"{name}[1]", stop)
     if not start < stop < start + MAX_OPL:
-        raise ValueError(f"{name} = {quote(value)}: must have a finite stop after the start")
+        raise ValueError(f"{name} = {quote(value)}: must end after it starts, and not at infinity")
     return start, stop
 
 
@@ -354,6 +354,6 @@ def finite_parts(name: str, parts: Iterable[tuple[Sequence[int], np.ndarray]]) -
                     first = here, float(part[inner])
     if first is not None:
         raise ValueError(
-            f"{name}: must be finite, but {count} of {total} values are not. The first is "
-            f"{first[1]:g} at {first[0]}"
+            f"{name}: {count} of {total} values are not finite, the first is {first[1]:g} at "
+            f"{first[0]}; must all be finite"
         )

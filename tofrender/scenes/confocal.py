@@ -86,7 +86,7 @@ def wall_box_spheres_nlos(**options: Unpack[TransientOptions]) -> Dict:
 
 
 def wall_box_hi_nlos(**options: Unpack[TransientOptions]) -> Dict:
-    """Letters H and I, made of spheres, in front of a relay wall, hidden by a box.
+    """Letters H and I of spheres in front of a relay wall, hidden by a box.
 
     Args:
         **options: As for `wall_box_sphere_nlos`.

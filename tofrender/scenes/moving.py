@@ -132,7 +132,7 @@ def corridor(
 
 
 def moving_mirror(*, speed: float = 10.0, **options: Unpack[TransientOptions]) -> Dict:
-    """A mirror that moves away behind a pane of glass, and the wall that both reflect.
+    """A mirror that moves away behind glass, and the wall that both reflect.
 
     The camera sees the wall behind itself twice. The glass reflects the wall dimly, on paths of
     constant length. The mirror reflects the wall later, and the lengths of these paths grow by

@@ -70,7 +70,7 @@ def _behind(along: float, aside: float, up: float) -> list[float]:
 
 
 def brewster_window(*, polariser: float = 0.0, **options: Unpack[TransientOptions]) -> Dict:
-    """A window at Brewster's angle: a reflected target, and a room behind the window.
+    """A window at Brewster's angle: a reflected target, and a room behind.
 
     Light of the target is reflected by the glass and arrives first, on paths of at most 6.2 m. It
     is polarized along the camera's `up`. Light of the room passes through the glass and is hardly

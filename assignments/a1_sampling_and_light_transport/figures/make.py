@@ -181,9 +181,7 @@ def equal_lights():
     )
     for ax, (size, radius) in zip(axes, radii.items(), strict=False):
         described = getattr(tofrender, f"sphere_light_{size}")(width=192, height=128)
-        dataset = tofrender.render(
-            described, spp=128, window=(5, 11), temporal_bins=300, progress=False
-        )
+        dataset = tofrender.render(described, spp=128, window=(5, 11), bins=300, progress=False)
         steady = dataset["steady"].values
         picture(ax, tofrender.tonemap(steady, exposure=1), f"r = {radius} m")
         ax.plot(96, 16, "o", color="tab:red", markersize=5)

@@ -190,7 +190,7 @@ def window():
     size = 48
     frequencies = [20e6, 50e6, 100e6]
     scene = mi.load_dict(tofrender.cornell_box(width=size, height=size))
-    whole = tofrender.render(scene, spp=256, window=(3.0, 27.0), temporal_bins=1200, progress=False)
+    whole = tofrender.render(scene, spp=256, window=(3.0, 27.0), bins=1200, progress=False)
     cube = whole["transient"].values
     reference = [sum_channels(*transient_to_phasor(cube, f, 3.0, 0.02)[:2], f) for f in frequencies]
     stops = np.arange(8.0, 18.01, 0.5)

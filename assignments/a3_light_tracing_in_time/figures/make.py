@@ -104,7 +104,7 @@ def strategies():
     """Strategies of four segments, alone and shared."""
     described = tofrender.caustic(width=SIZE // 2, height=SIZE // 2)
     pyramid = tofrender.strategy_pyramid(
-        described, max_depth=4, spp=256, window=(4.2, 12.2), temporal_bins=1, progress=False
+        described, max_depth=4, spp=256, window=(4.2, 12.2), bins=1, progress=False
     )
     figure, axes = plt.subplots(2, 5, figsize=(11, 4.9), layout="constrained")
     for row, weighting in zip(axes, ("none", "mis"), strict=True):
