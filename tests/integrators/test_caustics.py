@@ -179,7 +179,9 @@ class OneKind:
         assert rays is not None
         assert rays.rate > 1
         return self._pass(
-            lambda record: passes._ExtraPixels(rays, rays.pixels, *self._common(record, seed))
+            lambda record: passes._ExtraPixels(
+                rays, rays.pixels, *self._common(record, seed), lanes=1
+            )
         )
 
     def _common(self, record, seed: int) -> tuple:
@@ -347,9 +349,9 @@ def test_photons_of_smooth_lobes_are_found(monkeypatch):
         right(self, *args, **named)
         self.delta_lobes = self.all_lobes
 
-    expected = seen(without_techniques(SCENES["plastic"]()), OTHER_SEEDS)
+    expected = seen(without_techniques(SCENES["plastic"]()), OTHER_SEEDS, 2048)
     monkeypatch.setattr(CausticPhotons, "__init__", wrong)
-    found = seen(with_integrator(SCENES["plastic"](), caustic_rays=False), SEEDS)
+    found = seen(with_integrator(SCENES["plastic"](), caustic_rays=False), SEEDS, 2048)
     assert not agree(found, expected, rounding=1e-4)
 
 
