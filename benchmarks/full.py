@@ -35,7 +35,7 @@ from .timing import in_turn, trace
 
 SPP = 256
 RESULTS = Path(__file__).with_name("results.json")
-GUIDED = ("glass sphere", "mirror")
+CAUSTICS = ("glass sphere", "mirror")
 
 
 def measured(draws: Mapping[str, peers.Draw], seeds: int) -> dict[str, Any]:
@@ -79,8 +79,9 @@ def table(seeds: int) -> dict[str, Any]:
             "one light point": peers.bins(peers.ours(described, light_samples=1), SPP),
             "mitransient": peers.bins(peers.mitransient(described), SPP),
         }
-        if name in GUIDED:
-            draws["not guided"] = peers.bins(peers.ours(described, guiding=False), SPP)
+        if name in CAUSTICS:
+            off = {"caustic_photons": False, "caustic_rays": False, "chain_rays": False}
+            draws["without techniques"] = peers.bins(peers.ours(described, **off), SPP)
         found = measured(draws, seeds)
         plain = plain_pixels(tofrender.load_scene(described), lamps_alone=True)
         rows[name] = {who: figures(found[who], plain) for who in draws}

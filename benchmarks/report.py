@@ -118,10 +118,10 @@ def page(results: Results) -> str:
         )
     )
     parts = """Three techniques explain the gain. Directly visible lamps are sampled separately, by
-        many short rays. Beside mirrors and clear glass, paths are guided towards caustics
-        (`guiding`). In other scenes, each vertex takes several emitter samples (`light_samples`).
-        The next tables show the last two alone: `guiding` switched off, and `light_samples = 1`,
-        divided by the default:"""
+        many short rays. Beside mirrors and clear glass, photons and rays find caustics
+        ([kinds of paths](how_it_works.md#kinds-of-paths)). Each vertex takes several emitter
+        samples (`light_samples`). The next tables show the last two alone: caustics left to the
+        paths, and `light_samples = 1`, divided by the default:"""
     filtered = f"""Mean squared error of the plain render over that of `denoise=True`, both with
         {denoising.SPP} samples per pixel, and at equal time: the plain render then takes as many
         more samples as fit into the CPU time of halves, features and filter. Errors are differences
@@ -158,7 +158,7 @@ def page(results: Results) -> str:
             measures,
             scenes_table(results, PEER),
             paragraph(parts),
-            scenes_table(results, "not guided"),
+            scenes_table(results, "without techniques"),
             scenes_table(results, "one light point"),
             "## Filtered",
             paragraph(filtered),

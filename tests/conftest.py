@@ -53,12 +53,12 @@ def mitsubas_steps(monkeypatch):
 
     They leave specular surfaces a fraction of a millimetre beside, see `test_lengths.py`, connect
     each vertex to one light point, see `test_light_samples.py`, find the lamps that the camera
-    sees, see `test_visible_emitters.py`, and no caustics, see `test_guiding.py`.
+    sees, see `test_visible_emitters.py`, and no caustics, see `test_caustics.py`.
     """
-    monkeypatch.setattr(tofrender.integrators.passes, "guided", lambda plan, _: plan)
-    monkeypatch.setattr(
-        tofrender.integrators.passes.VisibleEmitters, "of", classmethod(lambda *_: None)
-    )
+    passes = tofrender.integrators.passes
+    no_caustics = classmethod(lambda cls, tracer, *_: cls(tracer))
+    monkeypatch.setattr(passes.Caustics, "of", no_caustics)
+    monkeypatch.setattr(passes.ExtraRays, "of", classmethod(lambda *_: None))
     monkeypatch.setattr(
         tofrender.paths.scattering, "spawn_ray", lambda si, d, specular: si.spawn_ray(d)
     )

@@ -28,8 +28,9 @@ KINDS: list[tuple[set[str], str]] = [
     # what of ANY and MORE is good, and for which parameters
     (
         {"True", "numpy-True"},
-        "hide_emitters camera_unwarp guiding discard_direct_light emitter_sampling",
+        "hide_emitters camera_unwarp discard_direct_light emitter_sampling",
     ),
+    ({"True", "numpy-True"}, "caustic_photons caustic_rays chain_rays"),
     ({"True", "numpy-True"}, "camera_connections use_nlos_only discard_direct_paths sample_border"),
     ({"True", "numpy-True"}, "nlos_hidden_geometry_sampling account_first_and_last_bounces"),
     ({"True", "numpy-True"}, "nlos_laser_sampling nlos_hidden_geometry_sampling_do_rroulette"),
@@ -91,7 +92,8 @@ def with_lamp(lamp: dict) -> dict[str, Any]:
 FOLLOWS = "max_depth rr_depth hide_emitters camera_unwarp discard_direct_light "
 FOLLOWS += "emitter_sampling gradient_sampling "
 IN_BINS = FOLLOWS + "temporal_filter gaussian_stddev pulse_width_opl "
-LIGHTS = IN_BINS + "light_samples guiding "
+CAUSTICS = "caustic_photons caustic_rays chain_rays "
+LIGHTS = IN_BINS + CAUSTICS + "light_samples "
 WALL = IN_BINS + "relay_wall hidden_shapes use_nlos_only filter_bounces "
 WALL += "nlos_hidden_geometry_sampling account_first_and_last_bounces "
 
@@ -127,7 +129,9 @@ TABLE = [
     integrator("transient_light_tracer", IN_BINS),
     integrator("transient_bdpt", IN_BINS + "camera_connections strategy mis"),
     integrator("time_gated_transient_path", FOLLOWS + "target_time"),
-    integrator("amcw_transient_path", FOLLOWS + "frequency_hz phase_offset", frequency_hz=20e6),
+    integrator(
+        "amcw_transient_path", FOLLOWS + CAUSTICS + "frequency_hz phase_offset", frequency_hz=20e6
+    ),
     integrator("confocal_transient_path", WALL + "power spot_sigma"),
     integrator("transient_nlos_path", WALL + SCANS),
     of_camera("film", "transient_hdr_film", FILM + "width height sample_border rfilter", **SIZE),
@@ -145,7 +149,8 @@ ELSEWHERE = {
     "with_projector": "confocal_projector",
     "test_nlos_input.py": "pulse_values pulse_start_opl pulse_bin_width_opl original_film_width "
     "original_film_height",
-    "of some integrators alone": "max_bounces light_samples guiding pulse_width_opl "
+    "of some integrators alone": "max_bounces light_samples pulse_width_opl "
+    "caustic_photons caustic_rays chain_rays "
     "temporal_filter gaussian_stddev target_time",
 }
 """Parameters in the tables of docstrings that are tried elsewhere, or not with every plugin."""

@@ -126,8 +126,8 @@ def taken(described: dict, kind: str | None = None) -> tuple[int, int]:
         (cornell_box, 0.02, {"light_samples": 2}, (2, 1)),
         (cornell_box, 0.02, {"light_samples": 1}, (1, 1)),
         (cornell_box_flash, 0.001, {}, (1, 1)),
-        (cornell_box_glass, 0.02, {}, (1, 1)),
-        (cornell_box_mirror, 0.02, {}, (1, 1)),
+        (cornell_box_glass, 0.02, {}, (8, 4)),
+        (cornell_box_mirror, 0.02, {}, (8, 4)),
         (cornell_box_mirror, 0.02, {"light_samples": 8}, (8, 4)),
     ],
 )

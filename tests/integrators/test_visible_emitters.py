@@ -22,9 +22,9 @@ from helpers.support import (
 
 import tofrender
 from tofrender.bidirectional.lens import Lens
-from tofrender.integrators import passes, visible_emitters
+from tofrender.integrators import extra_rays, passes
+from tofrender.integrators.extra_rays import VisibleEmitters
 from tofrender.integrators.plan import Plan
-from tofrender.integrators.visible_emitters import VisibleEmitters
 
 SEEDS, OTHER_SEEDS = range(16), range(1000, 1016)
 SPP = 64
@@ -135,9 +135,9 @@ def shifted(right: Callable) -> Callable:
 def test_mistakes_are_found(mistake, monkeypatch):
     """Pixels that miss part of the lamp, light that counts twice, and rays that weigh too much."""
     if mistake == "pixels":
-        monkeypatch.setattr(visible_emitters, "pixels_of", shifted(visible_emitters.pixels_of))
+        monkeypatch.setattr(extra_rays, "pixels_of", shifted(extra_rays.pixels_of))
     elif mistake == "twice":
-        monkeypatch.setattr(Plan, "without_first_hit", lambda self: self)
+        monkeypatch.setattr(Plan, "without", lambda self, *kinds: self)
     else:
         trace = VisibleEmitters.trace
 

@@ -132,8 +132,16 @@ class Emission:
 
     def sample(self, sampler: mi.Sampler, ray: mi.Ray3f) -> Emitted:
         """Sample a ray of light with the wavelengths and the time of a camera ray."""
-        # Sample an emitter
         xi = sampler.next_1d()
+        u_point = sampler.next_2d()
+        u_direction = sampler.next_2d()
+        return self.sample_at(xi, u_point, u_direction, ray)
+
+    def sample_at(
+        self, xi: mi.Float, u_point: mi.Point2f, u_direction: mi.Point2f, ray: mi.Ray3f
+    ) -> Emitted:
+        """As `sample`, by uniform numbers for the emitter, the point and the direction."""
+        # Choose an emitter
         if self.distribution is None:
             index, inverse_pmf, _ = self.scene.sample_emitter(xi)
         else:
@@ -141,8 +149,6 @@ class Emission:
             inverse_pmf = dr.rcp(pmf)
 
         # Sample point and direction by the technique of each group of emitters
-        u_point = sampler.next_2d()
-        u_direction = sampler.next_2d()
         emitter = dr.gather(mi.EmitterPtr, self.pointers, index)
         flags = emitter.flags()
         delta_direction = mi.has_flag(flags, mi.EmitterFlags.DeltaDirection)

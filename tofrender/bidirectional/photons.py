@@ -61,7 +61,8 @@ def trace_photons(scene: mi.Scene, sensor: mi.Sensor, count: int, seed: int = 0)
     # Trace the photons, and store their first vertex with a smooth lobe
     photons = _Recorder(emitted, count)
     path = Path.start(emitted.ray, emitted.origin, emitted.active & ~emitted.delta)
-    parts = Parts(Vacuum(scene), photons, DeltaLobes(scene), Limits(MAX_LOBES, MAX_LOBES))
+    delta_lobes = Materials(scene, importance=True, lobes=mi.BSDFFlags.Delta)
+    parts = Parts(Vacuum(scene), photons, delta_lobes, Limits(MAX_LOBES, MAX_LOBES))
     walk(sampler, path, parts, Radiance.zero())
 
     # Collect the stored vertices
@@ -70,14 +71,6 @@ def trace_photons(scene: mi.Scene, sensor: mi.Sensor, count: int, seed: int = 0)
     rows = np.array([np.array(each) for each in photons.records])
     p, n, d, power = np.split(rows[:, rows[9] > 0], (3, 6, 9))
     return Photons(p.T, n.T, d.T, power[0] / count, float(dr.mean(weight)[0]))
-
-
-class DeltaLobes(Materials):
-    """Scattering of light paths by delta lobes only. Other lobes end a path."""
-
-    def __init__(self, scene: mi.Scene) -> None:
-        super().__init__(scene, importance=True)
-        self.adjoint_context.type_mask = int(mi.BSDFFlags.Delta)
 
 
 class _Recorder(Endpoint):

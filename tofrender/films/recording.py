@@ -162,8 +162,14 @@ class Recording:
             first.append(dr.select(valid_ray, mi.Float(1), mi.Float(0)))
         return first, [value for each in rest for value in kept(each)]
 
-    def begin(self, spp: int, splats: bool = False) -> None:
-        """Prepare for `spp` samples per pixel, with or without splats."""
+    def begin(self, spp: int, splats: bool = False, apart: bool = False) -> None:
+        """Prepare for samples.
+
+        Args:
+            spp: Number of samples per pixel.
+            splats: Whether measurements add contributions at positions of their own.
+            apart: Whether kernels that add splats do not add samples. This saves memory.
+        """
         self.splats = Splats(self.film, self.splat_images) if splats else None
         self._splatted = self._in_picture = np.zeros(())
 
@@ -299,12 +305,12 @@ class BinRecording(Recording):
             self.film, camera, spp, self.profile, self.exposure.at_centers, splat
         )
 
-    def begin(self, spp: int, splats: bool = False) -> None:
+    def begin(self, spp: int, splats: bool = False, apart: bool = False) -> None:
         """Prepare the film for `spp` samples per pixel, with or without splats."""
-        super().begin(spp, splats)
+        super().begin(spp, splats, apart)
         self.film.samples_per_pixel = spp
         if splats:
-            self.film.expect_splats()
+            self.film.expect_splats(apart)
 
     def set_one_writer(self, one_writer: bool) -> None:
         """Set whether only one thread writes to each pixel in the next kernel."""
@@ -349,7 +355,7 @@ class MitransientRecording(BinRecording):
     def require_memory(self, spp: int) -> None:
         """Accept any film, because the memory of mitransient's film is unknown."""
 
-    def begin(self, spp: int, splats: bool = False) -> None:
+    def begin(self, spp: int, splats: bool = False, apart: bool = False) -> None:
         """Prepare the film for `spp` samples per pixel, and refuse splats."""
         if splats:
             raise TypeError(

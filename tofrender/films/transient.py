@@ -103,6 +103,7 @@ class TransientHDRFilm(mi.Film):
         self._steady: mi.Film | None = None
         self._bins: Histogram | None = None
         self._splats: Splats | None = None
+        self._splats_in_bins = False
 
         # State of a render
         self.samples_per_pixel: float | None = None
@@ -136,6 +137,7 @@ class TransientHDRFilm(mi.Film):
         """
         # Release the old bins before new bins are allocated
         self._bins = self._splats = None
+        self._splats_in_bins = False
         self._bins = Histogram(*self.shape)
         self._steady = image_film(self)
         self.samples_per_pixel = None
@@ -153,13 +155,19 @@ class TransientHDRFilm(mi.Film):
             if has_splats:
                 self.expect_splats()
 
-    def expect_splats(self) -> None:
+    def expect_splats(self, in_bins: bool = False) -> None:
         """Allocate separate bins for splats.
+
+        Args:
+            in_bins: Whether the bins of samples may contain the splats as well, which saves memory.
+                Kernels that add splats must then not add samples. Requires a box filter.
 
         Raises:
             MemoryError: If the bins do not fit into memory.
         """
-        self._splats = Splats(self, self.temporal_bins)
+        self._splats_in_bins = in_bins and self.rfilter().is_box_filter()
+        if not self._splats_in_bins:
+            self._splats = Splats(self, self.temporal_bins)
 
     def flush(self, pixels: mi.UInt32 | None = None) -> None:
         """Move the sums in bins to a second array, which `develop` adds.
@@ -204,13 +212,17 @@ class TransientHDRFilm(mi.Film):
         Raises:
             RuntimeError: If `expect_splats` has not been called.
         """
-        if self._splats is None:
+        if self._splats is None and not self._splats_in_bins:
             raise RuntimeError(
                 "transient_hdr_film: the bins of splats are missing. Call expect_splats() first"
             )
         k, active = self._bin(distance, active)
         values = channels_of(to_stokes(spec), wavelengths, active)
-        self._splats.add(pos, [values], k, active)
+        if self._splats is not None:
+            self._splats.add(pos, [values], k, active)
+            return
+        for x, y, _ in footprint(self, pos):
+            self.bins.add(values, x, y, k, active, private=False)
 
     def add_transient_data(
         self,

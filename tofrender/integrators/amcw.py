@@ -59,6 +59,11 @@ class AMCWTransientPath(TransientPath):
         frequency, offset = props.get("frequency_hz", None), props.get("phase_offset", 0.0)
         self.modulation = None if frequency is None else AMCWPulse(frequency, offset)
 
+    @property
+    def uses_techniques(self) -> bool:
+        """Whether renders may use the techniques for caustics."""
+        return True
+
     def set_modulation(self, modulation: Any) -> None:
         """Set the modulation: an `AMCWPulse`, or anything with `eval(opl)`; else a `TypeError`."""
         if not hasattr(modulation, "eval"):

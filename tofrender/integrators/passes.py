@@ -17,17 +17,19 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..bidirectional.caustic_photons import CausticPhotons
 from ..films.colors import color_count
 from ..films.histogram import MAX_ADDED
 from ..films.recording import Recording
 from ..films.sums import AsSplats
 from ..paths.camera import Tile, pixel_corner, sample_camera, sampled_size
+from ..paths.kinds import Kind
 from ..runtime import backend, checks, gpu, plugins
 from ..runtime.checkpoints import SavedState
 from ..samplers.padded_sobol import mix
-from .guiding import guided
+from .caustics import Caustics
+from .extra_rays import DeltaChains, ExtraRays, VisibleEmitters
 from .user_defined import Tracer
-from .visible_emitters import VisibleEmitters
 
 STEP_SAMPLES, FIRST_SAMPLES = 1 << 22, 1 << 20  # Camera rays of one kernel launch: most, first
 STEP_S = 1.0  # Time that a step should take [s]; progress, stops and checkpoints come in between
@@ -35,6 +37,11 @@ CUDA_STEP = 16  # Times as many on a GPU, where tracing the kernel takes longer 
 
 LANES = {"llvm": 1 << 12, "cuda": 1 << 20}
 """Lanes that keep a device busy; in films with fewer pixels, many lanes share one."""
+
+FEW_PATHS = 1 << 15  # Paths of a film below which pilots take longer than the paths
+PHOTON_RATE = 0.5  # Photons for each sample of a pixel; they are much less noisy than paths
+LEAST_PHOTONS = 256  # Photons for one sample of all pixels, at least
+PHOTON_SEED = 0xF070
 
 PRIVATE_LANES = 4  # Lanes that never run on two threads: the narrowest vector of the LLVM backend
 
@@ -72,13 +79,13 @@ class PixelSampler:
 
     def __init__(
         self,
-        tracer: Tracer | VisibleEmitters,
+        tracer: Tracer | ExtraRays | CausticPhotons,
         record: Recording,
         sensor: mi.Sensor,
         sampler: mi.Sampler,
         spp: int,
         tile: Tile | None,
-        rate: int = 1,
+        rate: float = 1,
         splats: bool = False,
     ) -> None:
         self.tracer, self.record, self.sensor, self.sampler = tracer, record, sensor, sampler
@@ -96,7 +103,7 @@ class PixelSampler:
         camera = sample_camera(
             self.sensor, record.film, self.sampler, pixel, self.tile, scene=self.tracer.scene
         )
-        if self.rate > 1:
+        if self.rate != 1:
             camera = replace(camera, weight=camera.weight / self.rate)
         measurement = record.measurement(camera, self.spp)
         target = AsSplats(measurement, camera.position) if self.splats else measurement
@@ -133,17 +140,30 @@ def steps(
     if sensor.class_name() == "BatchSensor":
         raise ValueError("sensor: is a batch of sensors; must be one, e.g. a perspective camera")
     tracer = tracer.for_bin_width(record.width_opl)
-    if record.emitters_apart:
-        tracer = guided(tracer, sensor)
     film, tile = record.film, samples.tile
-    emitters = VisibleEmitters.of(tracer, sensor, film, tile) if record.emitters_apart else None
+
+    # Choose techniques for some kinds of paths, which the main paths leave out
+    extra_rays: list[ExtraRays] = []
+    photons = None
+    if record.emitters_apart:
+        whole_width, whole_height = sampled_size(film if tile is None else tile.whole)
+        paths = whole_width * whole_height * (samples.first + sampler.sample_count())
+        if paths >= FEW_PATHS:
+            caustics = Caustics.of(tracer, sensor, tile)
+            tracer, photons = caustics.tracer, caustics.photons
+        for technique in (VisibleEmitters, DeltaChains):
+            rays = technique.of(tracer, sensor, film, tile)
+            if rays is not None:
+                extra_rays.append(rays)
+                tracer = rays.rest
 
     # Clear the film, or restore it from a checkpoint
     record.prepare()
     width, height = sampled_size(film)
     spp, done = sampler.sample_count(), samples.done
     lanes, most, private = _lanes(sampler, width * height, spp - done)
-    record.begin(spp, tracer.splats or (emitters is not None and emitters.splats))
+    apart = photons is not None or any(rays.splats for rays in extra_rays)
+    record.begin(spp, tracer.splats or apart, apart and not tracer.splats)
     if samples.saved is not None:
         record.restore(samples.saved.arrays, samples.saved.done, samples.saved.of, spp)
 
@@ -151,11 +171,13 @@ def steps(
     lane = dr.arange(mi.UInt32, width * height * lanes)
     pixel = lane // dr.opaque(mi.UInt32, lanes)
     _seed(sampler, seed, lanes, pixel if tile is None else tile.numbers(film, pixel), samples)
-    rest = tracer if emitters is None else emitters.rest
-    pixels = PixelSampler(rest, record, sensor, sampler, spp, tile)
-    apart = None
-    if emitters is not None:
-        apart = _EmitterPixels(emitters, record, sensor, spp, seed, samples, lanes)
+    pixels = PixelSampler(tracer, record, sensor, sampler, spp, tile)
+    passes: list[_ExtraPixels | _PhotonPass] = []
+    reached = np.unique(np.concatenate([rays.pixels for rays in extra_rays] or [np.zeros(0, int)]))
+    for rays in extra_rays:
+        passes.append(_ExtraPixels(rays, reached, record, sensor, spp, seed, samples, lanes))
+    if photons is not None:
+        passes.append(_PhotonPass(photons, record, sensor, spp, seed, samples))
 
     first = step_samples(FIRST_SAMPLES)
     flushed, per_step = done, min(most, max(1, first // (width * height * lanes)))
@@ -164,8 +186,8 @@ def steps(
         record.set_one_writer(private)
         with backend.tracing_lock():
             record.not_finite += _step(pixels, pixel, count)
-        if apart is not None:
-            apart.sample(count * lanes)
+        for each in passes:
+            each.sample(count * lanes)
         done += count * lanes
         record.update_image(done, spp)
         if spp > done >= flushed + MAX_ADDED:
@@ -199,16 +221,17 @@ def _seed(
         skip(first)
 
 
-class _EmitterPixels:
-    """Samples the pixels of `VisibleEmitters` more often, in a point set of their own.
+class _ExtraPixels:
+    """Samples the pixels of extra rays more often, in a point set of their own.
 
-    On a GPU, several lanes share the samples of a ray. The number of samples per pixel in a step
-    must be a multiple of `lanes`.
+    `reached` has the pixels of all extra rays of the render. On a GPU, several lanes share the
+    samples of a ray. The number of samples per pixel in a step must be a multiple of `lanes`.
     """
 
     def __init__(
         self,
-        emitters: VisibleEmitters,
+        rays: ExtraRays,
+        reached: np.ndarray,
         record: Recording,
         sensor: mi.Sensor,
         spp: int,
@@ -217,22 +240,24 @@ class _EmitterPixels:
         lanes: int,
     ) -> None:
         sampler = best_sampler(spp)
-        numbers, rate, tile = mi.UInt32(emitters.pixels.tolist()), emitters.rate, samples.tile
+        numbers = mi.UInt32(rays.pixels.tolist())
+        rate = rays.rate
+        tile = samples.tile
         self.share = _shared_by(len(numbers) * rate, lanes, MAX_ADDED // rate)
         per_pixel = rate * self.share
         own_lanes = len(numbers) * per_pixel
         sampler.set_samples_per_wavefront(per_pixel)
         own_seed = mix(mi.UInt32(seed), mi.UInt32(rate))
+        if rays.kind is not Kind.VISIBLE:
+            own_seed = mix(own_seed, mi.UInt32(rays.kind.value))
         dr.make_opaque(own_seed)  # One kernel for all seeds
         sampler.seed(own_seed, own_lanes)
         self.pixel = dr.gather(mi.UInt32, numbers, dr.arange(mi.UInt32, own_lanes) // per_pixel)
         sampler.place(self.pixel if tile is None else tile.numbers(record.film, self.pixel))
         sampler.skip((samples.first + samples.done) * rate)
         self.record, self.rate = record, rate
-        self.reached = _around(emitters.pixels, record.film)
-        self.pixels = PixelSampler(
-            emitters, record, sensor, sampler, spp, tile, rate, emitters.splats
-        )
+        self.reached = _around(reached, record.film)
+        self.pixels = PixelSampler(rays, record, sensor, sampler, spp, tile, rate, rays.splats)
 
     def sample(self, count: int) -> None:
         """Take `count` samples per pixel."""
@@ -244,6 +269,39 @@ class _EmitterPixels:
                 self.record.not_finite += _step(self.pixels, self.pixel, now, weight=0.0)
             self.record.flush(self.reached)
             count -= now * self.share
+
+
+class _PhotonPass:
+    """Traces photons along with the samples of all pixels, in one point set of their own."""
+
+    def __init__(
+        self,
+        photons: CausticPhotons,
+        record: Recording,
+        sensor: mi.Sensor,
+        spp: int,
+        seed: int | mi.UInt32,
+        samples: SampleRange,
+    ) -> None:
+        width, height = sampled_size(record.film)
+        pixels = width * height
+        lanes = max(LEAST_PHOTONS, math.ceil(PHOTON_RATE * pixels))
+        sampler = best_sampler(spp)
+        sampler.set_samples_per_wavefront(lanes)
+        own_seed = mix(mi.UInt32(seed), mi.UInt32(PHOTON_SEED))
+        dr.make_opaque(own_seed)  # One kernel for all seeds
+        sampler.seed(own_seed, lanes)
+        sampler.skip((samples.first + samples.done) * lanes)
+        self.record = record
+        # Camera rays have a photon's wavelengths and its time; they may be those of any pixel
+        self.pixel = dr.arange(mi.UInt32, lanes) % pixels
+        self.photons = PixelSampler(photons, record, sensor, sampler, spp, None, lanes / pixels)
+
+    def sample(self, count: int) -> None:
+        """Trace the photons of `count` samples per pixel."""
+        self.record.set_one_writer(False)
+        with backend.tracing_lock():
+            self.record.not_finite += _step(self.photons, self.pixel, count, weight=0.0)
 
 
 def _around(pixels: np.ndarray, film: mi.Film) -> mi.UInt32:

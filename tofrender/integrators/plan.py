@@ -4,18 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import dataclass
 from typing import Self, TypeVar
 
 import mitsuba as mi
 
 from ..films.contribution import Contribution
 from ..paths.camera import behind_emitters
+from ..paths.kinds import Kind
 from ..paths.protocols import Endpoint, Measurement, Parts, Scattering, Space
 from ..paths.records import Limits, Path
 from ..paths.walk import accumulate, walk
 from ..runtime.backend import tracing_lock
 
 M = TypeVar("M", bound=Measurement)
+
+
+@dataclass(frozen=True)
+class Techniques:
+    """Which techniques a render may use for caustics and mirror images, see `caustics`."""
+
+    caustic_photons: bool  # photons whose emission is aimed at mirrors and clear glass
+    caustic_rays: bool  # rays from surfaces to emitters by delta lobes
+    chain_rays: bool  # rays from the camera to emitters by delta lobes
 
 
 class Plan(Parts):
@@ -25,7 +36,7 @@ class Plan(Parts):
     """
 
     splats = False  # whether contributions have positions on the film
-    guiding = False  # whether a render may guide its paths, see `guiding.guided`
+    techniques = Techniques(caustic_photons=False, caustic_rays=False, chain_rays=False)
 
     def __init__(
         self,
@@ -71,11 +82,11 @@ class Plan(Parts):
         short.limits.max_depth, long.limits.min_depth = longest, longest + 1
         return short, long
 
-    def without_first_hit(self) -> Self:
-        """Return the plan without emission at the first surface."""
+    def without(self, *kinds: Kind) -> Self:
+        """Return the plan without some kinds of paths, which another technique renders."""
         other = copy(self)
         other.limits = copy(self.limits)
-        other.limits.skip_first_hit = True
+        other.limits.left_out = self.limits.left_out.union(kinds)
         return other
 
     def illuminate(
@@ -112,6 +123,7 @@ class Plan(Parts):
             η=self.space.index,
             velocity=velocity,
             stops=self.space.stops and endpoint.has_hits,
+            records_lobes=bool(self.limits.left_out - {Kind.VISIBLE}),
         )
 
     @tracing_lock()

@@ -11,8 +11,9 @@ from ..runtime import checks
 from ..runtime.settings import parameter
 from ..signals.pulses import GaussianPulse, Pulse
 from .base import TransientIntegrator
-from .plan import Plan
+from .plan import Plan, Techniques
 
+TECHNIQUES = ("caustic_photons", "caustic_rays", "chain_rays")
 TEMPORAL_FILTERS = ("", "box", "gaussian")
 
 
@@ -27,22 +28,25 @@ class TransientPath(TransientIntegrator):
     | `temporal_filter` | "" | "box", "gaussian", or "" for the `temporal_filter` of the film |
     | `gaussian_stddev` | 2.0 | standard deviation of the Gaussian filter [bins] |
     | `pulse_width_opl` | none | standard deviation of the light's Gaussian pulse [m] |
-    | `guiding` | true | send paths towards caustics, see below |
+    | `caustic_photons` | true | photons find caustics, see below |
+    | `caustic_rays` | true | rays find caustics that are seen in mirrors or clear glass |
+    | `chain_rays` | true | extra rays find emitters that are seen in mirrors or clear glass |
     | `light_samples` | "auto" | points on lights that a path's first vertex connects to, 1 to 64; \
 all further vertices connect to half as many, rounded up |
 
     Several light points make up for a large light's arrivals in many bins. "auto" takes 1 on films
-    without time bins, in scenes with a mirror, clear glass or any other material of single
-    directions, and for one light that is a point or a direction. Else it divides the extent of the
-    lights by the width of a bin, to which it adds half the length of the pulse's support as seen
-    through the temporal filter: 8 points from a ratio of 20 on, 4 from 5, 1 below. The extent is
-    the diagonal of the box around all lights, or, where one is infinitely far away, the diameter of
-    the sphere around scene and sensor.
+    without time bins, and for one light that is a point or a direction. Else it divides the extent
+    of the lights by the width of a bin, to which it adds half the length of the pulse's support as
+    seen through the temporal filter: 8 points from a ratio of 20 on, 4 from 5, 1 below. The extent
+    is the diagonal of the box around all lights, or, where one is infinitely far away, the diameter
+    of the sphere around scene and sensor.
 
-    With `guiding`, photons of a short pilot say where light arrives by mirrors and clear glass, and
-    from which directions; paths there are sent to these with a probability of up to 0.85, see
-    `paths.guiding`. Films with time bins and of phasors do so, in scenes without media. Equal seeds
-    give equal films, and the expectation is that without guiding.
+    In scenes with mirrors or clear glass, the paths leave some kinds of light to other techniques,
+    see `paths.kinds` and `integrators.caustics`. Films with time bins and of phasors use them, in
+    scenes without media. The expectation is the same without them. Photons land on any pixel, so
+    that tiles of a film and cameras other than `perspective` and `thinlens` use caustic rays
+    instead; so do polarised variants. Equal seeds give equal films up to rounding, since threads
+    add photons in any order.
 
     The light's `pulse` can be set to any of `tofrender.signals.pulses`. Its energy in each bin is
     exact and adds no noise. The assignment's text has a pulse of 0.03 m and a `max_depth` of 8 by
@@ -77,12 +81,25 @@ all further vertices connect to half as many, rounded up |
         name, bins = props.get("temporal_filter", ""), props.get("gaussian_stddev", 2.0)
         self.temporal_filter = checks.one_of("temporal_filter", name, TEMPORAL_FILTERS)
         self.gaussian_stddev = checks.number("gaussian_stddev", bins, positive=True, unit="bins")
-        guiding = props.get("guiding", None)
-        allowed = "left out; here paths are not guided"
-        checks.require("guiding", guiding, guiding is None or self.takes_light_samples, allowed)
-        self.guiding = checks.boolean("guiding", True if guiding is None else guiding)
+        self.techniques = self._read_techniques(props)
         width = parameter(props, "pulse_width_opl", None)
         self._pulse: Pulse | None = None if width is None else GaussianPulse(width)
+
+    @property
+    def uses_techniques(self) -> bool:
+        """Whether renders may use the techniques for caustics."""
+        return self.takes_light_samples
+
+    def _read_techniques(self, props: mi.Properties) -> Techniques:
+        """Read which techniques may be used; refuse them where none is used."""
+        used = self.uses_techniques and self.emitter_sampling
+        chosen = {}
+        for name in TECHNIQUES:
+            value = props.get(name, None)
+            allowed = f"left out; {type(self).__name__} does not use it here"
+            checks.require(name, value, value is None or used, allowed)
+            chosen[name] = checks.boolean(name, True if value is None else value)
+        return Techniques(**chosen)
 
     @property
     def pulse(self) -> Pulse | None:
@@ -100,9 +117,9 @@ all further vertices connect to half as many, rounded up |
     def plan(
         self, scene: mi.Scene, sensor: mi.Sensor | None = None, weight: Weight | None = None
     ) -> Plan:
-        """Return the plan, which renders may guide."""
+        """Return the plan, with the techniques that renders may use."""
         plan = super().plan(scene, sensor, weight)
-        plan.guiding = self.guiding
+        plan.techniques = self.techniques
         return plan
 
     def exposure(self) -> Exposure:

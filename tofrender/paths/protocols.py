@@ -128,6 +128,24 @@ class FurtherConnections(Protocol):
         """Sample number `k` = 0, 1, ... after the first."""
 
 
+class CausticTracer(Protocol):
+    """Rays from a vertex that follow delta lobes to an emitter, see `paths.caustic_rays`."""
+
+    def trace(
+        self,
+        path: Path,
+        vertex: Vertex,
+        sampler: mi.Sampler,
+        measurement: Measurement,
+        active: mi.Bool,
+    ) -> mi.UInt32:
+        """Add the emission that the rays find; returns how many were not finite.
+
+        `path.opl` reaches up to the vertex, whose number is `path.depth`. Lanes are active whose
+        vertex has a smooth lobe.
+        """
+
+
 class Target(Protocol):
     """Emitter sample, and length from `path.prev` to it by way of a point of a medium."""
 
@@ -287,6 +305,7 @@ class Parts:
         self.space, self.endpoint = space, endpoint
         self.scattering, self.limits = scattering, limits
         self.motion: Velocities | None = None  # set if rates of change are wanted
+        self.caustic_rays: CausticTracer | None = None  # None if paths find caustics themselves
 
     @property
     def iterations(self) -> int:

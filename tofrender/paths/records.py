@@ -13,6 +13,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..signals.polarisation import unit_throughput
+from .kinds import Kind, Lobes
 
 H = TypeVar("H")  # history that an endpoint keeps of a path
 
@@ -57,6 +58,8 @@ class Path(Generic[H]):
     # distance from the last vertex to where `ray` starts, if the ray has passed an emitter on an
     # index-matched boundary, otherwise 0 [m]; None if rays do not stop at such emitters
     passed: mi.Float | None = None
+    # lobes that have scattered the path, for its kind; None if all kinds of paths count
+    lobes: Lobes | None = None
 
     @classmethod
     def start(
@@ -71,6 +74,7 @@ class Path(Generic[H]):
         η: float = 1.0,
         velocity: mi.Vector3f | None = None,
         stops: bool = False,
+        records_lobes: bool = False,
     ) -> Path[H]:
         """Create a path that has no vertex yet.
 
@@ -78,7 +82,7 @@ class Path(Generic[H]):
         guide and medium are as from `HistoryUpdates.start`, `Scattering.guide` and
         `Space.medium_at`, `frame` is the Mueller matrix into the sensor's frame; `velocity` that of
         the origin [m/s], if rates are wanted. With `stops`, rays stop at emitters on index-matched
-        boundaries, so that their light is added.
+        boundaries, so that their light is added. With `records_lobes`, the path knows its kind.
         """
         zero, no = dr.zeros(mi.Float, dr.width(ray)), dr.zeros(mi.UInt32, dr.width(ray))
         ray = mi.Ray3f(ray)
@@ -104,6 +108,7 @@ class Path(Generic[H]):
             rate=None if velocity is None else mi.Float(zero),
             velocity=None if velocity is None else velocity + zero,
             passed=mi.Float(zero) if stops else None,
+            lobes=Lobes.none(no) if records_lobes else None,
         )
 
     active = _mask("active_flag", "lanes whose path goes on")
@@ -247,7 +252,7 @@ class Limits:
         rr_depth: Number of vertices from which on Russian roulette may end a path.
         max_opl: Optical path length beyond which no contribution counts [m], None if all do.
         camera_unwarp: Leave out the segment from the sensor to the first vertex.
-        skip_first_hit: Drop emission at the first surface, which `VisibleEmitters` samples.
+        left_out: Kinds of paths that another technique renders, see `paths.kinds`.
         min_depth: Shortest path in segments: 3 leaves out emitters and direct light.
         ignore_null: Null interactions change neither depth nor MIS weights, as in Mitsuba's
             `volpath`. Space and endpoint must pass through null surfaces (`transient_volpath`).
@@ -259,13 +264,13 @@ class Limits:
         rr_depth: int = 5,
         max_opl: mi.Float | float | None = None,
         camera_unwarp: bool = False,
-        skip_first_hit: bool = False,
         ignore_null: bool = False,
         min_depth: int = 0,
+        left_out: frozenset[Kind] = frozenset(),
     ) -> None:
         self.min_depth = min_depth
         self.max_depth, self.rr_depth, self.max_opl = max_depth, rr_depth, max_opl
-        self.camera_unwarp, self.skip_first_hit = camera_unwarp, skip_first_hit
+        self.camera_unwarp, self.left_out = camera_unwarp, left_out
         self.ignore_null = ignore_null
 
     def long_enough(self, segments: mi.UInt32) -> mi.Bool | bool:

@@ -21,7 +21,8 @@ class Materials(Scattering):
 
     With `importance`, paths come from lights: refraction then does not compress their throughput,
     and shading normals have the adjoint correction (Veach 1997, section 5.3). With `both_ways`,
-    there are reverse densities.
+    there are reverse densities. With `lobes`, only these lobes of each BSDF are sampled and
+    evaluated, e.g. `mi.BSDFFlags.Delta`.
     """
 
     def __init__(
@@ -30,10 +31,14 @@ class Materials(Scattering):
         material: mi.BSDF | None = None,
         importance: bool = False,
         both_ways: bool = False,
+        lobes: mi.BSDFFlags | None = None,
     ) -> None:
         self.material, self.importance, self.both_ways = material, importance, both_ways
         self.context = mi.BSDFContext()
         self.adjoint_context = mi.BSDFContext(mi.TransportMode.Importance)
+        if lobes is not None:
+            self.context.type_mask = int(lobes)
+            self.adjoint_context.type_mask = int(lobes)
         self.glass = Glass(scene) if material is None else None
         self.choices = Choices(scene) if material is None else None
         clear = material is None and has_lobes(scene, mi.BSDFFlags.DeltaTransmission)

@@ -30,6 +30,7 @@ import mitsuba as mi
 
 from ..films.contribution import Contribution
 from ..signals.polarisation import apply_throughput, intensity, multiply_throughput, summed
+from .kinds import Kind
 from .protocols import FurtherConnections, Measurement, MediumConnections, Parts, Target
 from .records import BSDFEval, Connection, Path, Vertex
 
@@ -112,6 +113,10 @@ def step(sampler: mi.Sampler, path: Path, parts: Parts, measurement: Measurement
             )
     else:
         _, bsdf_sample = scattering.sample(vertex, None, sampler, active)
+    if parts.caustic_rays is not None:
+        path.not_finite = path.not_finite + parts.caustic_rays.trace(
+            path, vertex, sampler, measurement, active & scattering.smooth(vertex)
+        )
 
     if limits.ignore_null:
         active = active & (below_max_depth | bsdf_sample.null)
@@ -132,6 +137,8 @@ def step(sampler: mi.Sampler, path: Path, parts: Parts, measurement: Measurement
     if path.passed is not None:  # The next ray starts at this vertex
         path.passed = dr.zeros(mi.Float, dr.width(path.passed))
     path.pdf, path.specular = bsdf_sample.pdf, bsdf_sample.specular
+    if path.lobes is not None:
+        path.lobes = path.lobes.after(bsdf_sample.specular, path.depth == 0)
     path.depth = path.depth + dr.select(vertex.valid, mi.UInt32(1), 0)
     if limits.ignore_null:
         for name in ("depth", "pdf", "specular_flag"):
@@ -177,8 +184,10 @@ def add_emission(path: Path, vertex: Vertex, parts: Parts, measurement: Measurem
     if parts.motion is not None:
         parts.motion.extend(path, vertex, (path.depth > 0) | (not limits.camera_unwarp))
     active = hit.active
-    if limits.skip_first_hit:  # `step` sets `valid_ray` after the first hit
+    if Kind.VISIBLE in limits.left_out:  # `step` sets `valid_ray` after the first hit
         active = active & (path.valid_ray | ~vertex.valid)
+    if path.lobes is not None:
+        active = active & ~path.lobes.of_kinds(limits.left_out, path.specular, path.depth)
     active = active & limits.long_enough(path.depth + 1)
     emitted = apply_throughput(path.β * hit.mis_weight, hit.radiance)
     end = dr.select(vertex.valid, vertex.si.p, path.prev.p + path.ray.d * hit.length)

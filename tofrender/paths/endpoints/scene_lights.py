@@ -11,7 +11,6 @@ import mitsuba as mi
 
 from ...runtime import checks
 from ..records import BSDFEval, Connection, Hit, Path, Vertex
-from ..surfaces import has_lobes
 from ..wavefronts import Wavefronts
 from .emitters import EmitterEndpoint, power_heuristic
 
@@ -186,11 +185,8 @@ def points_that_pay(scene: mi.Scene, width_opl: float, sphere: Wavefronts | None
     """Return the number of emitter samples of a first vertex for time bins of a width [m].
 
     Where emitters extend over many widths, light of one vertex falls into many bins, each of which
-    few connections reach: more samples make up for that. Mirrors and clear glass show an emitter by
-    hits, whose noise is far above that of connections.
+    few connections reach: more samples make up for that.
     """
-    if has_lobes(scene, mi.BSDFFlags.Delta):
-        return 1
     widths = _extent(scene, sphere) / width_opl
     return next((n for least, n in BY_WIDTHS if widths >= least), 1)
 
