@@ -372,7 +372,7 @@ class SpecularConnections:
     @dr.syntax
     def _follow(
         self, vertex: Vertex, d: mi.Vector3f, lobes: Lobes, p: mi.Point3f, active: mi.Bool
-    ) -> Way:
+    ) -> Chain:
         """Follow a sequence of lobes, and find where the ray passes a point.
 
         Args:
