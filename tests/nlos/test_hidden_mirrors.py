@@ -282,7 +282,7 @@ def test_refused_instances(bsdf, others):
     }
     options = {"nlos_hidden_geometry_sampling": False}
     scene = nlos.load_nlos(described("confocal", hidden | others, **options))
-    with refused("shape 'group': an instance of a mirror or glass is not supported; copy it"):
+    with refused("shape 'group': an instance of a mirror or glass is not supported. Add the shape"):
         tofrender.capture(scene, mode="confocal", spp=1, progress=False)
 
 

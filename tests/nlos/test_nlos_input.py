@@ -119,7 +119,7 @@ REFUSED = {
     "no sampling": (lambda: shot(capture_type=2, nlos_laser_sampling=False), "nlos_laser_sampling"),
     "unknown hidden shape": (two("wand"), f"hidden_shapes = 'wand': {NO_SHAPE}"),
     "empty hidden shape": (two(""), f"hidden_shapes = '': {NO_SHAPE}"),
-    "hidden wall": (two("relay_wall"), "'relay_wall': is the relay wall; must be other"),
+    "hidden wall": (two("relay_wall"), "'relay_wall': this shape is part of the relay wall"),
     "no id": (two(3), "hidden_shapes = 3: must be ids of shapes, separated by commas"),
     "hidden shapes without sampling": (
         two("hidden", nlos_hidden_geometry_sampling=False),
@@ -198,7 +198,7 @@ def of_copies() -> dict:
         (scan, {"mode": "exhaustive"}, "confocal"),
         (lambda: shot() | {"integrator": ORDINARY}, {}, "transient_nlos_path"),
         (lambda: shot() | AWAY, {"mode": "single", "spp": 1}, "laser"),
-        (lambda: scan({}), {}, r"\Ascene: has no hidden geometry"),
+        (lambda: scan({}), {}, r"\Ascene: hidden geometry is missing"),
         (fixed_projector, {}, r"\Ais_confocal = False: must be True"),
         (of_copies, {"spp": 1}, "hidden_shapes = 'copy': is an instance"),
     ],
@@ -358,7 +358,7 @@ def test_nothing_says_which_shape_is_the_wall():
     described = by_camera(shot(), fov=120)
     described["screen"] = described.pop("relay_wall")
     described["plate"] = nlos.Rectangle((3.0, 0, -0.5), (4.0, 0, 0), (0, 8.0, 0)).shape()
-    with pytest.raises(ValueError, match=r"\Arelay_wall: is not known, and the sensor sees .*\Z"):
+    with pytest.raises(ValueError, match=r"\Arelay_wall: the wall is unknown.* sensor sees .*\Z"):
         capture(described, progress=False)
     with pytest.warns(UserWarning, match="do not look"):
         data = capture(described, relay_wall="screen", spp=4096, progress=False)

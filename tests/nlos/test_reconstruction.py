@@ -228,7 +228,7 @@ def test_backprojection_is_its_formula(mode, weighting):
     grid = VolumeGrid((-1, 1, 5), (-1, 0.5, 4), (0.1, 1.4, 6))
     volume = run(capture, "bp", volume=grid, weighting=weighting)
     axes, origin = volume["frame_axes"].values, volume["frame_origin"].values
-    z, y, x = np.meshgrid(*(grid.centres(a) for a in "zyx"), indexing="ij")
+    z, y, x = np.meshgrid(*(grid.centers(a) for a in "zyx"), indexing="ij")
     voxels = origin + np.stack([x, y, z], axis=-1) @ axes
     seen = capture["sensor_grid"].values.reshape(-1, 3)
     lit = capture["laser_grid"].values.reshape(-1, 3)
@@ -259,7 +259,7 @@ def test_backprojection_in_steps(monkeypatch):
 def test_sharpening_is_exact_for_parabolas():
     """Also where voxels are no cubes: minus the Laplacian of -(x² + 2 y² + 3 z²) is 12."""
     grid = VolumeGrid((-1, 1, 5), (-1, 0.5, 6), (0.1, 1.4, 7))
-    z, y, x = np.meshgrid(*(grid.centres(axis) for axis in "zyx"), indexing="ij")
+    z, y, x = np.meshgrid(*(grid.centers(axis) for axis in "zyx"), indexing="ij")
     found = backprojection.sharpen(-(x**2 + 2 * y**2 + 3 * z**2), grid)
     np.testing.assert_allclose(found[1:-1, 1:-1, 1:-1], 12, rtol=1e-5)
 
@@ -324,7 +324,7 @@ def test_a_volume_of_ones_own(method):
 
 def test_resample():
     def linear(grid: VolumeGrid) -> np.ndarray:
-        x, y, z = (grid.centres(a) for a in "xyz")
+        x, y, z = (grid.centers(a) for a in "xyz")
         return (z[:, None, None] + 10 * y[:, None] + 100 * x).astype(np.float32)
 
     coarse = VolumeGrid((0, 4, 4), (0, 2, 2), (0, 3, 3))
@@ -376,7 +376,7 @@ def test_captures_that_a_method_does_not_allow():
     refused = [
         (uneven, "lct", "a confocal capture on a grid that is not even.* bp, fbp$"),
         (BASE["transient"], "bp", "capture: expected a capture"),
-        (early, "bp", "bins end before light can come back"),
+        (early, "bp", "bins end before light can return"),
     ]
     for mode in ("single", "exhaustive"):
         capture = scenes.capture_of(point(), scenes.Wall(4), mode, bins=10, lasers=2)
@@ -390,7 +390,7 @@ def test_captures_that_a_method_does_not_allow():
 @pytest.mark.parametrize("method", ["lct", "fk", "phasor"])
 def test_too_little_memory(monkeypatch, method):
     monkeypatch.setattr(memory, "free_on_host", lambda: 1 << 10)
-    with pytest.raises(MemoryError, match=f"^method = '{method}': takes .*is free; must be"):
+    with pytest.raises(MemoryError, match=f"^method = '{method}': it needs .* are free. Use"):
         run(BASE, method)
 
 
@@ -434,7 +434,7 @@ def test_depth_error():
     nothing = depth_error(volume_of(values), [[np.nan, np.nan, 0.2, np.nan]])
     assert np.isnan(nothing.median)
     assert nothing.pixels == 0
-    for truth, said in ((np.full((1, 4), np.nan), "must have a depth"), ([1, 2], "with shape")):
+    for truth, said in ((np.full((1, 4), np.nan), "all pixels are NaN"), ([1, 2], "with shape")):
         with pytest.raises(ValueError, match=f"truth.* {said}"):
             depth_error(volume_of(values), truth)
 
@@ -539,5 +539,5 @@ def test_bad_input():
     where = seen_from(np.eye(3), size=3)
     with pytest.raises(ValueError, match=r"\Ahidden_shapes = 'w': the scene has no such.*\Z"):
         hidden_depth("nlos_z", where, hidden_shapes="w")
-    with pytest.raises(ValueError, match=r"\Ascene: has no hidden shapes; hidden_shapes must nam"):
+    with pytest.raises(ValueError, match=r"\Ascene: hidden shapes are missing.*by hidden_shapes"):
         hidden_depth({"type": "scene"}, where)

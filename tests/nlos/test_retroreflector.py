@@ -201,7 +201,7 @@ def test_every_variant(variant):
 def test_bad_parameters_are_one_line(value):
     bright = mi.Bitmap(np.full((2, 2, 3), value, dtype=np.float32))
     bitmap = {"type": "bitmap", "bitmap": bright, "raw": True}
-    said = f"reflectance = {value:g}: must be a colour or texture in [0, 1]"
+    said = f"reflectance = {value:g}: must be a color or texture in [0, 1]"
     most = "lobe_exponent = 2000000.0: must be a finite number above 0 and at most 1e+06"
     for name, each, line in (
         ("reflectance", value, said),

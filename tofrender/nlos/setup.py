@@ -170,7 +170,7 @@ def _require_memory(mode: str, film: mi.Film) -> None:
     fits = math.isqrt(free // (COPIES * 4 * bins * channels))
     side = math.isqrt(fits) if mode == "exhaustive" else fits
     raise MemoryError(
-        f"grid of {columns} x {rows} points x {bins} bins: the {mode} capture takes "
+        f"grid of {columns} x {rows} points x {bins} bins: the {mode} capture needs "
         f"{size / 2**30:.1f} GiB, must be at most {free / 2**30:.1f} GiB; {side} x {side} points "
         f"or {int(bins * free / size)} bins would fit"
     )

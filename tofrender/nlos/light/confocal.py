@@ -42,8 +42,8 @@ class ConfocalTransientIntegrator(RelayWallPath):
     | `spot_sigma` | 0.0 | standard deviation of the beam in rad, below 0.75; 0 is a point |
     | `confocal_projector` | none | a nested projector that replaces `power` and `spot_sigma` |
 
-    The assignment handout uses other defaults: a `max_depth` of 10 and a pulse of 0.03 m. Here
-    `max_depth` is 8, and by default there is no pulse.
+    The assignment handout uses other defaults: a `max_depth` of 10 and a pulse of 0.03 m. The
+    defaults here are a `max_depth` of 8 and a pulse without width.
 
     A laser spot without a width has an infinite radiance. Therefore paths of a single bounce
     (laser, wall, camera) require a `spot_sigma` or a projector.

@@ -8,7 +8,7 @@ distance r, with the cosine cos at y. The combined density per solid angle at x 
 
 with the total area A of the targets. The second term applies only if y is on a target. Target
 points that are occluded contribute nothing. The throughput is divided by p(y) for both techniques.
-This is the one-sample model with the balance heuristic (Veach 1997, section 9.2.4). Both sides of
+This is Veach's one-sample model with the balance heuristic (1997, section 9.2.4). Both sides of
 a surface count.
 """
 

@@ -188,7 +188,7 @@ class LaserSpot(Endpoint):
 def follow_beam(scan: Scan, beam: Beam) -> Beam:
     """Return a beam that continues through mirrors and glass, sampled for each connection.
 
-    If a surface also has smooth lobes, as plastic has, half of the beams continue.
+    If a surface also has smooth lobes, like plastic, half of the beams continue.
     """
 
     def followed(sampler: mi.Sampler, active: mi.Bool) -> Spot:
@@ -235,7 +235,7 @@ def _follow_lobes(scan: Scan, spot: Spot, seeds: list[mi.UInt32], active: mi.Boo
         power = dr.select(following & has_lobes & smooth, 2 * power, power)
         following &= has_lobes & (~smooth | (random_number(number, seeds[1]) < 0.5))
 
-        # -------------- Follow a lobe. Power, unlike radiance, has no factor 1/η² --------------
+        # -------------- Follow a lobe. Radiance has a factor 1/η², power does not --------------
 
         lobe = lobes.sample(si, random_number(number + 1, seeds[1]), following)
         weight = lobe.f * (dr.square(lobe.η) / lobe.probability)

@@ -79,12 +79,12 @@ class RelayWallPath(TransientPath):
         self.hidden_shapes: Any = parse_ids("hidden_shapes", props.get("hidden_shapes", None))
         self._samples_by_name = props.get(HIDDEN_SAMPLING, None) is True
 
-        # Blocks have no effect here
+        # Only scalar variants render in blocks
         block = props.get("block_size", 0)
         if block:
             warn_no_effect("block_size", block, "only scalar variants render in blocks")
 
-        # Read what is sampled and what counts
+        # Read which directions are sampled and which paths count
         self.use_nlos_only = flag(props, "use_nlos_only")
         self.samples_hidden = flag(props, HIDDEN_SAMPLING, self.samples_hidden_by_default)
         legs = "account_first_and_last_bounces"

@@ -1,4 +1,4 @@
-"""Description and plan of a laser scan, whose laser spot may differ between camera rays."""
+"""Description and plan of a laser scan, with a laser spot for each camera ray."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class ScanPlan(Plan):
         return ()
 
     def for_bin_width(self, width_opl):
-        """Return this plan, because a laser spot has no extent that bins could resolve."""
+        """Return this plan, because bins do not resolve the extent of a laser spot."""
         return self
 
     def attached(self):

@@ -46,7 +46,7 @@ class TransientNLOSPath(RelayWallPath):
 
     A laser spot represents one square meter. The power that arrives is the irradiance at the spot
     times 1 m^2, so that it decreases with the distance of the laser. `laser_power` [W] sets the
-    power of a real laser instead. The same power lights all bounces. In light of a single bounce,
+    power of a real laser instead. All bounces have the same power. In light of a single bounce,
     the beam carries this power. Therefore this light is brighter than the emitter's light by 1 m^2
     over the beam's footprint, e.g. 10^4 times for 0.2 degrees at 2.8 m. Without
     `nlos_laser_sampling`, all bounces have the emitter's power.
@@ -94,7 +94,7 @@ class TransientNLOSPath(RelayWallPath):
         self.capture_type: str | None = kind
         _read_mitransient(props)
 
-        # Read what is sampled and what counts
+        # Read which directions are sampled and which paths count
         self.lights_a_point = flag(props, "nlos_laser_sampling")
         self.discard_direct_paths = flag(props, "discard_direct_paths")
         self.targets_wall = flag(props, f"{HIDDEN_SAMPLING}_includes_relay_wall")
@@ -259,7 +259,7 @@ class TransientNLOSPath(RelayWallPath):
 
 
 def _read_mitransient(props: mi.Properties) -> None:
-    """Translate mitransient's own parameters, or warn that they have no effect here."""
+    """Translate parameters of mitransient, or warn that they are ignored."""
     # Limit of bounces
     depth: Any = props.get("filter_depth", -1)
     if not isinstance(depth, int) or depth != -1:
