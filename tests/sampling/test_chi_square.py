@@ -334,14 +334,14 @@ def test_figure_of_whatever_was_found(bug, sample, domain, tmp_path):
 
 
 BAD = [
-    (lambda: chi_square_test(*TENT[:2], "sphere"), "points of 2 dimensions, must be 3"),
+    (lambda: chi_square_test(*TENT[:2], "sphere"), "of 2 dimensions. This domain requires 3"),
     (
         lambda: chi_square_test(lambda u: (TENT[0](u), u.x), *TENT[1:]),
-        "sample: returns the weight .*, must be 0 or 1",
+        "sample: it returns the weight .*. Return 0 for failed samples",
     ),
-    (lambda: warp_case("tent", alpha=1), "name = 'tent': takes no parameter, given are"),
-    (lambda: warp_case("beckmann"), "name = 'beckmann': takes the parameter alpha, given are"),
-    (lambda: bsdf_case({"type": "conductor"}, (0, 0, 1)), "bsdf = .*: has no density"),
+    (lambda: warp_case("tent", alpha=1), "name = 'tent': this warp requires no parameter, but"),
+    (lambda: warp_case("beckmann"), "name = 'beckmann': this warp requires the parameter alpha"),
+    (lambda: bsdf_case({"type": "conductor"}, (0, 0, 1)), "bsdf = .*: it has no density"),
     (lambda: bsdf_case({"type": "diffuse"}, (0, 0, 0)), "wi = .*: must be a direction"),
     (lambda: light_case({"type": "point"}, (0, 0, 0)), "light = 'point': must be one light"),
     (lambda: chi_square_suite([]), "cases = \\[\\]: must be at least one"),

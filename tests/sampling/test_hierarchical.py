@@ -196,8 +196,8 @@ def test_images_from_arrays_bitmaps_and_files(channels, tmp_path):
 
 BAD_IMAGES = {
     "empty": (np.zeros((0, 4)), r"^image: shape \(0, 4\) is empty; must have the shape"),
-    "nan": ([[1.0], [math.nan]], r"^image: holds nan at row 1, column 0; each"),
-    "infinite": ([[math.inf]], r"^image: holds inf at row 0"),
+    "nan": ([[1.0], [math.nan]], r"^image: the value at row 1, column 0 is nan"),
+    "infinite": ([[math.inf]], r"^image: the value at row 0, column 0 is inf"),
     "deep": (np.ones((2, 2, 5)), r"^image: shape \(2, 2, 5\); must have"),
     "large": (np.ones((1, MAX_SIDE + 1)), r"a side must have at most 16384$"),
 }
@@ -217,7 +217,7 @@ def test_bad_files(tmp_path):
         (tmp_path / "sky.exr", FileNotFoundError, r"sky.exr': must be a file that exists$"),
         (tmp_path, FileNotFoundError, "must be a file"),
         (tmp_path / "notes.exr", ValueError, r"notes.exr': must be an image that Mitsuba reads"),
-        (layers, ValueError, r"^image: has 5 channels of other kinds; must be grey"),
+        (layers, ValueError, r"^image: has 5 channels of other kinds; must be gray"),
     ):
         refused(message, HierarchicalWarp, source, kind=kind)
 

@@ -136,9 +136,9 @@ def cone_domain(axis, sin_theta_max: float) -> Domain:
 def domain_of(shape, o) -> Domain:
     if not isinstance(shape, Sphere):
         return patch_domain(shape, o)
-    to_centre = shape.centre - np.array(o)
-    far = np.linalg.norm(to_centre)
-    return cone_domain(to_centre, shape.radius / far) if far > shape.radius else all_directions()
+    to_center = shape.center - np.array(o)
+    far = np.linalg.norm(to_center)
+    return cone_domain(to_center, shape.radius / far) if far > shape.radius else all_directions()
 
 
 CORNERS = ([0, 0, 0], [1, 1, 1], [0.5, 1, 2])
@@ -341,10 +341,10 @@ def test_far_and_small_spheres_keep_their_digits(distance, radius):
     assert np.array(record.pdf) == pytest.approx(1 / solid_angle, rel=1e-5)
     lost = np.mean(np.array(sphere.pdf(record.o, record.d)) == 0)
     assert lost < 4e-7 * distance / radius
-    off = np.linalg.norm(numpy(record.p) - sphere.centre, axis=1)
+    off = np.linalg.norm(numpy(record.p) - sphere.center, axis=1)
     assert off == pytest.approx(radius, rel=1e-5, abs=2e-7 * distance)
     # Uniform over the cone: the projected disk of the sphere is valid_ray evenly
-    b = numpy(record.p) - sphere.centre
+    b = numpy(record.p) - sphere.center
     b -= np.outer(b @ direction, direction)
     assert np.mean(np.sum(b**2, axis=1)) / radius**2 == pytest.approx(0.5, abs=0.02)
 
@@ -584,7 +584,7 @@ WRONG_PATCHES = {
 
 
 def tangent_for_sine(s, o, v, pdf):
-    squared = dr.squared_norm(mi.Point3f(s.centre) - o)
+    squared = dr.squared_norm(mi.Point3f(s.center) - o)
     wrong = 1 / (2 * math.pi * (1 - 1 / dr.sqrt(1 + s.radius**2 / squared)))
     return dr.select(pdf > 0, wrong, 0)
 
@@ -669,7 +669,7 @@ DISK_REFUSED = "emitter on the shape 'a': must be a rectangle, a sphere, or a me
 @pytest.mark.parametrize(
     ("part", "said"),
     [
-        ({"type": "sphere"}, "has no emitter; must have area lights$"),
+        ({"type": "sphere"}, "emitters are missing. Add an area light$"),
         ({"type": "point"}, "emitter 'a' has no surface; must be area"),
         (DISK, DISK_REFUSED),
     ],
