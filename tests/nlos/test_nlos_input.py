@@ -200,7 +200,7 @@ def of_copies() -> dict:
         (lambda: shot() | AWAY, {"mode": "single", "spp": 1}, "laser"),
         (lambda: scan({}), {}, r"\Ascene: hidden geometry is missing"),
         (fixed_projector, {}, r"\Ais_confocal = False: must be True"),
-        (of_copies, {"spp": 1}, "hidden_shapes = 'copy': is an instance"),
+        (of_copies, {"spp": 1}, "hidden_shapes = 'copy': instances are not supported"),
     ],
 )
 def test_captures(described, options, said):

@@ -434,7 +434,7 @@ def test_depth_error():
     nothing = depth_error(volume_of(values), [[np.nan, np.nan, 0.2, np.nan]])
     assert np.isnan(nothing.median)
     assert nothing.pixels == 0
-    for truth, said in ((np.full((1, 4), np.nan), "all pixels are NaN"), ([1, 2], "with shape")):
+    for truth, said in ((np.full((1, 4), np.nan), "pixels are NaN"), ([1, 2], "with shape")):
         with pytest.raises(ValueError, match=f"truth.* {said}"):
             depth_error(volume_of(values), truth)
 

@@ -4,7 +4,7 @@ Times are keys, pixel * pixel_stride + cycle * cycle_stride + bin. Gaps between 
 cycles that start armed, are longer than the dead time. One pass therefore treats a sorted row.
 
 The cycles are simulated in chunks, so that memory does not grow with their number. The dead time of
-free-running SPADs continues in the next chunk. Such a chunk starts with the avalanches that still
+free-running SPADs continues in the next chunk. A chunk then starts with the avalanches that still
 block the detector, and with the afterpulses that have not happened yet.
 """
 
@@ -20,9 +20,14 @@ from .rates import Block, generator
 if TYPE_CHECKING:
     from .spad import Spad
 
-CHUNK = 1 << 20  # Expected avalanches of a row of SPADs in a chunk of cycles
-NOMINAL = 1.0  # Photons per pixel and cycle, where chunks must not depend on the rates
-AFTERPULSES = 4  # Stream of random numbers
+# Expected avalanches of a row of SPADs in a chunk of cycles
+CHUNK = 1 << 20
+
+# Photons per pixel and cycle if chunks must not depend on the rates
+NOMINAL = 1.0
+
+# Stream of random numbers
+AFTERPULSES = 4
 
 
 class Left(NamedTuple):
@@ -36,14 +41,20 @@ NOTHING = Left(np.zeros(0, np.int64), np.zeros(0, np.int64))
 
 
 class Layout:
-    """Keys of a row of `shape` (pixels, cycles, bins), where cycles start armed unless `free`.
+    """Keys of a row of pixels.
 
-    A detection blocks `dead` bins after it, or, if None, none; `window` is that of coincidence.
+    Args:
+        shape: Numbers of pixels, cycles and bins.
+        dead: Number of bins that a detection blocks, None without a dead time.
+        window: Window of coincidence [bins].
+        free: Whether the dead time continues in the next cycle. Otherwise cycles start armed.
     """
 
     def __init__(self, shape: tuple[int, int, int], dead: int | None, window: int, free: bool):
         self.width, self.cycles, self.bins = shape
-        self.dead, self.window, self.free = dead, window, free
+        self.dead = dead
+        self.window = window
+        self.free = free
         gap = max(dead or 0, window) + 1
         self.cycle_stride = self.bins + (0 if free else gap)
 
@@ -51,7 +62,7 @@ class Layout:
         self.pixel_stride = self.cycles * self.cycle_stride + 2 * gap
 
     def chunk(self, cycles: int) -> Layout:
-        """Return the layout of a number of cycles."""
+        """Return the layout of a chunk with this number of cycles."""
         return Layout((self.width, cycles, self.bins), self.dead, self.window, self.free)
 
     def chunks(self, per_cycle: float) -> Iterator[tuple[int, Layout]]:
@@ -66,7 +77,7 @@ class Layout:
             yield first, self.chunk(min(step, self.cycles - first))
 
     def parts(self, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Pixel, cycle and bin of keys."""
+        """Return pixel, cycle and bin of keys."""
         pixel = keys // self.pixel_stride
         keys = keys - pixel * self.pixel_stride
         cycle = keys // self.cycle_stride
@@ -85,7 +96,7 @@ class Layout:
 
 
 def arrivals(rng: np.random.Generator, rates: np.ndarray, layout: Layout) -> np.ndarray:
-    """Sorted keys of the photons of a row (pixel, bin): Poisson numbers, in random cycles."""
+    """Sample sorted keys of the photons of a row (pixel, bin), with Poisson numbers of photons."""
     counts = rng.poisson(rates * layout.cycles)
     first = np.arange(layout.width)[:, None] * layout.pixel_stride + np.arange(layout.bins)
     keys = np.repeat(first.ravel(), counts.ravel())
@@ -95,10 +106,11 @@ def arrivals(rng: np.random.Generator, rates: np.ndarray, layout: Layout) -> np.
 
 
 def detected(keys: np.ndarray, dead: int | None, paralysable: bool) -> np.ndarray:
-    """Which photons of sorted keys find the detector armed.
+    """Return a mask of the photons of sorted keys that are detected.
 
-    Those that follow another by more than the dead time do; from them, if not paralysable, all
-    clusters are followed at once.
+    A photon that follows the previous photon by more than the dead time is always detected. It is
+    the head of a cluster. If the dead time is not paralysable, further photons of all clusters are
+    searched at once.
 
     Example:
         >>> keys = np.array([0, 2, 3, 5, 20])
@@ -144,11 +156,11 @@ class Row:
         self.waiting = NOTHING
 
     def arrive(self, layout: Layout) -> None:
-        """Draw the photons of a chunk."""
+        """Sample the photons of a chunk."""
         self.photons = arrivals(self.rng, self.rates, layout)
 
     def crosstalk(self, layout: Layout) -> dict[int, np.ndarray]:
-        """Draw the avalanches that detected photons cause in neighbors, by the row from here."""
+        """Sample the avalanches that detected photons cause in neighbors, by relative row."""
         keys, before = self._with_blocking(self.photons, self.blocking_alone, layout)
         found = detected(keys, layout.dead, self.spad.paralysable)
         if layout.free and layout.dead is not None:
