@@ -69,8 +69,8 @@ def test_offsets_and_shapes_that_do_not_fit():
     )
     refused("must be equal", four_bucket, I, np.ones(3), offset=9)
     refused("must be equal", from_four_bucket, I, np.ones(3), I, I)
-    refused("must be equal, but", multipath_error, I, np.ones((3, 2)))
-    refused("must be equal, but", multipath_error, np.ones((4, 4)), np.ones((4, 1)))
+    refused("must be equal, except", multipath_error, I, np.ones((3, 2)))
+    refused("must be equal, except", multipath_error, np.ones((4, 4)), np.ones((4, 1)))
 
 
 @pytest.mark.parametrize("f", [20e6, 50e6])

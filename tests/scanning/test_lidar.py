@@ -339,5 +339,5 @@ def test_refused_places_and_media():
     medium = {"type": "homogeneous", "albedo": 0.5, "sigma_t": 0.1}
     fog = {"type": "cube", "bsdf": {"type": "null"}, "interior": medium}
     fog["to_world"] = mi.ScalarTransform4f().translate([0, 0, 4])
-    with refused("scene: has media; must have none, or no mirrors"):
+    with refused("scene: media are not supported together with mirrors"):
         shoot(scene={"fog": fog, "mirror": wall((0, 0, 7), bsdf=MIRROR)})
