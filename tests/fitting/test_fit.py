@@ -272,7 +272,7 @@ def test_equal_walls_that_were_merged():
     described_scene = described(parts, camera((0, 0, 3), (0, 0, 0), picture), type="prb")
     missing = "a.bsdf.reflectance.value"
     made = mi.load_dict(described_scene)
-    with pytest.raises(ValueError, match=r"^params\['.*is no parameter.*optimize=False$"):
+    with pytest.raises(ValueError, match=r"^params\['.*does not have this.*optimize=False$"):
         tofrender.fit(made, {missing: 0.3, "b.bsdf.reflectance.value": 0.3}, np.ones((4, 4, 3)))
     kept = tofrender.load_scene(described_scene, optimize=False)
     assert missing in mi.traverse(kept)
@@ -359,9 +359,7 @@ def test_refused_before_any_render(said):
 def test_starts_and_optimisers_of_another_kind():
     with pytest.raises(ValueError, match=r"^params\['x'\] = UInt: must be of floats with deriva"):
         find(params={"x": mi.UInt32(1)}, apply=texture, learning_rate=0.1)
-    with pytest.raises(
-        ValueError, match=r"^optimizer = Adam: it has the variables a. Pass an optimizer without"
-    ):
+    with pytest.raises(ValueError, match=r"^optimizer = Adam: it has the variables a. Pass"):
         find(optimizer=mi.ad.Adam(lr=1.0, params={"a": mi.Float(1)}))
 
 
@@ -375,9 +373,7 @@ def test_what_light_does_not_depend_on():
 
 
 def test_loss_that_is_no_number():
-    with pytest.raises(
-        ValueError, match=r"^loss: returned .*TensorXf.*; must return a Dr.Jit number"
-    ):
+    with pytest.raises(ValueError, match=r"^loss: returned .*TensorXf.*; must return a Dr.Jit"):
         find(loss=lambda rendered, target: rendered - target)
 
 
@@ -499,9 +495,7 @@ def test_renders_without_light_have_no_loss(name, render):
     second = -first
     if render == "black":
         first = second = np.zeros(SHAPE, np.float32)
-    with pytest.warns(
-        UserWarning, match=r"the render is black or contains only noise .*Increase spp"
-    ):
+    with pytest.warns(UserWarning, match=r"the render is black or contains only noise .*spp"):
         loss = LOSSES[name](mi.TensorXf(first), target, other=mi.TensorXf(second))
     assert np.isnan(number(loss))
 

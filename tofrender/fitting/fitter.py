@@ -107,8 +107,8 @@ def fit(
     Args:
         scene: A loaded scene. It contains the best values at the end, also after an error.
         params: Names and start values. A value is a number for all components, or an array. Without
-            `apply`, names are parameters as listed by `mi.traverse(scene)`. Its parameters (`params.keep([...])`)
-            are accepted as well.
+            `apply`, names are parameters as listed by `mi.traverse(scene)`. These parameters
+            themselves (`params.keep([...])`) are accepted as well.
         target: Measured light: a result of `mi.render` (the last of several results, with time
             bins), an array of the film's shape (height, width, bins, channels), or a Dataset of
             `render` with the film's pixels, bins and channels, in any order.
