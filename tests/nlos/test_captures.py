@@ -1,4 +1,4 @@
-"""Captures: how they are built and checked, and what taking off the first and last legs keeps."""
+"""Captures: creating and checking them, and subtracting the first and last legs."""
 
 import numpy as np
 import pytest
