@@ -233,7 +233,7 @@ def _pixel_center_hits(scene: Any, sensor: int) -> tuple[Any, Any, Any, Any, tup
     from ..scenes.loading import load_scene, require_sensor
 
     # Load the scene
-    backend.require_vectorised()
+    backend.require_vectorized()
     scene = scene if isinstance(scene, mi.Scene) else load_scene(scene)
     camera: Any = require_sensor(scene, sensor)
 

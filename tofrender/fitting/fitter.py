@@ -168,7 +168,7 @@ def fit(
         0.5
     """
     # Check the arguments
-    backend.require_vectorised()
+    backend.require_vectorized()
     checks.instance("scene", scene, mi.Scene, "a loaded scene, as mi.load_dict and load_scene give")
     film = require_sensor(scene, sensor).film()
     if integrator is not None:

@@ -108,7 +108,7 @@ def capture(
         (('y', 'x', 'opl', 'channel'), 'confocal')
     """
     # Check the arguments
-    backend.require_vectorised()
+    backend.require_vectorized()
     if mode is not None:
         checks.one_of("mode", mode, MODES)
     checks.boolean("progress", progress)

@@ -131,7 +131,7 @@ def activate(variant: str | None = None) -> str:
     return chosen
 
 
-def require_unpolarised() -> None:
+def require_unpolarized() -> None:
     """Refuse polarized variants, for results that cannot contain Stokes vectors."""
     import mitsuba as mi
 
@@ -143,7 +143,7 @@ def require_unpolarised() -> None:
         )
 
 
-def require_vectorised() -> None:
+def require_vectorized() -> None:
     """Refuse scalar variants, and a missing variant."""
     import mitsuba as mi
 

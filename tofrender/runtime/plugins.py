@@ -212,9 +212,9 @@ def limit_depth(props: Any) -> None:
 
 def _refuse(_: Any) -> Any:
     """Refuse a plugin in a scalar variant, and name the supported variants."""
-    from .backend import require_vectorised
+    from .backend import require_vectorized
 
-    require_vectorised()
+    require_vectorized()
 
 
 def _run(module: str) -> Any:

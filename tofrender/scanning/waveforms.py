@@ -99,8 +99,8 @@ def lidar(
         (('shot', 'bin'), 3.2)
     """
     # Check the arguments
-    backend.require_vectorised()
-    backend.require_unpolarised()
+    backend.require_vectorized()
+    backend.require_unpolarized()
     photons = checks.number("photons", photons, positive=True)
     area = math.pi / 4 * checks.number("aperture_m", aperture_m, positive=True) ** 2
     half_angle = checks.number("divergence_rad", divergence_rad, low=0, high=0.5)

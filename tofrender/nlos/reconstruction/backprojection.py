@@ -20,7 +20,7 @@ import mitsuba as mi
 import numpy as np
 
 from ...rendering.workers import check_client, distribute
-from ...runtime.backend import activate, require_vectorised
+from ...runtime.backend import activate, require_vectorized
 from ...runtime.progress import ProgressBar
 from .measured import Measured
 from .volume import VolumeGrid
@@ -57,7 +57,7 @@ def backproject(
         progress: Whether to show a progress bar.
         client: Client of workers that divide the voxels, None for this process.
     """
-    require_vectorised()
+    require_vectorized()
     lasers, rows, columns, bins = measured.shape
     # Check the number of bins
     blocks = measured.blocks()
