@@ -301,8 +301,8 @@ def wasserstein_loss(rendered: Any, target: Any, *, energy_weight: float = 1.0) 
     target_cdf, target_energy = _cumulate(target)
     total = _nonzero_sum(target_energy)
     distance = dr.mean(dr.square(cdf - target_cdf), axis=-1)
-    off = dr.square(energy - target_energy) / _nonzero_sum(dr.square(target_energy))
-    return dr.sum(target_energy / total * distance + weight * off, axis=None)
+    energy_error = dr.square(energy - target_energy) / _nonzero_sum(dr.square(target_energy))
+    return dr.sum(target_energy / total * distance + weight * energy_error, axis=None)
 
 
 LOSSES = {

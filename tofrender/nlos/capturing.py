@@ -211,10 +211,10 @@ def require_same_capture(found: xr.Dataset, scene: Any, **options: Any) -> None:
     if "fingerprint" in found.attrs:
         wanted["fingerprint"] = fingerprint(setup.scene, setup.camera, setup.integrator)
     for name, value in wanted.items():
-        own = found.attrs.get(name)
-        if own != value:
+        stored = found.attrs.get(name)
+        if stored != value:
             raise ValueError(
-                f"resume: the stored capture has {name} = {own!r}, not {value!r}. Restore the "
+                f"resume: the stored capture has {name} = {stored!r}, not {value!r}. Restore the "
                 "settings, or remove the file"
             )
 

@@ -148,8 +148,8 @@ def chi_square_test(
     smallest = smallest_allowed(smallest_allowed(alpha, tests), 1 + len(moments))
     chi2, freedom = histograms.statistic(observed, integrals, samples)
     p_value = float(chdtrc(freedom, chi2)) if freedom > 0 else math.nan
-    off = [moment for moment in moments if not moment.p_value >= smallest]
-    off.sort(key=lambda moment: -abs(np.nan_to_num(moment.z, nan=np.inf)))
+    failed_moments = [moment for moment in moments if not moment.p_value >= smallest]
+    failed_moments.sort(key=lambda moment: -abs(np.nan_to_num(moment.z, nan=np.inf)))
 
     # List the failures
     valid = float(drawn.valid.mean())
@@ -158,9 +158,9 @@ def chi_square_test(
     spread = 5 * math.sqrt(max(valid * (1 - valid), 1 / samples) / samples) if drawn.weighted else 0
     right = f"{valid:.5f}, the fraction of valid samples" if drawn.weighted else "1"
     outside = points[:, ~domain.contains(points)]
-    lost = _where_zero(pdf, points[:, density == 0])
-    off_by = _difference(density, drawn.density)
-    differs = not off_by <= RETURNED_ROUNDING
+    misplaced = _where_zero(pdf, points[:, density == 0])
+    pdf_error = _difference(density, drawn.density)
+    differs = not pdf_error <= RETURNED_ROUNDING
     poor = integrals.total_error > 0.01
     percent = 100 * integrals.not_finite
     unlike = freedom >= 1 and not p_value >= smallest
@@ -170,14 +170,14 @@ def chi_square_test(
         f"the pdf is not finite at {percent:.3g} % of the domain": percent,
         f"the pdf is negative, down to {integrals.lowest:.3g}": integrals.lowest < 0,
         "the pdf is not finite at some samples": not np.isfinite(density).all(),
-        f"{lost.shape[1]} samples lie where the pdf is 0, {_first(lost)}": lost.size,
-        f"the pdf returned with samples differs from it by {off_by:.2g}": differs,
+        f"{misplaced.shape[1]} samples lie where the pdf is 0, {_first(misplaced)}": misplaced.size,
+        f"the pdf returned with samples differs from it by {pdf_error:.2g}": differs,
         f"the pdf integrates to {total:.5f}, not {right}": abs(total - valid) > bound + spread,
         "the pdf cannot be integrated to 5 %; a higher resolution may help": poor,
         "there are too few valid samples, or cells that expect any": freedom < 1,
         f"counts do not follow the pdf (p = {p_value:.2g})": unlike,
-        **{f"the mean of {_in_words(moment)}": True for moment in off[:2]},
-        f"{len(off) - 2} more moments are off": len(off) > 2,
+        **{f"the mean of {_in_words(moment)}": True for moment in failed_moments[:2]},
+        f"{len(failed_moments) - 2} more moments are off": len(failed_moments) > 2,
     }
     failures = [message for message, failed in table.items() if failed]
 

@@ -270,8 +270,8 @@ def _decide(u: mi.Float, p: mi.Float) -> tuple[mi.Float, mi.UInt32]:
         The remainder, and the choice.
     """
     second = u >= p
-    rest = dr.select(second, (u - p) / (1 - p), u / p)
-    return dr.minimum(rest, dr.one_minus_epsilon(mi.Float)), dr.select(second, mi.UInt32(1), 0)
+    remainder = dr.select(second, (u - p) / (1 - p), u / p)
+    return dr.minimum(remainder, dr.one_minus_epsilon(mi.Float)), dr.select(second, mi.UInt32(1), 0)
 
 
 def _within(index: mi.UInt32, u: mi.Float) -> mi.Float:

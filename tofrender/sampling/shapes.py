@@ -82,10 +82,10 @@ class SurfaceGroup(Shape):
         u, v = unit_square(sample)
         scaled = u * len(self.shapes)
         k = dr.minimum(mi.UInt32(scaled), len(self.shapes) - 1)
-        rest = mi.Point2f(scaled - k, v)
-        picked = self.shapes[0].sample(o, rest)
+        remainder = mi.Point2f(scaled - k, v)
+        picked = self.shapes[0].sample(o, remainder)
         for i, shape in enumerate(self.shapes[1:], 1):
-            picked = dr.select(k == i, shape.sample(o, rest), picked)
+            picked = dr.select(k == i, shape.sample(o, remainder), picked)
         # Find the nearest hit. The selected shape keeps its record: a new ray might miss its edge
         hits = [
             dr.select(k == i, picked, shape.record(o, picked.d))

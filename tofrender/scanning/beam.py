@@ -218,9 +218,9 @@ class LidarPlan(Plan):
         surfaces = space.with_phase_functions(Materials(scene))
 
         # Light that returns along the ray. With fog, mirrors are excluded
-        self.own_way = space.with_phase_functions(MirrorsAndGlass(scene))
+        self.returning_scattering = space.with_phase_functions(MirrorsAndGlass(scene))
         depth = MOST if max_depth < 0 else max_depth
-        self.own_depth = min(depth, 2) if space.scatters else depth
+        self.returning_depth = min(depth, 2) if space.scatters else depth
 
         # Other light, by connections to the laser spot
         limits = Limits(max_depth - 1 if max_depth > 0 else max_depth)
@@ -247,8 +247,8 @@ class LidarPlan(Plan):
     def connect_camera(self, endpoint, ray, origin, sampler, measurement, active):
         """Accumulate light that returns along the rays, also by mirrors and clear glass."""
         receiver = Receiver(self.scene, ray, origin, self.space.scatters)
-        limits = Limits(self.own_depth, rr_depth=MOST)
-        parts = Parts(self.space, receiver, self.own_way, limits)
+        limits = Limits(self.returning_depth, rr_depth=MOST)
+        parts = Parts(self.space, receiver, self.returning_scattering, limits)
         history = receiver.history.start()
         medium = self.space.medium_at_sensor(ray)
         path = Path.start(ray, origin, active, history, medium=medium)

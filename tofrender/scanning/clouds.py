@@ -97,8 +97,8 @@ def point_cloud(
         else:
             counts = measured.isel(y=rows)
         data = Returns(counts, response, None, None)
-        own = None if background is None else background[rows]
-        table = find_echoes(data, false_alarm, own, draws[rows])
+        known = None if background is None else background[rows]
+        table = find_echoes(data, false_alarm, known, draws[rows])
         tables.append(table.assign(y=table["y"] + start))
     found = pd.concat(tables, ignore_index=True)
 

@@ -30,14 +30,14 @@ NOMINAL = 1.0
 AFTERPULSES = 4
 
 
-class Left(NamedTuple):
-    """Avalanches that a chunk leaves for the next one: pixels, and times [bins] from its start."""
+class Pending(NamedTuple):
+    """Pending avalanches of a chunk: pixels, and times [bins] from the start of the next chunk."""
 
     pixel: np.ndarray
     time: np.ndarray
 
 
-NOTHING = Left(np.zeros(0, np.int64), np.zeros(0, np.int64))
+NOTHING = Pending(np.zeros(0, np.int64), np.zeros(0, np.int64))
 
 
 class Layout:
@@ -83,16 +83,16 @@ class Layout:
         cycle = keys // self.cycle_stride
         return pixel, cycle, keys - cycle * self.cycle_stride
 
-    def keys_of(self, left: Left) -> np.ndarray:
-        """Return the keys of avalanches that the chunk before has left."""
-        return left.pixel * self.pixel_stride + left.time
+    def keys_of(self, pending: Pending) -> np.ndarray:
+        """Return the keys of pending avalanches of the previous chunk."""
+        return pending.pixel * self.pixel_stride + pending.time
 
-    def left_over(self, keys: np.ndarray, bins: int) -> Left:
+    def pending_after(self, keys: np.ndarray, bins: int) -> Pending:
         """Return the avalanches of the last `bins` bins, for the next chunk."""
         pixel = keys // self.pixel_stride
         time = keys - pixel * self.pixel_stride - self.cycles * self.bins
         last = (time >= -bins) & (time < 0)
-        return Left(pixel[last], time[last])
+        return Pending(pixel[last], time[last])
 
 
 def arrivals(rng: np.random.Generator, rates: np.ndarray, layout: Layout) -> np.ndarray:
@@ -165,7 +165,7 @@ class Row:
         found = detected(keys, layout.dead, self.spad.paralysable)
         if layout.free and layout.dead is not None:
             blocking = keys if self.spad.paralysable else keys[found]
-            self.blocking_alone = layout.left_over(blocking, layout.dead)
+            self.blocking_alone = layout.pending_after(blocking, layout.dead)
         parents = keys[found & ~before]
         sources = parents[self.rng.random(parents.size) < self.spad.crosstalk_probability]
         side = self.rng.integers(4, size=sources.size)
@@ -185,11 +185,11 @@ class Row:
         found = detected(keys, layout.dead, self.spad.paralysable)
         if layout.free and layout.dead is not None:
             blocking = keys if self.spad.paralysable else keys[found]
-            self.blocking = layout.left_over(blocking, layout.dead)
+            self.blocking = layout.pending_after(blocking, layout.dead)
         return keys[found & ~before]
 
     def _with_blocking(
-        self, keys: np.ndarray, blocking: Left, layout: Layout
+        self, keys: np.ndarray, blocking: Pending, layout: Layout
     ) -> tuple[np.ndarray, Any]:
         """Add avalanches of the chunk before to sorted keys, and return which these are."""
         if not blocking.pixel.size:
@@ -203,8 +203,8 @@ class Row:
         # Start with what the chunk before has left
         length = layout.cycles * layout.bins
         happens = self.waiting.time < length
-        waiting = Left(*(each[happens] for each in self.waiting))
-        later = Left(self.waiting.pixel[~happens], self.waiting.time[~happens] - length)
+        waiting = Pending(*(each[happens] for each in self.waiting))
+        later = Pending(self.waiting.pixel[~happens], self.waiting.time[~happens] - length)
         blocking = layout.keys_of(self.blocking)
         roots = np.concatenate([keys, layout.keys_of(waiting), blocking])
         can_cause = np.arange(roots.size - blocking.size)
@@ -249,10 +249,10 @@ class Row:
         if layout.free:
             pixel, time, cause = (np.concatenate(each) for each in zip(*beyond, strict=True))
             comes = (cause < 0) | found[place[cause]]
-            self.waiting = Left(pixel[comes], time[comes])
+            self.waiting = Pending(pixel[comes], time[comes])
             if layout.dead is not None:
                 blocks = happen if self.spad.paralysable else found
-                self.blocking = layout.left_over(keys[blocks], layout.dead)
+                self.blocking = layout.pending_after(keys[blocks], layout.dead)
         found[place[roots.size - blocking.size : roots.size]] = False
         return keys[found]
 
@@ -330,23 +330,23 @@ class MacroPixels:
         every = np.concatenate([earlier, keys])
         order = np.argsort(every, kind="stable")
         every = every[order]
-        own = order >= earlier.size
+        is_new = order >= earlier.size
         more = self.spad.coincidence - 1
         first = every[: max(0, every.size - more)]
         enough = every[more:] - first <= layout.window
-        hits = every[more:][enough & own[more:]]
+        hits = every[more:][enough & is_new[more:]]
 
         # The next detection follows after the window
         blocking = layout.keys_of(self.blocking)
         hits = np.concatenate([blocking, hits])
         order = np.argsort(hits, kind="stable")
         hits = hits[order]
-        own = order >= blocking.size
+        is_new = order >= blocking.size
         found = detected(hits, layout.window, paralysable=False)
         if layout.free:
-            self.recent = layout.left_over(every, layout.window)
-            self.blocking = layout.left_over(hits[found], layout.window)
-        return hits[found & own]
+            self.recent = layout.pending_after(every, layout.window)
+            self.blocking = layout.pending_after(hits[found], layout.window)
+        return hits[found & is_new]
 
 
 def detections(

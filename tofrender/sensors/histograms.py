@@ -79,8 +79,8 @@ class Histogram:
         """Return numbers of at least 0, a number or (y, x), for the pixels of these counts."""
         if isinstance(values, xr.DataArray) and values.ndim:
             found = read_array(values, PIXELS, name)
-            for axis, own in self.pixels.items():
-                if not np.array_equal(found[axis], own):
+            for axis, expected in self.pixels.items():
+                if not np.array_equal(found[axis], expected):
                     raise ValueError(
                         f"{name}: the axis {axis} has other pixels than the counts. Select the "
                         "same pixels"

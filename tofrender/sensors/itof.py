@@ -157,10 +157,10 @@ class Itof(Camera):
         """Require all taps and frequencies of this camera, and return them in order."""
         shape = (len(self.frequencies_hz), self.taps)
         given = frames["frequency"].values
-        own = frames["taps"].shape[:2] == shape and "frequency" in frames.coords
-        own = own and np.array_equal(np.sort(given), np.sort(self.frequencies_hz))
-        own = own and np.array_equal(frames["tap"], np.arange(self.taps))
-        if not own:
+        is_complete = frames["taps"].shape[:2] == shape and "frequency" in frames.coords
+        is_complete = is_complete and np.array_equal(np.sort(given), np.sort(self.frequencies_hz))
+        is_complete = is_complete and np.array_equal(frames["tap"], np.arange(self.taps))
+        if not is_complete:
             raise ValueError(
                 f"frames: the axes frequency and tap must have {shape[0]} and {shape[1]} entries, "
                 "of this camera's frequencies. Pass all frames of this camera"

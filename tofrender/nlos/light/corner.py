@@ -39,7 +39,7 @@ GOLDEN = 0.6180339887498949
 def walked_weight(guided: Guided, vertex: Vertex, path: Path) -> mi.Float:
     """Return the MIS weight of a walked path's connection to the laser spot."""
     by_area = CONNECTIONS * guided.targets.density(vertex.si, path.prev)
-    found_twice = (path.depth == 1) & guided.competed(path)
+    found_twice = (path.depth == 1) & guided.is_combined(path)
     return dr.select(found_twice, path.pdf / (path.pdf + by_area), 1)
 
 

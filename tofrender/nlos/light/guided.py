@@ -121,27 +121,31 @@ class Guided(ScatteringWrapper):
     Args:
         inner: Scattering without guiding.
         targets: The target surfaces.
-        senders: Shapes on which paths are guided, usually the relay wall.
+        guided_shapes: Shapes on which paths are guided, usually the relay wall.
         probability: Probability s of sampling a target, in (0, 1]. With 1, the BSDF is not sampled.
     """
 
     def __init__(
-        self, inner: Scattering, targets: Targets, senders: Sequence[mi.Shape], probability: float
+        self,
+        inner: Scattering,
+        targets: Targets,
+        guided_shapes: Sequence[mi.Shape],
+        probability: float,
     ) -> None:
         super().__init__(inner)
         self.targets = targets
-        self.senders = list(senders)
+        self.guided_shapes = list(guided_shapes)
         self.probability = probability
 
     def guide(self) -> mi.Float:
         """Return the initial value of `Path.guide`, 0."""
         return mi.Float(0)
 
-    def sends(self, vertex: Vertex, active: mi.Bool) -> mi.Bool:
+    def guides_at(self, vertex: Vertex, active: mi.Bool) -> mi.Bool:
         """Return the lanes in which a vertex samples directions to targets."""
-        return active & self.smooth(vertex) & is_on(vertex.si, self.senders)
+        return active & self.smooth(vertex) & is_on(vertex.si, self.guided_shapes)
 
-    def competed(self, path: Path) -> mi.Bool:
+    def is_combined(self, path: Path) -> mi.Bool:
         """Return the lanes in which both techniques could have sampled the path's ray."""
         return (path.guide != 0) & ~path.specular
 
@@ -168,8 +172,8 @@ class Guided(ScatteringWrapper):
         # Sample a point on a target, and evaluate the BSDF for its direction
         xi = sampler.next_1d()
         u = sampler.next_2d()
-        sending = self.sends(vertex, active)
-        chosen = sending & (xi < self.probability)
+        guided = self.guides_at(vertex, active)
+        chosen = guided & (xi < self.probability)
         si = vertex.si
         to_target = self.targets.sample(u, chosen)[0].p - si.p
         r = dr.norm(to_target)
@@ -178,8 +182,8 @@ class Guided(ScatteringWrapper):
 
         # Divide by the probability of the chosen technique
         by_material = 1 - self.probability
-        factor = dr.select(sending, dr.rcp(by_material) if by_material > 0 else 0.0, 1)
-        reflected = mi.unpolarized_spectrum(sent.f) / self.sent_density(r)
+        factor = dr.select(guided, dr.rcp(by_material) if by_material > 0 else 0.0, 1)
+        reflected = mi.unpolarized_spectrum(sent.f) / self.target_density(r)
         weight = mi.unpolarized_spectrum(bsdf_sample.weight) * factor
 
         # Select the chosen technique
@@ -188,7 +192,7 @@ class Guided(ScatteringWrapper):
         bsdf_sample.pdf = dr.select(chosen, sent.pdf, bsdf_sample.pdf)
         bsdf_sample.η = dr.select(chosen, 1, bsdf_sample.η)
         bsdf_sample.specular &= ~chosen
-        bsdf_sample.guide = dr.select(chosen, r, dr.select(sending, MATERIAL, 0))
+        bsdf_sample.guide = dr.select(chosen, r, dr.select(guided, MATERIAL, 0))
         return bsdf_eval, bsdf_sample
 
     def complete_sample(self, path: Path, vertex: Vertex) -> Path:
@@ -205,7 +209,7 @@ class Guided(ScatteringWrapper):
         by_material = (1 - self.probability) * path.pdf
         by_area = self.probability * self.targets.density(vertex.si, path.prev)
         mixed = by_material + by_area
-        chosen = dr.select(sent, self.sent_density(path.guide), by_material)
+        chosen = dr.select(sent, self.target_density(path.guide), by_material)
 
         # A target that is seen edge-on contributes nothing
         counts = (mixed > 0) & ~(sent & (by_area == 0))
@@ -214,13 +218,13 @@ class Guided(ScatteringWrapper):
         path.active &= ~(sent & missed)
         return path
 
-    def sent_density(self, r: mi.Float) -> mi.Float:
+    def target_density(self, r: mi.Float) -> mi.Float:
         """Return the density of sampling a target point at distance r, times |cos| [1/sr]."""
         return self.probability * r * r / self.targets.area
 
     def _bsdf_probability(self, vertex: Vertex) -> mi.Float:
         """Return the probability of sampling the BSDF at a vertex."""
-        return dr.select(is_on(vertex.si, self.senders), 1 - self.probability, 1)
+        return dr.select(is_on(vertex.si, self.guided_shapes), 1 - self.probability, 1)
 
 
 def ray_to(si: mi.SurfaceInteraction3f, d: mi.Vector3f, r: mi.Float) -> mi.Ray3f:

@@ -201,16 +201,16 @@ class RelayWallPath(TransientPath):
     ) -> Guided | None:
         """Return the scattering that samples hidden geometry, or None if nothing is sampled."""
         # On which shapes are paths guided? Without a wall, on the shapes that the sensor sees
-        senders = wall
+        guided_shapes = wall
         if not wall and (self._samples_by_name or self.hidden_shapes is not None):
-            senders = [s for s in seen_shapes(scene, sensor) if not s.is_emitter()]
+            guided_shapes = [s for s in seen_shapes(scene, sensor) if not s.is_emitter()]
 
         # Which shapes are targets?
         if self.hidden_shapes is None:
-            aims = [shape for shape in surfaces if shape not in senders]
+            target_shapes = [shape for shape in surfaces if shape not in guided_shapes]
         else:
-            aims = find_shapes(scene, self.hidden_shapes, "hidden_shapes")
-            walls = [shape for shape in aims if shape in senders]
+            target_shapes = find_shapes(scene, self.hidden_shapes, "hidden_shapes")
+            walls = [shape for shape in target_shapes if shape in guided_shapes]
             if walls:
                 raise ValueError(
                     f"hidden_shapes = {walls[0].id()!r}: this shape is part of the relay wall. "
@@ -218,17 +218,17 @@ class RelayWallPath(TransientPath):
                 )
 
         # A scene that is one merged shape cannot be divided into wall and hidden geometry
-        if senders and not wall and len(surfaces) == 1:
+        if guided_shapes and not wall and len(surfaces) == 1:
             warnings.warn(
                 f"nlos_hidden_geometry_sampling: the scene is one shape, {surfaces[0].id()!r}. If "
                 "relay wall and hidden geometry were merged, tofrender.load_scene(..., "
                 "optimize=False) keeps them separate and has less noise",
                 stacklevel=3,
             )
-        if not senders or not (aims or not wall):
+        if not guided_shapes or not (target_shapes or not wall):
             return None
-        targets = Targets(scene, self.targets(aims or surfaces, senders))
-        return Guided(Materials(scene), targets, senders, self.hidden_probability)
+        targets = Targets(scene, self.targets(target_shapes or surfaces, guided_shapes))
+        return Guided(Materials(scene), targets, guided_shapes, self.hidden_probability)
 
     def targets(self, hidden: list[mi.Shape], wall: list[mi.Shape]) -> list[mi.Shape]:
         """Return the target surfaces of hidden-geometry sampling."""

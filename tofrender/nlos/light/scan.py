@@ -158,7 +158,7 @@ class ScanPlan(Plan):
         path.opl = mi.Float(0) if self.limits.camera_unwarp else seen.length
 
         # Connect this vertex to the laser spot through a lattice of target points
-        active = guided.sends(seen, active)
+        active = guided.guides_at(seen, active)
         corner = CornerConnections(self.space, guided, endpoint)
         shift = sampler.next_2d()
         return accumulate_corner(corner, seen, path, shift, sampler, measurement, active)

@@ -438,7 +438,7 @@ class SpecularConnections:
 
         # Where does the ray, or its backward extension, pass the point?
         ahead = dr.dot(p - at, ray.d)
-        off = mi.Vector3f(p - dr.fma(ray.d, ahead, at))
+        offset_world = mi.Vector3f(p - dr.fma(ray.d, ahead, at))
         front = front.spread(ahead)
         length += dr.abs(ahead)
         optical = dr.fma(η, ahead, optical)
@@ -447,13 +447,13 @@ class SpecularConnections:
         across = mi.Frame3f(ray.d)
         p1 = across.to_local(front.p1)
         p2 = across.to_local(front.p2)
-        offset = across.to_local(off)
+        offset = across.to_local(offset_world)
         determinant = p1.x * p2.y - p1.y * p2.x
         a = (offset.x * p2.y - offset.y * p2.x) / determinant
         b = (p1.x * offset.y - p1.y * offset.x) / determinant
         axes = mi.Frame3f(d)
         step = mi.Vector3f(a * axes.s + b * axes.t)
-        miss = dr.norm(off) / length
+        miss = dr.norm(offset_world) / length
         exists &= dr.isfinite(a + b + miss)
         return Chain(
             exists=exists,

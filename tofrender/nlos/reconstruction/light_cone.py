@@ -72,7 +72,7 @@ def light_cone_transform(
 
     # Apply the Wiener filter, conj(kernel) / (|kernel|² + 1 / snr)
     power = np.square(kernel.real) + np.square(kernel.imag)
-    rest = np.float32(power.mean(dtype=np.float64) / (snr or SNR))
+    regularization = np.float32(power.mean(dtype=np.float64) / (snr or SNR))
     if snr is None and measured.background is not None:
         noise = noise_spectrum(resampling, measured.background.variance)
 
@@ -80,10 +80,12 @@ def light_cone_transform(
         mean = np.mean([np.square(abs(row)).mean(axis=0) for row in spectrum], axis=0)
         albedo = np.maximum(uniform_filter1d(mean - noise, 9), 1e-3 * noise)
         ratio = np.divide(noise, albedo, out=np.zeros(len(noise)), where=noise > 0)
-        rest = rest + (power.mean(axis=(0, 1), dtype=np.float64) * ratio).astype(np.float32)
+        regularization = regularization + (
+            power.mean(axis=(0, 1), dtype=np.float64) * ratio
+        ).astype(np.float32)
 
     # Divide in place and free memory early
-    power += rest
+    power += regularization
     np.conjugate(kernel, out=kernel)
     kernel /= power
     del power
