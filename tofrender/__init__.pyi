@@ -20,10 +20,10 @@ from . import (
     vis as vis,
 )
 from .analysis import (
-    angle_of_linear_polarisation as angle_of_linear_polarisation,
-    degree_of_circular_polarisation as degree_of_circular_polarisation,
-    degree_of_linear_polarisation as degree_of_linear_polarisation,
-    degree_of_polarisation as degree_of_polarisation,
+    angle_of_linear_polarization as angle_of_linear_polarization,
+    degree_of_circular_polarization as degree_of_circular_polarization,
+    degree_of_linear_polarization as degree_of_linear_polarization,
+    degree_of_polarization as degree_of_polarization,
     four_bucket as four_bucket,
     from_four_bucket as from_four_bucket,
     multipath_error as multipath_error,

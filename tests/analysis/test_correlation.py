@@ -1,4 +1,4 @@
-"""Four-bucket sensors, multi-path error maps in closed form, and true depth."""
+"""Four-bucket sensors, multipath errors in closed form, and true depth."""
 
 # ruff: noqa: E741 (I and Q are what the field calls them)
 
@@ -23,10 +23,10 @@ C = 299_792_458.0
 
 
 def test_buckets_are_what_a_pixel_integrates():
-    """Light 1 + cos(wt) from paths, sorted by a gain of (1 + cos(wt - theta)) / 2.
+    """Light 1 + cos(wt) of paths is multiplied by a gain of (1 + cos(wt - theta)) / 2.
 
-    Averaged over a period in small steps, for the four phase steps; a sine and a sine make the
-    contrast 1/2. Ambient light goes into the buckets evenly.
+    The product is averaged over a period in small steps, for the four phase steps. Two sines have
+    the contrast 1/2. All buckets receive the same ambient light.
     """
     f, ambient = 20e6, 0.7
     arrivals = np.array([[3.1, 0.8], [5.0, 0.3], [9.2, 0.1]])
@@ -69,18 +69,18 @@ def test_offsets_and_shapes_that_do_not_fit():
     )
     refused("must be equal", four_bucket, I, np.ones(3), offset=9)
     refused("must be equal", from_four_bucket, I, np.ones(3), I, I)
-    refused("must be equal, but", multipath_error, I, np.ones((3, 2)))
-    refused("must be equal, but", multipath_error, np.ones((4, 4)), np.ones((4, 1)))
+    refused("must be equal, except", multipath_error, I, np.ones((3, 2)))
+    refused("must be equal, except", multipath_error, np.ones((4, 4)), np.ones((4, 1)))
 
 
 @pytest.mark.parametrize("f", [20e6, 50e6])
 def test_error_map_of_a_corner(f):
-    """A diffuse floor beside a mirror: light reaches a point directly and through the mirror.
+    """A diffuse floor next to a mirror: light arrives directly, and by way of the mirror.
 
-    Camera and light are at (1, 0, 2), the mirror is x = 0 and the floor z = 0. The way over the
-    mirror is that from the image at (-1, 0, 2). With irradiance I cos / d^2 = I h / d^3 it weighs
-    a = R (d / d')^3 against the direct light, and the phase is wrong by the angle of
-    1 + a exp(i k (d' - d)): the depth by that over 2 k.
+    Camera and light are at (1, 0, 2), the mirror is x = 0, and the floor is z = 0. Light by way of
+    the mirror comes from the image at (-1, 0, 2). With the irradiance I cos / d^2 = I h / d^3, its
+    amplitude relative to direct light is a = R (d / d')^3. The phase is wrong by the angle of
+    1 + a exp(i k (d' - d)), and the depth by this angle over 2 k.
     """
     reflectance, h, width = 0.8, 2.0, 1e-3
     x, y = np.meshgrid(np.linspace(0.05, 3, 8), np.linspace(-1, 1, 5))
@@ -122,7 +122,7 @@ def test_error_wraps_and_is_unknown_without_truth():
 
 
 def perspective_rays(width, height, fov):
-    """Unit directions through pixel centres of a camera that looks along -z, x to the right."""
+    """Return unit directions through pixel centers of a camera along -z, with x to the right."""
     x, y = np.meshgrid((np.arange(width) + 0.5) / width, (np.arange(height) + 0.5) / height)
     half = np.tan(np.radians(fov) / 2)
     rays = np.stack([(2 * x - 1) * half, (1 - 2 * y) * half * height / width, -np.ones_like(x)], -1)
@@ -130,7 +130,7 @@ def perspective_rays(width, height, fov):
 
 
 def room(the_film, **options):
-    """A camera at (0.2, 0.1, 3) over the plane z = 0, and a wall that leans at the right."""
+    """Return a camera at (0.2, 0.1, 3) above the plane z = 0, and an inclined wall at the right."""
     origin = (0.2, 0.1, 3.0)
     sensor = camera(origin, (0.2, 0.1, 0.0), the_film, fov=60, near_clip=0.5, **options)
     wall = translate(0.9, 0, 0) @ rotate((0, 1, 0), -60)
@@ -143,7 +143,7 @@ def room(the_film, **options):
 
 
 def room_depth(width, height):
-    """Distances from the camera to the nearer of floor (2.4 m wide) and wall, NaN beside them."""
+    """Return distances from the camera to the floor (2.4 m wide) or the wall, NaN next to them."""
     origin, rays = np.array([0.2, 0.1, 3.0]), perspective_rays(width, height, 60)
     normal = np.array([-np.sin(np.radians(60)), 0, np.cos(np.radians(60))])
     with np.errstate(divide="ignore"):

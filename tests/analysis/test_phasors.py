@@ -32,7 +32,7 @@ def require_same(parts, others, **tolerance):
 
 
 def paths(*arrivals, bins=300, channels=1):
-    """A transient (2, 3, bins, channels), all pixels equal, with light in some bins."""
+    """Return a transient (2, 3, bins, channels) with equal pixels and light in some bins."""
     data = np.zeros((2, 3, bins, channels), np.float32)
     for index, light in arrivals:
         data[:, :, index] += light
@@ -87,7 +87,7 @@ def test_fourier_sums_of_noise_for_many_frequencies():
 
 
 def test_scale_of_film_data_and_of_densities():
-    """Film values are summed as they are; radiance per metre is multiplied by the bin width."""
+    """Film values are summed directly. Radiance per metre is multiplied by the bin width."""
     film = paths((30, 0.5), (31, 0.25))
     density = converted(film / WIDTH, quantity="radiance per metre")
     require_same(converted(film), density, rel=1e-6)
@@ -98,7 +98,7 @@ def test_scale_of_film_data_and_of_densities():
 
 
 def test_binning_error_is_as_documented():
-    """Light spread evenly over bins has sinc(f w / c) of the amplitude that their centres have."""
+    """Light spread evenly over bins has sinc(f w / c) times the amplitude of bin centers."""
     f, width, fine = 100e6, 0.2, 1000
     coarse = transient_to_phasor(np.ones((1, 1, 4, 1)), f, 1.0, width)
     exact = transient_to_phasor(np.full((1, 1, 4 * fine, 1), 1 / fine), f, 1.0, width / fine)
@@ -237,12 +237,12 @@ def test_parts_that_do_not_fit():
 
 
 def phases_of(depth, frequencies):
-    """Wrapped phases in (-pi, pi] of one path there and back."""
+    """Return wrapped phases in (-pi, pi] of a single path to a depth and back."""
     return np.stack([np.angle(np.exp(4j * np.pi * f * depth / C)) for f in frequencies])
 
 
 def chances(frequencies, count: int, least: float, seed: int):
-    """Phases that fit no depth, amplitudes, and ranges and weights of the frequencies."""
+    """Return phases that fit no depth, amplitudes, and ranges and weights of the frequencies."""
     rng = np.random.default_rng(seed)
     phases = rng.uniform(-np.pi, np.pi, (len(frequencies), count))
     amplitudes = 10 ** rng.uniform(least, 0, phases.shape)
@@ -277,7 +277,7 @@ def test_unwrap_is_right_beyond_one_range(frequencies):
 
 @pytest.mark.parametrize("frequencies", [(20e6, 50e6), (20e6, 50e6, 100e6)])
 def test_unwrap_with_noise(frequencies):
-    """Phase noise s gives depth noise s c / (4 pi f), and less from several frequencies."""
+    """Phase noise s causes depth noise s c / (4 pi f), and less with several frequencies."""
     rng = np.random.default_rng(4)
     depth, noise = rng.uniform(0.5, 14.4, (40, 50)), 0.05
     phases = phases_of(depth, frequencies)
@@ -316,7 +316,7 @@ def test_unwrap_is_unknown_without_light():
 
 
 def test_unwrap_takes_the_smaller_of_two_depths_that_fit_equally():
-    """Ranges of R/2 and R/5: 20 MHz says R/20 more than 50 MHz, which is R/20 less elsewhere."""
+    """With ranges of R/2 and R/5, both frequencies differ from two depths by the same amount."""
     R = unambiguous_range([20e6, 50e6])
     near = 1.0
     far = near + 3 * R / 5  # 50 MHz has the same phase there; 20 MHz is short of it by R/20
@@ -342,7 +342,7 @@ def test_unwrap_of_converted_phasors():
 @pytest.mark.parametrize("hair", [1e-9, 1e-5, 1e-3, 0.02])
 @pytest.mark.parametrize("limit", [3.0, 7.0, 12.0])
 def test_phases_a_hair_beyond_an_end_give_that_end(limit, hair):
-    """Noise moves a depth of 0 below 0, where no depth may be; it is 0 all the same."""
+    """If noise moves a depth of 0 below 0, outside the range, the result is 0."""
     frequencies = (20e6, 50e6)
     before = phases_of(np.array([0.0]), frequencies) - hair
     after = phases_of(np.array([limit]), frequencies) + hair
@@ -370,7 +370,7 @@ def test_unwrap_with_noise_at_the_ends(frequencies):
 @pytest.mark.parametrize("limit", [1.0, 4.0, 7.0])
 @pytest.mark.parametrize("frequencies", [(20e6, 50e6), (20e6, 30e6, 40e6)])
 def test_unwrap_is_the_likeliest_depth_of_the_range(frequencies, limit):
-    """Of all depths from 0 to the limit, a millimetre apart, for phases that fit none at all."""
+    """The result has the lowest cost of all depths in steps of 1 mm, for phases that fit none."""
     phases, amplitudes, ranges, weights = chances(frequencies, 300, -1, seed=2)
     said = phases / (2 * np.pi) * ranges
     depths = np.linspace(0, limit, round(1000 * limit) + 1)[:, None, None]

@@ -1,4 +1,4 @@
-"""Datasets with other bins, and those that xarray has coarsened, cut or summed over channels."""
+"""Datasets with other bins, also after xarray has coarsened, cut or summed them."""
 
 import numpy as np
 import pytest
@@ -13,13 +13,13 @@ from tofrender.nlos.captures import check_capture
 
 @pytest.fixture(autouse=True)
 def _keep_attributes():
-    """As newer versions of xarray do by default."""
+    """Keep attributes, as newer versions of xarray do by default."""
     with xr.set_options(keep_attrs=True):
         yield
 
 
 def made(energy_outside_window=0.0, **options):
-    """Return a film whose steady image has as much light outside of the window."""
+    """Return a film with equal amounts of light inside and outside the window."""
     dataset = make_dataset(
         height=4, width=6, bins=12, energy_outside_window=energy_outside_window, **options
     )

@@ -96,7 +96,7 @@ def test_a_camera_that_sees_more_than_the_wall(tmp_path, capsys):
     out = tmp_path / "box.h5"
     arguments = ("capture", "wall-box-sphere-nlos", "--grid", "4x4", "--spp", "2", "--out", out)
     status, told, err = run(capsys, *arguments)
-    assert err.startswith("warning: sensor: 8 of 16 pixels do not look at the relay wall; they")
+    assert err.startswith("warning: sensor: 8 of 16 pixels do not look at the relay wall. They")
     assert err.count("\n") == 1
     assert (status, told.strip()) == (0, f"{out}: confocal, 4x4 points, 1000 bins of 10 mm")
     assert tofrender.load_capture(out)["on_wall"].sum() == 8

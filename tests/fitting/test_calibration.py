@@ -1,4 +1,4 @@
-"""Calibration of multi-zone sensors: derivatives, true values, standard errors, refusals."""
+"""Calibration of multi-zone sensors: derivatives, true values, standard errors, errors."""
 
 from dataclasses import replace
 
@@ -47,7 +47,7 @@ GUESS = replace(
 
 
 def views(poses: int, seed: int = 1, **parts: float) -> dict[str, xr.Dataset]:
-    """Renders in which each pixel has light at a random place, of two parts."""
+    """Return renders of two parts in which each pixel has light at a random place."""
     rng = np.random.default_rng(seed)
     rows, columns = 7, 8
     light = np.zeros((poses, rows, columns, OPL.size))
@@ -102,7 +102,7 @@ def test_true_values_are_found():
 
 
 def test_standard_errors_are_those_of_photon_noise():
-    """Errors of many calibrations over their standard errors have the variance 1."""
+    """Errors of many calibrations, divided by their standard errors, have the variance 1."""
     parts = views(6)
     names = ["gains", "starts_opl", "floors", "crosstalk"]
     kept = replace(TRUE, crosstalk=0.02)

@@ -1,4 +1,4 @@
-"""`fit`: what it finds, when it ends, and what it refuses; and its losses against NumPy."""
+"""`fit`: results, ends and errors; and its losses against NumPy."""
 
 import os
 import signal
@@ -64,7 +64,7 @@ def test_finds_what_other_values_follow_from():
 
 
 def test_albedo_and_power_from_a_picture_of_mitsubas():
-    """By `prb`, in a picture without time: half of it is a wall of known albedo."""
+    """Fit a steady picture by `prb`. Half of the picture is a wall of known albedo."""
     picture = {"type": "hdrfilm", "width": 4, "height": 4, "rfilter": {"type": "box"}}
     walls = {"known": (1, 0.8), "wall": (-1, 0.3)}
     parts = {k: plane(translate(x, 0, 0), 1, bsdf=diffuse(a)) for k, (x, a) in walls.items()}
@@ -173,7 +173,7 @@ def test_seeds():
 
 
 def test_ends_where_the_loss_no_longer_falls():
-    """Each rate is half of the one before it, down to the tolerance."""
+    """Each learning rate is half of the previous one, until the tolerance."""
     options = {"learning_rate": 0.01, "patience": 4, "params": {POSITION: TRUE}}
 
     def until(tolerance: float, steps: int):
@@ -191,7 +191,7 @@ def test_ends_where_the_loss_no_longer_falls():
 
 
 def test_the_best_of_noisy_losses():
-    """Is where ten in a row are low, not a single one that is lucky."""
+    """The best step has ten low losses in a row, instead of a single low loss by chance."""
     noisy = {"scene": scene(START, 3.0, noise=0.3), "steps": 60, "learning_rate": 0.02}
     found = find(measured(noise=0.3), **noisy)
     means = np.convolve(found.losses, np.full(10, 0.1), "valid")
@@ -242,7 +242,7 @@ def test_an_unknown_gain_of_the_target_does_not_matter(loss, frequency_hz):
 @pytest.mark.parametrize("frequency_hz", [5e7, [5e7, 1e8]])
 @pytest.mark.parametrize("loss", ["phasor", "phase"])
 def test_takes_phasors_and_phases(loss, frequency_hz):
-    """I and Q, all of `transient_to_phasor`, or phases: the losses are those of the bins."""
+    """I and Q, the whole result of `transient_to_phasor`, or phases have the same loss as bins."""
     bins = np.array(measured()[1])
     phasors = tofrender.transient_to_phasor(bins, frequency_hz, 0.5, 0.05)
     targets = [bins, phasors[:2], tuple(phasors)]
@@ -264,7 +264,7 @@ def test_phasors_that_do_not_fit():
 
 
 def test_equal_walls_that_were_merged():
-    """The name of another wall is not recommended, which may be that of both."""
+    """The name of another wall is not recommended, because it may belong to both walls."""
     walls = {k: plane(translate(x, 0, 0), 1, bsdf=diffuse(0.5)) for k, x in (("a", -1), ("b", 1))}
     lamp = {"type": "point", "position": [0, 0, 2]}
     picture = {"type": "hdrfilm", "width": 4, "height": 4, "rfilter": {"type": "box"}}
@@ -272,7 +272,7 @@ def test_equal_walls_that_were_merged():
     described_scene = described(parts, camera((0, 0, 3), (0, 0, 0), picture), type="prb")
     missing = "a.bsdf.reflectance.value"
     made = mi.load_dict(described_scene)
-    with pytest.raises(ValueError, match=r"^params\['.*is no parameter.*optimize=False$"):
+    with pytest.raises(ValueError, match=r"^params\['.*does not have this.*optimize=False$"):
         tofrender.fit(made, {missing: 0.3, "b.bsdf.reflectance.value": 0.3}, np.ones((4, 4, 3)))
     kept = tofrender.load_scene(described_scene, optimize=False)
     assert missing in mi.traverse(kept)
@@ -280,7 +280,7 @@ def test_equal_walls_that_were_merged():
 
 @pytest.mark.parametrize("moves", [False, True])
 def test_films_without_a_pulse(moves):
-    """An albedo is found; a position is refused in one line."""
+    """An albedo is found. A position is refused in one line."""
     lamp = {"type": "point", "position": [0.1, 0, 0], "intensity": 5.0}
     bins = {"temporal_bins": 40, "start_opl": 3.0, "bin_width_opl": 0.1}
     film = {"type": "transient_hdr_film", "width": 4, "height": 3, "rfilter": {"type": "box"}}
@@ -359,21 +359,21 @@ def test_refused_before_any_render(said):
 def test_starts_and_optimisers_of_another_kind():
     with pytest.raises(ValueError, match=r"^params\['x'\] = UInt: must be of floats with deriva"):
         find(params={"x": mi.UInt32(1)}, apply=texture, learning_rate=0.1)
-    with pytest.raises(ValueError, match=r"^optimizer = Adam of a: must have no variables; params"):
+    with pytest.raises(ValueError, match=r"^optimizer = Adam: it has the variables a. Pass"):
         find(optimizer=mi.ad.Adam(lr=1.0, params={"a": mi.Float(1)}))
 
 
 def test_what_light_does_not_depend_on():
     where = "the loss does not depend on"
-    with pytest.raises(ValueError, match=rf"^params = x: {where} them where the fit starts; must"):
+    with pytest.raises(ValueError, match=rf"^params = x: {where} them at the start. Choose"):
         find(params={"x": 1.0}, apply=texture, learning_rate=0.1)
     params = {POSITION: START, "sensor.x_fov": 30.0}
-    with pytest.warns(UserWarning, match=rf"^params\['sensor.x_fov'\]: {where} it where the fit"):
+    with pytest.warns(UserWarning, match=rf"^params\['sensor.x_fov'\]: {where} it at the start"):
         find(params=params, learning_rate=0.1, steps=2)
 
 
 def test_loss_that_is_no_number():
-    with pytest.raises(ValueError, match=r"^loss: returned .*TensorXf.*; must return a number of"):
+    with pytest.raises(ValueError, match=r"^loss: returned .*TensorXf.*; must return a Dr.Jit"):
         find(loss=lambda rendered, target: rendered - target)
 
 
@@ -401,7 +401,7 @@ LOSSES = {
 
 
 def cubes(seed: int = 0) -> np.ndarray:
-    """What is rendered, and a target."""
+    """Return rendered light and a target."""
     return np.random.default_rng(seed).random((2, *SHAPE)).astype(np.float32)
 
 
@@ -410,7 +410,7 @@ def number(value) -> float:
 
 
 def in_numpy(name: str, rendered: np.ndarray, target: np.ndarray) -> float:
-    """The formulas, in double precision."""
+    """Return the loss by its formula, in double precision."""
     r, t = rendered.astype(float), target.astype(float)
     if name == "l2":
         return np.sum((r - t) ** 2) / np.sum(t**2)
@@ -440,7 +440,7 @@ def test_is_the_formula(name):
     assert number(loss(target, target)) < 1e-12
     dim = number(loss(rendered * 1e-6, target * 1e-6))
     assert abs(dim / found - 1) < 1e-3
-    with pytest.raises(ValueError, match=r"^target: holds no light; must have some"):
+    with pytest.raises(ValueError, match=r"^target: all values are 0. Pass a target with light"):
         loss(np.ones(SHAPE), np.zeros(SHAPE))
 
 
@@ -468,7 +468,7 @@ def test_derivative_is_that_of_differences(name, seed):
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", ["phase", "scale_free"])
 def test_noise_does_not_bias_products_of_two_renders(name):
-    """The mean over noisy pairs is the loss of clean light; with one render, noise adds to it."""
+    """The mean over noisy pairs is the loss of clean light. A single render adds its noise."""
     rng = np.random.default_rng(3)
     clean, target = rng.random((2, 12, 10, 7, 3)).astype(np.float32)
     expected = in_numpy(name, clean, target)
@@ -495,13 +495,13 @@ def test_renders_without_light_have_no_loss(name, render):
     second = -first
     if render == "black":
         first = second = np.zeros(SHAPE, np.float32)
-    with pytest.warns(UserWarning, match=r"the render holds no light, or only noise .*raise spp"):
+    with pytest.warns(UserWarning, match=r"the render is black or contains only noise .*spp"):
         loss = LOSSES[name](mi.TensorXf(first), target, other=mi.TensorXf(second))
     assert np.isnan(number(loss))
 
 
 def arrival(at: float, energy: float = 1.0, width: float = 0.15) -> np.ndarray:
-    """A Gaussian pulse around a length [m], in 200 bins of 0.05 m."""
+    """Return a Gaussian pulse around a length [m], in 200 bins of 0.05 m."""
     edges = np.arange(201) * 0.05
     pulse = tofrender.GaussianPulse(width)
     masses = np.diff(np.array(pulse.cdf(mi.Float(edges - at))))
@@ -509,7 +509,7 @@ def arrival(at: float, energy: float = 1.0, width: float = 0.15) -> np.ndarray:
 
 
 def along(loss) -> np.ndarray:
-    """Losses of a pulse that comes nearer, from 3 m early to its place."""
+    """Return losses of a pulse that approaches its place from 3 m too early."""
     return np.array([number(loss(arrival(x), arrival(6.0))) for x in np.linspace(3, 6, 16)])
 
 
@@ -524,7 +524,7 @@ def test_wasserstein_falls_from_afar_where_bins_are_flat():
 
 
 def test_pixels_without_light():
-    """Are neither divided by zero nor compared by their times."""
+    """Dark pixels do not cause a division by zero, and their times are not compared."""
     rendered, target = cubes()
     rendered[0, 0], target[1, 1] = 0, 0
     attached = mi.TensorXf(rendered)

@@ -302,7 +302,7 @@ def test_a_fit_that_loses_sight_of_the_light_says_so():
         params[FLOOR] = mi.Transform4f().translate([0, 0, values["z"]]).scale(10)
 
     options = {"apply": apply, "learning_rate": 0.3, "spp": 16, "steps": 12}
-    with pytest.warns(UserWarning, match="no light is left in the film"):
+    with pytest.warns(UserWarning, match="the final film is black"):
         fitted(lit()[0], {"z": -0.55}, lit()[1], **options)
 
 

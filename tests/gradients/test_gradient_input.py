@@ -80,7 +80,7 @@ REFUSED = {
     "ao": (PLANE, other_integrator("ao"), ["AmbientOcclusion", "derivative"]),
     "light tracer": (PLANE, other_integrator("transient_light_tracer"), ["Light", "derivative"]),
     "bdpt": (PLANE, other_integrator("transient_bdpt"), ["BDPT", "derivative"]),
-    "camera in glass": (INDEX, in_glass, ["sensor: is in glass or water"]),
+    "camera in glass": (INDEX, in_glass, ["sensor: ", "in glass or water"]),
     "gate without target": (GATED_PLANE, without("target_time"), ["target_time"]),
     "correlation": (MIRROR_2, without("frequency_hz", "phase_offset"), ["modulation"]),
 }

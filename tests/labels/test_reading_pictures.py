@@ -147,13 +147,13 @@ def test_maps_of_velocities_are_where_their_pixels_are():
 def test_stokes_components_are_found_by_their_names():
     light = polarized()["steady"]
     mixed = light.isel(stokes=[3, 1, 0, 2])
-    for degree in (tofrender.degree_of_polarisation, tofrender.angle_of_linear_polarisation):
+    for degree in (tofrender.degree_of_polarization, tofrender.angle_of_linear_polarization):
         xr.testing.assert_identical(degree(mixed), degree(light))
     other = turned(mixed)
     np.testing.assert_array_equal(vis.polarisation_picture(other), vis.polarisation_picture(light))
     assert_same(drawn(vis.polarisation_figure(other)), drawn(vis.polarisation_figure(light)))
     four = light.isel(stokes=[0, 1, 2, 2])
-    for call in (tofrender.degree_of_polarisation, vis.polarisation_picture):
+    for call in (tofrender.degree_of_polarization, vis.polarisation_picture):
         refused("stokes", call, four)
 
 

@@ -1,4 +1,4 @@
-"""Captures: where pixels look, where lasers aim, their lengths, and all modes the same light."""
+"""Captures: points of pixels, aims of lasers, path lengths, and equal light in all modes."""
 
 import mitsuba as mi
 import numpy as np
@@ -29,7 +29,7 @@ def capture(scene, progress: bool = False, **options):
 
 
 def in_front(to_world) -> tuple:
-    """A place before a wall, wherever that is."""
+    """Return a random position in front of a wall with any pose."""
     return tuple((matrix(to_world) @ [*DEVICE, 1])[:3].tolist())
 
 
@@ -42,7 +42,7 @@ def meter_scene(width: int, height: int, to_world=None, **more) -> dict:
 
 
 def looked_at(loaded: mi.Scene, width: int, height: int) -> np.ndarray:
-    """Where the sensor's own rays for the middle of each pixel meet the wall, (y, x, 3)."""
+    """Return where the sensor's rays through pixel centers meet the wall, (y, x, 3)."""
     y, x = (a.ravel() + 0.5 for a in np.mgrid[:height, :width])
     ray, weight = loaded.sensors()[0].sample_ray(
         0, 0.5, mi.Point2f(x / width, y / height), mi.Point2f(0.5)
@@ -52,7 +52,7 @@ def looked_at(loaded: mi.Scene, width: int, height: int) -> np.ndarray:
 
 
 def test_every_resolution_hits_its_pixels():
-    """From 1 to 128 on both axes, on two walls, wherever in the pixel the sample is."""
+    """Resolutions from 1 to 128, on two walls, and samples anywhere in a pixel."""
     for size in range(1, 129):
         to_world = (None, MOVED)[size % 2]
         width, height = size, 129 - size
@@ -70,7 +70,7 @@ def test_every_resolution_hits_its_pixels():
 
 
 def test_crop():
-    """A crop window's pixels look where those of the whole film do, at points of the wall."""
+    """Pixels of a crop window look at the same points of the wall as in the whole film."""
     whole = nlos.load_nlos(meter_scene(7, 5, MOVED))
     part = nlos.load_nlos(meter_scene(7, 5, MOVED, **CROP))
     expected = looked_at(whole, 7, 5)[1:3, 2:5]
@@ -101,7 +101,7 @@ def pose_of_laser(loaded: mi.Scene) -> np.ndarray:
 
 
 def laser_of(loaded: mi.Scene) -> np.ndarray:
-    """Where the laser's axis meets the scene."""
+    """Return where the laser's axis meets the scene."""
     pose = pose_of_laser(loaded)
     ray = mi.Ray3f(pose[:3, 3].tolist(), pose[:3, 2].tolist())
     return np.array(loaded.ray_intersect(ray).p).ravel()
@@ -157,7 +157,7 @@ def test_focus_on_a_pixel_of_a_crop(scene_of):
 def test_focus_on_a_pixel_that_sees_nothing_is_refused():
     loaded = aimed_by_camera(film(7, 5), (0.2, 0.1, 3))
     before = pose_of_laser(loaded)
-    with pytest.raises(ValueError, match=r"\Apixel = \(3, 2\): sees nothing; must be one that.*\Z"):
+    with pytest.raises(ValueError, match=r"\Apixel = \(3, 2\): sees no surface. Choose.*\Z"):
         focus_laser(loaded, pixel=(3, 2))
     assert (pose_of_laser(loaded) == before).all()
 
@@ -220,12 +220,12 @@ def quiet(mode: str, spp: int = 2048, seed: int = 1, **options):
 
 
 def intensity() -> float:
-    """Of the scene's spot, which gives LIT one watt on one square metre."""
+    """Return the intensity of the scene's spot, which sends one watt to a square meter at LIT."""
     return float(around_the_corner()["laser"]["intensity"]["value"][0])
 
 
 def power(point) -> float:
-    """Of the spot if it is turned to a point of the wall."""
+    """Return the power of the spot on a square meter, if it is aimed at a point of the wall."""
     away = np.subtract(LASER, point)
     return intensity() * away[2] / np.linalg.norm(away) ** 3
 
@@ -260,7 +260,7 @@ def test_captures_are_the_formula():
 
 @pytest.mark.statistical
 def test_power_of_a_projector():
-    """The irradiance that Mitsuba sees at the lit point, on one square metre."""
+    """The power is the irradiance at the lit point in Mitsuba, times one square meter."""
     described = around_the_corner() | {"laser": projector()}
     loaded = nlos.load_nlos(described)
     focus_laser(loaded, point=LIT)
@@ -276,7 +276,7 @@ def test_power_of_a_projector():
 
 @pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
 def test_a_capture_tells_the_light_that_its_window_loses(mode):
-    """Form f1, beyond the window's end; the lit point is before its start and does not count."""
+    """Light of form f1 is after the window; light of the laser spot before it does not count."""
     stop = 2.5
     window = film(3, 2, bins=7, start=1.8, bin_width=0.1)
     loaded = nlos.load_nlos(around_the_corner(the_film=window, filter_bounces=-1, max_depth=3))
@@ -350,7 +350,7 @@ def test_grid_changes_the_film():
 
 
 def unwarped(kind: str, mode: str) -> dict:
-    """The legs count, but for the one that `camera_unwarp` leaves out."""
+    """Return a capture that counts all legs except the leg that `camera_unwarp` excludes."""
     window = film(3, 3, bins=320, start=0.0, bin_width=0.02)
     more = {"camera_unwarp": True, "account_first_and_last_bounces": True}
     hidden = {"hidden": PLATE.shape()}

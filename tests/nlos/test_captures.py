@@ -1,4 +1,4 @@
-"""Captures: how they are built and checked, and what taking off the first and last legs keeps."""
+"""Captures: creating and checking them, and subtracting the first and last legs."""
 
 import numpy as np
 import pytest
@@ -60,7 +60,7 @@ def test_what_a_caller_changes_later_stays_out():
         ({"mode": "single"}, "laser_grid of type NoneType: must contain"),
         ({"on_wall": False}, r"on_wall = False: must be bool \(rows, columns\)"),
         ({"mode": "single", **LASER, "laser_grid": GRID}, "laser_"),
-        ({"counts_first_and_last_legs": True}, "sensor_origin, laser_origin: must be known"),
+        ({"counts_first_and_last_legs": True}, "sensor_origin, laser_origin: must be finite"),
         ({"attrs": {"list": [1]}}, r"attribute list = \[1\]: must be text"),
     ],
 )
@@ -80,7 +80,7 @@ def test_bad_input_in_one_line(changes, message):
         (lambda c: c.isel(opl=slice(2, None)), "start_opl, bin_width_opl = .*must be"),
         (lambda c: c.isel(opl=slice(0, 0)), "must have coordinates"),
         (lambda c: c.assign_attrs(counts_first_and_last_legs=2), "must be 0, 1"),
-        (lambda c: c.assign(laser_grid=c["laser_grid"] + 1), "laser_grid: a confocal one must"),
+        (lambda c: c.assign(laser_grid=c["laser_grid"] + 1), "laser_grid: must equal sensor_grid"),
     ],
 )
 def test_check_refuses(change, message):

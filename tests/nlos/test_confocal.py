@@ -1,4 +1,4 @@
-"""Three bounces around the corner by closed form. The formulas are in `nlos_oracles`."""
+"""Three bounces around the corner against closed forms from `nlos_oracles`."""
 
 import math
 
@@ -17,7 +17,7 @@ LIT = (-0.3, 0.25, 0.0)
 def totals(
     setup: nlos.Setup, hidden: nlos.Nodes, albedo: float = 0.7, lit=None, **more
 ) -> np.ndarray:
-    """What the four points of GRID see; each lights itself unless `lit` is given."""
+    """Return light of the four points of GRID. Each point is lit itself, unless `lit` is given."""
 
     def at(p) -> float:
         return nlos.total(setup, hidden, albedo, p if lit is None else lit, p, **more)
@@ -45,12 +45,12 @@ def three_of(mode: str, hidden: dict, the_film=None, setup=None, **options) -> d
 
 
 def in_time(described: dict, spp: int) -> np.ndarray:
-    """Bins of the first pixel over seeds."""
+    """Return bins of the first pixel for several seeds."""
     return over_seeds(nlos.estimates(described, spp, "transient"), SEEDS)[:, 0, 0]
 
 
 def found(description: dict, spp: int = 512, seeds=SEEDS) -> np.ndarray:
-    """Steady pictures over seeds."""
+    """Return steady pictures for several seeds."""
     return over_seeds(nlos.estimates(description, spp), seeds)
 
 
@@ -63,7 +63,7 @@ PATCHES = {
 
 
 def facing(patch: nlos.Rectangle) -> nlos.Rectangle:
-    """The side towards which the middle of the wall is."""
+    """Flip a patch so that it faces the middle of the wall."""
     return patch if np.dot(patch.normal, patch.centre) < 0 else patch.flipped()
 
 
@@ -107,7 +107,7 @@ def test_patch_in_time(mode, legs):
 @pytest.mark.statistical
 @pytest.mark.parametrize("half_width", [12, 200])
 def test_infinite_plane(half_width):
-    """A parallel plane of 24 m, of which the wall's material and area sampling find the middle."""
+    """A parallel plane of 24 m: its middle is found by the wall's BSDF and by area sampling."""
     setup, distance = nlos.Setup(legs=False, power=3.0), 0.8
     edges = 2 * (distance + np.arange(21) * 0.05 - 0.02)
     far = nlos.Rectangle.turned((0, 0, distance), 0, 0, half=(half_width, half_width))
@@ -196,7 +196,7 @@ def test_two_sided_is_one_sided_turned(mode):
 
 
 def behind(plate: nlos.Rectangle, nodes: nlos.Nodes, *points) -> nlos.Nodes:
-    """Those nodes that all points see, with the plate before some of them."""
+    """Return the nodes that all points see, although the plate occludes some nodes."""
     clear = np.ones(len(nodes.areas), bool)
     for point in points:
         d = nodes.points - point
@@ -213,7 +213,7 @@ BLACK = {"type": "twosided", "side": diffuse(0.0)}
 
 @pytest.mark.statistical
 def test_half_hidden():
-    """A plate between the wall's middle and the object hides the object's lower half from there."""
+    """A plate hides the lower half of the object from the middle of the wall."""
     plate = nlos.Rectangle((0.05, -0.15, 0.45), (0.2, 0, 0), (0, 0.15, 0.1))
     parts = {"hidden": FRONT.shape(), "plate": plate.shape(BLACK)}
     nodes = behind(plate, FRONT.nodes(1000, 1000), np.zeros(3))

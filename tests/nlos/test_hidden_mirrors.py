@@ -1,4 +1,4 @@
-"""Light of hidden mirrors and glass against closed forms: the laser spot is seen by images."""
+"""Light by way of hidden mirrors and glass against closed forms with mirror images."""
 
 import math
 
@@ -41,7 +41,7 @@ def described(mode, hidden, bins=1, **options):
 
 
 def sheet(bsdf, z, size=4.0, tilt=0.0):
-    """A square towards the wall, turned around y by `tilt` degrees."""
+    """Return a square that faces the wall, rotated around y by `tilt` degrees."""
     pose = mi.ScalarTransform4f().translate([0, 0, z]).rotate([0, 1, 0], 180 + tilt).scale(size)
     return {"type": "rectangle", "to_world": pose, "bsdf": bsdf}
 
@@ -55,13 +55,13 @@ def image(point, at, normal):
 
 
 def points(mode):
-    """Observed points, and the laser spot of each."""
+    """Return the observed points, and the laser spot of each point."""
     for seen in GRID.points().reshape(-1, 3):
         yield seen, seen if mode == "confocal" else LIT
 
 
 def by_mirror(mode, z, tilt):
-    """L = R Φ ρ² cos cos / (π² r²) by a mirror, and the path length."""
+    """Return L = R Φ ρ² cos cos / (π² r²) by way of a mirror, and the path length."""
     light, length = [], []
     at, normal = np.array([0, 0, z]), normal_of(tilt)
     for seen, lit in points(mode):
@@ -86,7 +86,7 @@ def test_a_mirror(mode, tilt):
 
 
 def test_closed_forms_of_a_parallel_mirror():
-    """Confocal R Φ ρ² / (4 π² D²)."""
+    """Confocal light by a parallel mirror is R Φ ρ² / (4 π² D²)."""
     light, _ = by_mirror("confocal", 1.7, 0.0)
     expected = R * POWER * ALBEDO**2 / (4 * math.pi**2 * 1.7**2)
     assert light == pytest.approx(np.full((2, 3), expected))
@@ -104,7 +104,7 @@ def test_a_beam_with_a_width():
     ("depth", "count"), [({"max_depth": 2}, 0), ({"max_depth": 3}, 1), ({"filter_bounces": 4}, 0)]
 )
 def test_depth(depth, count):
-    """Laser spot, mirror and observed point are three surface points, and three segments."""
+    """A path with laser spot, mirror and observed point has three surface points and segments."""
     light, _ = by_mirror("single", 1.7, 0.0)
     options = {"filter_bounces": -1, "use_nlos_only": True} | depth
     scene = described("single", {"mirror": sheet(MIRROR, 1.7)}, **options)
@@ -124,7 +124,7 @@ def test_depth(depth, count):
     ids=["blend", "two_mirrors", "plastic", "pane", "twosided"],
 )
 def test_lobes(bsdf, reflectance):
-    """A parallel mirror of any kind reflects with its own reflectance."""
+    """A parallel mirror of any kind reflects with its reflectance."""
     expected = reflectance * POWER * ALBEDO**2 / (4 * math.pi**2 * 1.7**2)
     scene = described("confocal", {"mirror": sheet(bsdf, 1.7)})
     estimates = over_seeds(nlos.estimates(scene, 256), SEEDS)
@@ -132,10 +132,10 @@ def test_lobes(bsdf, reflectance):
 
 
 def test_glass_before_a_mirror():
-    """A slab of index n and thickness t, at a, before a mirror at D.
+    """A slab of index n and thickness t, at a, in front of a mirror at D.
 
-    Light goes through four interfaces. It spreads as on 2 (D - t + t / n) in air and takes
-    2 (D - t + n t); the slab's two sides reflect as well.
+    Light passes four interfaces. It spreads as on 2 (D - t + t / n) in air, and its path length is
+    2 (D - t + n t). Both sides of the slab also reflect.
     """
     front, thickness, distance = 1.3, 0.2, 2.0
     slab = {"type": "cube", "bsdf": GLASS}
@@ -167,7 +167,7 @@ def test_glass_before_a_mirror():
 
 
 def test_a_ball():
-    """At D before a ball of radius R, the light spreads as on 2 D (1 + D / R)."""
+    """At D in front of a ball of radius R, light spreads as on 2 D (1 + D / R)."""
     center, radius = np.array([0.1, -0.2, 1.9]), 0.6
     ball = {"type": "sphere", "center": center.tolist(), "radius": radius, "bsdf": MIRROR}
     scene = described("confocal", {"ball": ball})
@@ -184,7 +184,7 @@ def test_a_ball():
 def test_a_patch_before_and_behind_a_mirror():
     """Four bounces: from the spot's image to the patch, and from the patch to the point's image.
 
-    The mirror is upright on the wall, so that the images are on the wall's plane.
+    The mirror is perpendicular to the wall, so that the images are in the wall's plane.
     """
     patch = nlos.Rectangle.turned((0.2, -0.1, 0.9), 25, 40, half=(0.2, 0.15), albedo=0.6)
     at, normal = np.array([1.3, 0, 0]), np.array([-1.0, 0, 0])
@@ -202,7 +202,7 @@ def test_a_patch_before_and_behind_a_mirror():
 
 
 def test_a_wall_of_plastic():
-    """The wall's mirror reflects the beam to a hidden wall, whose spot lights the wall."""
+    """The wall's mirror lobe reflects the beam to a hidden wall, and this spot lights the wall."""
     plastic = PLASTIC | {"diffuse_reflectance": grey(0.5)}
     scene = described("single", {"hidden": sheet(diffuse(0.6), 1.2)}, bins=400)
     scene["relay_wall"]["bsdf"] = plastic
@@ -243,7 +243,7 @@ def mirror_context():
 
 
 def test_an_absorbing_medium_before_a_mirror():
-    """exp(-2 σ t) on the way there and back through a slab of thickness t."""
+    """Light passes a slab of thickness t on the way out and back: exp(-2 σ t)."""
     medium = {"type": "homogeneous", "albedo": 0.0, "sigma_t": 0.9}
     pose = mi.ScalarTransform4f().translate([0, 0, 1.4]).scale([6, 6, 0.15])
     fog = {"type": "cube", "to_world": pose, "bsdf": {"type": "null"}, "interior": medium}
@@ -282,12 +282,12 @@ def test_refused_instances(bsdf, others):
     }
     options = {"nlos_hidden_geometry_sampling": False}
     scene = nlos.load_nlos(described("confocal", hidden | others, **options))
-    with refused("shape 'group': an instance of a mirror or glass is not supported; copy it"):
+    with refused("shape 'group': an instance of a mirror or glass is not supported. Add the shape"):
         tofrender.capture(scene, mode="confocal", spp=1, progress=False)
 
 
 def test_instances_of_rough_shapes():
-    """Instances without mirrors are no mirrors."""
+    """Instances of shapes without mirrors are not treated as mirrors."""
     hidden = {
         "group": {"type": "shapegroup", "sheet": sheet(diffuse(0.3), 0.0)},
         "copy": {"type": "instance", "shapegroup": {"type": "ref", "id": "group"}},

@@ -1,4 +1,4 @@
-"""Ways to find hidden geometry, and the number of bounces: all must give the same light."""
+"""All ways to sample hidden geometry give the same light, for each number of bounces."""
 
 import functools
 
@@ -56,7 +56,7 @@ def test_hidden_geometry_that_touches_the_wall(mode, name):
 
 @pytest.mark.statistical
 def test_shapes_of_very_different_areas():
-    """A sphere, an ellipse, a plate of 4 m² and one of 16 cm²; none is in another's way."""
+    """A sphere, an ellipse, a plate of 4 m² and a plate of 16 cm², without occlusion."""
     plates = [
         facing(nlos.Rectangle.turned((0.0, 0.3, 2.0), 10, 20, half=(1.0, 1.0))),
         facing(nlos.Rectangle.turned((-0.35, -0.2, 0.5), 20, 200, half=(0.02, 0.02))),
@@ -81,7 +81,7 @@ def test_shapes_of_very_different_areas():
 
 
 def mesh(plate: nlos.Rectangle, normal) -> mi.Mesh:
-    """The plate as two triangles whose vertices have other normals."""
+    """Return the plate as two triangles with modified vertex normals."""
     corners = [(-1, -1, 0, 1), (1, -1, 0, 1), (1, 1, 0, 1), (-1, 1, 0, 1)]
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(diffuse(plate.albedo))
@@ -97,7 +97,7 @@ def mesh(plate: nlos.Rectangle, normal) -> mi.Mesh:
 
 @pytest.mark.statistical
 def test_mesh_with_other_normals():
-    """Areas and densities belong to the triangles, materials to the vertex normals."""
+    """Areas and densities use the triangles, materials use the vertex normals."""
     tilt = facing(nlos.Rectangle.turned(PLATE.centre, 45, -100)).normal
     assert 0.3 < tilt @ PLATE.normal < 0.9
     shape, nodes = mesh(PLATE, tilt), PLATE.nodes(100, 100)
@@ -110,7 +110,7 @@ def test_mesh_with_other_normals():
 
 
 def folded(mode: str) -> dict:
-    """A groove before two walls at right angles; in "single", the laser lights the second one."""
+    """Return a groove in front of two perpendicular walls; "single" lights the second wall."""
     to_world = mi.ScalarTransform4f().translate([-1.3, 0, 0.9]).rotate([0, 1, 0], 90).scale(0.5)
     side = {"type": "rectangle", "to_world": to_world, "bsdf": diffuse(0.6)}
     hidden = {"side_wall": side} | groove_shapes(nlos.Groove(z=1.3, half_length=0.3))
@@ -145,7 +145,7 @@ def test_bounces_are_a_partition(mode):
 @pytest.mark.statistical
 @pytest.mark.parametrize("mode", MODES)
 def test_nlos_only_leaves_out_what_the_walls_do_alone(mode):
-    """What is left are the paths that black hidden surfaces end."""
+    """The remaining light is the light of paths that end on black hidden surfaces."""
     described = folded(mode)
     black = {k: described[k] | {"bsdf": diffuse(0.0)} for k in ("left", "right")}
     only, every, alone, never = (
@@ -163,7 +163,7 @@ def test_nlos_only_leaves_out_what_the_walls_do_alone(mode):
 
 
 def lamp_scene(**options) -> dict:
-    """A spot that lights most of the wall, and nothing else."""
+    """Return a scene with only a spot that lights most of the wall."""
     ball = {"type": "sphere", "center": [-0.5, -0.6, 1.3], "radius": 0.3, "bsdf": diffuse(0.9)}
     hidden = {"panel": PANEL.shape(), "plate": PLATE.shape(), "ball": ball}
     options = {"nlos_laser_sampling": False} | options
@@ -185,7 +185,7 @@ def by_mitsuba(depth: int) -> np.ndarray:
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", OPTIONS)
 def test_the_emitter_itself(name):
-    """Three bounces and all up to four, as Mitsuba's `path` counts them one segment longer."""
+    """Three bounces, and up to four; Mitsuba's `path` counts one segment more."""
     options = OPTIONS[name] | {"rr_depth": 100}
     three = found(lamp_scene(filter_bounces=3, **options), 512)
     assert agree(three, by_mitsuba(4) - by_mitsuba(3)[::-1])

@@ -1,4 +1,4 @@
-"""Around the corner through fog: what it takes, what it scatters, and where that is infinite."""
+"""Light around the corner through fog: absorption, scattering, and infinite light."""
 
 import math
 from functools import partial
@@ -46,7 +46,7 @@ def look(target: Any) -> mi.ScalarTransform4f:
 
 
 def corner(integrator: dict, max_depth: int = 4, **parts: Any) -> dict:
-    """A wall, something hidden above it, a laser and a camera; `around` is what they are in."""
+    """Return a wall, a hidden shape above it, a laser and a camera, in the medium `around`."""
     around = parts.pop("around", None)
     laser = {"type": "projector", "fov": FOV, "irradiance": 100.0, "to_world": look(SPOT)}
     hidden = translate(0.2, 0, 1) @ rotate((1, 0, 0), 180)
@@ -64,7 +64,7 @@ def corner(integrator: dict, max_depth: int = 4, **parts: Any) -> dict:
 
 
 def seen(described: dict | mi.Scene, spp: int, seeds, mode: str = "") -> list[np.ndarray]:
-    """The film's values for each seed, of a capture in some mode or of a render."""
+    """Return the film's values for each seed, for a capture in a mode or for a render."""
     loaded = load(described)
     function = partial(tofrender.capture, mode=mode) if mode else tofrender.render
     options = {"spp": spp, "progress": False}
@@ -72,14 +72,14 @@ def seen(described: dict | mi.Scene, spp: int, seeds, mode: str = "") -> list[np
 
 
 def bins(described: dict, spp: int, seeds) -> np.ndarray:
-    """The film's mean over path length, (seeds, bins)."""
+    """Return the film's mean in each bin, (seeds, bins)."""
     return np.mean(seen(described, spp, seeds), axis=(1, 2, 4))
 
 
 @pytest.mark.parametrize("where", ["around", "in a box", "slab"])
 @pytest.mark.parametrize("mode", LEGS)
 def test_absorption_separates(mode, where):
-    """Every bin is darker by exp(-mu s), where s is the part of each path in the fog."""
+    """Each bin is darker by exp(-mu s), with the length s of the path in the fog."""
     integrator, legs = MODES[mode], LEGS[mode]
     fogs, μ, inside = ABSORBING[where]
     clear = bins(corner(integrator), 512, SEEDS)
@@ -118,7 +118,7 @@ FOGS = {
 
 @pytest.mark.parametrize("name", FOGS)
 def test_fog_scatters_as_a_bidirectional_tracer_finds(name):
-    """A projector of so little width is a beam; the power of the lit point is that of 1 m²."""
+    """A very narrow projector is a beam. The lit point represents 1 m²."""
     ours = bins(corner(SINGLE, 3, **FOGS[name]), 2048, SEEDS)
     reference = bins(corner({"type": "transient_bdpt"}, 4, **FOGS[name]), 2048, OTHER_SEEDS)
     r = math.dist(DEVICE, SPOT)
@@ -128,7 +128,7 @@ def test_fog_scatters_as_a_bidirectional_tracer_finds(name):
 
 
 def test_a_beam_that_is_not_scattered_is_noticed(monkeypatch):
-    """All of the laser's light, landing on the wall: fog would be darker, and later."""
+    """Without scattering of the beam, all light of the laser would arrive, brighter and earlier."""
     right = bins(corner(SINGLE, 3, around=THIN), 1024, SEEDS)
     monkeypatch.setattr(relay_wall_path, "scatter_beam", lambda scan, beam: beam)
     wrong = bins(corner(SINGLE, 3, around=THIN), 1024, OTHER_SEEDS)
@@ -137,9 +137,9 @@ def test_a_beam_that_is_not_scattered_is_noticed(monkeypatch):
 
 @pytest.mark.parametrize("integrator", [CONFOCAL, EACH], ids=["confocal", "each"])
 def test_infinite_light_is_refused(integrator):
-    """Of a beam that the camera looks along, or that ends where it looks."""
+    """The camera looks along the beam, or at its end."""
     for around in (THIN, fog(0.6, 0.95, 0.4, "grid")):
-        with pytest.raises(ValueError, match=r"\A[^\n]*would be infinite; must[^\n]*\Z"):
+        with pytest.raises(ValueError, match=r"\A[^\n]*infinite. Make it absorb[^\n]*\Z"):
             tofrender.render(corner(integrator, around=around), spp=1, progress=False)
     apart = corner(integrator, slab=filled(cube((0.5, 0.5, 0.1), (0, 1.5, 0.5)), THIN))
     wide = corner(CONFOCAL | {"spot_sigma": 0.02}, around=THIN)
@@ -151,7 +151,7 @@ def test_infinite_light_is_refused(integrator):
 
 @pytest.mark.parametrize(("mode", "spp"), [("single", 64), ("confocal", 64), ("exhaustive", 16)])
 def test_fog_of_no_density_changes_nothing(mode, spp):
-    """A capture is the one without fog, with no more noise: no path is sent to the fog's end."""
+    """Light and noise equal those without fog: no path is sampled towards the fog's boundary."""
     clear, foggy = (
         np.mean(seen(scene, spp, seeds, mode), axis=-1).reshape(12, -1, 10, 30).sum(axis=-1)
         for scene, seeds in (

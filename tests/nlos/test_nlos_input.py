@@ -1,4 +1,4 @@
-"""What captures refuse, each in one line, and that shapes are never mixed up in silence."""
+"""Errors of captures in one line, and shapes that are never confused silently."""
 
 import gc
 import math
@@ -36,14 +36,14 @@ def shot(hidden: dict | None = None, **options) -> dict:
 
 
 def by_camera(described: dict, fov: float = 20, **wall) -> dict:
-    """The same with a camera; the wall has no sensor."""
+    """Return the same scene with a camera, and without a sensor on the wall."""
     plain = {k: v for k, v in described["relay_wall"].items() if k != "sensor"}
     eye = camera(DEVICE, (0, 0, 0), film(4, 4, **WINDOW), fov=fov)
     return described | {"relay_wall": plain | wall, "sensor": eye}
 
 
 def refusal(described: dict) -> str:
-    """What is said of a scene, whether it is loaded, rendered or captured."""
+    """Return the error message for a scene, when it is loaded, rendered or captured."""
     with pytest.raises((ValueError, TypeError)) as error:
         tofrender.render(nlos.load_nlos(described), spp=4, progress=False)
     assert "\n" not in str(error.value)
@@ -77,7 +77,7 @@ def test_parameters(described, name, values):
 
 
 def renamed(described: dict, name: str) -> dict:
-    """The same with another id of the wall."""
+    """Return the same scene with another id of the wall."""
     return {name if key == "relay_wall" else key: part for key, part in described.items()}
 
 
@@ -119,7 +119,7 @@ REFUSED = {
     "no sampling": (lambda: shot(capture_type=2, nlos_laser_sampling=False), "nlos_laser_sampling"),
     "unknown hidden shape": (two("wand"), f"hidden_shapes = 'wand': {NO_SHAPE}"),
     "empty hidden shape": (two(""), f"hidden_shapes = '': {NO_SHAPE}"),
-    "hidden wall": (two("relay_wall"), "'relay_wall': is the relay wall; must be other"),
+    "hidden wall": (two("relay_wall"), "'relay_wall': this shape is part of the relay wall"),
     "no id": (two(3), "hidden_shapes = 3: must be ids of shapes, separated by commas"),
     "hidden shapes without sampling": (
         two("hidden", nlos_hidden_geometry_sampling=False),
@@ -198,9 +198,9 @@ def of_copies() -> dict:
         (scan, {"mode": "exhaustive"}, "confocal"),
         (lambda: shot() | {"integrator": ORDINARY}, {}, "transient_nlos_path"),
         (lambda: shot() | AWAY, {"mode": "single", "spp": 1}, "laser"),
-        (lambda: scan({}), {}, r"\Ascene: has no hidden geometry"),
+        (lambda: scan({}), {}, r"\Ascene: hidden geometry is missing"),
         (fixed_projector, {}, r"\Ais_confocal = False: must be True"),
-        (of_copies, {"spp": 1}, "hidden_shapes = 'copy': is an instance"),
+        (of_copies, {"spp": 1}, "hidden_shapes = 'copy': instances are not supported"),
     ],
 )
 def test_captures(described, options, said):
@@ -212,7 +212,7 @@ def test_captures(described, options, said):
 
 
 def metered(described: dict, **options) -> dict:
-    """The same scene with options of its capture meter."""
+    """Return the same scene with options of its capture meter."""
     wall = described["relay_wall"]
     return described | {"relay_wall": wall | {"sensor": wall["sensor"] | options}}
 
@@ -230,7 +230,7 @@ SCENE_MODES = {
 
 @pytest.mark.parametrize("name", SCENE_MODES)
 def test_the_scene_decides_the_mode(name):
-    """The first mode is the default; each mode that the scene excludes is an error."""
+    """The first mode is the default. Each mode that the scene excludes is an error."""
     described, modes = SCENE_MODES[name]
     options = {"spp": 1, "progress": False}
     assert capture(described(), **options).attrs["mode"] == modes[0]
@@ -294,7 +294,7 @@ def test_rays_that_miss_are_black(spot_sigma):
 
 
 def alike() -> dict:
-    """Wall and hidden patch of one material: meshes that a default load makes one."""
+    """Return wall and hidden patch of the same material. A default load merges their meshes."""
     return by_camera(scan(use_nlos_only=True), bsdf=diffuse(0.7))
 
 
@@ -330,7 +330,7 @@ PLATES = {
 
 
 def aims(loaded: mi.Scene) -> list[mi.Shape]:
-    """What paths are sent to."""
+    """Return the target shapes of hidden-geometry sampling."""
     return loaded.integrator().plan(loaded, loaded.sensors()[0]).scattering.targets.shapes
 
 
@@ -358,7 +358,7 @@ def test_nothing_says_which_shape_is_the_wall():
     described = by_camera(shot(), fov=120)
     described["screen"] = described.pop("relay_wall")
     described["plate"] = nlos.Rectangle((3.0, 0, -0.5), (4.0, 0, 0), (0, 8.0, 0)).shape()
-    with pytest.raises(ValueError, match=r"\Arelay_wall: is not known, and the sensor sees .*\Z"):
+    with pytest.raises(ValueError, match=r"\Arelay_wall: the wall is unknown.* sensor sees .*\Z"):
         capture(described, progress=False)
     with pytest.warns(UserWarning, match="do not look"):
         data = capture(described, relay_wall="screen", spp=4096, progress=False)

@@ -1,4 +1,4 @@
-"""mitransient's captures are ours where it is right: same scene, same bins, same scale."""
+"""Captures agree with mitransient's, where mitransient is correct: same scene, bins and scale."""
 
 import subprocess
 import sys
@@ -18,7 +18,7 @@ SPP = 8192
 
 
 def peers_scene(mode: str) -> dict:
-    """A facing plate before the wall, laser and hidden geometry sampled: no fault known."""
+    """Return a facing plate with laser and hidden-geometry sampling, without known errors."""
     plate = Rectangle((0.2, 0.1, 0.9), (-0.3, 0, 0), (0, 0.25, 0))
     to_world = mi.ScalarTransform4f().look_at(list(DEVICE), list(LIT), [0, 1, 0])
     laser = {"type": "projector", "irradiance": grey(100.0), "fov": 0.2}
@@ -32,7 +32,7 @@ def peers_scene(mode: str) -> dict:
 
 
 def render_as_peer(mode: str, path: str) -> None:
-    """In a process of its own, where the plugins' names are theirs."""
+    """Render in a separate process, in which mitransient owns the names of the plugins."""
     from mitransient.nlos import focus_emitter_at_relay_wall_3dpoint
 
     scene = mi.load_dict(peers_scene(mode), parallel=False, optimize=False)
@@ -67,6 +67,6 @@ def test_same_capture(mode, tmp_path):
 
 
 def with_sum(bins: np.ndarray) -> np.ndarray:
-    """Bins of all points together, behind their sum."""
+    """Return bins of all points after the bins of their sum."""
     together = bins.sum(axis=(1, 2))
     return np.column_stack([together.sum(axis=1), together])

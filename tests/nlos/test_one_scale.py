@@ -1,9 +1,9 @@
-"""Light of one bounce and of three in one capture: the same laser power makes both.
+"""Light of one bounce and of three bounces in a capture comes from the same laser power.
 
-A lit spot that receives the power Φ sends back the radiance ρ / π E over its footprint, and the
-integral of E over the footprint is Φ; it lights the hidden scene as a point of that power does. By
-default Φ is the irradiance on the beam's axis times one square metre, which no footprint needs to
-have: single-bounce light is that of a beam whose power is Φ, too.
+A lit spot that receives the power Φ reflects the radiance ρ / π E over its footprint. The integral
+of E over the footprint is Φ. The spot lights the hidden scene like a point of this power. By
+default, Φ is the irradiance on the beam's axis times one square meter. The footprint need not have
+this area: light of a single bounce is the light of a beam of the power Φ, too.
 """
 
 import math
@@ -29,7 +29,7 @@ def looking(kind: str, place, target, **options) -> dict:
 
 
 def bounces(data) -> tuple[np.ndarray, np.ndarray]:
-    """Light of one bounce, which arrives at length 0, and of more, over a metre later."""
+    """Return light of one bounce, at length 0, and of more bounces, over a meter later."""
     values = data["transient"].values[..., 1].astype(float)
     early = np.abs(data["opl"].values) < 0.5
     return values[..., early].sum(axis=-1), values[..., ~early].sum(axis=-1)
@@ -37,9 +37,9 @@ def bounces(data) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize(("watts", "intensity"), [(None, 0.3), (None, 30.0), (2.5, 30.0)])
 def test_single_capture(watts, intensity):
-    """The power that the lit footprint shows is the power that lights the hidden patch.
+    """The power in the image of the lit footprint equals the power that lights the hidden patch.
 
-    The footprint's radiance, summed over the wall's 64 x 64 cells, is ρ / π Φ.
+    The radiance of the footprint, summed over the 64 x 64 cells of the wall, is ρ / π Φ.
     """
     options = {} if watts is None else {"laser_power": watts}
     window = film(SIZE, SIZE, bins=40, start=-0.05, bin_width=0.1)
@@ -66,7 +66,7 @@ def test_single_capture(watts, intensity):
 
 @pytest.mark.parametrize(("watts", "fov"), [(None, 0.2), (None, 3.0), (2.5, 0.2)])
 def test_confocal_capture(watts, fov):
-    """A beam of α x α lights A = 4 tan²(α / 2) d² / cos; before a plane at D, with form f2,
+    """A beam of α x α lights A = 4 tan²(α / 2) d² / cos. For a plane at D, with form f2,
 
     L1 / L3 = (ρ_w / π Φ / A) / (Φ ρ_w² ρ_h / (3 π² D²)) = 3 π D² / (ρ_w ρ_h A).
     """

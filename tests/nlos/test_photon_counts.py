@@ -1,4 +1,4 @@
-"""Photon counts of hidden scenes: what is not of the scene, and the noise of the rest."""
+"""Photon counts of hidden scenes: their background, and the noise of the remaining light."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ ALPHA = 1e-4
 
 
 def expected(direct: float = 300.0) -> np.ndarray:
-    """Counts (rows, columns, bins): the wall's own reflection, dark counts, a hidden letter."""
+    """Return counts (rows, columns, bins): the wall's reflection, dark counts, a hidden letter."""
     letter = capture_of(letter_f(1.2), Wall(24), start=0, width=WIDTH, bins=BINS)
     light = letter["transient"].values[..., 0]
     wall = direct * np.exp(-np.arange(BINS) / 10.0)
@@ -39,7 +39,7 @@ def noisy(seed: int, direct: float = 300.0) -> np.ndarray:
 
 
 def letter_found(light, method="lct", **options) -> float:
-    """Correlation of what is seen from the front with the letter."""
+    """Return the correlation of the front view with the letter."""
     volume = reconstruct(light, method, progress=False, **options)
     seen = max_projection(volume).values
     x, y = np.meshgrid(volume["x"].values, volume["y"].values)
@@ -53,7 +53,7 @@ def letter_found(light, method="lct", **options) -> float:
 def test_background(early, direct):
     """Bins after the wall's reflection, with light above a tenth of the largest, are kept.
 
-    `early` bins are before light meets the wall.
+    `early` is the number of bins before light meets the wall.
     """
     before = np.random.default_rng(early).poisson(DARK, (24, 24, early))
     counts = np.concatenate([before, noisy(early, direct)], axis=-1)
@@ -66,12 +66,12 @@ def test_background(early, direct):
 
 
 def test_nothing_but_dark_counts_is_a_warning():
-    """No bin stands out: all of them are used. Without any count, nothing can be found."""
+    """If no bin exceeds the dark counts, all bins are used. Without any counts, it is an error."""
     counts = np.random.default_rng(1).poisson(0.3, (24, 24, BINS))
-    with pytest.warns(UserWarning, match=r"\Acapture: no bin stands out of the 0.2\d+ dark counts"):
+    with pytest.warns(UserWarning, match=r"\Acapture: no bin exceeds the 0.2\d+ dark counts"):
         volume = reconstruct(capture(counts), "lct", progress=False)
     assert np.isfinite(volume["intensity"]).all()
-    with refused("capture: no bin after the wall's reflection holds counts"):
+    with refused("capture: all bins after the wall's reflection are empty"):
         reconstruct(capture(0 * counts), "lct")
     with refused("capture: bins = 1: must be 2 or more with lct"):
         reconstruct(capture(counts[..., :1]).assign_attrs(quantity="radiance per bin"), "lct")
@@ -79,10 +79,10 @@ def test_nothing_but_dark_counts_is_a_warning():
 
 @pytest.mark.parametrize("factor", [1.0, 1.1])
 def test_spectrum_of_noise(factor):
-    """Mean power of Poisson noise at each frequency along v; a factor of 1.1 is found.
+    """The mean power of Poisson noise at each frequency along v. A factor of 1.1 is detected.
 
-    Of 64 x 64 pixels, padded with zeros, a mean over the wall's frequencies has 4096 independent
-    squares, each of relative deviation 1 at most.
+    For 64 x 64 pixels, padded with zeros, a mean over the frequencies of the wall has 4096
+    independent squares, each with a relative deviation of at most 1.
     """
     bins, pixels = 32, 64
     rates = np.linspace(0.5, 20, bins)
@@ -98,7 +98,7 @@ def test_spectrum_of_noise(factor):
 
 @pytest.mark.parametrize("seed", range(2))
 def test_letters_are_found_without_tuning(seed):
-    """As well as with the best ratio; not if the wall's reflection and dark counts are left."""
+    """The default is as good as the best ratio, if background is subtracted."""
     counts = noisy(seed)
     found = letter_found(capture(counts))
     best = max(letter_found(capture(counts), snr=snr) for snr in (1e-3, 0.1, 10, 1e3))
@@ -108,10 +108,10 @@ def test_letters_are_found_without_tuning(seed):
 
 @pytest.mark.statistical
 def test_low_signal_is_found_with_a_warning():
-    """A small patch, whose light is a tenth of a count per bin among ten dark counts.
+    """The light of a small patch is a tenth of a count per bin, among ten dark counts.
 
-    Among the brightest hundredth of the voxels are some of the patch. Without its light, the mean
-    ratio of eight volumes is below 1.
+    The brightest hundredth of the voxels contains voxels of the patch. Without light of the patch,
+    the mean ratio of eight volumes is below 1.
     """
     patch = rectangle((0.25, 0.4), (-0.4, -0.25), 0.6, 0.05)
     light = capture_of(patch, Wall(24), start=0, width=WIDTH, bins=BINS)["transient"].values[..., 0]
@@ -128,9 +128,9 @@ def test_low_signal_is_found_with_a_warning():
             ratios.append(float(near.max() / volume.quantile(0.99)))
         return float(np.mean(ratios))
 
-    with pytest.warns(UserWarning, match="no bin stands out"):
+    with pytest.warns(UserWarning, match="no bin exceeds"):
         assert mean_ratio(0.1) > 1.1
-    with pytest.warns(UserWarning, match="no bin stands out"):
+    with pytest.warns(UserWarning, match="no bin exceeds"):
         assert mean_ratio(0.0) < 0.9
 
 
@@ -140,7 +140,7 @@ SPAD = {"cycles": 4000, "photons": {"photons_per_cycle": 0.05}, "spad": {"mode":
 @pytest.mark.parametrize("legs", [False, True])
 @pytest.mark.parametrize("mode", ["confocal", "single"])
 def test_counts_of_a_sensor_are_a_capture(mode, legs, tmp_path):
-    """`sense` keeps grid, mode and legs: the volume is that of a capture made by hand."""
+    """`sense` keeps grid, mode and legs. The volume equals that of a manually created capture."""
     patch = rectangle((-0.2, 0.2), (-0.2, 0.2), 1.0, 0.05)
     light = capture_of(patch, Wall(8), mode, legs=legs, width=0.02, start=1.5, bins=160)
     measured = sense(light, SPAD, seed=2)
@@ -171,7 +171,7 @@ def test_sensors_that_do_not_fit_captures():
 
 @pytest.mark.parametrize("method", ["bp", "fk", "phasor"])
 def test_other_methods_use_counts_without_background(method):
-    """Nothing is found where the wall's reflection would put it; `phasor` finds nothing else."""
+    """Nothing is found at the wall's reflection, and `phasor` finds nothing else."""
     counts = np.random.default_rng(3).poisson(20 * expected())
     assert letter_found(capture(counts), method) > 0.7
 
@@ -185,7 +185,7 @@ def test_other_methods_use_counts_without_background(method):
 
 
 def test_legs_are_subtracted_first():
-    """The window starts before the first legs end, where no bin of the wall is cut."""
+    """The window starts before the end of the first legs, so that no bin of the wall is cut."""
     patch = rectangle((-0.2, 0.2), (-0.2, 0.2), 1.0, 0.05)
     light = capture_of(patch, Wall(8), legs=True, width=0.02, start=0.5, bins=160)
     values = light["transient"].values

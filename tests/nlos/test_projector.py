@@ -1,4 +1,4 @@
-"""Laser spots of some width: their pattern, its power, and what they light around the corner."""
+"""Laser spots with a width: their pattern, its power, and the light around the corner."""
 
 import math
 
@@ -23,7 +23,7 @@ def pointed(target=(0.1, -0.1, 0.0)) -> mi.ScalarTransform4f:
 
 
 def projector(**options) -> dict:
-    """One fixed to a place, with a pulse of no width unless one is asked for."""
+    """Return a projector at a fixed position, with a very short pulse unless one is given."""
     fixed = {"is_confocal": False, "frame": pointed()}
     return {"type": "confocal_projector", "fov": FOV} | fixed | options
 
@@ -42,7 +42,7 @@ def lit_by(pattern: dict, hidden: dict | None = None, the_film=None, **options) 
 
 
 def gaussians(x, y, positions, sigmas, powers) -> np.ndarray:
-    """Power per area of the pattern's square [-1, 1]²."""
+    """Return the power per area of the pattern's square [-1, 1]²."""
     return sum(
         p / (2 * math.pi * s**2) * np.exp(-((x - u) ** 2 + (y - v) ** 2) / (2 * s**2))
         for (u, v), s, p in zip(positions, sigmas, powers, strict=True)
@@ -50,14 +50,14 @@ def gaussians(x, y, positions, sigmas, powers) -> np.ndarray:
 
 
 def in_pattern(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where directions (..., 3) go through the pattern's square, and their cosines."""
+    """Return where directions (..., 3) meet the pattern's square, and their cosines."""
     local = directions @ np.array(pointed().matrix)[:3, :3]
     at = local[..., :2] / local[..., 2:] / math.tan(FOV / 2)
     return at, local[..., 2] / np.linalg.norm(local, axis=-1)
 
 
 def intensity(points, *pattern) -> np.ndarray:
-    """I(w) towards points (..., 3), by the formula: one number for each point."""
+    """Return I(w) towards points (..., 3) by the formula, one number for each point."""
     at, cos = in_pattern(points - np.asarray(PLACE))
     inside = (np.abs(at) <= 1).all(axis=-1) & (cos > 0)
     on_square = inside * gaussians(*np.moveaxis(at, -1, 0), *pattern)
@@ -65,7 +65,7 @@ def intensity(points, *pattern) -> np.ndarray:
 
 
 def direct(points, value: np.ndarray, albedo: float = 0.8) -> np.ndarray:
-    """Radiance of points of the wall under an intensity from PLACE."""
+    """Return the radiance of points of the wall, for an intensity from PLACE."""
     away = np.asarray(PLACE) - points
     r = np.linalg.norm(away, axis=-1)
     return albedo / math.pi * value * away[..., 2] / r**3
@@ -108,7 +108,7 @@ def test_direct_light(name):
 
 
 def test_confocal_spots_are_where_the_camera_looks():
-    """On its own axis each beam has the radiant intensity Φ / (2 π σ²), a small σ in rad."""
+    """On its axis, each beam has the radiant intensity Φ / (2 π σ²), for a small σ in rad."""
     beam = {"type": "confocal_projector", "fov": 0.4, "grid_sigma": 0.1, "grid_intensity": 3.0}
     by_angle = nlos.confocal(
         nlos.Setup(sensor=PLACE, power=3.0), {}, film(8, 8), spot_sigma=0.004, filter_bounces=1
@@ -126,7 +126,7 @@ def test_confocal_spots_are_where_the_camera_looks():
 @pytest.mark.parametrize("name", PATTERNS)
 @pytest.mark.parametrize("tries", [1, 8])
 def test_samples_follow_the_pattern(name, tries):
-    """Their weights add up to the power that the intensity integrates to, also in each cell."""
+    """Weights add up to the integral of the intensity, also in each cell."""
     pattern = PATTERNS[name]
     made = mi.load_dict(projector(**spots(*pattern), max_rejection_samples=tries))
     lanes, cells = 1 << 14, np.linspace(-1, 1, 5)
@@ -162,7 +162,7 @@ def test_a_narrow_spot_is_a_point():
 
 @pytest.mark.statistical
 def test_wide_spot_is_many_points():
-    """The sum over the wall's points, each lit with the power I(w) cos / d² dA, in time."""
+    """Time-resolved light is the sum over points of the wall with the power I(w) cos / d² dA."""
     pattern, seen, setup = PATTERNS["beside the axis"], (0.5, 0.5, 0.0), nlos.Setup(sensor=PLACE)
     wall = nlos.Rectangle((0, 0, 0), (1, 0, 0), (0, 1, 0)).nodes(80, 80)
     away = np.asarray(PLACE) - wall.points
@@ -225,7 +225,7 @@ def test_projector_nests_in_both_integrators():
 
 
 def test_a_projector_leaves_other_scenes_alone():
-    """Dr.Jit calls what all living emitters make of a ray, the projector too."""
+    """Dr.Jit evaluates the methods of all emitters in memory for a ray, also of the projector."""
     there = mi.load_dict(projector(**spots(*PATTERNS["several"])))
     steady, _ = rendered(load(with_sampler(cornell_box(width=4, height=4))), spp=4)
     assert steady.max() > 0
@@ -233,7 +233,7 @@ def test_a_projector_leaves_other_scenes_alone():
 
 
 def test_axes_follow_the_ray_as_a_fixed_frame_does():
-    """A pattern is not mirrored between the two kinds: x and y are those of `look_at`."""
+    """The pattern is not mirrored in either kind of projector: x and y follow `look_at`."""
     confocal_one = mi.load_dict({"type": "confocal_projector"})
     matrix = np.array(pointed().matrix)
     found = confocal_one.axes(mi.Vector3f(matrix[:3, 2].tolist()), mi.Vector3f(0, 1, 0))
@@ -242,9 +242,10 @@ def test_axes_follow_the_ray_as_a_fixed_frame_does():
 
 
 def test_kernels_stay_wherever_numpy_puts_arrays():
-    """Dr.Jit makes others for memory that is aligned otherwise: a load would find none of its own.
+    """For other alignments of memory, Dr.Jit would compile other kernels instead of reusing them.
 
-    NumPy's memory is aligned by chance, once in four times: 1 % of mistakes stay unseen.
+    The alignment of NumPy's memory is random, correct once in four times. Therefore 1 % of mistakes
+    are not detected.
     """
     kept, kernels = [], set()
     rng = np.random.default_rng(1)

@@ -1,6 +1,6 @@
-"""Each method finds closed-form scenes where they are, whatever wall, window or legs there are.
+"""Each method finds closed-form scenes at their place, for different walls, windows and legs.
 
-And the true depth of hidden scenes, seen from walls anywhere.
+Also the true depth of hidden scenes, for walls in any pose.
 """
 
 import math
@@ -45,7 +45,7 @@ SCENES = {
 
 @lru_cache
 def light_of(scene, wall: scenes.Wall, mode: str, **options) -> xr.Dataset:
-    """The capture of a scene; made once for all methods, so it must stay as it is."""
+    """Return the capture of a scene. All methods share it, so that it must not be changed."""
     return scenes.capture_of(scene(), wall, mode, **TIME | options)
 
 
@@ -54,7 +54,7 @@ def run(capture: xr.Dataset, method: str, **options) -> xr.Dataset:
 
 
 def brightest(volume: xr.Dataset) -> np.ndarray:
-    """Centre of light of the brightest voxel and its neighbours, (x, y, z) in the wall's frame."""
+    """Return the centroid of the brightest voxel and its neighbors, in the wall's frame."""
     values = volume["intensity"].values.astype(np.float64)
     at = np.unravel_index(values.argmax(), values.shape)
     near = tuple(slice(max(i - 1, 0), i + 2) for i in at)
@@ -77,7 +77,7 @@ for scene, mode in (("plane", "confocal"), ("Z", "single"), ("spheres", "confoca
 
 @pytest.mark.parametrize(("scene", "mode", "method", "size"), TRIED)
 def test_depth_of_scenes(scene, mode, method, size):
-    """Below 2 cm with 64 x 64 points, bins of 6 mm, and a depth of 1 m."""
+    """Errors are below 2 cm for 64 x 64 points, bins of 6 mm, and a depth of 1 m."""
     volume = run(light_of(SCENES[scene], size["wall"], mode, **size["window"]), method)
     error = depth_error(volume, scenes.true_depth(SCENES[scene](), volume))
     assert error.median < size["limits"].get((scene, method), 0.02)
@@ -87,7 +87,7 @@ def test_depth_of_scenes(scene, mode, method, size):
 
 
 def plate_error(method, z, half, mode="confocal", size=16, **window) -> float:
-    """How much too deep the middle of a square plate that faces the wall is found [m]."""
+    """Return by how much the middle of a square plate that faces the wall is too deep [m]."""
     plate = scenes.rectangle((-half, half), (-half, half), z, half / 10)
     depth = depth_map(
         run(scenes.capture_of(plate, scenes.Wall(size), mode, start=0.0, **window), method)
@@ -99,7 +99,7 @@ def plate_error(method, z, half, mode="confocal", size=16, **window) -> float:
 @pytest.mark.parametrize("bins", [125, 500])
 @pytest.mark.parametrize("z", [0.25, 0.3, 0.5, 1.0])
 def test_light_cone_transform_errs_by_half_a_step(z, bins):
-    """As its docstring says: steps are even in the square of the depth."""
+    """The error is as documented, because steps are even in the square of the depth."""
     width = 0.02
     half_a_step = (bins * width / 2) ** 2 / (4 * z * bins)
     error = plate_error("lct", z, 0.2, width=width, bins=bins)
@@ -113,7 +113,7 @@ def test_light_cone_transform_errs_by_half_a_step(z, bins):
 @pytest.mark.parametrize(("mode", "wavelength"), [("confocal", 0.5), ("single", 0.25)])
 @pytest.mark.parametrize("z", [0.5, 1.0])
 def test_phasor_fields_find_planes_too_deep(z, mode, wavelength):
-    """By about 0.2 λ² / z, as its docstring says, and never before they are there."""
+    """Planes are too deep by about 0.2 λ² / z, as documented, and never too near."""
     size = round((8 if mode == "confocal" else 4) / wavelength)
     window = {"width": 0.02, "bins": 180}
     error = plate_error("phasor", z, 1.2, mode, size, **window)
@@ -143,7 +143,7 @@ point = point_at(tuple(POINT))
 
 
 def opposite(wall: scenes.Wall) -> tuple:
-    """A place opposite to a point of the wall, near POINT."""
+    """Return a position opposite to a point of the wall, near POINT."""
     x, y = wall.grid()[0, :, 0], wall.grid()[:, 0, 1]
     return float(x[abs(x - POINT[0]).argmin()]), float(y[abs(y - POINT[1]).argmin()]), POINT[2]
 
@@ -165,7 +165,7 @@ def test_a_point_is_where_it_is(mode, method, wall, legs):
 
 @pairs
 def test_the_window_may_start_anywhere(mode, method):
-    """By whole and half bins, or before light can come back: nothing changes that is seen."""
+    """The window starts earlier by whole or half bins, or before any light can return."""
     grid, places = ((0.1, 0.5, 16), (-0.4, 0, 16), (0.7, 1.2, 50)), []
     for start in (1.3, 1.306, 1.546, -0.301):
         bins = 125 if start > 0 else 250
@@ -176,7 +176,7 @@ def test_the_window_may_start_anywhere(mode, method):
 
 @pairs
 def test_a_planted_half_bin_is_seen(mode, method):
-    """A path that is counted half a bin (6 mm) too long is 3 mm too far away."""
+    """A path that is too long by half a bin (6 mm) is 3 mm too deep."""
     wall, grid = scenes.Wall(16), ((0.2, 0.5, 12), (-0.3, -0.1, 8), (0.85, 1.01, 64))
     captures = [light_of(point, wall, mode, lasers=2, delay=d) for d in (0.0, 0.006, 0.012)]
     right, half, whole = (
@@ -228,7 +228,7 @@ def test_backprojection_is_its_formula(mode, weighting):
     grid = VolumeGrid((-1, 1, 5), (-1, 0.5, 4), (0.1, 1.4, 6))
     volume = run(capture, "bp", volume=grid, weighting=weighting)
     axes, origin = volume["frame_axes"].values, volume["frame_origin"].values
-    z, y, x = np.meshgrid(*(grid.centres(a) for a in "zyx"), indexing="ij")
+    z, y, x = np.meshgrid(*(grid.centers(a) for a in "zyx"), indexing="ij")
     voxels = origin + np.stack([x, y, z], axis=-1) @ axes
     seen = capture["sensor_grid"].values.reshape(-1, 3)
     lit = capture["laser_grid"].values.reshape(-1, 3)
@@ -257,9 +257,9 @@ def test_backprojection_in_steps(monkeypatch):
 
 
 def test_sharpening_is_exact_for_parabolas():
-    """Also where voxels are no cubes: minus the Laplacian of -(x² + 2 y² + 3 z²) is 12."""
+    """Minus the Laplacian of -(x² + 2 y² + 3 z²) is 12, also for voxels that are not cubes."""
     grid = VolumeGrid((-1, 1, 5), (-1, 0.5, 6), (0.1, 1.4, 7))
-    z, y, x = np.meshgrid(*(grid.centres(axis) for axis in "zyx"), indexing="ij")
+    z, y, x = np.meshgrid(*(grid.centers(axis) for axis in "zyx"), indexing="ij")
     found = backprojection.sharpen(-(x**2 + 2 * y**2 + 3 * z**2), grid)
     np.testing.assert_allclose(found[1:-1, 1:-1, 1:-1], 12, rtol=1e-5)
 
@@ -324,7 +324,7 @@ def test_a_volume_of_ones_own(method):
 
 def test_resample():
     def linear(grid: VolumeGrid) -> np.ndarray:
-        x, y, z = (grid.centres(a) for a in "xyz")
+        x, y, z = (grid.centers(a) for a in "xyz")
         return (z[:, None, None] + 10 * y[:, None] + 100 * x).astype(np.float32)
 
     coarse = VolumeGrid((0, 4, 4), (0, 2, 2), (0, 3, 3))
@@ -376,7 +376,7 @@ def test_captures_that_a_method_does_not_allow():
     refused = [
         (uneven, "lct", "a confocal capture on a grid that is not even.* bp, fbp$"),
         (BASE["transient"], "bp", "capture: expected a capture"),
-        (early, "bp", "bins end before light can come back"),
+        (early, "bp", "bins end before light can return"),
     ]
     for mode in ("single", "exhaustive"):
         capture = scenes.capture_of(point(), scenes.Wall(4), mode, bins=10, lasers=2)
@@ -390,7 +390,7 @@ def test_captures_that_a_method_does_not_allow():
 @pytest.mark.parametrize("method", ["lct", "fk", "phasor"])
 def test_too_little_memory(monkeypatch, method):
     monkeypatch.setattr(memory, "free_on_host", lambda: 1 << 10)
-    with pytest.raises(MemoryError, match=f"^method = '{method}': takes .*is free; must be"):
+    with pytest.raises(MemoryError, match=f"^method = '{method}': it needs .* are free. Use"):
         run(BASE, method)
 
 
@@ -434,7 +434,7 @@ def test_depth_error():
     nothing = depth_error(volume_of(values), [[np.nan, np.nan, 0.2, np.nan]])
     assert np.isnan(nothing.median)
     assert nothing.pixels == 0
-    for truth, said in ((np.full((1, 4), np.nan), "must have a depth"), ([1, 2], "with shape")):
+    for truth, said in ((np.full((1, 4), np.nan), "pixels are NaN"), ([1, 2], "with shape")):
         with pytest.raises(ValueError, match=f"truth.* {said}"):
             depth_error(volume_of(values), truth)
 
@@ -463,7 +463,7 @@ AXES = ("z", "y", "x")
 
 
 def seen_from(frame: np.ndarray, origin=(0.0, 0, 0), size: int = 41) -> xr.Dataset:
-    """A volume's frame, over [-1, 1] x [-1, 1] of the wall."""
+    """Return the frame of a volume over [-1, 1] x [-1, 1] of the wall."""
     at = np.linspace(-1, 1, size)
     variables = {
         "intensity": (AXES, np.zeros((1, size, size), np.float32)),
@@ -539,5 +539,5 @@ def test_bad_input():
     where = seen_from(np.eye(3), size=3)
     with pytest.raises(ValueError, match=r"\Ahidden_shapes = 'w': the scene has no such.*\Z"):
         hidden_depth("nlos_z", where, hidden_shapes="w")
-    with pytest.raises(ValueError, match=r"\Ascene: has no hidden shapes; hidden_shapes must nam"):
+    with pytest.raises(ValueError, match=r"\Ascene: hidden shapes are missing.*by hidden_shapes"):
         hidden_depth({"type": "scene"}, where)

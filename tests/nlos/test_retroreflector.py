@@ -40,14 +40,14 @@ def sampler(lanes: int = LANES, seed: int = 0):
 
 
 def samples(bsdf, degrees: float, seed: int = 0) -> tuple:
-    """Directions and weights."""
+    """Return sampled directions and their weights."""
     numbers = sampler(seed=seed)
     si = interaction(direction(degrees))
     return bsdf.sample(mi.BSDFContext(), si, numbers.next_1d(), numbers.next_2d())
 
 
 def evaluated(bsdf, wi, wo, context=None, lanes: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """Value and density."""
+    """Return value and density."""
     context, wo = context or mi.BSDFContext(), mi.Vector3f(*wo)
     value, density = bsdf.eval_pdf(context, interaction(wi, lanes), wo)
     alone = bsdf.eval(context, interaction(wi, lanes), wo)
@@ -60,7 +60,7 @@ def evaluated(bsdf, wi, wo, context=None, lanes: int = 1) -> tuple[np.ndarray, n
 @pytest.mark.statistical
 @pytest.mark.parametrize("exponent", EXPONENTS)
 def test_samples_have_the_density(exponent):
-    """Chi-square of 6 angles, one of them grazing, with 3e-4 chance of a false alarm."""
+    """Chi-square tests at 6 angles, also grazing, with a probability of 3e-4 of a false alarm."""
     cases = [bsdf_case(described(exponent), direction(angle)) for angle in ANGLES]
     verdict = chi_square_suite(cases, alpha=3e-4, samples=100_000)
     assert verdict.passed, verdict
@@ -84,7 +84,7 @@ def test_weight_is_value_over_density(exponent, degrees):
 
 @pytest.mark.parametrize("exponent", [1e4, 1e6])
 def test_narrow_lobes_keep_their_digits(exponent):
-    """The mean of 1 - cos is 1 / (n + 2), its variance about its square: 4 sigma are 0.8 %."""
+    """The mean of 1 - cos is 1 / (n + 2), its variance is about the square: 4 sigma are 0.8 %."""
     bsdf = mi.load_dict(described(exponent))
     record, _ = samples(bsdf, 36.87)
     versine = np.array(dr.squared_norm(record.wo - mi.Vector3f(*direction(36.87))) / 2, dtype=float)
@@ -99,7 +99,7 @@ def test_narrow_lobes_keep_their_digits(exponent):
 
 
 def test_value_is_the_formula():
-    """Times the smaller of the cosines over that of the light: reciprocal."""
+    """The value is reciprocal: the smaller of both cosines, over the cosine of the light."""
     bsdf = mi.load_dict(described(10.0, reflectance=0.5))
     wi, wo = direction(40), direction(20)
     lobe = 0.5 * 11 / (2 * pi) * np.dot(wi, wo) ** 10
@@ -201,7 +201,7 @@ def test_every_variant(variant):
 def test_bad_parameters_are_one_line(value):
     bright = mi.Bitmap(np.full((2, 2, 3), value, dtype=np.float32))
     bitmap = {"type": "bitmap", "bitmap": bright, "raw": True}
-    said = f"reflectance = {value:g}: must be a colour or texture in [0, 1]"
+    said = f"reflectance = {value:g}: must be a color or texture in [0, 1]"
     most = "lobe_exponent = 2000000.0: must be a finite number above 0 and at most 1e+06"
     for name, each, line in (
         ("reflectance", value, said),

@@ -1,7 +1,7 @@
-"""Lights that are no scene's: in spectral variants they have the colours that they have in RGB.
+"""Lights that do not belong to the scene have the same colors in spectral variants as in RGB.
 
-White is D65, as it is of every emitter that Mitsuba loads; equal energy at all wavelengths would
-look pink: 1.21, .95, .91.
+White is D65, as for all emitters that Mitsuba loads. Equal energy at all wavelengths would look
+pink: 1.21, .95, .91.
 """
 
 import mitsuba as mi
@@ -18,12 +18,12 @@ HIDDEN = Rectangle.turned((0.1, 0.1, 0.7), 20, 240, half=(0.3, 0.3))
 
 
 def colour(describe, spp: int) -> np.ndarray:
-    """The mean colour of a picture, in the active variant; scenes may read transforms of it."""
+    """Return the mean color of a picture in the active variant."""
     return rendered(load_nlos(describe()), spp=spp, seed=1)[0].mean(axis=(0, 1))
 
 
 def both(describe) -> tuple[np.ndarray, np.ndarray]:
-    """Red, green and blue of the spectral picture, and of the RGB picture."""
+    """Return red, green and blue of the spectral picture, and of the RGB picture."""
     expected = colour(describe, 1 << 12)
     mi.set_variant(SPECTRAL)
     return colour(describe, 1 << 14), expected

@@ -540,11 +540,11 @@ def test_functions_of_light_use_s0(tmp_path):
 def test_degrees_and_angles_of_a_render():
     scene = bench((70, 0), roll=30)
     S = traced(scene, 20_000)
-    assert abs(tofrender.degree_of_linear_polarisation(S, axis=0) - 0.7515800) < 1e-4
+    assert abs(tofrender.degree_of_linear_polarization(S, axis=0) - 0.7515800) < 1e-4
     # Along the mirror, which the camera sees turned against its roll
-    assert abs(np.degrees(tofrender.angle_of_linear_polarisation(S, axis=0)) - 60) < 0.01
+    assert abs(np.degrees(tofrender.angle_of_linear_polarization(S, axis=0)) - 60) < 0.01
     dataset = tofrender.render(traced_by(metals(**LONG)), spp=4, progress=False)
-    degree = tofrender.degree_of_polarisation(dataset["transient"])
+    degree = tofrender.degree_of_polarization(dataset["transient"])
     assert degree.dims == ("y", "x", "opl", "channel")
     lit = (dataset["transient"].sel(stokes="S0") > 1e-3).values
     assert np.isnan(degree.values[dataset["transient"].sel(stokes="S0").values <= 0]).all()

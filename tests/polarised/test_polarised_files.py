@@ -141,5 +141,5 @@ def test_what_has_no_stokes_vectors_says_so(capsys, tmp_path, arguments):
     assert main([*arguments, "--variant", MONO, "--out", str(out)]) == 1
     err = capsys.readouterr().err
     assert err.count("\n") == 1
-    assert f"variant = '{MONO}': has Stokes vectors, which are not kept here" in err
+    assert f"variant = '{MONO}': its Stokes vectors cannot be kept here" in err
     assert not out.exists()

@@ -1,4 +1,4 @@
-"""The variant is chosen, kept and switched; plugins follow it; a bad LLVM never aborts."""
+"""Choice and change of the variant, plugins of each variant, and a bad LLVM that never aborts."""
 
 import os
 from pathlib import Path
@@ -117,7 +117,7 @@ print(mi.Bitmap(path).size())
     ],
 )
 def test_an_unusable_llvm_is_refused_in_one_line(tmp_path, which, before):
-    """Also if Mitsuba is already there, without a variant: no signal ends the process."""
+    """Also if Mitsuba is already imported without a variant. The process is not aborted."""
     old = [one for one in llvm.candidates() if one.major and one.major < llvm.MINIMUM_MAJOR]
     text = tmp_path / "libLLVM-19.so"
     text.write_text("not a library")
@@ -257,7 +257,7 @@ print(tofrender.render(steady, spp=1, progress=False, **options).sizes["opl"])
     ids=["after", "before"],
 )
 def test_mitransient_in_the_same_process(imports, owner):
-    """Names that both register belong to the package imported last; ours renders either way."""
+    """Names that both packages register belong to the last import. Our integrator still renders."""
     lines = says(_EXCHANGE.format(imports=imports), CUDA_VISIBLE_DEVICES="-1")
     path = "TransientPath"
     assert lines == [owner or "tofrender", "True", path, path, "9", "9"]

@@ -1,4 +1,4 @@
-"""`tofrender doctor` tells the truth, and survives what it looks at."""
+"""`tofrender doctor` reports the true state, and survives the errors that it checks for."""
 
 import io
 import subprocess

@@ -1,4 +1,4 @@
-"""Which LLVM is found, which is taken, and which command is advised, on made-up machines."""
+"""Search and choice of LLVM, and the recommended command, on simulated machines."""
 
 import stat
 import sys
@@ -22,7 +22,7 @@ if sys.platform != "linux":
 
 
 class Machine:
-    """A file system below a temporary folder, and commands that exist on it."""
+    """A file system in a temporary folder, and the commands that exist on it."""
 
     def __init__(self, root: Path, distributions: set = DEBIAN):
         self.root, self.distributions = root, distributions
@@ -33,7 +33,7 @@ class Machine:
         self.packages()
 
     def library(self, name: str, *, links: tuple[str, ...] = ()) -> Path:
-        """A file that begins like a library of this machine, and links to it beside it."""
+        """Create a file that starts like a library of this machine, and links to this file."""
         path = self.root / name
         path.parent.mkdir(parents=True, exist_ok=True)
         with open("/proc/self/exe", "rb") as file:
@@ -48,7 +48,7 @@ class Machine:
         path.chmod(path.stat().st_mode | stat.S_IXUSR)
 
     def packages(self, *names: str) -> None:
-        """An apt-cache that offers these packages."""
+        """Create an apt-cache that offers these packages."""
         listed = " ".join(names)
         self.command(
             "apt-cache",
@@ -69,7 +69,7 @@ def machine(tmp_path):
 
 @pytest.fixture
 def debian12(machine):
-    """LLVM 14 and 15, as they are installed there, and their links."""
+    """Install LLVM 14 and 15 with their links, as Debian 12 does."""
     machine.library(f"{MULTIARCH}/libLLVM-14.so.1", links=("libLLVM-14.so", "libLLVM-14.0.6.so.1"))
     machine.library(f"{MULTIARCH}/libLLVM-15.so.1", links=("libLLVM-15.so",))
     folder = machine.root / "usr/lib/llvm-14/lib"

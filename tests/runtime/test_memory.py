@@ -1,4 +1,4 @@
-"""The memory plan: its arithmetic, and that what it offers instead fits."""
+"""Memory limits: their arithmetic, and that the recommended sizes fit."""
 
 import ctypes
 import re
@@ -21,7 +21,7 @@ NO_CUDA = {"CUDA_VISIBLE_DEVICES": "-1"}
 
 @pytest.fixture
 def machine(monkeypatch):
-    """Set how much memory there is."""
+    """Set the amount of free memory."""
 
     def has(free: int) -> None:
         monkeypatch.setattr(memory, "available", lambda: free)
@@ -131,7 +131,7 @@ def test_control_groups_limit(monkeypatch, tmp_path, membership, files, groups, 
 
 
 class Driver:
-    """A CUDA driver that answers within a context only; `failing` names a call that fails."""
+    """A CUDA driver that works only within a context. The call named `failing` fails."""
 
     def __init__(self, failing: str) -> None:
         self.failing, self.current, self.held = failing, 0, 0
@@ -226,7 +226,7 @@ def test_metal_shares_the_memory_of_the_host(monkeypatch, variant, own):
     ],
 )
 def test_a_render_on_a_gpu_needs_host_memory_for_its_result(gpu_machine, settings, films):
-    """A film fits on the GPU, and the result does not fit on the host by a hair."""
+    """A film fits on the GPU, but its result is slightly too large for the host."""
     scene = tofrender.load_scene("cornell_box", width=64, height=48, temporal_bins=100)
     film_gib = memory.film_bytes(48, 64, 100, 3) / GIB
     options = {"spp": 1, "progress": False} | settings

@@ -1,4 +1,4 @@
-"""The chi-square test itself: its parts in closed form, false alarms, and what it must refuse."""
+"""The chi-square test: its parts in closed form, false alarms, and errors that it must find."""
 
 import math
 from dataclasses import replace
@@ -74,7 +74,7 @@ def test_pearson_is_scipys():
 
 
 def test_small_cells_are_pooled():
-    """40 cells that expect one each make pools of five or more; nothing is lost."""
+    """40 cells with an expected count of one are pooled to cells of five or more."""
     observed, expected = np.ones(40), np.ones(40)
     observed[:2] = 0, 2
     chi2, freedom = pearson(observed, expected, np.zeros(40))
@@ -91,7 +91,7 @@ def test_small_cells_are_pooled():
 @pytest.mark.statistical
 @pytest.mark.parametrize("case", [warp_case("tent"), warp_case("beckmann", alpha=0.1)])
 def test_false_alarms(case):
-    """With alpha = 5 %, of 40 right samplers more than 8 fail once in 10 000 times."""
+    """With alpha = 5 %, more than 8 of 40 correct samplers fail once in 10 000 times."""
     verdicts = [
         case.test(samples=20_000, resolution=21, alpha=0.05, seed=seed) for seed in range(40)
     ]
@@ -102,7 +102,7 @@ def test_false_alarms(case):
 
 
 def test_sidak():
-    """Chi-square, five moments and those that are known share the chance with other tests."""
+    """Chi-square, five moments and known moments share the probability with other tests."""
     for known in ({}, {"x": 0}):
         options = {"alpha": 0.01, "tests": 10, "expected_moments": known}
         verdict = chi_square_test(*TENT, samples=2000, resolution=11, **options)
@@ -117,7 +117,7 @@ def test_same_seed_same_verdict():
 
 
 def test_warp_and_density_wrong_together():
-    """Only what is known from elsewhere tells that these are not the cosine's."""
+    """Only known moments show that warp and density are not those of the cosine."""
     case = warp_case("uniform_hemisphere")
     uniform = (case.sample, case.pdf, case.domain)
     assert chi_square_test(*uniform, **QUICK).passed
@@ -160,7 +160,7 @@ def test_bugs_are_named(bug, reason):
 
 
 def test_spikes():
-    """Two texels with 99 % of the light: most cells at their edges hold little of them."""
+    """Two texels with 99 % of the light: most cells at their edges contain little of this light."""
     image = np.full((64, 64), 1e-3)
     image[5, 9], image[40, 40] = 100, 30
     right = warp_case("hierarchical", image=image)
@@ -183,7 +183,7 @@ def test_narrow_lobes_are_resolved():
 
 
 def test_mistakes_of_a_little_rounding_pass():
-    """Samples on the wrong side of the density's edge by rounding are no error."""
+    """Samples that rounding moves beyond the edge of the density are not errors."""
     verdict = chi_square_test(
         lambda u: mi.Point2f(dr.select(u.x < 1e-3, 0.75, 0.25 + 0.5 * u.x), u.y),
         lambda p: dr.select((p.x >= 0.25) & (p.x < 0.75), mi.Float(2), 0),
@@ -194,7 +194,7 @@ def test_mistakes_of_a_little_rounding_pass():
 
 
 def failing(u):
-    """Cosine directions, of which those beyond 60 degrees are thrown away."""
+    """Sample cosine-distributed directions, and reject directions beyond 60 degrees."""
     v = COSINE(u)
     return v, dr.select(v.z > 0.5, mi.Float(1), 0)
 
@@ -204,7 +204,7 @@ def cut(v):
 
 
 def test_failed_samples():
-    """The density integrates to the fraction of samples that are valid: sin(60 degrees)^2."""
+    """The density integrates to the fraction of valid samples, sin(60 degrees)^2."""
     verdict = chi_square_test(failing, cut, "hemisphere", **QUICK)
     assert verdict.passed, str(verdict)
     assert verdict.valid == pytest.approx(0.75, abs=0.01)
@@ -241,7 +241,7 @@ def direction(degrees: float) -> tuple[float, float, float]:
 
 
 def check_case(case: Case) -> None:
-    """The sampler has its density, and a density that is 2 % off is found."""
+    """Check that a sampler has its density, and that an error of the density by 2 % is found."""
     verdict = case.test(**QUICK)
     assert verdict.passed, str(verdict)
     wrong = replace(case, pdf=lambda v: 1.02 * case.pdf(v))
@@ -265,7 +265,7 @@ def test_bsdfs(bsdf, angle):
 
 
 class Sky:
-    """A light as the course's own are: everything above the horizon, by its cosine."""
+    """Light as in the course: radiance from above the horizon, in proportion to the cosine."""
 
     def sample(self, o, sample):
         d = COSINE(sample)
@@ -334,14 +334,14 @@ def test_figure_of_whatever_was_found(bug, sample, domain, tmp_path):
 
 
 BAD = [
-    (lambda: chi_square_test(*TENT[:2], "sphere"), "points of 2 dimensions, must be 3"),
+    (lambda: chi_square_test(*TENT[:2], "sphere"), "of 2 dimensions. This domain requires 3"),
     (
         lambda: chi_square_test(lambda u: (TENT[0](u), u.x), *TENT[1:]),
-        "sample: returns the weight .*, must be 0 or 1",
+        "sample: it returns the weight .*. Return 0 for failed samples",
     ),
-    (lambda: warp_case("tent", alpha=1), "name = 'tent': takes no parameter, given are"),
-    (lambda: warp_case("beckmann"), "name = 'beckmann': takes the parameter alpha, given are"),
-    (lambda: bsdf_case({"type": "conductor"}, (0, 0, 1)), "bsdf = .*: has no density"),
+    (lambda: warp_case("tent", alpha=1), "name = 'tent': this warp requires no parameter, but"),
+    (lambda: warp_case("beckmann"), "name = 'beckmann': this warp requires the parameter alpha"),
+    (lambda: bsdf_case({"type": "conductor"}, (0, 0, 1)), "bsdf = .*: it has no density"),
     (lambda: bsdf_case({"type": "diffuse"}, (0, 0, 0)), "wi = .*: must be a direction"),
     (lambda: light_case({"type": "point"}, (0, 0, 0)), "light = 'point': must be one light"),
     (lambda: chi_square_suite([]), "cases = \\[\\]: must be at least one"),
@@ -363,5 +363,5 @@ print([name for name in sys.modules if name.startswith('tofrender.vis')])
 
 
 def test_a_verdict_is_drawn_without_the_packages_above():
-    """`verdict.figure()` needs nothing of `tofrender.vis`, which imports this package."""
+    """`verdict.figure()` does not import `tofrender.vis`, which depends on this package."""
     assert says(_DRAWN) == ["[]"]

@@ -19,14 +19,14 @@ SIZE = {"samples": 100_000, "resolution": 32, "tests": COMPARISONS}
 
 
 def probe(size: int = 64) -> np.ndarray:
-    """Like a light probe: a smooth sky, a small sun, a dark ground."""
+    """Return an image like a light probe: a smooth sky, a small sun, a dark ground."""
     y, x = (np.mgrid[:size, :size] + 0.5) / size
     sky = np.where(y < 0.6, 0.2 + (1 - y) ** 2, 0.02 + 0.01 * np.sin(9 * x))
     return sky + 400 * (np.hypot(x - 0.7, y - 0.3) < 0.03)
 
 
 def spikes(size: int = 64) -> np.ndarray:
-    """Half of the quadrants black, values over ten orders of magnitude, one hot pixel."""
+    """Return an image with black quadrants, values over ten orders of magnitude, a hot pixel."""
     rng = np.random.default_rng(5)
     image = rng.random((size, size)) ** 40 * (rng.random((size, size)) < 0.3)
     image[: size // 2, : size // 2] = 0
@@ -49,7 +49,7 @@ def texels(p: mi.Point2f, n: int) -> np.ndarray:
 
 
 def p_value(observed: np.ndarray, expected: np.ndarray) -> float:
-    """Chance of counts as far from these; 0 if there is any where none is expected."""
+    """Return the p-value of counts, or 0 if a count is positive where 0 is expected."""
     if np.any(observed[expected == 0]):
         return 0.0
     chi2, freedom = pearson(observed, expected, np.zeros_like(expected))
@@ -57,7 +57,7 @@ def p_value(observed: np.ndarray, expected: np.ndarray) -> float:
 
 
 def image_p_value(warp: HierarchicalWarp, image: np.ndarray, n: int = 200_000):
-    """Of the number of points in each texel of the image."""
+    """Return the p-value of the number of points in each texel of the image."""
     row, column = texels(warp.sample(uniform(n)), len(image))
     observed = np.bincount(row * len(image) + column, minlength=image.size)
     return p_value(observed, n * image.ravel() / image.sum())
@@ -118,7 +118,7 @@ def test_black_texels_are_never_hit(levels):
 
 @pytest.mark.parametrize("levels", [0, 1, 7, 12])
 def test_stratified_samples_stay_stratified(levels):
-    """An even image leaves points where they are: all their 24 bits survive twelve levels."""
+    """A constant image does not change points: all 24 bits survive twelve levels."""
     u = uniform(50_000)
     p = HierarchicalWarp(np.ones((2**levels, 2**levels))).sample(u)
     assert np.max(np.abs(np.array(p) - np.array(u))) <= 2.0**-24
@@ -196,8 +196,8 @@ def test_images_from_arrays_bitmaps_and_files(channels, tmp_path):
 
 BAD_IMAGES = {
     "empty": (np.zeros((0, 4)), r"^image: shape \(0, 4\) is empty; must have the shape"),
-    "nan": ([[1.0], [math.nan]], r"^image: holds nan at row 1, column 0; each"),
-    "infinite": ([[math.inf]], r"^image: holds inf at row 0"),
+    "nan": ([[1.0], [math.nan]], r"^image: the value at row 1, column 0 is nan"),
+    "infinite": ([[math.inf]], r"^image: the value at row 0, column 0 is inf"),
     "deep": (np.ones((2, 2, 5)), r"^image: shape \(2, 2, 5\); must have"),
     "large": (np.ones((1, MAX_SIDE + 1)), r"a side must have at most 16384$"),
 }
@@ -217,7 +217,7 @@ def test_bad_files(tmp_path):
         (tmp_path / "sky.exr", FileNotFoundError, r"sky.exr': must be a file that exists$"),
         (tmp_path, FileNotFoundError, "must be a file"),
         (tmp_path / "notes.exr", ValueError, r"notes.exr': must be an image that Mitsuba reads"),
-        (layers, ValueError, r"^image: has 5 channels of other kinds; must be grey"),
+        (layers, ValueError, r"^image: has 5 channels of other kinds; must be gray"),
     ):
         refused(message, HierarchicalWarp, source, kind=kind)
 
@@ -234,7 +234,7 @@ def test_samples_off_the_square_fail_in_debug_mode():
 
 
 def directions(n: int) -> mi.Vector3f:
-    """Some of them near the poles; nearer, the cosine that Mitsuba uses has no digits left."""
+    """Return directions, some near the poles. Nearer, Mitsuba's cosine would have no precision."""
     d = np.random.default_rng(0).normal(size=(3, n))
     d[:, :3] = np.array([[0.02, 1, 0], [1, 0, 0], [0.02, -1, 0.01]]).T
     d /= np.linalg.norm(d, axis=0)
@@ -289,7 +289,7 @@ def test_a_wrong_environment_density_is_found(bug):
 
 
 def test_environment_density_is_finite_and_its_weights_are_bounded():
-    """At the poles too; radiance over density varies as little as the radiance within a texel."""
+    """Radiance over density varies as little as radiance within a texel, also at the poles."""
     light = EnvironmentWarp(sky((8, 16)))
     zero = [0.0, 0.0, -0.0, -0.0]
     poles = mi.Vector3f(zero, [1, -1, 1, -1], [0.0, 0.0, -0.0, 0.0])
@@ -308,10 +308,11 @@ def test_environment_density_is_finite_and_its_weights_are_bounded():
 
 @pytest.mark.parametrize("row", [0, 10, 31])
 def test_a_sun_is_found(row):
-    """A sun in one pixel of a black sky, at the poles too.
+    """The sun is one pixel of a black sky, also at the poles.
 
-    Interpolated over two columns, it fills two texels and half of the two beside, with an eighth
-    of the light each: an eighth of the samples finds the black halves, and a little more of rows.
+    The pixel is interpolated over two columns. It fills two texels, and half of both neighbors,
+    which have an eighth of the light each. Therefore an eighth of the samples are in black halves,
+    and a few more because of rows.
     """
     image = np.zeros((32, 64))
     image[row, 40] = 1e6

@@ -1,4 +1,4 @@
-"""Point sets: in the unit square, one in each cell, as many as asked for."""
+"""Point sets are in the unit square, with one point in each cell, for any number of points."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from tofrender.sampling.points import POINT_SETS, grid, independent, point_set, 
 
 
 def cells(count: int) -> list[tuple[float, float, float, float]]:
-    """(left, right, low, high) of every cell, row after row, as the module's text has them."""
+    """Return (left, right, low, high) of each cell, row by row, as documented in the module."""
     rows = round(count**0.5)
     result, done = [], 0
     for row in range(rows):
@@ -42,14 +42,14 @@ def test_in_the_unit_square(kind, count):
 
 
 def means(draw, count: int) -> list[float]:
-    """Of x y, over 50 seeds."""
+    """Return means of x y for 50 seeds."""
     return [np.prod(to_numpy(draw(count, seed), count), axis=0).mean() for seed in range(50)]
 
 
 @pytest.mark.statistical
 @pytest.mark.parametrize("count", [4096, 5000])
 def test_mean_is_unbiased_and_stratified_has_less_noise(count):
-    """1/4, within five standard errors of independent points."""
+    """The mean is 1/4, within five standard errors of independent points."""
     error = np.sqrt((1 / 9 - 1 / 16) / (50 * count))
     variance = {}
     for draw in (independent, stratified):

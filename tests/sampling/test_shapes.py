@@ -40,7 +40,7 @@ SHAPES = [QUAD, TRIANGLE, *SPHERES.values()]
 
 
 def point(o, n: int = 1) -> mi.Point3f:
-    """The same point in n lanes."""
+    """Return the same point in n lanes."""
     return mi.Point3f(*(float(x) for x in o)) + dr.zeros(mi.Float, n)
 
 
@@ -54,7 +54,7 @@ def chi_square(sample, pdf, domain, **options):
 
 
 def verdict(shape, o, domain=None):
-    """The chi-square test of a shape's directions from `o`."""
+    """Return the result of the chi-square test of a shape's directions from `o`."""
 
     def sample(u):
         record = shape.sample(point(o, dr.width(u)), u)
@@ -64,10 +64,10 @@ def verdict(shape, o, domain=None):
 
 
 def patch_domain(patch, o) -> Domain:
-    """Directions from `o` to a patch by (a, b) in the unit square, where their density is smooth.
+    """Return the domain of directions from `o` to a patch, by smooth coordinates (a, b).
 
-    A triangle's (b1, b2) are (a, (1 - a) b). The solid angle of da db is that of the area that it
-    covers: cos(theta) / r^2 dA.
+    For a triangle, (b1, b2) is (a, (1 - a) b). The solid angle of da db is the solid angle of the
+    area that it covers: cos(theta) / r^2 dA.
     """
     o = np.array(o, dtype=np.float64)
     triangle = isinstance(patch, Triangle)
@@ -111,7 +111,7 @@ def patch_domain(patch, o) -> Domain:
 
 
 def cone_domain(axis, sin_theta_max: float) -> Domain:
-    """Directions of a cone by azimuth and angle to its axis."""
+    """Return the domain of a cone's directions, by azimuth and angle to its axis."""
     z = unit(axis)
     x = unit(np.cross(z, [0.3, 0.5, 0.9]))
     frame = np.column_stack([x, np.cross(z, x), z])
@@ -136,9 +136,9 @@ def cone_domain(axis, sin_theta_max: float) -> Domain:
 def domain_of(shape, o) -> Domain:
     if not isinstance(shape, Sphere):
         return patch_domain(shape, o)
-    to_centre = shape.centre - np.array(o)
-    far = np.linalg.norm(to_centre)
-    return cone_domain(to_centre, shape.radius / far) if far > shape.radius else all_directions()
+    to_center = shape.center - np.array(o)
+    far = np.linalg.norm(to_center)
+    return cone_domain(to_center, shape.radius / far) if far > shape.radius else all_directions()
 
 
 CORNERS = ([0, 0, 0], [1, 1, 1], [0.5, 1, 2])
@@ -157,7 +157,7 @@ def flat_triangle_pdf(p):
 
 
 def even_angles(u):
-    """A cap whose theta, instead of its cosine, is drawn evenly."""
+    """Return a cap in which theta is sampled uniformly, instead of its cosine."""
     sin_phi, cos_phi = dr.sincos(dr.two_pi * u.y)
     sin_theta, cos_theta = dr.sincos(u.x)
     return mi.Vector3f(sin_theta * cos_phi, sin_theta * sin_phi, cos_theta)
@@ -249,7 +249,7 @@ def test_directions_follow_the_density(shape, origin):
 @pytest.mark.statistical
 @pytest.mark.parametrize("o", [(0, 0, 3), (0.3, 0.2, 2.5), (0, 0.99, 3)])
 def test_directions_from_inside_a_sphere(o):
-    """All directions, with the density 1 / (4 pi)."""
+    """All directions are valid, with the density 1 / (4 pi)."""
     sphere = SPHERES["plain"]
     result = verdict(sphere, o)
     assert result.passed, result
@@ -267,7 +267,7 @@ def test_directions_from_inside_a_sphere(o):
 
 @pytest.mark.statistical
 def test_directions_from_the_surface_of_a_sphere():
-    """The half of them that enters is valid."""
+    """Half of the directions enter the sphere, and only these are valid."""
     result = verdict(SPHERES["plain"], (0, 0, 2))
     assert result.passed, result
     assert result.valid == pytest.approx(0.5, abs=0.02)
@@ -281,7 +281,7 @@ def test_directions_from_the_surface_of_a_sphere():
 @pytest.mark.parametrize("origin", ORIGINS)
 @pytest.mark.parametrize("shape", SHAPES, ids=repr)
 def test_records(shape, origin):
-    """What a record says of itself, and what the ray in its direction says, are the same."""
+    """The fields of a record agree with an intersection of its ray."""
     o = point(ORIGINS[origin], 2000)
     record = shape.sample(o, support.uniform(2000))
     again = shape.record(o, record.d)
@@ -341,10 +341,10 @@ def test_far_and_small_spheres_keep_their_digits(distance, radius):
     assert np.array(record.pdf) == pytest.approx(1 / solid_angle, rel=1e-5)
     lost = np.mean(np.array(sphere.pdf(record.o, record.d)) == 0)
     assert lost < 4e-7 * distance / radius
-    off = np.linalg.norm(numpy(record.p) - sphere.centre, axis=1)
+    off = np.linalg.norm(numpy(record.p) - sphere.center, axis=1)
     assert off == pytest.approx(radius, rel=1e-5, abs=2e-7 * distance)
     # Uniform over the cone: the projected disk of the sphere is valid_ray evenly
-    b = numpy(record.p) - sphere.centre
+    b = numpy(record.p) - sphere.center
     b -= np.outer(b @ direction, direction)
     assert np.mean(np.sum(b**2, axis=1)) / radius**2 == pytest.approx(0.5, abs=0.02)
 
@@ -383,14 +383,14 @@ def test_monochrome():
 
 
 def irradiance(shape, o, n, seed: int, samples: int = 4096) -> float:
-    """Of a surface at `o` with the normal `n`, by sampling the shape."""
+    """Estimate the irradiance at `o` on a surface with the normal `n`, by sampling the shape."""
     record = shape.sample(point(o, samples), support.uniform(samples, seed))
     cosine = dr.maximum(dr.dot(record.d, mi.Vector3f(*(float(x) for x in n))), 0)
     return float(np.array(record.weight[0] * cosine, dtype=np.float64).mean())
 
 
 def polygon_irradiance(patch, o, n) -> float:
-    """Of a patch of radiance 1, wholly above the horizon (Lambert)."""
+    """Return the irradiance by a patch of radiance 1, completely above the horizon (Lambert)."""
     a, b, c = patch.corner, patch.corner + patch.e0, patch.corner + patch.e1
     corners = [a, b, c] if isinstance(patch, Triangle) else [a, b, b + patch.e1, c]
     v = [unit(np.subtract(each, o)) for each in corners]
@@ -405,7 +405,7 @@ def polygon_irradiance(patch, o, n) -> float:
     ("patch", "o"), [(Quad((1, 2), emission=1, transform=TILT), (0, 0, 4)), (TRIANGLE, (1, 1, -1))]
 )
 def test_irradiance_of_patches(patch, o):
-    """Mitsuba's rule of sides: light where the normal is, none behind."""
+    """Light is emitted only on the side of the normal, as in Mitsuba."""
     n = unit(patch.corner + 0.3 * patch.e0 + 0.3 * patch.e1 - np.array(o))
     exact = patch.emission[0] * polygon_irradiance(patch, o, n)
     away = (np.array(o) - patch.corner) @ patch.normal
@@ -420,7 +420,7 @@ def test_irradiance_of_patches(patch, o):
 @pytest.mark.statistical
 @pytest.mark.parametrize("radius", [0.01, 0.5, 2.9])
 def test_irradiance_of_a_sphere(radius):
-    """pi Le (r / d)^2 cos(theta) while the sphere is above the horizon, whatever its size."""
+    """The irradiance is pi Le (r / d)^2 cos(theta) while the sphere is above the horizon."""
     sphere = Sphere((0, 0, 3), radius, emission=2)
     cosine = 1.0 if radius > 1 else 0.8
     n = (math.sqrt(1 - cosine**2), 0, cosine)
@@ -440,7 +440,7 @@ NESTED = SurfaceGroup(
 
 
 def seen_by_chance(shape, o, n, seed: int, samples: int = 1 << 16) -> float:
-    """Irradiance by uniform directions: knows nothing of sampling the shape."""
+    """Estimate the irradiance with uniform directions, without sampling the shape."""
     v = mi.warp.square_to_uniform_sphere(support.uniform(samples, seed))
     cosine = dr.maximum(dr.dot(v, mi.Vector3f(*(float(x) for x in n))), 0)
     seen = shape.record(point(o, samples), v).radiance[0]
@@ -478,7 +478,7 @@ def test_directions_of_groups_follow_the_density(group, o, integral):
 
 
 def test_a_near_light_hides_a_far_one():
-    """Two spheres of one solid angle: only the near one's radiance arrives."""
+    """Two spheres of the same solid angle: only radiance of the near sphere arrives."""
     near, far = Sphere((0, 0, 2), 0.5, emission=1), Sphere((0, 0, 8), 2, emission=7)
     o, u = point((0, 0, 0), 4000), support.uniform(4000)
     for shapes in ([near, far], [far, near]):
@@ -495,7 +495,7 @@ def test_a_near_light_hides_a_far_one():
 
 
 def test_the_dark_side_of_a_light_hides_others():
-    """Light from behind a quad does not pass through it."""
+    """Light from behind a quad does not pass through the quad."""
     screen = Quad((9, 9), emission=5, transform=translate(0, 0, 1))
     group = SurfaceGroup([screen, Sphere((0, 0, 3), 0.5, emission=7)])
     record = group.sample(point((0, 0, 0), 1000), support.uniform(1000))
@@ -526,7 +526,7 @@ def test_visibility_in_a_scene():
 
 @pytest.mark.parametrize("flip", [False, True])
 def test_emitters_of_a_scene(flip):
-    """Every ray sees the same light in the group as in the scene."""
+    """Each ray finds the same light in the group as in the scene."""
     area = lambda *rgb: {"type": "area", "radiance": {"type": "rgb", "value": list(rgb)}}  # noqa: E731
     turn = rotate((0, 0.6, 0.8), 70)
     box = translate(-4, 0, 0) @ turn @ mi.ScalarTransform4f().scale([1, -1, 1])
@@ -553,7 +553,7 @@ def test_emitters_of_a_scene(flip):
 
 
 def with_pdf(shape, change):
-    """The same sampling, another density: change(o, v, pdf)."""
+    """Return the same sampling with another density, change(o, v, pdf)."""
 
     class Wrong(type(shape)):
         def sample(self, o, sample):
@@ -584,7 +584,7 @@ WRONG_PATCHES = {
 
 
 def tangent_for_sine(s, o, v, pdf):
-    squared = dr.squared_norm(mi.Point3f(s.centre) - o)
+    squared = dr.squared_norm(mi.Point3f(s.center) - o)
     wrong = 1 / (2 * math.pi * (1 - 1 / dr.sqrt(1 + s.radius**2 / squared)))
     return dr.select(pdf > 0, wrong, 0)
 
@@ -612,7 +612,7 @@ def test_wrong_densities_are_found(shape, bug):
 
 
 def without_occlusion(group):
-    """A group that believes the picked light is what is seen."""
+    """Return a group that wrongly assumes that the selected light is visible."""
 
     class Wrong(SurfaceGroup):
         def sample(self, o, sample):
@@ -630,7 +630,7 @@ def without_occlusion(group):
 
 @pytest.mark.statistical
 def test_wrong_groups_are_found():
-    """From "below", the triangle covers part of the sphere, and the quad part of both."""
+    """Seen from "below", the triangle occludes part of the sphere, and the quad part of both."""
     o, n, wrong = ORIGINS["below"], unit([0.2, 0.1, 1]), without_occlusion(GROUP)
     sampled = over_seeds(lambda seed: irradiance(wrong, o, n, seed, 16384), range(16))
     by_chance = over_seeds(lambda seed: seen_by_chance(GROUP, o, n, seed), range(50, 66))
@@ -669,7 +669,7 @@ DISK_REFUSED = "emitter on the shape 'a': must be a rectangle, a sphere, or a me
 @pytest.mark.parametrize(
     ("part", "said"),
     [
-        ({"type": "sphere"}, "has no emitter; must have area lights$"),
+        ({"type": "sphere"}, "emitters are missing. Add an area light$"),
         ({"type": "point"}, "emitter 'a' has no surface; must be area"),
         (DISK, DISK_REFUSED),
     ],
@@ -699,7 +699,7 @@ def test_spectral_variants_are_refused():
 
 
 def test_records_are_carried_through_loops():
-    """A record is a tree of arrays: it can be the state of a symbolic loop and be selected."""
+    """A record is a tree of arrays. It can be selected, and be the state of a symbolic loop."""
     o = point((0, 0, 0), 4)
     record = GROUP.sample(o, support.uniform(4))
 

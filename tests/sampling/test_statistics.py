@@ -1,4 +1,4 @@
-"""The tests of noisy estimates, tested: against SciPy's, for false alarms, and for power."""
+"""Tests of noisy estimates: against SciPy, for false alarms, and for power."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def test_p_values_are_scipys():
 
 
 def alarms(trials: int, alpha: float, shift: float = 1.0, bins: int = 20) -> float:
-    """Fraction of trials in which `shift` x light of skewed noise differs from the light."""
+    """Return the fraction of trials in which `shift` times skewed noise differs from its mean."""
     noise = np.random.default_rng(3)
     light = np.linspace(0.2, 3.0, bins)
     ours = shift * light * noise.gamma(8, 1 / 8, (32, trials, bins))
@@ -27,7 +27,7 @@ def alarms(trials: int, alpha: float, shift: float = 1.0, bins: int = 20) -> flo
 
 
 def test_false_alarms_are_as_rare_as_promised_and_too_bright_is_found():
-    """1 % nominal; of 1000 trials, at most 2.2 % is four standard deviations away."""
+    """The nominal rate is 1 %. With 1000 trials, 2.2 % is four standard deviations higher."""
     assert alarms(1000, 0.01) <= 0.022
     assert alarms(50, ALPHA / COMPARISONS, shift=1.8) == 1
 

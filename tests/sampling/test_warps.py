@@ -1,4 +1,4 @@
-"""Warps of the unit square: closed forms, edges, moments, integrals, and bugs that are found."""
+"""Warps of the unit square: closed forms, edges, moments, integrals, and errors that are found."""
 
 import itertools
 import math
@@ -35,8 +35,11 @@ def case_of(name: str):
 
 
 def moments_of(name: str) -> dict[str, float]:
-    """By hand. Of Beckmann's normals: with t = tan^2 = alpha^2 s and s exponential, z^2 is
-    1 / (1 + alpha^2 s); by quadrature in the quantiles of s."""
+    """Return moments by formulas.
+
+    For Beckmann's normals, t = tan^2 = alpha^2 s with exponential s, and z^2 = 1 / (1 + alpha^2 s).
+    These moments are integrated over the quantiles of s.
+    """
     alpha = name.partition(" ")[2]
     if not alpha:
         return CASES[name]
@@ -51,7 +54,7 @@ def chi_square(sample, pdf, domain, **options):
 
 
 def edges_of_the_square() -> mi.Point2f:
-    """Corners, and points on and beside the edges."""
+    """Return corners, and points on and next to the edges."""
     near = [0.0, 2.0**-24, 0.25, 0.5, 0.75, 1 - 2.0**-24, 1.0]
     u, v = np.array(list(itertools.product(near, near))).T
     return mi.Point2f(mi.Float(u), mi.Float(v))
@@ -108,7 +111,7 @@ def test_densities():
 
 @pytest.mark.parametrize("z", [-1.0, -0.5, -1e-7, -1e-30, -0.0, 0.0, 1e-30, 1e-13, 1e-4])
 def test_below_and_at_the_horizon(z):
-    """Nothing below; at the horizon 0 where the density vanishes, and never NaN."""
+    """The density is 0 below the horizon, 0 or its limit at the horizon, and never NaN."""
     v = mi.Vector3f(math.sqrt(1 - z * z), 0, z)
     assert warps.square_to_uniform_hemisphere_pdf(v)[0] == (
         0 if z < 0 else pytest.approx(1 / (2 * math.pi))
@@ -136,7 +139,7 @@ def test_edges_of_the_square(name):
 
 
 def test_alpha_from_small_to_large():
-    """Angles and densities have all their digits where 1 - z^2 has none left; one in each lane."""
+    """Angles and densities are precise where 1 - z^2 is not; one value in each lane."""
     for alpha in (1e-6, 1e-4, 0.01, 1.0, 100.0, 1e6, np.array([0.1, 0.5, 2.0])):
         given = alpha if isinstance(alpha, float) else mi.Float(alpha)
         m = warps.square_to_beckmann(mi.Point2f(mi.Float(0.1, 0.5, 0.9), 0.0), given)

@@ -28,7 +28,7 @@ def wall(at, axis=(0, 1, 0), angle=180.0, size=50.0, bsdf=DIFFUSE):
 
 
 def shoot(pattern=ONE, spp=64, /, scene=None, **options):
-    """Waveforms of a lidar at the origin that looks along z; `scene` are the shapes."""
+    """Return waveforms of a lidar at the origin that looks along z at the shapes `scene`."""
     described = {"type": "scene", "sensor": {"type": "perspective"}, **scene}
     return lidar(described, pattern, spp=spp, **QUIET | options)
 
@@ -74,7 +74,7 @@ def test_directions():
 
 @pytest.mark.parametrize("edge", [0.0, 0.5])
 def test_two_echoes_at_an_edge(edge):
-    """Energies by the parts of the disk that a half plane's edge leaves, over r^2 of each wall.
+    """Energies depend on the fraction of the disk on each side of an edge, over r^2 of each wall.
 
     The half plane x > edge h covers (acos(edge) - edge sqrt(1 - edge^2)) / pi of a disk.
     """
@@ -98,7 +98,7 @@ def test_two_echoes_at_an_edge(edge):
 
 
 def test_a_mirror():
-    """Twice the reflectance, at the length of the way, along the axis."""
+    """The echo has the squared reflectance, at the length of the whole way, along the axis."""
     grey = {"type": "conductor", "material": "none"}
     grey |= {"specular_reflectance": {"type": "rgb", "value": 0.8}}
     mirror = wall((0, 0, 4), angle=225.0, size=1, bsdf={"type": "twosided", "bsdf": grey})
@@ -157,7 +157,7 @@ def blend(a, b, weight=0.4):
     ],
 )
 def test_a_mirror_with_other_lobes(floor, turned, reflectance):
-    """The echo of the mirrored wall has the reflectance of all mirrors together, twice."""
+    """The echo of the mirrored wall has the squared reflectance of all mirror lobes together."""
     # The floor is 1 m ahead, and faces the lidar at 80 degrees
     normal = np.array([math.sin(math.radians(80)), 0, -math.cos(math.radians(80))])
     out = np.array([0, 0, 1]) - 2 * normal[2] * normal
@@ -185,7 +185,7 @@ CENTRE = np.array([0, 0, 5.0])
 
 
 def reflected(d):
-    """Where a ray lands after a ball of radius 1 has reflected it, its direction there, length."""
+    """Return where a ray lands after reflection by a ball of radius 1, its direction and length."""
     b = d @ CENTRE
     t = b - math.sqrt(1 - CENTRE @ CENTRE + b**2)
     n = t * d - CENTRE
@@ -195,7 +195,7 @@ def reflected(d):
 
 
 def refracted(d, index=1.5):
-    """As `reflected`, through a ball of glass."""
+    """Return the same as `reflected`, for a path through a glass ball."""
     b = d @ CENTRE
     t = b - math.sqrt(1 - CENTRE @ CENTRE + b**2)
     p, η = t * d, 1 / index
@@ -296,7 +296,7 @@ def test_fog():
 
 
 def test_background_and_detectors():
-    """Shots into the sky count background only; a SPAD sees the first photons."""
+    """Shots into the sky count only background. A SPAD detects the first photons."""
     sky = ONE.assign(azimuth=("shot", [math.pi]))
     shots = shoot(sky, scene={"wall": wall((0, 0, 5))}, background_hz=1e6)
     assert shots["rate"].values == pytest.approx(1e6 * 0.03 / 299792458)
@@ -339,5 +339,5 @@ def test_refused_places_and_media():
     medium = {"type": "homogeneous", "albedo": 0.5, "sigma_t": 0.1}
     fog = {"type": "cube", "bsdf": {"type": "null"}, "interior": medium}
     fog["to_world"] = mi.ScalarTransform4f().translate([0, 0, 4])
-    with refused("scene: has media; must have none, or no mirrors"):
+    with refused("scene: media are not supported together with mirrors"):
         shoot(scene={"fog": fog, "mirror": wall((0, 0, 7), bsdf=MIRROR)})

@@ -1,4 +1,4 @@
-"""A lidar whose shots see a moving scene at their times."""
+"""A lidar with shots that see a moving scene at their times."""
 
 import drjit as dr
 import mitsuba as mi
@@ -15,7 +15,7 @@ QUIET = {"progress": False, "max_range": 20.0, "spp": 4, "divergence_rad": 0.0}
 
 
 def scene(half: float = 60.0, **motions: Motion) -> mi.Scene:
-    """A square 5 m ahead of a sensor at the origin that looks along z."""
+    """Return a square 5 m in front of a sensor at the origin that looks along z."""
     square = mi.ScalarTransform4f().translate([0, 0, 5]).rotate([0, 1, 0], 180).scale(half)
     described = {"type": "scene", "sensor": {"type": "perspective"}}
     return moving(load(described | {"square": {"type": "rectangle", "to_world": square}}), motions)
@@ -23,7 +23,7 @@ def scene(half: float = 60.0, **motions: Motion) -> mi.Scene:
 
 @pytest.mark.essential
 def test_each_shot_sees_a_receding_wall_at_its_time():
-    """Within half of what it moves while a pose lasts; the echoes agree with the truth."""
+    """The error is half of the motion during a pose. Echoes agree with the true distances."""
     speed, pose = 4.0, 4e-3
     shots = lidar(scene(square=Motion((0, 0, speed))), PATTERN, pose_time_s=pose, **QUIET)
     depth = shots["true_range"].values * shots["direction"].values[:, 2]
@@ -36,7 +36,7 @@ def test_each_shot_sees_a_receding_wall_at_its_time():
 
 
 def test_a_box_that_goes_sideways_is_sheared():
-    """The lidar fires row by row, so rows see the square where it has gone meanwhile."""
+    """The lidar scans row by row. Therefore each row sees the square at a later position."""
     speed, pose, half = 4.0, 2e-3, 0.3
     square = scene(half, square=Motion((speed, 0, 0)))
     truth = true_points(lidar(square, PATTERN, pose_time_s=pose, **QUIET))
@@ -62,7 +62,7 @@ def test_a_moving_sensor_has_an_origin_for_each_shot():
 
 
 def test_poses_share_kernels():
-    """A scan with 48 poses compiles the kernels of one, but not one for each."""
+    """A scan with 48 poses compiles the same kernels as a scan with one pose."""
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
         dr.kernel_history_clear()
         lidar(scene(sensor=Motion((1.1, 0, 0))), PATTERN, pose_time_s=3e-3, **QUIET)

@@ -51,7 +51,7 @@ DEAD = Spad(mode="multi_hit", dead_time_s=2e-10)
     ],
 )
 def test_false_alarms_of_shots(background, asked, detector, count):
-    """Shots into the sky have echoes within a factor 1.5 of the rate that was asked."""
+    """Shots into the sky have echoes at the requested rate within a factor of 1.5."""
     shots = waveforms(0.0, background, count)
     cloud = point_cloud(shots, pulses=50, false_alarm=asked, detector=detector, seed=4)
     found = np.unique(cloud["shot"].values).size

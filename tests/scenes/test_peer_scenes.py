@@ -358,14 +358,14 @@ def test_what_is_refused(tmp_path):
         "laser_lookat_pixel = [32.0, 32.0]: must be a pixel of the film, which has [16, 16]"
     )
     away = file(lookat=at_point(0, 0, 1))
-    assert "does not light the relay wall" in refusal(mi.render, apart(away), spp=1)
+    assert "laser: its beam misses the relay wall" in refusal(mi.render, apart(away), spp=1)
     # In the plane of the wall, where the emitter is if nobody says otherwise: it lights nothing
     flat = edited(file(size=4, lookat=""), ('<point name="laser_origin".*/>', ""))
     assert "laser" in refusal(mi.render, apart(flat), spp=1)
     confocal = {"lookat": "", "path_options": tags("integer", capture_type=2)}
     flat = edited(file(size=4, **confocal), ('<point name="laser_origin".*/>', ""))
     said = refusal(tofrender.capture, flat, spp=1, progress=False)
-    assert said.startswith("laser: is at [0.0, 0.0, 0.0], in the plane of what the sensor sees")
+    assert said.startswith("laser: its position [0.0, 0.0, 0.0] is in the plane of the surface")
 
 
 def gated(**integrator) -> dict:

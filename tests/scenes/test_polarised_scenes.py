@@ -132,7 +132,7 @@ def test_the_picture_has_no_noise_and_is_polarised_wholly():
     )
     inside = np.s_[1:6, 1:-1]  # of the first image
     np.testing.assert_allclose(first[inside], second[inside], atol=0.01)
-    degree = tofrender.degree_of_polarisation(first[inside], axis=-1)
+    degree = tofrender.degree_of_polarization(first[inside], axis=-1)
     assert degree.min() > 0.97
     assert np.ptp(first[inside][..., 3]) > 0.1
 

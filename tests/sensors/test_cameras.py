@@ -18,7 +18,7 @@ def images(camera, rates=RATES, cycles=1):
 
 
 def test_gates_sum_bins():
-    """Sharp gates sum bins, parts of them by the part; in a row they hold all light."""
+    """Sharp gates sum bins, also fractions of bins. Consecutive gates receive all light."""
     delays = np.arange(10) * 4 * WIDTH
     sharp = images(GatedCamera(delays_opl=delays, width_s=4 * BIN_S))
     exact = RATES.reshape(5, 7, 10, 4).sum(axis=3)
@@ -31,7 +31,7 @@ def test_gates_sum_bins():
 
 
 def test_edges_and_extinction():
-    """One photon at one path length sees the profile, averaged over its bin."""
+    """One photon at one path length samples the profile, averaged over its bin."""
     rates = np.zeros((1, 1, 40))
     rates[0, 0, 20] = 1.0
     delays = np.linspace(0.5, 3.5, 31)
@@ -45,7 +45,7 @@ def test_edges_and_extinction():
 @pytest.mark.statistical
 @pytest.mark.parametrize("factor", [1.0, 1.6])
 def test_excess_noise(factor):
-    """Mean m, variance F m + read noise squared; long exposures reach the expectation."""
+    """The mean is m, the variance is F m + read noise squared. Long exposures reach the mean."""
     rates = np.full((100, 100, 1), 0.5)
     noise = {"excess_noise": factor, "read_noise": 3.0}
     camera = GatedCamera(delays_opl=[0.0], width_s=BIN_S, **noise)

@@ -1,4 +1,4 @@
-"""Sensors from TOML files: presets fit their expectation, bad keys are one line."""
+"""Sensors from TOML files: presets follow their expectation, errors are one line."""
 
 import json
 
@@ -25,7 +25,7 @@ def box():
 
 
 def fits(measured: xr.Dataset, expected: xr.DataArray) -> bool:
-    """Whether sums of pixels are as noisy about their expectation as the model says."""
+    """Return whether sums of pixels scatter around their expectation as the model predicts."""
     model = read_sensor(json.loads(measured.attrs["sensor"]))["model"]
     variance = expected * getattr(model, "excess_noise", 1.0)
     if isinstance(model, Spad) and model.mode == "first_photon":

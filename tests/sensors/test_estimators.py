@@ -36,7 +36,7 @@ BINS = 120
 
 
 def histograms(response, signal, background, count=2000, seed=1, bins=BINS):
-    """Counts (1, count, bin) of returns anywhere in a bin, and their path lengths [m]."""
+    """Return counts (1, count, bin) of returns anywhere in a bin, and their path lengths [m]."""
     rng = np.random.default_rng(seed)
     position = (bins // 2 + rng.random(count)) * WIDTH
     masses = np.diff(
@@ -47,7 +47,7 @@ def histograms(response, signal, background, count=2000, seed=1, bins=BINS):
 
 @pytest.mark.statistical
 def test_coates_undoes_pile_up():
-    """Mean, variance (exp(rate) - 1) / (M exp(-sum before)) and no correlation of bins."""
+    """Mean rate, variance (exp(rate) - 1) / (M exp(-sum before)), and uncorrelated bins."""
     rates = np.array([0.05, 0.3, 1.2, 0.4, 0.1])
     cycles = 100_000
     film = np.broadcast_to(rates, (40, 50, 5))
@@ -62,7 +62,7 @@ def test_coates_undoes_pile_up():
 
 
 def test_bound_of_a_gaussian():
-    """sigma / (2 sqrt S); bins lose w^2 / 12 sigma^2; much background: S^2 / (4 sqrt(pi) s^3 b)."""
+    """sigma / (2 sqrt S); bins add w^2 / 24 sigma^2; large background: S^2 / (4 sqrt(pi) s^3 b)."""
     fine = WIDTH / 20
     assert depth_bound(100.0, 0.0, GAUSS, fine) == pytest.approx(SIGMA / 20, rel=1e-3)
     ratio = depth_bound(1.0, 0.0, GAUSS, WIDTH) / (SIGMA / 2)
@@ -106,14 +106,14 @@ def test_likeliest_depth_reaches_the_bound(response, signal, background):
     ],
 )
 def test_other_methods(method, response, background, limit):
-    """They reach 1.2 times the bound where they are the likeliest, or nearly."""
+    """They reach 1.2 times the bound where they are nearly maximum likelihood."""
     error, _ = rms(response, 300, background, method)
     assert np.sqrt((error**2).mean()) < limit * depth_bound(300, background, response, WIDTH)
     assert abs(error.mean()) < 5e-2 * SIGMA
 
 
 def test_depth_from_a_sensor():
-    """A whole chain: the wall at 1.23 m is found, in the Dataset's own axis."""
+    """A complete chain finds the wall at 1.23 m on the time axis of the Dataset."""
     rates = np.zeros((2, 3, 200))
     rates[..., 100:] = 1e-4
     jitter = Response(60e-12, 80e-12)
@@ -132,7 +132,7 @@ def test_depth_from_a_sensor():
 
 
 def test_a_responses_origin_is_no_matter():
-    """Recorded at 1 m, it delays all counts by as much, and is no longer for that."""
+    """A response recorded at 1 m delays all counts by 1 m, but is not longer."""
     masses = np.diff(norm.cdf(np.arange(-50, 51) * WIDTH, scale=SIGMA))
     rng = np.random.default_rng(3)
     light = np.zeros(400)
@@ -167,7 +167,7 @@ def test_the_likeliest_depth_at_an_end_of_the_window(opl):
 
 @pytest.mark.statistical
 def test_echoes():
-    """Two returns: position, intensity and width, of mean S and variance S + b n."""
+    """Two returns: position, intensity and width, with the mean S and the variance S + b n."""
     rng = np.random.default_rng(2)
     lags = np.arange(300)[:, None] + [0, 1]
     masses = [np.diff(norm.cdf((lags - at) / 3)).T[0] for at in (80.5, 200.5)]
@@ -194,7 +194,7 @@ def test_bounds_that_bins_cannot_tell_are_infinite():
 
 @pytest.mark.parametrize("response", [GAUSS, LATE])
 def test_bounds_of_echoes(response):
-    """Against a Fisher matrix by finite differences; b = 0: s/2 sqrt S, sqrt S, s/sqrt(2 S)."""
+    """Against a Fisher matrix by finite differences. For b = 0: s/2 sqrt S, sqrt S, s/sqrt(2 S)."""
     shape, b, h = distribution("response", response), 0.7, 1e-4
     edges = (np.arange(-80, 82) - 0.5) * WIDTH
 
@@ -217,7 +217,7 @@ def test_bounds_of_echoes(response):
 @pytest.mark.statistical
 @pytest.mark.parametrize("background", [0.0, 0.02])
 def test_echoes_reach_their_bounds(background):
-    """Errors of intensity, width and depth lie between their bounds and 1.2 times these."""
+    """Errors of intensity, width and depth are between their bounds and 1.2 times the bounds."""
     counts, position = histograms(GAUSS, 300, background)
     found = echoes(counts, GAUSS, start_opl=0.0, bin_width_opl=WIDTH)
     assert found.sizes["echo"] == 2000  # Background near a return is no echo, if hardly known
@@ -228,7 +228,7 @@ def test_echoes_reach_their_bounds(background):
 
 
 def share_with_echoes(counts, false_alarm, **options):
-    """Part of the pixels of counts (1, pixel, bin) with an echo."""
+    """Return the fraction of pixels of counts (1, pixel, bin) with an echo."""
     found = echoes(counts, GAUSS, false_alarm, start_opl=3.0, bin_width_opl=WIDTH, **options)
     return len(set(found["x"].values)) / counts.shape[1]
 
@@ -238,7 +238,7 @@ def share_with_echoes(counts, false_alarm, **options):
 @pytest.mark.parametrize("asked", [0.1, 0.01, 0.001])
 @pytest.mark.parametrize("background", [3e-3, 0.04, 1.0, 20.0])
 def test_false_alarms(background, asked, known):
-    """Background alone has echoes within a factor 1.5 of the rate that was asked."""
+    """Background alone has echoes at the requested rate within a factor of 1.5."""
     count = 20_000
     counts = np.random.default_rng(3).poisson(background, (1, count, BINS))
     given = {"background": background} if known else {}
@@ -252,7 +252,7 @@ def test_false_alarms(background, asked, known):
 @pytest.mark.parametrize("known", [True, False], ids=["known", "unknown"])
 @pytest.mark.parametrize("background", [0.02, 0.3, 1.6, 1.9, 6.5])
 def test_false_alarms_of_a_response_in_one_bin(background, known):
-    """Filtered counts are whole numbers, so that each background has its own threshold."""
+    """Filtered counts are integers, so that each background has a separate threshold."""
     count, bins, asked = 8000, 500, 0.1
     counts = np.random.default_rng(3).poisson(background, (1, count, bins))
     given = {"background": background} if known else {}
@@ -266,7 +266,7 @@ def test_false_alarms_of_a_response_in_one_bin(background, known):
 
 @pytest.mark.parametrize("known", [True, False], ids=["known", "unknown"])
 def test_many_backgrounds_are_simulated_in_short_pixels(known, monkeypatch):
-    """A threshold takes as many simulated bins for a long window as for a short one."""
+    """A threshold needs as many simulated bins for a long window as for a short window."""
     simulated = []
     draw = false_alarms._histograms
 
@@ -289,7 +289,7 @@ def test_many_backgrounds_are_simulated_in_short_pixels(known, monkeypatch):
     ("background", "signal"), [(1e-4, 1.5), (1e-4, 5.1), (0.02, 5.0), (1.0, 16.0), (20.0, 50.0)]
 )
 def test_weak_echoes_are_detected(background, signal, asked):
-    """As many as the likelihood-ratio detector finds, whose threshold is the empirical one."""
+    """As many echoes are found as by the likelihood-ratio detector with an empirical threshold."""
     empty = np.random.default_rng(5).poisson(background, (20_000, BINS))
     counts, _ = histograms(GAUSS, signal, background, count=3000)
     masses = kernel(distribution("response", GAUSS), WIDTH, 1e-3)
@@ -313,7 +313,7 @@ def test_light_in_many_places_is_not_in_echoes():
 
 
 def test_seeds_choose_at_the_threshold_only():
-    """The same seed has the same echoes; strong echoes do not depend on the seed."""
+    """Equal seeds have equal echoes. Strong echoes do not depend on the seed."""
     counts, _ = histograms(GAUSS, 40, 0.0, count=300)
     counts[0, :100] = np.random.default_rng(7).poisson(3e-3, (100, BINS))
     axis = {"start_opl": 0.0, "bin_width_opl": WIDTH, "background": 3e-3}
@@ -328,7 +328,7 @@ LATER = 5.0  # Start of the bins [m]
 
 
 def late_rates():
-    """Rates of a sensor whose window starts at 5 m, with returns at different path lengths."""
+    """Return rates of a sensor with a window from 5 m, and returns at different path lengths."""
     rates = np.full((2, 3, 200), 1e-4)
     at = np.array([[40, 71, 123], [90, 150, 60]])
     np.put_along_axis(rates, at[..., None], 0.4, axis=-1)
@@ -339,7 +339,7 @@ def late_rates():
 
 
 def test_labelled_counts_keep_their_time_axis():
-    """Counts, corrected rates, parts and records of data sets have depths from their own axis."""
+    """Depths of counts, corrected rates, parts and records of data sets use their own time axis."""
     rates, depth = late_rates()
     jitter = Response(60e-12)
     measured = Spad(jitter=jitter).histogram(rates, 5000, 1)
@@ -434,7 +434,7 @@ def test_bad_input(call, text):
     ],
 )
 def test_check_of_pile_up(name, wrong):
-    """The check passes the package's functions, and none that forgets pile-up."""
+    """The check accepts the functions of the package, and refuses functions without pile-up."""
     right = {each: getattr(pile_up, each) for each in ("first_photon", "coates", "coates_variance")}
     check_pile_up(SimpleNamespace(**right))
     with pytest.raises(AssertionError):

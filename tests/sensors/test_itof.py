@@ -1,4 +1,4 @@
-"""iToF against the formulas of PHYSICS: mean and variance, harmonics, saturation, unwrapping."""
+"""iToF cameras against formulas: mean and variance, harmonics, saturation, unwrapping."""
 
 from fractions import Fraction
 
@@ -17,7 +17,7 @@ F = 20e6
 
 
 def scene(phase_opl, signal, background=0.0, pixels=(1, 1), bins=400, width=WIDTH):
-    """Rates of one return near a path length, and background; electrons in one cycle."""
+    """Return rates of one return near a path length, with background; electrons in one cycle."""
     rates = np.full((*pixels, bins), background / bins)
     rates[:, :, int(phase_opl / width)] += signal
     arrays = {"rate": (("y", "x", "bin"), rates)}
@@ -101,7 +101,7 @@ def test_phases_of_demodulate_are_below_a_turn():
 
 @pytest.mark.parametrize("difference", [np.pi, -np.pi, 3 * np.pi])
 def test_a_second_return_in_antiphase(difference):
-    """The error is in (-pi, pi]: 0 for the weaker return, and pi for the stronger return."""
+    """The error is in (-pi, pi]: 0 if the second return is weaker, and pi if it is stronger."""
     assert multipath_phase_error(2, difference) == pytest.approx(np.pi)
     assert multipath_phase_error(0.5, difference) == pytest.approx(0)
 
@@ -127,7 +127,7 @@ def test_phases_of_frames_are_from_minus_pi_to_pi(turn):
 
 @pytest.mark.statistical
 def test_saturation_and_conversion():
-    """Each tap saturates before the subtraction; codes are rounded, and around 0 not cut off."""
+    """Each tap saturates before the subtraction. Codes are rounded, also around 0."""
     rates, _ = scene(0.02, 4000.0, pixels=(2, 2))
     mean = Itof(frequencies_hz=F).expected(rates)["taps"].values[0, :, 0, 0]
     camera = Itof(frequencies_hz=F, full_well=1200.0)

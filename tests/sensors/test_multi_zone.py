@@ -1,4 +1,4 @@
-"""Multi-zone sensors: weights of zones, bins, crosstalk, noise, files, and what they refuse."""
+"""Multi-zone sensors: weights of zones, bins, crosstalk, noise, files, and errors."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ PLAIN = MultiZone(
 
 
 def views(light: np.ndarray, width=0.35, height=0.25) -> xr.Dataset:
-    """Renders with the radiance (poses, y, x, opl), whose tangents fall with column and row."""
+    """Return renders with a radiance (poses, y, x, opl). Tangents decrease with column and row."""
     rows, columns = light.shape[1:3]
     tan_x = width * (1 - 2 * (np.arange(columns) + 0.5) / columns) + 0.02
     tan_y = height * (1 - 2 * (np.arange(rows) + 0.5) / rows)
@@ -42,7 +42,7 @@ def views(light: np.ndarray, width=0.35, height=0.25) -> xr.Dataset:
 
 
 def flash(at: int, rows=40, columns=60) -> np.ndarray:
-    """Light 1 of all pixels in one bin."""
+    """Return light 1 of all pixels in one bin."""
     light = np.zeros((1, rows, columns, OPL.size))
     light[..., at] = 1.0
     return light
@@ -50,7 +50,7 @@ def flash(at: int, rows=40, columns=60) -> np.ndarray:
 
 @pytest.mark.parametrize("blur", [0.0, 0.015])
 def test_zones_collect_their_part_of_the_field_of_view(blur):
-    """Against the integral of cos^4 over the zone; a blurred zone loses nothing far from edges."""
+    """Weights equal the integral of cos^4 over the zone. Blurred zones lose no light inside."""
     moved = replace(PLAIN, blur=blur, shift=(0.01, -0.02), scale=(0.9, 1.1), floors=np.zeros(3))
     counts = moved.expected(views(flash(30)))["counts"].sum("bin")[0].values
     for zone in range(3):
@@ -74,7 +74,7 @@ def test_edges_are_blurred_by_a_gaussian():
 
 
 def test_a_zone_sees_its_own_side():
-    """Light from the left (positive tangents) reaches zone 0, that from the right the others."""
+    """Light from the left (positive tangents) reaches zone 0, light from the right the others."""
     light = flash(30)
     light[:, :, 30:] = 0.0
     counts = replace(PLAIN, floors=np.zeros(3)).expected(views(light))["counts"].sum("bin")[0]

@@ -1,4 +1,4 @@
-"""Expected photons against a hand calculation, and the parameters that are refused."""
+"""Expected photons against a manual calculation, and parameters that are refused."""
 
 import dask
 import numpy as np
@@ -18,11 +18,11 @@ OPTICS = {
 
 
 def test_from_the_lamps_watts_to_photons_on_a_lambertian_wall():
-    """The lamp has 1 W/sr, 12.57 W in all; a wall 2 m away, seen head-on, reflects a half.
+    """The lamp has 1 W/sr, 12.57 W in total. A wall at 2 m, seen head-on, reflects a half.
 
     L = 0.5 / pi / 4 = 0.0397887 W m^-2 sr^-1. A pulse of 20 nJ sends 6.3326e-11 J m^-2 sr^-1 to the
-    lens, pi / (4 1.4^2) = 0.40071 of it 2.5375e-11 J m^-2 to the pixel, 7.6126e-22 J to its
-    30 um^2, which are 3.2575e-3 photons of 850 nm (2.33699e-19 J), and 6.515e-4 detections.
+    lens. pi / (4 1.4^2) = 0.40071 gives 2.5375e-11 J m^-2 on the pixel, and 7.6126e-22 J on its
+    30 um^2. These are 3.2575e-3 photons of 850 nm (2.33699e-19 J), and 6.515e-4 detections.
     """
     floor = plane(bsdf=diffuse(0.5))
     sensor = camera((0, 0, 2), (0, 0, 0), film(3, 3, start=3.5, bins=20), fov=1.0)
@@ -38,7 +38,7 @@ def test_from_the_lamps_watts_to_photons_on_a_lambertian_wall():
 
 
 def test_ambient_light_and_dark_counts():
-    """Both arrive at all times: per bin of 2 cm, 66.7 ps, and apart from the signal."""
+    """Both arrive at all times, per bin of 2 cm or 66.7 ps, and independent of the signal."""
     dataset = make_dataset()
     dark = expected_photons(dataset, **OPTICS)["rate"]
     light = expected_photons(dataset, **OPTICS, ambient_radiance=10.0, dark_count_hz=1e6)

@@ -1,4 +1,4 @@
-"""SPAD arrays against closed forms: PHYSICS by mean and variance, limits, order of the chain."""
+"""SPAD arrays against closed forms: means, variances, limits, and the order of the stages."""
 
 import heapq
 import re
@@ -28,18 +28,18 @@ PEAK = 0.02 + 0.8 * np.exp(-0.5 * ((np.arange(24) - 9) / 2.0) ** 2)
 
 
 def pixels(rates, rows=16, columns=64):
-    """The same rates in many pixels, each an independent sample."""
+    """Return the same rates in many pixels, each an independent sample."""
     return np.broadcast_to(rates, (rows, columns, len(rates)))
 
 
 def counts(spad, rates, cycles, seed=1):
-    """Histograms (pixel, bin) of many equal pixels."""
+    """Return histograms (pixel, bin) of many equal pixels."""
     found = spad.histogram(pixels(rates), cycles, seed, bin_width_opl=WIDTH)["counts"].values
     return found.reshape(-1, found.shape[-1]).astype(np.float64)
 
 
 def stamps(spad, rates, cycles, seed=2):
-    """The same from tables of photons."""
+    """Return the same histograms from tables of photons."""
     table = spad.photons(pixels(rates), cycles, seed, bin_width_opl=WIDTH)
     shape = (16 // spad.macro_pixel[0], 64 // spad.macro_pixel[1], len(rates))
     cell = np.ravel_multi_index([table[name].values for name in ("y", "x", "bin")], shape)
@@ -47,13 +47,13 @@ def stamps(spad, rates, cycles, seed=2):
 
 
 def agree_twice(samples, mean, variance):
-    """By mean and by variance."""
+    """Compare means and variances."""
     square = (samples - samples.mean(axis=0)) ** 2 * len(samples) / (len(samples) - 1)
     return agree(samples, np.asarray(mean)) and agree(square, np.asarray(variance))
 
 
 def periodic(rates, dead):
-    """Stationary histogram of a free-running SPAD: Rapp and Goyal's chain of detections."""
+    """Return the stationary histogram of a free-running SPAD by Rapp and Goyal's Markov chain."""
     bins = len(rates)
     chain = np.zeros((bins, bins))
     for s in range(bins):
@@ -69,7 +69,7 @@ def periodic(rates, dead):
 
 
 def _armed(rates, s, dead, most=40):
-    """Sums of rates from the first armed bin after s up to each bin, over many periods."""
+    """Return sums of rates from the first armed bin after s up to each bin, for many periods."""
     after = np.tile(rates, most)[(np.arange(1, len(rates) * (most - 2)) + s + dead)]
     return np.cumsum(after)
 
@@ -111,9 +111,9 @@ def test_low_flux_is_linear():
 @pytest.mark.parametrize("paralysable", [False, True])
 @pytest.mark.parametrize("r", [3.0, 0.7])
 def test_dead_time_at_constant_rate(paralysable, r):
-    """Rate r/(1 + r tau) or r exp(-r tau), and the variances of PHYSICS, in the limit of fine bins.
+    """Rate r/(1 + r tau) or r exp(-r tau), and their variances, in the limit of fine bins.
 
-    A dead time starts anywhere in its bin: tau is half a bin longer than its whole bins.
+    A dead time starts anywhere in its bin. Therefore tau is half a bin longer than its whole bins.
     """
     tau, bins, cycles = 0.2, 4000, 9
     w = tau / 79.5
@@ -133,7 +133,7 @@ def test_dead_time_at_constant_rate(paralysable, r):
 @pytest.mark.statistical
 @pytest.mark.parametrize("dead", [2, 7])
 def test_free_running_histogram_is_stationary(dead):
-    """After a detection the detector is armed T_d bins later: Rapp and Goyal's matrix."""
+    """After a detection, the detector is armed T_d bins later (Rapp and Goyal's matrix)."""
     spad = Spad(mode="free_running", dead_time_s=dead * BIN_S)
     exact = periodic(PEAK, dead)
     expected = spad.expected(PEAK[None, None], bin_width_opl=WIDTH)["counts"].values[0, 0]
@@ -145,7 +145,7 @@ def test_free_running_histogram_is_stationary(dead):
 @pytest.mark.parametrize("paralysable", [False, True])
 @pytest.mark.parametrize("draw", [counts, stamps])
 def test_armed_at_the_start_of_cycles(paralysable, draw):
-    """Counts of single bins of all cycles are binomial, whatever other bins do."""
+    """Counts of a bin over all cycles are binomial, independent of other bins."""
     spad = Spad(mode="multi_hit", dead_time_s=4 * BIN_S, paralysable=paralysable)
     p = armed_detections(PEAK[None], 4, paralysable=paralysable, periodic=False)[0]
     assert agree_twice(draw(spad, PEAK, 60), 60 * p, 60 * p * (1 - p))
@@ -156,7 +156,7 @@ IRF = SampledPulse([0.25, 0.5, 0.25], -1.5 * WIDTH, WIDTH)
 
 @pytest.mark.statistical
 def test_jitter_comes_after_detection():
-    """Jitter of stamps (.25, .5, .25) gives .32535 in the third bin; of light it gives .30728."""
+    """Jitter of stamps (.25, .5, .25) gives .32535 in the third bin, jitter of light .30728."""
     spad = Spad(jitter=IRF)
     p = spad.expected(FEW[None, None], bin_width_opl=WIDTH)["counts"].values[0, 0]
     assert p[2] == pytest.approx(0.32535, abs=5e-6)
@@ -170,7 +170,7 @@ def test_jitter_comes_after_detection():
 
 @pytest.mark.parametrize("width", [0.5 * WIDTH, 0.2 * WIDTH])
 def test_response(width, tmp_path):
-    """Mean tau and variance sigma^2 + tau^2, late; the same from a file, and the formula."""
+    """Mean tau and variance sigma^2 + tau^2, towards later stamps; also from a file."""
     response = distribution("jitter", Response(sigma_s=2 * BIN_S, tail_s=3 * BIN_S))
     masses = kernel(response, width)
     lags = (np.arange(masses.size) - masses.size // 2) * width
@@ -194,7 +194,7 @@ def test_response(width, tmp_path):
 
 @pytest.mark.statistical
 def test_afterpulses_follow_the_dead_time():
-    """Each detection is followed by p / (1 - p) more, exponential after the dead time."""
+    """Each detection causes p / (1 - p) afterpulses, at exponential times after the dead time."""
     rates = np.zeros(200)
     rates[0] = 0.02
     p, mean = 0.2, 20
@@ -218,7 +218,7 @@ UNEVEN = 0.2 + 0.1 * np.sin(np.arange(60) / 5)
 
 
 def one_by_one(rng, cycles, free, paralysable):
-    """Histogram of a pixel whose avalanches are simulated one after the other, in order of time."""
+    """Return the histogram of a pixel, with avalanches simulated one by one in order of time."""
     found = np.zeros(UNEVEN.size)
     photons = rng.poisson(UNEVEN, (cycles, UNEVEN.size))
     every = [photons.ravel()] if free else photons
@@ -244,7 +244,7 @@ def one_by_one(rng, cycles, free, paralysable):
     ("mode", "chunk"), [("multi_hit", 1 << 20), ("free_running", 1 << 20), ("free_running", 700)]
 )
 def test_afterpulses_at_high_probability(mode, chunk, paralysable, monkeypatch):
-    """Histograms agree with those of single avalanches: masked avalanches cause no afterpulses."""
+    """Histograms agree with a simulation of avalanches: masked avalanches cause no afterpulses."""
     monkeypatch.setattr(events, "CHUNK", chunk)  # 700 avalanches are one or two cycles
     spad = Spad(
         mode=mode,
@@ -275,7 +275,7 @@ def test_afterpulses_at_high_probability(mode, chunk, paralysable, monkeypatch):
     ],
 )
 def test_chunks_of_cycles_change_nothing(given, monkeypatch):
-    """The same photons are detected, however the cycles of a free-running SPAD are cut."""
+    """The same photons are detected for all divisions of a free-running SPAD's cycles."""
     rows, cycles, bins = 4, 30, 24
     layout = events.Layout(
         (8, cycles, bins), 11, round(given.get("coincidence_window_s", 0) / BIN_S), True
@@ -342,7 +342,7 @@ def test_crosstalk_goes_to_neighbours():
 @pytest.mark.statistical
 @pytest.mark.parametrize("window", [0, 1])
 def test_coincidence_of_two(window):
-    """Two of two SPADs in the same bin, or also in neighbouring ones."""
+    """Both SPADs must detect in the same bin, or also in neighboring bins."""
     p = 1 - np.exp(-0.1)
     spad = Spad(
         mode="multi_hit",
@@ -362,7 +362,7 @@ def test_coincidence_of_two(window):
 
 @pytest.mark.statistical
 def test_converter():
-    """Codes of several bins, of unequal widths, and stamps beyond the last code."""
+    """Codes cover several bins, have unequal widths, and stamps after the last code are lost."""
     merged = Spad(tdc_lsb_s=4 * BIN_S, tdc_bits=2)
     p = first_photon(PEAK).reshape(-1, 4).sum(axis=1)[:4]
     found = merged.histogram(pixels(PEAK), 300, bin_width_opl=WIDTH)
@@ -406,7 +406,7 @@ CHAINS = [
 
 @pytest.mark.parametrize("spad", CHAINS, ids=["first", "multi", "free"])
 def test_chunks_change_nothing(spad):
-    """Lazy rates give a lazy result, with the counts of an array in memory, by seed."""
+    """Lazy rates have a lazy result with the same counts as an array in memory, for each seed."""
     rates = np.broadcast_to(PEAK, (36, 8, 24)) * np.linspace(0.5, 1, 36)[:, None, None]
     found = spad.histogram(rates, 50, 7, bin_width_opl=WIDTH)["counts"]
     arrays = {"rate": (("y", "x", "bin"), rates), "background": (("y", "x"), np.zeros((36, 8)))}
@@ -493,7 +493,7 @@ def test_bad_calls(spad, call, text):
     ],
 )
 def test_bad_parameters(name, value):
-    """Out of range, or not used by anything."""
+    """Parameters are out of range, or have no effect."""
     refused(name, Spad, **{name: value})
 
 

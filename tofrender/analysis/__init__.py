@@ -1,4 +1,4 @@
-"""Phasors and depth, sensor models and statistics, computed from rendered light."""
+"""Analysis of rendered light: phasors and depth, polarization, other bins and pixels."""
 
 from ..runtime.lazy import attach_stub
 

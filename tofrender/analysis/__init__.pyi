@@ -11,11 +11,11 @@ from .correlation import (
     true_depth as true_depth,
     true_normals as true_normals,
 )
-from .polarisation import (
-    angle_of_linear_polarisation as angle_of_linear_polarisation,
-    degree_of_circular_polarisation as degree_of_circular_polarisation,
-    degree_of_linear_polarisation as degree_of_linear_polarisation,
-    degree_of_polarisation as degree_of_polarisation,
+from .polarization import (
+    angle_of_linear_polarization as angle_of_linear_polarization,
+    degree_of_circular_polarization as degree_of_circular_polarization,
+    degree_of_linear_polarization as degree_of_linear_polarization,
+    degree_of_polarization as degree_of_polarization,
 )
 from .rebinning import rebin as rebin
 from .unwrapping import unambiguous_range as unambiguous_range, unwrap as unwrap

@@ -4,7 +4,7 @@ The phasor of a pixel at the modulation frequency f is
 
     P(f) = sum over k of L_k exp(+i 2 pi f opl_k / c),    I = Re P,    Q = Im P
 
-with the radiance L_k of bin k and the path length opl_k of its centre.
+with the radiance L_k of bin k and the path length opl_k of the bin's center.
 """
 
 # ruff: noqa: E741 (I and Q are what the field calls them)
@@ -35,35 +35,38 @@ def transient_to_phasor(
     *,
     quantity: str | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Convert transient data to phasors: P(f) = sum L_k exp(+i 2 pi f opl_k / c) at bin centres.
+    """Convert transient data to phasors: P(f) = sum L_k exp(+i 2 pi f opl_k / c) at bin centers.
 
-    Radiance per bin is summed as it is; radiance per metre is multiplied by the bin width. See also
-    `render_amcw_phasor`, `phasor_panel`. The result differs from phasors accumulated path by path:
+    Radiance per bin is summed directly. Radiance per metre is multiplied by the bin width. See also
+    `render_amcw_phasor`, `phasor_panel`. The result differs from phasors that are accumulated path
+    by path:
 
-    - Light outside the window is missing, which can be a large error; see the warning.
-    - Light counts as if it arrived at its bin's centre. Spread evenly over a bin of width w, it has
-      sinc(f w / c) = sin(pi f w / c) / (pi f w / c) of that amplitude, so the result is larger by
-      about (pi f w / c)^2 / 6: 2e-5 of it for bins of 0.02 m at 50 MHz. It is not corrected.
-    - A pulse of the render is still in the data. It multiplies the phasor by its characteristic
-      function, exp(-(2 pi f s / c)^2 / 2) for a Gaussian: 0.9995 for s = 0.03 m at 50 MHz.
+    - Light outside the window is missing. The error can be large, and a warning reports it.
+    - Light is treated as if it arrived at the center of its bin. Light that is spread evenly over a
+      bin of width w has a smaller amplitude by sinc(f w / c) = sin(pi f w / c) / (pi f w / c).
+      Therefore the result is too large by about (pi f w / c)^2 / 6, e.g. by 2e-5 for bins of 0.02 m
+      at 50 MHz. This is not corrected.
+    - A pulse of the render remains in the data. It multiplies the phasor by its characteristic
+      function. For a Gaussian, this is exp(-(2 pi f s / c)^2 / 2), e.g. 0.9995 for s = 0.03 m at
+      50 MHz.
 
     Args:
-        transient_data: A Dataset of `render`, a part of one, or an array (height, width, bins,
-            channels) with 1 or 3 channels, or (height, width, bins). Of Stokes vectors S0 counts.
+        transient_data: A Dataset of `render` or a part of it, or an array (height, width, bins,
+            channels) with 1 or 3 channels, or (height, width, bins). S0 of Stokes vectors is used.
         frequency_hz: Modulation frequency [Hz], above 0 and below c / (2 bin_width_opl), or a
-            sequence of them.
-        start_opl: Start of the first bin [m], by default the Dataset's.
-        bin_width_opl: Width of a bin [m], above 0, by default the Dataset's.
-        quantity: "radiance per bin" or "radiance per metre", by default the Dataset's; of an array
-            "radiance per bin".
+            sequence of frequencies.
+        start_opl: Start of the first bin [m], by default the Dataset's start.
+        bin_width_opl: Width of a bin [m], above 0, by default the Dataset's width.
+        quantity: "radiance per bin" or "radiance per metre", by default the Dataset's quantity. The
+            default for arrays is "radiance per bin".
 
     Returns:
         (I, Q, amplitude, phase, depth), each float64 (height, width, channels), with a leading axis
-        of frequencies if a sequence was given; see `phasor_parts`.
+        of frequencies for a sequence of frequencies; see `phasor_parts`.
 
     Raises:
-        ValueError: A wrong shape, frequency or time axis, a value that is not finite, or a Dataset
-            without its attributes.
+        ValueError: Shape, frequency or time axis are invalid, a value is not finite, or attributes
+            of a Dataset are missing; one line.
 
     Warns:
         UserWarning: The Dataset's window lost more than 1 % of the energy.
@@ -75,6 +78,7 @@ def transient_to_phasor(
         >>> amplitude.item(), round(depth.item(), 6)
         (2.0, 2.105)
     """
+    # Read the light and its bins
     frequencies, many = check_frequencies(frequency_hz)
     outside = 0.0
     if isinstance(transient_data, xr.Dataset | xr.DataArray):
@@ -94,6 +98,8 @@ def transient_to_phasor(
         quantity = QUANTITIES[0] if quantity is None else quantity
         quantity = checks.one_of("quantity", quantity, QUANTITIES)
         cube = _four_axes(Cube.of("transient_data", transient_data))
+
+    # Check the frequencies, and report missing energy
     check_below_limit(frequencies, width)
     if outside > LOST_ENERGY:
         warnings.warn(
@@ -102,8 +108,9 @@ def transient_to_phasor(
             stacklevel=3,
         )
 
-    centres = start + (np.arange(cube.shape[2]) + 0.5) * width
-    angles = 2 * math.pi / SPEED_OF_LIGHT * np.outer(frequencies, centres)
+    # Correlate the bins with waves
+    centers = start + (np.arange(cube.shape[2]) + 0.5) * width
+    angles = 2 * math.pi / SPEED_OF_LIGHT * np.outer(frequencies, centers)
     waves = np.concatenate((np.cos(angles), np.sin(angles)))
     if quantity == "radiance per metre":
         waves *= width
@@ -112,17 +119,18 @@ def transient_to_phasor(
         cube.require_finite("transient_data")
     I, Q = np.split(sums, 2)
     if not many:
-        I, Q = I[0], Q[0]
+        I = I[0]
+        Q = Q[0]
     return I, Q, *phasor_parts(I, Q, frequency_hz)
 
 
 def sum_channels(
     I: Any, Q: Any, frequency_hz: float | Sequence[float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Add the channels of phasors (I, Q), as a sensor without colour filters does.
+    """Add the channels of phasors (I, Q), like a sensor without color filters.
 
-    Phasors add; phases must not be averaged, as they wrap and the darkest would count as much as
-    the brightest.
+    Phasors are added. Phases must not be averaged, because they wrap, and because dark channels
+    would have the same weight as bright channels.
 
     Args:
         I: Real part, channels last.
@@ -153,9 +161,10 @@ def sum_channels(
 
 
 def _four_axes(cube: Cube) -> Cube:
-    """View values as (height, width, bins, channels)."""
+    """Return values with the axes (height, width, bins, channels)."""
+    # An array with a last axis of 1 or 3 is an image
     shape = cube.shape
-    if len(shape) == 3 and shape[2] not in (1, 3):  # With 1 or 3 it is an image
+    if len(shape) == 3 and shape[2] not in (1, 3):
         cube = cube.view((..., None))
     if len(cube.shape) != 4 or cube.shape[3] not in (1, 3) or 0 in shape:
         swapped = len(shape) == 4 and shape[2] in (1, 3)
@@ -168,11 +177,16 @@ def _four_axes(cube: Cube) -> Cube:
 
 
 def _agreeing(given: Mapping[str, Any], dataset: xr.Dataset) -> tuple[float, float, str]:
-    """Return start and width [m] of a Dataset's bins, and its quantity; given ones must agree."""
+    """Return start and width [m] of a Dataset's bins, and its quantity.
+
+    Raises:
+        ValueError: A given value differs from the Dataset's value; one line.
+    """
+    # Check the attributes
     if dataset.attrs.get("camera_unwarp"):
         raise ValueError(
             "transient_data has path lengths without the camera's segment (camera_unwarp = 1), "
-            "whose phases are not those of a camera. Pass the render before unwarp_camera"
+            "so that phases differ from a camera's phases. Pass the render before unwarp_camera"
         )
     if "quantity" not in dataset.attrs:
         raise ValueError(
@@ -185,6 +199,8 @@ def _agreeing(given: Mapping[str, Any], dataset: xr.Dataset) -> tuple[float, flo
         "bin_width_opl": bins.bin_width_opl,
         "quantity": quantity,
     }
+
+    # Compare with given values
     for name, found in own.items():
         value = given[name]
         if value is None or value == found:
@@ -196,10 +212,12 @@ def _agreeing(given: Mapping[str, Any], dataset: xr.Dataset) -> tuple[float, flo
 
 
 def _correlate(cube: Cube, waves: np.ndarray) -> np.ndarray:
-    """Sum over bins (height, width, bins, channels) times (waves, bins), in double precision."""
+    """Sum (height, width, bins, channels) times waves (waves, bins) over bins, as float64."""
     height, width, _, channels = cube.shape
     sums = np.zeros((len(waves), height, width, channels))
-    with np.errstate(invalid="ignore"):  # Of infinite values
+
+    # Infinite values result in NaN, which the caller reports
+    with np.errstate(invalid="ignore"):
         for (rows, columns, bins, _), values in cube.pieces():
             part = waves[:, bins] @ values.astype(np.float64)
             sums[:, rows, columns] += np.moveaxis(part, 2, 0)

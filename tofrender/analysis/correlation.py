@@ -1,4 +1,4 @@
-"""AMCW sensor models, and how far paths other than the direct one mislead such a sensor."""
+"""Ideal AMCW sensors, and errors of their depth by indirect light (multipath)."""
 
 # ruff: noqa: E741 (I and Q are what the field calls them)
 
@@ -17,34 +17,39 @@ def four_bucket(
 
         B(theta) = (offset + contrast (I cos theta + Q sin theta)) / 2
 
-    Two taps that demodulate in antiphase share all light: B(theta) + B(theta + 180 degrees) =
-    offset. The model is that of Lange and Seitz, "Solid-state time-of-flight range camera", IEEE J.
-    Quantum Electronics 37 (2001); the demodulation contrast is measured amplitude over measured
+    Two taps in antiphase share all light: B(theta) + B(theta + 180 degrees) = offset. The model is
+    described by Lange and Seitz, "Solid-state time-of-flight range camera", IEEE J. Quantum
+    Electronics 37 (2001). The demodulation contrast is the measured amplitude over the measured
     offset. See also `from_four_bucket`.
 
     Args:
         I: Real part of the phasors, any shape, e.g. (height, width, channels).
         Q: Imaginary part, of the same shape.
         offset: All light that reaches the pixel, modulated or not: the steady image plus ambient
-            light, at least 0, of a shape that broadcasts to that of I.
-        contrast: In (0, 1]. Light with a fully modulated sine, demodulated by a gain that is a
-            sine too, has 1/2; by a square wave 2/pi; by short samples up to 1; real pixels less.
+            light, at least 0, with a shape that broadcasts to the shape of I.
+        contrast: Contrast in (0, 1]. For fully modulated sine light, demodulation by a sine has the
+            contrast 1/2, demodulation by a square wave has 2/pi, and short samples have up to 1.
+            Real pixels have less.
 
     Returns:
         (B0, B90, B180, B270), float64 of the shape of I.
 
     Raises:
-        ValueError: Shapes that do not fit, a contrast out of range, or an offset that is negative
-            or below contrast x amplitude, as light cannot be negative.
+        ValueError: The shapes do not match, the contrast is out of range, or the offset is negative
+            or below contrast x amplitude, because light cannot be negative; one line.
 
     Example:
         >>> buckets = four_bucket(0.0, 2.0, offset=3.0, contrast=0.5)
         >>> [float(b) for b in buckets]
         [1.5, 2.0, 1.5, 1.0]
     """
-    I, Q = checks.real_array("I", I, np.float64), checks.real_array("Q", Q, np.float64)
+    # Check the phasors
+    I = checks.real_array("I", I, np.float64)
+    Q = checks.real_array("Q", Q, np.float64)
     if I.shape != Q.shape:
         raise ValueError(f"I, Q with shapes {I.shape}, {Q.shape}: must be equal")
+
+    # Check offset and contrast
     base = checks.real_array("offset", offset)
     try:
         base = np.broadcast_to(base, I.shape)
@@ -59,7 +64,11 @@ def four_bucket(
             f"offset = {base.min():g}: must be at least contrast x amplitude, or buckets hold "
             "negative light; it is the steady image plus ambient light"
         )
-    part_i, part_q, half = contrast * I / 2, contrast * Q / 2, base / 2
+
+    # Evaluate the four phases
+    part_i = contrast * I / 2
+    part_q = contrast * Q / 2
+    half = base / 2
     return half + part_i, half + part_q, half - part_i, half - part_q
 
 
@@ -73,16 +82,16 @@ def from_four_bucket(
 
     Args:
         B0: Correlation image at a phase step of 0 degrees, any shape.
-        B90: At 90 degrees.
-        B180: At 180 degrees.
-        B270: At 270 degrees, all of the same shape.
-        contrast: The sensor's, in (0, 1].
+        B90: Correlation image at 90 degrees, of the same shape.
+        B180: Correlation image at 180 degrees, of the same shape.
+        B270: Correlation image at 270 degrees, of the same shape.
+        contrast: Demodulation contrast of the sensor, in (0, 1].
 
     Returns:
         (I, Q, offset), float64.
 
     Raises:
-        ValueError: Shapes that do not fit, or a contrast out of range.
+        ValueError: The shapes do not match, or the contrast is out of range; one line.
 
     Example:
         >>> [float(v) for v in from_four_bucket(1.5, 2.0, 1.5, 1.0, contrast=0.5)]
@@ -99,10 +108,10 @@ def from_four_bucket(
 
 
 class MultipathError(NamedTuple):
-    """Difference between measured and true depths."""
+    """Differences between measured and true depths."""
 
     error: np.ndarray
-    """Signed error of each pixel [m], positive if too far; NaN where nothing is known."""
+    """Signed error of each pixel [m], positive if too far, NaN if a depth is not finite."""
     median: float
     """Median of the error [m]: the bias."""
     percentile_95: float
@@ -110,21 +119,21 @@ class MultipathError(NamedTuple):
 
 
 def multipath_error(depth: Any, true_depth: Any, range_m: float | None = None) -> MultipathError:
-    """Compare depth from phases with the truth.
+    """Compare measured depth with the true depth.
 
     Args:
         depth: Measured depth [m], (height, width) or (height, width, channels).
         true_depth: Distance from the sensor [m], (height, width) or the shape of `depth`; see the
             function `true_depth`.
-        range_m: Range after which the depth wraps [m], e.g. `unambiguous_range(20e6)`: the error
-            is then taken modulo it, in [-range/2, range/2). None for depth that does not wrap.
+        range_m: Range after which the depth wraps [m], e.g. `unambiguous_range(20e6)`. Errors are
+            then reduced to [-range/2, range/2). None for depth that does not wrap.
 
     Returns:
-        A map of the depth's shape and its statistics; NaN where truth or depth is not finite, and
-        for the statistics if that is everywhere.
+        A map of errors with the shape of `depth`, and its statistics. Errors are NaN if one of the
+        depths is not finite. Without any finite error, the statistics are NaN as well.
 
     Raises:
-        ValueError: Shapes that do not fit, or a range that is not above 0.
+        ValueError: The shapes do not match, or the range is not above 0; one line.
 
     Example:
         >>> measured = np.array([[7.4, 2.1]])
@@ -132,21 +141,24 @@ def multipath_error(depth: Any, true_depth: Any, range_m: float | None = None) -
         >>> result.error.round(6), round(result.median, 6)
         (array([[-0.2,  0.1]]), -0.05)
     """
-    depth, true_depth = (
-        checks.real_array(name, values, np.float64)
-        for name, values in (("depth", depth), ("true_depth", true_depth))
-    )
+    # Read both depths
+    depth = checks.real_array("depth", depth, np.float64)
+    true_depth = checks.real_array("true_depth", true_depth, np.float64)
     truth = true_depth[..., None] if depth.ndim == true_depth.ndim + 1 == 3 else true_depth
     if depth.shape != truth.shape and (depth.ndim, *truth.shape) != (3, *depth.shape[:-1], 1):
         raise ValueError(
-            f"depth, true_depth with shapes {depth.shape}, {true_depth.shape}: must be equal, but "
-            "for channels last in depth"
+            f"depth, true_depth with shapes {depth.shape}, {true_depth.shape}: must be equal, "
+            "except for channels last in depth"
         )
+
+    # Compare pixels with both depths
     known = np.isfinite(depth) & np.isfinite(truth)
     error = np.subtract(depth, truth, out=np.full(depth.shape, np.nan), where=known)
     if range_m is not None:
         range_m = checks.metres("range_m", range_m, positive=True)
         error = wrap(error + range_m / 2, range_m) - range_m / 2
+
+    # Compute statistics
     if not known.any():
         return MultipathError(error, np.nan, np.nan)
     found = error[known]
@@ -154,24 +166,24 @@ def multipath_error(depth: Any, true_depth: Any, range_m: float | None = None) -
 
 
 def true_depth(scene: Any, sensor: int = 0) -> np.ndarray:
-    """Trace the distance from a sensor to the first surface at the centre of each pixel.
+    """Trace the distance from a sensor to the first surface at the center of each pixel.
 
-    With the light at the camera (`cornell_box_flash`), an AMCW camera without multi-path light
-    measures this distance; in water, this times the index. Elsewhere, phases give half the path
-    length instead.
+    If the light is at the camera (`cornell_box_flash`), an AMCW camera without multipath light
+    measures this distance. In water it measures this distance times the index. In other scenes,
+    phases give half of the path length instead.
 
     Args:
         scene: A loaded scene, or what `load_scene` accepts.
-        sensor: Number of the sensor; its film's crop window counts.
+        sensor: Index of the sensor. The crop window of its film applies.
 
     Returns:
-        float64 (height, width): distance along the ray from the sensor's origin, not from its near
-        plane, to the first surface [m], glass included, and lights unless the scene's integrator
-        has `hide_emitters`; NaN where there is none.
+        float64 (height, width): distance along the ray [m] from the sensor's origin (not from its
+        near plane) to the first surface, also if the surface is glass. Lights are surfaces unless
+        the integrator of the scene has `hide_emitters`. NaN if the ray hits no surface.
 
     Raises:
-        ValueError: The scene is wrong, or has no such sensor.
-        BackendError: The active variant is a scalar one.
+        ValueError: The scene is invalid, or does not contain the sensor; one line.
+        BackendError: The active variant is a scalar variant.
 
     Example:
         >>> depth = true_depth("cornell_box_flash")
@@ -182,20 +194,20 @@ def true_depth(scene: Any, sensor: int = 0) -> np.ndarray:
 
     from ..paths.camera import ray_origin
 
-    loaded, camera, ray, si, pixels = _pixel_centre_hits(scene, sensor)
+    loaded, camera, ray, si, pixels = _pixel_center_hits(scene, sensor)
     origin = ray_origin(camera, ray, loaded)
     distance = dr.select(si.is_valid(), dr.norm(si.p - origin), dr.nan)
     return np.array(distance, dtype=np.float64).reshape(pixels)
 
 
 def true_normals(scene: Any, sensor: int = 0) -> np.ndarray:
-    """Trace the normals of the first surfaces at the centres of pixels.
+    """Trace the normals of the first surfaces at the centers of pixels.
 
     Arguments and errors are as for `true_depth`.
 
     Returns:
-        float64 (height, width, 3): unit normals in world space, on the side that is seen; NaN where
-        there is no surface. Meshes have those of their triangles.
+        float64 (height, width, 3): unit normals in world space, on the visible side. NaN if the ray
+        hits no surface. Meshes have the normals of their triangles, without interpolation.
 
     Example:
         >>> normals = true_normals("cornell_box")
@@ -204,14 +216,14 @@ def true_normals(scene: Any, sensor: int = 0) -> np.ndarray:
     """
     import drjit as dr
 
-    _, _, ray, si, pixels = _pixel_centre_hits(scene, sensor)
+    _, _, ray, si, pixels = _pixel_center_hits(scene, sensor)
     facing = si.n * -dr.sign(dr.dot(si.n, ray.d))
     normals = np.array(dr.select(si.is_valid(), facing, dr.nan), dtype=np.float64)
     return np.ascontiguousarray(normals.T).reshape(*pixels, 3)
 
 
-def _pixel_centre_hits(scene: Any, sensor: int) -> tuple[Any, Any, Any, Any, tuple[int, int]]:
-    """Return scene, sensor, rays through pixels' centres, first interactions, (height, width)."""
+def _pixel_center_hits(scene: Any, sensor: int) -> tuple[Any, Any, Any, Any, tuple[int, int]]:
+    """Return scene, sensor, rays through pixel centers, first interactions, (height, width)."""
     import drjit as dr
     import mitsuba as mi
 
@@ -220,15 +232,18 @@ def _pixel_centre_hits(scene: Any, sensor: int) -> tuple[Any, Any, Any, Any, tup
     from ..runtime import backend
     from ..scenes.loading import load_scene, require_sensor
 
-    backend.require_vectorised()
+    # Load the scene
+    backend.require_vectorized()
     scene = scene if isinstance(scene, mi.Scene) else load_scene(scene)
     camera: Any = require_sensor(scene, sensor)
+
+    # Trace rays through the centers of the pixels
     width, height = (int(v) for v in camera.film().crop_size())
     x, y = dr.meshgrid(dr.arange(mi.Float, width), dr.arange(mi.Float, height))
     size: Any = mi.ScalarPoint2f(width, height)
-    centre = (mi.Point2f(x, y) + 0.5) / size
+    center = (mi.Point2f(x, y) + 0.5) / size
     with backend.tracing_lock():
-        ray, _ = camera.sample_ray(camera.shutter_open(), 0.5, centre, mi.Point2f(0.5))
+        ray, _ = camera.sample_ray(camera.shutter_open(), 0.5, center, mi.Point2f(0.5))
         hides = getattr(scene.integrator(), "hide_emitters", False)
         si = first_surface(scene, behind_emitters(scene, ray) if hides else ray)
         dr.eval(ray, si)

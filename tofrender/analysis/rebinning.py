@@ -1,4 +1,4 @@
-"""Other time bins and coarser pixels for what was rendered or captured."""
+"""Change of time bins and pixels of renders and captures."""
 
 from collections.abc import Sequence
 from typing import Annotated, Any
@@ -20,7 +20,8 @@ from ..rendering.labels import labelled
 from ..runtime import checks
 from ..runtime.progress import status
 
-ROUNDING = 1e-6  # Parts of a bin by which an edge may miss that of another
+# Largest distance of an edge from an old edge that counts as equal, in bins
+ROUNDING = 1e-6
 
 
 @status("Rebinning")
@@ -31,25 +32,26 @@ def rebin(
     *,
     pixels: Sequence[int] | None = None,
 ) -> xr.Dataset:
-    """Add up the bins of a Dataset to fewer ones, or to those of another; average its pixels.
+    """Sum the bins of a Dataset to fewer bins or to another window, and average its pixels.
 
-    Light is spread evenly over each old bin that a new one cuts. Standard errors are left out, as
-    those of neighbouring bins are not independent, and so is what only `denoise` needs.
+    The light of an old bin that is cut is divided evenly. Standard errors are removed, because the
+    errors of neighboring bins are not independent. Variables that only `denoise` needs are removed
+    as well.
 
     Args:
-        dataset: Of `render` or `capture`, in memory or on disk.
-        bins: Number of new bins, each at least as wide as the old ones; None for the old ones.
-        window: Start and stop of the new bins [m], within those of the Dataset; by default these.
-        pixels: Number of new pixels (columns, rows), of films only. They divide the pixels of the
-            film, and each is the mean of the pixels that it covers. None for the old ones.
+        dataset: A result of `render` or `capture`, in memory or on disk.
+        bins: Number of new bins. Each must be at least as wide as an old bin. None keeps the bins.
+        window: Start and stop of the new bins [m], within the window of the Dataset; by default the
+            whole window.
+        pixels: Number of new pixels (columns, rows) of a film. They must divide the pixels of the
+            film. Each is the mean of the pixels that it covers. None keeps the pixels.
 
     Returns:
-        The Dataset with its new bins and pixels, and with the energy outside of them as an
-        attribute.
+        The Dataset with its new bins and pixels. An attribute contains the energy outside the bins.
 
     Raises:
-        ValueError: Another Dataset, narrower bins, a window that reaches beyond them, or pixels
-            that do not divide the film.
+        ValueError: The Dataset is not supported, new bins are narrower than old bins or outside the
+            window, or new pixels do not divide the film; one line.
 
     Example:
         >>> import tofrender
@@ -59,6 +61,7 @@ def rebin(
         >>> coarse["transient"].shape, round(coarse.attrs["bin_width_opl"], 9)
         ((2, 4, 15, 3), 0.8)
     """
+    # Read a film or a capture
     is_capture = "mode" in getattr(dataset, "attrs", ())
     if is_capture:
         dataset = read_capture(dataset, "dataset")
@@ -69,6 +72,8 @@ def rebin(
             )
     else:
         dataset = read(dataset, FILM, "dataset")[list(DIMS)]
+
+    # Change pixels and bins
     checks.require("bins", bins, bins is not None or pixels is not None, "given, or pixels")
     if bins is None:
         checks.require("window", window, window is None, "None without bins")
@@ -80,14 +85,19 @@ def rebin(
 
 
 def with_pixels(film: xr.Dataset, pixels: Sequence[int], parameter: str) -> xr.Dataset:
-    """Return a film with fewer pixels (columns, rows), each the mean of those that it covers.
+    """Return a film with fewer pixels, each the mean of the pixels that it covers.
 
-    The film is in the order of `read`. Messages name the parameter.
+    Args:
+        film: The film, in the order of `read`.
+        pixels: Numbers of columns and rows.
+        parameter: Name of the parameter, for messages.
     """
+    # Check the numbers
     require_consecutive(film, "dataset")
     sides = checks.items(parameter, pixels, 2, "[width, height]")
     columns, rows = (checks.integer(parameter, side, 1, checks.MAX_SIZE) for side in sides)
-    width, height = film.sizes["x"], film.sizes["y"]
+    width = film.sizes["x"]
+    height = film.sizes["y"]
     steps = {"x": width // columns, "y": height // rows}
     whole = width == steps["x"] * columns and height == steps["y"] * rows
     allowed = f"numbers that divide the film of {width} x {height} pixels"
@@ -96,45 +106,58 @@ def with_pixels(film: xr.Dataset, pixels: Sequence[int], parameter: str) -> xr.D
     allowed = "left out: the crop window starts within one of these pixels"
     checks.require(parameter, pixels, begun == [0, 0], allowed)
 
+    # Average pixels, and number them
     light: Any = film.coarsen(steps, coord_func="min")  # type: ignore[arg-type]
     found = light.mean(keep_attrs=True)
     for axis, step in steps.items():
         numbers = found[axis].values // step
         found = found.assign_coords({axis: (axis, numbers, film[axis].attrs)})
+
+    # Update the size of the film, which may end within a pixel
     for name, axis in (("film_width", "x"), ("film_height", "y")):
         if name in film.attrs:
-            size = film.attrs[name] / steps[axis]  # The film may end within a pixel
+            size = film.attrs[name] / steps[axis]
             found.attrs[name] = int(size) if size == int(size) else size
     return found
 
 
 def _with_bins(dataset: xr.Dataset, bins: int, window: Sequence[float] | None) -> xr.Dataset:
-    """Add up the bins of a film or a capture."""
+    """Sum the bins of a film or a capture to new bins."""
+    # Check the new bins
     bins = checks.integer("bins", bins, 1, checks.MAX_BINS)
     old = bins_of(dataset, "dataset")
-    start, width, end = old.start_opl, old.bin_width_opl, old.stop_opl
+    start = old.start_opl
+    width = old.bin_width_opl
+    end = old.stop_opl
     first, last = (start, end) if window is None else checks.interval("window", window)
     slack = ROUNDING * width
     inside = start - slack <= first and last <= end + slack
     checks.require("window", window, inside, f"within the bins, from {start:g} to {end:g} m")
-    wide, most = (last - first) / bins, int((last - first) / width + ROUNDING)
+    wide = (last - first) / bins
+    most = int((last - first) / width + ROUNDING)
     allowed = f"at most {most} in this window, whose bins are {width:g} m wide"
     checks.require("bins", bins, bins <= most, allowed)
 
+    # Edges of the new bins, in old bins
     edges = np.clip((first - start + wide * np.arange(bins + 1)) / width, 0, dataset.sizes["opl"])
     whole = np.round(edges)
     edges = np.where(np.abs(edges - whole) < ROUNDING, whole, edges)
+
+    # Sum the light
     light = dataset["transient"]
-    per_metre = dataset.attrs.get("quantity") == QUANTITIES[1]
-    scale = width / wide if per_metre else 1.0
+    per_meter = dataset.attrs.get("quantity") == QUANTITIES[1]
+    scale = width / wide if per_meter else 1.0
     values = _summed(light.data, light.dims.index("opl"), edges, scale)
 
+    # Label the result
     kept: dict[Any, Any] = {name: dataset.variables[name] for name in dataset.data_vars}
     kept["transient"] = light.dims, values, light.attrs
     coordinates = {k: dataset.variables[k] for k in dataset.coords if k not in ("opl", "time")}
     opl = ("opl", first + (np.arange(bins) + 0.5) * wide, dataset["opl"].attrs)
     attrs = dataset.attrs | {"start_opl": float(first), "bin_width_opl": wide}
     made = labelled(xr.Dataset(kept, coordinates | {"opl": opl}, attrs))
+
+    # Update the energy outside the bins
     outside = energy_outside_window(dataset, "dataset")
     if outside is not None:
         films = (intensity(each["transient"], "dataset") for each in (made, dataset))
@@ -145,17 +168,27 @@ def _with_bins(dataset: xr.Dataset, bins: int, window: Sequence[float] | None) -
 
 
 def _summed(light: Any, axis: int, edges: np.ndarray, scale: float) -> Any:
-    """Sums of the bins between edges along an axis, row by row, or lazily."""
+    """Sum the bins between edges along an axis, row by row, or lazily.
+
+    Args:
+        light: The light, an array of NumPy or Dask.
+        axis: Axis of the bins.
+        edges: Edges of the new bins, in old bins.
+        scale: Factor of the sums.
+    """
 
     def of_block(values: np.ndarray) -> np.ndarray:
         found = sums_between(np.moveaxis(values, axis, -1), edges) * scale
         return np.moveaxis(found, -1, axis).astype(np.float32)
 
+    # Lazy arrays
     shape = (*light.shape[:axis], len(edges) - 1, *light.shape[axis + 1 :])
     if hasattr(light, "dask"):
         whole = light.rechunk({axis: -1})
         sizes = [shape[k : k + 1] if k == axis else each for k, each in enumerate(whole.chunks)]
         return whole.map_blocks(of_block, dtype=np.float32, chunks=sizes)
+
+    # Arrays in memory
     made = np.empty(shape, np.float32)
     for row in range(len(light)):
         made[row : row + 1] = of_block(light[row : row + 1])
@@ -163,16 +196,19 @@ def _summed(light: Any, axis: int, edges: np.ndarray, scale: float) -> Any:
 
 
 def sums_between(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Sums of (..., bin) between edges in bins, each bin being spread evenly over its width.
+    """Sum values (..., bin) between edges [bins]. Values are spread evenly over their bins.
 
     Example:
         >>> values = np.array([1.0, 2.0, 4.0])
         >>> [sums_between(values, np.array(e)).tolist() for e in ([0.5, 2, 3], [1.0, 2, 3])]
         [[2.5, 4.0], [2.0, 4.0]]
     """
+    # Whole bins are summed without cancellation
     low = np.floor(edges).astype(int)
-    if np.array_equal(edges, low):  # Sums of whole bins, without cancellation
+    if np.array_equal(edges, low):
         return np.add.reduceat(values[..., : low[-1]], low[:-1], axis=-1, dtype=np.float64)
+
+    # Otherwise, interpolate the cumulative sum
     sums = np.zeros((*values.shape[:-1], values.shape[-1] + 1))
     np.cumsum(values, axis=-1, out=sums[..., 1:])
     high = np.minimum(low + 1, values.shape[-1])

@@ -1,4 +1,4 @@
-"""Depth beyond the range of one modulation frequency, from the phases at several."""
+"""Unwrapping: depth beyond the range of one modulation frequency, from several frequencies."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -10,18 +10,21 @@ import numpy as np
 from ..runtime import checks
 from ..signals.units import SPEED_OF_LIGHT, check_frequencies
 
-MAX_WRAPS = 4096  # wraps of the highest frequency that `unwrap` tries
+# Largest number of wraps of the highest frequency that `unwrap` searches
+MAX_WRAPS = 4096
 
 
 def unambiguous_range(frequency_hz: float | Sequence[float]) -> float:
-    """Depth [m] after which phases repeat: c / 2f, or c / 2g with the common divisor g of several.
+    """Return the depth [m] after which phases repeat.
+
+    It is c / 2f for one frequency, and c / 2g for several with the greatest common divisor g.
 
     Args:
-        frequency_hz: Modulation frequency [Hz], above 0, or a sequence that is used together.
-            Their ratios count as fractions with denominators up to a million.
+        frequency_hz: Modulation frequency [Hz], above 0, or a sequence of frequencies that are used
+            together. Their ratios are approximated by fractions with denominators up to a million.
 
     Raises:
-        ValueError: No frequency, or one that is not finite and above 0.
+        ValueError: A frequency is missing, not finite, or not above 0; one line.
 
     Example:
         >>> round(unambiguous_range(50e6), 3), round(unambiguous_range([20e6, 50e6]), 3)
@@ -41,38 +44,37 @@ def unwrap(
     *,
     amplitudes: Any = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find the depth that explains the phases at two or more frequencies best.
+    """Find the depth that fits the phases at two or more frequencies best.
 
-    Phase j gives the depth d_j = (phase_j / 2 pi + n_j) c / (2 f_j) with an unknown whole number
-    n_j. The n_j and the depth d in [0, max_depth], both ends included, are those that disagree
-    least:
+    Phase j gives the depth d_j = (phase_j / 2 pi + n_j) c / (2 f_j) with an unknown integer n_j.
+    The integers n_j and the depth d in [0, max_depth] minimize the weighted difference
 
-        minimise over n and d:  sum of w_j (d_j - d)^2,    w_j = (f_j A_j)^2 / sum of (f_i A_i)^2
+        sum of w_j (d_j - d)^2,    w_j = (f_j A_j)^2 / sum of (f_i A_i)^2.
 
-    This is the likeliest depth in the range if all I and Q have equal normal noise: the variance of
-    d_j then goes with 1 / (f_j A_j)^2 (amplitudes A_j, 1 if not given). For given n the best d is
-    the mean of the d_j, or the end that the mean lies beyond: noise may move the phases of a wall
-    at depth 0 below 0, and that is depth 0, not the next depth of about the same phases. All n that
-    are nearest to some depth of the range are tried, so that none is missed.
+    If all I and Q have equal normal noise, this is the maximum likelihood estimate, because the
+    variance of d_j is proportional to 1 / (f_j A_j)^2. The amplitudes A_j are 1 by default. For
+    given n_j, the best d is the mean of the d_j, limited to the range. For example, noise may move
+    the phases of a wall at depth 0 below 0. Then the depth is 0, and not the next depth with
+    similar phases. All combinations of n_j that are nearest to any depth in the range are tried.
     See also `unambiguous_range`, `multipath_error`.
 
     Args:
         phases: Phases [rad], modulo 2 pi, of shape (frequencies, ...).
         frequencies_hz: Two or more modulation frequencies [Hz].
-        max_depth: Largest depth that can occur [m], at most `unambiguous_range(frequencies_hz)`,
-            the default, whose two ends have the same phases, and 4096 ranges of the highest
-            frequency. A smaller one tolerates more noise.
+        max_depth: Largest possible depth [m]. It is at most `unambiguous_range(frequencies_hz)`,
+            after which phases repeat, and at most 4096 ranges of the highest frequency. The first
+            limit is the default. A smaller value tolerates more noise.
         amplitudes: Amplitudes as weights, at least 0, of the same shape as the phases.
 
     Returns:
-        (depth, residual), float64 of shape (...): depth in [0, max_depth] [m], the smallest of
-        those that fit equally; the weighted RMS difference of the d_j from it [m], which is large
-        where nothing in the range fits. NaN where a phase is NaN, or where fewer than two
-        frequencies have an amplitude.
+        (depth, residual), float64 of shape (...). The depth is in [0, max_depth] [m], and is the
+        smallest of several depths that fit equally. The residual is the weighted RMS difference of
+        the d_j from the depth [m]. It is large if no depth in the range fits. Both are NaN if a
+        phase is NaN, or if fewer than two frequencies have an amplitude.
 
     Raises:
-        ValueError: Fewer than two frequencies, shapes that do not fit, a negative amplitude, or a
-            `max_depth` out of range.
+        ValueError: There are fewer than two frequencies, the shapes do not match, an amplitude is
+            negative, or `max_depth` is out of range; one line.
 
     Example:
         >>> frequencies = (20e6, 50e6)  # ranges of 7.5 m and 3.0 m
@@ -81,6 +83,7 @@ def unwrap(
         >>> round(depth.item(), 6), round(residual.item(), 6)
         (11.0, 0.0)
     """
+    # Check phases and weights
     frequencies, many = check_frequencies(frequencies_hz, "frequencies_hz")
     if not many or len(frequencies) < 2:
         raise ValueError(
@@ -97,6 +100,8 @@ def unwrap(
         valid = weights.shape == phases.shape and not (weights < 0).any()
         allowed = f"at least 0 and of shape {phases.shape}, as the phases"
         checks.shape("amplitudes", weights, valid, allowed)
+
+    # Check the range
     column = (-1, *[1] * (phases.ndim - 1))
     ranges = (SPEED_OF_LIGHT / 2 / np.array(frequencies)).reshape(column)
     finest = float(ranges.min())
@@ -118,16 +123,18 @@ def unwrap(
     weights = np.where(light, weights**2, 1 / len(frequencies))
     weights /= weights.sum(axis=0)
 
-    # Try all combinations of wraps, and keep the depth of the least cost
+    # Try all combinations of wraps, and keep the depth of the least cost. Costs are equal up to
+    # rounding
     depth = np.full(phases.shape[1:], np.nan)
     least = np.full(phases.shape[1:], np.inf)
-    margin = 1e-12 * finest**2  # Rounding between equal costs
+    margin = 1e-12 * finest**2
     for start in _candidates(wrapped, ranges, max_depth):
         unwrapped = wrapped + np.rint((start - wrapped) / ranges) * ranges
         guess = np.clip((weights * unwrapped).sum(axis=0), 0, max_depth)
         cost = (weights * (unwrapped - guess) ** 2).sum(axis=0)
         better = (cost < least - margin) | ((cost < least + margin) & (guess < depth))
-        depth[better], least[better] = guess[better], cost[better]
+        depth[better] = guess[better]
+        least[better] = cost[better]
     found = light & np.isfinite(depth)
     return np.where(found, depth, np.nan), np.where(found, np.sqrt(least), np.nan)
 

@@ -321,9 +321,9 @@ def with_progress(command: Callable[..., None]) -> Callable[..., None]:
 def activate(variant: str | None = None, polarized: bool = False) -> None:
     """Activate a Mitsuba variant that can render; `polarized` variants only where allowed."""
     backend.activate(variant)
-    backend.require_vectorised()
+    backend.require_vectorized()
     if not polarized:
-        backend.require_unpolarised()
+        backend.require_unpolarized()
 
 
 def say(*lines: str, err: bool = False) -> None:

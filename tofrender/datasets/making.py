@@ -61,8 +61,8 @@ def plan_dataset(
         depth  record, y, x  100 x 48 x 64  1.172 MiB
         in all 1.172 MiB
     """
-    backend.require_vectorised()
-    backend.require_unpolarised()
+    backend.require_vectorized()
+    backend.require_unpolarized()
     found = read_config(config)
     records = _numbers(found, only)
     return Plan(found, records, layout_of(found, records))

@@ -28,7 +28,8 @@ PARAMETERS = (
 )
 """Parameters of a sensor that `calibrate` can fit."""
 
-ZONED = ("gains", "starts_opl", "floors")  # Parameters with one value for each zone
+# Parameters with one value for each zone
+ZONED = ("gains", "starts_opl", "floors")
 LOGARITHMIC = (
     "gains",
     "floors",
@@ -47,14 +48,21 @@ LEAST = {"floors": 1e-3, "blur": 1e-3, "crosstalk": 1e-4}
 MOST = {"blur": 1.0, "crosstalk": 1.0}
 """Largest values of parameters with a limit."""
 
-LARGEST_LOG = 40.0  # Largest logarithm of a fitted value
-NEGLIGIBLE = 1e-9  # Derivative over the largest one, below which a value is not determined
-DEPENDENT = (
-    1e-12  # Eigenvalue of J^T J over the largest, below which parameters depend on each other
-)
-STEP = 1e-5  # Step of numerical derivatives of pulses and zones, in the fitted variable
+# Largest logarithm of a fitted value
+LARGEST_LOG = 40.0
+
+# A value is not determined if its derivative, relative to the largest derivative, is smaller
+NEGLIGIBLE = 1e-9
+
+# Parameters depend on each other if an eigenvalue of J^T J, relative to the largest, is smaller
+DEPENDENT = 1e-12
+
+# Step of numerical derivatives of pulses and zones, in the fitted variable
+STEP = 1e-5
+
+# Limits of the optimizer. The tolerance is a relative change of the sum of squares
 MAX_EVALUATIONS = 200
-TOLERANCE = 1e-6  # Relative change of the sum of squares at which a fit ends
+TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +73,11 @@ class Calibration:
         sensor: The sensor with the fitted parameters.
         albedos: Albedo of each part, relative to the first one, by name.
         values: Fitted values along the axis `parameter`, with names like "gains[0]".
-        standard_errors: Standard error of each value. It is estimated from the residuals, so that
-            errors of the model count, too. It is infinite for a knot of the pulse that is so small
-            that the histograms do not depend on it.
+        standard_errors: Standard error of each value. It is estimated from the residuals, and
+            therefore includes errors of the model. It is infinite for a knot of the pulse that is
+            so small that the histograms do not depend on it.
         correlation: Correlation of the estimates, (parameter, other).
-        residuals: Measured minus expected counts, over the assumed error, (pose, zone, bin).
+        residuals: Measured minus expected counts, divided by the assumed error, (pose, zone, bin).
         chi_square: Mean square of the residuals, per degree of freedom.
     """
 
@@ -103,34 +111,35 @@ def calibrate(
 ) -> Calibration:
     """Fit the parameters of a multi-zone sensor to histograms of known scenes.
 
-    The sum over poses, zones and bins of (n - e)^2 / s^2 is minimized, where n are the measured
-    counts, e the expected ones, and
+    The fit minimizes the sum of (n - e)^2 / s^2 over poses, zones and bins, with measured counts n
+    and expected counts e. The variance
 
         s^2 = max(n, 1) (1 + relative_error^2 m)
 
-    is the variance of photon noise and of an error of the model: relative_error times the geometric
-    mean of n and the largest count m of the pose. So peaks and tails count, and all poses alike.
+    includes photon noise and an error of the model: relative_error times the geometric mean of n
+    and the largest count m of the pose. Therefore peaks and tails contribute, and all poses have
+    similar weights.
 
-    The method is that of Levenberg and Marquardt (`scipy.optimize.least_squares`). Derivatives by
-    linear parameters are exact. Those of the zones' weights and of the pulse are central
-    differences in double precision.
+    The method is Levenberg-Marquardt (`scipy.optimize.least_squares`). Derivatives by linear
+    parameters are exact. Derivatives of the zones' weights and of the pulse are central differences
+    in double precision.
 
     Args:
         sensor: Start values. Gains and floors start at values estimated from the histograms.
-        renders: The known scenes, as of `render_poses`, see `MultiZone.expected`. Several parts by
-            name, each rendered alone with the same albedo, add up with fitted albedos.
+        renders: The known scenes, as from `render_poses`, see `MultiZone.expected`. Several parts
+            by name, each rendered alone with the same albedo, are added with fitted albedos.
         histograms: Measured counts (poses, zones, bins), a NumPy array or a Dataset with `counts`.
-        parameters: Names of the parameters that are fitted; the others are kept. "pulse" are the
-            values of a `KnotPulse`, and needs one.
+        parameters: Names of the fitted parameters. Other parameters are kept. "pulse" means the
+            values of a `KnotPulse`.
         relative_error: Error of the model over the counts, 0 to 1.
         first_bin: First bin that is compared.
-        last_bin: Last bin that is compared; by default the sensor's last.
+        last_bin: Last bin that is compared, by default the sensor's last bin.
 
     Returns:
         The sensor, and the standard errors and correlations of its parameters, see `Calibration`.
 
     Raises:
-        ValueError: An argument is wrong, or the histograms do not determine the parameters. The
+        ValueError: An argument is invalid, or the histograms do not determine the parameters. The
             message names parameters that could be kept.
 
     Example:
@@ -152,10 +161,10 @@ def calibrate(
         >>> bool(np.allclose(found.sensor.gains, sensor.gains, rtol=1e-3))
         True
     """
+    # Check the arguments. A Dataset is a mapping, too
     checks.instance("sensor", sensor, MultiZone, "a MultiZone")
     names = _parameters(parameters, sensor)
     error = checks.number("relative_error", relative_error, low=0, high=1)
-    # A Dataset is a mapping, too
     parts = {"scene": renders} if isinstance(renders, xr.Dataset) else renders
     checks.instance("renders", parts, Mapping, "a Dataset of render_poses, or parts by name")
     checks.require("renders", parts, len(parts) > 0, "a Dataset of render_poses, or parts by name")
@@ -165,6 +174,7 @@ def calibrate(
     last = checks.integer("last_bin", last, 0, sensor.bins - 1)
     first = checks.integer("first_bin", first_bin, 0, last)
 
+    # Minimize the squared residuals
     problem = _Problem(sensor, lights, counts, names, error, slice(first, last + 1))
     with status("Calibrating"):
         problem.require_determined(problem.start)
@@ -214,6 +224,7 @@ def _counts(histograms: Any, lights: Mapping[str, Light], sensor: MultiZone) -> 
         allowed = f"({poses}, {zones}, {sensor.bins}): the poses of {name}, zones and bins"
         checks.shape("histograms", counts, valid, allowed)
     checks.require("histograms", float(counts.min()), counts.min() >= 0, "0 or more")
+    # All parts must have the same pixels and bins
     first = next(iter(lights.values()))
     for name, light in lights.items():
         same = light.radiance.shape == first.radiance.shape and np.allclose(light.opl, first.opl)
@@ -231,9 +242,9 @@ def _weighted(albedos: np.ndarray, signals: list[np.ndarray]) -> np.ndarray:
 
 
 class _Problem:
-    """Residuals and derivatives of a calibration in variables that are one vector.
+    """Residuals and derivatives of a calibration, as functions of a vector of variables.
 
-    Positive parameters are fitted by their logarithm. Lengths are fitted in bins.
+    Positive parameters are represented by their logarithm, and lengths are measured in bins.
     """
 
     def __init__(
@@ -251,9 +262,13 @@ class _Problem:
         self.counts = counts
         self.names = names
         self.bins = bins
+
+        # Error of each count
         compared = np.maximum(counts[..., bins], 1)
         largest = compared.max(axis=(1, 2), keepdims=True)
         self.error = np.sqrt(compared * (1 + relative_error**2 * largest))
+
+        # Start values, as variables
         self.first = self._with_estimates(sensor)
         self.unit_opl = sensor.bin_width_opl
         self.sizes = {name: self._variables(self.first, name).size for name in names}
@@ -265,9 +280,11 @@ class _Problem:
     def _with_estimates(self, sensor: MultiZone) -> MultiZone:
         """Estimate gains and floors that are fitted from the sums of the histograms."""
         if "floors" in self.names:
+            # Floors are a small quantile
             floors = np.quantile(self.counts[..., self.bins], 0.02, axis=(0, 2))
             sensor = replace(sensor, floors=np.maximum(floors, 0.1))
         if "gains" in self.names:
+            # Gains are ratios of the sums
             model = replace(sensor, floors=0 * sensor.floors)
             expected = self._expected(model, np.ones(len(self.parts)))
             light = (self.counts - sensor.floors[:, None])[..., self.bins].sum(axis=(0, 2))
@@ -282,7 +299,7 @@ class _Problem:
         return sensor
 
     def _variables(self, sensor: MultiZone, name: str) -> np.ndarray:
-        """Return a parameter as fitted variables."""
+        """Return a parameter of a sensor as fitted variables."""
         if name == "pulse":
             pulse: Any = sensor.pulse
             return np.log(np.delete(pulse.values, self._top(pulse)) / pulse.values.max())
@@ -295,16 +312,19 @@ class _Problem:
 
     @staticmethod
     def _top(pulse: KnotPulse) -> int:
-        """Return the knot whose value is kept, since the pulse is normalized."""
+        """Return the index of the largest knot, which is fixed because the pulse is normalized."""
         return int(np.argmax(pulse.values))
 
     def _with(self, sensor: MultiZone, name: str, variables: np.ndarray) -> MultiZone:
-        """Return the sensor with a parameter by its fitted variables."""
+        """Return a sensor with one parameter replaced by the values of its variables."""
+        # A pulse: insert the fixed knot
         if name == "pulse":
             pulse: Any = self.first.pulse
             limited = np.clip(variables, -LARGEST_LOG, LARGEST_LOG)
             values = np.insert(np.exp(limited), self._top(pulse), 1.0)
             return replace(sensor, pulse=KnotPulse(pulse.knots, values))
+
+        # Other parameters
         value = variables
         if name == "starts_opl":
             value = variables * self.unit_opl
@@ -322,7 +342,7 @@ class _Problem:
         return dict(zip(self.sizes, np.split(x, ends), strict=True))
 
     def sensor_and_albedos(self, x: np.ndarray) -> tuple[MultiZone, np.ndarray]:
-        """Return the sensor and the albedos of parts that variables describe."""
+        """Return the sensor and the albedos of parts for given variables."""
         given = self._split(x)
         sensor = self.first
         for name in self.names:
@@ -349,6 +369,7 @@ class _Problem:
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Return the derivatives of the residuals, (residuals, variables)."""
+        # Evaluate the model
         sensor, albedos = self.sensor_and_albedos(x)
         light = self.lights[0]
         weights = sensor.weights(light)
@@ -361,18 +382,21 @@ class _Problem:
         columns: list[np.ndarray] = []
 
         def own_zone(counts: np.ndarray) -> None:
-            """Add a column for each zone, of variables that change this zone alone."""
+            """Add a column for each zone, for variables that change only this zone."""
             for zone in range(zones):
                 column = np.zeros_like(counts)
                 column[:, zone] = counts[:, zone]
                 columns.append(column)
 
         def of_weights(signal: np.ndarray) -> np.ndarray:
+            """Return the change of counts by a change of signals."""
             return without_floor.binned(responses, sensor.crossed(signal))
 
         def of_responses(change: np.ndarray) -> np.ndarray:
+            """Return the change of counts by a change of responses."""
             return without_floor.binned(change, crossed)
 
+        # Add the columns of each parameter
         variables = self._split(x)
         for name in self.names:
             if name == "gains":
@@ -394,6 +418,8 @@ class _Problem:
                     changed = self._signals(change)
                     signal = _weighted(albedos, changed)
                     columns.append(of_weights(signal))
+
+        # Add the columns of albedos
         for albedo, signal in zip(albedos[1:], signals[1:], strict=True):
             columns.append(of_weights(albedo * signal))
         stacked = np.stack([(c[..., self.bins] / self.error).ravel() for c in columns], axis=1)
@@ -402,11 +428,19 @@ class _Problem:
     def _difference(
         self, sensor: MultiZone, name: str, variables: np.ndarray, k: int | None
     ) -> np.ndarray:
-        """Return the derivative of responses or weights by a variable, or by all at once."""
+        """Return the derivative of responses or weights by a variable.
+
+        Args:
+            sensor: The sensor.
+            name: Name of the parameter.
+            variables: Variables of the parameter.
+            k: Index of the variable, None to change all variables together.
+        """
         light = self.lights[0]
         of_pulse = name in ("pulse", "bin_width_opl", "starts_opl")
 
         def evaluate(changed: np.ndarray) -> np.ndarray:
+            """Return the responses or the weights for changed variables."""
             other = self._with(sensor, name, changed)
             return other.responses(light.opl) if of_pulse else other.weights(light)
 
@@ -429,12 +463,15 @@ class _Problem:
 
     def require_determined(self, x: np.ndarray) -> None:
         """Refuse histograms that do not determine all variables."""
+        # Are there enough bins?
         jacobian = self.jacobian(x)
         if len(jacobian) < x.size:
             raise ValueError(
                 f"{len(jacobian)} bins do not determine {x.size} parameters. Pass more poses, or "
                 "fit fewer parameters"
             )
+
+        # Does each variable have an effect?
         norms = np.linalg.norm(jacobian, axis=0)
         without = [label for label, norm in zip(self.labels, norms, strict=True) if norm == 0]
         if without:
@@ -442,6 +479,8 @@ class _Problem:
                 f"the histograms do not depend on {', '.join(without[:5])}. Keep these parameters, "
                 "or pass renders in which these zones, knots or parts receive light"
             )
+
+        # Are the variables independent?
         unit = jacobian / norms
         values, vectors = np.linalg.eigh(unit.T @ unit)
         if values[0] < DEPENDENT * values[-1]:
@@ -453,15 +492,15 @@ class _Problem:
             )
 
     def calibration(self, x: np.ndarray) -> Calibration:
-        """Return the result with standard errors and correlations."""
+        """Return the result, with standard errors and correlations."""
         sensor, albedos = self.sensor_and_albedos(x)
         residuals = self.residuals(x)
         jacobian = self.jacobian(x)
         freedom = max(residuals.size - x.size, 1)
         chi_square = float(residuals @ residuals / freedom)
 
-        # Invert J^T J of unit columns, which is better conditioned. A knot that has become
-        # negligible has no influence on the histograms, and is not determined
+        # Invert J^T J of unit columns, which is better conditioned. Negligible knots have no effect
+        # on the histograms, and are not determined
         norms = np.linalg.norm(jacobian, axis=0)
         known = np.flatnonzero(norms > NEGLIGIBLE * norms.max())
         scaled = jacobian[:, known] / norms[known]
@@ -484,6 +523,8 @@ class _Problem:
             elif name in LOGARITHMIC:
                 values[part] = np.exp(x[part])
                 errors[part] *= values[part]
+
+        # Label the result
         coords = {"parameter": self.labels}
         shape = (*self.counts.shape[:2], -1)
         bins = np.arange(self.counts.shape[2])[self.bins]

@@ -1,5 +1,5 @@
 # pyright: reportArgumentType=false, reportCallIssue=false
-"""`fit`: parameters of a scene whose light is closest to a measurement."""
+"""`fit`: find parameters of a scene for which its light is closest to a measurement."""
 
 from __future__ import annotations
 
@@ -24,10 +24,12 @@ from ..scenes.loading import require_sensor
 from .losses import OF_TWO_RENDERS, WITH_FREQUENCIES, loss_of, require_same_shape
 from .variables import Variables
 
+# Largest number of steps
 MAX_STEPS = 1 << 20
 
 OPTIMIZERS = ("adam", "sgd")
-SHOWN_NUMBERS = 4  # most numbers of a value in the representation of a `Fit`
+# Largest number of components of a value that the representation of a `Fit` shows
+SHOWN_NUMBERS = 4
 
 
 @dataclass(frozen=True, repr=False)
@@ -35,15 +37,16 @@ class Fit:
     """Result of a fit.
 
     Attributes:
-        values: The best values by name: numbers, or arrays of the variables' shapes. The scene has
-            them. They are the last of the `patience` steps in a row whose mean loss is the lowest,
-            or, of fewer than twice as many steps, those of the lowest loss.
-        loss: That loss.
+        values: The best values by name: numbers, or arrays of the variables' shapes. The scene
+            contains these values. They are the last values of the `patience` consecutive steps with
+            the lowest mean loss. With fewer than twice as many steps, they are the values with the
+            lowest loss.
+        loss: The loss of these values.
         losses: The loss of each step, before its change, shape (steps,).
         history: The values of each step, by name, shape (steps, ...).
         steps: Number of steps.
-        converged: Whether it ended because the loss no longer fell.
-        why: Reason of its end.
+        converged: Whether the fit ended because the loss no longer decreased.
+        why: Reason why the fit ended.
     """
 
     values: dict[str, Any]
@@ -55,10 +58,11 @@ class Fit:
     why: str
 
     def __repr__(self) -> str:
+        """Return steps, losses and values as text."""
         values = ", ".join(f"{name} = {_summary(value)}" for name, value in self.values.items())
         plural = "" if self.steps == 1 else "s"
-        falls = f"loss {self.losses[0]:.3g} to {self.loss:.3g}"
-        return f"Fit({self.steps} step{plural}, {falls}, {values}; {self.why})"
+        change = f"loss {self.losses[0]:.3g} to {self.loss:.3g}"
+        return f"Fit({self.steps} step{plural}, {change}, {values}; {self.why})"
 
 
 def fit(
@@ -84,66 +88,68 @@ def fit(
 ) -> Fit:
     """Fit parameters of a scene to measured light, by gradient descent.
 
-    Each step renders with `mi.render` and new random numbers, compares with the target, and moves
-    against the gradient of the loss. Since single steps are noisy, the mean loss of the last
-    `patience` steps is compared with that of as many before; where it is not lower, all learning
-    rates are halved. The fit ends when they are below `tolerance` of what they were, after `steps`
-    steps, or on Ctrl-C, SIGTERM or SIGHUP after the step under way.
+    Each step renders with `mi.render` and new random numbers, compares the light with the target,
+    and changes the values against the gradient of the loss. Single steps are noisy. Therefore the
+    mean loss of the last `patience` steps is compared with the mean of as many steps before. If it
+    is not lower, all learning rates are halved. The fit ends when the learning rates are below
+    `tolerance` times their first values, or after `steps` steps. Ctrl-C, SIGTERM and SIGHUP end it
+    after the current step.
 
-    Gradients leave out silhouettes and shadow edges that move: fit what moves in full sight. The
-    first step warns of it.
+    Gradients do not include moving silhouettes and moving shadow edges. Fit objects that move in
+    full sight. The first step warns of moving objects.
 
-    The derivative of `mi.render` uses other random numbers than its light. Therefore noise does not
-    bias losses whose derivative by the light is linear in the light, as "l2" and "phasor". Noise
-    biases other losses, such as "wasserstein" and functions with phases, ratios or absolute values,
-    and the bias falls only with `spp`. "phase" and "scale_free" render twice per step with
+    The derivative of `mi.render` uses other random numbers than its light. If the derivative of the
+    loss is linear in the light, as for "l2" and "phasor", noise does not bias the fit. Noise biases
+    other losses, such as "wasserstein" and functions with phases, ratios or absolute values, and
+    only a larger `spp` reduces this bias. "phase" and "scale_free" render twice per step with
     independent random numbers, so that products of noise vanish on average.
 
     Args:
-        scene: A loaded scene. It has the best values at the end, also after an error.
-        params: Names and start values, a number for all components or an array. Without `apply`,
-            names are those of `mi.traverse(scene)`, and its parameters themselves
-            (`params.keep([...])`) do as well.
-        target: Measured light: a result of `mi.render` (of several the last, with the time bins),
-            an array of the film's shape, (height, width, bins, channels), or a Dataset of `render`
-            with the film's pixels, bins and channels, in any order.
-            For loss="phasor" and "phase" also a pair (I, Q), or all that `transient_to_phasor` and
-            `render_amcw_phasor` return, for loss="phase" also a picture of phases [rad]. Their
-            shape is (height, width, channels), with several frequencies before it.
-        apply: With it, names are free, and values numbers, 2 to 4 numbers, or arrays of Dr.Jit's.
-            `apply(params, values)` writes what follows from the values into the scene's parameters.
-        integrator: One with derivatives; by default the scene's.
-        sensor: Number of the sensor.
+        scene: A loaded scene. It contains the best values at the end, also after an error.
+        params: Names and start values. A value is a number for all components, or an array. Without
+            `apply`, names are parameters as listed by `mi.traverse(scene)`. These parameters
+            themselves (`params.keep([...])`) are accepted as well.
+        target: Measured light: a result of `mi.render` (the last of several results, with time
+            bins), an array of the film's shape (height, width, bins, channels), or a Dataset of
+            `render` with the film's pixels, bins and channels, in any order.
+            For loss="phasor" and "phase", also a pair (I, Q), or the whole result of
+            `transient_to_phasor` and `render_amcw_phasor`. For loss="phase", also phases [rad].
+            Their shape is (height, width, channels), after the axis of several frequencies.
+        apply: Function `apply(params, values)` that computes parameters of the scene from the
+            values. With it, names are arbitrary, and a value is a number, 2 to 4 numbers, or a
+            Dr.Jit array.
+        integrator: An integrator with derivatives, by default the scene's integrator.
+        sensor: Index of the sensor.
         loss: "l2", "phasor", "phase", "scale_free" or "wasserstein", see `l2_loss` and the others,
-            or a function of the rendered light and the target, both tensors, that returns a number
-            with derivatives.
-        frequency_hz: The frequencies of the losses "phasor" and "phase" [Hz].
-        optimizer: "adam", "sgd" or an optimiser of Mitsuba's without variables, whose settings are
-            copied, but for the learning rate.
-        learning_rate: About how far Adam moves a value in a step, in the value's own units, above
-            0; a dict has one for each name.
-        bounds: (low, high) by name; None is no bound. Values are clipped.
-        steps: Most steps, from 1.
-        spp: Samples per pixel, for light and for derivatives; by default the scene's.
+            or a function of rendered light and target (two tensors) that returns a number with
+            derivatives.
+        frequency_hz: Frequencies of the losses "phasor" and "phase" [Hz].
+        optimizer: "adam", "sgd", or a Mitsuba optimizer without variables. Its settings are copied,
+            except for the learning rate.
+        learning_rate: Approximate change of a value by Adam in a step, in the unit of the value,
+            above 0, or a dict with a learning rate for each name.
+        bounds: (low, high) by name, None without a bound. Values are clipped.
+        steps: Largest number of steps, from 1.
+        spp: Samples per pixel, for light and for derivatives, by default the scene's.
         seed: Seed of all random numbers.
-        tolerance: Fraction of the first learning rates at which the fit ends, from 0 to 1; 0 goes
-            on for all steps, 1 ends where the loss is not lower for the first time.
-        patience: Number of steps whose losses are averaged, from 1.
-        callback: Called after each step with its number from 0, its loss and its values; the fit
-            ends if it returns True.
-        progress: Whether to show a bar for work that takes long.
+        tolerance: Fraction of the first learning rates at which the fit ends, from 0 to 1. 0 runs
+            all steps. 1 ends the fit the first time that the loss is not lower.
+        patience: Number of steps over which losses are averaged, from 1.
+        callback: Function that is called after each step with the index of the step from 0, its
+            loss and its values. If it returns True, the fit ends.
+        progress: Whether to show a progress bar.
 
     Returns:
-        The values and the course of the fit, see `Fit`.
+        The values and the history of the fit, see `Fit`.
 
     Raises:
-        ValueError: An argument is wrong, or the light does not depend on any variable; one line.
-        BackendError: The active variant cannot render in time.
+        ValueError: An argument is invalid, or the light does not depend on any variable; one line.
+        BackendError: The active variant does not support time-resolved rendering.
 
     Warns:
-        UserWarning: The loss does not depend on one of the variables; it or a gradient is not
-            finite, which ends the fit; a variable moves things, see above; a value ends at a bound;
-            or no light is left in the end.
+        UserWarning: The loss does not depend on a variable; a loss or a gradient is not finite,
+            which ends the fit; a variable moves objects, see above; a value ends at a bound; or the
+            final film is black.
 
     Example:
         >>> film = {"type": "hdrfilm", "width": 4, "height": 4}
@@ -161,7 +167,8 @@ def fit(
         >>> round(found.values[name], 1)
         0.5
     """
-    backend.require_vectorised()
+    # Check the arguments
+    backend.require_vectorized()
     checks.instance("scene", scene, mi.Scene, "a loaded scene, as mi.load_dict and load_scene give")
     film = require_sensor(scene, sensor).film()
     if integrator is not None:
@@ -175,6 +182,8 @@ def fit(
     tolerance = checks.number("tolerance", tolerance, low=0, high=1)
     patience = checks.integer("patience", patience, 1, MAX_STEPS)
     checks.boolean("progress", progress)
+
+    # Prepare loss, variables and target. Integrators of Mitsuba do not have camera_unwarp
     measure = loss_of(loss, frequency_hz, film)
     variables = Variables(scene, params, apply, bounds)
     rates = variables.rates(learning_rate)
@@ -183,18 +192,21 @@ def fit(
     measured = _phasor_target(target, film, loss, frequency_hz) if is_phase else None
     if measured is None:
         tracer = scene.integrator() if integrator is None else integrator
-        camera_unwarp = bool(getattr(tracer, "camera_unwarp", False))  # Mitsuba's have none
+        camera_unwarp = bool(getattr(tracer, "camera_unwarp", False))
         measured = _target_tensor(target, film, camera_unwarp)
     of_two = isinstance(loss, str) and loss in OF_TWO_RENDERS
 
+    # Prepare the loop
     engine.update(variables.start)
     plateau = _Plateau(tolerance, patience)
     losses: list[float] = []
     history: list[dict[str, Any]] = []
-    why, converged, light = "all steps are taken", False, None
+    why = "all steps are taken"
+    converged = False
+    light = None
 
     def render(random_numbers: int) -> Any:
-        """Render with random numbers of a step; of several results, the last one has time."""
+        """Render with random numbers of a step. The last of several results has time bins."""
         try:
             rendered = mi.render(
                 scene,
@@ -205,12 +217,15 @@ def fit(
                 spp=samples,
             )
         except RuntimeError as error:
-            reason = error.__cause__  # Dr.Jit only reports that there is one
+            # Dr.Jit only reports that there is a cause
+            reason = error.__cause__
             if not isinstance(reason, ValueError | TypeError):
                 raise
         else:
             return rendered[-1] if isinstance(rendered, tuple) else rendered
-        raise reason  # Outside the block, so that the traceback has no circular context
+
+        # Raise outside the `except` block, so that the traceback has no circular context
+        raise reason
 
     with (
         ProgressBar("Fitting", count, unit="step", enabled=progress) as bar,
@@ -254,8 +269,10 @@ def fit(
             for name, value in variables.bounded(engine).items():
                 engine[name] = value
             bar.update()
-            said = None if callback is None else callback(step, losses[-1], history[-1])
-            ended = isinstance(said, bool | np.bool_) and bool(said)
+            answer = None if callback is None else callback(step, losses[-1], history[-1])
+            ended = isinstance(answer, bool | np.bool_) and bool(answer)
+
+            # Does the fit end?
             converged = plateau.add(losses[-1])
             if stop.requested:
                 why = "stopped"
@@ -265,6 +282,7 @@ def fit(
                 why = "the callback ended it"
             if stop.requested or converged or ended:
                 break
+    # Report values at bounds, and a black film
     best, lowest = _best(losses, patience)
     if reached := variables.at_bounds(history[best]):
         warnings.warn(
@@ -274,8 +292,8 @@ def fit(
         )
     if not dr.any(dr.detach(light) != 0, axis=None):
         warnings.warn(
-            "fit: no light is left in the film; start nearer, or with loss='wasserstein' or a low "
-            "frequency_hz",
+            "fit: the final film is black. Choose start values nearer to the target, "
+            "loss='wasserstein', or a low frequency_hz",
             stacklevel=2,
         )
     return Fit(
@@ -290,17 +308,17 @@ def fit(
 
 
 def _make_optimizer(given: Any) -> Any:
-    """Make an optimiser without variables from a name or another optimiser."""
+    """Create an optimizer without variables from a name or another optimizer."""
     if isinstance(given, mi.ad.Optimizer):
         if len(given):
             raise ValueError(
-                f"optimizer = {type(given).__name__} of {', '.join(given)}: must have no "
-                "variables; params has them"
+                f"optimizer = {type(given).__name__}: it has the variables {', '.join(given)}. "
+                "Pass an optimizer without variables, and set params instead"
             )
         own = copy(given)
         own.state = {}
         return own
-    allowed = f"one of {', '.join(OPTIMIZERS)}, or an optimiser of Mitsuba's"
+    allowed = f"one of {', '.join(OPTIMIZERS)}, or an optimizer of Mitsuba's"
     checks.instance("optimizer", given, str, allowed)
     kind = checks.one_of("optimizer", given, OPTIMIZERS)
     return mi.ad.Adam(lr=0.0) if kind == "adam" else mi.ad.SGD(lr=0.0)
@@ -311,8 +329,9 @@ def _phasor_target(
 ) -> tuple[mi.TensorXf, mi.TensorXf] | None:
     """Convert I and Q, or phases with the loss "phase", to a pair of tensors.
 
-    None for light, which `_target_tensor` converts. The loss checks the shapes.
+    Return None for light, which `_target_tensor` converts. The loss checks the shapes.
     """
+    # Is the target light?
     width, height = (int(n) for n in film.crop_size())
     is_tuple = isinstance(given, tuple)
     parts = given if is_tuple else (given,)
@@ -326,6 +345,7 @@ def _phasor_target(
     if not is_tuple and loss != "phase":
         return None
 
+    # Check the arrays
     arrays = []
     for name, part in zip(("I", "Q") if is_tuple else ("phase",), parts, strict=False):
         part = np.array(dr.detach(part)) if isinstance(part, dr.ArrayBase) else part
@@ -334,15 +354,19 @@ def _phasor_target(
         allowed = f"(..., {height}, {width}, channels), or the film's with time bins"
         checks.shape(f"target: {name}", array, pixels and array.size > 0, allowed)
         arrays.append(checks.finite(f"target: {name}", array))
+
+    # Phases become phasors of amplitude 1
     if not is_tuple:
         arrays = [np.cos(arrays[0]), np.sin(arrays[0])]
     return mi.TensorXf(arrays[0]), mi.TensorXf(arrays[1])
 
 
 def _phasor_by_labels(values: Any, film: Any, frequency_hz: Any) -> Any:
-    """Return the values of labeled phasors in the order of the film; others as they are."""
+    """Return the values of labeled phasors in the order of the film; others are unchanged."""
     if not isinstance(values, xr.DataArray) or "opl" in values.dims:
         return values
+
+    # The frequencies must equal the loss's frequencies
     axes = ("y", "x", "channel")
     if "frequency" in values.dims:
         axes = ("frequency", *axes)
@@ -351,6 +375,8 @@ def _phasor_by_labels(values: Any, film: Any, frequency_hz: Any) -> Any:
             raise ValueError(
                 f"target has the frequencies {found.tolist()} Hz. Pass them as frequency_hz"
             )
+
+    # Read the pixels
     kind = Kind("phasors of the film's pixels", {"phasor": axes})
     phasors = read(xr.Dataset({"phasor": values}), kind, "target")
     _require_same_pixels(phasors, film)
@@ -359,6 +385,7 @@ def _phasor_by_labels(values: Any, film: Any, frequency_hz: Any) -> Any:
 
 def _target_tensor(given: Any, film: Any, camera_unwarp: bool) -> mi.TensorXf:
     """Convert a target to a tensor of the film's shape."""
+    # Convert to an array
     if isinstance(given, tuple) and given:
         given = given[-1]
     if isinstance(given, xr.Dataset | xr.DataArray):
@@ -366,21 +393,24 @@ def _target_tensor(given: Any, film: Any, camera_unwarp: bool) -> mi.TensorXf:
     if isinstance(given, dr.ArrayBase):
         given = np.array(dr.detach(given))
     array = checks.real_array("target", given, np.float32)
+
+    # Check the shape
     width, height = (int(n) for n in film.crop_size())
     shape = (height, width)
     if hasattr(film, "temporal_bins"):
         shape += (film.temporal_bins,)
     valid = array.shape[: len(shape)] == shape and array.size > 0
     allowed = ", ".join(map(str, (*shape, "...")))
-    checks.shape("target", array, valid, f"({allowed}), as what the film holds")
+    checks.shape("target", array, valid, f"({allowed}), the shape of the film")
     return mi.TensorXf(checks.finite("target", array))
 
 
 def _labeled_bins(given: xr.Dataset | xr.DataArray, film: Any, camera_unwarp: bool) -> np.ndarray:
-    """Return the light of a Dataset that has the pixels, bins and channels of the film."""
+    """Return the light of a Dataset with the same pixels, bins and channels as the film."""
+    # Read the light. A DataArray gets the film's bin width, which is checked below
     if not hasattr(film, "temporal_bins"):
         raise ValueError("target = Dataset: must be an array for a film without time bins")
-    if isinstance(given, xr.DataArray):  # The widths of its bins are checked against the film's
+    if isinstance(given, xr.DataArray):
         given = given.to_dataset(name="transient").assign_attrs(bin_width_opl=film.bin_width_opl)
     target = read(given, TRANSIENT, "target")
     require_whole_stokes(target, "target")
@@ -388,7 +418,8 @@ def _labeled_bins(given: xr.Dataset | xr.DataArray, film: Any, camera_unwarp: bo
 
     # The light must have the time axis of the renders
     bins = bins_of(target, "target")
-    start, width = film.start_opl, film.bin_width_opl
+    start = film.start_opl
+    width = film.bin_width_opl
     found = (bins.start_opl, bins.bin_width_opl)
     if not np.allclose(found, (start, width), rtol=1e-4, atol=1e-3 * width):
         raise ValueError(
@@ -408,7 +439,7 @@ def _labeled_bins(given: xr.Dataset | xr.DataArray, film: Any, camera_unwarp: bo
 
 
 def _require_same_pixels(target: xr.Dataset, film: Any) -> None:
-    """Refuse other pixels or channels than those of the film."""
+    """Refuse pixels or channels that differ from the film's."""
     wanted = pixels_and_channels(film, target.sizes["channel"])
     for axis in ("y", "x", "channel"):
         found = target[axis].values
@@ -422,12 +453,19 @@ def _require_same_pixels(target: xr.Dataset, film: Any) -> None:
 
 @dataclass
 class _Plateau:
-    """Schedule that halves the learning rates where losses no longer fall."""
+    """Schedule that halves the learning rates when losses no longer decrease."""
 
+    # Factor of the learning rates at which the fit ends
     tolerance: float
+
+    # Number of steps over which losses are averaged
     patience: int
-    rate: float = 1.0  # factor of all learning rates
-    losses: list[float] = field(default_factory=list)  # since the last change
+
+    # Current factor of all learning rates
+    rate: float = 1.0
+
+    # Losses since the last change of the factor
+    losses: list[float] = field(default_factory=list)
 
     def add(self, loss: float) -> bool:
         """Add a step's loss, and return whether the fit ends."""
@@ -453,16 +491,16 @@ def _best(losses: Sequence[float], patience: int) -> tuple[int, float]:
 
 
 def _check_dependence(values: Mapping[str, Any]) -> None:
-    """Warn of values without an effect on the loss, and refuse if none has any."""
+    """Warn of values without an effect on the loss, and refuse the fit if no value has any."""
     none = [name for name, value in values.items() if dr.all(dr.grad(value) == 0, axis=None)]
     if len(none) == len(values):
         raise ValueError(
-            f"params = {', '.join(none)}: the loss does not depend on them where the fit starts; "
-            "must be of what the sensor sees, and the integrator one with their derivatives"
+            f"params = {', '.join(none)}: the loss does not depend on them at the start. Choose "
+            "parameters of what the sensor sees, and an integrator with their derivatives"
         )
     for name in none:
         warnings.warn(
-            f"params[{name!r}]: the loss does not depend on it where the fit starts", stacklevel=3
+            f"params[{name!r}]: the loss does not depend on it at the start", stacklevel=3
         )
 
 
@@ -474,12 +512,12 @@ def _evaluate(loss: Callable[..., Any], light: Any, target: Any, other: Any) -> 
     number = isinstance(error, dr.ArrayBase) and dr.is_float_v(error)
     if not number or math.prod(error.shape) != 1:
         kind = checks.quote(type(error).__name__)
-        raise ValueError(f"loss: returned {kind}; must return a number of Dr.Jit's")
+        raise ValueError(f"loss: returned {kind}; must return a Dr.Jit number")
     return error
 
 
 def _summary(value: Any) -> str:
-    """Format a value in a line."""
+    """Format a value as one line."""
     if np.size(value) > SHOWN_NUMBERS:
         return f"array {np.shape(value)}"
     text = ", ".join(f"{number:.4g}" for number in np.ravel(value))

@@ -1,8 +1,9 @@
 # pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
 """Losses between rendered and measured light, with derivatives.
 
-Each compares Dr.Jit tensors of equal shape, of which the rendered one may be attached, and returns
-a scalar that is 0 where both agree and has no unit, so that dim and bright scenes are fitted alike.
+Each loss compares Dr.Jit tensors of equal shape. The rendered tensor may track gradients. The
+result is a scalar without a unit that is 0 if both are equal, so that dim and bright scenes are
+fitted in the same way.
 """
 
 import math
@@ -18,18 +19,19 @@ import numpy as np
 from ..runtime import checks
 from ..signals.units import SPEED_OF_LIGHT, check_below_limit
 
-TIME = 2  # axis of time bins
+# Axis of time bins
+TIME = 2
 
 
 def l2_loss(rendered: Any, target: Any) -> Any:
-    """Squared difference in all bins, over the target's squares.
+    """Return the squared difference of all bins, divided by the target's squares.
 
         L = Σ (R - T)² / Σ T²
 
-    A black render has a loss of 1. Where rendered and measured light share no bin, as soon as it is
-    off by more than about three widths of the pulse, the gradient does not point to the target: the
-    loss is that of both, least for the least light, and things move out of sight. Start near, or
-    with another loss.
+    A black render has the loss 1. If rendered and measured light share no bin, the gradient does
+    not point to the target. This happens at a distance of more than about three widths of the
+    pulse. Then the loss is the sum of both, which is smallest without rendered light, and objects
+    move out of sight. Start near the target, or use another loss.
 
     Args:
         rendered: A tensor of any shape.
@@ -39,7 +41,7 @@ def l2_loss(rendered: Any, target: Any) -> Any:
         The loss, a tensor with one number.
 
     Raises:
-        ValueError: Shapes that differ, or a target that is black.
+        ValueError: The shapes differ, or the target is black; one line.
 
     Example:
         >>> float(l2_loss(mi.TensorXf([1.0, 2.0]), mi.TensorXf([1.0, 0.0])).array[0])
@@ -57,21 +59,22 @@ def phasor_loss(
     start_opl: float,
     bin_width_opl: float,
 ) -> Any:
-    """Squared difference of the phasors of all pixels, channels and frequencies, over the target's.
+    """Return the squared difference of the phasors, divided by the target's squared phasors.
 
         L = Σ |P_R(f) - P_T(f)|² / Σ |P_T(f)|²,   P(f) = Σ_k L_k exp(+i 2 π f opl_k / c)
 
-    with the centre opl_k of bin k, as in `transient_to_phasor`: what an AMCW camera measures (Gupta
-    et al., Phasor Imaging, 2015). The loss falls towards the target from as far as about c / 2f,
-    and is the steeper the higher the frequency. Of several frequencies, the highest decides from
-    how far: fit with a low one first, then with a high one.
+    The sums include all pixels, channels and frequencies. opl_k is the center of bin k, as in
+    `transient_to_phasor`. Phasors are what an AMCW camera measures (Gupta et al., Phasor Imaging,
+    2015). The loss decreases towards the target from a distance of about c / 2f, and is steeper for
+    higher frequencies. The highest of several frequencies determines this distance. Fit with a low
+    frequency first, then with a high frequency.
 
     Args:
         rendered: A tensor (height, width, bins, channels).
         target: Measured light, a tensor or an array of the same shape, or a pair (I, Q) of the
             shape (height, width, channels) or (frequencies, height, width, channels) each.
         frequency_hz: Modulation frequency [Hz], above 0 and below c / (2 bin_width_opl), or a
-            sequence of them.
+            sequence of frequencies.
         start_opl: Start of the first bin [m].
         bin_width_opl: Width of a bin [m], above 0.
 
@@ -79,7 +82,8 @@ def phasor_loss(
         The loss, a tensor with one number.
 
     Raises:
-        ValueError: A wrong frequency or time axis, shapes that differ, or a target without phasors.
+        ValueError: Frequency or time axis are invalid, the shapes differ, or the target has no
+            phasors; one line.
 
     Example:
         >>> here, there = np.zeros((2, 1, 1, 100, 1), np.float32)
@@ -89,6 +93,7 @@ def phasor_loss(
         >>> round(loss.array[0], 4)
         4.0
     """
+    # Check the arguments
     start = checks.metres("start_opl", start_opl)
     width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
     frequencies = check_below_limit(frequency_hz, width)
@@ -97,13 +102,16 @@ def phasor_loss(
     if not isinstance(target, tuple):
         bins = _pair(rendered, target)[1]
     targets = _target_phasors(target, rendered, frequencies, start, width)
+
+    # Compare the phasors. Differences of bins have smaller rounding errors than differences of
+    # phasors
     difference = mi.Float(0)
     norm = mi.Float(0)
     for frequency, of_target in zip(frequencies, targets, strict=True):
         if bins is None:
             of_rendered = _phasors(rendered, frequency, start, width)
             apart = [own - wanted for own, wanted in zip(of_rendered, of_target, strict=True)]
-        else:  # Differences of bins round less than differences of phasors
+        else:
             apart = _phasors(rendered - bins, frequency, start, width)
         for each, wanted in zip(apart, of_target, strict=True):
             difference += dr.sum(dr.square(each).array)
@@ -120,19 +128,20 @@ def phase_loss(
     start_opl: float,
     bin_width_opl: float,
 ) -> Any:
-    """Squared sine of the phase difference, weighted with the squared rendered amplitude.
+    """Return the squared sine of the phase difference, weighted with the squared amplitude.
 
         L = Σ Im(A u*) Im(B u*) / Σ Re(A B*),   u = P_T / |P_T|
 
     over pixels, channels and frequencies, with the phasors A of `rendered`, B of `other` and P_T of
-    the target, as in `phasor_loss`. The expectation of numerator and denominator is free of the
-    variance of the noise, because A and B are independent renders of the same scene. `fit` renders
-    both. With A = B, the loss is Σ |A|² sin²(φ_A - φ_T) / Σ |A|²: the variance of the noise adds to
-    it, and a parameter that changes the variance is biased. With noise, the loss can be negative.
-    If the denominator is not above 0, there is a warning and the loss is NaN, which ends `fit`.
+    the target, as in `phasor_loss`. A and B are independent renders of the same scene. Therefore
+    the variance of the noise does not contribute to the expectation of numerator and denominator.
+    `fit` renders both. With A = B, the loss is Σ |A|² sin²(φ_A - φ_T) / Σ |A|². Then the variance
+    of the noise contributes, and biases parameters that change the variance. With noise, the loss
+    can be negative. If the denominator is not above 0, a warning is issued and the loss is NaN,
+    which ends `fit`.
 
-    The loss does not depend on the gain of rendered light or target. Phase differences of 0 and of
-    π have the same loss: start where the path length is wrong by less than c / 4f.
+    The loss does not depend on the gain of rendered light or target. Phase differences of 0 and π
+    have the same loss. Start at a path length that is wrong by less than c / 4f.
 
     Args:
         rendered: A tensor (height, width, bins, channels).
@@ -148,10 +157,11 @@ def phase_loss(
         The loss, a tensor with one number.
 
     Raises:
-        ValueError: A wrong frequency or time axis, shapes that differ, or a target without phasors.
+        ValueError: Frequency or time axis are invalid, the shapes differ, or the target has no
+            phasors; one line.
 
     Warns:
-        UserWarning: The render holds no light, or only noise.
+        UserWarning: The render is black, or contains only noise.
 
     Example:
         >>> here, there = np.zeros((2, 1, 1, 100, 1), np.float32)
@@ -161,6 +171,7 @@ def phase_loss(
         >>> round(loss.array[0], 4)
         1.0
     """
+    # Check the arguments
     start = checks.metres("start_opl", start_opl)
     width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
     frequencies = check_below_limit(frequency_hz, width)
@@ -172,6 +183,8 @@ def phase_loss(
         if values.ndim == first.ndim:
             _pair(first, target)
     second = first if other is None else _bins(_second(other, first))
+
+    # Compare the phasors
     targets = _target_phasors(target, first, frequencies, start, width)
     out_of_phase = mi.Float(0)
     power = mi.Float(0)
@@ -195,7 +208,7 @@ def phase_loss(
 
 
 def _second(other: Any, rendered: Any) -> Any:
-    """Return a second render; refuse another shape than that of the first."""
+    """Return a second render, and refuse it if its shape differs from the first render."""
     expected = tuple(rendered.shape)
     try:
         shape = tuple(other.shape) if isinstance(other, mi.TensorXf) else np.shape(other)
@@ -209,14 +222,14 @@ def _second(other: Any, rendered: Any) -> Any:
 
 
 def scale_free_loss(rendered: Any, target: Any, *, other: Any = None) -> Any:
-    """Squared difference in all bins with the best gain of the rendered light.
+    """Return the squared difference of all bins for the best gain of the rendered light.
 
         L = 1 - Σ A T Σ B T / (Σ A B Σ T²)
 
-    with the light A of `rendered` and B of `other`. With A = B = R, this is the least value of
+    with the light A of `rendered` and B of `other`. With A = B = R, this is the minimum of
     Σ (g R - T)² / Σ T² over all gains g. `fit` renders A and B with independent random numbers, so
-    that the variance of the noise does not add to Σ A B. If Σ A B is not above 0, there is a
-    warning and the loss is NaN, which ends `fit`.
+    that the variance of the noise does not contribute to Σ A B. If Σ A B is not above 0, a warning
+    is issued and the loss is NaN, which ends `fit`.
 
     Args:
         rendered: A tensor of any shape.
@@ -228,10 +241,10 @@ def scale_free_loss(rendered: Any, target: Any, *, other: Any = None) -> Any:
         The loss, a tensor with one number, from 0 to 1 without noise.
 
     Raises:
-        ValueError: Shapes that differ, or a target that is black.
+        ValueError: The shapes differ, or the target is black; one line.
 
     Warns:
-        UserWarning: The render holds no light, or only noise.
+        UserWarning: The render is black, or contains only noise.
 
     Example:
         >>> round(float(scale_free_loss(mi.TensorXf([1.0, 2.0]), [2.5, 5.0]).array[0]), 4)
@@ -241,7 +254,7 @@ def scale_free_loss(rendered: Any, target: Any, *, other: Any = None) -> Any:
     other = rendered if other is None else _pair(_second(other, rendered), target)[0]
     norm = _nonzero_sum(dr.square(target))
 
-    # Subtract the parts along the target first, which rounds less than 1 - along / power
+    # Subtract the parts along the target first, which has smaller rounding errors than the formula
     across = rendered - target * dr.sum(rendered * target, axis=None) / norm
     other_across = other - target * dr.sum(other * target, axis=None) / norm
     power = dr.sum(rendered * other, axis=None)
@@ -249,28 +262,30 @@ def scale_free_loss(rendered: Any, target: Any, *, other: Any = None) -> Any:
 
 
 def wasserstein_loss(rendered: Any, target: Any, *, energy_weight: float = 1.0) -> Any:
-    """Distance that light would have to be moved in time, plus the difference of its energy.
+    """Return the distance by which light must be moved in time, plus a difference of energy.
 
         L = Σ_p (e_p / Σ e) mean_k (F_pk - G_pk)² + λ Σ_p (E_p - e_p)² / Σ e²
 
-    over pixels and channels p, whose rendered and measured light, summed over bins, is E_p and e_p.
-    F_pk and G_pk are the fractions of it up to the end of bin k. Light of one arrival that is late
-    by a part x of the window has a first term of x, however short the pulse: it falls all the way
-    to the target, where a difference of bins is flat. Pixels count by their measured light.
+    The sums include all pixels and channels p. E_p and e_p are rendered and measured light, summed
+    over bins. F_pk and G_pk are the fractions of this light up to the end of bin k. If all light is
+    late by the fraction x of the window, the first term is x, also for short pulses. It decreases
+    continuously towards the target, where a difference of bins is constant. Pixels are weighted
+    with their measured light.
 
     The first term is the squared earth mover's distance of histograms in one dimension (Hou, Yu,
-    Samaras 2016), which is Cramér's distance; Wasserstein's has |F - G| in place of the square.
+    Samaras 2016), which is Cramér's distance. Wasserstein's distance has |F - G| instead of the
+    square.
 
     Args:
         rendered: A tensor (height, width, bins, channels).
         target: Measured light >= 0, a tensor or an array of the same shape.
-        energy_weight: λ, 0 or more; 0 compares arrival times alone.
+        energy_weight: Weight λ, at least 0. With 0, only arrival times are compared.
 
     Returns:
         The loss, a tensor with one number.
 
     Raises:
-        ValueError: A wrong weight, shapes that differ, or a target that is black.
+        ValueError: The weight is negative, the shapes differ, or the target is black; one line.
 
     Example:
         >>> early, late = np.zeros((2, 1, 1, 100, 1), np.float32)
@@ -280,12 +295,14 @@ def wasserstein_loss(rendered: Any, target: Any, *, energy_weight: float = 1.0) 
     """
     weight = checks.number("energy_weight", energy_weight, low=0)
     rendered, target = _pair(rendered, target, bins=True)
+
+    # Compare the distributions over bins, and the energies
     cdf, energy = _cumulate(rendered)
     target_cdf, target_energy = _cumulate(target)
     total = _nonzero_sum(target_energy)
     distance = dr.mean(dr.square(cdf - target_cdf), axis=-1)
-    off = dr.square(energy - target_energy) / _nonzero_sum(dr.square(target_energy))
-    return dr.sum(target_energy / total * distance + weight * off, axis=None)
+    energy_error = dr.square(energy - target_energy) / _nonzero_sum(dr.square(target_energy))
+    return dr.sum(target_energy / total * distance + weight * energy_error, axis=None)
 
 
 LOSSES = {
@@ -299,18 +316,28 @@ LOSSES = {
 WITH_FREQUENCIES = ("phasor", "phase")
 
 OF_TWO_RENDERS = ("phase", "scale_free")
-"""Losses whose products need two independent renders; `fit` passes the second one as `other`."""
+"""Losses with products that need two independent renders. `fit` passes the second as `other`."""
 
 
 def loss_of(given: Any, frequency_hz: Any, film: Any) -> Callable[[Any, Any], Any]:
-    """Return the loss as a function of rendered light and target."""
+    """Return the loss as a function of rendered light and target.
+
+    Args:
+        given: Name of the loss, or a function.
+        frequency_hz: Frequencies of the losses "phasor" and "phase" [Hz].
+        film: The film, with its time bins.
+    """
     name = given if isinstance(given, str) else None
     fits = name in WITH_FREQUENCIES or frequency_hz is None
     allowed = "left out; only loss='phasor' and loss='phase' have frequencies"
     checks.require("frequency_hz", frequency_hz, fits, allowed)
+
+    # A function
     if name is None:
         allowed = f"one of {', '.join(LOSSES)}, or a function"
         return checks.require("loss", given, callable(given), allowed)
+
+    # A loss by name
     loss = LOSSES[checks.one_of("loss", name, tuple(LOSSES))]
     if name not in ("l2", "scale_free") and not hasattr(film, "temporal_bins"):
         raise ValueError(
@@ -328,7 +355,7 @@ def loss_of(given: Any, frequency_hz: Any, film: Any) -> Callable[[Any, Any], An
 def _cumulate(light: Any) -> tuple[Any, Any]:
     """Return the cumulative distribution over bins, 0 without light, and the energy.
 
-    Bins are moved to the last axis: along others, Dr.Jit 1.5's `cumsum` loses derivatives.
+    Bins are moved to the last axis, because `cumsum` of Dr.Jit 1.5 loses derivatives along others.
     """
     sums = dr.cumsum(dr.moveaxis(light, TIME, -1), axis=-1)
     total = sums[:, :, :, -1:]
@@ -350,7 +377,7 @@ def _bins(rendered: Any) -> mi.TensorXf:
 
 
 def _pair(rendered: Any, target: Any, bins: bool = False) -> tuple[Any, Any]:
-    """Convert both to tensors of one shape."""
+    """Convert rendered light and target to tensors of the same shape."""
     rendered = _bins(rendered) if bins else _tensor("rendered", rendered)
     target = _tensor("target", target)
     require_same_shape(rendered, target)
@@ -373,14 +400,17 @@ def _target_phasors(
 ) -> list[tuple[Any, Any]]:
     """Return I and Q of the target at each frequency.
 
-    The target holds bins of the shape of `rendered`, a pair (I, Q), or phases.
+    The target contains bins of the shape of `rendered`, a pair (I, Q), or phases.
     """
+    # Bins, or phases
     if not isinstance(target, tuple):
         values = _tensor("target", target)
         if values.shape == rendered.shape:
             return [_phasors(values, frequency, start, width) for frequency in frequencies]
         phase = np.array(dr.detach(values))
         target = (np.cos(phase), np.sin(phase))
+
+    # I and Q
     height, columns, _, channels = rendered.shape
     shape = (len(frequencies), height, columns, channels)
     parts = []
@@ -395,31 +425,31 @@ def _target_phasors(
 
 
 def require_same_shape(rendered: Any, target: Any) -> None:
-    """Refuse a target of another shape than the rendered light."""
+    """Refuse a target with another shape than the rendered light."""
     allowed = f"{rendered.shape}, as what is rendered"
     checks.shape("target", target, rendered.shape == target.shape, allowed)
 
 
 def _nonzero_sum(values: Any) -> Any:
-    """Sum values of the target, which must not be black."""
+    """Sum values of the target, and refuse a black target."""
     total = dr.detach(dr.sum(values, axis=None))
     if not float(np.array(total).item()) > 0:
-        raise ValueError("target: holds no light; must have some to compare with")
+        raise ValueError("target: all values are 0. Pass a target with light")
     return total
 
 
 def _positive(power: Any) -> Any:
     """Return a denominator from products of rendered light, or NaN with a warning.
 
-    Of two independent renders with little light and much noise, the sum of products is near 0 or
-    negative, and the sign of the loss is arbitrary.
+    The sum of products of two independent renders with little light and much noise is near 0 or
+    negative, so that the sign of the loss is arbitrary.
     """
     value = float(np.array(dr.detach(power)).item())
     if value > 0:
         return power
     warnings.warn(
-        f"loss: the render holds no light, or only noise (its power is {value:.3g}); raise spp, or "
-        "start nearer",
+        f"loss: the render is black or contains only noise (its power is {value:.3g}). Increase "
+        "spp, or choose start values nearer to the target",
         stacklevel=3,
     )
     return power + math.nan

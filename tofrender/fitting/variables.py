@@ -18,25 +18,28 @@ Apply = Callable[[mi.SceneParameters, dict[str, Any]], Any]
 
 
 class Variables:
-    """Named values of a fit; the arguments are those of `fit`.
+    """Named values of a fit. The arguments are as for `fit`.
 
     Attributes:
-        params: The scene's parameters.
-        start: Start values by name, as differentiable arrays of Dr.Jit's.
+        params: The parameters of the scene.
+        start: Start values by name, as differentiable Dr.Jit arrays.
     """
 
     def __init__(
         self, scene: mi.Scene, params: Any, apply: Apply | None, bounds: Any = None
     ) -> None:
+        # Read names and start values
         own = isinstance(params, mi.SceneParameters)
         start = dict(readable(params)) if own else params
         given = checks.mapping("params", start)
         if not given:
             raise ValueError(
-                f"params = {checks.quote(start)}: must have a name and start value or more"
+                f"params = {checks.quote(start)}: must contain at least one name with a start value"
             )
         self.params = params if own and apply is None else mi.traverse(scene)
         self._apply = apply
+
+        # Convert the start values
         convert = self._scene_parameter if apply is None else self._free_variable
         self.start = {name: convert(name, value) for name, value in given.items()}
         before = self.start if apply is not None else {name: self.params[name] for name in given}
@@ -46,8 +49,8 @@ class Variables:
     # ------------------------------------------------------------------------ during the fit
 
     def write(self, values: dict[str, Any]) -> None:
-        """Write values into the scene."""
-        # Mitsuba would warn in each step of parameters that its own integrators ignore
+        """Write values to the scene."""
+        # Mitsuba would warn in each step of parameters that its integrators ignore
         level = mi.log_level()
         mi.set_log_level(max(level, mi.LogLevel.Error, key=int))
         try:
@@ -62,9 +65,10 @@ class Variables:
 
     @contextmanager
     def write_at_exit(self, best: Callable[[], Mapping[str, Any] | None]) -> Iterator[None]:
-        """Write the best plain values into the scene after the block, after an error too.
+        """Write the best plain values to the scene after the block, also after an error.
 
-        If there are none, the scene gets back those from before, or with `apply` the start values.
+        Without best values, the values before the fit are restored, or with `apply` the start
+        values.
         """
 
         def write_best() -> None:
@@ -75,13 +79,14 @@ class Variables:
         try:
             yield
         except BaseException:
-            with suppress(Exception):  # `apply` may be what has failed
+            # `apply` may have caused the error
+            with suppress(Exception):
                 write_best()
             raise
         write_best()
 
     def bounded(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Clip the values that have bounds."""
+        """Clip the values with bounds."""
         clipped = {}
         for name, (low, high) in self._bounds.items():
             value = dr.detach(values[name])
@@ -90,7 +95,7 @@ class Variables:
         return clipped
 
     def at_bounds(self, values: Mapping[str, Any]) -> list[str]:
-        """Describe the plain values of which a component equals a bound."""
+        """Describe the plain values with a component at a bound."""
         found = []
         for name, (low, high) in self._bounds.items():
             value = np.asarray(values[name], np.float32)
@@ -107,8 +112,11 @@ class Variables:
 
     def rates(self, given: Any) -> dict[str, float]:
         """Return the learning rate of each variable."""
+        # One learning rate for all variables
         if not isinstance(given, Mapping):
             return dict.fromkeys(self.start, checks.number("learning_rate", given, positive=True))
+
+        # A learning rate by name
         rates = self._by_name("learning_rate", given)
         for name in self.start:
             if name not in rates:
@@ -118,7 +126,7 @@ class Variables:
         return {name: float(rates[name]) for name in self.start}
 
     def _by_name(self, argument: str, given: Any) -> dict[str, Any]:
-        """Return a dict whose names must be variables."""
+        """Check that the names of a dict are variables."""
         found = checks.mapping(argument, given)
         for name, value in found.items():
             allowed = f"of {', '.join(self.start)}"
@@ -126,6 +134,7 @@ class Variables:
         return found
 
     def _check_bounds(self, bounds: Any) -> dict[str, tuple[float | None, float | None]]:
+        """Check the bounds, and that start values are within them."""
         checked = {}
         for name, pair in self._by_name("bounds", bounds).items():
             label = f"bounds[{name!r}]"
@@ -148,12 +157,12 @@ class Variables:
         if name not in self.params:
             near = difflib.get_close_matches(name, list(self.params.keys()), 1)
 
-            # The same parameter of another object may be that of several merged shapes
+            # A similar name may be the same parameter of several merged shapes
             if near and near[0].partition(".")[2] == name.partition(".")[2] != "":
                 raise ValueError(
-                    f"{label}: is no parameter of the scene. {near[0]!r} may be that of several "
-                    "shapes: equal shapes and materials are merged unless the scene is loaded with "
-                    "optimize=False"
+                    f"{label}: the scene does not have this parameter. {near[0]!r} may belong to "
+                    "several shapes: equal shapes and materials are merged unless the scene is "
+                    "loaded with optimize=False"
                 )
             hint = f"did you mean {near[0]!r}? Must" if near else "must"
             raise ValueError(
@@ -171,6 +180,7 @@ class Variables:
     def _free_variable(self, name: str, value: Any) -> Any:
         """Convert the start value of a variable that only `apply` knows."""
         label = f"params[{name!r}]"
+        # Dr.Jit arrays
         is_drjit = isinstance(value, dr.ArrayBase)
         if is_drjit and not _is_differentiable(value):
             kind = type(value).__name__
@@ -178,35 +188,38 @@ class Variables:
         array = _numbers(label, value)
         if is_drjit:
             return dr.detach(value)
+
+        # Numbers
         if array.ndim == 0:
             return mi.Float(float(array))
         vectors = {(2,): mi.Vector2f, (3,): mi.Vector3f, (4,): mi.Vector4f}
-        allowed = "a number, 2 to 4 numbers, or an array of Dr.Jit's"
+        allowed = "a number, 2 to 4 numbers, or a Dr.Jit array"
         checks.shape(label, array, array.shape in vectors, allowed)
         return vectors[array.shape](*array.tolist())
 
 
 def _is_differentiable(value: Any) -> bool:
+    """Return whether a parameter consists of floats with derivatives."""
     return dr.is_diff_v(value) and dr.is_float_v(value) and not dr.is_matrix_v(value)
 
 
 def _numbers(label: str, value: Any) -> np.ndarray:
-    """Return finite numbers of a start value."""
+    """Convert a start value to finite numbers."""
     array = np.array(dr.detach(value)) if isinstance(value, dr.ArrayBase) else value
     try:
         array = checks.real_array(label, array, np.float32)
         checks.finite(label, np.atleast_1d(array))
     except ValueError:
         raise ValueError(
-            f"{label} = {checks.quote(value)}: must be a finite number or an array of such"
+            f"{label} = {checks.quote(value)}: must be a finite number or an array of these"
         ) from None
     if not array.size:
-        raise ValueError(f"{label} = {checks.quote(value)}: must hold a number or more")
+        raise ValueError(f"{label} = {checks.quote(value)}: must contain at least one number")
     return array
 
 
 def _like(template: Any, array: np.ndarray, label: str = "") -> Any:
-    """Convert numbers to an array of the template's type and shape."""
+    """Convert numbers to an array of the same type and shape as the template."""
     shape = tuple(template.shape)
     if array.ndim == 0:
         array = np.full(shape, array)

@@ -79,7 +79,7 @@ class Derivative:
     def __init__(
         self, plan: Plan, record: Recording, sensor: mi.Sensor, spp: int, detached: bool
     ) -> None:
-        backend.require_vectorised()
+        backend.require_vectorized()
         self.spp = checks.integer("spp_grad", spp, 1, checks.MAX_SPP)
         self.plan, self.record, self.sensor = plan.attached(), record, sensor
         self.changes = BinChanges if isinstance(record, BinRecording) else Changes

@@ -136,7 +136,7 @@ def steps(
         ValueError: The sensor is a batch of sensors.
         MemoryError: The film does not fit.
     """
-    backend.require_vectorised()
+    backend.require_vectorized()
     if sensor.class_name() == "BatchSensor":
         raise ValueError("sensor: is a batch of sensors; must be one, e.g. a perspective camera")
     tracer = tracer.for_bin_width(record.width_opl)

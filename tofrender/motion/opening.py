@@ -46,7 +46,7 @@ def open_moving(settings: RenderSettings) -> tuple[mi.Scene, mi.Sensor, Transien
         ValueError: If the integrator is not supported or has a pulse; one line.
     """
     # The scene, and its integrator or the transient integrator with the same paths
-    backend.require_unpolarised()
+    backend.require_unpolarized()
     scene, integrator = open_scene(settings)
     tracer: Any = in_time(integrator)
     checks.one_of("integrator", type(tracer).__name__, SUPPORTED)

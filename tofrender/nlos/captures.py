@@ -1,9 +1,10 @@
 """The capture Dataset: time-resolved light of a relay wall, with all geometry in world space.
 
-`transient` holds radiance per bin, or photon counts of a measurement: `(y, x, opl, channel)` of a
-single or confocal capture, `(laser_y, laser_x, y, x, opl, channel)` of an exhaustive one. The
-points of the wall that sensor and laser are aimed at, and the wall's normals there, are variables
-too. Where some pixels do not look at the wall, `on_wall (y, x)` says which do; the others are dark.
+`transient` contains radiance per bin, or the photon counts of a measurement. A single or confocal
+capture has the axes `(y, x, opl, channel)`, and an exhaustive capture has the axes
+`(laser_y, laser_x, y, x, opl, channel)`. Further variables contain the points of the wall at which
+sensor and laser are aimed, and the normals of the wall at these points. If some pixels do not look
+at the wall, the mask `on_wall (y, x)` is false there, and these pixels are dark.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 MODES = ("single", "confocal", "exhaustive")
-"""One laser spot for all pixels; one at each pixel's point; a grid of them for all pixels."""
+"""One laser spot for all pixels, the laser at each pixel's point, or a grid of laser spots."""
 
 COUNTS = "photon counts per bin"
 QUANTITIES = {"radiance per bin": "W m^-2 sr^-1", COUNTS: "1"}
@@ -35,7 +36,8 @@ COUNTED_ATTRIBUTES = ("quantity", "units", "mode", "start_opl", "bin_width_opl")
 
 DEVICES = ("laser", "sensor")
 ON_WALL = "on_wall"
-_PIXELS, _LASERS = ("y", "x"), ("laser_y", "laser_x")
+_PIXELS = ("y", "x")
+_LASERS = ("laser_y", "laser_x")
 
 
 def make_capture(
@@ -55,33 +57,33 @@ def make_capture(
     quantity: str = "radiance per bin",
     attrs: Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
-    """Make the Dataset of a capture, and check it.
+    """Create and check the Dataset of a capture.
 
     Args:
-        transient: Radiance per bin [W m^-2 sr^-1] or photon counts, (rows, columns, bins),
-            exhaustive (laser rows, laser columns, rows, columns, bins), with or without a last axis
-            of 1 or 3 channels.
+        transient: Radiance per bin [W m^-2 sr^-1] or photon counts, with the shape (rows, columns,
+            bins). An exhaustive capture has the shape (laser rows, laser columns, rows, columns,
+            bins). A last axis of 1 or 3 channels is optional.
         mode: "single", "confocal" or "exhaustive".
         start_opl: Path length where the first bin starts [m].
         bin_width_opl: Width of a bin [m].
-        sensor_grid: Points of the wall that the sensor looks at [m], (rows, columns, 3).
-        sensor_normals: The wall's unit normals there, towards the hidden scene.
-        laser_grid: Laser spots on the wall [m]: single (3,) or (1, 1, 3), exhaustive
-            (laser rows, laser columns, 3), confocal None.
-        laser_normals: The wall's unit normals there, confocal None.
+        sensor_grid: Points of the wall at which the sensor looks [m], (rows, columns, 3).
+        sensor_normals: Unit normals of the wall at these points, towards the hidden scene.
+        laser_grid: Laser spots on the wall [m]: (3,) or (1, 1, 3) in a single capture, (laser rows,
+            laser columns, 3) in an exhaustive capture, None in a confocal capture.
+        laser_normals: Unit normals of the wall at the laser spots, None in a confocal capture.
         sensor_origin: Position of the sensor [m], None if unknown.
         laser_origin: Position of the laser [m], None if unknown.
         counts_first_and_last_legs: Whether lengths include laser to wall and wall to sensor.
-        on_wall: Whether each pixel looks at the wall, bool (rows, columns). None if all do.
+        on_wall: Mask of the pixels that look at the wall, bool (rows, columns). None if all do.
         quantity: "radiance per bin" or "photon counts per bin".
-        attrs: More attributes: text, ints and floats.
+        attrs: Further attributes: text, ints and floats.
 
     Returns:
-        A Dataset of `transient`, grids, normals and origins, float32, with a bool variable
-        `on_wall` where some pixels do not look at the wall.
+        A Dataset of `transient`, grids, normals and origins, float32. If some pixels do not look
+        at the wall, the Dataset also contains the bool variable `on_wall`.
 
     Raises:
-        ValueError: One line that names what is wrong.
+        ValueError: An argument is invalid, or arguments contradict each other; one line.
 
     Example:
         >>> x, y = np.meshgrid(np.linspace(-1, 1, 8), np.linspace(-1, 1, 8))
@@ -93,28 +95,43 @@ def make_capture(
     """
     import xarray as xr
 
+    # Check mode, quantity and bins
     checks.one_of("mode", mode, MODES)
     checks.one_of("quantity", quantity, QUANTITIES)
     start = checks.metres("start_opl", start_opl)
     width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
+
+    # Read the light
     dims = dimensions(mode)["transient"]
-    transient = _by_axes("transient", transient, dims)
+    transient = _in_axis_order("transient", transient, dims)
     values = checks.real_array("transient", transient, np.float32)
+
+    # Read further attributes. Files store this boolean as an integer
     more = checks.mapping("attrs", attrs)
     legs = counts_first_and_last_legs
-    legs = bool(legs) if isinstance(legs, int) and legs in (0, 1) else legs  # As files store it
+    legs = bool(legs) if isinstance(legs, int) and legs in (0, 1) else legs
     legs = checks.boolean("counts_first_and_last_legs", legs)
+
+    # Add a missing axis of channels
     light = values[..., None] if values.ndim == len(dims) - 1 else values
     valid = light.ndim == len(dims) and light.shape[-1] in (1, 3) and 0 not in light.shape
     allowed = f"{dims} of a {mode} capture, with 1 or 3 channels"
     checks.shape("transient", values, valid, allowed)
+
+    # Confocal captures have their laser spots at the points of the sensor
     if mode == "confocal":
         for name, given in (("laser_grid", laser_grid), ("laser_normals", laser_normals)):
             allowed = "None, as a confocal capture has the sensor's"
             checks.require(name, given, given is None, allowed)
-        laser_grid, laser_normals = sensor_grid, sensor_normals
+        laser_grid = sensor_grid
+        laser_normals = sensor_normals
+
+    # Single captures have one laser spot
     elif mode == "single" and np.shape(laser_grid) == (3,):
-        laser_grid, laser_normals = (np.reshape(v, (1, 1, -1)) for v in (laser_grid, laser_normals))
+        laser_grid = np.reshape(laser_grid, (1, 1, -1))
+        laser_normals = np.reshape(laser_normals, (1, 1, -1))
+
+    # Check all variables
     unknown = np.full(3, np.nan, np.float32)
     arrays = {
         "transient": light,
@@ -127,25 +144,31 @@ def make_capture(
     }
     variables = {}
     for name, axes in dimensions(mode).items():
-        array = checks.real_array(name, _by_axes(name, arrays[name], axes), np.float32)
+        array = checks.real_array(name, _in_axis_order(name, arrays[name], axes), np.float32)
         valid = array.ndim == len(axes) and (axes[-1] != "xyz" or array.shape[-1] == 3)
         checks.shape(name, array, valid, f"{axes}, xyz of size 3")
         variables[name] = (axes, array if name == "transient" else array.copy())
+
+    # Check the mask; a mask without a dark pixel is omitted
     if on_wall is not None:
         try:
-            mask = np.asarray(_by_axes("on_wall", on_wall, _PIXELS))
+            mask = np.asarray(_in_axis_order("on_wall", on_wall, _PIXELS))
         except (TypeError, ValueError):
             mask = np.array(None)
         valid = mask.dtype == bool and mask.ndim == 2
         checks.require("on_wall", on_wall, valid, "bool (rows, columns)")
         if not mask.all():
             variables[ON_WALL] = (_PIXELS, mask.copy())
+
+    # All variables must have the same size on shared axes
     sizes: dict[str, int] = {}
     for name, (axes, array) in variables.items():
         for axis, size in zip(axes, array.shape, strict=True):
             valid = sizes.setdefault(axis, size) == size
             same = f"of size {sizes[axis]} on the axis {axis}, as other variables are"
             checks.shape(name, array, valid, same)
+
+    # Add coordinates and attributes
     coords: dict[str, Any] = {a: np.arange(n) for a, n in sizes.items() if a[-1] in "xy"}
     coords |= {
         "opl": start + (np.arange(sizes["opl"]) + 0.5) * width,
@@ -165,10 +188,10 @@ def make_capture(
     return capture
 
 
-def _by_axes(name: str, values: Any, axes: tuple[str, ...]) -> Any:
-    """Return the values of a DataArray in the order of the axes and of their labels.
+def _in_axis_order(name: str, values: Any, axes: tuple[str, ...]) -> Any:
+    """Return the values of a DataArray with its axes, and the labels of each axis, in order.
 
-    Arrays without labels stay as they are. The axis of channels may be missing.
+    Arrays without labels are returned unchanged. The axis of channels is optional.
     """
     import xarray as xr
 
@@ -183,7 +206,7 @@ def _by_axes(name: str, values: Any, axes: tuple[str, ...]) -> Any:
 
 
 def dimensions(mode: str) -> dict[str, tuple[str, ...]]:
-    """Axes of each variable of a capture in this mode."""
+    """Return the axes of each variable of a capture in a mode."""
     laser = _PIXELS if mode == "confocal" else _LASERS
     return {
         "transient": (*(_LASERS if mode == "exhaustive" else ()), *_PIXELS, "opl", "channel"),
@@ -197,17 +220,20 @@ def dimensions(mode: str) -> dict[str, tuple[str, ...]]:
 
 
 def as_capture(dataset: Any) -> Any:
-    """Convert photon counts that `sense` measured of a capture to a capture.
+    """Convert the photon counts of a capture, as measured by `sense`, to a capture.
 
     Args:
         dataset: A capture, or a result of `sense` with the geometry of a capture.
 
     Returns:
-        A capture of photon counts. Anything else than a result of `sense` is returned unchanged.
+        A capture of photon counts. Other objects than a result of `sense` are returned unchanged.
     """
+    # Is this a result of `sense` for a capture?
     variables = set(getattr(dataset, "data_vars", ()))
     if "transient" in variables or not {"counts", "sensor_grid"} <= variables:
         return dataset
+
+    # Read its variables
     mode = dataset.attrs["mode"]
     axes = dimensions(mode)
     axes.pop("transient")
@@ -217,6 +243,8 @@ def as_capture(dataset: Any) -> Any:
     kind = Kind("a result of sense", COUNTED.variables | axes, optional, bins="bin")
     dataset = read(dataset, kind, "capture")
     bins = bins_of(dataset, "capture", "bin")
+
+    # Convert its attributes
     about = {name: value for name, value in dataset.attrs.items() if name not in COUNTED_ATTRIBUTES}
     if "cycles" in variables:
         about["cycles"] = int(dataset["cycles"].max())
@@ -234,12 +262,12 @@ def as_capture(dataset: Any) -> Any:
 
 
 def read_capture(dataset: Any, parameter: str) -> xr.Dataset:
-    """Return a capture with axes, channels and bins in their order.
+    """Return a capture with its axes, channels and bins in order.
 
-    Parts of the window, crops, and choices of channels are accepted.
+    A part of the window, a crop, or a selection of channels of a capture is accepted.
 
     Raises:
-        ValueError: Anything but a capture, or a part of one; one line.
+        ValueError: The dataset is not a capture or a part of a capture; one line.
     """
     import xarray as xr
 
@@ -254,10 +282,10 @@ def read_capture(dataset: Any, parameter: str) -> xr.Dataset:
 
 
 def check_capture(dataset: Any) -> None:
-    """Refuse anything but a capture, or a part of one.
+    """Refuse a dataset that is not a capture or a part of a capture.
 
     Raises:
-        ValueError: One line that says what is missing or contradicts itself.
+        ValueError: Something is missing or contradictory; one line.
     """
     import xarray as xr
 
@@ -300,7 +328,9 @@ def check_capture(dataset: Any) -> None:
             if kind == "normals" and not np.allclose(lengths, 1, atol=1e-3):
                 raise ValueError(f"capture: {name}: must hold vectors of length 1")
         if mode == "confocal" and not np.array_equal(*vectors.values()):
-            raise ValueError(f"capture: laser_{kind}: a confocal one must equal sensor_{kind}")
+            raise ValueError(
+                f"capture: laser_{kind}: must equal sensor_{kind} in a confocal capture"
+            )
 
     # Attributes
     check_attributes("capture", dataset)
@@ -308,39 +338,49 @@ def check_capture(dataset: Any) -> None:
     name = "capture: attribute counts_first_and_last_legs"
     checks.require(name, counts, counts in (0, 1), "0, 1")
     if counts and not all(np.isfinite(dataset[f"{d}_origin"].values).all() for d in DEVICES):
-        rule = "must be known where counts_first_and_last_legs = 1, as path lengths count them"
-        raise ValueError(f"capture: sensor_origin, laser_origin: {rule}")
+        raise ValueError(
+            "capture: sensor_origin, laser_origin: must be finite if counts_first_and_last_legs = "
+            "1, because path lengths include the legs from both"
+        )
 
 
 def first_and_last_legs(capture: xr.Dataset, devices: Collection[str] = DEVICES) -> np.ndarray:
-    """Lengths from laser to wall plus wall to sensor that `opl` counts [m], 0 if it does not.
+    """Return the lengths of the legs from laser to wall and from wall to sensor [m].
 
-    float64, (rows, columns), of an exhaustive capture (laser rows, laser columns, rows, columns).
-    With one of the `devices`, its leg alone.
+    Args:
+        capture: The capture. If its `opl` does not count the legs, the result is 0.
+        devices: The legs that are added: "laser", "sensor" or both.
+
+    Returns:
+        float64, (rows, columns). The shape is (laser rows, laser columns, rows, columns) for an
+        exhaustive capture.
     """
 
     def leg(device: str) -> np.ndarray:
-        points, origin = (capture[f"{device}_{k}"].values for k in ("grid", "origin"))
+        points = capture[f"{device}_grid"].values
+        origin = capture[f"{device}_origin"].values
         offset = points.astype(np.float64) - origin.astype(np.float64)
         return np.linalg.norm(offset, axis=-1) * (device in devices)
 
     laser, sensor = (leg(device) for device in DEVICES)
     if capture.attrs["mode"] == "exhaustive":
         laser = laser[:, :, None, None]
-    legs = laser + sensor  # Of a single capture, laser is of shape (1, 1)
+    # In a single capture, the laser's legs have the shape (1, 1)
+    legs = laser + sensor
     return legs if capture.attrs["counts_first_and_last_legs"] else np.zeros(legs.shape)
 
 
 def without_first_and_last_legs(capture: Annotated[xr.Dataset, CAPTURE]) -> xr.Dataset:
-    """Subtract the first and last legs: path lengths from wall to wall only.
+    """Subtract the first and last legs, so that path lengths are from wall to wall.
 
-    Each pixel's bins move by the pixel's own legs. Light that falls between two new bins is divided
-    between both, so that energy and mean path length stay. The time axis starts as early as the
-    pixel with the longest legs needs and keeps its bin width; bins are added for the differences
-    between pixels. A capture that does not count the legs is returned as it is.
+    The bins of each pixel are shifted by the legs of this pixel. Light that falls between two new
+    bins is divided between both, so that energy and mean path length are preserved. The bin width
+    remains. The time axis starts as early as the pixel with the longest legs requires, and bins are
+    added for the differences between pixels. A capture that does not count the legs is returned
+    unchanged.
 
     Raises:
-        ValueError: Not a capture.
+        ValueError: The argument is not a capture; one line.
 
     Example:
         >>> wall = np.array([[[0.0, 0, 0], [1, 0, 0]]])
@@ -360,23 +400,33 @@ def without_first_and_last_legs(capture: Annotated[xr.Dataset, CAPTURE]) -> xr.D
 
 
 def subtract_legs(capture: xr.Dataset, legs: np.ndarray) -> xr.Dataset:
-    """Move each pixel's bins earlier by its `legs` [m], which are counted no more."""
+    """Shift the bins of each pixel to earlier lengths by its `legs` [m].
+
+    The result no longer counts these legs.
+    """
     start, width = time_axis(capture)
-    shift = (legs.max() - legs) / width  # to later bins, in bins
+
+    # Shift of each pixel relative to the pixel with the longest legs, towards later bins [bins]
+    shift = (legs.max() - legs) / width
     extra = math.ceil(shift.max())
     whole = np.minimum(np.floor(shift), max(extra - 1, 0)).astype(np.int64)
     fraction = (shift - whole).astype(np.float32)[..., None, None]
+
+    # Divide each bin between two new bins
     cube = Cube(capture["transient"])
     *pixels, bins, channels = cube.shape
     memory.require_free("capture", 4 * math.prod(pixels) * (bins + extra) * channels)
     moved = np.zeros((*pixels, bins + extra, channels), np.float32)
     for row, old in cube.rows():
-        new, late = moved[row], fraction[row]
+        new = moved[row]
+        late = fraction[row]
         for steps in np.unique(whole[row]):
             here = whole[row] == steps
             new[here, steps : steps + bins] += old[here] * (1 - late[here])
             if extra:
                 new[here, steps + 1 : steps + 1 + bins] += old[here] * late[here]
+
+    # Replace light and time axis
     start -= float(legs.max())
     attrs = capture.attrs | {"start_opl": start, "counts_first_and_last_legs": 0}
     result = capture.drop_vars(["transient", "opl", TIME], errors="ignore").assign_attrs(attrs)

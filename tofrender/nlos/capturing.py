@@ -53,49 +53,51 @@ def capture(
     client: Client | None = None,
     progress: bool = True,
 ) -> xr.Dataset:
-    """Capture a hidden scene by its relay wall.
+    """Capture a hidden scene by way of its relay wall.
 
-    The sensor's pixels sample the wall: at the centres of the cells of an `nlos_capture_meter`, or
-    where the centres of a camera's pixels look. Pixels that miss the wall are dark, and the
-    variable `on_wall` says which (a warning says how many). Their points continue the plane of the
-    wall; on a wall that is not flat they are the nearest pixel's.
+    The pixels of the sensor sample the wall. With an `nlos_capture_meter`, the samples are the
+    centers of its cells; with a camera, they are the points at which the pixel centers look. Pixels
+    that miss the wall are dark. The variable `on_wall` marks them, and a warning reports their
+    number. On a flat wall, their points continue the plane of the wall; otherwise, they repeat the
+    point of the nearest pixel.
 
-    The attribute `energy_outside_window` is the fraction of the energy that no bin holds, without
-    light of a single bounce that arrives before the window: the laser spot itself.
+    The attribute `energy_outside_window` is the fraction of the energy outside all bins. It does
+    not count light of a single bounce (the laser spot itself) that arrives before the window.
 
-    Where the integrator leaves out the leg to the camera (`camera_unwarp`) and counts the legs
-    otherwise, the laser's is subtracted as well: lengths are then from wall to wall.
+    If the integrator excludes the leg to the camera (`camera_unwarp`) but counts legs otherwise,
+    the leg from the laser is subtracted as well. Then lengths are from wall to wall.
     See also `reconstruct`, `save_capture`.
 
     Args:
         scene: As for `render`. Its integrator must be a `transient_nlos_path` or, for confocal
-            captures, a `confocal_transient_path`. A file, name or dict is loaded with its shapes
-            apart (`optimize=False`).
-        mode: "confocal": the laser follows the pixel's point. "single": the laser stays where it is
-            aimed. "exhaustive": the laser scans the points of the grid, and all pixels observe each
-            of its spots. By default the scene decides: `capture_type` of the integrator, then
-            `confocal` of an `nlos_capture_meter`. A scene with neither gives "confocal".
+            captures, a `confocal_transient_path`. A file, name or dict is loaded without merging
+            its shapes (`optimize=False`).
+        mode: "confocal": the laser follows the pixel's point. "single": the laser remains where it
+            is aimed. "exhaustive": the laser scans the points of the grid, and all pixels observe
+            each laser spot. By default the scene decides: first `capture_type` of the integrator,
+            then `confocal` of an `nlos_capture_meter`. Without both, the mode is "confocal".
         grid: Width and height of the grid [points]; by default the film's.
         spp: Samples per pixel (and laser spot); by default the sampler's.
         seed: Seed of the random numbers.
-        sensor: Number of the sensor.
-        relay_wall: The wall: a shape, its id, or a list of either. By default the shape that the
-            sensor is a child of, or that is called "relay_wall", or the only one that the pixels
-            look at.
+        sensor: Index of the sensor.
+        relay_wall: The wall: a shape, its id, or a list of shapes or ids. By default, the shape to
+            which the sensor is attached, then the shape with the id "relay_wall", then the only
+            shape that the pixels see.
         checkpoint: As for `render`.
-        client: A `distributed.Client`, whose workers render tiles of the grid or, of an exhaustive
-            capture, laser spots. The scene must be a name, a file or a dict.
-        progress: Whether long work shows a bar.
+        client: A `distributed.Client`. Its workers render tiles of the grid, or laser spots of an
+            exhaustive capture. The scene must be a name, a file or a dict.
+        progress: Whether to show a progress bar.
 
     Returns:
-        A capture, see `tofrender.nlos.make_capture`. Ctrl-C, SIGTERM and SIGHUP return what is
-        finished of a single or confocal one, with `complete` = 0 and `spp` as far as it got.
+        A capture, see `tofrender.nlos.make_capture`. Ctrl-C, SIGTERM and SIGHUP stop a single or
+        confocal capture and return the finished samples, with `complete` = 0 and the number of
+        these samples as `spp`.
 
     Raises:
-        ValueError: An argument is wrong, `mode` contradicts the scene, the scene has no laser or
-            relay wall, the laser misses it, or no pixel looks at it; one line.
-        KeyboardInterrupt: An exhaustive capture was stopped; one line that says how to go on.
-        MemoryError: It does not fit; the message says what would.
+        ValueError: An argument is invalid, `mode` contradicts the scene, the laser or the relay
+            wall is missing, the laser misses the wall, or no pixel looks at the wall; one line.
+        KeyboardInterrupt: An exhaustive capture was stopped. The message describes how to resume.
+        MemoryError: The capture does not fit into memory. The message names a size that fits.
 
     Warns:
         UserWarning: More than 1 % of the energy is outside the window, or pixels miss the wall.
@@ -105,7 +107,8 @@ def capture(
         >>> z["transient"].dims, z.attrs["mode"]
         (('y', 'x', 'opl', 'channel'), 'confocal')
     """
-    backend.require_vectorised()
+    # Check the arguments
+    backend.require_vectorized()
     if mode is not None:
         checks.one_of("mode", mode, MODES)
     checks.boolean("progress", progress)
@@ -113,20 +116,30 @@ def capture(
     name = os.fspath(scene) if isinstance(scene, str | os.PathLike) else "scene"
     if client is not None:
         require_client(client)
-        packed("scene", scene)  # Refuses what cannot be sent
+        # Refuse scenes that cannot be sent to workers
+        packed("scene", scene)
+
+    # Load the scene
     with without_bars(not progress), status("Tracing the relay wall"):
         setup = prepare_capture(
             scene, mode=mode, grid=grid, spp=spp, seed=seed, sensor=sensor, wall=relay_wall
         )
-    scene, camera, integrator, mode = setup.scene, setup.camera, setup.integrator, setup.mode
+    scene = setup.scene
+    camera = setup.camera
+    integrator = setup.integrator
+    mode = setup.mode
+
+    # Report dark pixels
     points, normals, on_wall = setup.points
     missing = on_wall.size - int(on_wall.sum())
     if missing:
         warnings.warn(
-            f"sensor: {missing} of {on_wall.size} pixels do not look at the relay wall; they are "
+            f"sensor: {missing} of {on_wall.size} pixels do not look at the relay wall. They are "
             "dark, and on_wall is false there",
             stacklevel=2,
         )
+
+    # Describe the geometry
     geometry: dict[str, Any] = {
         "sensor_grid": points,
         "sensor_normals": normals,
@@ -135,14 +148,20 @@ def capture(
     }
     attrs = {"scene": name, "spp": setup.spp, "seed": seed, "variant": mi.variant()}
     attrs["fingerprint"] = fingerprint(scene, camera, integrator)
+
+    # Exhaustive capture: render the light of each laser spot
     if mode == "exhaustive":
         with restored_pose(find_laser(scene)):
             job = ExhaustiveCapture(setup)
             values, outside = job.render_all(client, Checkpoint.of(checkpoint), progress)
-        start, width = job.film.start_opl, job.film.bin_width_opl
+        start = job.film.start_opl
+        width = job.film.bin_width_opl
         attrs["energy_outside_window"] = outside
         warn_of_losses(job.film, outside, window_option=WINDOW_SETTINGS, stacklevel=3)
-        geometry |= {"laser_grid": points, "laser_normals": normals}
+        geometry["laser_grid"] = points
+        geometry["laser_normals"] = normals
+
+    # Other captures: a single render
     else:
         job = _job(setup, name)
         if client is None:
@@ -152,10 +171,13 @@ def capture(
             result = collect(job, client, checkpoint, progress)
         dataset = dataset_of(job, result)
         values = dataset["transient"].values
-        start, width = dataset.attrs["start_opl"], dataset.attrs["bin_width_opl"]
+        start = dataset.attrs["start_opl"]
+        width = dataset.attrs["bin_width_opl"]
         attrs |= {k: dataset.attrs[k] for k in RENDER_ATTRIBUTES}
         if mode == "single":
             geometry["laser_grid"], geometry["laser_normals"] = trace_laser_spot(scene, setup.wall)
+
+    # Combine light and geometry
     data = make_capture(
         np.where(on_wall[..., None, None], values, np.float32(0)),
         mode=mode,
@@ -166,59 +188,97 @@ def capture(
         attrs=attrs,
         **geometry,
     )
+
+    # If one leg does not count, subtract the other leg
     one_leg = integrator.counts_legs and integrator.camera_unwarp
     return subtract_legs(data, first_and_last_legs(data, ["laser"])) if one_leg else data
 
 
 def require_same_capture(found: xr.Dataset, scene: Any, **options: Any) -> None:
-    """Refuse a capture that `capture` would not make again with these arguments.
+    """Refuse a stored capture that `capture` would not reproduce with these arguments.
 
-    `options` are all that decide it, with the relay wall as `wall`.
+    Args:
+        found: The stored capture.
+        scene: As for `capture`.
+        options: All arguments of `prepare_capture`, with the relay wall as `wall`.
+
+    Raises:
+        ValueError: The capture was made with other arguments; one line.
     """
+    # Compare attributes. Captures of earlier versions do not contain a fingerprint
     setup = prepare_capture(scene, **options)
     wanted = {"mode": setup.mode, "spp": setup.spp, "seed": setup.seed, "variant": mi.variant()}
-    if "fingerprint" in found.attrs:  # Those of earlier versions have none
+    if "fingerprint" in found.attrs:
         wanted["fingerprint"] = fingerprint(setup.scene, setup.camera, setup.integrator)
     for name, value in wanted.items():
-        own = found.attrs.get(name)
-        if own != value:
-            raise ValueError(f"resume: was captured with {name} = {own!r}; must be {value!r}")
+        stored = found.attrs.get(name)
+        if stored != value:
+            raise ValueError(
+                f"resume: the stored capture has {name} = {stored!r}, not {value!r}. Restore the "
+                "settings, or remove the file"
+            )
+
+    # Compare the points of the wall
     points = found["sensor_grid"].values
     if points.shape != setup.points[0].shape or not np.allclose(points, setup.points[0]):
-        raise ValueError("resume: was captured at other points of the wall; must be at these")
+        raise ValueError(
+            "resume: the stored capture has other points of the relay wall. Restore the scene, or "
+            "remove the file"
+        )
 
 
 def _job(setup: CaptureSetup, name: str = "scene", axis: Any = None) -> Job:
-    """Make a single or confocal capture a render."""
+    """Return the render job of a single or confocal capture."""
     settings = RenderSettings(name, spp=setup.spp, seed=setup.seed, sensor=setup.sensor)
     origin = _job_in_worker, setup.arguments
     job = decide(setup.plan(), setup.integrator, setup.scene, settings, origin, axis)
-    job.more, job.window_option = setup.more, WINDOW_SETTINGS
+    job.more = setup.fingerprint_entries
+    job.window_option = WINDOW_SETTINGS
     return job
 
 
 def _job_in_worker(axis: Any, **arguments: Any) -> Job:
-    """Prepare the same capture in a worker."""
+    """Prepare the same render job in a worker."""
     return _job(prepare_capture(**arguments), axis=axis)
 
 
 class ExhaustiveCapture:
-    """Exhaustive capture, a render for each laser spot of the grid, by this process or workers."""
+    """Exhaustive capture: one render for each laser spot of the grid.
+
+    Args:
+        setup: The capture, loaded and checked.
+    """
 
     def __init__(self, setup: CaptureSetup) -> None:
         self.setup = setup
+        # Create an empty film with the time bins of the scene's film
         film = setup.camera.film()
         window = time_bins(film)
         if not window:
             kind = film.class_name()
             raise ValueError(f"film = {kind}: has no time bins; must be transient_hdr_film")
-        self.window, self.film = window, transient_film(film, *window)  # An empty film
+        self.window = window
+        self.film = transient_film(film, *window)
+
+        # Laser spots: all points on the wall
         self.points, _, on_wall = setup.points
         self.spots = [(int(row), int(column)) for row, column in np.argwhere(on_wall)]
-        made = {"seed": setup.seed, "spp": setup.spp, "variant": mi.variant(), **setup.more}
-        made |= {"film": str(self.film), "versions": versions()}
+
+        # Everything that determines the result, for checkpoints
+        made = {
+            "seed": setup.seed,
+            "spp": setup.spp,
+            "variant": mi.variant(),
+            **setup.fingerprint_entries,
+            "film": str(self.film),
+            "versions": versions(),
+        }
         self.recipe = made_with(setup.scene, setup.camera, setup.integrator, made)
-        self.origin = _exhaustive_in_worker, setup.arguments  # Makes the capture in a worker
+
+        # A function and its arguments that create the same capture in a worker
+        self.origin = _exhaustive_in_worker, setup.arguments
+
+        # Results: energy and bins of each laser spot
         self.arrays: dict[str, np.ndarray] = {}
 
     def render(
@@ -229,16 +289,33 @@ class ExhaustiveCapture:
         stop: Stop | None = None,
         progress: bool = False,
     ) -> tuple[float, np.ndarray] | None:
-        """Render one laser spot: all energy, and bins (rows, columns, bins, C); None if stopped."""
+        """Render the light of one laser spot.
+
+        Args:
+            point: Row and column of the laser spot in the grid.
+            kept: Finished samples of this laser spot, None to start anew.
+            checkpoint: Checkpoint of this laser spot.
+            stop: Request to stop.
+            progress: Whether to show a progress bar.
+
+        Returns:
+            The energy inside and outside the window, and the bins (rows, columns, bins, channels).
+            None if the render was stopped.
+        """
+        # Aim the laser, and create a film
         setup = self.setup
         focus_laser(setup.scene, point=self.points[point])
         film = transient_film(setup.camera.film(), *self.window)
         record = setup.integrator.recording(film)
+
+        # Render with a seed of this laser spot
         seed = (setup.seed + point[0] * self.points.shape[1] + point[1]) % checks.MAX_SEED
-        samples, sampler = SampleRange(saved=kept), best_sampler(setup.spp)
+        samples = SampleRange(saved=kept)
+        sampler = best_sampler(setup.spp)
         done = run(
             steps(setup.plan(), record, setup.camera, sampler, seed, samples),
-            *(record, setup.spp),
+            record,
+            setup.spp,
             done=samples.done,
             checkpoint=checkpoint,
             progress=progress,
@@ -253,45 +330,71 @@ class ExhaustiveCapture:
     def add(
         self, arrays: dict[str, np.ndarray], point: tuple[int, int], found: tuple[float, np.ndarray]
     ) -> None:
-        """Add energy and bins of a laser point to the arrays of all."""
+        """Store energy and bins of a laser spot in the arrays of all laser spots."""
         arrays["energy"][point], arrays["values"][point] = found
 
     def render_all(
         self, client: Client | None, checkpoint: Checkpoint | None, progress: bool
     ) -> tuple[np.ndarray, float]:
-        """Bins (laser rows, laser columns, rows, columns, bins, C), and energy outside of them."""
+        """Render all laser spots.
+
+        Returns:
+            Bins (laser rows, laser columns, rows, columns, bins, channels), and the fraction of the
+            energy outside the bins.
+        """
+        # Reserve memory
         lasers = self.points.shape[:2]
         self.arrays["values"] = np.zeros((*lasers, *self.film.shape), np.float32)
         self.arrays["energy"] = np.zeros(lasers)
+
+        # Render in this process or in workers
         if client is None:
             self._render_here(checkpoint, progress)
         else:
             check_client(client)
             store = ArrayStore(self, self.spots, self.arrays, self.recipe, POINTS, checkpoint)
             store.collect(render_by_workers(client, self, store.left), progress)
-        values, energy = self.arrays["values"], self.arrays["energy"]
-        inside, total = (float(np.sum(a, dtype=np.float64)) for a in (values[energy > 0], energy))
+
+        # Compare the energy inside the bins with all energy
+        values = self.arrays["values"]
+        energy = self.arrays["energy"]
+        inside = float(np.sum(values[energy > 0], dtype=np.float64))
+        total = float(np.sum(energy, dtype=np.float64))
         return values, min(max(1 - inside / total, 0.0), 1.0) if total else 0.0
 
     def _render_here(self, checkpoint: Checkpoint | None, progress: bool) -> None:
-        """Render point by point; a checkpoint also holds the film of the point under way."""
-        spp, saved, done, arrays = self.setup.spp, None, 0, self.arrays
+        """Render the laser spots one after the other in this process.
+
+        A checkpoint contains the finished laser spots, and the film of the current laser spot.
+        """
+        # Resume the checkpoint
+        spp = self.setup.spp
+        arrays = self.arrays
         whole = len(self.spots) * spp
+        saved = None
+        done = 0
         if checkpoint is not None:
             saved = checkpoint.begin(self.recipe, whole, "samples per pixel")
         if saved is not None:
             done = saved.done
             arrays |= {name: saved.arrays.pop(name) for name in arrays if name in saved.arrays}
+
         bar = ProgressBar(POINTS, len(self.spots), unit="point", enabled=progress)
         with bar, deferred_stop() as stop:
             for number, point in enumerate(self.spots):
                 bar.update()
-                if done > (number + 1) * spp:  # Where equal, the film of this point was kept
+
+                # Skip finished laser spots. If both are equal, the film of this spot was stored
+                if done > (number + 1) * spp:
                     continue
+
+                # Render this laser spot, and resume the stored film
                 begun = max(0, done - number * spp)
                 state = SavedState(begun, spp, 0.0, saved.arrays) if saved and begun else None
                 within = checkpoint and SubCheckpoint(checkpoint, number * spp, whole, arrays)
                 found = self.render(point, state, within, stop)
+
+                # Was the capture stopped?
                 if found is None or (stop.requested and number + 1 < len(self.spots)):
                     again = checkpoint.again if checkpoint else ""
                     raise KeyboardInterrupt(interrupted(number, len(self.spots), POINTS, again))
@@ -300,5 +403,5 @@ class ExhaustiveCapture:
 
 
 def _exhaustive_in_worker(axis: Any, **arguments: Any) -> ExhaustiveCapture:
-    """Prepare the same capture in a worker."""
+    """Prepare the same exhaustive capture in a worker."""
     return ExhaustiveCapture(prepare_capture(**arguments))

@@ -1,4 +1,4 @@
-"""Loading and checking of all that a capture needs: scene, sensor, relay wall and its points."""
+"""Loading and checking of a capture: scene, sensor, relay wall, and the points of the wall."""
 
 from __future__ import annotations
 
@@ -19,66 +19,103 @@ from ..scenes.loading import load_scene, require_sensor
 from .device.laser import apply_meters
 from .device.relay_wall import APART, DEFAULT_ID, find_shapes, ids, seen_shapes, wall_points
 
-COPIES = 2  # of a capture's light in memory at the end
+# Number of copies of a capture's light that are in memory at the end
+COPIES = 2
 
 
 @dataclass
 class CaptureSetup:
     """A loaded and checked capture."""
 
+    # The scene, its sensor, and the index of the sensor
     scene: mi.Scene
     camera: Any
-    sensor: int  # number of the camera
+    sensor: int
+
+    # The integrator, and the shapes of the relay wall
     integrator: Any
     wall: list[mi.Shape]
+
+    # "single", "confocal" or "exhaustive"
     mode: str
-    points: tuple[np.ndarray, np.ndarray, np.ndarray]  # as `wall_points` returns them
+
+    # Points, normals and mask, as `wall_points` returns them
+    points: tuple[np.ndarray, np.ndarray, np.ndarray]
+
+    # Samples per pixel, and seed of the random numbers
     spp: int
     seed: int
-    arguments: dict[str, Any]  # of `prepare_capture`, for workers
+
+    # Arguments of `prepare_capture`, for workers
+    arguments: dict[str, Any]
 
     @property
-    def more(self) -> dict[str, Any]:
-        """Entries of a checkpoint's fingerprint besides scene, sensor and integrator."""
+    def fingerprint_entries(self) -> dict[str, Any]:
+        """Return what else determines a capture, next to scene, sensor and integrator."""
         wall = [f"{shape.id()} {shape_digest(shape)[:8]}" for shape in self.wall]
         return {"mode": self.mode, "relay_wall": wall}
 
     def plan(self) -> Any:
-        """Plan of the render; the laser spot itself may be seen before the window."""
+        """Return the plan of the render, without light of the laser spot before the window."""
         plan = self.integrator.capture_plan(self.scene, self.camera, self.wall, self.mode)
         film = windowed_film(self.camera.film())
         profile = seen_pulse(film, self.integrator.exposure())
-        late = 0.0 if profile is None else profile.support[1]
-        return plan.counting_from(film.start_opl - late)
+        latest = 0.0 if profile is None else profile.support[1]
+        return plan.counting_from(film.start_opl - latest)
 
 
 def prepare_capture(
     scene: Any, *, mode: str | None, grid: Any, spp: int | None, seed: int, sensor: Any, wall: Any
 ) -> CaptureSetup:
-    """Load and check all that a capture needs."""
-    arguments: dict[str, Any] = {"scene": scene, "mode": mode, "grid": grid, "spp": spp}
-    arguments |= {"seed": seed, "sensor": sensor, "wall": wall}
+    """Load and check everything that a capture needs; the arguments are as for `capture`."""
+    arguments: dict[str, Any] = {
+        "scene": scene,
+        "mode": mode,
+        "grid": grid,
+        "spp": spp,
+        "seed": seed,
+        "sensor": sensor,
+        "wall": wall,
+    }
+
+    # Load the scene
     if not isinstance(scene, mi.Scene):
         scene = load_scene(scene, optimize=False, **_film_size(grid))
     else:
         allowed = "None for a loaded scene, whose film has its size already"
         checks.require("grid", grid, grid is None, allowed)
+
+    # Find sensor, mode and integrator
     camera: Any = require_sensor(scene, sensor)
     check_scene(scene, camera, media=True)
     mode = capture_mode(scene, camera, mode)
     integrator: Any = scene.integrator()
     if is_user_defined(integrator):
-        kind = type(integrator).__name__
-        problem = "has a sample of its own, which tells no path lengths"
-        raise TypeError(f"integrator = {kind}: {problem}; must have none for a capture")
+        raise TypeError(
+            f"integrator = {type(integrator).__name__}: it overrides sample(), which does not "
+            "report path lengths. Use an integrator without its own sample() for a capture"
+        )
+
+    # Check the size
     samples = camera.sampler().sample_count() if spp is None else spp
     samples = checks.integer("spp", samples, 1, checks.MAX_SPP)
     _require_memory(mode, camera.film())
+
+    # Find the relay wall and its points
     apply_meters(scene, camera)
     shapes = _find_wall(scene, integrator, camera, wall)
-    points = wall_points(scene, camera, shapes)
-    found = scene, camera, int(sensor), integrator, shapes
-    return CaptureSetup(*found, mode, points, samples, seed, arguments)
+    return CaptureSetup(
+        scene=scene,
+        camera=camera,
+        sensor=int(sensor),
+        integrator=integrator,
+        wall=shapes,
+        mode=mode,
+        points=wall_points(scene, camera, shapes),
+        spp=samples,
+        seed=seed,
+        arguments=arguments,
+    )
 
 
 def capture_mode(scene: mi.Scene, camera: Any, mode: str | None) -> str:
@@ -106,7 +143,7 @@ def capture_mode(scene: mi.Scene, camera: Any, mode: str | None) -> str:
 
 
 def _film_size(grid: Any) -> dict[str, Any]:
-    """Settings for a film of the grid's width and height."""
+    """Return settings for a film with the grid's width and height."""
     if grid is None:
         return {}
     sides = checks.items("grid", grid, 2, "a width and a height, for example (64, 64)")
@@ -115,36 +152,48 @@ def _film_size(grid: Any) -> dict[str, Any]:
 
 
 def _require_memory(mode: str, film: mi.Film) -> None:
-    """Refuse a capture that does not fit into memory, with a size that would."""
+    """Refuse a capture that does not fit into memory, and name a size that fits."""
+    # Films of other kinds are refused later
     shape = getattr(film, "shape", None)
     if shape is None:
         return
+
+    # Compare the size with free memory
     rows, columns, bins, channels = shape
     lasers = rows * columns if mode == "exhaustive" else 1
-    size, free = COPIES * 4 * lasers * math.prod(shape), memory.free_on_host()
+    size = COPIES * 4 * lasers * math.prod(shape)
+    free = memory.free_on_host()
     if size <= free:
         return
-    fits = math.isqrt(free // (COPIES * 4 * bins * channels))  # Points of a square, or pairs
+
+    # Side of a square of points that fits, or of a square of pairs of laser and pixel
+    fits = math.isqrt(free // (COPIES * 4 * bins * channels))
     side = math.isqrt(fits) if mode == "exhaustive" else fits
     raise MemoryError(
-        f"grid of {columns} x {rows} points x {bins} bins: the {mode} capture takes "
+        f"grid of {columns} x {rows} points x {bins} bins: the {mode} capture needs "
         f"{size / 2**30:.1f} GiB, must be at most {free / 2**30:.1f} GiB; {side} x {side} points "
         f"or {int(bins * free / size)} bins would fit"
     )
 
 
 def _find_wall(scene: mi.Scene, integrator: Any, camera: Any, given: Any) -> list[mi.Shape]:
-    """Find the relay wall by argument, integrator, name or view, as `capture` documents."""
+    """Find the relay wall by argument, integrator, id or view, as `capture` documents."""
     shapes = scene.shapes()
     wall = (
         integrator.wall(scene, camera) if given is None else find_shapes(scene, given, DEFAULT_ID)
     )
+
+    # Otherwise, use the only shape that the sensor sees
     if not wall:
         wall = seen_shapes(scene, camera)
         if len(wall) != 1:
-            known = f"is not known, and the sensor sees {ids(wall)}"
-            raise ValueError(f"relay_wall: {known}; must be one of {ids(shapes)}")
+            raise ValueError(
+                f"relay_wall: the wall is unknown, because the sensor sees {ids(wall)}. Set "
+                f"relay_wall to one of {ids(shapes)}"
+            )
     if all(shape in wall or shape.is_emitter() for shape in shapes):
-        rule = f"must have another than the relay wall ({APART})"
-        raise ValueError(f"scene: has no hidden geometry, its shapes are {ids(shapes)}; {rule}")
+        raise ValueError(
+            f"scene: hidden geometry is missing, its shapes are {ids(shapes)}. Add a shape "
+            f"that is not the relay wall ({APART})"
+        )
     return wall

@@ -1,4 +1,4 @@
-"""True depth of a hidden scene."""
+"""Ground-truth depth of a hidden scene."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from ..runtime.backend import tracing_lock
 from ..scenes.loading import load_scene
 from .device.relay_wall import DEFAULT_ID, find_shapes
 
-LAYERS = 256  # most surfaces that a ray passes on its way to a hidden one
+# Largest number of surfaces that a ray passes before it reaches a hidden surface
+LAYERS = 256
 
 _POINTS = Kind(
     "a capture", variables=dict.fromkeys(("sensor_grid", "sensor_normals"), ("y", "x", "xyz"))
@@ -33,23 +34,23 @@ def hidden_depth(
     *,
     hidden_shapes: Any = None,
 ) -> xr.DataArray:
-    """Trace the distance of the nearest hidden surface from the relay wall.
+    """Trace the distance from the relay wall to the nearest hidden surface.
 
-    Rays leave the wall along its normal, one for each (y, x) of a reconstruction or each pixel of a
-    capture, and pass through everything that is not hidden.
+    Rays start at the wall, along its normal, one for each (y, x) of a reconstruction or each pixel
+    of a capture. They pass through all surfaces that are not hidden shapes.
 
     Args:
         scene: As for `capture`.
         where: A result of `reconstruct` or `capture`.
-        hidden_shapes: The hidden shapes: a shape, its id, or a list of either. By default the
-            shapes whose ids start with "hidden"; if there are none, all but those whose ids start
-            with "relay_wall" or "occluder" and those with a sensor or a light.
+        hidden_shapes: The hidden shapes: a shape, its id, or a list of shapes or ids. By default,
+            the shapes with ids that start with "hidden". Without such shapes, all shapes except
+            sensors, lights, and shapes with ids that start with "relay_wall" or "occluder".
 
     Returns:
-        (y, x) float64 [m], NaN where there is nothing.
+        Depth (y, x) [m], float64. NaN if the ray hits no hidden shape.
 
     Raises:
-        ValueError: No reconstruction or capture, or there is no such shape; one line.
+        ValueError: `where` is not a reconstruction or a capture, or a shape is missing; one line.
 
     Example:
         >>> from tofrender import capture
@@ -57,12 +58,16 @@ def hidden_depth(
         >>> depth.values.round(6).tolist()
         [[1.0, 1.0], [1.0, 1.0]]
     """
+    # Find the rays and the hidden shapes
     where = read(where, (_VOXELS, _POINTS), "where")
     points, normals = _rays(where)
     if not isinstance(scene, mi.Scene):
         scene = load_scene(scene, optimize=False)
     hidden = _hidden(scene, hidden_shapes)
-    origin, d = (mi.Point3f(v.reshape(-1, 3).T.copy()) for v in (points, normals))
+
+    # Trace the rays until they hit a hidden shape
+    origin = mi.Point3f(points.reshape(-1, 3).T.copy())
+    d = mi.Point3f(normals.reshape(-1, 3).T.copy())
     depth = np.full(points.shape[:2], np.nan).ravel()
     ray = mi.Ray3f(origin, mi.Vector3f(d))
     active: Any = mi.Bool(True)
@@ -75,16 +80,22 @@ def hidden_depth(
         if not dr.any(active):
             break
         ray = si.spawn_ray(ray.d)
+
+    # Return a labeled array
     coords = {axis: where[axis] for axis in ("y", "x")}
     depth = depth.reshape(points.shape[:2])
     return xr.DataArray(depth, coords, ("y", "x"), "depth", {"units": "m", "long_name": "depth"})
 
 
 def _rays(where: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Return points of the wall and its normals there, both (rows, columns, 3)."""
+    """Return the start points on the wall and the normals there, both (rows, columns, 3)."""
+    # Pixels of a capture
     if "sensor_grid" in where:
-        points, normals = where["sensor_grid"].values, where["sensor_normals"].values
+        points = where["sensor_grid"].values
+        normals = where["sensor_normals"].values
         return points.astype(float), normals.astype(float)
+
+    # Voxel columns of a reconstruction
     x, y = np.meshgrid(where["x"].values, where["y"].values)
     along_x, along_y, along_z = where["frame_axes"].values.astype(np.float64)
     points = where["frame_origin"].values + x[..., None] * along_x + y[..., None] * along_y
@@ -92,6 +103,7 @@ def _rays(where: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _hidden(scene: mi.Scene, given: Any) -> list[mi.Shape]:
+    """Return the hidden shapes, as `hidden_depth` documents."""
     if given is not None:
         return find_shapes(scene, given, "hidden_shapes")
     shapes = scene.shapes()
@@ -99,5 +111,5 @@ def _hidden(scene: mi.Scene, given: Any) -> list[mi.Shape]:
     others = [s for s in others if not (s.is_sensor() or s.is_emitter())]
     known = [s for s in shapes if s.id().startswith("hidden")] or others
     if not known:
-        raise ValueError("scene: has no hidden shapes; hidden_shapes must name one or more")
+        raise ValueError("scene: hidden shapes are missing. Name one or more by hidden_shapes")
     return known

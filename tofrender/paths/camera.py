@@ -64,7 +64,7 @@ def sample_camera(
     `scene` is needed for a `distant` sensor with a `target`.
     """
     corner = pixel_corner(film, pixel)
-    centred = getattr(sensor, "looks_at_pixel_centres", False)
+    centred = getattr(sensor, "looks_at_pixel_centers", False)
     position = corner + (mi.Point2f(0.5) if centred else sampler.next_2d())
     crop_size = mi.ScalarVector2f((film if tile is None else tile.whole).crop_size())
     if tile is None:

@@ -111,7 +111,7 @@ def index_around(scene: mi.Scene, sensor: mi.Sensor) -> float:
     """
     if not has_lobes(scene, *LOBES):
         return 1.0
-    backend.require_vectorised()
+    backend.require_vectorized()
 
     # Trace straight rays from the sensor in all directions, by a Kronecker sequence
     u = np.arange(1, RAYS + 1)[:, None] * STEPS % 1

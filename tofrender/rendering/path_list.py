@@ -75,7 +75,7 @@ def paths_of(
         >>> paths["shape"].values[0, 0].item(), bool((paths["opl"] < 8).all())
         ('sensor', True)
     """
-    backend.require_vectorised()
+    backend.require_vectorized()
     count = checks.integer("count", count, 1, MOST_PATHS)
     spp = checks.integer("spp", spp, 1, 1 << 20)
     checks.integer("seed", seed, 0, checks.MAX_SEED)

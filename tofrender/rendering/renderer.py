@@ -218,7 +218,7 @@ def render(
         True
     """
     arguments = locals().copy()  # All of them, by name
-    backend.require_vectorised()
+    backend.require_vectorized()
     checks.boolean("progress", progress)
     if params is not None:
         for name, value in arguments.items():
@@ -362,7 +362,7 @@ def _is_steady(settings: RenderSettings) -> bool:
 
 def open_scene(settings: RenderSettings) -> tuple[mi.Scene, TransientIntegrator]:
     """Load and check a scene, and its integrator or the one that is used instead."""
-    backend.require_vectorised()
+    backend.require_vectorized()
     scene, integrator = settings.scene, settings.integrator
     if not isinstance(scene, mi.Scene):
         if isinstance(integrator, Mapping):  # Mitsuba's own message depends on earlier loads

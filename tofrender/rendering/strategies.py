@@ -85,8 +85,8 @@ def strategy_pyramid(
         >>> [str(name) for name in pyramid.strategy.values]
         ['0,2', '1,1', '0,3', '1,2', '2,1']
     """
-    backend.require_vectorised()
-    backend.require_unpolarised()
+    backend.require_vectorized()
+    backend.require_unpolarized()
     kind = {"type": KIND, "max_depth": max_depth}
     settings = RenderSettings(
         scene, spp, seed, size, bins, window=window, integrator=kind, sensor=sensor

@@ -1,4 +1,4 @@
-"""Choosing the Mitsuba variant, and an LLVM that Dr.Jit can use for it."""
+"""Choice of the Mitsuba variant, and of an LLVM that Dr.Jit can use for it."""
 
 import atexit
 import gc
@@ -14,31 +14,33 @@ from typing import Any
 from . import checks, gpu, llvm, memory, plugins
 from .progress import held_signals
 
-# Address space [bytes] of Python, Mitsuba, Dr.Jit and LLVM, and of each of Dr.Jit's threads
-START, THREAD = 480 << 20, 8 << 20
+# Address space [bytes] of Python, Mitsuba, Dr.Jit and LLVM, and of each thread of Dr.Jit
+START = 480 << 20
+THREAD = 8 << 20
 
-# With one thread, Mitsuba waits forever for pictures that it reads or writes
+# With a single thread, Mitsuba would wait forever while it reads or writes pictures
 LEAST_THREADS = 2
 
 
 def cores() -> int:
-    """Number of cores that this process may use."""
+    """Return the number of CPU cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager
 def tracing_lock() -> Iterator[None]:
-    """Pause garbage collection and lock out other threads while a kernel is traced.
+    """Pause garbage collection and exclude other threads while a kernel is traced.
 
-    An unused scene may live in a cycle until it is collected. Dr.Jit's virtual calls reach the
-    parts of all living scenes: if one is collected in the middle, equal functions of one kernel are
-    called in two ways, written twice, and LLVM aborts the process ("invalid redefinition"). If one
-    is loaded in the middle, unfinished parts are called. So threads trace one after the other, and
-    scenes that were dropped are freed in between.
+    An unused scene may be part of a reference cycle until it is collected. Dr.Jit's virtual calls
+    include the objects of all scenes in memory. If a scene is collected during tracing, equal
+    functions of a kernel are called in two ways and written twice, and LLVM aborts the process
+    ("invalid redefinition"). If a scene is loaded during tracing, incomplete objects are called.
+    Therefore only one thread traces at a time, and unused scenes are freed in between.
 
-    Also a decorator, and used for loading, too. One thread may enter it several times.
+    The lock is also used for loading, and as a decorator. A thread may enter it several times.
     """
     global _tracing_depth
+    # The first entry of a thread frees unused scenes
     with _tracing_lock:
         if not _tracing_depth:
             _free_unused_scenes()
@@ -53,52 +55,60 @@ def tracing_lock() -> Iterator[None]:
                 gc.enable()
 
 
-_tracing_lock, _tracing_depth = threading.RLock(), 0
-_scenes: list[Any] = []  # Loaded, and not yet dropped by all others
+_tracing_lock = threading.RLock()
+_tracing_depth = 0
+
+# Loaded scenes that may still be in use
+_scenes: list[Any] = []
 atexit.register(_scenes.clear)
 
 
 def keep_alive(scene: Any) -> None:
-    """Keep a loaded scene alive until no kernel is traced, whatever thread drops it last."""
+    """Keep a loaded scene alive until no kernel is traced, independent of other references."""
     _scenes.append(scene)
 
 
 def _free_unused_scenes() -> None:
-    """Drop scenes with as many references as an object that is referenced here alone."""
+    """Drop scenes that are referenced only here.
+
+    Such a scene has the same reference count as a new object that is stored in a similar list.
+    """
     alone = [object()]
     counts = [[sys.getrefcount(each) for each in held] for held in (alone, _scenes)]
     _scenes[:] = [s for s, count in zip(_scenes, counts[1], strict=True) if count > counts[0][0]]
 
 
 class BackendError(RuntimeError):
-    """Error where no variant can render; the message is one line with the command that helps."""
+    """Error if rendering is not possible. The message is one line with the command that helps."""
 
 
 def activate(variant: str | None = None) -> str:
-    """Activate a Mitsuba variant that works here, with our plugins registered in it.
+    """Activate a Mitsuba variant that works on this machine, and register our plugins in it.
 
     Args:
-        variant: The variant to switch to. None keeps the one that is active; if there is none,
-            chooses `cuda_ad_rgb` or, on a Mac, `metal_ad_rgb` if it can trace a ray. Otherwise
+        variant: The variant to activate. None keeps the active variant. If none is active, None
+            chooses `cuda_ad_rgb` or (on a Mac) `metal_ad_rgb` if it can trace a ray. Otherwise None
             chooses `llvm_ad_rgb`, and prints one line if a GPU is present but cannot be used.
 
     Returns:
         The name of the active variant.
 
     Raises:
-        ValueError: Mitsuba has no such variant.
+        ValueError: Mitsuba does not have this variant.
         BackendError: The variant cannot render on this machine.
 
     Example:
         >>> activate() in ("cuda_ad_rgb", "metal_ad_rgb", "llvm_ad_rgb")
         True
     """
+    # Import Mitsuba and Dr.Jit. If their import is interrupted, they hang or abort later
     _require_address_space()
     _offer_llvm()
-    with held_signals():  # An interrupted import of theirs hangs or aborts later
+    with held_signals():
         import drjit as dr
         import mitsuba as mi
 
+    # Register plugins whenever the variant changes
     if dr.thread_count() < LEAST_THREADS:
         dr.set_thread_count(LEAST_THREADS)
     if variant is not None:
@@ -106,31 +116,35 @@ def activate(variant: str | None = None) -> str:
     if _on_variant_change not in _callbacks:
         _callbacks.append(_on_variant_change)
         mi.detail.add_variant_callback(_on_variant_change)
+
+    # Choose the variant, and check that it works
     if variant is not None:
         require_gpu(variant)
     chosen: str = variant or mi.variant() or default_variant()
     if chosen.startswith("llvm"):
         require_llvm()
+
+    # Activate it
     if chosen != mi.variant():
         mi.set_variant(chosen)
     plugins.register(chosen)
     return chosen
 
 
-def require_unpolarised() -> None:
-    """Raise a BackendError under polarised variants, for files that hold no Stokes vectors."""
+def require_unpolarized() -> None:
+    """Refuse polarized variants, for results that cannot contain Stokes vectors."""
     import mitsuba as mi
 
     if mi.is_polarized:
         plain = str(mi.variant()).replace("_polarized", "")
         raise BackendError(
-            f"variant = {mi.variant()!r}: has Stokes vectors, which are not kept here; must be one "
+            f"variant = {mi.variant()!r}: its Stokes vectors cannot be kept here. Use a variant "
             f"like {plain}, or call `tofrender render`"
         )
 
 
-def require_vectorised() -> None:
-    """Raise a BackendError under a scalar variant, or under none."""
+def require_vectorized() -> None:
+    """Refuse scalar variants, and a missing variant."""
     import mitsuba as mi
 
     variant = mi.variant()
@@ -142,7 +156,7 @@ def require_vectorised() -> None:
 
 
 def versions() -> str:
-    """Versions of this package, Mitsuba and Dr.Jit, as JSON."""
+    """Return the versions of this package, Mitsuba and Dr.Jit, as JSON."""
     import mitsuba as mi
 
     from .. import __version__
@@ -152,7 +166,7 @@ def versions() -> str:
 
 
 def default_variant() -> str:
-    """Return the variant to use if none is set, and report a GPU that cannot be used."""
+    """Return the default variant, and report a GPU that cannot be used."""
     for backend in gpu.BACKENDS:
         if not _is_started(backend):
             continue
@@ -164,7 +178,7 @@ def default_variant() -> str:
 
 
 def require_gpu(variant: str) -> None:
-    """Raise a BackendError if a variant needs a GPU that cannot trace a ray."""
+    """Refuse a variant that needs a GPU if the GPU cannot trace a ray."""
     backend = gpu.backend_of(variant)
     if backend is None:
         return
@@ -181,7 +195,7 @@ def require_gpu(variant: str) -> None:
 
 
 def _is_started(backend: str) -> bool:
-    """Whether Mitsuba has variants of a GPU backend, and Dr.Jit could start it."""
+    """Return whether Mitsuba has variants of a GPU backend, and Dr.Jit could start the backend."""
     import drjit as dr
     import mitsuba as mi
 
@@ -190,13 +204,16 @@ def _is_started(backend: str) -> bool:
 
 
 def require_llvm() -> None:
-    """Raise a BackendError if the loaded LLVM would abort the process at the first kernel."""
+    """Refuse an LLVM that would abort the process at the first kernel."""
     import drjit as dr
 
-    library, loads = llvm.choose(), dr.has_backend(dr.JitBackend.LLVM)
+    library = llvm.choose()
+    loads = dr.has_backend(dr.JitBackend.LLVM)
     major = dr.detail.llvm_version()[0] if loads else 0
     if major >= llvm.MINIMUM_MAJOR:
         return
+
+    # Name the problem
     if library is None:
         raise BackendError(llvm.refusal())
     if not loads:
@@ -211,7 +228,7 @@ _callbacks: list = []
 
 
 def _require_address_space() -> None:
-    """Raise a BackendError if `ulimit -v` would abort Mitsuba's import or the first kernel."""
+    """Refuse a limit by `ulimit -v` that would abort the import of Mitsuba or the first kernel."""
     if "drjit" in sys.modules:
         return
     limit, left = memory.address_space()
@@ -230,5 +247,6 @@ def _offer_llvm() -> None:
 
 
 def _on_variant_change(_old: str | None, new: str | None) -> None:
+    """Register our plugins in a variant that was activated."""
     if new is not None:
         plugins.register(new)

@@ -1,7 +1,7 @@
-"""`tofrender doctor`: whether rendering works on this machine, and which command helps if not.
+"""`tofrender doctor`: check whether rendering works on this machine, and name what helps.
 
-A wrong LLVM aborts the process that loads it, so Mitsuba and Dr.Jit run in subprocesses, whose
-failures become lines of the report.
+A wrong LLVM aborts the process that loads it. Therefore Mitsuba and Dr.Jit run in subprocesses, and
+their failures become lines of the report.
 """
 
 import os
@@ -19,8 +19,11 @@ from .child_processes import last_line, run_code
 if TYPE_CHECKING:
     from rich.console import Console
 
-LEAST_MEMORY = 2**30  # Bytes below which only the smallest pictures can be rendered
+# With less memory [bytes], only the smallest pictures can be rendered
+LEAST_MEMORY = 2**30
 _PIP = f"{sys.executable} -m pip install"
+
+# Ask Dr.Jit for its backends and threads
 
 _ASK_DRJIT = """
 import json, drjit as dr, mitsuba as mi
@@ -29,6 +32,7 @@ metal = "metal_ad_rgb" in mi.variants() and dr.has_backend(dr.JitBackend.Metal)
 print(json.dumps({"cuda": cuda, "metal": metal, "threads": dr.thread_count()}))
 """
 
+# Render a small picture, and measure the speed. The first render compiles the kernel
 _TEST_RENDER = """
 import json, math, time
 import tofrender
@@ -52,15 +56,22 @@ print(json.dumps({"variant": mi.variant(), "rate": rate}))
 class Check:
     """One line of the report."""
 
+    # Name of the checked part, and whether it works
     name: str
     ok: bool
-    detail: str  # What was found
-    remedy: str = ""  # Command or change that helps
-    required: bool = True  # Whether rendering fails without it
+
+    # What was found
+    detail: str
+
+    # Command or change that helps
+    remedy: str = ""
+
+    # Whether rendering requires this part
+    required: bool = True
 
 
 def diagnose() -> list[Check]:
-    """Check everything that rendering depends on; takes a few seconds and never raises."""
+    """Check everything that rendering depends on. This takes a few seconds and never raises."""
     answer = run_code(_ASK_DRJIT).answer
     device = _check_metal(answer) if sys.platform == "darwin" else _check_cuda(answer)
     renders_on_gpu = device.ok and any(answer.get(name) for name in gpu.BACKENDS)
@@ -79,11 +90,12 @@ def diagnose() -> list[Check]:
 
 
 def report(checks: list[Check], console: "Console | None" = None) -> int:
-    """Print a table of the checks and the remedies; returns the exit status, 0 if all will work."""
+    """Print a table of checks, and remedies. Return the exit status, 0 if rendering works."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
+    # Print the checks
     console = console or Console()
     table = Table(show_header=False, box=None, pad_edge=False)
     for check in checks:
@@ -91,6 +103,8 @@ def report(checks: list[Check], console: "Console | None" = None) -> int:
         mark = Text(*(("ok", "green") if check.ok else failed))
         table.add_row(mark, check.name, Text(check.detail, overflow="fold"))
     console.print(table)
+
+    # Print the remedies
     for check in checks:
         if check.remedy:
             text = Text.assemble("\n", (f"{check.name}: ", "bold"), check.remedy)
@@ -100,12 +114,12 @@ def report(checks: list[Check], console: "Console | None" = None) -> int:
 
 
 def works(checks: list[Check]) -> bool:
-    """Whether rendering will work."""
+    """Return whether rendering will work."""
     return all(check.ok or not check.required for check in checks)
 
 
 def main() -> int:
-    """Diagnose and report; returns the exit status of `tofrender doctor`."""
+    """Run all checks and print the report. Return the exit status of `tofrender doctor`."""
     from rich.console import Console
 
     console = Console()
@@ -115,14 +129,23 @@ def main() -> int:
 
 
 def _package(name: str, package: str, required_by: str) -> Check:
-    """Check that a package is installed in a version that `required_by` accepts."""
+    """Check that a package is installed in a version that `required_by` accepts.
+
+    Args:
+        name: Name in the report.
+        package: The package.
+        required_by: Package that requires it.
+    """
     from packaging.requirements import Requirement
 
+    # Which version is required? A checkout that is not installed has no metadata
     try:
         requirements = map(Requirement, metadata.requires(required_by) or [])
         wanted = next((str(r) for r in requirements if r.name == package), package)
-    except metadata.PackageNotFoundError:  # run from a checkout that was not installed
+    except metadata.PackageNotFoundError:
         wanted = package
+
+    # Which version is installed?
     remedy = f'{_PIP} "{wanted}"'
     try:
         version = metadata.version(package)
@@ -134,6 +157,8 @@ def _package(name: str, package: str, required_by: str) -> Check:
 
 
 def _check_llvm(required: bool) -> Check:
+    """Check that a usable LLVM is installed, and that it can be loaded."""
+    # Choose a library, and list the others
     chosen = llvm.choose()
     others = [
         f"{library.path} {library.problem or f'is LLVM {library.major}'}"
@@ -141,6 +166,8 @@ def _check_llvm(required: bool) -> Check:
         if chosen is None or library.path != chosen.path
     ]
     also = f"; found too: {', '.join(others)}" if others else ""
+
+    # Report the choice
     if chosen is None:
         found = f"none that is usable{also.replace(' too', '')}"
         return Check("LLVM", False, found, llvm.refusal(), required)
@@ -151,7 +178,8 @@ def _check_llvm(required: bool) -> Check:
 
 
 def _check_cuda(answer: dict) -> Check:
-    """Check that CUDA starts and that OptiX traces a ray, from what Dr.Jit has answered."""
+    """Check that CUDA starts and that OptiX traces a ray, given the answer of Dr.Jit."""
+    # Why is CUDA missing?
     name = "CUDA, OptiX"
     if not answer.get(gpu.CUDA):
         if not gpu.driver_present():
@@ -168,7 +196,7 @@ def _check_cuda(answer: dict) -> Check:
 
 
 def _check_metal(answer: dict) -> Check:
-    """Check that Metal traces a ray, from what Dr.Jit has answered."""
+    """Check that Metal traces a ray, given the answer of Dr.Jit."""
     if not answer.get(gpu.METAL):
         found = "Dr.Jit cannot use Metal here; rendering on the CPU"
         remedy = "update macOS to 15 or newer, if the Mac has an Apple processor"
@@ -177,7 +205,7 @@ def _check_metal(answer: dict) -> Check:
 
 
 def _check_gpu(name: str, backend_name: str, system: str) -> Check:
-    """Trace a ray on a GPU, whatever an earlier test has found."""
+    """Trace a ray on a GPU, without the stored result of an earlier test."""
     state = gpu.state(backend_name, anew=True)
     if state.works:
         detail = f"traces rays ({system}), and is used unless you name another variant"
@@ -187,6 +215,7 @@ def _check_gpu(name: str, backend_name: str, system: str) -> Check:
 
 
 def _check_memory() -> Check:
+    """Check that enough memory is free."""
     try:
         import psutil
     except ImportError:
@@ -200,6 +229,7 @@ def _check_memory() -> Check:
 
 
 def _check_ffmpeg() -> Check:
+    """Check that videos can be encoded."""
     try:
         import imageio_ffmpeg
 
@@ -214,14 +244,17 @@ def _check_ffmpeg() -> Check:
 
 
 def _check_render() -> Check:
+    """Render a small picture in a subprocess."""
     outcome = run_code(_TEST_RENDER)
     error = outcome.problem
     if not error:
         rate = outcome.answer["rate"] / 1e6
         variant = outcome.answer["variant"]
         return Check("Test render", True, f"{rate:.2g} million samples/s with {variant}")
+
+    # Choose a remedy. A BackendError names the remedy itself
     if "BackendError: " in error:
-        remedy = ""  # The error names the remedy itself
+        remedy = ""
     elif re.search("cuda|optix|metal", error, re.IGNORECASE):
         remedy = "render on the CPU with --variant llvm_ad_rgb, and update the driver of the GPU"
     elif error.startswith("ended by"):

@@ -1,13 +1,13 @@
-"""Find the LLVM library that Dr.Jit compiles its CPU kernels with.
+"""Search for the LLVM library with which Dr.Jit compiles its CPU kernels.
 
-Dr.Jit loads LLVM at run time: the file that `DRJIT_LIBLLVM_PATH` names, else the first
-`libLLVM.so` that the linker finds. With LLVM 15 or 16 it starts, and then the *process aborts*
-("Cannot select: fminimum") at the first kernel with a minimum on a CPU with AVX-512; an older
-LLVM it refuses. Debian 12 ships 14 and 15. So the library is chosen here, before Dr.Jit is
-imported, and never below `MINIMUM_MAJOR`.
+Dr.Jit loads LLVM at run time: the file in `DRJIT_LIBLLVM_PATH`, otherwise the first `libLLVM.so`
+that the linker finds. Dr.Jit refuses LLVM 14 and older. LLVM 15 and 16 start, but on a CPU with
+AVX-512 the *process aborts* at the first kernel with a minimum ("Cannot select: fminimum"). Debian
+12 contains 14 and 15. Therefore the library is chosen here, before Dr.Jit is imported, and its
+version is at least `MINIMUM_MAJOR`.
 
-Versions are read from file names, else by loading the library in a subprocess. This uses only the
-standard library, because the set-up runs the file before anything is installed:
+Versions are read from file names, or by loading the library in a subprocess. This module uses only
+the standard library, because the set-up runs it before anything is installed:
 
     python tofrender/runtime/llvm.py
 """
@@ -23,9 +23,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 VARIABLE = "DRJIT_LIBLLVM_PATH"
-MINIMUM_MAJOR = 17  # The oldest whose code generator knows all that Dr.Jit emits
-NEWEST_TRIED = 22  # Newer ones are used for want of others
-PREFERRED = 19  # The one to install: all published figures were measured with it
+
+# Oldest version with a code generator that supports all of Dr.Jit's output
+MINIMUM_MAJOR = 17
+
+# Newer versions are used only if no other version is found
+NEWEST_TRIED = 22
+
+# Version to install. All published figures were measured with it
+PREFERRED = 19
 
 _FILE_NAME = re.compile(r"libLLVM(?:[-.]\d[\d.]*)?\.(?:so|dylib)[\d.]*|LLVM-C\.dll")
 _MAJOR = re.compile(r"libLLVM(?:-|\.so\.|\.)(\d+)")
@@ -43,36 +49,49 @@ print(parts[0].value)
 class Library:
     """A libLLVM on this machine."""
 
-    path: Path  # Symbolic links resolved
-    major: int | None  # None if the version is unknown
-    problem: str = ""  # Why Dr.Jit must not load it; empty if it can render with it
+    # Its file, with symbolic links resolved
+    path: Path
+
+    # Major version, None if it is unknown
+    major: int | None
+
+    # Why Dr.Jit must not load the library, "" if it is usable
+    problem: str = ""
 
 
 def _distributions() -> set[str]:
-    """ID and ID_LIKE of this Linux, such as {"ubuntu", "debian"}."""
+    """Return ID and ID_LIKE of this Linux distribution, such as {"ubuntu", "debian"}."""
     try:
         release = platform.freedesktop_os_release()
-    except (OSError, ValueError):  # None, or not in UTF-8
+    except (OSError, ValueError):
+        # The file is missing, or is not encoded in UTF-8
         return set()
     return {release["ID"], *release.get("ID_LIKE", "").split()}
 
 
 @dataclass(frozen=True)
 class System:
-    """Machine that is searched; tests pass another one."""
+    """Machine that is searched. Tests pass another machine."""
 
+    # Root of the file system, and environment variables
     root: Path = Path("/")
     environ: Mapping[str, str] = field(default_factory=lambda: os.environ)
     platform: str = sys.platform
-    prefixes: tuple[Path, ...] = (Path(sys.prefix), Path(sys.base_prefix))  # venv, and its base
-    euid: int = field(default_factory=lambda: getattr(os, "geteuid", lambda: 1)())  # 0 is root
+
+    # Folders of the virtual environment and of its base
+    prefixes: tuple[Path, ...] = (Path(sys.prefix), Path(sys.base_prefix))
+
+    # User, 0 for root
+    euid: int = field(default_factory=lambda: getattr(os, "geteuid", lambda: 1)())
+
+    # Names of the Linux distribution
     distributions: set[str] = field(default_factory=_distributions)
 
 
 def candidates(system: System | None = None) -> list[Library]:
-    """List every libLLVM on this machine, that of `DRJIT_LIBLLVM_PATH` first.
+    """List all libLLVM files on this machine, starting with the file in `DRJIT_LIBLLVM_PATH`.
 
-    Unusable files are listed with their problem. Nothing is loaded into this process.
+    Unusable files are listed with their problem. No library is loaded into this process.
     """
     system = system or System()
     named = _named(system)
@@ -89,9 +108,9 @@ def candidates(system: System | None = None) -> list[Library]:
 
 
 def choose(system: System | None = None) -> Library | None:
-    """Choose the library that Dr.Jit should load, None if there is none that it can use.
+    """Choose the library that Dr.Jit should load. Return None if no library is usable.
 
-    A library named by `DRJIT_LIBLLVM_PATH` is the only choice, even if it is unusable.
+    If `DRJIT_LIBLLVM_PATH` names a library, no other library is chosen, even if it is unusable.
     """
     system = system or System()
     named = _named(system)
@@ -99,9 +118,11 @@ def choose(system: System | None = None) -> Library | None:
 
 
 def refusal(system: System | None = None) -> str:
-    """Message for when `choose` finds nothing: the problem and the command that helps."""
+    """Return the message for a missing library: the problem and the command that helps."""
+    # The variable names an unusable file
     system = system or System()
-    named, found = _named(system), candidates(system)
+    named = _named(system)
+    found = candidates(system)
     if named:
         line = (
             f"{VARIABLE} = '{system.environ[VARIABLE]}' {named.problem}: must name the file of "
@@ -110,35 +131,44 @@ def refusal(system: System | None = None) -> str:
         if best := _best(found):
             return f"{line}`unset {VARIABLE}` to use {best.path}"
         return f"{line}unset it and run: {install_command(system)}"
+
+    # No library is new enough
     majors = sorted({library.major for library in found if library.major})
     only = f", only {', '.join(map(str, majors))}" if majors else ""
     return f"no LLVM {MINIMUM_MAJOR} or newer found{only}; run: {install_command(system)}"
 
 
 def loading_error(path: Path) -> str:
-    """Problem of loading the library (a missing dependency, say), empty if there is none."""
+    """Return why a library cannot be loaded, e.g. a missing dependency, or "" if it can."""
     return _load_in_subprocess(path)[1]
 
 
 def install_command(system: System | None = None) -> str:
-    """Command that installs a usable LLVM on this system."""
+    """Return the command that installs a usable LLVM on this system."""
+    # Which conda is available?
     system = system or System()
     sudo = "" if system.euid == 0 else "sudo "
-    names, path = ("mamba", "conda", "micromamba"), system.environ.get("PATH", "")
+    names = ("mamba", "conda", "micromamba")
+    path = system.environ.get("PATH", "")
     conda = next((name for name in names if shutil.which(name, path=path)), "conda")
     from_conda = f"{conda} install -y -c conda-forge libllvm19"
+
+    # Windows, conda environments, and macOS
     if system.platform == "win32":
         return "winget install LLVM.LLVM"
     if system.environ.get("CONDA_PREFIX") and system.euid != 0:
         return from_conda
     if system.platform == "darwin":
         return "brew install llvm"
+
+    # Linux distributions
     like = system.distributions
     if like & {"debian", "ubuntu"}:
         package, index = _apt_package(system)
         if package:
             return f"{sudo}apt-get install -y {package}"
-        if index:  # a release older than LLVM 17 itself: LLVM's own archive serves it
+        if index:
+            # The release is older than LLVM 17. LLVM's archive supports it
             return f"wget -qO- https://apt.llvm.org/llvm.sh | {sudo}bash -s -- 19"
         package = "libllvm18" if "ubuntu" in like else "libllvm19"
         return f"{sudo}apt-get update && {sudo}apt-get install -y {package}"
@@ -150,7 +180,7 @@ def install_command(system: System | None = None) -> str:
 
 
 def main() -> int:
-    """Print which LLVM Dr.Jit should load, or on stderr the problem; returns the exit status."""
+    """Print the LLVM that Dr.Jit should load, or the problem on stderr. Return the exit status."""
     library = choose()
     if library is None:
         problem = refusal()
@@ -164,17 +194,18 @@ def main() -> int:
 
 
 def _best(libraries: list[Library]) -> Library | None:
+    """Return the preferred usable library, None if no library is usable."""
     usable = [library for library in libraries if not library.problem]
     return max(usable, key=lambda library: _preference(library.major or 0), default=None)
 
 
 def _preference(major: int) -> tuple[bool, int]:
-    """Sort key: the newest that was tried, then the least new of those that were not."""
+    """Return a sort key: the newest tested version, otherwise the oldest untested version."""
     return (True, major) if major <= NEWEST_TRIED else (False, -major)
 
 
 def _named(system: System) -> Library | None:
-    """Library that the variable names; a bare file name is looked up as the linker does."""
+    """Return the library in the variable. A bare file name is searched as the linker does."""
     value = system.environ.get(VARIABLE, "")
     if not value:
         return None
@@ -185,7 +216,8 @@ def _named(system: System) -> Library | None:
 
 
 def _folders(system: System) -> Iterator[Path]:
-    """Folders that may hold libLLVM, those of this environment before the system's."""
+    """Yield folders that may contain libLLVM, first the folders of this environment."""
+    # Environments
     conda = system.environ.get("CONDA_PREFIX")
     environments = [*([Path(conda)] if conda else []), *system.prefixes]
     if system.platform == "win32":
@@ -195,12 +227,22 @@ def _folders(system: System) -> Iterator[Path]:
         return
     for prefix in environments:
         yield prefix / "lib"
+
+    # Folders of the linker and of the system
     for folder in filter(None, system.environ.get("LD_LIBRARY_PATH", "").split(":")):
         yield Path(folder)
     patterns = [
-        *("usr/lib/*-linux-gnu", "usr/lib64", "usr/lib", "usr/local/lib", "usr/local/lib64"),
-        *("usr/lib/llvm*/lib", "usr/lib64/llvm*/lib", "usr/lib64/llvm*/lib64"),
-        *("opt/homebrew/opt/llvm*/lib", "usr/local/opt/llvm*/lib", "opt/local/libexec/llvm-*/lib"),
+        "usr/lib/*-linux-gnu",
+        "usr/lib64",
+        "usr/lib",
+        "usr/local/lib",
+        "usr/local/lib64",
+        "usr/lib/llvm*/lib",
+        "usr/lib64/llvm*/lib",
+        "usr/lib64/llvm*/lib64",
+        "opt/homebrew/opt/llvm*/lib",
+        "usr/local/opt/llvm*/lib",
+        "opt/local/libexec/llvm-*/lib",
         "home/linuxbrew/.linuxbrew/opt/llvm*/lib",
     ]
     for pattern in patterns:
@@ -208,7 +250,8 @@ def _folders(system: System) -> Iterator[Path]:
 
 
 def _inspect(path: Path) -> Library:
-    """Check one file without loading it into this process."""
+    """Check a file without loading it into this process."""
+    # Can the file be read?
     try:
         real = path.resolve(strict=True)
         with real.open("rb") as file:
@@ -217,10 +260,13 @@ def _inspect(path: Path) -> Library:
         return Library(path, None, "does not exist")
     except IsADirectoryError:
         return Library(path, None, "is a folder")
-    except (OSError, RuntimeError) as error:  # RuntimeError: a circle of links
+    except (OSError, RuntimeError) as error:
+        # A RuntimeError reports a cycle of links
         return Library(path, None, f"cannot be read ({getattr(error, 'strerror', error)})")
     if not _is_native(head):
         return Library(real, None, "is not a shared library for this machine")
+
+    # Which version is it?
     match = _MAJOR.match(real.name) or _MAJOR.match(path.name)
     major, problem = (int(match[1]), "") if match else _load_in_subprocess(real)
     if major and major < MINIMUM_MAJOR:
@@ -229,7 +275,7 @@ def _inspect(path: Path) -> Library:
 
 
 def _is_native(head: bytes) -> bool:
-    """Whether a file that starts with these bytes is a library for this platform."""
+    """Return whether a file that starts with these bytes is a library for this platform."""
     if head[:4] == b"\x7fELF" and sys.platform == "linux":
         with Path("/proc/self/exe").open("rb") as file:
             own = file.read(20)
@@ -241,7 +287,7 @@ def _is_native(head: bytes) -> bool:
 
 
 def _load_in_subprocess(path: Path) -> tuple[int | None, str]:
-    """Major version of a library and "", or None and why it cannot be loaded."""
+    """Return the major version of a library and "", or None and why it cannot be loaded."""
     command = [sys.executable, "-I", "-S", "-c", _ASK_VERSION, str(path)]
     try:
         result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
@@ -249,23 +295,30 @@ def _load_in_subprocess(path: Path) -> tuple[int | None, str]:
         return None, f"cannot be loaded ({error})"
     if result.returncode == 0:
         return int(result.stdout), ""
+
+    # Describe the problem. LLVMGetVersion exists since LLVM 16
     lines = result.stderr.strip().splitlines() or [f"exit status {result.returncode}"]
     if "AttributeError" in lines[-1]:
-        return None, "is older than LLVM 16"  # LLVMGetVersion came with 16
+        return None, "is older than LLVM 16"
     return None, f"cannot be loaded ({lines[-1]})"
 
 
 def _apt_package(system: System) -> tuple[str, bool]:
-    """Best libllvm package that apt can install, if any, and whether apt has an index at all."""
+    """Return the preferred libllvm package of apt, and whether apt has an index.
+
+    The name is "" if apt has no usable package.
+    """
     env = {**system.environ, "LC_ALL": "C"}
 
     def query(*arguments: str) -> str:
+        """Return the output of apt-cache, "" if it is missing."""
         command = ["apt-cache", *arguments]
         try:
             return subprocess.run(command, capture_output=True, text=True, env=env).stdout
         except OSError:
             return ""
 
+    # List the packages, and choose one that can be installed
     names = query("pkgnames", "libllvm").split()
     majors = {name: int(match[1]) for name in names if (match := _APT_PACKAGE.fullmatch(name))}
     by_preference = sorted(majors, key=lambda n: (majors[n] == PREFERRED, _preference(majors[n])))

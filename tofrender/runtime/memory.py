@@ -1,4 +1,4 @@
-"""Memory that films need and that is free: what does not fit is refused before work starts."""
+"""Memory that films need and that is free. Films that do not fit are refused before work starts."""
 
 import ctypes
 import math
@@ -6,54 +6,64 @@ from pathlib import Path, PurePosixPath
 
 from . import gpu
 
-RESERVE = 300 << 20  # Bytes of a render besides its film: Mitsuba, kernels, rays
+# Memory of a render in addition to its film [bytes]: Mitsuba, kernels, rays
+RESERVE = 300 << 20
+
+# Size that represents a missing limit [bytes]
 UNLIMITED = 1 << 62
-MAX_FLOATS = (1 << 32) - 1  # Entries of the largest array that Dr.Jit can make
+
+# Entries of the largest array that Dr.Jit supports
+MAX_FLOATS = (1 << 32) - 1
 
 ROOT = Path("/")
-CGROUPS = {  # controller: mount, and files there with limit, usage, and cache that can be dropped
+
+# Control groups by controller: their folder, and the names of limit, usage, and droppable cache
+CGROUPS = {
     "": ("sys/fs/cgroup", "memory.max", "memory.current", "inactive_file"),
     "memory": (
-        *("sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes"),
+        "sys/fs/cgroup/memory",
+        "memory.limit_in_bytes",
+        "memory.usage_in_bytes",
         "total_inactive_file",
     ),
 }
 
 
 def stride(channels: int) -> int:
-    """Floats of a bin: RGB is padded to four, which can be added as one packet."""
+    """Return the number of floats per bin. RGB is padded to four floats, which form one packet."""
     return 4 if channels == 3 else channels
 
 
 def film_bytes(height: int, width: int, temporal_bins: int, channels: int) -> int:
-    """Size of a film's bins [bytes]."""
+    """Return the size of a film's bins [bytes]."""
     return height * width * temporal_bins * stride(channels) * 4
 
 
 def available() -> int:
-    """Memory that this process may still allocate on the active device [bytes]."""
+    """Return the memory that this process may still allocate on the active device [bytes]."""
     return _cuda_free() if _has_own_memory() else free_on_host()
 
 
 def _has_own_memory() -> bool:
-    """Whether the active device has memory of its own. Metal shares the memory of the host."""
+    """Return whether the active device has separate memory. Metal shares the host's memory."""
     import mitsuba as mi
 
     return gpu.backend_of(mi.variant()) == gpu.CUDA
 
 
 def free_on_host() -> int:
-    """Host memory that this process may still allocate [bytes], with all limits on it."""
+    """Return the host memory that this process may still allocate [bytes], within all limits."""
     import psutil
 
     return max(0, min(psutil.virtual_memory().available, *_free_in_cgroups(), address_space()[1]))
 
 
 def address_space() -> tuple[int, int]:
-    """Limit of `ulimit -v` on this process, and free bytes under it."""
+    """Return the limit of `ulimit -v` on this process, and the free bytes below it."""
     try:
         import resource
-    except ImportError:  # Windows has no such limit
+    except ImportError:
+        # Windows does not have this limit
         return UNLIMITED, UNLIMITED
     import psutil
 
@@ -64,7 +74,7 @@ def address_space() -> tuple[int, int]:
 
 
 def require_free(what: str, size: int) -> None:
-    """Raise a MemoryError if `what` takes more than the free host memory [bytes]."""
+    """Refuse `what` if it needs more than the free host memory [bytes]."""
     free = free_on_host()
     if size > free:
         raise MemoryError(
@@ -83,7 +93,7 @@ def require_film(
     device_copies: float | None = None,
     host_copies: float = 0.0,
 ) -> None:
-    """Raise a MemoryError for a film that does not fit into memory, with what would fit.
+    """Refuse a film that does not fit into memory, and name sizes that would fit.
 
     Args:
         height: Number of rows.
@@ -98,7 +108,10 @@ def require_film(
     part, needed, where = _part_that_fits(size, copies, device_copies, host_copies)
     if part >= 1:
         return
-    bins, side = int(part * temporal_bins), math.sqrt(part)
+
+    # Find sizes that would fit
+    bins = int(part * temporal_bins)
+    side = math.sqrt(part)
     pixels = f"{int(width * side)} x {int(height * side)} pixels"
     smaller = [f"{bins} bins"] * (bins > 0) + [pixels] * (int(min(width, height) * side) > 0)
     raise MemoryError(
@@ -109,9 +122,9 @@ def require_film(
 
 
 def require_array(what: str, count: int, copies: float, *, host_copies: float = 0.0) -> None:
-    """Raise a MemoryError if an array of `count` floats does not fit `copies` times.
+    """Refuse an array of `count` floats that does not fit into memory `copies` times.
 
-    On a GPU, `copies` are in its memory, and `host_copies` in that of the host.
+    On a GPU, `copies` are in its memory, and `host_copies` are in host memory.
     """
     part, needed, where = _part_that_fits(4 * count, copies, copies, host_copies)
     if part < 1:
@@ -146,7 +159,7 @@ def _part_that_fits(
 
 
 def _part_after_cleanup(size: int, copies: float) -> float:
-    """Fraction of a film that fits `copies` times, also into memory that Dr.Jit can return."""
+    """Return the fraction of a film that fits `copies` times, if Dr.Jit frees unused memory."""
     part = _part_in_free_memory(size, copies)
     if part < 1:
         import drjit as dr
@@ -157,20 +170,25 @@ def _part_after_cleanup(size: int, copies: float) -> float:
 
 
 def _part_in_free_memory(size: int, copies: float) -> float:
-    """Fraction that fits without the memory that Dr.Jit keeps for later arrays."""
+    """Return the fraction of a film that fits `copies` times into memory that is free now."""
+    # Free memory, and the size of Dr.Jit's arrays
     part = min(max(0, available() - RESERVE) / (copies * size), MAX_FLOATS * 4 / size)
+
+    # Address space. Dr.Jit reserves the next power of two of bytes
     left = (address_space()[1] - RESERVE) // math.ceil(copies)
-    # Dr.Jit maps the next power of two of bytes, and touches what it needs
     return min(part, 2 ** (left.bit_length() - 1) / size) if left > 0 else 0.0
 
 
 def _cuda_free() -> int:
-    """Free memory of the CUDA device that Dr.Jit uses, the first one [bytes], from the driver."""
-    free, total, context = ctypes.c_size_t(), ctypes.c_size_t(), ctypes.c_void_p()
+    """Return the free memory of Dr.Jit's CUDA device, which is the first device [bytes]."""
+    free = ctypes.c_size_t()
+    total = ctypes.c_size_t()
+    context = ctypes.c_void_p()
     driver = gpu.cuda_driver()
     if driver is None:
         return UNLIMITED
-    # Dr.Jit makes its context current only while it works
+
+    # Activate the context. Dr.Jit activates it only during its own calls
     if driver.cuDevicePrimaryCtxRetain(ctypes.byref(context), 0):
         return UNLIMITED
     try:
@@ -183,24 +201,26 @@ def _cuda_free() -> int:
 
 
 def _free_in_cgroups() -> list[int]:
-    """Free bytes under each memory limit on this process's control group and on its parents."""
+    """Return the free bytes below each memory limit on this process and its parent groups."""
     free = []
+    # Find the control groups of this process
     for line in _lines(ROOT / "proc/self/cgroup"):
         _, controllers, path = line.split(":", 2)
         for top, limit, used, cache in (CGROUPS[c] for c in controllers.split(",") if c in CGROUPS):
             own = PurePosixPath(path.lstrip("/"))
             for group in (ROOT / top / part for part in (own, *own.parents)):
                 numbers = dict(line.split() for line in _lines(group / "memory.stat"))
+                # Read the limit. A missing group and "max" are no limits
                 try:
                     most, usage = (int(_lines(group / name)[0]) for name in (limit, used))
-                except (IndexError, ValueError):  # No such group, or "max": no limit
+                except (IndexError, ValueError):
                     continue
                 free.append(most - usage + int(numbers.get(cache, 0)))
     return free
 
 
 def _lines(path: Path) -> list[str]:
-    """Lines of a file, none if it cannot be read."""
+    """Return the lines of a file, or [] if it cannot be read."""
     try:
         return path.read_text().splitlines()
     except OSError:

@@ -1,9 +1,9 @@
-"""Mitsuba plugins of this package: a table of all, and their registration in each variant.
+"""Mitsuba plugins of this package: a table of all plugins, and their registration in a variant.
 
-Classes that derive from Mitsuba's (films, integrators, samplers) belong to the variant that was
-active when their module ran. `MODULES` therefore run once more for every variant that is switched
-to, as Mitsuba's own Python integrators do, and `plugin` returns the class of the active variant.
-Everything else in the package works in any vectorised variant as it is.
+Classes that derive from Mitsuba's classes (films, integrators, samplers) belong to the variant that
+was active when their module was executed. Therefore `MODULES` are executed again for each variant
+that is activated, like Mitsuba's own Python integrators. `plugin` returns the class of the active
+variant. All other modules of the package support any vectorized variant.
 """
 
 import importlib
@@ -18,15 +18,15 @@ from . import withheld
 
 
 class Plugin(NamedTuple):
-    """Name in scenes, kind (as in `mi.register_film`), and module of a plugin's class."""
+    """A plugin: its name in scenes, its kind (as in `mi.register_film`), and its module."""
 
     name: str
     kind: str
     home: str
 
 
-# Modules whose classes derive from Mitsuba's, each after those that it builds on: module below
-# `tofrender`, and class, name and kind of its plugin, if it has one
+# Modules with classes that derive from Mitsuba's classes, in the order of their dependencies. Each
+# entry contains the module below `tofrender`, and class, name and kind of its plugin, if any
 _TABLE = (
     ("scenes.angular_area", "AngularArea", "angulararea", "emitter"),
     ("samplers.padded_sobol", "PaddedSobolSampler", "padded_sobol", "sampler"),
@@ -64,22 +64,30 @@ PLUGINS = {
 }
 """Public plugin classes by name.
 
-Another package may register a plugin of the same name, and the last one to do so gets it. Ours are
-therefore registered as "tofrender_..." too, and `qualified_name` returns the name that is safe.
+Another package may register a plugin with the same name. Mitsuba uses the last registration.
+Therefore our plugins are also registered as "tofrender_...". `qualified_name` returns this name.
 """
 
-# Modules whose `maker` turns the class of a plugin into its factory, which chooses among classes
+# Modules with a function `maker` that converts the class of a plugin to its factory
 _MAKERS = {"transient_path": "tofrender.nlos.light.confocal"}
 
-KINDS = "llvm_*, cuda_* or metal_*"  # Variants that render in time
+# Variants that support time-resolved rendering
+KINDS = "llvm_*, cuda_* or metal_*"
 
-PEER_DEPTH = 6  # Default of max_depth in mitransient's volumetric integrators
+# Default of max_depth in mitransient's volumetric integrators
+PEER_DEPTH = 6
 
-_classes: dict[str, dict[str, type]] = {}  # variant -> class name -> class
+# Classes by variant and class name
+_classes: dict[str, dict[str, type]] = {}
 
 
 def plugin(class_name: str) -> Any:
-    """Plugin class of the active variant; an AttributeError or Withheld if it has none."""
+    """Return a plugin class of the active variant.
+
+    Raises:
+        AttributeError: The variant does not support the plugin.
+        Withheld: The module of the plugin is not part of this edition.
+    """
     import mitsuba as mi
 
     variant = mi.variant()
@@ -94,7 +102,7 @@ def plugin(class_name: str) -> Any:
 
 
 def qualified_name(plugin_name: str) -> str:
-    """Name that finds a plugin of ours, whatever other packages have registered."""
+    """Return a name of our plugin that other packages do not use; other names are unchanged."""
     ours = any(plugin_name == each.name for each in PLUGINS.values())
     return f"tofrender_{plugin_name}" if ours else plugin_name
 
@@ -103,7 +111,7 @@ _left_out: set[str] = set()
 
 
 def leave_out(names: Collection[str]) -> None:
-    """Choose native plugins that this process must not load; call it before a variant is active."""
+    """Exclude native plugins from loading. Call this function before a variant is active."""
     _left_out.update(names)
 
 
@@ -111,13 +119,18 @@ def leave_out(names: Collection[str]) -> None:
 def load_native_plugins() -> frozenset[str]:
     """Load Mitsuba's native plugins from its package's folder, and return their names.
 
-    Mitsuba would search the working folder and that of the scene first, and run what it finds.
+    Mitsuba itself would first search the working folder and the folder of the scene, and execute
+    what it finds there.
     """
     import mitsuba as mi
 
-    untyped: Any = mi  # the stubs of these functions are not callable
-    before, package = untyped.file_resolver(), Path(mi.__file__).parent
+    # The stubs of these functions are not callable
+    untyped: Any = mi
+    before = untyped.file_resolver()
+    package = Path(mi.__file__).parent
     names = frozenset(each.stem for each in (package / "plugins").iterdir()) - _left_out
+
+    # Load all plugins with a search path of this folder only
     only = mi.FileResolver()
     only.clear()
     only.append(str(package))
@@ -131,13 +144,17 @@ def load_native_plugins() -> frozenset[str]:
 
 
 def require_safe_type(name: str) -> None:
-    """Raise a ValueError for a plugin whose native code lies outside of Mitsuba's package."""
+    """Refuse a plugin with native code outside Mitsuba's package."""
     import mitsuba as mi
 
     if not re.fullmatch(r"[\w-]+", name, re.ASCII):
         raise ValueError(f"type = {name!r}: must be a plugin's name, of letters, digits, - and _")
-    if name in load_native_plugins() or name == "scene":  # That one is built in
+
+    # "scene" is part of Mitsuba's core
+    if name in load_native_plugins() or name == "scene":
         return
+
+    # Search for a native plugin
     resolver: Any = mi.file_resolver
     for suffix in (".so", ".dylib", ".dll"):
         found = Path(str(resolver().resolve(f"plugins/{name}{suffix}")))
@@ -149,17 +166,20 @@ def require_safe_type(name: str) -> None:
 
 
 def register(variant: str) -> None:
-    """Register our plugins in `variant`, once: another package's later ones stay in place."""
+    """Register our plugins in a variant, once. Later registrations of other packages remain."""
     load_native_plugins()
     if variant in _classes:
         return
     import mitsuba as mi
 
+    # Scalar variants are not supported
     if variant.startswith("scalar"):
         _classes[variant] = {}
         for each in PLUGINS.values():
             getattr(mi, f"register_{each.kind}")(each.name, _refuse)
         return
+
+    # Execute the modules, and register their classes
     loaded = {name: _run(name) for name in MODULES if withheld.refusal(name) is None}
     _classes[variant] = {}
     for class_name, each in PLUGINS.items():
@@ -179,25 +199,25 @@ def register(variant: str) -> None:
 
 
 def _of_peer(factory: Any, props: Any) -> Any:
-    """Make our integrator of mitransient's properties, whose depth has another default."""
+    """Create our integrator from properties of mitransient, with mitransient's default depth."""
     limit_depth(props)
     return factory(props)
 
 
 def limit_depth(props: Any) -> None:
-    """Set mitransient's default of the depth, unless there is one."""
+    """Set mitransient's default depth, unless the properties contain a depth."""
     if not {"max_depth", "max_bounces"} & set(props.keys()):
         props["max_depth"] = PEER_DEPTH
 
 
 def _refuse(_: Any) -> Any:
-    """Factory of plugins under scalar variants: raises an error that names those that work."""
-    from .backend import require_vectorised
+    """Refuse a plugin in a scalar variant, and name the supported variants."""
+    from .backend import require_vectorized
 
-    require_vectorised()
+    require_vectorized()
 
 
 def _run(module: str) -> Any:
-    """Run a module, once more if it was imported, under the active variant."""
+    """Execute a module in the active variant, also if it was imported before."""
     imported = sys.modules.get(module)
     return importlib.reload(imported) if imported else importlib.import_module(module)

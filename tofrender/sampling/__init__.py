@@ -1,4 +1,4 @@
-"""Random numbers, point sets, warps of the unit square, and the tests of all of them."""
+"""Random numbers, point sets, warps of the unit square, and statistical tests of samplers."""
 
 from ..runtime.lazy import attach_stub
 

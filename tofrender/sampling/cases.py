@@ -16,7 +16,7 @@ from .warps import WARPS
 
 
 def warp_case(name: str, **parameter: Any) -> Case:
-    """Case of the warp of that name in `WARPS`, with its parameter if it has one.
+    """Return the test case of a warp, by its name in `WARPS` and its parameter if it has one.
 
     Example:
         >>> warp_case("beckmann", alpha=0.3).name
@@ -25,37 +25,42 @@ def warp_case(name: str, **parameter: Any) -> Case:
     warp = WARPS[checks.one_of("name", name, WARPS)]
     wanted = [warp.parameter] if warp.parameter else []
     if list(parameter) != wanted:
-        takes = f"the parameter {warp.parameter}" if warp.parameter else "no parameter"
-        raise ValueError(f"name = {name!r}: takes {takes}, given are {list(parameter) or 'none'}")
+        needs = f"the parameter {warp.parameter}" if warp.parameter else "no parameter"
+        given = list(parameter) or "none"
+        raise ValueError(f"name = {name!r}: this warp requires {needs}, but {given} was passed")
     sample, pdf = warp.make(*parameter.values())
     numbers = [f"{k} = {v:g}" for k, v in parameter.items() if isinstance(v, int | float)]
     return Case(sample, pdf, warp.domain, f"{name} ({numbers[0]})" if numbers else name)
 
 
 def bsdf_case(bsdf: dict | mi.BSDF, wi: Any, *, uv: Any = (0.5, 0.5), name: str = "") -> Case:
-    """Case of the directions that a BSDF samples: against its `pdf`, and the density it returns.
+    """Return the test case of a BSDF's sampling: directions against `pdf` and returned densities.
 
-    Samples of mirrors and other Dirac lobes have no density; they count as failed, as do those
-    without weight. Not all of Mitsuba's BSDFs pass: at 75 degrees the `pdf` of `roughplastic` with
-    alpha = 0.1 integrates to 1.008, while 0.995 of the samples are valid.
+    Samples of mirrors and other Dirac lobes do not have a density. They count as failed samples,
+    and so do samples without weight. Not all BSDFs of Mitsuba pass: at 75 degrees, the `pdf` of
+    `roughplastic` with alpha = 0.1 integrates to 1.008, although only 0.995 of the samples are
+    valid.
 
     Args:
         bsdf: A Mitsuba BSDF, or its dictionary.
-        wi: Direction that light leaves to, (x, y, z) in the surface's frame; its length is ignored.
-        uv: Point of the texture.
-        name: For the verdict; by default the BSDF's type and the angle of `wi`.
+        wi: Direction towards the viewer, (x, y, z) in the surface's frame. Its length is ignored.
+        uv: Texture coordinates of the surface point.
+        name: Name in the verdict; by default the BSDF's type and the angle of `wi`.
 
     Raises:
-        ValueError: The BSDF has Dirac lobes only.
+        ValueError: The BSDF has only Dirac lobes, or an argument is invalid; one line.
 
     Example:
         >>> bsdf_case({"type": "diffuse"}, (0, 0, 1)).test(samples=20_000).passed
         True
     """
+    # Normalize the direction
     x, y, z = point("wi", wi).tolist()
     length = math.hypot(x, y, z)
     checks.require("wi", wi, length > 0, "a direction, not zero")
     wi = x / length, y / length, z / length
+
+    # Check the other arguments
     try:
         u, v = (checks.number("uv", each) for each in uv)
     except (TypeError, ValueError):
@@ -64,14 +69,20 @@ def bsdf_case(bsdf: dict | mi.BSDF, wi: Any, *, uv: Any = (0.5, 0.5), name: str 
     plugin: Any = _loaded("bsdf", bsdf) if isinstance(bsdf, dict) else bsdf
     checks.instance("bsdf", plugin, mi.BSDF, "a BSDF of Mitsuba's or a dict of one")
     if not mi.has_flag(plugin.flags(), mi.BSDFFlags.Smooth):
-        raise ValueError(f"bsdf = {plugin.class_name()}: has no density, only Dirac lobes or none")
+        raise ValueError(
+            f"bsdf = {plugin.class_name()}: it has no density, because it has only Dirac lobes. "
+            "Choose a BSDF with a smooth lobe"
+        )
     context = mi.BSDFContext()
+
+    # Describe the case
     kind = bsdf.get("type") if isinstance(bsdf, dict) else plugin.class_name()
     angle = math.degrees(math.acos(max(-1.0, min(1.0, wi[2]))))
 
     def interaction(lanes: int) -> mi.SurfaceInteraction3f:
         si = dr.zeros(mi.SurfaceInteraction3f, lanes)
-        si.wi, si.uv = dr.opaque(mi.Vector3f, wi), dr.opaque(mi.Point2f, (u, v))
+        si.wi = dr.opaque(mi.Vector3f, wi)
+        si.uv = dr.opaque(mi.Point2f, (u, v))
         return si
 
     def sample(numbers: mi.Point3f) -> tuple[mi.Vector3f, mi.Float, mi.Float]:
@@ -89,17 +100,17 @@ def bsdf_case(bsdf: dict | mi.BSDF, wi: Any, *, uv: Any = (0.5, 0.5), name: str 
 
 
 def light_case(light: Any, o: Any, *, name: str = "") -> Case:
-    """Case of the directions in which a light is sampled from a point, against its density.
+    """Return the test case of a light's sampling: directions from a point against their density.
 
     Args:
-        light: A shape of `tofrender.sampling`, or any object with `sample(o, sample)` that returns
-            a record with `d`, `pdf` and `valid`, and `pdf(o, v)`. Or a Mitsuba dictionary: of an
-            emitter, or of one shape that is an area light.
-        o: Point from which it is seen, (x, y, z).
-        name: For the verdict; by default the light's type.
+        light: A shape of `tofrender.sampling`, or an object with the same methods: `sample(o,
+            sample)`, which returns a record with `d`, `pdf` and `valid`, and `pdf(o, v)`.
+            Alternatively a Mitsuba dictionary of an emitter, or of a shape that is an area light.
+        o: Point from which the light is seen, (x, y, z).
+        name: Name in the verdict; by default the light's type.
 
     Raises:
-        ValueError: The dictionary is of no light that has a density.
+        ValueError: The dictionary does not describe a light with a density; one line.
 
     Example:
         >>> emitter = {"type": "area", "radiance": {"type": "rgb", "value": 1.0}}
@@ -134,10 +145,12 @@ class _MitsubaLight:
             raise ValueError(f"light = {name!r}: must be one light that can be hit")
 
     def sample(self, o: mi.Point3f, sample: mi.Point2f) -> SimpleNamespace:
+        """Sample a direction from `o` to the light."""
         ds, _ = self.scene.sample_emitter_direction(_reference(o, sample), sample, False)
         return SimpleNamespace(d=ds.d, pdf=ds.pdf, valid=ds.pdf > 0)
 
     def pdf(self, o: mi.Point3f, v: mi.Vector3f) -> mi.Float:
+        """Return the density of `sample` in the direction `v` [1/sr]."""
         it = _reference(o, v)
         ds = mi.DirectionSample3f(self.scene, self.scene.ray_intersect(mi.Ray3f(o, v)), it)
         ds.d = v
@@ -146,16 +159,18 @@ class _MitsubaLight:
 
 
 def _reference(o: mi.Point3f, lanes: Any) -> mi.Interaction3f:
+    """Return a reference point for emitter sampling in all lanes of `lanes`."""
     it = dr.zeros(mi.Interaction3f, dr.width(lanes))
     it.p = o
     return it
 
 
 def _loaded(name: str, description: dict) -> Any:
-    """Load the dict of a plugin, or of a scene with one light."""
+    """Load the dictionary of a plugin, or of a scene with one light."""
     given = description.get("light", description)
     try:
-        if any(value is None for value in given.values()):  # Mitsuba's parser ends the process
+        # Mitsuba's parser would end the process
+        if any(value is None for value in given.values()):
             raise RuntimeError("a value is None")
         return mi.load_dict(description, parallel=False)
     except RuntimeError as error:

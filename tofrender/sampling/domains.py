@@ -1,9 +1,9 @@
 """Domains of the chi-square test, and the plane in which their points are counted.
 
-A domain maps points to two coordinates (a, b) in a rectangle, and back. On spheres these are the
-azimuth phi and the angle theta to the pole, not z = cos(theta): close to the pole, where a narrow
-density has all of its points, single precision tells angles apart but not cosines. Coordinates are
-computed in double precision from the points as they are.
+A domain maps points to two coordinates (a, b) in a rectangle, and back. On spheres, these are the
+azimuth phi and the angle theta to the pole. theta is used instead of z = cos(theta), because narrow
+densities have all their points near the pole, where single precision distinguishes angles but not
+cosines. Coordinates are computed from the points in double precision.
 """
 
 import math
@@ -17,35 +17,53 @@ import numpy as np
 
 from ..runtime import checks
 
-TOLERANCE = 1e-5  # by which rounding may carry a point out of its domain, relative to its size
+# Distance by which rounding may move a point out of its domain, relative to the domain's size
+TOLERANCE = 1e-5
 
 Map = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
 class Domain:
-    """Set of points (dimensions, n) and their coordinates (2, n); all arrays are float64."""
+    """A set of points (dimensions, n), and their coordinates (2, n). All arrays are float64."""
 
-    labels: tuple[str, str]  # names and units of the coordinates a and b
-    low: tuple[float, float]  # smallest a and b
-    high: tuple[float, float]  # largest a and b
-    aspect: float  # columns of cells for each row
-    to_plane: Map  # points to coordinates
-    to_points: Map  # coordinates to points
-    area: Map  # area, or solid angle, around a point for each da db, from coordinates
-    contains: Map  # which of the points are in the domain, but for rounding
-    jumps: tuple[float, ...] = ()  # values of b at which densities may jump, so cells end there
-    upper_only: bool = False  # whether points are directions above the horizon
-    down: bool = False  # whether b is drawn downwards, as the rows of an image are
+    # Names and units of the coordinates a and b
+    labels: tuple[str, str]
+
+    # Smallest and largest a and b
+    low: tuple[float, float]
+    high: tuple[float, float]
+
+    # Number of columns of cells for each row
+    aspect: float
+
+    # Conversion of points to coordinates, and of coordinates to points
+    to_plane: Map
+    to_points: Map
+
+    # Area or solid angle per da db, as a function of coordinates
+    area: Map
+
+    # Mask of the points in the domain, with a tolerance for rounding
+    contains: Map
+
+    # Values of b at which densities may be discontinuous, so that cells end there
+    jumps: tuple[float, ...] = ()
+
+    # Whether only directions above the horizon are valid
+    upper_only: bool = False
+
+    # Whether b is drawn downwards, like the rows of an image
+    down: bool = False
 
     @property
     def dimensions(self) -> int:
-        """Coordinates of a point: 2 in the plane, 3 on the sphere."""
+        """Return the number of coordinates of a point: 2 in the plane, 3 on the sphere."""
         return self.to_points(np.zeros((2, 1))).shape[0]
 
 
 def rectangle(low: tuple[float, float], high: tuple[float, float], *, down: bool = False) -> Domain:
-    """Rectangle between two corners in the plane; with `down`, drawn with y downwards."""
+    """Return the rectangle between two corners in the plane. With `down`, y is drawn downwards."""
     corners = np.array([low, high])[..., None]
     margin = TOLERANCE * (corners[1] - corners[0])
     return Domain(
@@ -62,9 +80,10 @@ def rectangle(low: tuple[float, float], high: tuple[float, float], *, down: bool
 
 
 def sphere(upper_only: bool = False) -> Domain:
-    """Unit sphere of directions; with `upper_only`, points below the horizon are an error.
+    """Return the unit sphere of directions. With `upper_only`, points below the horizon are errors.
 
-    Densities are integrated over the whole sphere, so one that is not 0 below is found as well.
+    Densities are integrated over the whole sphere, also with `upper_only`. Therefore a density
+    above 0 below the horizon is found as well.
     """
     lowest = 0.0 if upper_only else -1.0
     return Domain(
@@ -84,10 +103,12 @@ def sphere(upper_only: bool = False) -> Domain:
 
 
 def _to_angles(v: np.ndarray) -> np.ndarray:
+    """Convert directions (3, n) to azimuth and polar angle (2, n) [rad]."""
     return np.stack([np.arctan2(v[1], v[0]), np.arctan2(np.hypot(v[0], v[1]), v[2])])
 
 
 def _to_directions(p: np.ndarray) -> np.ndarray:
+    """Convert azimuth and polar angle (2, n) [rad] to directions (3, n)."""
     phi, theta = p
     r = np.sin(theta)
     return np.stack([r * np.cos(phi), r * np.sin(phi), np.cos(theta)])
@@ -101,11 +122,11 @@ DOMAINS: dict[str, Domain] = {
     "sphere": sphere(),
     "hemisphere": sphere(upper_only=True),
 }
-"""Domains by name: the unit square and [-1, 1]^2, each under two names; all directions, or half."""
+"""Domains by name. The unit square and [-1, 1]^2 have two names each."""
 
 
 def find(domain: Any) -> Domain:
-    """Return the domain of a name in `DOMAINS`, or of an object of `mi.chi2`; or a `Domain` itself.
+    """Return a domain, given by a name in `DOMAINS`, an object of `mi.chi2`, or a `Domain`.
 
     Example:
         >>> find("disk").low, find(mi.chi2.PlanarDomain(mi.ScalarBoundingBox2f(0, 2))).high
@@ -127,7 +148,7 @@ def to_drjit(points: np.ndarray) -> Any:
 
 
 def to_numpy(points: Any, count: int) -> np.ndarray:
-    """Convert Dr.Jit points to float64 of shape (dimensions, count); a single one is repeated.
+    """Convert Dr.Jit points to float64 (dimensions, count). A single point is repeated.
 
     Example:
         >>> to_numpy(mi.Point2f(0.5, [1, 2]), 2)

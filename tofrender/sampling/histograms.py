@@ -1,11 +1,11 @@
 """Counts and integrals of the chi-square test: cells, expected counts, Pearson's statistic.
 
-Half of the cells' edges are spread evenly over the domain, half by a pilot run of the sampler, so
-that narrow densities are resolved too. Expected counts are integrals of the density over the
-cells, by jittered points: more of them in cells whose estimate has a large spread, or in which
-samples have met a density that the points have not. The variance that is left goes into the
-statistic, and cells that stay unresolved are counted as one: a density that is hard to integrate
-makes the test weaker, not wrong.
+Half of the edges of the cells are spaced evenly. The other half are quantiles of a pilot run of the
+sampler, so that narrow densities are resolved as well. Expected counts are integrals of the density
+over the cells, estimated with jittered points. More points are used in cells with a large variance,
+and in cells where samples met a much higher density than the points. The remaining variance is part
+of the statistic. Cells that remain unresolved are counted as one cell. Therefore a density that is
+hard to integrate makes the test weaker, but not wrong.
 """
 
 from __future__ import annotations
@@ -21,12 +21,23 @@ import numpy as np
 from .domains import Domain, to_drjit
 from .verdicts import Moment
 
-STRATA = 6  # along each side of a cell at first, one point in each
-REPEATS = 8  # independent integrals of each cell, whose spread gives their variance
-POOR = 0.1  # variance of an integral, relative to that of the count, beyond which it is refined
-MAX_POINTS = 1 << 21  # in one refinement
-FEWEST = 5.0  # smallest expected count for which Pearson's statistic follows its distribution
-ROUNDING = 1e-6  # relative difference of two moments that single precision explains
+# Number of strata along each side of a cell at first, with one point each
+STRATA = 6
+
+# Number of independent integrals of each cell. Their spread gives the variance
+REPEATS = 8
+
+# A cell is refined if the variance of its integral, relative to its count, is larger
+POOR = 0.1
+
+# Largest number of points in one refinement
+MAX_POINTS = 1 << 21
+
+# Smallest expected count for which Pearson's statistic follows its distribution
+FEWEST = 5.0
+
+# Relative difference of two moments that single precision explains
+ROUNDING = 1e-6
 
 MOMENTS = {2: ("x", "y", "xx", "xy", "yy"), 3: ("x", "y", "z", "xx", "xy", "xz", "yy", "yz", "zz")}
 """First and second moments in the plane and in space."""
@@ -34,24 +45,35 @@ MOMENTS = {2: ("x", "y", "xx", "xy", "yy"), 3: ("x", "y", "z", "xx", "xy", "xz",
 
 @dataclass(frozen=True)
 class Integrals:
-    """Integrals of a density, with the variances of these estimates."""
+    """Integrals of a density, and the variances of these estimates."""
 
-    cells: np.ndarray  # probability of each cell, shape (rows, columns)
-    variance: np.ndarray  # variance of `cells`
-    resolved: np.ndarray  # whether that is small enough
-    moments: np.ndarray  # integrals of the density times each function, shape (functions,)
-    moments_variance: np.ndarray  # variance of `moments`
-    total: float  # integral over the domain
-    total_error: float  # standard error of `total`
-    lowest: float  # smallest value of the density at any point
-    not_finite: float  # fraction of the points at which it was NaN or infinite
+    # Probability of each cell (rows, columns), and its variance
+    cells: np.ndarray
+    variance: np.ndarray
+
+    # Mask of the cells with a small enough variance
+    resolved: np.ndarray
+
+    # Integrals of the density times each function (functions,), and their variance
+    moments: np.ndarray
+    moments_variance: np.ndarray
+
+    # Integral over the domain, and its standard error
+    total: float
+    total_error: float
+
+    # Smallest value of the density at any point
+    lowest: float
+
+    # Fraction of the points at which the density is NaN or infinite
+    not_finite: float
 
 
 def cell_edges(domain: Domain, pilot: np.ndarray, resolution: int) -> tuple[np.ndarray, np.ndarray]:
-    """Edges of the columns and of the rows: quantiles of a mixture, half of it uniform.
+    """Return the edges of the columns and of the rows of cells.
 
-    The other half are the `pilot` points in the plane, shape (2, n). A row or column has at most
-    twice the part of either that an even division would give it.
+    Edges are quantiles of a mixture of even points and the `pilot` points in the plane (2, n).
+    Therefore a row or column contains at most twice its share of each kind of point.
     """
     counts = (max(2, round(resolution * domain.aspect)), resolution)
     edges = []
@@ -59,13 +81,15 @@ def cell_edges(domain: Domain, pilot: np.ndarray, resolution: int) -> tuple[np.n
         even = np.linspace(low, high, max(points.size, 2))
         mixture = np.concatenate([even, np.clip(points, low, high)])
         edges.append(np.unique(np.quantile(mixture, np.linspace(0, 1, count + 1))))
+
+    # Move the nearest edge to each discontinuity
     for value in domain.jumps:
         edges[1][np.argmin(np.abs(edges[1] - value))] = value
     return edges[0], edges[1]
 
 
 def cell_of(edges: tuple[np.ndarray, np.ndarray], points: np.ndarray) -> np.ndarray:
-    """Cell of each of the points (2, n), numbered row by row; an upper edge belongs to its cell."""
+    """Return the index of the cell of each point (2, n), row by row. Upper edges are included."""
     a, b = (
         np.clip(np.searchsorted(each, p) - 1, 0, each.size - 2)
         for each, p in zip(edges, points, strict=True)
@@ -83,19 +107,32 @@ def integrate(
     highest: np.ndarray,
     seed: int,
 ) -> Integrals:
-    """Integrals of a density over each cell, and of its product with functions over all of them.
+    """Integrate a density over each cell, and its product with functions over all cells.
 
-    `functions` maps points (dimensions, n) to values (functions, n). The integrals are precise
-    enough for a comparison with so many `samples`, whose `highest` density in each cell is given.
+    Args:
+        pdf: The density.
+        functions: Function that maps points (dimensions, n) to values (functions, n).
+        domain: The domain.
+        edges: Edges of the columns and of the rows.
+        samples: Number of samples with which the integrals will be compared.
+        highest: Largest density at a sample in each cell.
+        seed: Seed of the random points.
     """
+    # Low edge and size of each cell along both axes
     rng = np.random.default_rng(seed)
     columns, rows = (each.size - 1 for each in edges)
     count = rows * columns
     a, b = (np.stack([each[:-1], np.diff(each)]) for each in edges)
     cells = np.concatenate([np.tile(a, rows), np.repeat(b, columns, axis=1)])
-    mean = variance = np.empty(0)
-    lowest, bad, points = np.inf, 0, 0
-    todo, strata = np.arange(count), STRATA
+
+    # Integrals so far, and the cells that remain
+    mean = np.empty(0)
+    variance = np.empty(0)
+    lowest = np.inf
+    bad = 0
+    points = 0
+    todo = np.arange(count)
+    strata = STRATA
     while todo.size and todo.size * strata**2 <= max(MAX_POINTS, count * STRATA**2):
         # Integrate the cells that are not yet resolved, several times for the variance
         here = cells[:, todo]
@@ -105,15 +142,19 @@ def integrate(
             mean, variance = (np.empty((len(sums[0]), count)) for _ in range(2))
         mean[:, todo] = np.mean(sums, axis=0)
         variance[:, todo] = np.var(sums, axis=0, ddof=1) / REPEATS
-        lowest, bad = min(lowest, *lows), bad + sum(bads)
+        lowest = min(lowest, *lows)
+        bad = bad + sum(bads)
         points += REPEATS * todo.size * strata**2
-        # Refine those of a large variance, or of a density that the points have missed
+
+        # Refine cells with a large variance, or with a density that the points have missed
         expected = np.maximum(samples * mean[0, todo], FEWEST)
         poor = samples**2 * variance[0, todo] > POOR * expected
         todo = todo[poor | (highest[todo] > 2 * np.max(tops, axis=0))]
         strata *= 2
+
+        # If it is not a density, more points do not help
         if bad or lowest < 0:
-            break  # it is no density; more points would not help
+            break
     return Integrals(
         cells=mean[0].reshape(rows, columns),
         variance=variance[0].reshape(rows, columns),
@@ -135,12 +176,22 @@ def _jittered(
     strata: int,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray, float, int]:
-    """Estimate from one random point in each of strata^2 parts of each cell.
+    """Estimate integrals from one random point in each of strata^2 parts of each cell.
 
-    Returns the integrals of the density and of its products with the functions, shape
-    (1 + functions, cells); the highest density in each cell; the lowest one of all; and how many
-    were not finite.
+    Args:
+        pdf: The density.
+        functions: Function that maps points to values.
+        domain: The domain.
+        cells: Low edge and size along both axes of each cell, (4, cells).
+        strata: Number of strata along each side of a cell.
+        rng: Random numbers.
+
+    Returns:
+        Integrals of the density and of its products with the functions (1 + functions, cells), the
+        highest density in each cell, the lowest density in all cells, and the number of values
+        that are not finite.
     """
+    # Place the points
     a0, da, b0, db = cells[:, :, None, None]
     shape = (cells.shape[1], strata, strata)
     steps = np.arange(strata)
@@ -148,9 +199,13 @@ def _jittered(
     b = (b0 + db * ((rng.random(shape) + steps[:, None]) / strata)).ravel()
     plane = np.stack([a, b])
     points = domain.to_points(plane)
+
+    # Evaluate the density
     density = np.broadcast_to(np.asarray(mi.Float(pdf(to_drjit(points))), np.float64), a.size)
     finite = np.isfinite(density)
     density = np.where(finite, density, 0.0)
+
+    # Sum over each cell
     mass = density * domain.area(plane) * np.repeat(cells[1] * cells[3] / strata**2, strata**2)
     values = np.concatenate([mass[None], mass * functions(points)])
     sums = values.reshape(values.shape[0], -1, strata**2).sum(axis=-1)
@@ -159,27 +214,32 @@ def _jittered(
 
 
 def pearson(observed: np.ndarray, expected: np.ndarray, variance: np.ndarray) -> tuple[float, int]:
-    """Pearson's statistic, sum of (O - E)^2 / (E + variance of E), and its degrees of freedom.
+    """Return Pearson's statistic, sum of (O - E)^2 / (E + variance of E), and degrees of freedom.
 
-    Cells that expect fewer than `FEWEST` are pooled, in the order of their expected counts, until
-    the pool expects as many. The sum of all counts is fixed, which costs one degree of freedom.
+    Cells with expected counts below `FEWEST` are pooled, in the order of their expected counts,
+    until the pool reaches `FEWEST`. The total count is fixed, which costs one degree of freedom.
 
     Example:
         >>> pearson(np.array([12, 8]), np.array([10.0, 10.0]), np.zeros(2))
         (0.8, 1)
     """
+    # Sort the cells by expected count
     order = np.argsort(expected, axis=None, kind="stable")
     o, e, v = (
         np.asarray(x, dtype=np.float64).ravel()[order] for x in (observed, expected, variance)
     )
+
+    # Pool small cells. A step of 2 FEWEST in the running sum contains at least FEWEST, because no
+    # cell adds more than FEWEST
     small = e < FEWEST
-    # A step of 2 FEWEST in the running sum holds at least FEWEST, as no cell adds more than that.
     pool = np.floor(np.cumsum(e[small]) / (2 * FEWEST)).astype(int)
     _, pool = np.unique(pool, return_inverse=True)
     groups = int(pool.max(initial=-1)) + 1
     group = np.concatenate([pool, groups + np.arange(e.size - small.sum())])
     o, e, v = (np.bincount(group, x) for x in (o, e, v))
-    if groups and e[groups - 1] < FEWEST:  # the last pool is filled up with the cell beside it
+
+    # Complete the last pool with its neighbor
+    if groups and e[groups - 1] < FEWEST:
         beside = groups if e.size > groups else groups - 2
         if beside < 0:
             return float("nan"), 0
@@ -190,7 +250,10 @@ def pearson(observed: np.ndarray, expected: np.ndarray, variance: np.ndarray) ->
 
 
 def statistic(observed: np.ndarray, integrals: Integrals, samples: int) -> tuple[float, int]:
-    """Pearson's statistic of all resolved cells, of the others as one, and of samples in none."""
+    """Return Pearson's statistic and its degrees of freedom.
+
+    Its cells are all resolved cells, one for the unresolved cells, and one for samples outside.
+    """
     good = integrals.resolved
     cells = (observed, integrals.cells, integrals.variance)
     outside = (samples - observed.sum(), max(1 - integrals.total, 0.0), integrals.total_error**2)
@@ -202,7 +265,7 @@ def statistic(observed: np.ndarray, integrals: Integrals, samples: int) -> tuple
 
 
 def second_moments(points: np.ndarray) -> np.ndarray:
-    """Coordinates and their products, in the order of `MOMENTS`."""
+    """Return the coordinates and their products, in the order of `MOMENTS`."""
     d = points.shape[0]
     products = [points[i] * points[j] for i in range(d) for j in range(i, d)]
     return np.stack([*points, *products])
@@ -211,17 +274,23 @@ def second_moments(points: np.ndarray) -> np.ndarray:
 def compare_moments(
     points: np.ndarray, integrals: Integrals, known: Mapping[str, float]
 ) -> tuple[Moment, ...]:
-    """Compare all moments with those of the density, and with the known ones."""
+    """Compare all moments of the samples with the moments of the density, and with known values."""
+    # Mean and variance of the samples
     names = MOMENTS[points.shape[0]]
     values = second_moments(points)
     count = max(points.shape[1], 1)
-    mean, square = values.sum(axis=1) / count, (values**2).sum(axis=1) / count
+    mean = values.sum(axis=1) / count
+    square = (values**2).sum(axis=1) / count
     variance = np.maximum(square - mean**2, 0) / count
+
+    # Moments of the density
     total = integrals.total if integrals.total > 0 else math.nan
     expected = mean + integrals.moments / total
     variances = variance + integrals.moments_variance / total**2
     compared = zip(names, mean, expected, variances, square, strict=True)
     moments = [_moment(*each) for each in compared]
+
+    # Known moments
     for name, value in known.items():
         k = names.index(name)
         moments.append(_moment(f"{name} (known)", mean[k], float(value), variance[k], square[k]))
@@ -229,7 +298,15 @@ def compare_moments(
 
 
 def _moment(name: str, mean: float, expected: float, variance: float, square: float) -> Moment:
-    """Test a mean of this variance; `square` is the mean square, the scale of rounding."""
+    """Compare a mean with its expected value.
+
+    Args:
+        name: Name of the moment.
+        mean: Mean over the samples.
+        expected: Its expected value.
+        variance: Variance of the difference of both.
+        square: Mean square, which determines the scale of rounding errors.
+    """
     difference = mean - expected
     if math.isnan(difference):
         return Moment(name, float(mean), math.nan, math.nan, 0.0)

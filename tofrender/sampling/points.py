@@ -1,12 +1,12 @@
 """Point sets in the unit square, the input of warps.
 
-    independent   every point on its own: gaps and clusters
-    grid          the centres of equal cells: no gaps, but a regular pattern
-    stratified    one random point in each of the same cells: no gaps and no pattern
+    independent   independent points, with gaps and clusters
+    grid          the centers of equal cells, without gaps but with a regular pattern
+    stratified    one random point in each of these cells, without gaps and without a pattern
 
-Any number of points works. The cells lie in round(sqrt(count)) rows. Where `count` does not divide
-by that, the first rows have one cell more and are higher by as much, so that all cells have the
-area 1 / count; square numbers give the usual square grid.
+Any number of points is supported. The cells form round(sqrt(count)) rows. If `count` is not a
+multiple of the number of rows, the first rows have one more cell and are higher, so that all cells
+have the area 1 / count. Square numbers give a square grid.
 
 Source: M. Pharr, W. Jakob and G. Humphreys, "Physically Based Rendering", 4th edition, sections
 2.2.1 and 8.5 (stratified sampling).
@@ -22,11 +22,16 @@ import mitsuba as mi
 
 from ..runtime import checks
 
-MAX_COUNT = 1 << 24  # single precision can count as far
+# Largest integer range that single precision represents exactly
+MAX_COUNT = 1 << 24
 
 
 def independent(count: int, seed: int = 0) -> mi.Point2f:
-    """Independent uniform points of [0, 1)^2: `count` from 1 to 2^24, `seed` from 0 to 2^32 - 1.
+    """Sample independent uniform points in [0, 1)^2.
+
+    Args:
+        count: Number of points, from 1 to 2^24.
+        seed: Seed of the random numbers, from 0 to 2^32 - 1.
 
     Example:
         >>> dr.width(independent(10))
@@ -39,7 +44,7 @@ def independent(count: int, seed: int = 0) -> mi.Point2f:
 
 
 def grid(count: int) -> mi.Point2f:
-    """Centres of `count` cells of equal area, row after row.
+    """Return the centers of `count` cells of equal area, row by row.
 
     Example:
         >>> grid(4)
@@ -52,7 +57,7 @@ def grid(count: int) -> mi.Point2f:
 
 
 def stratified(count: int, seed: int = 0) -> mi.Point2f:
-    """Uniform point in each of `count` cells of equal area, row after row (jittered sampling).
+    """Sample a uniform point in each of `count` cells of equal area, row by row (jittering).
 
     Example:
         >>> p = stratified(4)
@@ -71,9 +76,15 @@ POINT_SETS: dict[str, Callable[[int, int], Any]] = {
 
 
 def point_set(kind: str, count: int, seed: int = 0) -> mi.Point2f:
-    """Points of the set named `kind`: "independent", "grid" or "stratified".
+    """Return a point set by name.
 
-    A `count` outside of 1 to 2^24, or a `seed` outside of 0 to 2^32 - 1, raises a ValueError.
+    Args:
+        kind: "independent", "grid" or "stratified".
+        count: Number of points, from 1 to 2^24.
+        seed: Seed of the random numbers, from 0 to 2^32 - 1.
+
+    Raises:
+        ValueError: The name is unknown, or a number is out of range; one line.
 
     Example:
         >>> point_set("gird", 4)
@@ -84,14 +95,19 @@ def point_set(kind: str, count: int, seed: int = 0) -> mi.Point2f:
 
 
 def _in_cells(count: int, offset: mi.Point2f) -> mi.Point2f:
-    """One point per cell, at `offset` in [0, 1)^2 within the cell."""
+    """Return one point per cell, at the relative position `offset` in [0, 1)^2 in its cell."""
+    # Number of cells in a short row, and number of rows with one more cell
     rows = round(checks.integer("count", count, 1, MAX_COUNT) ** 0.5)
-    short, longer = divmod(count, rows)  # cells of a row; how many rows have one more
+    short, longer = divmod(count, rows)
+
+    # Find row and column of each cell
     i = dr.arange(mi.UInt32, count)
     rest = dr.maximum(mi.Int32(i) - longer * (short + 1), 0)
     in_longer = i < longer * (short + 1)
     cells = dr.select(in_longer, mi.UInt32(short + 1), mi.UInt32(short))
     column = dr.select(in_longer, i % (short + 1), mi.UInt32(rest) % short)
+
+    # Scale the position to the cell
     x = (mi.Float(column) + offset.x) / mi.Float(cells)
     y = (mi.Float(i - column) + mi.Float(cells) * offset.y) / count
     return dr.minimum(mi.Point2f(x, y), dr.one_minus_epsilon(mi.Float))

@@ -1,19 +1,18 @@
-"""Shapes that emit light, sampled by direction from a point `o`.
+"""Shapes that emit light, and are sampled by direction from a point `o`.
 
-Every shape offers
+Each shape has these methods and attributes:
 
     sample(o, sample)   EmitterRecord of a random direction towards the shape
     record(o, v)        EmitterRecord of the first hit in a given direction
-    pdf(o, v)           density of `sample` at the direction v [1/sr]; 0 if it misses the shape
+    pdf(o, v)           density of `sample` in the direction v [1/sr]; 0 if v misses the shape
     intersect(o, v)     (distance, valid, normal) of the first hit
-    is_emissive, area   whether it emits; its area [m^2]
+    is_emissive, area   whether the shape emits; its area [m^2]
 
-`o` and `v` are Dr.Jit arrays of any number of lanes, v of unit length, all in world space and
-metres. Light leaves a shape on the side of its normal only, as with Mitsuba's area lights. The
-density does not know of sides: a shape that shows its dark side is hit as often, with radiance 0.
+`o` and `v` are Dr.Jit arrays of any number of lanes, in world space and meters. v has unit length.
+Light leaves a shape only on the side of its normal, like Mitsuba's area lights. The density does
+not depend on the side: a shape that shows its dark side is sampled equally often, with radiance 0.
 
-A `SurfaceGroup` of n shapes tests all of them for each sample. It is meant for the handful of
-lights of a scene.
+A `SurfaceGroup` tests all its shapes for each sample. It is meant for a few lights.
 
 Source: P. Shirley, C. Wang and K. Zimmerman, "Monte Carlo Techniques for Direct Lighting
 Calculations", ACM Transactions on Graphics 15(1), 1996.
@@ -32,20 +31,24 @@ from .warps import unit_square
 
 
 class SurfaceGroup(Shape):
-    """Several shapes, of any kinds and groups too, sampled as one light.
+    """Several shapes or groups, sampled as one light.
 
-    `sample` picks one of the n shapes with equal chance, by the leading part of the sample's first
-    number, whose rest goes on to the shape (it loses log2(n) of its 24 bits). The direction could
-    have come from any shape that it meets, so its density is the mean of all shapes' densities.
+    `sample` selects one of the n shapes with equal probability, by the leading bits of the first
+    random number. The shape uses the remaining bits (log2(n) of 24 bits are lost). Each shape in
+    the sampled direction could have produced this direction. Therefore its density is the mean of
+    the densities of all shapes.
 
-    The record describes the nearest of the shapes along the direction, whichever was picked, with
-    its radiance, which is 0 if it shows its dark side. So lights may overlap and hide each other,
-    and the mean of `weight` f is the integral of radiance times f over the group. Of surfaces that
-    coincide, any may be hit. Shapes that do not emit hide others and use up their part of the
-    samples: leave them out if the scene tests visibility.
+    The record describes the nearest shape along the direction, which may differ from the selected
+    shape. Its radiance is 0 if it shows its dark side. Therefore lights may overlap and occlude
+    each other, and the mean of `weight` f is the integral of radiance times f over the group. If
+    surfaces coincide, any of them may be hit. Shapes that do not emit occlude others and use their
+    share of the samples. Omit them if the scene tests visibility.
 
     Args:
-        shapes: At least one shape; a ValueError says if there is none, or something else.
+        shapes: At least one shape.
+
+    Raises:
+        ValueError: The list is empty, or contains something else than shapes; one line.
 
     Attributes:
         shapes: The shapes.
@@ -70,19 +73,20 @@ class SurfaceGroup(Shape):
 
     @property
     def is_emissive(self) -> bool:
-        """Whether any of the shapes is."""
+        """Return whether any of the shapes emits."""
         return any(each.is_emissive for each in self.shapes)
 
     def sample(self, o: mi.Point3f, sample: mi.Point2f) -> EmitterRecord:
-        """Direction towards one of the shapes, and the nearest hit there; see `Shape.sample`."""
+        """Sample a direction to one shape, and find the nearest hit; see `Shape.sample`."""
+        # Select a shape by the leading bits of u
         u, v = unit_square(sample)
         scaled = u * len(self.shapes)
         k = dr.minimum(mi.UInt32(scaled), len(self.shapes) - 1)
-        rest = mi.Point2f(scaled - k, v)
-        picked = self.shapes[0].sample(o, rest)
+        remainder = mi.Point2f(scaled - k, v)
+        picked = self.shapes[0].sample(o, remainder)
         for i, shape in enumerate(self.shapes[1:], 1):
-            picked = dr.select(k == i, shape.sample(o, rest), picked)
-        # The picked shape keeps its own record: a new ray to its edge might miss it
+            picked = dr.select(k == i, shape.sample(o, remainder), picked)
+        # Find the nearest hit. The selected shape keeps its record: a new ray might miss its edge
         hits = [
             dr.select(k == i, picked, shape.record(o, picked.d))
             for i, shape in enumerate(self.shapes)
@@ -90,15 +94,18 @@ class SurfaceGroup(Shape):
         return self._nearest(hits, picked.valid)
 
     def record(self, o: mi.Point3f, v: mi.Vector3f) -> EmitterRecord:
-        """Nearest hit of all shapes from `o` along `v`; see `Shape.record`."""
+        """Return the nearest hit of all shapes from `o` along `v`; see `Shape.record`."""
         return self._nearest([shape.record(o, v) for shape in self.shapes], mi.Bool(True))
 
     def _nearest(self, hits: list[EmitterRecord], active: mi.Bool) -> EmitterRecord:
-        """Nearest of the hits, with the mean of their densities."""
+        """Return the nearest hit, with the mean density of all hits."""
+        # Find the nearest hit
         first = hits[0]
         for hit in hits[1:]:
             nearer = hit.valid & (~first.valid | (hit.distance < first.distance))
             first = dr.select(nearer, hit, first)
+
+        # Combine the densities
         pdf = mi.Float(sum(hit.pdf for hit in hits) / len(hits))
         first.valid = first.valid & active
         first.pdf = dr.select(first.valid, pdf, 0)
@@ -107,5 +114,5 @@ class SurfaceGroup(Shape):
         return first
 
     def __repr__(self) -> str:
-        """The shapes."""
+        """Return the shapes as text."""
         return f"SurfaceGroup({self.shapes})"

@@ -1,4 +1,4 @@
-"""Results of the chi-square test, and figures of them."""
+"""Results of the chi-square test, and figures of these results."""
 
 import textwrap
 from collections.abc import Sequence
@@ -20,14 +20,14 @@ PANELS = ("observed density", "expected density", "difference")
 
 @dataclass(frozen=True)
 class Moment:
-    """Mean over the valid samples, compared with that over the density, or with a known value.
+    """Mean over the valid samples, compared with the density's mean or with a known value.
 
     Attributes:
-        name: "x" is the mean of x, "xy" that of x times y, and so on.
+        name: Name of the moment: "x" is the mean of x, "xy" is the mean of x times y, and so on.
         sampled: Mean over the valid samples.
-        expected: Value that it should have.
-        z: Their difference in standard errors.
-        p_value: Chance of a difference as large.
+        expected: Expected value.
+        z: Difference of both in standard errors.
+        p_value: Probability that the difference is as large by chance.
     """
 
     name: str
@@ -39,25 +39,25 @@ class Moment:
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """Result of `chi_square_test`: `print(verdict)` sums it up, `verdict.figure()` draws it.
+    """Result of `chi_square_test`. `print(verdict)` summarizes it, `verdict.figure()` draws it.
 
     Attributes:
         name: Name of the sampler.
-        passed: Whether nothing speaks against the sampler.
-        reason: Everything that does, "" if it passed.
-        p_value: Chance of a chi-square statistic as large as this; NaN if it has none.
-        alpha: Smallest p-value that passes, for the statistic and for each moment: the caller's
-            alpha, divided by Šidák over the tests and over the p-values within this one.
+        passed: Whether no failure was found.
+        reason: All failures, "" if the test passed.
+        p_value: Probability of a chi-square statistic of this size, NaN without a statistic.
+        alpha: Smallest p-value that passes, for the statistic and for each moment. The caller's
+            alpha is divided by Šidák's formula among all tests and all p-values of a test.
         chi2: Pearson's statistic.
-        degrees_of_freedom: Its degrees of freedom.
+        degrees_of_freedom: Degrees of freedom of the statistic.
         pdf_integral: Integral of the density over the domain.
-        pdf_integral_error: Bound on its error.
+        pdf_integral_error: Bound on the error of this integral.
         valid: Fraction of the samples that are valid.
-        moments: Moments of samples and density.
+        moments: Comparisons of the moments.
         observed: Counts of samples, shape (rows, columns).
         expected: Expected counts.
         edges: Edges of the columns and of the rows.
-        domain: The domain, which names the two coordinates.
+        domain: The domain of the points.
     """
 
     name: str
@@ -77,7 +77,7 @@ class Verdict:
     domain: Domain = field(repr=False)
 
     def __str__(self) -> str:
-        """Result, reasons, and the numbers behind them."""
+        """Return the result, the failures, and the most important numbers as text."""
         worst = max(self.moments, key=lambda moment: abs(moment.z))
         result = "passed" if self.passed else f"FAILED, {self.reason}"
         return (
@@ -90,18 +90,18 @@ class Verdict:
         )
 
     def figure(self) -> "Figure":
-        """Observed and expected density and their difference, as a figure outside of pyplot."""
+        """Draw observed and expected density and their difference, without pyplot."""
         return verdict_figure(self)
 
 
 @dataclass(frozen=True)
 class SuiteVerdict:
-    """Verdicts of several tests that share one chance of a false alarm.
+    """Verdicts of several tests that share one probability of a false alarm.
 
     Attributes:
-        passed: Whether all passed.
-        alpha: Chance that any of them fails though all samplers are correct.
-        verdicts: One for each case, in order.
+        passed: Whether all tests passed.
+        alpha: Probability that any test fails although all samplers are correct.
+        verdicts: One verdict for each case, in order.
     """
 
     passed: bool
@@ -109,7 +109,7 @@ class SuiteVerdict:
     verdicts: tuple[Verdict, ...]
 
     def __str__(self) -> str:
-        """One line a case, and all of each that failed."""
+        """Return one line for each case that passed, and all details of the others."""
         good = sum(verdict.passed for verdict in self.verdicts)
         head = f"{good} of {len(self.verdicts)} passed (chance of a false alarm {self.alpha:g})"
         lines = [
@@ -121,17 +121,17 @@ class SuiteVerdict:
 
 @in_style()
 def verdict_figure(verdict: Verdict) -> "Figure":
-    """Observed and expected density of a chi-square test, and their difference in each cell.
+    """Draw observed and expected density of a chi-square test, and their difference.
 
-    Directions are drawn over azimuth and cosine, where equal areas are equal solid angles; rows
-    without density are left out. The difference is in standard deviations: noise of size 1 with no
-    pattern is what a correct sampler shows.
+    Directions are drawn over azimuth and cosine, so that equal areas are equal solid angles. Rows
+    without density are omitted. The difference is in standard deviations. For a correct sampler,
+    the difference is noise of size 1 without a pattern.
 
     Args:
         verdict: Result of `chi_square_test`.
 
     Returns:
-        A `matplotlib.figure.Figure`, made outside of pyplot; `save_figure` writes it.
+        A `matplotlib.figure.Figure`, created without pyplot. `save_figure` saves it.
 
     Example:
         >>> from tofrender.sampling import warp_case
@@ -151,10 +151,17 @@ def verdict_figure(verdict: Verdict) -> "Figure":
 def density_panels(
     grid: PictureGrid, verdict: Verdict, cells: Sequence[tuple[int, int]], names: Any = PANELS
 ) -> None:
-    """Draw the panels `names`, of `PANELS`, in the cells (row, column) of a grid.
+    """Draw panels of a verdict into a grid of axes.
 
-    Both densities have one scale; the difference is in standard deviations.
+    Both densities share one scale. The difference is in standard deviations.
+
+    Args:
+        grid: The grid of axes.
+        verdict: The verdict.
+        cells: Cell (row, column) of each panel.
+        names: Names of the panels, from `PANELS`.
     """
+    # Area of each cell; equal areas are equal solid angles
     a, b = verdict.edges
     rows = _occupied(verdict)
     directions = verdict.domain.dimensions == 3
@@ -162,19 +169,27 @@ def density_panels(
     area = np.abs(np.multiply.outer(np.diff(up), np.diff(a)))
     total = max(float(verdict.observed.sum()), 1.0) / max(verdict.valid, 1e-9)
     area = np.maximum(area, 1e-300) * total
-    observed, expected = verdict.observed / area, verdict.expected / area
+
+    # Densities and their difference. The scale leaves room for noise
+    observed = verdict.observed / area
+    expected = verdict.expected / area
     difference = (verdict.observed - verdict.expected) / np.sqrt(np.maximum(verdict.expected, 1))
-    top = 1.2 * float(np.percentile(expected[rows], 99.5)) or 1.0  # room for noise above
+    top = 1.2 * float(np.percentile(expected[rows], 99.5)) or 1.0
     panels = dict(zip(PANELS, (observed, expected, difference), strict=True))
+
+    # Draw the panels
     drawn = []
     for name, (row, column) in zip(names, cells, strict=True):
         options: Any = {"cmap": "viridis", "vmin": 0, "vmax": top}
-        label, extend = "density [sr⁻¹]" if directions else "density [1/area]", "max"
+        label = "density [sr⁻¹]" if directions else "density [1/area]"
+        extend = "max"
         if name == "difference":
             options = {"cmap": "RdBu_r", "vmin": -5, "vmax": 5}
-            label, extend = "standard deviations", "both"
+            label = "standard deviations"
+            extend = "both"
         axes = grid.axes(row, column, name)
-        y, values = up[rows.start : rows.stop + 1], panels[name][rows]
+        y = up[rows.start : rows.stop + 1]
+        values = panels[name][rows]
         mesh = axes.pcolormesh(a, y, values, rasterized=True, **options)
         axes.set_xlabel(verdict.domain.labels[0])
         axes.set_ylabel("cos θ" if directions else verdict.domain.labels[1])
@@ -183,19 +198,21 @@ def density_panels(
         few_ticks(axes)
         grid.trim(axes, row, column)
         drawn.append((mesh, row, column, label, extend))
+
+    # Add the color bars
     for mesh, row, column, label, extend in drawn:
         grid.bar(mesh, row, column, label, extend=extend)
 
 
 def caption(verdict: Verdict) -> dict[str, Any]:
-    """Verdict as the title of a `PictureGrid`, in the colour of good or of bad."""
+    """Return the verdict as the title of a `PictureGrid`, in the color of its result."""
     lines = [textwrap.shorten(line, 150) for line in str(verdict).splitlines()]
-    colour = palette().good if verdict.passed else palette().bad
-    return {"title": "\n".join(lines), "title_color": colour}
+    color = palette().good if verdict.passed else palette().bad
+    return {"title": "\n".join(lines), "title_color": color}
 
 
 def _occupied(verdict: Verdict) -> slice:
-    """Rows that hold all points, observed or expected, but for one in ten thousand."""
+    """Return the rows that contain almost all observed and expected points."""
     weight = (verdict.observed + np.maximum(verdict.expected, 0)).sum(axis=1)
     if verdict.domain.dimensions == 2 or not weight.sum() > 0:
         return slice(0, weight.size)

@@ -1,16 +1,17 @@
-"""Warps: maps of the unit square that turn uniform points into points of another density.
+"""Warps: maps of the unit square that transform uniform points to points of another density.
 
-All are built by inversion. Split the density into one coordinate after the other, integrate each
-to its cumulative distribution P(t), set P(t) = u for a uniform number u, and solve for t: t then
-has the density P'(t). Each function below shows its own P and the inverse of it.
+All warps invert cumulative distributions. The density is split into its coordinates, one after the
+other. Each factor is integrated to its cumulative distribution P(t). For a uniform number u, the
+solution t of P(t) = u has the density P'(t). The documentation of each function contains its P and
+the inverse of P.
 
-A `sample` is a point (u, v) of [0, 1]^2, both ends included, of any number of lanes. Directions are
-unit vectors in a frame whose north pole is +z; theta is the angle to the pole, phi the azimuth.
-The first number goes out from the centre or the pole (u = 0), the second around: phi = 2 pi v. In
-Dr.Jit's debug mode (`dr.set_flag(dr.JitFlag.Debug, True)`) a sample outside of the square fails
-with one line; without it, that is not checked and costs nothing.
+A `sample` is a point (u, v) of [0, 1]^2, including both ends, with any number of lanes. Directions
+are unit vectors in a frame with its north pole at +z. theta is the angle to the pole, phi is the
+azimuth. u increases from the center or the pole outwards, and phi = 2 pi v. In Dr.Jit's debug mode
+(`dr.set_flag(dr.JitFlag.Debug, True)`), a sample outside the square raises an error of one line.
+Otherwise samples are not checked, which costs nothing.
 
-`WARPS` lists all of them for the chi-square test, the command line and the figures.
+`WARPS` lists all warps for the chi-square test, the command line and the figures.
 
 Source: M. Pharr, W. Jakob and G. Humphreys, "Physically Based Rendering", 4th edition, sections
 2.3 (inversion), 2.4 (changes of variables) and A.5 (the warps). Beckmann: B. Walter et al.,
@@ -29,11 +30,13 @@ import mitsuba as mi
 
 from ..runtime import checks
 
-MIN_ALPHA, MAX_ALPHA = 1e-6, 1e6  # roughnesses whose densities single precision can hold
+# Range of roughnesses with densities that single precision can represent
+MIN_ALPHA = 1e-6
+MAX_ALPHA = 1e6
 
 
 def vector(name: str, value: Any, size: int = 3) -> Any:
-    """Return `value`, which must be a Dr.Jit vector or point of `size` coordinates."""
+    """Check that `value` is a Dr.Jit vector or point of `size` coordinates, and return it."""
     valid = isinstance(value, dr.ArrayBase) and dr.size_v(value) == size
     kind = "Point2f" if size == 2 else "Vector3f"
     allowed = f"an mi.{kind}, or another Dr.Jit array of {size} coordinates"
@@ -41,16 +44,17 @@ def vector(name: str, value: Any, size: int = 3) -> Any:
 
 
 def unit_square(sample: mi.Point2f) -> mi.Point2f:
-    """Return `sample`, which in debug mode must lie in [0, 1]^2 (AssertionError)."""
+    """Check in debug mode that `sample` is in [0, 1]^2 (AssertionError), and return it."""
     vector("sample", sample, 2)
     if dr.flag(dr.JitFlag.Debug):
-        inside = dr.all((sample >= 0) & (sample <= 1))  # false for NaN too
+        # NaN fails as well
+        inside = dr.all((sample >= 0) & (sample <= 1))
         dr.assert_true(inside, "sample: must lie in [0, 1]^2")
     return sample
 
 
 def in_range(name: str, value: Any, low: float, high: float) -> Any:
-    """Return a number in [low, high]; Dr.Jit arrays are checked in debug mode only."""
+    """Check that a number is in [low, high], and return it. Arrays are checked in debug mode."""
     if not dr.is_array_v(value):
         return checks.number(name, value, low=low, high=high)
     if dr.flag(dr.JitFlag.Debug):
@@ -60,7 +64,7 @@ def in_range(name: str, value: Any, low: float, high: float) -> Any:
 
 
 def cylindrical(r: mi.Float, v: mi.Float, z: mi.Float) -> mi.Vector3f:
-    """Vector (r cos(phi), r sin(phi), z) with phi = 2 pi v."""
+    """Return the vector (r cos(phi), r sin(phi), z) with phi = 2 pi v."""
     sin_phi, cos_phi = dr.sincos(dr.two_pi * v)
     return mi.Vector3f(r * cos_phi, r * sin_phi, z)
 
@@ -68,9 +72,9 @@ def cylindrical(r: mi.Float, v: mi.Float, z: mi.Float) -> mi.Vector3f:
 def square_to_tent(sample: mi.Point2f) -> mi.Point2f:
     """Warp to the tent p(x, y) = p1(x) p1(y) with p1(t) = 1 - |t|, on [-1, 1]^2.
 
-    Both coordinates are alike and independent. On the left, P1(t) is the integral of 1 + s over
-    s from -1 to t, which is (1 + t)^2 / 2; on the right it is 1 - (1 - t)^2 / 2. They meet at
-    P1(0) = 1/2, so P1(t) = u gives
+    Both coordinates have the same density and are independent. For t < 0, P1(t) is the integral of
+    1 + s from s = -1 to t, which is (1 + t)^2 / 2. For t >= 0, P1(t) is 1 - (1 - t)^2 / 2. Both
+    are equal at P1(0) = 1/2. Therefore P1(t) = u has the solution
 
         t = sqrt(2 u) - 1          for u < 1/2
         t = 1 - sqrt(2 (1 - u))    for u >= 1/2
@@ -85,7 +89,7 @@ def square_to_tent(sample: mi.Point2f) -> mi.Point2f:
 
 
 def square_to_tent_pdf(p: mi.Point2f) -> mi.Float:
-    """Density (1 - |x|) (1 - |y|) per unit area at `p`; 0 outside of [-1, 1]^2.
+    """Return the density (1 - |x|) (1 - |y|) per unit area at `p`, 0 outside [-1, 1]^2.
 
     Example:
         >>> float(square_to_tent_pdf(mi.Point2f(-0.5, 0.0))[0])
@@ -98,12 +102,12 @@ def square_to_tent_pdf(p: mi.Point2f) -> mi.Float:
 def square_to_uniform_disk(sample: mi.Point2f) -> mi.Point2f:
     """Warp to the uniform density 1/pi on the unit disk.
 
-    In polar coordinates an area element is r dr dphi, so the density of (r, phi) is r / pi: of phi
-    1 / (2 pi), and of r 2 r with P(r) = r^2. Hence
+    In polar coordinates, an area element is r dr dphi. Therefore the density of (r, phi) is r / pi:
+    the density of phi is 1 / (2 pi), and the density of r is 2 r, with P(r) = r^2. The inverse is
 
         r = sqrt(u),    phi = 2 pi v
 
-    With r = u instead, points would crowd at the centre.
+    With r = u instead, points would be too dense at the center.
 
     Example:
         >>> square_to_uniform_disk(mi.Point2f(0.25, 0.0))
@@ -115,9 +119,9 @@ def square_to_uniform_disk(sample: mi.Point2f) -> mi.Point2f:
 
 
 def square_to_uniform_disk_pdf(p: mi.Point2f) -> mi.Float:
-    """Density 1/pi per unit area on the unit disk, 0 outside.
+    """Return the density 1/pi per unit area on the unit disk, 0 outside the disk.
 
-    The disk ends a few roundings after 1, because points that are meant to be on the circle do.
+    The edge has a tolerance of a few roundings, because points on the circle are rounded.
 
     Example:
         >>> round(float(square_to_uniform_disk_pdf(mi.Point2f(0.6, 0.8))[0]), 4)
@@ -131,12 +135,12 @@ def square_to_uniform_sphere(sample: mi.Point2f) -> mi.Vector3f:
     """Warp to the uniform density 1 / (4 pi) on the unit sphere.
 
     A solid angle is sin(theta) dtheta dphi = dz dphi up to its sign, with z = cos(theta)
-    (Archimedes' hat-box theorem). The density of z is thus constant, 1/2 on [-1, 1], and the chance
-    to lie above z is (1 - z) / 2. Set it to u:
+    (Archimedes' hat-box theorem). Therefore the density of z is constant, 1/2 on [-1, 1], and the
+    probability to be above z is (1 - z) / 2. Setting it to u gives
 
         z = 1 - 2 u,    r = sqrt(1 - z^2) = 2 sqrt(u (1 - u)),    phi = 2 pi v
 
-    The last form of r loses no digits at the poles, where z^2 is nearly 1.
+    The last form of r has no cancellation at the poles, where z^2 is nearly 1.
 
     Example:
         >>> square_to_uniform_sphere(mi.Point2f(0.5, 0.0))
@@ -147,7 +151,7 @@ def square_to_uniform_sphere(sample: mi.Point2f) -> mi.Vector3f:
 
 
 def square_to_uniform_sphere_pdf(v: mi.Vector3f) -> mi.Float:
-    """Density 1 / (4 pi) [1/sr] in the direction of the unit vector `v`.
+    """Return the density 1 / (4 pi) [1/sr] in the direction of the unit vector `v`.
 
     Example:
         >>> round(float(square_to_uniform_sphere_pdf(mi.Vector3f(0, 0, -1))[0]), 4)
@@ -159,8 +163,8 @@ def square_to_uniform_sphere_pdf(v: mi.Vector3f) -> mi.Float:
 def square_to_uniform_hemisphere(sample: mi.Point2f) -> mi.Vector3f:
     """Warp to the uniform density 1 / (2 pi) on the hemisphere around +z.
 
-    As on the sphere the density of z = cos(theta) is constant, here 1 on [0, 1], and the chance to
-    lie above z is 1 - z. Set it to u:
+    As on the sphere, the density of z = cos(theta) is constant, here 1 on [0, 1], and the
+    probability to be above z is 1 - z. Setting it to u gives
 
         z = 1 - u,    r = sqrt(1 - z^2) = sqrt(u (2 - u)),    phi = 2 pi v
 
@@ -173,7 +177,7 @@ def square_to_uniform_hemisphere(sample: mi.Point2f) -> mi.Vector3f:
 
 
 def square_to_uniform_hemisphere_pdf(v: mi.Vector3f) -> mi.Float:
-    """Density 1 / (2 pi) [1/sr] at the unit vector `v`, 0 below the horizon.
+    """Return the density 1 / (2 pi) [1/sr] at the unit vector `v`, 0 below the horizon.
 
     Example:
         >>> round(float(square_to_uniform_hemisphere_pdf(mi.Vector3f(0, 0, 1))[0]), 4)
@@ -185,13 +189,13 @@ def square_to_uniform_hemisphere_pdf(v: mi.Vector3f) -> mi.Float:
 def square_to_cosine_hemisphere(sample: mi.Point2f) -> mi.Vector3f:
     """Warp to the density cos(theta) / pi on the hemisphere around +z.
 
-    With dω = sin(theta) dtheta dphi the density of theta is 2 sin(theta) cos(theta), the derivative
-    of P(theta) = sin(theta)^2. Set it to u:
+    With dω = sin(theta) dtheta dphi, the density of theta is 2 sin(theta) cos(theta). This is the
+    derivative of P(theta) = sin(theta)^2. Setting it to u gives
 
         r = sin(theta) = sqrt(u),    z = cos(theta) = sqrt(1 - u),    phi = 2 pi v
 
-    Seen from above these are the uniform points of the disk: the cosine is what a patch of the
-    hemisphere loses when it is projected onto the ground (Malley's method).
+    Projected onto the ground, these directions are uniform points of the disk, because projection
+    scales an area of the hemisphere by the cosine (Malley's method).
 
     Example:
         >>> square_to_cosine_hemisphere(mi.Point2f(0.0, 0.0))
@@ -202,7 +206,7 @@ def square_to_cosine_hemisphere(sample: mi.Point2f) -> mi.Vector3f:
 
 
 def square_to_cosine_hemisphere_pdf(v: mi.Vector3f) -> mi.Float:
-    """Density z / pi [1/sr] at the unit vector `v`, 0 below the horizon.
+    """Return the density z / pi [1/sr] at the unit vector `v`, 0 below the horizon.
 
     Example:
         >>> pdf = square_to_cosine_hemisphere_pdf(mi.Vector3f(0.6, 0, mi.Float(0.8, -0.8)))
@@ -217,20 +221,20 @@ def square_to_beckmann(sample: mi.Point2f, alpha: float | mi.Float) -> mi.Vector
 
         p(m) = D(m) cos(theta) = exp(-tan(theta)^2 / alpha^2) / (pi alpha^2 cos(theta)^3)
 
-    With dω = sin(theta) dtheta dphi the density of phi is 1 / (2 pi). For theta substitute
-    t = tan(theta)^2, dt = 2 sin(theta) / cos(theta)^3 dtheta: all cosines cancel and
-    exp(-t / alpha^2) / alpha^2 is left, with P(t) = 1 - exp(-t / alpha^2). Set it to u:
+    With dω = sin(theta) dtheta dphi, the density of phi is 1 / (2 pi). For theta, substitute
+    t = tan(theta)^2 with dt = 2 sin(theta) / cos(theta)^3 dtheta. All cosines cancel, so that the
+    density of t is exp(-t / alpha^2) / alpha^2, with P(t) = 1 - exp(-t / alpha^2). P(t) = u gives
 
         t = tan(theta)^2 = -alpha^2 ln(1 - u),    phi = 2 pi v
         cos(theta) = 1 / sqrt(1 + t),    sin(theta) = sqrt(t) cos(theta)
 
-    In this form sin(theta) has all its digits when alpha is small; 1 - cos(theta)^2 would not.
-    The logarithm is cut where u = 1, at the last number below 1.
+    This form of sin(theta) is precise for small alpha, unlike 1 - cos(theta)^2. At u = 1 the
+    argument of the logarithm is limited to the smallest step below 1.
 
     Args:
         sample: Point (u, v) of the unit square.
-        alpha: Roughness, the standard deviation of the surface's slopes times sqrt(2); from 1e-6
-            to 1e6, other numbers raise a ValueError. A number or a Dr.Jit float.
+        alpha: Roughness: the standard deviation of the slopes of the surface, times sqrt(2). A
+            number or a Dr.Jit float from 1e-6 to 1e6; other numbers raise a ValueError.
 
     Example:
         >>> import math
@@ -246,11 +250,12 @@ def square_to_beckmann(sample: mi.Point2f, alpha: float | mi.Float) -> mi.Vector
 
 
 def square_to_beckmann_pdf(m: mi.Vector3f, alpha: float | mi.Float) -> mi.Float:
-    """Density exp(-tan(theta)^2 / alpha^2) / (pi alpha^2 cos(theta)^3) [1/sr] at the normal `m`.
+    """Return the Beckmann density of microfacet normals at the normal `m` [1/sr].
 
-    At the horizon and below it is 0. The tangent comes from x and y: from z alone, 1 - z^2 would
-    lose all digits near the pole, where all normals of a smooth surface are. `alpha` is the
-    roughness, as in `square_to_beckmann`.
+    The density is exp(-tan(theta)^2 / alpha^2) / (pi alpha^2 cos(theta)^3), and 0 at the horizon
+    and below. The tangent is computed from x and y, because 1 - z^2 would have no precision near
+    the pole, where all normals of a smooth surface are. `alpha` is the roughness, as in
+    `square_to_beckmann`.
 
     Example:
         >>> round(float(square_to_beckmann_pdf(mi.Vector3f(0, 0, 1), 0.5)[0]), 4)  # 4 / pi
@@ -262,22 +267,25 @@ def square_to_beckmann_pdf(m: mi.Vector3f, alpha: float | mi.Float) -> mi.Float:
     inv_z = dr.rcp(m.z)
     tan2_theta = (dr.square(m.x) + dr.square(m.y)) * dr.square(inv_z)
     falloff = dr.exp(-tan2_theta / dr.square(alpha))
-    above = (m.z > 0) & (falloff > 0)  # falloff / z^3 would be 0 / 0 at the horizon
+
+    # At the horizon, falloff / z^3 would be 0 / 0
+    above = (m.z > 0) & (falloff > 0)
     return dr.select(above, normalization * falloff * dr.square(inv_z) * inv_z, 0)
 
 
-Pair = tuple[Callable[..., Any], Callable[..., Any]]  # a warp and its density
+# A warp and its density
+Pair = tuple[Callable[..., Any], Callable[..., Any]]
 
 
 @dataclass(frozen=True)
 class Warp:
-    """Factory of a warp and its density, with the domain and the parameter of both.
+    """Factory of a warp and its density.
 
     Attributes:
-        make: Called with the value of the parameter, or with nothing if there is none; returns
+        make: Function of the parameter's value, or of no argument without a parameter. It returns
             the functions `sample(Point2f) -> points` and `pdf(points) -> Float`.
-        domain: Domain of the points, one of `chi_square_test`.
-        parameter: Name of the one parameter, "" for none.
+        domain: Domain of the points, as in `chi_square_test`.
+        parameter: Name of the parameter, "" without a parameter.
     """
 
     make: Callable[..., Pair]
@@ -286,11 +294,13 @@ class Warp:
 
 
 def _beckmann(alpha: float) -> Pair:
+    """Return the Beckmann warp of a roughness, and its density."""
     alpha = in_range("alpha", alpha, MIN_ALPHA, MAX_ALPHA)
     return partial(square_to_beckmann, alpha=alpha), partial(square_to_beckmann_pdf, alpha=alpha)
 
 
 def _hierarchical(image: Any) -> Pair:
+    """Return the hierarchical warp of an image, and its density."""
     from .hierarchical import HierarchicalWarp
 
     warp = HierarchicalWarp(image)

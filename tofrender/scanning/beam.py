@@ -1,4 +1,4 @@
-"""Plan of lidar shots: light that returns on its own way, and connections to the laser spot."""
+"""Plan of lidar shots: light that returns along the ray, and connections to the laser spot."""
 
 from __future__ import annotations
 
@@ -20,15 +20,25 @@ from ..paths.walk import walk
 from ..runtime import checks
 from ..signals.illuminants import white
 
-MOST = 64  # Segments of a way whose depth is unlimited
+# Largest number of segments of a ray without a limit of depth
+MOST = 64
 
 
 def require_followed(scene: mi.Scene, space: Space) -> None:
-    """Refuse water around the lidar, fog with mirrors, rough glass, and most masks."""
-    flags, has = mi.BSDFFlags, mi.has_flag
+    """Refuse what the lidar does not support.
+
+    Raises:
+        ValueError: The lidar is in water, or the scene contains fog with mirrors, rough glass, or
+            certain masks; one line.
+    """
+    flags = mi.BSDFFlags
+    has = mi.has_flag
     checks.require("index around the sensor", space.index, space.index == 1, "1, in air")
     if space.scatters and has_lobes(scene, flags.DeltaReflection, flags.DeltaTransmission):
-        raise ValueError("scene: has media; must have none, or no mirrors and clear glass")
+        raise ValueError(
+            "scene: media are not supported together with mirrors or clear glass. Remove the media "
+            "or the mirrors and clear glass"
+        )
     for bsdf in materials(scene):
         each = bsdf.flags()
         clear = has(each, flags.DeltaTransmission) or has(each, flags.Null)
@@ -49,7 +59,7 @@ def require_followed(scene: mi.Scene, space: Space) -> None:
 
 
 def sample_cone(axis: mi.Vector3f, u: mi.Point2f, half_angle: float) -> mi.Vector3f:
-    """Sample directions uniformly in cones, also in narrow ones, where 1 - cos would cancel."""
+    """Sample uniform directions in cones around `axis`, without cancellation in narrow cones."""
     disk = mi.warp.square_to_uniform_disk_concentric(u) * math.sin(half_angle / 2)
     r2 = dr.squared_norm(disk)
     across = disk * (2 * dr.sqrt(1 - r2))
@@ -58,17 +68,26 @@ def sample_cone(axis: mi.Vector3f, u: mi.Point2f, half_angle: float) -> mi.Vecto
 
 @dataclass
 class Beam:
-    """History of a beam on its way: its light, and its wavefront."""
+    """History of a beam: its light, and its wavefront."""
 
-    light: mi.UnpolarizedSpectrum  # throughput of the way out, which shares the lobes chosen back
+    # Throughput on the way out. Only the sampled lobes are shared with the way back
+    light: mi.UnpolarizedSpectrum
+
+    # Derivatives of the ray by its initial direction
     front: Wavefront
 
 
 class BeamUpdates(HistoryUpdates[Beam]):
-    """Light and ray differentials on straight ways and at delta lobes."""
+    """Updates of light and ray differentials on straight segments and at delta lobes.
+
+    Args:
+        scene: The scene.
+        ray: Rays of the shots.
+    """
 
     def __init__(self, scene: mi.Scene, ray: mi.Ray3f) -> None:
-        self.scene, self.ray = scene, ray
+        self.scene = scene
+        self.ray = ray
 
     def start(self) -> Beam:
         """Create the beam at the start of the rays."""
@@ -80,8 +99,9 @@ class BeamUpdates(HistoryUpdates[Beam]):
         return Beam(path.history.light, path.history.front.spread(vertex.length))
 
     def after_sample(self, path: Path[Beam], vertex: Vertex, bsdf_sample: BSDFSample) -> Beam:
-        """Bend the wavefront at a delta lobe; light is not compressed as radiance is."""
-        beam, sample = path.history, bsdf_sample
+        """Bend the wavefront at a delta lobe. Radiance has a factor 1/η², power does not."""
+        beam = path.history
+        sample = bsdf_sample
         flags = mi.RayFlags.All | mi.RayFlags.dNSdUV
         si = self.scene.ray_intersect(path.ray, flags, False, path.active)
         front = beam.front.bend(si, path.ray.d, sample.ray.d, sample.η)
@@ -90,29 +110,45 @@ class BeamUpdates(HistoryUpdates[Beam]):
 
 
 class Receiver(Endpoint):
-    """Lidar's receiver: smooth lobes are seen on the light's own way, by delta lobes before.
+    """Receiver of the lidar, which sees smooth lobes along the way of the light.
 
-    The way back has the length, the lobes and, but for media, the transmittance of the way there.
+    The way back has the same length and the same delta lobes as the way out, and the same
+    transmittance except in media.
+
+    Args:
+        scene: The scene.
+        ray: Rays of the shots.
+        origin: Position of the lidar.
+        blocked: Whether the way back must be tested for media.
     """
 
     history: BeamUpdates
 
     def __init__(self, scene: mi.Scene, ray: mi.Ray3f, origin: mi.Point3f, blocked: bool) -> None:
-        self.history, self.origin, self.blocked = BeamUpdates(scene, ray), origin, blocked
+        self.history = BeamUpdates(scene, ray)
+        self.origin = origin
+        self.blocked = blocked
 
     def connect(
         self, vertex: Vertex, path: Path[Beam], sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
-        """Connect a vertex to the receiver, with light over the wavefront's area."""
-        beam, d = path.history, path.ray.d
+        """Connect a vertex to the receiver. The weight is the light over the wavefront's area."""
+        beam = path.history
+        d = path.ray.d
         area = beam.front.area(d)
-        back = Connection(self.origin, -d, beam.light / area, path.opl / path.η, active)
+        back = Connection(
+            point=self.origin,
+            direction=-d,
+            weight=beam.light / area,
+            length=path.opl / path.η,
+            active=active,
+        )
         back.unoccluded = mi.Bool(not self.blocked)
         return back
 
 
 class MirrorsAndGlass(Materials):
-    """Materials whose paths follow delta lobes only, also of surfaces that have smooth lobes."""
+    """Materials with paths that follow only delta lobes, also on surfaces with smooth lobes."""
 
     def __init__(self, scene: mi.Scene) -> None:
         super().__init__(scene)
@@ -122,13 +158,15 @@ class MirrorsAndGlass(Materials):
     def sample(
         self, vertex: Vertex, connection: Connection | None, sampler: mi.Sampler, active: mi.Bool
     ) -> tuple[BSDFEval | None, BSDFSample]:
-        """Sample delta lobes, and evaluate a connection if there is one."""
-        # A BSDF would choose also among smooth lobes, and among those that share a direction
+        """Sample delta lobes, and evaluate a connection if it is not None."""
+        # Sample BSDFs that have one delta lobe per direction
         alone = active & ~self.smooth(vertex)
         mixed = mi.Bool(False)
         if self.has_mixtures:
             mixed = active & self.lobes.mixed_at(vertex.si, active)
             alone &= ~mixed
+
+        # In mixtures, sample a delta lobe without smooth lobes and lobes of the same direction
         _, sample = super().sample(vertex, None, sampler, alone)
         if self.has_mixtures:
             lobe = self.lobes.sample(vertex.si, sampler.next_1d(), mixed)
@@ -147,44 +185,72 @@ class MirrorsAndGlass(Materials):
 
 
 class LidarPlan(Plan):
-    """Laser and receiver with one cone, of the solid angle W, around each ray's `d_x`.
+    """Plan of laser and receiver with the same cone, of the solid angle W, around each ray's `d_x`.
 
-    A pulse has 1/W of its energy per steradian. Its light that returns on its own way, from smooth
-    lobes behind any number of delta lobes, contributes with the wavefront's area A per solid angle
+    A pulse has the fraction 1/W of its energy per steradian. Light that returns along its own way,
+    from smooth lobes behind any number of delta lobes, contributes
 
-        W (1/W) f cos / A   [1/m^2 of the aperture],   A = r^2 on a straight way.
+        W (1/W) f cos / A   [1/m^2 of the aperture],   A = r^2 on a straight way
 
-    All other light is found by connections to laser spots of rays of the beam, times W.
+    with the wavefront's area A per solid angle. All other light is found by connections to laser
+    spots of random rays of the beam, times W.
+
+    Args:
+        scene: The scene.
+        space: Space between surfaces.
+        half_angle: Half angle of the cone [rad].
+        max_depth: Longest path in segments, -1 without a limit.
     """
 
     def __init__(self, scene: mi.Scene, space: Space, half_angle: float, max_depth: int) -> None:
         self.half_angle = half_angle
-        self.scan = Scan(scene, space, [], [], None, False, -1, True, False)
+        self.scan = Scan(
+            scene=scene,
+            space=space,
+            wall=[],
+            up=[],
+            guided=None,
+            hidden_only=False,
+            bounces=-1,
+            counts_legs=True,
+            hide_emitters=False,
+        )
         surfaces = space.with_phase_functions(Materials(scene))
-        self.own_way = space.with_phase_functions(MirrorsAndGlass(scene))
+
+        # Light that returns along the ray. With fog, mirrors are excluded
+        self.returning_scattering = space.with_phase_functions(MirrorsAndGlass(scene))
         depth = MOST if max_depth < 0 else max_depth
-        self.own_depth = min(depth, 2) if space.scatters else depth  # Fog excludes mirrors
+        self.returning_depth = min(depth, 2) if space.scatters else depth
+
+        # Other light, by connections to the laser spot
         limits = Limits(max_depth - 1 if max_depth > 0 else max_depth)
         super().__init__(scene, space, LaserSpot(self.scan, None), surfaces, limits)
 
     def illuminate(self, ray, origin, sampler, active):
-        """Return the laser spots of the beam around each ray, and light on the ray's own way."""
+        """Return the endpoint at the laser spots of the beam around each ray."""
         power = white(ray.wavelengths) * (4 * math.pi * math.sin(self.half_angle / 2) ** 2)
 
         def beam(sampler: mi.Sampler, active: mi.Bool) -> Spot:
             d = sample_cone(ray.d_x, sampler.next_2d(), self.half_angle)
             aimed = mi.Ray3f(ray.o, d, ray.time, ray.wavelengths)
-            return Spot(dr.zeros(mi.SurfaceInteraction3f), power, mi.Float(0), aimed, origin)
+            return Spot(
+                si=dr.zeros(mi.SurfaceInteraction3f),
+                power=power,
+                distance=mi.Float(0),
+                beam=aimed,
+                origin=origin,
+            )
 
         spots = LaserSpot(self.scan, scatter_beam(self.scan, beam))
         return spots, []
 
     def connect_camera(self, endpoint, ray, origin, sampler, measurement, active):
-        """Add the light that returns on the rays' own ways, by mirrors and clear glass, too."""
+        """Accumulate light that returns along the rays, also by mirrors and clear glass."""
         receiver = Receiver(self.scene, ray, origin, self.space.scatters)
-        limits = Limits(self.own_depth, rr_depth=MOST)
-        parts = Parts(self.space, receiver, self.own_way, limits)
-        history, medium = receiver.history.start(), self.space.medium_at_sensor(ray)
+        limits = Limits(self.returning_depth, rr_depth=MOST)
+        parts = Parts(self.space, receiver, self.returning_scattering, limits)
+        history = receiver.history.start()
+        medium = self.space.medium_at_sensor(ray)
         path = Path.start(ray, origin, active, history, medium=medium)
         measurement, path = walk(sampler, path, parts, measurement)
         return measurement, path.not_finite

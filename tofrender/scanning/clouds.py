@@ -16,7 +16,8 @@ from ..sensors.response import blurred
 from ..sensors.spad import Spad
 from ..signals.pulses import GaussianPulse
 
-BLOCK = 1 << 20  # Bins of the shots that are treated at once
+# Number of bins of all shots that are processed together
+BLOCK = 1 << 20
 
 
 def point_cloud(
@@ -29,27 +30,28 @@ def point_cloud(
     false_alarm: float = 1e-3,
     seed: int = 0,
 ) -> xr.Dataset:
-    """Detect the echoes of each shot in noisy counts, and place them in space.
+    """Detect the echoes of each shot in noisy counts, and compute their positions.
 
     Args:
         waveforms: The result of `lidar`.
-        pulses: Pulses per shot, whose counts add up.
-        detector: A `Spad`; None for one that counts all photons.
-        response: Of pulse and detector, as for `echoes`. By default the pulse of the waveforms,
-            convolved with the jitter of the detector.
-        max_returns: Echoes per shot, 1 to 15; the strongest are kept.
-        false_alarm: Probability of a false echo in a shot, see `echoes`. The background is that of
-            the waveforms. It is estimated from the counts if the detector has afterpulses or hot
-            pixels. With few pulses, dead time makes false echoes rarer than asked.
+        pulses: Number of pulses per shot. Their counts are summed.
+        detector: A `Spad`, or None for a detector that counts all photons.
+        response: Response of pulse and detector, as for `echoes`. By default the pulse of the
+            waveforms, convolved with the jitter of the detector.
+        max_returns: Largest number of echoes per shot, 1 to 15. The strongest echoes are kept.
+        false_alarm: Probability of a false echo in a shot, see `echoes`. The background of the
+            waveforms is used. If the detector has afterpulses or hot pixels, the background is
+            estimated from the counts instead. With few pulses, dead time makes false echoes rarer
+            than `false_alarm`.
         seed: Seed of the noise.
 
     Returns:
         A Dataset along "point": `x`, `y`, `z`, `range` [m], `intensity` [counts], `width` [m],
         `return_number` from 1 by distance, `number_of_returns`, `time` [s], the index `shot` (the
-        label of the shot if the waveforms have the coordinate), and the shot's `true_range` [m].
+        label of the shot if the waveforms have this coordinate), and `true_range` [m] of the shot.
 
     Raises:
-        ValueError: Other waveforms, bins that do not follow each other, or a value out of range.
+        ValueError: The waveforms are invalid, bins are missing, or a value is out of range.
 
     Example:
         >>> from tofrender.scanning import lidar, scan_pattern
@@ -58,14 +60,18 @@ def point_cloud(
         >>> bool(abs(first["range"] - first["true_range"]).max() < 0.1)
         True
     """
+    # Check the arguments
     waveforms = _read(waveforms)
     checks.instance("detector", detector, Spad | None, "a Spad or None")
     for name in ("macro_pixel", "crosstalk_probability") if detector else ():
-        value, default = getattr(detector, name), getattr(Spad, name)
+        value = getattr(detector, name)
+        default = getattr(Spad, name)
         checks.require(f"detector: {name}", value, value == default, f"{default}, of single shots")
     most = checks.integer("max_returns", max_returns, 1, 15)
     false_alarm = checks.number("false_alarm", false_alarm, positive=True, high=0.5)
     pulses = checks.integer("pulses", pulses, 1, (1 << 31) - 1)
+
+    # Describe the shots as pixels of a film, and find the response
     film = waveforms[["rate", "background"]].drop_vars("shot", errors="ignore")
     film = film.rename(shot="y").expand_dims(x=1).transpose("y", "x", "bin")
     if response is None:
@@ -91,14 +97,17 @@ def point_cloud(
         else:
             counts = measured.isel(y=rows)
         data = Returns(counts, response, None, None)
-        own = None if background is None else background[rows]
-        table = find_echoes(data, false_alarm, own, draws[rows])
+        known = None if background is None else background[rows]
+        table = find_echoes(data, false_alarm, known, draws[rows])
         tables.append(table.assign(y=table["y"] + start))
     found = pd.concat(tables, ignore_index=True)
 
     # Keep the strongest echoes of each shot
     found = found[found.groupby("y")["intensity"].rank("first", ascending=False) <= most]
-    numbers, shot = found.groupby("y")["number"], found["y"].to_numpy()
+    numbers = found.groupby("y")["number"]
+    shot = found["y"].to_numpy()
+
+    # Describe the points
     columns = {"range": found["depth"], "intensity": found["intensity"], "width": found["width"]}
     columns["return_number"] = (numbers.cumcount() + 1).astype(np.uint8)
     columns["number_of_returns"] = numbers.transform("size").astype(np.uint8)
@@ -106,10 +115,10 @@ def point_cloud(
 
 
 def _background(film: xr.Dataset, pulses: int, detector: Spad | None) -> np.ndarray | None:
-    """Return the expected background counts (y, x) per bin of shots, None if it is not known.
+    """Return the expected background counts (y, x) per bin of shots, None if it is unknown.
 
-    Behind a detector with dead time, the background depends on the bin. The largest value is used,
-    so that false alarms are at most as frequent as asked.
+    With dead time, the background depends on the bin. Then the largest value is used, so that false
+    alarms are at most as frequent as requested.
     """
     per_pulse = film["background"].values
     if detector is None:
@@ -126,7 +135,7 @@ def _background(film: xr.Dataset, pulses: int, detector: Spad | None) -> np.ndar
 
 
 def true_points(waveforms: Annotated[xr.Dataset, WAVEFORMS]) -> xr.Dataset:
-    """Points of the first surfaces on the axes of those shots that meet one.
+    """Return the points where the axes of shots hit the first surface.
 
     Args:
         waveforms: The result of `lidar`.
@@ -142,11 +151,14 @@ def true_points(waveforms: Annotated[xr.Dataset, WAVEFORMS]) -> xr.Dataset:
 
 def _points(waveforms: xr.Dataset, shot: np.ndarray, columns: dict[str, Any]) -> xr.Dataset:
     """Place points at the column "range" of shots, and add columns of the shots."""
+    # Positions along the direction of the shots
     arrays = {name: np.asarray(each) for name, each in columns.items()}
     ways = waveforms["direction"].values
     origins = np.broadcast_to(waveforms["origin"].values, ways.shape)
     points = origins[shot] + ways[shot] * arrays["range"][:, None]
     arrays |= dict(zip("xyz", points.T, strict=True))
+
+    # Columns of the shots
     arrays |= {name: waveforms[name].values[shot] for name in ("time", "true_range")}
     arrays["shot"] = waveforms["shot"].values[shot]
     attrs = waveforms.attrs | {"quantity": "points", "units": "m"}

@@ -11,6 +11,7 @@ from ..labels import PATTERN, read
 from ..runtime import checks
 
 PATTERNS = ("raster", "spinning", "rosette")
+# Golden ratio, the ratio of the rates of both prisms in a rosette
 GOLDEN = (5**0.5 - 1) / 2
 
 
@@ -21,17 +22,18 @@ def scan_pattern(
     fov_deg: Any = (40.0, 30.0),
     rate_hz: float = 100e3,
 ) -> xr.Dataset:
-    """Make the directions and times of a lidar's shots.
+    """Return the directions and times of a lidar's shots.
 
-    A "raster" goes row by row from the upper left, "spinning" column by column, as a head turns
-    clockwise and fires all rings from the top. In a "rosette" two prisms (Risley) turn against each
-    other by rates in the golden ratio g. Of N shots and n turns of the first, shot k is at azimuth
-    and elevation (cos f + cos gf, sin f - sin gf) / 2 of half the field of view, f = 2 pi n k / N.
+    A "raster" scans row by row, from the upper left. A "spinning" lidar scans column by column: its
+    head rotates clockwise and fires all rings from the top. A "rosette" has two (Risley) prisms,
+    which rotate in opposite directions, with rates in the golden ratio g. With N shots and n turns
+    of the first prism, azimuth and elevation of shot k are (cos f + cos gf, sin f - sin gf) / 2,
+    relative to half the field of view, with f = 2 pi n k / N.
 
     Args:
-        pattern: Name, or path of a CSV file with the columns azimuth_deg, elevation_deg and perhaps
-            time_s, whose shots do not depend on the other parameters.
-        shots: Columns and rows (rings; turns of the first prism).
+        pattern: Name, or path of a CSV file with the columns azimuth_deg, elevation_deg and
+            optionally time_s. Shots of a file do not depend on the other parameters.
+        shots: Number of columns and rows. Rows are rings, or turns of the first prism.
         fov_deg: Width and height of the field of view [degrees], up to 360 and 180.
         rate_hz: Shots per second.
 
@@ -40,30 +42,40 @@ def scan_pattern(
         `time` [s].
 
     Raises:
-        ValueError: An unknown pattern, a wrong file, or a value out of range; one line.
+        ValueError: The pattern is unknown, the file is invalid, or a value is out of range.
 
     Example:
         >>> pattern = scan_pattern(shots=(4, 2), fov_deg=(40, 10))
         >>> np.rad2deg(pattern["azimuth"][:4]).values.round().tolist()
         [15.0, 5.0, -5.0, -15.0]
     """
+    # Check the numbers
     two = "two numbers, of the width and the height"
     sides = checks.items("shots", shots, 2, two)
     columns, rows = (checks.integer("shots", n, 1, checks.MAX_SIZE) for n in sides)
     limits = zip(checks.items("fov_deg", fov_deg, 2, two), (360, 180), strict=True)
     fov = [checks.number("fov_deg", angle, positive=True, high=most) for angle, most in limits]
+
+    # Compute the directions relative to the field of view, or read them
     k = np.arange(columns * rows)
     time = k / checks.number("rate_hz", rate_hz, positive=True)
     if isinstance(pattern, os.PathLike) or str(pattern).lower().endswith(".csv"):
         table = _read(checks.path("pattern", pattern))
-        pattern, fov, time = str(pattern), (2.0, 2.0), table.get("time_s", np.zeros(len(table)))
-        across, up = table["azimuth_deg"], table["elevation_deg"]
+        pattern = str(pattern)
+        fov = (2.0, 2.0)
+        time = table.get("time_s", np.zeros(len(table)))
+        across = table["azimuth_deg"]
+        up = table["elevation_deg"]
     elif checks.one_of("pattern", pattern, PATTERNS) == "rosette":
         f = 2 * np.pi * rows * k / k.size
-        across, up = (np.cos(f) + np.cos(GOLDEN * f)) / 2, (np.sin(f) - np.sin(GOLDEN * f)) / 2
+        across = (np.cos(f) + np.cos(GOLDEN * f)) / 2
+        up = (np.sin(f) - np.sin(GOLDEN * f)) / 2
     else:
         column, row = (k % columns, k // columns) if pattern == "raster" else (k // rows, k % rows)
-        across, up = 1 - (2 * column + 1) / columns, 1 - (2 * row + 1) / rows
+        across = 1 - (2 * column + 1) / columns
+        up = 1 - (2 * row + 1) / rows
+
+    # Describe the shots
     values = {"azimuth": np.deg2rad(fov[0] / 2 * across), "elevation": np.deg2rad(fov[1] / 2 * up)}
     arrays = {name: ("shot", np.asarray(each), {"units": "rad"}) for name, each in values.items()}
     arrays["time"] = "shot", np.asarray(time), {"units": "s"}
@@ -74,9 +86,12 @@ def _read(path: Any) -> pd.DataFrame:
     """Read and check a CSV file of shots."""
     try:
         table = pd.read_csv(path, skipinitialspace=True).apply(pd.to_numeric, errors="coerce")
-        needed, names = {"azimuth_deg", "elevation_deg"}, {*table.columns}
+        needed = {"azimuth_deg", "elevation_deg"}
+        names = {*table.columns}
         valid = len(table) and needed <= names <= needed | {"time_s"} and np.isfinite(table.values)
-        valid &= isinstance(table.index, pd.RangeIndex)  # Else rows are too long
+
+        # If rows are longer than the header, pandas uses the first columns as the index
+        valid &= isinstance(table.index, pd.RangeIndex)
         if np.all(valid) and table["elevation_deg"].abs().max() <= 90:
             return table
         reason = f"has {len(table)} rows of {checks.join_names([*table.columns])}"
@@ -95,6 +110,6 @@ def read_pattern(pattern: Any) -> xr.Dataset:
 
 
 def directions(pattern: xr.Dataset) -> np.ndarray:
-    """Unit vectors (shot, 3) in a sensor's space: x to the left, y up, z ahead."""
+    """Return unit vectors (shot, 3) in the space of a sensor: x to the left, y up, z forward."""
     a, e = (pattern[name].values for name in ("azimuth", "elevation"))
     return np.stack([np.cos(e) * np.sin(a), np.sin(e), np.cos(e) * np.cos(a)], axis=1)

@@ -10,50 +10,58 @@ from .beam import sample_cone
 
 
 class Scanner:
-    """Samples rays of shots, as `sample_camera` asks a sensor for them.
+    """Sampling of rays of shots, with the interface of a sensor that `sample_camera` requires.
 
     Args:
-        origin: Where all shots start [m].
-        axes: Unit vectors of the shots, world space, shape (shots, 3).
-        half_angle: Of the cone around each axis [rad].
-        size: Columns and rows of the film; pixels behind the last shot repeat it.
+        origin: Point where all shots start [m].
+        axes: Unit vectors of the shots in world space, (shots, 3).
+        half_angle: Half angle of the cone around each axis [rad].
+        size: Columns and rows of the film. Pixels after the last shot repeat this shot.
     """
 
-    looks_at_pixel_centres = True
+    looks_at_pixel_centers = True
 
     def __init__(
         self, origin: mi.Point3f, axes: np.ndarray, half_angle: float, size: tuple[int, int]
     ) -> None:
-        self.origin, self.axes = origin, mi.Vector3f(axes.T.copy())
-        self.half_angle, self.size = half_angle, size
+        self.origin = origin
+        self.axes = mi.Vector3f(axes.T.copy())
+        self.half_angle = half_angle
+        self.size = size
 
     def sample_ray_differential(
         self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f
     ) -> tuple[mi.RayDifferential3f, mi.Spectrum]:
-        """Sample a ray in the cone of the shot at a film position; `d_x` is the cone's axis."""
+        """Sample a ray in the cone of the shot at a film position. `d_x` is the cone's axis."""
+        # Find the shot
         columns, rows = self.size
         shot = mi.UInt32(sample2.y * rows) * columns + mi.UInt32(sample2.x * columns)
         axis = dr.gather(mi.Vector3f, self.axes, dr.minimum(shot, dr.width(self.axes) - 1))
-        wavelengths, weight = [], mi.Spectrum(1)
+
+        # Sample the wavelengths
+        wavelengths = []
+        weight = mi.Spectrum(1)
         if mi.is_spectral:
             wavelengths, weight = mi.sample_rgb_spectrum(mi.sample_shifted(sample1))
+
+        # Sample the cone
         d = sample_cone(axis, sample3, self.half_angle)
         ray = mi.RayDifferential3f(self.origin, d, time, wavelengths)
         ray.d_x = axis
         return ray, weight
 
     def needs_aperture_sample(self) -> bool:
-        """Whether rays need `sample3`: for the cone."""
+        """Return whether rays need `sample3`. The cone needs it."""
         return True
 
     def shutter_open(self) -> float:
-        """Time at which the shutter opens [s]."""
+        """Return the time at which the shutter opens [s]."""
         return 0.0
 
     def shutter_open_time(self) -> float:
-        """Time for which it is open [s]."""
+        """Return the time for which the shutter is open [s]."""
         return 0.0
 
     def class_name(self) -> str:
-        """Name by which kinds of sensors are told apart."""
+        """Return the name of this kind of sensor."""
         return "Scanner"

@@ -1,4 +1,4 @@
-"""Waveforms of a scanning lidar, and the scene's true distances beside them."""
+"""Waveforms of a scanning lidar, and the true distances in the scene."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ from .beam import LidarPlan, require_followed
 from .patterns import directions, read_pattern, scan_pattern
 from .scanner import Scanner
 
-COLUMNS = 4096  # Of the film, whose pixels are the shots
+# Number of columns of the film. Its pixels are the shots
+COLUMNS = 4096
 
 
 def lidar(
@@ -51,50 +52,55 @@ def lidar(
 ) -> xr.Dataset:
     """Render the waveform that a scanning lidar receives from each shot.
 
-    Laser and receiver are at one point and share a cone; the scene's lights are off. A diffuse
-    surface that fills the cone returns, of N photons to an aperture of the area A,
+    Laser and receiver are at the same point and share a cone. Lights of the scene are off. A
+    diffuse surface that fills the cone returns
 
         N A rho cos / (pi r^2)
 
-    Light also returns after several scatterings, and by mirrors and clear glass, there and back on
-    the same way: as from the mirrored distance. Left out are the mirror image of the lidar itself,
-    and light that passes a mirror or glass there only, back only, or on different ways.
+    of N photons to an aperture of the area A. Light also returns after several scattering events,
+    and by way of mirrors and clear glass if it returns along its own way. Then it appears at the
+    mirrored distance. Two kinds of light are omitted: the mirror image of the lidar itself, and
+    light that passes a mirror or glass only once, or on different ways.
 
     Args:
         scene: As for `render`.
-        pattern: A Dataset of `scan_pattern`, a kind of it, or a result of `lidar`, whose shots are
-            fired again.
-        sensor: Number of the sensor in whose place the lidar is.
+        pattern: A Dataset of `scan_pattern`, a name for `scan_pattern`, or a result of `lidar`, to
+            repeat its shots.
+        sensor: Index of the sensor that the lidar replaces.
         divergence_rad: Half angle of the cone [rad], from 0 to 0.5.
-        max_range: End of the waveform [m]; None for beyond the scene, where mirror images are.
+        max_range: End of the waveform [m]. None ends it beyond the scene and its mirror images.
         pulse_width_opl: Standard deviation of the Gaussian pulse [m].
         bin_width_opl: Width of the bins [m].
-        photons: Photons of a pulse, times all efficiencies, N.
+        photons: Number N of photons of a pulse, times all efficiencies.
         aperture_m: Diameter of the aperture [m].
         background_hz: Counts per second without the pulse.
-        max_depth: Longest path in segments, that from the laser to its spot included; -1 for any.
-        pose_time_s: Longest time between shots that see one pose of a moving scene, that of their
-            mean time [s]; other scenes have one pose.
+        max_depth: Longest path in segments, including the segment from the laser to its spot; -1
+            without a limit.
+        pose_time_s: Time in seconds during which a moving scene stands still while it is scanned,
+            in the pose of the mean time. Other scenes have one pose.
         spp: Samples per shot.
         seed: Seed of the random numbers.
-        progress: Show a bar for work that takes long.
+        progress: Whether to show a progress bar.
 
     Returns:
-        The pattern with `rate` (shot, bin), the expected counts per pulse with the `background` in
-        each bin; `true_range` [m] along the axis to the first surface, glass and mirrors included,
-        NaN for none; world `direction` (shot, axis), `origin` (axis; of a sensor that moves,
-        shot, axis); coordinate `opl` [m].
+        The pattern with the following variables. `rate` (shot, bin): expected counts per pulse,
+        including the `background` in each bin. `true_range` [m]: distance along the axis to the
+        first surface, also if it is a mirror or glass, NaN without a surface. `direction` (shot,
+        axis) in world space. `origin` (axis), or (shot, axis) if the sensor moves. The coordinate
+        `opl` [m].
 
     Raises:
-        ValueError: A wrong scene, pattern or value, or materials that `require_followed` refuses.
+        ValueError: Scene, pattern or a value are invalid, or the scene contains materials that the
+            lidar does not support; one line.
 
     Example:
         >>> shots = lidar("cornell_box", scan_pattern(shots=(4, 4), fov_deg=(20, 20)), spp=4)
         >>> shots["rate"].dims, round(shots["true_range"].min().item(), 1)
         (('shot', 'bin'), 3.2)
     """
-    backend.require_vectorised()
-    backend.require_unpolarised()
+    # Check the arguments
+    backend.require_vectorized()
+    backend.require_unpolarized()
     photons = checks.number("photons", photons, positive=True)
     area = math.pi / 4 * checks.number("aperture_m", aperture_m, positive=True) ** 2
     half_angle = checks.number("divergence_rad", divergence_rad, low=0, high=0.5)
@@ -103,15 +109,17 @@ def lidar(
     pulse = checks.width("pulse_width_opl", pulse_width_opl)
     max_depth = checks.depth("max_depth", max_depth)
     kind = {"type": "transient_path", "max_depth": max_depth, "pulse_width_opl": pulse}
-    integrator, sampler = load_plugin("integrator", kind), best_sampler(spp)
+    integrator = load_plugin("integrator", kind)
+    sampler = best_sampler(spp)
     seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
     progress = checks.boolean("progress", progress)
     given = pattern if isinstance(pattern, xr.Dataset) else scan_pattern(pattern)
     shots = read_pattern(given)
     pose_time_s = checks.number("pose_time_s", pose_time_s, positive=True, unit="seconds")
-    local, attrs = directions(shots), {"scene": scene if isinstance(scene, str) else "scene"}
+    local = directions(shots)
+    attrs = {"scene": scene if isinstance(scene, str) else "scene"}
 
-    # Place the lidar, and find how far it sees
+    # Place the lidar, and find its range
     scene = scene if isinstance(scene, mi.Scene) else load_scene(scene)
     camera = require_sensor(scene, sensor)
     check_scene(scene, camera, media=True)
@@ -121,36 +129,49 @@ def lidar(
         max_range = 0.0
         for time in {min(groups), max(groups)}:
             with posed(scene, time):
-                sphere, middle = scene.bbox().bounding_sphere(), _place(camera)[0]
+                sphere = scene.bbox().bounding_sphere()
+                middle = _place(camera)[0]
                 middle -= np.ravel(sphere.center)
                 max_range = max(max_range, float(np.linalg.norm(middle)) + 3 * sphere.radius)
     end_opl = 2 * checks.number("max_range", max_range, positive=True, unit="metres")
     checks.resolved("bin_width_opl", width, end_opl)
     bins = checks.integer("bins to max_range", math.ceil(end_opl / width), 1, checks.MAX_BINS)
 
-    # Find the true distances, and render each shot as a pixel; shots of a pose together
-    count, not_finite = len(local), 0
+    # Reserve the results of all shots
+    count = len(local)
+    not_finite = 0
     axes, origins, transient = (np.zeros((count, n)) for n in (3, 3, bins))
-    distance, steady = np.zeros(count), np.zeros(count)
+    distance = np.zeros(count)
+    steady = np.zeros(count)
     film = {"type": "transient_hdr_film", "rfilter": {"type": "box"}, "temporal_bins": bins}
     film |= {"start_opl": 0.0, "bin_width_opl": width}
+
+    # Render the shots of each pose, each as a pixel of a film
     for time, group in groups.items():
-        columns, rows = min(len(group), COLUMNS), math.ceil(len(group) / COLUMNS)
+        columns = min(len(group), COLUMNS)
+        rows = math.ceil(len(group) / COLUMNS)
         size = {"width": columns, "height": rows}
         record = integrator.recording(load_plugin("film", film | size))
         record.require_memory(spp)
         with posed(scene, time):
+            # Place the lidar. Opaque coordinates allow one kernel for all poses
             origins[group], rotation = _place(camera)
             axes[group] = local[group] @ rotation.T
-            start, directed = mi.Point3f(*origins[group[0]].tolist()), axes[group]
-            dr.make_opaque(start)  # One kernel for all poses
+            start = mi.Point3f(*origins[group[0]].tolist())
+            directed = axes[group]
+            dr.make_opaque(start)
+
+            # Trace the true distances
             with backend.tracing_lock():
                 si = first_surface(scene, mi.Ray3f(start, mi.Vector3f(directed.T.copy())))
                 hit = dr.select(si.is_valid(), dr.norm(si.p - start), dr.nan)
                 distance[group] = np.array(hit, np.float64)
-            scanner: Any = Scanner(start, directed, half_angle, (columns, rows))  # No plugin
+            # Render the shots. The scanner is not a plugin
+            scanner: Any = Scanner(start, directed, half_angle, (columns, rows))
             plan = LidarPlan(scene, integrator.space(scene, camera), half_angle, max_depth)
             done = run(steps(plan, record, scanner, sampler, seed), record, spp, progress=progress)
+
+        # Store the results of this pose
         if done < spp:
             raise KeyboardInterrupt(interrupted(done, spp, UNIT))
         not_finite += record.not_finite
@@ -158,26 +179,41 @@ def lidar(
             each.reshape(-1, *each.shape[2:])[: len(group)].mean(axis=-1, dtype=np.float64)
             for each in record.film.take()
         )
+
+    # Report lost energy
     warn_not_finite(not_finite)
     outside = max(0.0, 1 - transient.sum() / steady.sum()) if steady.any() else 0.0
     warn_of_losses(record.film, outside, window_option="`max_range`", stacklevel=3)
 
-    arrays: dict[str, Any] = {}
-    arrays["rate"] = ("shot", "bin"), transient * (photons * area) + background
-    arrays |= {"background": ("shot", np.full(count, background))}
-    arrays |= {"true_range": ("shot", distance, {"units": "m"})}
+    # Describe the waveforms
     rests = bool((origins == origins[0]).all())
     origin = ("axis", origins[0]) if rests else (("shot", "axis"), origins)
-    arrays |= {"direction": (("shot", "axis"), axes), "origin": (*origin, {"units": "m"})}
+    arrays: dict[str, Any] = {
+        "rate": (("shot", "bin"), transient * (photons * area) + background),
+        "background": ("shot", np.full(count, background)),
+        "true_range": ("shot", distance, {"units": "m"}),
+        "direction": (("shot", "axis"), axes),
+        "origin": (*origin, {"units": "m"}),
+    }
     opl = "bin", (np.arange(bins) + 0.5) * width, {"units": "m"}
-    attrs |= {"quantity": "rate", "units": "1", "divergence_rad": half_angle, "photons": photons}
-    attrs |= {"aperture_m": aperture_m, "start_opl": 0.0, "bin_width_opl": width, "spp": spp}
-    attrs |= {"pulse_width_opl": pulse, "seed": seed, "energy_outside_window": outside}
+    attrs |= {
+        "quantity": "rate",
+        "units": "1",
+        "divergence_rad": half_angle,
+        "photons": photons,
+        "aperture_m": aperture_m,
+        "start_opl": 0.0,
+        "bin_width_opl": width,
+        "spp": spp,
+        "pulse_width_opl": pulse,
+        "seed": seed,
+        "energy_outside_window": outside,
+    }
     return shots.assign(arrays).assign_coords(opl=opl, axis=[*"xyz"]).assign_attrs(attrs)
 
 
 def _poses(shots: xr.Dataset, pose_time_s: float) -> dict[float, np.ndarray]:
-    """Return the shots of each pose by the pose's time [s]; all in that of 0 if it is infinite."""
+    """Group the shots by pose, by the time of each pose [s]. Without motion, the time is 0."""
     time = np.asarray(shots["time"].values, np.float64)
     if not math.isfinite(pose_time_s):
         return {0.0: np.arange(time.size)}

@@ -1,4 +1,4 @@
-"""Cramér-Rao bounds of depths and echoes from counts in bins."""
+"""Cramér-Rao bounds of depths and echoes that are estimated from counts in bins."""
 
 from typing import Any
 
@@ -11,18 +11,19 @@ from .response import distribution
 
 
 def depth_bound(signal: Any, background: Any, response: Any, bin_width_opl: float) -> np.ndarray:
-    """Least standard deviation of a depth [m] from counts in bins, of a known response.
+    """Return the smallest standard deviation of a depth [m], for counts in bins and a response.
 
         1 / (2 sqrt(I)),    I = sum over bins of (S dP_k/dt)^2 / (S P_k + b)
 
-    P_k(t) is the part of the signal in bin k, for light at the path length t, a bin's centre. A
-    Gaussian without background has sigma / (2 sqrt(S)), to which bins of width w add about w^2 /
-    (24 sigma^2) of it; with much background b per metre, I = S^2 / (4 sqrt(pi) sigma^3 b).
+    P_k(t) is the fraction of the signal in bin k, for light with the path length t at the center of
+    a bin. For a Gaussian without background, the bound is sigma / (2 sqrt(S)), and bins of width w
+    increase it by the fraction w^2 / (24 sigma^2). For a large background of b counts per meter,
+    I = S^2 / (4 sqrt(pi) sigma^3 b).
 
     Args:
         signal: Expected counts S of the signal, at least 0, any shape.
-        background: Expected counts b per bin, at least 0, of a shape that broadcasts to that.
-        response: Of pulse and detector together, as for `estimate_depth`.
+        background: Expected counts b per bin, at least 0, with a shape that broadcasts to `signal`.
+        response: Response of pulse and detector together, as for `estimate_depth`.
         bin_width_opl: Width of the bins [m].
 
     Example:
@@ -30,10 +31,16 @@ def depth_bound(signal: Any, background: Any, response: Any, bin_width_opl: floa
         >>> depth_bound(100, 0, GaussianPulse(0.3), 0.03).round(4).item()  # 0.3 / 20
         0.015
     """
-    signal, background = at_least_0("signal", signal), at_least_0("background", background)
-    shape, width = distribution("response", response), checks.width("bin_width_opl", bin_width_opl)
+    # Check the arguments
+    signal = at_least_0("signal", signal)
+    background = at_least_0("background", background)
+    shape = distribution("response", response)
+    width = checks.width("bin_width_opl", bin_width_opl)
+
+    # Sum the Fisher information over bins
     edges = _edges(shape, width)
-    masses, slopes = (np.diff(each(edges)) for each in (shape.cdf, shape.pdf))
+    masses = np.diff(shape.cdf(edges))
+    slopes = np.diff(shape.pdf(edges))
     information: Any = 0.0
     for mass, slope in zip(masses, slopes, strict=True):
         mean = signal * mass + background
@@ -45,20 +52,22 @@ def depth_bound(signal: Any, background: Any, response: Any, bin_width_opl: floa
 def echo_bounds(
     signal: Any, background: Any, response: Any, bin_width_opl: float
 ) -> dict[str, np.ndarray]:
-    """Least standard deviations of an echo's depth, intensity and width, if none is known.
+    """Return the smallest standard deviations of depth, intensity and width of an echo.
 
-    The roots of the diagonal of the inverse Fisher matrix
+    All three are unknown. The bounds are the roots of the diagonal of the inverse Fisher matrix
 
         I_ij = sum over bins of (dm_k/di) (dm_k/dj) / m_k,    m_k = S P_k(t, a) + b
 
-    for the path length t, the signal S and the factor a by which the response is wider, about its
-    mean. A Gaussian without background has sigma / (2 sqrt(S)), sqrt(S) and sigma / sqrt(2 S).
+    for the path length t, the signal S, and the factor a that widens the response about its mean.
+    For a Gaussian without background, the bounds are sigma / (2 sqrt(S)), sqrt(S) and
+    sigma / sqrt(2 S).
 
-    Arguments are those of `depth_bound`.
+    The arguments are as for `depth_bound`.
 
     Returns:
         Arrays by name, as in `echoes`: "depth" [m], "intensity" (counts) and "width" [m], the
-        standard deviation of the echo along the path; infinite where bins cannot tell the three.
+        standard deviation of the echo along the path. They are infinite if the bins cannot
+        distinguish the three quantities.
 
     Example:
         >>> from tofrender import GaussianPulse
@@ -66,30 +75,42 @@ def echo_bounds(
         >>> {name: round(bound.item(), 4) for name, bound in found.items()}
         {'depth': 0.0106, 'intensity': 14.1421, 'width': 0.015}
     """
-    signal, background = at_least_0("signal", signal), at_least_0("background", background)
-    shape, width = distribution("response", response), checks.width("bin_width_opl", bin_width_opl)
+    # Check the arguments
+    signal = at_least_0("signal", signal)
+    background = at_least_0("background", background)
+    shape = distribution("response", response)
+    width = checks.width("bin_width_opl", bin_width_opl)
     signal, background = np.broadcast_arrays(signal, background)
     edges = _edges(shape, width)
-    density, lit = shape.pdf(edges), signal > 0
+
+    # Derivatives of each bin by position, signal and width
+    density = shape.pdf(edges)
+    lit = signal > 0
     changes = (
         np.diff(each) for each in (-density, shape.cdf(edges), (shape.mean() - edges) * density)
     )
+
+    # Sum the Fisher information over bins
     information = np.zeros((*signal.shape, 3, 3))
     for slope, mass, spread in zip(*changes, strict=True):
         mean = signal * mass + background
         change = np.stack([signal * slope, np.full_like(mean, mass), signal * spread], axis=-1)
         change = change / np.sqrt(np.where(mean > 0, mean, 1))[..., None]
         information += change[..., :, None] * change[..., None, :]
+
+    # Find the pixels with a regular matrix
     size = np.sqrt(np.diagonal(information, axis1=-2, axis2=-1))
     with np.errstate(invalid="ignore", divide="ignore"):
         relative = information / (size[..., :, None] * size[..., None, :])
         lit = lit & (size > 0).all(axis=-1) & (np.linalg.det(relative) > 1e-12)
+
+    # Invert the matrix
     least = np.linalg.inv(np.where(lit[..., None, None], information, np.eye(3)))
     std = np.where(lit[..., None], np.sqrt(np.diagonal(least, axis1=-2, axis2=-1)), np.inf)
     return {"depth": std[..., 0] / 2, "intensity": std[..., 1], "width": std[..., 2] * shape.std()}
 
 
 def _edges(shape: Any, width: float) -> np.ndarray:
-    """Edges [m] of the bins that a response reaches, around the middle of its own bin."""
+    """Return the edges [m] of the bins that a response reaches, from the center of a bin."""
     reach = kernel(shape, width).size // 2
     return (np.arange(-reach, reach + 2) - 0.5) * width

@@ -1,4 +1,4 @@
-"""Gated and streak cameras, with their noise. Parameters out of range raise a ValueError."""
+"""Gated cameras and streak cameras with noise. Parameters out of range raise a ValueError."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -16,10 +16,16 @@ from .rates import Rates, generator
 
 
 class Camera:
-    """Interface of cameras: the expectation of what they read out, and simulations of it."""
+    """Base class of cameras, with their expectation and simulation.
 
-    _expected: Any  # (rates) -> Dataset
-    _noisy: Any  # (random numbers, expected Dataset) -> Dataset
+    Subclasses define two methods.
+    """
+
+    # Convert rates to the expected Dataset
+    _expected: Any
+
+    # Add noise to the expected Dataset, with given random numbers
+    _noisy: Any
 
     def expected(
         self,
@@ -28,7 +34,7 @@ class Camera:
         *,
         bin_width_opl: Any = None,
     ) -> xr.Dataset:
-        """Compute the expectation of `frames`, float64, before saturation and quantisation."""
+        """Compute the expectation of `frames`, float64, before saturation and quantization."""
         return self._expected(Rates(rates, cycles, bin_width_opl))
 
     def frames(
@@ -39,15 +45,16 @@ class Camera:
         *,
         bin_width_opl: Any = None,
     ) -> xr.Dataset:
-        """Simulate what the camera reads out, with the arguments and errors of `Spad.histogram`.
+        """Simulate the output of the camera. Arguments and errors are as for `Spad.histogram`.
 
-        The exposure of a frame is `cycles`: exposure time times repetition rate. Lazy rates are
-        computed.
+        The number of `cycles` in a frame is the exposure time times the repetition rate. Lazy rates
+        are computed.
 
         Returns:
-            A Dataset of photoelectrons: of a `GatedCamera` `images` (delay_opl, y, x); of a
-            `StreakCamera` `images` (y, sweep, x), by the slit's row and the path length [m]; of an
-            `Itof` `taps` (frequency, tap, y, x), and `saturated` (y, x), where a tap was full.
+            A Dataset of photoelectrons. A `GatedCamera` has `images` (delay_opl, y, x). A
+            `StreakCamera` has `images` (y, sweep, x) over the row of the slit and the path length
+            [m]. `Itof` has `taps` (frequency, tap, y, x), and the mask `saturated` (y, x) of pixels
+            with a full tap.
         """
         rng = generator(seed)
         expected = self.expected(rates, cycles, bin_width_opl=bin_width_opl)
@@ -56,7 +63,7 @@ class Camera:
 
 @dataclass(frozen=True, kw_only=True)
 class Multiplier(Camera):
-    """Camera that multiplies electrons: gain noise of `excess_noise`, then `read_noise`."""
+    """Camera that multiplies electrons, with gain noise (`excess_noise`) and `read_noise`."""
 
     excess_noise: float = 1.0
     read_noise: float = 0.0
@@ -66,8 +73,12 @@ class Multiplier(Camera):
         checks.number("read_noise", self.read_noise, unit="electrons", low=0, high=1e9)
 
     def _noisy(self, rng: np.random.Generator, expected: xr.Dataset) -> xr.Dataset:
-        means = np.maximum(expected["images"].values, 0)  # Rounding makes them negative
-        found, more = rng.poisson(means), self.excess_noise - 1
+        # Rounding may make expectations negative
+        means = np.maximum(expected["images"].values, 0)
+        found = rng.poisson(means)
+
+        # Add the noise of multiplication and readout
+        more = self.excess_noise - 1
         noisy = rng.gamma(found / more, more) if more else found
         noisy = noisy + rng.normal(0, self.read_noise, found.shape)
         return expected.assign(images=expected["images"].copy(data=noisy))
@@ -75,21 +86,23 @@ class Multiplier(Camera):
 
 @dataclass(frozen=True, kw_only=True)
 class GatedCamera(Multiplier):
-    """Camera whose images are the light that arrives while its gate is open.
+    """Camera that integrates the light that arrives while its gate is open.
 
-    A gate of width w that opens at the delay d passes of the light at the path length t
+    A gate of width w opens at the delay d. It transmits the fraction
 
-        g(t) = e + (1 - e) [erf((t - d) / (sqrt(2) s)) - erf((t - d - w) / (sqrt(2) s))] / 2,
+        g(t) = e + (1 - e) [erf((t - d) / (sqrt(2) s)) - erf((t - d - w) / (sqrt(2) s))] / 2
 
-    averaged over each bin. Photoelectrons n are Poisson of mean m; multiplication (gamma around n
-    with the shape n / (F - 1)) makes their variance F m.
+    of the light at the path length t, averaged over each bin. Photoelectrons n are Poisson
+    distributed with the mean m. Multiplication (gamma distributed around n with the shape
+    n / (F - 1)) increases their variance to F m.
 
     Args:
         delays_opl: Path lengths d at which the gate opens [m], shape (n,).
         width_s: Width w of the gate [s].
-        edge_s: Standard deviation s of its edges [s], 0 for sharp ones.
-        extinction: Part e of the light, from 0 to 1, that passes the closed gate.
-        excess_noise: Excess noise factor F, from 1 to 100; 2 for an EMCCD, 1.6 for intensifiers.
+        edge_s: Standard deviation s of the gate's edges [s], 0 for sharp edges.
+        extinction: Fraction e of the light that the closed gate transmits, from 0 to 1.
+        excess_noise: Excess noise factor F, from 1 to 100. It is 2 for an EMCCD, 1.6 for
+            intensifiers.
         read_noise: Standard deviation of the read noise [electrons at the photocathode].
 
     Example:
@@ -114,15 +127,18 @@ class GatedCamera(Multiplier):
         object.__setattr__(self, "delays_opl", tuple(delays.tolist()))
 
     def _edge(self, opl: np.ndarray) -> np.ndarray:
-        """Integral up to `opl` of an edge at 0."""
+        """Integrate an edge at 0 up to the path length `opl` [m]."""
         s = max(self.edge_s * SPEED_OF_LIGHT, 1e-12)
         z = opl / (np.sqrt(2) * s)
         return 0.5 * (opl + opl * erf(z) + s * np.sqrt(2 / np.pi) * np.exp(-z * z))
 
     def _expected(self, rates: Rates) -> xr.Dataset:
+        # Transmission of the gate, averaged over each bin
         ends = rates.edges - np.array(self.delays_opl)[:, None]
         opened = self._edge(ends) - self._edge(ends - self.width_s * SPEED_OF_LIGHT)
         gates = self.extinction + (1 - self.extinction) * np.diff(opened) / rates.width
+
+        # Integrate the light over all bins
         images = np.tensordot(gates, np.asarray(rates.values), axes=(1, 2)) * rates.cycles
         delays = {"delay_opl": ("delay_opl", list(self.delays_opl), {"units": "m"})}
         return rates.result("images", ("delay_opl", "y", "x"), images, "electrons", **delays)
@@ -130,14 +146,14 @@ class GatedCamera(Multiplier):
 
 @dataclass(frozen=True, kw_only=True)
 class StreakCamera(Multiplier):
-    """Streak tube: electrons from a slit of the image are deflected down a screen as time goes on.
+    """Streak tube: electrons from a slit of the image are swept over a screen with time.
 
     Args:
         sweep_opl: Path length per pixel of the screen along the sweep [m].
-        slit_rows: Rows of the image that the slit sums up, odd.
+        slit_rows: Number of rows of the image that the slit integrates, odd.
         slit_width: Width of the slit's image along the sweep [screen pixels], odd.
         spread_sweep: Standard deviation of the point spread along the sweep [screen pixels].
-        spread_slit: The same along the slit [pixels].
+        spread_slit: Standard deviation of the point spread along the slit [pixels].
         excess_noise: As for `GatedCamera`.
         read_noise: As for `GatedCamera`.
 
@@ -164,17 +180,23 @@ class StreakCamera(Multiplier):
             checks.number(name, getattr(self, name), unit="pixels", low=0, high=1e4)
 
     def _expected(self, rates: Rates) -> xr.Dataset:
-        require_consecutive(rates.dataset, "rates")  # Slit and spread reach to neighbors
-        bins, step = rates.values.shape[2], self.sweep_opl / rates.width
+        # Slit and point spread reach into neighboring pixels
+        require_consecutive(rates.dataset, "rates")
+
+        # Distribute the light over the pixels of the sweep
+        bins = rates.values.shape[2]
+        step = self.sweep_opl / rates.width
         checks.require("sweep_opl", self.sweep_opl, step <= bins, "at most the window")
         edges = np.minimum(np.arange(int(bins / step + 1e-9) + 1) * step, bins)
         light: Any = sums_between(np.asarray(rates.values), edges).transpose(0, 2, 1) * rates.cycles
+
+        # Integrate over the slit, and blur
         light = uniform_filter1d(light, self.slit_rows, axis=0, mode="constant") * self.slit_rows
         light = uniform_filter1d(light, self.slit_width, axis=1, mode="constant")
         for spread, along in ((self.spread_sweep, 1), (self.spread_slit, 2)):
             if spread:
                 light = gaussian_filter1d(light, spread, axis=along, mode="constant", truncate=6)
-        centres = rates.edges[0] + (np.arange(light.shape[1]) + 0.5) * self.sweep_opl
-        sweep = {"sweep": ("sweep", centres, {"units": "m"})}
+        centers = rates.edges[0] + (np.arange(light.shape[1]) + 0.5) * self.sweep_opl
+        sweep = {"sweep": ("sweep", centers, {"units": "m"})}
         found = rates.result("images", ("y", "sweep", "x"), light, "electrons", **sweep)
         return found.assign_attrs(bin_width_opl=self.sweep_opl)

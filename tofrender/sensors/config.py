@@ -1,4 +1,4 @@
-"""Sensors described by TOML files or tables, and what they measure of a render."""
+"""Sensors that are described by TOML files or tables, and their measurement of a render."""
 
 import inspect
 import json
@@ -29,23 +29,24 @@ MODELS = {"spad": Spad, "itof": Itof, "gated": GatedCamera, "streak": StreakCame
 
 
 def sense(dataset: Annotated[xr.Dataset, TRANSIENT], sensor: Any, seed: int = 0) -> xr.Dataset:
-    """Measure a render with a sensor that a preset, a TOML file or a mapping describes.
+    """Measure a render with a sensor from a preset, a TOML file or a mapping.
 
     Args:
         dataset: A Dataset of `render`, or a single or confocal capture, "radiance per bin".
         sensor: "flash_dtof", "scanning_dtof", "itof", "iccd_gate", "streak", the path of a .toml
-            file, or a mapping with its keys; docs/sensors.md lists them.
+            file, or a mapping with the keys of such a file (see docs/sensors.md).
         seed: Seed of the noise.
 
     Returns:
-        A Dataset: `counts` of a SPAD, `taps` of an iToF, `images` of a gated or streak camera, as
-        their methods return them; `expected`, their expectation, of the same shape, where it has a
-        closed form; `depth` [m] of an iToF; the description as JSON in the attribute `sensor`.
-        Of a capture also its geometry, so that `reconstruct` and `save_capture` accept the counts.
+        A Dataset with `counts` of a SPAD, `taps` of an iToF, or `images` of a gated or streak
+        camera, as their methods return them. `expected` is their expectation with the same shape,
+        if it has a closed form. An iToF also has `depth` [m]. The attribute `sensor` contains the
+        description as JSON. The result for a capture contains its geometry, so that `reconstruct`
+        and `save_capture` accept the counts.
 
     Raises:
         ValueError: A key is unknown, a value is not allowed or does not fit the render; one line.
-        FileNotFoundError: There is no such file.
+        FileNotFoundError: The file does not exist.
 
     Example:
         >>> from tofrender import render
@@ -55,8 +56,12 @@ def sense(dataset: Annotated[xr.Dataset, TRANSIENT], sensor: Any, seed: int = 0)
         >>> bool(abs(found["counts"].sum() / found["expected"].sum() - 1) < 0.05)
         True
     """
+    # Read the description
     config = read_sensor(sensor)
-    model, cycles = config["model"], config["cycles"]
+    model = config["model"]
+    cycles = config["cycles"]
+
+    # Convert the render to rates
     of_wall = isinstance(dataset, xr.Dataset) and "sensor_grid" in dataset
     if of_wall:
         dataset = _capture(dataset, config)
@@ -65,25 +70,30 @@ def sense(dataset: Annotated[xr.Dataset, TRANSIENT], sensor: Any, seed: int = 0)
         light = intensity(dataset[["transient"]], "dataset")
         dataset = with_pixels(light, config["pixels"], "sensor.pixels")
     rates = expected_photons(dataset, **config["photons"])
+
+    # Simulate the sensor. The simulation has already warned of high rates
     is_spad = isinstance(model, Spad)
     found = (model.histogram if is_spad else model.frames)(rates, cycles, seed)
     if not (is_spad and model.interactions()):
-        with warnings.catch_warnings():  # It has warned already
+        with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
             found["expected"] = model.expected(rates, cycles)[found.attrs["quantity"]]
     if isinstance(model, Itof):
         found["depth"] = model.depth(found)["depth"].assign_attrs(units="m")
+
+    # Add the geometry of a capture
     if of_wall:
         found = found.assign(
             {name: dataset[name] for name in dataset.data_vars if name != "transient"}
         )
         found = found.assign_attrs({name: dataset.attrs[name] for name in CAPTURE_ATTRIBUTES})
-    plain = json.dumps(config["given"], default=lambda value: value.tolist())  # Of NumPy's
+    # Describe the sensor. NumPy values are converted to plain numbers
+    plain = json.dumps(config["given"], default=lambda value: value.tolist())
     return found.assign_attrs(sensor=plain)
 
 
 def _capture(capture: xr.Dataset, config: dict[str, Any]) -> xr.Dataset:
-    """Read a capture. Refuse captures and sensors whose counts would not fit its points."""
+    """Read a capture, and refuse captures and sensors with counts that do not fit its points."""
     capture = read_capture(capture, "dataset")
     if capture.attrs["mode"] == "exhaustive":
         raise ValueError("dataset: exhaustive captures are not supported; use single or confocal")
@@ -97,12 +107,19 @@ def _capture(capture: xr.Dataset, config: dict[str, Any]) -> xr.Dataset:
 
 
 def read_sensor(sensor: Any) -> dict[str, Any]:
-    """Read and check the argument of `sense`: its keys, the `model`, and the whole as `given`."""
+    """Read and check the description of a sensor.
+
+    Returns:
+        Its keys, the sensor model as `model`, and the whole description as `given`.
+    """
+    # Load a preset or a file
     if not isinstance(sensor, Mapping):
         path = os.fspath(sensor) if isinstance(sensor, os.PathLike) else sensor
         if not str(path).endswith(".toml"):
             path = FOLDER / f"{checks.one_of('sensor', path, (*PRESETS, 'FILE.toml'))}.toml"
         sensor = read_toml("sensor", path)[0]
+
+    # Check the keys
     given = table("sensor", sensor)
     known_keys("sensor", given, CHECKS)
     kinds = [kind for kind in MODELS if kind in given]
@@ -113,6 +130,8 @@ def read_sensor(sensor: Any) -> dict[str, Any]:
     found = checked("sensor", given, CHECKS)
     return found | {"model": found.pop(kinds[0]), "given": given}
 
+    """Check the width and the height of a resampled image."""
+
 
 def _pixels(name: str, value: Any) -> list[int]:
     sides = checks.items(name, value, 2, "[width, height]")
@@ -120,13 +139,15 @@ def _pixels(name: str, value: Any) -> list[int]:
 
 
 def _photons(name: str, value: Any) -> dict[str, Any]:
+    """Check a table with arguments of `expected_photons`."""
     known_keys(name, table(name, value), inspect.getfullargspec(expected_photons).kwonlyargs)
     return value
 
 
 def _model(kind: Any, name: str, value: Any) -> Any:
-    """Instance of a class from a table of its parameters."""
-    given, parameters = table(name, value), inspect.signature(kind).parameters
+    """Create an instance of a class from a table of its parameters."""
+    given = table(name, value)
+    parameters = inspect.signature(kind).parameters
     known_keys(name, given, parameters)
     for key, parameter in parameters.items():
         if parameter.default is parameter.empty and key not in given:
@@ -141,6 +162,7 @@ def _model(kind: Any, name: str, value: Any) -> Any:
 
 CHECKS: dict[str, Any] = {
     "cycles": partial(checks.integer, low=1, high=(1 << 31) - 1),
-    **{"pixels": _pixels, "photons": _photons},
+    "pixels": _pixels,
+    "photons": _photons,
     **{name: partial(_model, kind) for name, kind in MODELS.items()},
 }

@@ -1,4 +1,4 @@
-"""Taps of a correlation camera: expectation, noise, phase and its errors."""
+"""Taps of a correlation camera: expectation, noise, phase, and errors of the phase."""
 
 from typing import Any
 
@@ -8,9 +8,9 @@ from ..signals.phasors import phase_of, wrap
 
 
 def correlation(angle: Any, contrast: float, harmonics: Any = ()) -> np.ndarray:
-    """Relative sensitivity of a tap at a phase difference [rad], of any shape.
+    """Return the relative sensitivity of a tap at a phase difference [rad], of any shape.
 
-    g(a) = 1 + contrast (cos a + sum of a_h cos(h a)), for harmonics a_2, a_3, ...
+    g(a) = 1 + contrast (cos a + sum of a_h cos(h a)), with the harmonics a_2, a_3, ...
     """
     waves = [a * np.cos(h * angle) for h, a in enumerate((1.0, *harmonics), 1)]
     return 1 + contrast * np.sum(waves, axis=0)
@@ -19,9 +19,17 @@ def correlation(angle: Any, contrast: float, harmonics: Any = ()) -> np.ndarray:
 def expected_taps(
     signal: Any, background: Any, phase: Any, contrast: float, taps: int = 4, harmonics: Any = ()
 ) -> np.ndarray:
-    """Expected photoelectrons (tap, ...) of a signal S (...) with a phase (...), and background B.
+    """Return the expected photoelectrons (tap, ...) of N taps.
 
-    m_k = S / N g(phase - 2 pi k / N) + B / N, for N taps and g of `correlation`.
+    m_k = S / N g(phase - 2 pi k / N) + B / N with the sensitivity g of `correlation`.
+
+    Args:
+        signal: Photoelectrons S of the signal, (...).
+        background: Photoelectrons B of the background, (...).
+        phase: Phase of the signal [rad], (...).
+        contrast: Modulation contrast.
+        taps: Number N of taps.
+        harmonics: Amplitudes of harmonics.
 
     Example:
         >>> expected_taps(4000, 400, 0.0, 0.5).round(9).tolist()
@@ -35,16 +43,17 @@ def expected_taps(
 def sample_taps(
     rng: np.random.Generator, means: Any, read_noise: float = 0.0, full_well: float = np.inf
 ) -> np.ndarray:
-    """Simulate taps [electrons]: shot noise, read noise, and then saturation at the full well."""
+    """Simulate taps [electrons] with shot noise, read noise, and saturation at the full well."""
     means = np.asarray(means)
     taps = rng.poisson(means) + rng.normal(0, read_noise, means.shape)
     return np.minimum(taps, full_well)
 
 
 def demodulate(taps: Any, contrast: float) -> tuple[np.ndarray, np.ndarray]:
-    """Amplitude [electrons] and phase in [0, 2 pi) of taps (tap, ...).
+    """Return amplitude [electrons] and phase in [0, 2 pi) of taps (tap, ...).
 
-    They are 2 |P| / contrast and the angle of P = sum over k of m_k exp(+2 pi i k / N).
+    The amplitude is 2 |P| / contrast, and the phase is the angle of
+    P = sum over k of m_k exp(+2 pi i k / N).
 
     Example:
         >>> amplitude, phase = demodulate([1100.0, 1600.0, 1100.0, 600.0], 0.5)
@@ -66,9 +75,10 @@ def phasor_of_taps(taps: Any, contrast: float) -> np.ndarray:
 def phase_deviation(
     signal: Any, background: Any, contrast: float, taps: int = 4, read_noise: float = 0.0
 ) -> np.ndarray:
-    """Standard deviation of the phase [rad] by noise of four taps or more, much below 1.
+    """Return the standard deviation of the phase [rad] by noise, for four or more taps.
 
-    sqrt(2 (S + B + N read_noise²)) / (S contrast) (Lange and Seitz 2001).
+    It is sqrt(2 (S + B + N read_noise²)) / (S contrast), if it is much smaller than 1 (Lange and
+    Seitz 2001).
 
     Example:
         >>> phase_deviation(6000, 2000, 0.7, 4, 15).round(7).item()

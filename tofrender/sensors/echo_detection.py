@@ -189,9 +189,9 @@ class _Detector:
         """Find the returns of some pixels with a background (pixel) that is known."""
         found: _Found = {}
         for block in self._blocks(pixels):
-            own = background[block]
-            filtered, above = self._filter(pixels[block], own, known=True)
-            found |= self._peaks(pixels[block], filtered, above, own)
+            level = background[block]
+            filtered, above = self._filter(pixels[block], level, known=True)
+            found |= self._peaks(pixels[block], filtered, above, level)
         return found
 
     def _by_counts(self, pixels: np.ndarray) -> tuple[_Found, np.ndarray, np.ndarray]:
@@ -204,8 +204,8 @@ class _Detector:
         number = np.zeros(len(pixels))
         quiet_bins = np.zeros(len(pixels))
         for block in self._blocks(pixels):
-            own = pixels[block]
-            counts = self.counts[own]
+            chosen = pixels[block]
+            counts = self.counts[chosen]
             above = np.zeros(counts.shape, bool)
 
             # Estimate the background from bins without returns, and find the returns above it
@@ -215,10 +215,10 @@ class _Detector:
                 quiet_bins[block] = np.maximum(quiet.sum(axis=-1), 1)
                 background = number[block] / quiet_bins[block]
                 before = above
-                filtered, above = self._filter(own, background, known=False)
+                filtered, above = self._filter(chosen, background, known=False)
                 if np.array_equal(above, before):
                     break
-            found |= self._peaks(own, filtered, above, background)
+            found |= self._peaks(chosen, filtered, above, background)
         return found, number, quiet_bins
 
     def _blocks(self, pixels: np.ndarray) -> list[slice]:
@@ -234,14 +234,14 @@ class _Detector:
         limit = np.empty(len(pixels))
         masses = self.data.masses
         for each in thresholds(masses, self.bins, background, self.false_alarm, known):
-            own = pixels[each.pixels]
-            counts = self.counts[own]
+            chosen = pixels[each.pixels]
+            counts = self.counts[chosen]
             filtered[each.pixels] = ndimage.correlate1d(
                 counts, each.weights, axis=1, mode="constant"
             )
 
             # Chance decides about pixels that are just at the threshold
-            passes = self.draws[own] < each.chance
+            passes = self.draws[chosen] < each.chance
             side = np.where(passes, 1 - 4 * ROUNDING, 1 + 4 * ROUNDING)
             limit[each.pixels] = each.value * side
         return filtered, filtered > limit[:, None]

@@ -4,7 +4,7 @@ Times are keys, pixel * pixel_stride + cycle * cycle_stride + bin. Gaps between 
 cycles that start armed, are longer than the dead time. One pass therefore treats a sorted row.
 
 The cycles are simulated in chunks, so that memory does not grow with their number. The dead time of
-free-running SPADs continues in the next chunk. Such a chunk starts with the avalanches that still
+free-running SPADs continues in the next chunk. A chunk then starts with the avalanches that still
 block the detector, and with the afterpulses that have not happened yet.
 """
 
@@ -20,30 +20,41 @@ from .rates import Block, generator
 if TYPE_CHECKING:
     from .spad import Spad
 
-CHUNK = 1 << 20  # Expected avalanches of a row of SPADs in a chunk of cycles
-NOMINAL = 1.0  # Photons per pixel and cycle, where chunks must not depend on the rates
-AFTERPULSES = 4  # Stream of random numbers
+# Expected avalanches of a row of SPADs in a chunk of cycles
+CHUNK = 1 << 20
+
+# Photons per pixel and cycle if chunks must not depend on the rates
+NOMINAL = 1.0
+
+# Stream of random numbers
+AFTERPULSES = 4
 
 
-class Left(NamedTuple):
-    """Avalanches that a chunk leaves for the next one: pixels, and times [bins] from its start."""
+class Pending(NamedTuple):
+    """Pending avalanches of a chunk: pixels, and times [bins] from the start of the next chunk."""
 
     pixel: np.ndarray
     time: np.ndarray
 
 
-NOTHING = Left(np.zeros(0, np.int64), np.zeros(0, np.int64))
+NOTHING = Pending(np.zeros(0, np.int64), np.zeros(0, np.int64))
 
 
 class Layout:
-    """Keys of a row of `shape` (pixels, cycles, bins), where cycles start armed unless `free`.
+    """Keys of a row of pixels.
 
-    A detection blocks `dead` bins after it, or, if None, none; `window` is that of coincidence.
+    Args:
+        shape: Numbers of pixels, cycles and bins.
+        dead: Number of bins that a detection blocks, None without a dead time.
+        window: Window of coincidence [bins].
+        free: Whether the dead time continues in the next cycle. Otherwise cycles start armed.
     """
 
     def __init__(self, shape: tuple[int, int, int], dead: int | None, window: int, free: bool):
         self.width, self.cycles, self.bins = shape
-        self.dead, self.window, self.free = dead, window, free
+        self.dead = dead
+        self.window = window
+        self.free = free
         gap = max(dead or 0, window) + 1
         self.cycle_stride = self.bins + (0 if free else gap)
 
@@ -51,7 +62,7 @@ class Layout:
         self.pixel_stride = self.cycles * self.cycle_stride + 2 * gap
 
     def chunk(self, cycles: int) -> Layout:
-        """Return the layout of a number of cycles."""
+        """Return the layout of a chunk with this number of cycles."""
         return Layout((self.width, cycles, self.bins), self.dead, self.window, self.free)
 
     def chunks(self, per_cycle: float) -> Iterator[tuple[int, Layout]]:
@@ -66,26 +77,26 @@ class Layout:
             yield first, self.chunk(min(step, self.cycles - first))
 
     def parts(self, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Pixel, cycle and bin of keys."""
+        """Return pixel, cycle and bin of keys."""
         pixel = keys // self.pixel_stride
         keys = keys - pixel * self.pixel_stride
         cycle = keys // self.cycle_stride
         return pixel, cycle, keys - cycle * self.cycle_stride
 
-    def keys_of(self, left: Left) -> np.ndarray:
-        """Return the keys of avalanches that the chunk before has left."""
-        return left.pixel * self.pixel_stride + left.time
+    def keys_of(self, pending: Pending) -> np.ndarray:
+        """Return the keys of pending avalanches of the previous chunk."""
+        return pending.pixel * self.pixel_stride + pending.time
 
-    def left_over(self, keys: np.ndarray, bins: int) -> Left:
+    def pending_after(self, keys: np.ndarray, bins: int) -> Pending:
         """Return the avalanches of the last `bins` bins, for the next chunk."""
         pixel = keys // self.pixel_stride
         time = keys - pixel * self.pixel_stride - self.cycles * self.bins
         last = (time >= -bins) & (time < 0)
-        return Left(pixel[last], time[last])
+        return Pending(pixel[last], time[last])
 
 
 def arrivals(rng: np.random.Generator, rates: np.ndarray, layout: Layout) -> np.ndarray:
-    """Sorted keys of the photons of a row (pixel, bin): Poisson numbers, in random cycles."""
+    """Sample sorted keys of the photons of a row (pixel, bin), with Poisson numbers of photons."""
     counts = rng.poisson(rates * layout.cycles)
     first = np.arange(layout.width)[:, None] * layout.pixel_stride + np.arange(layout.bins)
     keys = np.repeat(first.ravel(), counts.ravel())
@@ -95,10 +106,11 @@ def arrivals(rng: np.random.Generator, rates: np.ndarray, layout: Layout) -> np.
 
 
 def detected(keys: np.ndarray, dead: int | None, paralysable: bool) -> np.ndarray:
-    """Which photons of sorted keys find the detector armed.
+    """Return a mask of the photons of sorted keys that are detected.
 
-    Those that follow another by more than the dead time do; from them, if not paralysable, all
-    clusters are followed at once.
+    A photon that follows the previous photon by more than the dead time is always detected. It is
+    the head of a cluster. If the dead time is not paralysable, further photons of all clusters are
+    searched at once.
 
     Example:
         >>> keys = np.array([0, 2, 3, 5, 20])
@@ -144,16 +156,16 @@ class Row:
         self.waiting = NOTHING
 
     def arrive(self, layout: Layout) -> None:
-        """Draw the photons of a chunk."""
+        """Sample the photons of a chunk."""
         self.photons = arrivals(self.rng, self.rates, layout)
 
     def crosstalk(self, layout: Layout) -> dict[int, np.ndarray]:
-        """Draw the avalanches that detected photons cause in neighbors, by the row from here."""
+        """Sample the avalanches that detected photons cause in neighbors, by relative row."""
         keys, before = self._with_blocking(self.photons, self.blocking_alone, layout)
         found = detected(keys, layout.dead, self.spad.paralysable)
         if layout.free and layout.dead is not None:
             blocking = keys if self.spad.paralysable else keys[found]
-            self.blocking_alone = layout.left_over(blocking, layout.dead)
+            self.blocking_alone = layout.pending_after(blocking, layout.dead)
         parents = keys[found & ~before]
         sources = parents[self.rng.random(parents.size) < self.spad.crosstalk_probability]
         side = self.rng.integers(4, size=sources.size)
@@ -173,11 +185,11 @@ class Row:
         found = detected(keys, layout.dead, self.spad.paralysable)
         if layout.free and layout.dead is not None:
             blocking = keys if self.spad.paralysable else keys[found]
-            self.blocking = layout.left_over(blocking, layout.dead)
+            self.blocking = layout.pending_after(blocking, layout.dead)
         return keys[found & ~before]
 
     def _with_blocking(
-        self, keys: np.ndarray, blocking: Left, layout: Layout
+        self, keys: np.ndarray, blocking: Pending, layout: Layout
     ) -> tuple[np.ndarray, Any]:
         """Add avalanches of the chunk before to sorted keys, and return which these are."""
         if not blocking.pixel.size:
@@ -191,8 +203,8 @@ class Row:
         # Start with what the chunk before has left
         length = layout.cycles * layout.bins
         happens = self.waiting.time < length
-        waiting = Left(*(each[happens] for each in self.waiting))
-        later = Left(self.waiting.pixel[~happens], self.waiting.time[~happens] - length)
+        waiting = Pending(*(each[happens] for each in self.waiting))
+        later = Pending(self.waiting.pixel[~happens], self.waiting.time[~happens] - length)
         blocking = layout.keys_of(self.blocking)
         roots = np.concatenate([keys, layout.keys_of(waiting), blocking])
         can_cause = np.arange(roots.size - blocking.size)
@@ -237,10 +249,10 @@ class Row:
         if layout.free:
             pixel, time, cause = (np.concatenate(each) for each in zip(*beyond, strict=True))
             comes = (cause < 0) | found[place[cause]]
-            self.waiting = Left(pixel[comes], time[comes])
+            self.waiting = Pending(pixel[comes], time[comes])
             if layout.dead is not None:
                 blocks = happen if self.spad.paralysable else found
-                self.blocking = layout.left_over(keys[blocks], layout.dead)
+                self.blocking = layout.pending_after(keys[blocks], layout.dead)
         found[place[roots.size - blocking.size : roots.size]] = False
         return keys[found]
 
@@ -318,23 +330,23 @@ class MacroPixels:
         every = np.concatenate([earlier, keys])
         order = np.argsort(every, kind="stable")
         every = every[order]
-        own = order >= earlier.size
+        is_new = order >= earlier.size
         more = self.spad.coincidence - 1
         first = every[: max(0, every.size - more)]
         enough = every[more:] - first <= layout.window
-        hits = every[more:][enough & own[more:]]
+        hits = every[more:][enough & is_new[more:]]
 
         # The next detection follows after the window
         blocking = layout.keys_of(self.blocking)
         hits = np.concatenate([blocking, hits])
         order = np.argsort(hits, kind="stable")
         hits = hits[order]
-        own = order >= blocking.size
+        is_new = order >= blocking.size
         found = detected(hits, layout.window, paralysable=False)
         if layout.free:
-            self.recent = layout.left_over(every, layout.window)
-            self.blocking = layout.left_over(hits[found], layout.window)
-        return hits[found & own]
+            self.recent = layout.pending_after(every, layout.window)
+            self.blocking = layout.pending_after(hits[found], layout.window)
+        return hits[found & is_new]
 
 
 def detections(

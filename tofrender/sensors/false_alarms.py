@@ -14,12 +14,13 @@ statistic p values using importance sampling", J. Comput. Graph. Stat. 10, 2001)
 
 All pixels of the simulation have echoes, so that small probabilities need few of them.
 
-Far parts of a pixel are independent of each other. Therefore the simulated pixels are shorter than
-the real ones: with a part of 1 / m of the bins, P(max T < t) is the m-th root of that of all bins.
+Distant parts of a pixel are independent of each other. Therefore simulated pixels are shorter than
+real pixels. If they have the fraction 1 / m of the bins, their P(max T < t) is the m-th root of the
+probability for all bins.
 
-Where nearly all of the response is in one bin, T has few values, and a threshold is right for its
-own background only. There, T is the number of counts in a bin, whose distribution is known: Poisson
-for a known background, binomial for a given number of counts per pixel.
+If nearly all of the response is in one bin, T has few values, and a threshold is correct only for
+one background. Then T is the number of counts in a bin. Its distribution is known: Poisson for a
+known background, binomial for a given number of counts per pixel.
 """
 
 from collections.abc import Iterator
@@ -41,7 +42,7 @@ SHORTEST = 64  # Bins of a simulated pixel, at least
 RESPONSES = 8  # Length of a simulated pixel in responses, at least
 MOST = 2000  # Pixels of a simulation, at most
 ROUNDING = 1e-7  # Relative error of values that are equal to a threshold
-LEAST = 1e-9  # Background counts per pixel that count as none
+LEAST = 1e-9  # Background counts per pixel that are replaced by this value
 ALONE = 0.95  # Part of the response in one bin above which only this bin counts
 
 

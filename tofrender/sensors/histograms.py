@@ -53,7 +53,7 @@ class Histogram:
         n: Counts (y, x, bin), at least 0.
         start: Start of the first bin [m].
         width: Width of the bins [m].
-        pixels: Coordinates y and x of labelled data.
+        pixels: Coordinates y and x of labeled data.
     """
 
     def __init__(self, counts: Any, start_opl: Any, bin_width_opl: Any) -> None:
@@ -79,8 +79,8 @@ class Histogram:
         """Return numbers of at least 0, a number or (y, x), for the pixels of these counts."""
         if isinstance(values, xr.DataArray) and values.ndim:
             found = read_array(values, PIXELS, name)
-            for axis, own in self.pixels.items():
-                if not np.array_equal(found[axis], own):
+            for axis, expected in self.pixels.items():
+                if not np.array_equal(found[axis], expected):
                     raise ValueError(
                         f"{name}: the axis {axis} has other pixels than the counts. Select the "
                         "same pixels"
@@ -95,7 +95,7 @@ class Histogram:
 def _as_dataset(labelled: xr.Dataset | xr.DataArray) -> xr.Dataset:
     """Return counts as a Dataset of `Spad.histogram` has them.
 
-    Axes of records of data sets have a prefix. Such a record has attributes of the film, not of
+    Axes of records of data sets have a prefix. The attributes of a record describe the film, not
     the sensor. Therefore the width of its bins comes from the coordinate alone.
     """
     values: Any = labelled
@@ -124,6 +124,7 @@ def _as_dataset(labelled: xr.Dataset | xr.DataArray) -> xr.Dataset:
 
 
 def _has_places(values: xr.DataArray, time: str) -> bool:
+    """Return whether a DataArray has a coordinate along its time axis."""
     return "opl" in values.coords or time in values.coords
 
 
@@ -134,12 +135,13 @@ def _places(values: xr.DataArray, time: str) -> np.ndarray:
 
 
 def _require_even(name: str, centers: np.ndarray) -> None:
+    """Refuse bins with centers [m] that are not evenly spaced."""
     bins = xr.DataArray(centers, {"opl": centers}, "opl")
     bins_of(bins, name)
 
 
 class _Centered:
-    """A distribution about the middle of the bin nearest to its mean, which is `by` [m] from 0."""
+    """A distribution that is shifted by `by` [m], so that its mean is in the bin around 0."""
 
     def __init__(self, whole: Any, width: float) -> None:
         self.whole = whole

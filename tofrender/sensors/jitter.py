@@ -1,4 +1,4 @@
-"""Jitter of time stamps in bins: after detection, each moves by some bins."""
+"""Jitter of time stamps in bins. After detection, each time stamp is shifted by some bins."""
 
 from typing import Any
 
@@ -7,10 +7,14 @@ from scipy.ndimage import convolve1d
 
 
 def kernel(delays: Any, width: float, tail: float = 1e-6) -> np.ndarray:
-    """Probabilities that stamps move by k = -n to n bins of a width [m] from a bin's centre.
+    """Return the probabilities that stamps are shifted by k = -n to n bins from a bin's center.
 
-    For `delays`, a `distribution`, they are cdf((k + 1/2) width) - cdf((k - 1/2) width), without a
-    `tail` at each end; sum 1.
+    They are cdf((k + 1/2) width) - cdf((k - 1/2) width), normalized to the sum 1.
+
+    Args:
+        delays: Distribution of the delay, as from `distribution`.
+        width: Width of the bins [m].
+        tail: Probability that is omitted at each end.
 
     Example:
         >>> from scipy import stats
@@ -26,12 +30,12 @@ def kernel(delays: Any, width: float, tail: float = 1e-6) -> np.ndarray:
 def add_jitter(detections: np.ndarray, masses: np.ndarray, periodic: bool) -> np.ndarray:
     """Convolve detections (..., bin) with the `masses` of a `kernel`.
 
-    Stamps before or after the window are lost, unless periodic: then the window is a cycle.
+    Stamps before or after the window are lost. If periodic, the window is a cycle instead.
     """
     return convolve1d(detections, masses, mode="wrap" if periodic else "constant")
 
 
 def sample_jitter(rng: np.random.Generator, masses: np.ndarray, size: int) -> np.ndarray:
-    """Draw by how many bins `size` stamps move, from the `masses` of a `kernel`."""
+    """Sample the shifts [bins] of `size` stamps, from the `masses` of a `kernel`."""
     moved = np.searchsorted(np.cumsum(masses), rng.random(size), side="right")
     return np.minimum(moved, masses.size - 1) - masses.size // 2

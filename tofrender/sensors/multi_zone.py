@@ -79,6 +79,7 @@ class MultiZone:
     crosstalk: float = 0.0
 
     def __post_init__(self) -> None:
+        # Check the arrays
         centers = checks.real_array("centers", self.centers, np.float64)
         is_list = centers.ndim == 2 and 1 <= len(centers) <= MOST_ZONES
         checks.shape("centers", centers, is_list, f"(zones, 2), with 1 to {MOST_ZONES} zones")
@@ -91,6 +92,8 @@ class MultiZone:
             array = checks.finite(name, array)
             checks.shape(name, array, array.shape == shape, str(shape))
             object.__setattr__(self, name, array)
+
+        # Check the ranges
         for name in ("sizes", "gains", "scale"):
             array = getattr(self, name)
             checks.require(name, float(array.min()), array.min() > 0, "above 0")
@@ -111,17 +114,20 @@ class MultiZone:
 
     @classmethod
     def from_file(cls, path: str | os.PathLike[str]) -> MultiZone:
-        """Read a sensor from a TOML file, whose keys are the arguments of the class.
+        """Read a sensor from a TOML file. Its keys are the arguments of the class.
 
         `pulse` is a table with `opl` and `values` of a `KnotPulse`, or with `values`, `start_opl`
         and `bin_width_opl` of a `SampledPulse`.
         """
+        # Check the keys of the sensor
         given = table("sensor", read_toml("path", path)[0])
         names = [each.name for each in fields(cls)]
         known_keys("sensor", given, names)
         for name in names[:8]:
             if name not in given:
                 raise ValueError(f"path = {path}: sensor.{name} is missing")
+
+        # Check the keys of the pulse
         pulse = table("sensor.pulse", given.pop("pulse"))
         is_knots = "opl" in pulse
         needed = ("opl", "values") if is_knots else ("values", "start_opl", "bin_width_opl")
@@ -137,14 +143,14 @@ class MultiZone:
 
         Args:
             renders: A Dataset of `render_poses` with a perspective camera, "radiance per bin", and
-                without a pulse of its own. The mean of channels counts. Its bins should be at most
-                a quarter as wide as those of the sensor, since light counts at their centers.
+                without a pulse. Channels are averaged. Its bins should be at most a quarter as wide
+                as the sensor's bins, because light counts at the centers of bins.
 
         Returns:
             A Dataset with `counts (pose, zone, bin)`.
 
         Raises:
-            ValueError: The Dataset is no such render.
+            ValueError: The argument is not such a Dataset; one line.
         """
         light = Light.of(renders)
         signal = self.crossed(np.einsum("zyx,pyxf->pzf", self.weights(light), light.radiance))
@@ -184,6 +190,7 @@ class MultiZone:
         return self.floors[:, None] + self.gains[:, None] * light
 
     def _labelled(self, counts: np.ndarray, renders: xr.Dataset) -> xr.Dataset:
+        """Create a Dataset of counts (pose, zone, bin)."""
         coords = {name: renders[name] for name in ("pose",) if name in renders.coords}
         attrs = {"quantity": "counts", "units": "1", "bin_width_opl": self.bin_width_opl}
         attrs |= {"scene": renders.attrs.get("scene", "")}
@@ -194,11 +201,18 @@ class MultiZone:
 class Light:
     """Light of renders as a multi-zone sensor needs it, read from a Dataset of `render_poses`."""
 
-    radiance: np.ndarray  # (poses, y, x, opl) [W m^-2 sr^-1]
-    opl: np.ndarray  # centers of the bins [m]
-    edges_x: np.ndarray  # tangents of the pixels' edges, (width + 1,)
-    edges_y: np.ndarray  # (height + 1,)
-    cos4: np.ndarray  # cos^4 of the angle of the pixels' centers to the axis, (y, x)
+    # Radiance (poses, y, x, opl) [W m^-2 sr^-1]
+    radiance: np.ndarray
+
+    # Centers of the bins [m]
+    opl: np.ndarray
+
+    # Tangents of the pixels' edges, (width + 1,) and (height + 1,)
+    edges_x: np.ndarray
+    edges_y: np.ndarray
+
+    # cos^4 of the angle between the pixels' centers and the axis, (y, x)
+    cos4: np.ndarray
 
     @classmethod
     def of(cls, renders: Any) -> Light:
@@ -218,19 +232,28 @@ class Light:
             raise ValueError(
                 f"renders have the pulse {pulse}. Render without a pulse, the sensor has its own"
             )
+        # Average channels of the intensity
         film = renders["transient"]
         if "stokes" in film.dims:
             film = film.sel(stokes="S0", drop=True)
         film = film.mean("channel", dtype=np.float64).transpose("pose", "y", "x", "opl")
+
+        # Geometry of the pixels
         tan_x = renders["tan_x"].values
         tan_y = renders["tan_y"].values
         cos4 = 1 / (1 + tan_x**2 + tan_y[:, None] ** 2) ** 2
         opl = np.asarray(renders["opl"].values, np.float64)
-        return cls(film.values, opl, _edges("x", tan_x), _edges("y", tan_y), cos4)
+        return cls(
+            radiance=film.values,
+            opl=opl,
+            edges_x=_edges("x", tan_x),
+            edges_y=_edges("y", tan_y),
+            cos4=cos4,
+        )
 
 
 def _edges(axis: str, centers: np.ndarray) -> np.ndarray:
-    """Return the edges of pixels whose centers are evenly spaced."""
+    """Return the edges of pixels from their evenly spaced centers."""
     checks.shape(f"tan_{axis}", centers, centers.size > 1, "of 2 pixels or more")
     step = (centers[-1] - centers[0]) / (centers.size - 1)
     return centers[0] + step * (np.arange(centers.size + 1) - 0.5)
@@ -244,7 +267,7 @@ def _overlaps(edges: np.ndarray, low: np.ndarray, high: np.ndarray, blur: float)
 
 
 def _ramp(x: np.ndarray, blur: float) -> np.ndarray:
-    """Integrate a step at 0, blurred by a Gaussian: max(x, 0) for no blur."""
+    """Integrate a step at 0 that is blurred by a Gaussian; without blur this is max(x, 0)."""
     if blur == 0:
         return np.maximum(x, 0.0)
     z = x / blur
@@ -253,7 +276,7 @@ def _ramp(x: np.ndarray, blur: float) -> np.ndarray:
 
 
 def _cumulative(pulse: SampledPulse, offsets: np.ndarray) -> np.ndarray:
-    """Cumulative distribution of a pulse in double precision."""
+    """Return the cumulative distribution of a pulse in double precision."""
     edges = pulse.start_opl + pulse.bin_width_opl * np.arange(pulse.density.size + 1)
     mass = np.concatenate([[0.0], np.cumsum(pulse.density * pulse.bin_width_opl)])
     return np.interp(offsets, edges, mass / mass[-1])

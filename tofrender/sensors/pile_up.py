@@ -1,4 +1,4 @@
-"""First photons of laser cycles, pile-up and its correction."""
+"""First photons of laser cycles, and the correction of pile-up."""
 
 from typing import Any
 
@@ -10,9 +10,10 @@ from .rates import at_least_0
 
 
 def first_photon(rates: np.ndarray) -> np.ndarray:
-    """Probability P_k = exp(-sum of rates before k) (1 - exp(-rate_k)) of a cycle's first photon.
+    """Return the probability that the first photon of a cycle is in each bin.
 
-    Coates, "The correction for photon 'pile-up'", J. Phys. E 1 (1968), for rates (..., bin).
+    P_k = exp(-sum of rates before k) (1 - exp(-rate_k)), for rates (..., bin) per cycle. Source:
+    Coates, "The correction for photon 'pile-up'", J. Phys. E 1 (1968).
 
     Example:
         >>> first_photon(np.array([0.05, 0.3, 1.2, 0.4, 0.1])).round(6).tolist()
@@ -22,15 +23,16 @@ def first_photon(rates: np.ndarray) -> np.ndarray:
 
 
 def coates(counts: Any, cycles: int) -> Any:
-    """Estimate rates from a histogram of first photons, which pile-up distorts.
+    """Estimate rates from a histogram of first photons, which is distorted by pile-up.
 
         rate_k = -ln(1 - N_k / (cycles - sum of N before k))
 
-    for counts N (..., bin) of so many cycles, in photons per cycle (..., bin): infinite where all
-    that are left detect, NaN after that. The likeliest (Coates 1968), see `coates_variance`.
+    Counts N (..., bin) of a number of cycles give photons per cycle (..., bin). The estimate is
+    infinite if all remaining cycles detect, and NaN in later bins. It is the maximum likelihood
+    estimate (Coates 1968). See also `coates_variance`.
 
-    A DataArray with the axis bin or opl gives a DataArray with the same axes and coordinates, so
-    that `estimate_depth` and `echoes` find its path lengths. An array gives an array.
+    A DataArray with the axis bin or opl results in a DataArray with the same axes and coordinates,
+    so that `estimate_depth` and `echoes` find its path lengths. An array results in an array.
 
     Example:
         >>> coates([393469, 238651], 1_000_000).round(4).tolist()
@@ -51,11 +53,12 @@ def coates(counts: Any, cycles: int) -> Any:
 
 
 def coates_variance(rates: Any, cycles: int) -> Any:
-    """Variance of `coates`, which attains the bound, for rates (..., bin) per cycle, at least 0.
+    """Return the variance of `coates`, which attains the Cramér-Rao bound.
 
         (exp(rate_k) - 1) / (cycles exp(-sum of rates before k))
 
-    A DataArray gives a DataArray, as for `coates`.
+    Rates (..., bin) are photons per cycle, at least 0. A DataArray results in a DataArray, as for
+    `coates`.
 
     Example:
         >>> coates_variance([0.5, 0.5], 1000).round(6).tolist()

@@ -1,4 +1,4 @@
-"""From rendered radiance to the photons that a sensor's pixel expects."""
+"""Conversion of rendered radiance to the expected photons of a sensor's pixels."""
 
 from types import SimpleNamespace
 from typing import Annotated, Any
@@ -10,7 +10,10 @@ from ..labels import TRANSIENT, Bins, bins_of, intensity, read
 from ..runtime import checks
 from ..signals.units import SPEED_OF_LIGHT
 
-PLANCK = 6.62607015e-34  # [J s]
+# Planck constant [J s]
+PLANCK = 6.62607015e-34
+
+# Required parameters of a description of the optics
 NEEDED = {"pulse_energy_j", "lamp_power_w", "wavelength_m", "f_number", "pixel_pitch_m"}
 LONG_NAMES = {
     "rate": "expected photons per bin and cycle",
@@ -41,47 +44,48 @@ def expected_photons(
     """Convert radiance per bin to expected detections per pixel, bin and laser cycle.
 
     In the render, lamps of the constant power P cause the radiance H_k in bin k. A laser pulse of
-    the energy Q instead of them causes
+    the energy Q that replaces them causes
 
-        radiance              H_k Q / P                                   [J m^-2 sr^-1]
-        irradiance            pi / (4 N^2) cos^4(angle off the axis)      times that [J m^-2]
-        energy on the pixel   pitch^2 fill_factor                         times that [J]
-        photons               wavelength / (h c)                          times that
-        signal_k              transmission detection_efficiency           times that
+        radiance              H_k Q / P                                     [J m^-2 sr^-1]
+        irradiance            pi / (4 N^2) cos^4(angle off the axis)        times radiance [J m^-2]
+        energy on the pixel   pitch^2 fill_factor                           times irradiance [J]
+        photons               wavelength / (h c)                            times energy
+        signal_k              transmission detection_efficiency             times photons
 
-    with the f-number N (camera equation for objects far away: Kolb, Mitchell and Hanrahan,
-    SIGGRAPH 1995). Ambient light takes the same way during a bin's time w / c, and
+    with the f-number N (camera equation for distant objects: Kolb, Mitchell and Hanrahan, SIGGRAPH
+    1995). Ambient light is converted in the same way, for the time w / c of a bin:
 
         rate_k = signal_k + (ambient counts per second + dark_count_hz) w / c.
 
-    A pulse of the render is part of H_k. In short, `photons_per_cycle` scales the mean signal of
-    all pixels, and `background_per_cycle` is spread over bins; then no other may be given.
+    A pulse of the render is part of H_k. Alternatively, `photons_per_cycle` scales the mean signal
+    of all pixels, and `background_per_cycle` is divided among the bins. Then other parameters are
+    not allowed.
 
     Args:
-        dataset: A Dataset of `render`, "radiance per bin"; lazy ones stay so. The mean of channels
-            counts, of Stokes vectors S0; `dataset.sel(channel=["R"])` has one channel.
+        dataset: A Dataset of `render`, "radiance per bin". Lazy Datasets remain lazy. Channels are
+            averaged; `dataset.sel(channel=["R"])` selects one. S0 of Stokes vectors is used.
         photons_per_cycle: Mean signal per pixel and cycle, above 0.
         background_per_cycle: Background per pixel and cycle, at least 0.
         lamp_power_w: Power P [W] that the lamps of the scene emit.
         mean_power_w: Mean power of the laser [W].
-        repetition_rate_hz: Pulses per second, whose period is no shorter than the window.
-        pulse_energy_j: Energy Q [J] of a pulse, instead of these two, whose ratio it is.
+        repetition_rate_hz: Pulses per second. Their period must not be shorter than the window.
+        pulse_energy_j: Energy Q of a pulse [J], instead of mean power and repetition rate.
         wavelength_m: Wavelength of the laser [m].
-        f_number: Focal length over diameter of the aperture.
-        focal_length_m: Focal length [m], for cos^4; None for 1.
+        f_number: Focal length over the diameter of the aperture.
+        focal_length_m: Focal length [m] for the factor cos^4, None to omit this factor.
         pixel_pitch_m: Distance of pixels [m].
-        fill_factor: Sensitive part of a pixel, from 0 to 1.
+        fill_factor: Sensitive fraction of a pixel, from 0 to 1.
         transmission: Transmission of lens and filter, from 0 to 1.
         detection_efficiency: Counts per photon, from 0 to 1.
         ambient_radiance: Radiance of ambient light in the filter's band [W m^-2 sr^-1].
         dark_count_hz: Dark counts of a pixel [1/s].
 
     Returns:
-        A Dataset: `rate` (y, x, bin) with the coordinate opl [m], the `background` (y, x) that is
-        part of each bin, and all parameters as attributes.
+        A Dataset with `rate` (y, x, bin) and the coordinate opl [m], the `background` (y, x) that
+        is part of each bin, and all parameters as attributes.
 
     Raises:
-        ValueError: A parameter is missing, out of range or not allowed beside another.
+        ValueError: A parameter is missing, out of range, or not allowed with another parameter.
 
     Example:
         >>> from tofrender import render
@@ -90,14 +94,20 @@ def expected_photons(
         >>> rates["rate"].dims, round(rates["rate"].sum("bin").mean().item(), 3)
         (('y', 'x', 'bin'), 0.6)
     """
+    # Check the arguments
     given = {name: value for name, value in locals().items() if name != "dataset"}
     o: Any = SimpleNamespace(**given)
     dataset = read(dataset, TRANSIENT, "dataset")
     window = _check(dataset, given)
+
+    # Average the channels. Reconstruction filters may have negative lobes
     transient = intensity(dataset["transient"], "dataset")
     signal = transient.mean("channel", dtype=np.float64)
-    signal = signal.clip(min=0)  # Filters have negative lobes
-    bins, bin_s = window.count, window.bin_width_opl / SPEED_OF_LIGHT
+    signal = signal.clip(min=0)
+    bins = window.count
+    bin_s = window.bin_width_opl / SPEED_OF_LIGHT
+
+    # Scale the mean signal
     if photons_per_cycle is not None:
         mean = signal.sum("opl").mean()
         if not hasattr(mean.data, "dask"):
@@ -107,23 +117,33 @@ def expected_photons(
             )
         signal = signal * (photons_per_cycle / mean)
         background: Any = background_per_cycle / bins
+
+    # Or convert radiance by the camera equation
     else:
         if pulse_energy_j is None:
             fits = o.repetition_rate_hz * bins * bin_s <= 1 + 1e-9
             allowed = f"at most {1 / (bins * bin_s):g}, one over the window of the film"
             checks.require("repetition_rate_hz", repetition_rate_hz, fits, allowed)
             o.pulse_energy_j = o.mean_power_w / o.repetition_rate_hz
+
+        # Counts per radiance and second
         area = o.pixel_pitch_m**2 * fill_factor * np.pi / (4 * o.f_number**2)
         photons = area * o.wavelength_m / (PLANCK * SPEED_OF_LIGHT)
-        counts = photons * transmission * detection_efficiency  # Per W m^-2 sr^-1 and second
+        counts = photons * transmission * detection_efficiency
+
+        # Apply cos^4 of the angle off the axis
         if focal_length_m is not None:
             square: Any = 1.0
             for axis, size in (("x", "film_width"), ("y", "film_height")):
-                centre = dataset.attrs.get(size, dataset.sizes[axis]) / 2 - 0.5
-                square = square + ((dataset[axis] - centre) * o.pixel_pitch_m / focal_length_m) ** 2
+                center = dataset.attrs.get(size, dataset.sizes[axis]) / 2 - 0.5
+                square = square + ((dataset[axis] - center) * o.pixel_pitch_m / focal_length_m) ** 2
             counts = counts / square**2
+
+        # Add signal and background
         signal = signal * counts * (o.pulse_energy_j / o.lamp_power_w)
         background = (counts * ambient_radiance + dark_count_hz) * bin_s
+
+    # Describe the result
     background = (background + 0.0 * dataset["y"] + 0.0 * dataset["x"]).transpose("y", "x")
     rate = (signal + background).transpose("y", "x", "opl")
     rate = rate.drop_vars(["opl", "time"], errors="ignore").rename(opl="bin")
@@ -138,7 +158,8 @@ def expected_photons(
 
 
 def _check(dataset: xr.Dataset, given: dict[str, Any]) -> Bins:
-    """Refuse bad parameters, and return the bins."""
+    """Check the parameters of `expected_photons`, and return the bins of the render."""
+    # Check the render
     if dataset.attrs.get("camera_unwarp"):
         raise ValueError(
             "dataset has path lengths without the camera's segment (camera_unwarp = 1), which "
@@ -146,17 +167,26 @@ def _check(dataset: xr.Dataset, given: dict[str, Any]) -> Bins:
         )
     quantity = dataset.attrs.get("quantity")
     checks.require("quantity", quantity, quantity == "radiance per bin", "radiance per bin")
+
+    # Check each parameter
     short = given["photons_per_cycle"] is not None
     defaults: Any = expected_photons.__kwdefaults__
     for name, default in defaults.items():
         value = given[name]
+        # Its range
         if value is not None or default is not None:
-            above, high = default is None, 1 if name in FRACTIONS else None
+            above = default is None
+            high = 1 if name in FRACTIONS else None
             checks.number(name, value, positive=above, low=None if above else 0, high=high)
+
+        # Is it allowed?
         of_short = name in ("photons_per_cycle", "background_per_cycle")
         allowed = f"left out {'with' if short else 'without'} photons_per_cycle"
         checks.require(name, value, of_short == short or value == default, allowed)
-        valid, allowed = value is not None, "given, or photons_per_cycle instead of optics"
+
+        # Is it required?
+        valid = value is not None
+        allowed = "given, or photons_per_cycle instead of optics"
         if name == "pulse_energy_j":
             pair = [given["mean_power_w"], given["repetition_rate_hz"]]
             valid = pair == [None, None] if valid else None not in pair

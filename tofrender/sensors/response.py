@@ -1,4 +1,4 @@
-"""Temporal response of a detector or of a whole system: Gaussian with an exponential tail."""
+"""Temporal response of a detector or a whole system: a Gaussian with an exponential tail."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,8 @@ from ..signals.pulses import GaussianPulse, SampledPulse
 from ..signals.units import SPEED_OF_LIGHT
 from .jitter import kernel
 
-FINE = 8  # Bins of a convolution in a standard deviation of the Gaussian
+# Number of bins of a convolution per standard deviation of the Gaussian
+FINE = 8
 
 
 @dataclass(frozen=True)
@@ -21,12 +22,12 @@ class Response:
 
         f(t) = exp(s^2 / 2 a^2 - t / a) erfc(s / (sqrt(2) a) - t / (sqrt(2) s)) / (2 a)
 
-    with mean a, variance s^2 + a^2. A `GaussianPulse` may stand for it, and a `SampledPulse`, which
-    may be read from a file, for a measured response over metres of path.
+    The mean is a, and the variance is s^2 + a^2. A `GaussianPulse` can be used instead. A
+    `SampledPulse`, which can be read from a file, represents a measured response.
 
     Args:
         sigma_s: Standard deviation s of the Gaussian [s], above 0.
-        tail_s: Time constant a of the tail, towards later stamps [s]; 0 for none.
+        tail_s: Time constant a of the tail towards later stamps [s], 0 without a tail.
 
     Example:
         >>> delays = distribution("jitter", Response(40e-12, tail_s=60e-12))
@@ -43,15 +44,24 @@ class Response:
 
 
 def distribution(name: str, response: Any) -> Any:
-    """Distribution of SciPy over path lengths [m] of a response, a parameter of this name."""
+    """Return the SciPy distribution of a response over path lengths [m].
+
+    Args:
+        name: Name of the parameter, for messages.
+        response: A `Response`, a `GaussianPulse` or a `SampledPulse`.
+    """
     if isinstance(response, SampledPulse):
         edges = response.start_opl + response.bin_width_opl * np.arange(response.density.size + 1)
         return stats.rv_histogram((response.density, edges), density=True)
     if isinstance(response, GaussianPulse):
         return stats.norm(0, response.width_opl)
     checks.instance(name, response, Response, "a Response, GaussianPulse or SampledPulse")
-    sigma, tail = response.sigma_s * SPEED_OF_LIGHT, response.tail_s * SPEED_OF_LIGHT
-    if tail < 1e-3 * sigma:  # Differs by less than 1e-6 of the variance; avoids overflow
+
+    # A very short tail is replaced by its mean. The variance differs by less than 1e-6, and the
+    # exponential would overflow
+    sigma = response.sigma_s * SPEED_OF_LIGHT
+    tail = response.tail_s * SPEED_OF_LIGHT
+    if tail < 1e-3 * sigma:
         return stats.norm(tail, sigma)
     return stats.exponnorm(tail / sigma, 0, sigma)
 

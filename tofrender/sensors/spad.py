@@ -13,41 +13,44 @@ from .readout import Readout
 from .response import distribution
 
 MODES = ("first_photon", "multi_hit", "free_running")
-MAX_RATE = 50.0  # Photons per pixel and cycle
+# Photons per pixel and cycle above which a warning is issued
+MAX_RATE = 50.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spad:
     """SPAD array with time-correlated single-photon counting (TCSPC).
 
-    The chain is: photons (Poisson; the detection efficiency is part of the rates) -> detection with
-    dead time, of afterpulses and crosstalk, too -> macro pixels -> jitter -> time-to-digital
-    converter (TDC). Time is resolved to the bins of the rates: a dead time covers whole bins, and
-    with one a bin detects at most once per cycle. Afterpulses cause further ones; crosstalk goes to
-    one of four neighbours and causes no more, which is right to first order in its probability.
-    An avalanche causes an afterpulse only if it is detected.
+    The stages are: photons (Poisson distributed; the detection efficiency is part of the rates),
+    detection with dead time, also of afterpulses and crosstalk, macro pixels, jitter, and the
+    time-to-digital converter (TDC). Times are resolved to the bins of the rates. A dead time covers
+    whole bins. With a dead time, a bin detects at most once per cycle. Afterpulses cause further
+    afterpulses. Crosstalk reaches one of four neighbors and causes no further crosstalk, which is
+    correct to first order in its probability. Only detected avalanches cause afterpulses.
 
     Args:
-        mode: "first_photon": armed when a cycle starts, for one detection; "multi_hit": armed when
-            a cycle starts, and again after the dead time; "free_running": the dead time goes on
-            into the next cycle, which starts where the window ends.
-        dead_time_s: Dead time [s], shorter than the window; 0 for none, and for "first_photon".
+        mode: "first_photon": armed at the start of a cycle, for one detection. "multi_hit": armed
+            at the start of a cycle, and again after the dead time. "free_running": the dead time
+            continues in the next cycle, which starts where the window ends.
+        dead_time_s: Dead time [s], shorter than the window. Not allowed for "first_photon".
         paralysable: Whether photons within the dead time prolong it.
         afterpulse_probability: Probability of an afterpulse after the dead time, up to 0.9.
         afterpulse_time_s: Mean time from the end of the dead time to the afterpulse [s].
-        crosstalk_probability: Probability of an avalanche in a neighbour, at once, up to 0.9.
-        jitter: A `Response` or pulse that delays time stamps, None for none.
-        tdc_bits: The TDC has 2^bits codes; later stamps are lost. None for as many as fit.
-        tdc_lsb_s: Width of a code [s], a whole number of bins; None for one bin.
+        crosstalk_probability: Probability of a simultaneous avalanche in a neighbor, up to 0.9.
+        jitter: A `Response` or pulse that delays time stamps, None without jitter.
+        tdc_bits: The TDC has 2^bits codes, and later stamps are lost. None for as many codes as the
+            window contains.
+        tdc_lsb_s: Width of a code [s], a whole number of bins. None for one bin.
         tdc_dnl: Differential nonlinearity: standard deviation of the codes' widths, in codes.
-        macro_pixel: (rows, columns) of SPADs that share a TDC; must divide the film.
-        coincidence: Avalanches of a macro pixel that make a detection.
-        coincidence_window_s: Time within which they must lie [s]; 0 for the same bin.
-        hot_fraction: Part of the pixels that are hot, up to 0.9.
-        hot_rate_hz: Dark counts of hot pixels beyond those of others [1/s].
-        device_seed: Chooses hot pixels and widths of codes.
+        macro_pixel: (rows, columns) of SPADs that share a TDC. They must divide the film.
+        coincidence: Number of avalanches in a macro pixel that are required for a detection.
+        coincidence_window_s: Time within which they must occur [s], 0 for the same bin.
+        hot_fraction: Fraction of hot pixels, up to 0.9.
+        hot_rate_hz: Additional dark counts of hot pixels [1/s].
+        device_seed: Seed of hot pixels and of the widths of codes.
 
     Raises:
+        ValueError: A value is out of range, or a parameter has no effect; one line.
         ValueError: A value out of range, or a parameter that nothing depends on.
 
     Example:
@@ -75,14 +78,23 @@ class Spad:
     device_seed: int = 0
 
     def __post_init__(self) -> None:
-        seconds, part = {"unit": "seconds", "low": 0, "high": 1}, {"low": 0, "high": 0.9}
+        # Check the numbers
+        seconds = {"unit": "seconds", "low": 0, "high": 1}
+        part = {"low": 0, "high": 0.9}
         limits: dict[str, Any] = {
-            **{"dead_time_s": seconds, "afterpulse_time_s": seconds, "tdc_dnl": part},
-            **{"coincidence_window_s": seconds, "afterpulse_probability": part},
-            **{"crosstalk_probability": part, "hot_fraction": part, "hot_rate_hz": {"low": 0}},
+            "dead_time_s": seconds,
+            "afterpulse_time_s": seconds,
+            "tdc_dnl": part,
+            "coincidence_window_s": seconds,
+            "afterpulse_probability": part,
+            "crosstalk_probability": part,
+            "hot_fraction": part,
+            "hot_rate_hz": {"low": 0},
         }
         for name, limit in limits.items():
             checks.number(name, getattr(self, name), **limit)
+
+        # Check the other parameters
         checks.one_of("mode", self.mode, MODES)
         checks.boolean("paralysable", self.paralysable)
         checks.integer("device_seed", self.device_seed, 0, checks.MAX_SEED)
@@ -92,6 +104,8 @@ class Spad:
             checks.integer("tdc_bits", self.tdc_bits, 1, 20)
         if self.tdc_lsb_s is not None:
             checks.number("tdc_lsb_s", self.tdc_lsb_s, unit="seconds", positive=True)
+
+        # Check the macro pixels
         sizes = checks.items("macro_pixel", self.macro_pixel, 2, "(rows, columns)")
         tall, wide = (checks.integer("macro_pixel", n, 1, 64) for n in sizes)
         object.__setattr__(self, "macro_pixel", (tall, wide))
@@ -131,27 +145,26 @@ class Spad:
     ) -> xr.Dataset:
         """Simulate histograms of time stamps.
 
-        Cycles that start armed, without paralysis, afterpulses, crosstalk and macro pixels, are
-        drawn from the exact distribution of their counts, at a cost that hardly depends on
-        `cycles`; all else photon by photon. Rows have their own random numbers: chunks of the film
-        change nothing. Photons are simulated in chunks of cycles, with about 150 MB per thread.
-        More photons per cycle than the model is meant for make a warning.
+        Two methods exist. Cycles that start armed, without paralysis, afterpulses, crosstalk and
+        macro pixels, are sampled from the exact distribution of their counts. The cost hardly
+        depends on `cycles`. Otherwise photons are simulated one by one, in chunks of cycles, with
+        about 150 MB per thread. Each row has its own random numbers, so that the result does not
+        depend on chunks of the film. Too many photons per cycle cause a warning.
 
         Args:
-            rates: A Dataset of `expected_photons`, or photons per pixel, bin and cycle, at least 0,
-                as an array (y, x, bin) that starts at the path length 0. If lazy (Dask), the result
-                is, too.
+            rates: A Dataset of `expected_photons`, or an array (y, x, bin) of photons per pixel,
+                bin and cycle, at least 0, that starts at the path length 0. If the rates are lazy
+                (Dask), the result is lazy, too.
             cycles: Laser cycles, at least 1.
             seed: Seed of the random numbers.
             bin_width_opl: Width of the bins [m], for an array.
 
         Returns:
-            A Dataset with `counts` (y, x, bin), int64, so that sums of counts do not overflow, and
-            `cycles`;
-            nominal centres of the codes as the coordinate opl [m].
+            A Dataset with `counts` (y, x, bin), `cycles`, and the nominal centers of the codes as
+            the coordinate opl [m]. Counts are int64, so that sums of counts do not overflow.
 
         Raises:
-            ValueError: Wrong rates, or a dead time, TDC or macro pixels that do not fit them.
+            ValueError: The rates are invalid, or dead time, TDC or macro pixels do not fit them.
         """
         readout = Readout(self, Rates(rates, cycles, bin_width_opl, MAX_RATE), seed)
         return self._counts(readout, readout.histogram, np.int64)
@@ -163,9 +176,10 @@ class Spad:
         *,
         bin_width_opl: Any = None,
     ) -> xr.Dataset:
-        """Compute the expectation of `histogram`, float64; for "free_running" the stationary one.
+        """Compute the expectation of `histogram`, float64.
 
-        Afterpulses, crosstalk and macro pixels have no closed form and are refused.
+        In mode "free_running", it is the expectation of the stationary state. Afterpulses,
+        crosstalk and macro pixels do not have a closed form and are refused.
         """
         for name, value in self.interactions().items():
             checks.require(name, value, False, "left out for expected")
@@ -173,7 +187,7 @@ class Spad:
         return self._counts(readout, readout.expected, np.float64)
 
     def interactions(self) -> dict[str, Any]:
-        """Parameters that are in use, and for which `expected` has no closed form."""
+        """Return the parameters in use for which `expected` has no closed form."""
         names = "afterpulse_probability", "crosstalk_probability", "macro_pixel"
         given = {name: getattr(self, name) for name in names}
         return {name: value for name, value in given.items() if value not in (0, (1, 1))}
@@ -188,38 +202,50 @@ class Spad:
     ) -> xr.Dataset:
         """Simulate a table of time stamps, sorted by row, pixel and time of detection.
 
-        Arguments and errors are as for `histogram`; lazy rates are computed. A photon takes about
+        Arguments and errors are as for `histogram`. Lazy rates are computed. A photon needs about
         100 bytes.
 
         Returns:
             A Dataset along "photon": row `y` and column `x` from 0, `cycle`, TDC code `bin`, and
-            the code's nominal centre `opl` [m].
+            the nominal center of the code `opl` [m].
 
         Example:
             >>> table = Spad().photons(np.full((1, 1, 4), 0.1), 1000, bin_width_opl=0.1)
             >>> sorted(table.data_vars), bool(table["cycle"].to_index().is_unique)
             (['bin', 'cycle', 'opl', 'x', 'y'], True)
         """
+        # Simulate the columns
         readout = Readout(self, Rates(rates, cycles, bin_width_opl, MAX_RATE), seed)
         values = np.asarray(readout.rates.values)
         parts = by_blocks(readout.table, values, *readout.rows, None, None)
         columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
-        columns.append(readout.centres[columns[3]])
+        columns.append(readout.centers[columns[3]])
+
+        # Describe the result
         named = zip(("y", "x", "cycle", "bin", "opl"), columns, strict=True)
         attrs = readout.rates.result("photons", (), 0, "1").attrs | readout.attrs
         attrs["cycles"] = cycles
         return xr.Dataset({name: ("photon", column) for name, column in named}, attrs=attrs)
 
     def _counts(self, readout: Readout, function: Any, dtype: Any) -> xr.Dataset:
-        values, shape = readout.rates.values, readout.shape
+        """Apply a function of the readout to all blocks, and describe its counts."""
+        values = readout.rates.values
+        shape = readout.shape
 
         def counted(block: Any) -> np.ndarray:
-            found, cycles = function(block), readout.rates.cycles
+            found = function(block)
+            cycles = readout.rates.cycles
             fits = dtype is np.float64 or found.max(initial=0) < 1 << 32
             checks.require("cycles", cycles, fits, "fewer, for counts of a bin below 2^32")
             return found.astype(dtype)
 
         counts = by_blocks(counted, values, *readout.rows, shape, dtype)
-        given = ("counts", ("y", "x", "bin"), counts, "1", self.macro_pixel)
-        found = readout.rates.result(*given, opl=("bin", readout.centres, {"units": "m"}))
+        found = readout.rates.result(
+            "counts",
+            ("y", "x", "bin"),
+            counts,
+            "1",
+            self.macro_pixel,
+            opl=("bin", readout.centers, {"units": "m"}),
+        )
         return found.assign_attrs(readout.attrs)

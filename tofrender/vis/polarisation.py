@@ -8,11 +8,11 @@ import xarray as xr
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 
-from ..analysis.polarisation import (
-    angle_of_linear_polarisation,
-    degree_of_circular_polarisation,
-    degree_of_linear_polarisation,
-    degree_of_polarisation,
+from ..analysis.polarization import (
+    angle_of_linear_polarization,
+    degree_of_circular_polarization,
+    degree_of_linear_polarization,
+    degree_of_polarization,
 )
 from ..labels import IMAGE, read_array, require_whole_stokes
 from ..runtime import checks
@@ -57,20 +57,20 @@ def polarisation_picture(
     if shown == "intensity":
         colours = values[:, :, 0] if values.shape[3] == 3 else light[:, :, 0]
         return tonemap(colours, exposure=gain)
-    linear = np.nan_to_num(degree_of_linear_polarisation(light, axis=2))
-    angle = np.nan_to_num(angle_of_linear_polarisation(light, axis=2)) / np.pi
+    linear = np.nan_to_num(degree_of_linear_polarization(light, axis=2))
+    angle = np.nan_to_num(angle_of_linear_polarization(light, axis=2)) / np.pi
     if shown == "colours":
         saturation = np.clip(linear, 0, 1)[..., None]
         hue = from_srgb(hue_map()(angle)[..., :3])
         return tonemap(light[:, :, :1] * (saturation * hue + 1 - saturation), exposure=gain)
     lit = light[:, :, 0] > 0
     if shown == "degree":
-        degree = np.nan_to_num(degree_of_polarisation(light, axis=2))
+        degree = np.nan_to_num(degree_of_polarization(light, axis=2))
         picture = colormaps["viridis"](degree)
     elif shown == "angle":
         picture, lit = phase_map()(angle), linear >= MIN_DEGREE
     else:
-        degree = np.nan_to_num(degree_of_circular_polarisation(light, axis=2))
+        degree = np.nan_to_num(degree_of_circular_polarization(light, axis=2))
         picture = colormaps["coolwarm"](degree / 2 + 0.5)
     return np.rint(255 * picture[..., :3] * lit[..., None]).astype(np.uint8)
 
@@ -114,9 +114,9 @@ def polarisation_figure(
     """
     checks.text("title", title)
     _, light, gain = _checked(stokes, exposure)
-    linear = degree_of_linear_polarisation(light, axis=2)
-    angle = np.where(linear >= MIN_DEGREE, angle_of_linear_polarisation(light, axis=2), np.nan)
-    circular = degree_of_circular_polarisation(light, axis=2)
+    linear = degree_of_linear_polarization(light, axis=2)
+    angle = np.where(linear >= MIN_DEGREE, angle_of_linear_polarization(light, axis=2), np.nan)
+    circular = degree_of_circular_polarization(light, axis=2)
     panels = (
         ("intensity", light[:, :, 0], "gray", 0, 1 / gain, "radiance [W m⁻² sr⁻¹]"),
         ("linear polarisation", linear, "viridis", 0, 1, "degree"),

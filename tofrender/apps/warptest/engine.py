@@ -122,7 +122,7 @@ class Engine:
 
     def __init__(self, module: Any = None) -> None:
         variant = backend.activate(None)
-        backend.require_vectorised()
+        backend.require_vectorized()
         self.module = None if module is None else Module(module)
         if module is None and any(map(is_withheld, SUBJECTS.values())):
             self.module = find_module(Path.cwd())

@@ -14,15 +14,22 @@ from ...runtime import checks
 from ...runtime.backend import tracing_lock
 from ...runtime.interface import pose as pose_of, pose_name, world_transform
 
-RAYS, CELLS = 32, 256
-"""Rays that bound a beam, and cells of the midpoint rule that integrates it, on each side."""
+RAYS = 32
+"""Rays that bound a beam, along each side."""
+
+CELLS = 256
+"""Cells of the midpoint rule that integrates a beam, along each side."""
 
 VISIBLE_NM = (460.0, 530.0, 590.0, 640.0)
 """Wavelengths at which spectral variants compare a beam's brightness."""
 
 
 def find_laser(scene: mi.Scene) -> Any:
-    """Return the scene's one emitter, a projector or a spot; a ValueError for others."""
+    """Return the only emitter of the scene, which must be a projector or a spot.
+
+    Raises:
+        ValueError: The scene has other emitters; one line.
+    """
     emitters = scene.emitters()
     delta = mi.EmitterFlags.DeltaPosition
     if len(emitters) != 1 or not mi.has_flag(emitters[0].flags(), delta):
@@ -32,7 +39,7 @@ def find_laser(scene: mi.Scene) -> Any:
 
 
 def axis(laser: Any) -> tuple[mi.Point3f, mi.Vector3f]:
-    """Position of a laser [m], and the unit vector along its optical axis."""
+    """Return the position of a laser [m], and the unit vector along its optical axis."""
     pose = world_transform(laser)
     return pose @ mi.Point3f(0), dr.normalize(pose @ mi.Vector3f(0, 0, 1))
 
@@ -40,8 +47,10 @@ def axis(laser: Any) -> tuple[mi.Point3f, mi.Vector3f]:
 def solid_angle(laser: Any) -> float:
     """Integrate I(w) / I(axis) over the directions of a laser's beam [sr].
 
-    By the midpoint rule on a plane before the laser, whose extent sampled rays bound.
+    The midpoint rule is applied on a plane in front of the laser. Sampled rays bound the lit part
+    of this plane.
     """
+    # Sample rays of the beam
     sides = (dr.arange(mi.Float, RAYS) + 0.5) / RAYS
     u = mi.Point2f(*dr.meshgrid(sides, sides))
     rays, _ = laser.sample_ray(0.0, 0.5, u, u, True)
@@ -49,6 +58,7 @@ def solid_angle(laser: Any) -> float:
     frame = mi.Frame3f(forward)
 
     def intensity(d: mi.Vector3f) -> mi.Float:
+        # Intensity in a direction, by one emitter sample at the unit distance
         at: Any = dr.zeros(mi.SurfaceInteraction3f)
         at.p = origin + d
         if mi.is_spectral:
@@ -57,19 +67,21 @@ def solid_angle(laser: Any) -> float:
 
     on_axis = intensity(forward)
     if not on_axis[0] > 0:
-        raise ValueError("laser: is dark along its axis; must shine where it looks")
+        raise ValueError("laser: dark along its axis. Use a laser that is bright along its axis")
 
     # Bound the beam on the plane
     local = frame.to_local(rays.d)
     sides = (dr.arange(mi.Float, CELLS) + 0.5) / CELLS
-    plane, extents = [], []
+    plane = []
+    extents = []
     for along, unit in zip((local.x, local.y), dr.meshgrid(sides, sides), strict=True):
-        low, high = dr.min(along / local.z), dr.max(along / local.z)
+        low = dr.min(along / local.z)
+        high = dr.max(along / local.z)
         margin = 0.05 * (high - low)
         extents.append(high - low + 2 * margin)
         plane.append(low - margin + unit * extents[-1])
 
-    # Sum over the plane's cells, dw = cos³ dx dy
+    # Sum over the cells of the plane, with dw = cos³ dx dy
     d = mi.Vector3f(*plane, 1)
     cos = dr.rsqrt(dr.squared_norm(d))
     cell = extents[0] * extents[1] / CELLS**2
@@ -78,24 +90,32 @@ def solid_angle(laser: Any) -> float:
 
 
 def aim_laser(laser: Any, target: Any) -> None:
-    """Aim a laser, a projector or spot, at another point than its own [m]."""
-    origin, target = mi.Point3f(axis(laser)[0]), mi.Point3f(target)
+    """Aim a laser, a projector or spot, at a point [m].
+
+    Raises:
+        ValueError: The point is the position of the laser; one line.
+    """
+    origin = mi.Point3f(axis(laser)[0])
+    target = mi.Point3f(target)
     shown = np.array(target).ravel().tolist()
     checks.require("point", shown, dr.norm(target - origin)[0] > 0, "another than the laser's own")
+
+    # Choose an upward direction that is not along the beam
     along = dr.normalize(target - origin)
     up = mi.Vector3f(0, 1, 0) if abs(along.y[0]) < 0.99 else mi.Vector3f(1, 0, 0)
     _set_pose(laser, mi.Transform4f().look_at(origin, target, up))
 
 
 def apply_meters(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
-    """Move and aim the laser as an `nlos_capture_meter` of the scene says, once.
+    """Move and aim the laser as the `nlos_capture_meter` of the scene defines, once.
 
-    An aim at a pixel that the film does not have stays with the meter, for `require_aim`. A
-    `sensor` that looks at the laser spot is then told where that is.
+    If the laser is aimed at a pixel that the film does not have, this aim remains unchanged, and
+    `require_aim` refuses it. If the `sensor` looks at the laser spot, it is informed of the spot.
     """
     for meter in _meters(scene):
         if meter.laser_origin is not None:
-            laser, origin = find_laser(scene), meter.laser_origin
+            laser = find_laser(scene)
+            origin = meter.laser_origin
             matrix = pose_of(laser)
             matrix[:3, 3] = origin
             _set_pose(laser, mi.Transform4f(matrix))
@@ -103,6 +123,7 @@ def apply_meters(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
         if meter.laser_target is not None and not meter.misplaced_aim():
             aim_laser(find_laser(scene), meter.aim())
             meter.laser_target = None
+    # Let the sensor follow the laser
     follow: Any = getattr(sensor, "follow_laser", None)
     if follow is not None:
         follow(scene)
@@ -110,7 +131,7 @@ def apply_meters(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
 
 @contextmanager
 def restored_pose(laser: Any) -> Iterator[None]:
-    """Restore a laser's pose after the block, whatever happens."""
+    """Restore the pose of a laser after the block, also after an error."""
     pose = mi.Transform4f(world_transform(laser))
     try:
         yield
@@ -119,23 +140,24 @@ def restored_pose(laser: Any) -> Iterator[None]:
 
 
 def position_of(device: mi.Sensor | mi.Emitter) -> np.ndarray:
-    """Position of a sensor or laser [m], shape (3,)."""
+    """Return the position of a sensor or laser [m], shape (3,)."""
     return np.array(world_transform(device) @ mi.Point3f(0)).ravel()
 
 
 def require_aim(scene: mi.Scene) -> None:
-    """Refuse a meter whose laser is aimed at a pixel that its film does not have."""
+    """Refuse a meter with a laser that is aimed at a pixel outside the film."""
     for meter in _meters(scene):
         if meter.laser_target is not None:
             raise ValueError(meter.misplaced_aim())
 
 
 def _meters(scene: mi.Scene) -> list[Any]:
-    """Sensors of a scene that are an `nlos_capture_meter`."""
+    """Return the sensors of a scene that are an `nlos_capture_meter`."""
     return [sensor for sensor in scene.sensors() if hasattr(sensor, "laser_target")]
 
 
 def _set_pose(laser: Any, to_world: mi.Transform4f) -> None:
+    """Set the to-world transform of a laser."""
     parameters = mi.traverse(laser)
     parameters[pose_name(parameters)] = to_world
     parameters.update()
@@ -147,19 +169,22 @@ def focus_laser(
 ) -> np.ndarray:
     """Aim the scene's laser at a point of the relay wall.
 
+    Exactly one of `point`, `uv` and `pixel` must be given.
+
     Args:
         scene: A scene with one emitter, a projector or spot.
-        point: The point [m], or
-        uv: its coordinates in the uv square of the shape that the sensor is a child of, or
-        pixel: (x, y) of the sensor's whole film, whatever its crop window; its centre is meant.
-        sensor: Number of the sensor.
+        point: The point [m].
+        uv: Coordinates in the uv square of the shape to which the sensor is attached, from 0 to 1.
+        pixel: Pixel (x, y) of the sensor's whole film, also with a crop window. The laser is aimed
+            at the center of the pixel.
+        sensor: Index of the sensor.
 
     Returns:
         The point [m], shape (3,).
 
     Raises:
-        ValueError: Not exactly one of the three is given, it is out of range, or the pixel sees
-            nothing; one line.
+        ValueError: Not exactly one of the three is given, an argument is out of range, or the pixel
+            sees no surface; one line.
 
     Example:
         >>> from tofrender import load_scene
@@ -168,16 +193,21 @@ def focus_laser(
         [0.75, -0.75, 0.0]
     """
     checks.instance("scene", scene, mi.Scene, "a loaded scene; load_scene loads one")
+    # Exactly one target must be given
     given = (point, uv, pixel)
     if sum(value is not None for value in given) != 1:
         shown = ", ".join(map(checks.quote, given))
         raise ValueError(f"point, uv, pixel = {shown}: must be one of them, and None the others")
+
+    # Later calls must not aim the laser again
     laser = find_laser(scene)
     apply_meters(scene)
-    for meter in _meters(scene):  # The laser stays where it is aimed now, whatever they say
+    for meter in _meters(scene):
         meter.laser_target = None
     sensors = scene.sensors()
     camera = sensors[checks.integer("sensor", sensor, 0, len(sensors) - 1)]
+
+    # Find the center of a pixel on the wall
     if pixel is not None:
         numbers = checks.items("pixel", pixel, 2, "its column and row")
         film = camera.film()
@@ -187,17 +217,22 @@ def focus_laser(
             for axis, k, n in zip("xy", numbers, size, strict=True)
         )
         if camera.get_shape() is None:
-            crop, offset = film.crop_size(), film.crop_offset()  # Rays are sampled in the window
+            # Sample the center of the pixel; samples are relative to the crop window
+            crop = film.crop_size()
+            offset = film.crop_offset()
             sample = mi.Point2f((x - offset.x) / crop.x, (y - offset.y) / crop.y)
-            from ...paths.surfaces import first_surface  # Editions have lasers without paths
+            # Import here, because editions without `paths` contain lasers
+            from ...paths.surfaces import first_surface
 
             ray, _ = camera.sample_ray(0.0, 0.5, sample, mi.Point2f(0.5))
             si = first_surface(scene, mi.Ray3f(ray))
             if not dr.all(si.is_valid()):
-                raise ValueError(f"pixel = {pixel}: sees nothing; must be one that sees a surface")
+                raise ValueError(f"pixel = {pixel}: sees no surface. Choose another pixel")
             target = si.p
         else:
             target = _at_uv(camera, (x / size.x, y / size.y))
+
+    # Find a point in the uv square, or use the given point
     elif uv is not None:
         sides = checks.items("uv", uv, 2, "two numbers from 0 to 1")
         target = _at_uv(camera, [checks.number("uv", side, low=0, high=1) for side in sides])
@@ -208,7 +243,8 @@ def focus_laser(
 
 
 def _at_uv(camera: mi.Sensor, uv: Any) -> mi.Point3f:
+    """Return the point at coordinates in the uv square of the camera's shape [m]."""
     shape: Any = camera.get_shape()
     if shape is None:
-        raise ValueError("uv: the sensor is no child of a wall; must be a point or a pixel")
+        raise ValueError("uv: the sensor is not attached to a wall. Use point or pixel instead")
     return shape.sample_position(0.0, mi.Point2f(*uv), True).p

@@ -1,4 +1,4 @@
-"""The relay wall of a scene, and the points of it that a sensor's pixels look at."""
+"""The relay wall of a scene, and the points on it at which a sensor's pixels look."""
 
 from __future__ import annotations
 
@@ -15,17 +15,19 @@ from ...runtime.backend import tracing_lock
 from .laser import axis, find_laser
 
 DEFAULT_ID = "relay_wall"
-FLAT = 1e-4  # distance from a plane, over a wall's size, up to which the wall is flat
 APART = "a load with optimize=False keeps meshes of equal material apart"
+
+# A wall is flat if its points deviate less from a plane, relative to the size of the wall
+FLAT = 1e-4
 
 
 def is_on_relay_wall(
     si: mi.SurfaceInteraction3f, relay_wall_shapes: mi.Shape | Sequence[mi.Shape]
 ) -> mi.Bool:
-    """Test whether surface points are on the relay wall, a shape or several; a mask of `si`.
+    """Return a mask of the surface points that are on the relay wall, one or more shapes.
 
     Raises:
-        ValueError: An argument has another type; one line.
+        ValueError: An argument has the wrong type; one line.
 
     Example:
         >>> scene = mi.load_dict({"type": "scene", "wall": {"type": "rectangle"}})
@@ -46,15 +48,15 @@ def is_on_relay_wall(
 def find_relay_wall(scene: mi.Scene, wall: Any = DEFAULT_ID) -> list[mi.Shape]:
     """Find the shapes of a scene that are its relay wall.
 
-    Mitsuba merges meshes of equal material when it loads a scene, and they lose their ids:
-    `load_scene(..., optimize=False)` keeps them apart.
+    When Mitsuba loads a scene, it merges meshes of equal material, and their ids are lost.
+    `load_scene(..., optimize=False)` keeps them separate.
 
     Args:
         scene: The scene.
-        wall: The shape, its id, or a list of either.
+        wall: The shape, its id, or a list of shapes or ids.
 
     Raises:
-        ValueError: The scene has no such shape; one line with those that it has.
+        ValueError: The scene does not contain the shape. The message lists its shapes.
 
     Example:
         >>> scene = mi.load_dict({"type": "scene", "relay_wall": {"type": "rectangle"}})
@@ -66,7 +68,13 @@ def find_relay_wall(scene: mi.Scene, wall: Any = DEFAULT_ID) -> list[mi.Shape]:
 
 
 def find_shapes(scene: mi.Scene, wanted: Any, name: str) -> list[mi.Shape]:
-    """Find shapes of a scene by themselves, by their ids, or by a list of either."""
+    """Find shapes of a scene, given as shapes, ids, or a list of both.
+
+    Args:
+        scene: The scene.
+        wanted: The shapes.
+        name: Name of the parameter, for messages.
+    """
     keys = list(wanted) if isinstance(wanted, list | tuple) else [wanted]
     checks.require(name, keys, keys, "at least one shape")
     found: list[mi.Shape] = []
@@ -82,12 +90,12 @@ def find_shapes(scene: mi.Scene, wanted: Any, name: str) -> list[mi.Shape]:
 
 
 def ids(shapes: list[mi.Shape]) -> str:
-    """List the ids of shapes, for messages."""
+    """Return the ids of shapes as text, for messages."""
     return ", ".join(repr(shape.id()) for shape in shapes) or "none"
 
 
 def parse_ids(name: str, value: Any) -> list[str] | None:
-    """Split a plugin's parameter with ids of shapes at its commas; None stays None."""
+    """Split a plugin's parameter into ids of shapes, which are separated by commas."""
     if value is None:
         return None
     checks.instance(name, value, str, "ids of shapes, separated by commas")
@@ -96,31 +104,37 @@ def parse_ids(name: str, value: Any) -> list[str] | None:
 
 @tracing_lock()
 def trace_laser_spot(scene: mi.Scene, wall: list[mi.Shape]) -> tuple[np.ndarray, np.ndarray]:
-    """Trace the laser to the wall, or to any surface if that is not known; its point and normal."""
+    """Trace the laser to the wall, or to any surface if the wall is unknown.
+
+    Returns:
+        Point [m] and unit normal of the laser spot, both (1, 1, 3).
+    """
     ray = mi.Ray3f(*axis(find_laser(scene)))
     si: Any = first_surface(scene, ray)
     lit = is_on(si, wall) if wall else si.is_valid()
     if not lit[0]:
-        must = "must look at it, and tofrender.focus_laser aims it there"
-        raise ValueError(f"laser: does not light the relay wall; {must}")
+        raise ValueError(
+            "laser: its beam misses the relay wall. Aim it at the wall with tofrender.focus_laser"
+        )
     normal = si.n * dr.sign(-dr.dot(si.n, ray.d))
-    point, normal = (np.array(v, dtype=np.float64).reshape(1, 1, 3) for v in (si.p, normal))
+    point = np.array(si.p, dtype=np.float64).reshape(1, 1, 3)
+    normal = np.array(normal, dtype=np.float64).reshape(1, 1, 3)
     return point, normal
 
 
 @tracing_lock()
 def first_hits(scene: mi.Scene, sensor: mi.Sensor) -> tuple[mi.Ray3f, mi.SurfaceInteraction3f]:
-    """Trace rays through the centres of a sensor's pixels, row by row, to the first surface."""
+    """Trace rays through the centers of a sensor's pixels, row by row, to the first surface."""
     width, height = (int(n) for n in sensor.film().crop_size())
     x, y = dr.meshgrid(dr.arange(mi.Float, width), dr.arange(mi.Float, height))
-    centre = (mi.Point2f(x, y) + 0.5) / mi.ScalarPoint2f(width, height)
-    ray, _ = sensor.sample_ray(0.0, 0.5, centre, mi.Point2f(0.5), mi.Bool(True))
+    center = (mi.Point2f(x, y) + 0.5) / mi.ScalarPoint2f(width, height)
+    ray, _ = sensor.sample_ray(0.0, 0.5, center, mi.Point2f(0.5), mi.Bool(True))
     return mi.Ray3f(ray), first_surface(scene, mi.Ray3f(ray))
 
 
 @tracing_lock()
 def seen_shapes(scene: mi.Scene, sensor: mi.Sensor | None) -> list[mi.Shape]:
-    """Find the shapes at the centres of a sensor's pixels; none without a sensor."""
+    """Return the shapes at the centers of a sensor's pixels, or [] without a sensor."""
     if sensor is None:
         return []
     _, si = first_hits(scene, sensor)
@@ -131,24 +145,35 @@ def seen_shapes(scene: mi.Scene, sensor: mi.Sensor | None) -> list[mi.Shape]:
 def wall_points(
     scene: mi.Scene, sensor: mi.Sensor, wall: list[mi.Shape]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Find the points of the wall, and normals there, at the centres of a sensor's pixels.
+    """Find the points and normals of the wall at the centers of a sensor's pixels.
 
-    Returns points [m] and unit normals on the sensor's side, both (height, width, 3) of its film's
-    crop window, and whether each pixel looks at the wall, (height, width). A pixel that does not
-    gets the point where it looks at the plane of a flat wall, else that of a pixel nearby.
+    Returns:
+        Points [m] and unit normals towards the sensor, both (height, width, 3) for the crop window
+        of the film, and a mask of the pixels that look at the wall (height, width). Other pixels
+        get the point where they look at the plane of a flat wall, otherwise the point of the
+        nearest pixel.
+
+    Raises:
+        ValueError: No pixel looks at the wall; one line.
     """
+    # Trace the pixel centers
     width, height = (int(n) for n in sensor.film().crop_size())
     ray, si = first_hits(scene, sensor)
     count = width * height
     on_wall = np.broadcast_to(np.array(is_on_relay_wall(si, wall)), count)
     if not on_wall.any():
-        looked = f"0 of {count} pixels look at the relay wall, {ids(wall)}"
-        raise ValueError(f"sensor: {looked}; must be 1 or more")
+        raise ValueError(
+            f"sensor: 0 of {count} pixels look at the relay wall, {ids(wall)}; must be 1 or more"
+        )
+
+    # Convert to arrays (pixels, 3)
     normal = si.n * dr.sign(-dr.dot(si.n, ray.d))
     points, normals, origins, directions = (
         np.broadcast_to(np.array(v, dtype=np.float64).reshape(3, -1).T, (count, 3))
         for v in (si.p, normal, ray.o, ray.d)
     )
+
+    # Continue the wall to pixels that miss it
     if not on_wall.all():
         points, normals = _continue_wall(points, normals, on_wall, origins, directions)
     shape = (height, width, 3)
@@ -162,14 +187,17 @@ def _continue_wall(
     origins: np.ndarray,
     directions: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Replace points and normals, all (n, 3), of pixels that are not `on_wall`."""
-    # Take those of the nearest pixel on the wall
-    index, known = np.arange(len(points)), np.flatnonzero(on_wall)
+    """Replace points and normals, both (n, 3), of the pixels that are not `on_wall`."""
+    # Use the point of the nearest pixel on the wall
+    index = np.arange(len(points))
+    known = np.flatnonzero(on_wall)
     after = np.minimum(np.searchsorted(known, index), len(known) - 1)
     before = np.maximum(after - 1, 0)
     closer = np.abs(known[before] - index) < np.abs(known[after] - index)
     near = np.where(closer, known[before], known[after])
-    points, normals, seen = points[near], normals[near], points[known]
+    seen = points[known]
+    points = points[near]
+    normals = normals[near]
 
     # On a flat wall, intersect the rays with its plane
     normal = normals[known[0]]

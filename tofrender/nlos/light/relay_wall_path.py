@@ -1,4 +1,4 @@
-"""Base of the integrators of non-line-of-sight scenes: wall, hidden geometry, bounces, legs."""
+"""Base class of the integrators of non-line-of-sight scenes."""
 
 from __future__ import annotations
 
@@ -31,30 +31,33 @@ HIDDEN_SAMPLING = "nlos_hidden_geometry_sampling"
 
 
 class RelayWallPath(TransientPath):
-    """Base of the integrators that see around a corner by a relay wall.
+    """Base class of integrators that look around a corner by way of a relay wall.
 
-    A subclass defines the laser. Besides the parameters of `TransientPath`, without
-    `light_samples`:
+    A subclass defines the laser. Accepts the parameters of `TransientPath` except `light_samples`,
+    and
 
     | parameter | default | meaning |
     |---|---|---|
     | `relay_wall` | see below | ids of the wall's shapes, separated by commas |
-    | `hidden_shapes` | see below | ids of the shapes that hidden-geometry sampling aims at |
+    | `hidden_shapes` | see below | ids of the target shapes of hidden-geometry sampling |
     | `use_nlos_only` | false | count only paths with a vertex off the wall |
     | `filter_bounces` | -1 | count only paths of so many surface points (3: wall, object, wall) |
-    | `nlos_hidden_geometry_sampling` | true | send paths from the wall to hidden geometry, too |
+    | `nlos_hidden_geometry_sampling` | true | sample directions from the wall to hidden geometry |
     | `account_first_and_last_bounces` | true | count the legs from laser and sensor to the wall |
-    | `block_size` | 0 | as in Mitsuba: for scalar variants only, else a warning |
+    | `block_size` | 0 | for scalar variants only, as in Mitsuba; otherwise a warning |
 
-    The wall is by default the shape that the sensor is a child of, else the one that is called
-    "relay_wall". Everything else but boundaries of media is hidden geometry, whose points are
-    sampled by area, unless `hidden_shapes` says which of it: light of the others counts as well,
-    but by the wall's material alone. Where nothing says which shape is the wall, and sampling is
-    requested by name, paths are sent from the shapes that the camera's pixels look at to the
-    others. After a load, `relay_wall` and `hidden_shapes` can be set to lists of shapes or ids.
+    By default, the relay wall is the shape to which the sensor is attached. Without such a shape,
+    the wall is the shape with the id "relay_wall". All other shapes are hidden geometry, except
+    boundaries of media. Points of the hidden geometry are sampled by area. With `hidden_shapes`,
+    only these shapes are sampled by area. The BSDF of the wall still finds the others, so that
+    their light counts as well.
 
-    Where paths connect to the laser spot, they also do so by way of mirrors and clear glass, see
-    `nlos.light.specular`.
+    If no shape is known to be the wall and sampling is requested by name, the shapes that the
+    pixels see are the wall, and the remaining shapes are the targets. After a scene is loaded,
+    `relay_wall` and `hidden_shapes` can be set to lists of shapes or ids.
+
+    If paths connect to the laser spot, they also connect to it through mirrors and clear glass (see
+    `nlos.light.specular`).
     """
 
     needs_lights = False
@@ -62,20 +65,26 @@ class RelayWallPath(TransientPath):
     starts_at_lights = True
     takes_light_samples = False
     shown = ("max_depth", "use_nlos_only", "filter_bounces", "samples_hidden", "counts_legs")
-    counts_legs_by_default = samples_hidden_by_default = True
+    counts_legs_by_default = True
+    samples_hidden_by_default = True
     lights_a_point = True
-    """Whether paths connect to the laser spot, rather than to the emitter itself."""
+    """Whether paths connect to the laser spot, instead of the emitter."""
 
     hidden_probability = 0.5
-    """Probability with which a path leaves the wall towards a point of the hidden geometry."""
+    """Probability of sampling a point of the hidden geometry at the wall."""
 
     def __init__(self, props: mi.Properties) -> None:
+        # Read the shapes. A request by name also guides paths in scenes without a known wall
         self.relay_wall: Any = parse_ids("relay_wall", props.get("relay_wall", None))
         self.hidden_shapes: Any = parse_ids("hidden_shapes", props.get("hidden_shapes", None))
         self._samples_by_name = props.get(HIDDEN_SAMPLING, None) is True
+
+        # Only scalar variants render in blocks
         block = props.get("block_size", 0)
         if block:
             warn_no_effect("block_size", block, "only scalar variants render in blocks")
+
+        # Read which directions are sampled and which paths count
         self.use_nlos_only = flag(props, "use_nlos_only")
         self.samples_hidden = flag(props, HIDDEN_SAMPLING, self.samples_hidden_by_default)
         legs = "account_first_and_last_bounces"
@@ -84,20 +93,31 @@ class RelayWallPath(TransientPath):
         allowed = f"left out without {HIDDEN_SAMPLING}"
         checks.require("hidden_shapes", props.get("hidden_shapes", None), fits, allowed)
         self.filter_bounces = checks.depth("filter_bounces", props.get("filter_bounces", -1))
+
+        # Without legs, lengths start at the wall
         super().__init__(props)
         self.camera_unwarp |= not self.counts_legs
 
     def laser(
         self, scan: Scan, ray: mi.Ray3f, origin: mi.Point3f, sampler: mi.Sampler, active: mi.Bool
     ) -> tuple[Any, Contribution | None]:
-        """Make the endpoint of camera rays, whose lengths start at `origin`.
+        """Return the endpoint for camera rays, and light of the laser spot that the camera sees.
 
-        Returns it, and radiance of the laser spot that the camera sees if it does not find that.
+        Args:
+            scan: The scan.
+            ray: Camera rays.
+            origin: Point from which lengths are counted.
+            sampler: The sampler.
+            active: Active lanes.
+
+        Returns:
+            The endpoint, and the contribution of the visible laser spot. The contribution is None
+            if the endpoint finds this light.
         """
-        raise TypeError(f"{type(self).__name__}: must define laser, what its paths connect to")
+        raise TypeError(f"{type(self).__name__} must override laser(), which returns the endpoint")
 
     def laser_spot(self, scan: Scan, beam: Beam) -> LaserSpot:
-        """Make connections to the spot of a beam."""
+        """Return connections to the spot of a beam, which continues through fog or mirrors."""
         if scan.space.scatters:
             beam = scatter_beam(scan, beam)
         elif scan.specular is not None:
@@ -105,47 +125,69 @@ class RelayWallPath(TransientPath):
         return LaserSpot(scan, beam, self.limits().max_depth)
 
     def plan(self, scene, sensor=None, weight=None) -> ScanPlan:
-        """Plan the scan of a sensor's rays, with relay wall and mode as the parameters say."""
+        """Plan the scan of a sensor's rays, with relay wall and mode from the parameters."""
         return self.capture_plan(scene, sensor)
 
     def capture_modes(self, sensor: mi.Sensor | None) -> tuple[str, ...]:
-        """Return the modes of capture that the scene allows; the first one is the default."""
+        """Return the capture modes that the scene supports. The first mode is the default."""
         return ("confocal", "single", "exhaustive")
 
     def capture_plan(
         self, scene: mi.Scene, sensor: mi.Sensor | None, wall: Any = None, mode: str | None = None
     ) -> ScanPlan:
-        """Plan a capture with a wall, a list of shapes, in one of its `capture_modes`."""
+        """Plan a capture.
+
+        Args:
+            scene: The scene.
+            sensor: The sensor.
+            wall: Shapes of the relay wall, None to find the wall.
+            mode: One of `capture_modes`, None for the default.
+        """
         scan = self.scan(scene, sensor, self.wall(scene, sensor) if wall is None else wall)
         counts_spot = not self.use_nlos_only and self.filter_bounces in (-1, 1)
         return ScanPlan(scan, self.laser, self.limits(), counts_spot)
 
     def laser_origin(self, scene: mi.Scene, sensor: mi.Sensor) -> np.ndarray:
-        """Position of the laser [m], with the camera."""
+        """Return the position of the laser [m], which is the camera's position."""
         return position_of(sensor)
 
     def scan(self, scene: mi.Scene, sensor: mi.Sensor | None, wall: list[mi.Shape]) -> Scan:
-        """Describe the scan of a sensor's rays."""
+        """Describe the scan of a sensor's rays.
+
+        Raises:
+            ValueError: Hidden geometry is missing, or the sensor is in water or glass; one line.
+        """
+        # Is there any hidden geometry?
         surfaces = [s for s in scene.shapes() if not s.is_emitter()]
         if self.use_nlos_only and all(shape in wall for shape in surfaces):
-            raise ValueError("scene: has no hidden geometry; all its shapes are the relay wall")
+            raise ValueError(
+                "scene: hidden geometry is missing. All its shapes are part of the relay wall"
+            )
+
+        # Find the upward direction of the camera
         up = [0.0, 1.0, 0.0]
         if sensor is not None:
             up = pose(sensor)[:3, 1].tolist()
+
+        # Lengths assume a sensor in air
         space = self.space(scene, sensor)
         if space.index != 1:
-            rule = f"must be in air, lengths of {type(self).__name__} would be too short"
-            raise ValueError(f"sensor: is in glass or water of index {space.index:g}; {rule}")
+            raise ValueError(
+                f"sensor: the sensor is in glass or water of index {space.index:g}, which "
+                f"{type(self).__name__} does not support. Move it into air"
+            )
+
+        # Prepare guiding to hidden geometry, with corner connections for three bounces
         solid = [s for s in surfaces if not is_boundary(s.bsdf())]
         guided = self._guided(scene, sensor, solid, wall) if self.samples_hidden else None
         three = self.filter_bounces in (-1, 3) and (self.max_depth < 0 or self.max_depth >= 3)
         corner = guided is not None and self.lights_a_point and three
         return Scan(
-            scene,
-            space,
-            wall,
-            up,
-            guided,
+            scene=scene,
+            space=space,
+            wall=wall,
+            up=up,
+            guided=guided,
             hidden_only=self.use_nlos_only,
             bounces=self.filter_bounces,
             counts_legs=self.counts_legs,
@@ -157,39 +199,46 @@ class RelayWallPath(TransientPath):
     def _guided(
         self, scene: mi.Scene, sensor: Any, surfaces: list[mi.Shape], wall: list[mi.Shape]
     ) -> Guided | None:
-        """Make the scattering that sends paths to hidden geometry, None where nothing is sent."""
-        senders = wall
+        """Return the scattering that samples hidden geometry, or None if nothing is sampled."""
+        # On which shapes are paths guided? Without a wall, on the shapes that the sensor sees
+        guided_shapes = wall
         if not wall and (self._samples_by_name or self.hidden_shapes is not None):
-            senders = [s for s in seen_shapes(scene, sensor) if not s.is_emitter()]
+            guided_shapes = [s for s in seen_shapes(scene, sensor) if not s.is_emitter()]
+
+        # Which shapes are targets?
         if self.hidden_shapes is None:
-            aims = [shape for shape in surfaces if shape not in senders]
+            target_shapes = [shape for shape in surfaces if shape not in guided_shapes]
         else:
-            aims = find_shapes(scene, self.hidden_shapes, "hidden_shapes")
-            walls = [shape for shape in aims if shape in senders]
+            target_shapes = find_shapes(scene, self.hidden_shapes, "hidden_shapes")
+            walls = [shape for shape in target_shapes if shape in guided_shapes]
             if walls:
-                problem = "is the relay wall; must be other shapes"
-                raise ValueError(f"hidden_shapes = {walls[0].id()!r}: {problem}")
-        if senders and not wall and len(surfaces) == 1:
+                raise ValueError(
+                    f"hidden_shapes = {walls[0].id()!r}: this shape is part of the relay wall. "
+                    "Name other shapes"
+                )
+
+        # A scene that is one merged shape cannot be divided into wall and hidden geometry
+        if guided_shapes and not wall and len(surfaces) == 1:
             warnings.warn(
-                f"nlos_hidden_geometry_sampling: the scene is one shape, {surfaces[0].id()!r}; if "
-                "that is relay wall and hidden geometry merged, tofrender.load_scene(..., "
-                "optimize=False) keeps them apart and has less noise",
+                f"nlos_hidden_geometry_sampling: the scene is one shape, {surfaces[0].id()!r}. If "
+                "relay wall and hidden geometry were merged, tofrender.load_scene(..., "
+                "optimize=False) keeps them separate and has less noise",
                 stacklevel=3,
             )
-        if not senders or not (aims or not wall):
+        if not guided_shapes or not (target_shapes or not wall):
             return None
-        targets = Targets(scene, self.targets(aims or surfaces, senders))
-        return Guided(Materials(scene), targets, senders, self.hidden_probability)
+        targets = Targets(scene, self.targets(target_shapes or surfaces, guided_shapes))
+        return Guided(Materials(scene), targets, guided_shapes, self.hidden_probability)
 
     def targets(self, hidden: list[mi.Shape], wall: list[mi.Shape]) -> list[mi.Shape]:
-        """Surfaces that paths are sent to."""
+        """Return the target surfaces of hidden-geometry sampling."""
         return hidden
 
     def limits(self, max_opl: Any = None) -> Limits:
-        """Limits of the base, and no paths longer than those that `filter_bounces` counts."""
+        """Return the limits of `TransientPath`, with the depth that `filter_bounces` allows."""
         limits = super().limits(max_opl)
         if self.filter_bounces >= 0:
-            # The laser spot is a surface point, too; the laser itself is not
+            # The laser spot counts as a surface point. An emitter does not
             segments = self.filter_bounces + (0 if self.lights_a_point else 1)
             bounded = min(self.max_depth, max(segments, 1))
             limits.max_depth = segments if self.max_depth < 0 else bounded
@@ -205,31 +254,48 @@ class RelayWallPath(TransientPath):
         sampler: mi.Sampler,
         active: mi.Bool,
     ) -> Contribution:
-        """Radiance of the laser's light reflected by the surface that the camera sees.
+        """Return the radiance of the laser's light that the visible surface reflects once.
 
-        `irradiance` is that of a surface facing the laser [W/m^2], by direction and distance.
+        Args:
+            scan: The scan.
+            ray: Camera rays.
+            origin: Point from which lengths are counted.
+            laser: Position of the laser.
+            irradiance: Function of a direction from the laser and a distance [m]. It returns the
+                irradiance [W/m^2] of a surface that faces the laser.
+            sampler: The sampler.
+            active: Active lanes.
         """
+        # Find the visible surface and the direction to the laser
         si = first_surface(scan.scene, ray, active)
         to_laser = laser - si.p
         r = dr.norm(to_laser)
         d = to_laser / r
         seen = active & si.is_valid()
+
+        # Attenuate the light on both legs
         transmittance = transmittance_between(scan.space, si, laser, sampler, seen)
         to_camera = dr.norm(si.p - origin)
         if scan.space.scatters:
             transmittance *= transmittance_between(scan.space, si, ray.o, sampler, seen, to_camera)
+
+        # Evaluate the BSDF
         f = mi.unpolarized_spectrum(si.bsdf().eval(mi.BSDFContext(), si, si.to_local(d), seen))
         radiance = f * irradiance(-d, r) * transmittance
+
+        # Count the legs in the path length
         opl = mi.Float(0) if self.camera_unwarp else to_camera
         opl += r if self.counts_legs else 0
         return Contribution(radiance, opl, seen & dr.any(radiance != 0))
 
     def wall(self, scene: mi.Scene, sensor: mi.Sensor | None) -> list[mi.Shape]:
-        """Find the relay wall; none where it is not needed and nothing says which it is."""
+        """Return the shapes of the relay wall, or [] if the wall is unknown and not required."""
         if self.relay_wall is not None:
             return find_relay_wall(scene, self.relay_wall)
         carrier = None if sensor is None else sensor.get_shape()
-        if carrier is not None:  # Compare pointers: the Python objects differ
+
+        # Compare pointers, because the Python objects differ
+        if carrier is not None:
             return [s for s in scene.shapes() if (mi.ShapePtr(s) == mi.ShapePtr(carrier))[0]]
         if DEFAULT_ID in [shape.id() for shape in scene.shapes()] or self.use_nlos_only:
             return find_relay_wall(scene, DEFAULT_ID)
@@ -237,10 +303,10 @@ class RelayWallPath(TransientPath):
 
 
 def flag(props: mi.Properties, name: str, default: bool = False) -> bool:
-    """Read a parameter that is true or false."""
+    """Read a boolean parameter of a plugin."""
     return checks.boolean(name, props.get(name, default))
 
 
 def warn_no_effect(name: str, value: Any, reason: str) -> None:
-    """Warn of a parameter that changes nothing."""
+    """Warn that a parameter has no effect."""
     warnings.warn(f"{name} = {value}: has no effect; {reason}", stacklevel=3)

@@ -1,7 +1,7 @@
-"""Bins of photon counts with light of the hidden scene, and the dark counts in all bins.
+"""Background of photon counts: dark counts, and the bins without light of the hidden scene.
 
-A measured histogram starts with the reflection by the wall itself, which decays over hundreds of
-bins; then come dark and ambient counts alone, until light of the hidden scene arrives.
+A measured histogram starts with the reflection by the wall, which decays over hundreds of bins.
+Then the bins contain dark and ambient counts only, until light of the hidden scene arrives.
 """
 
 import warnings
@@ -10,48 +10,74 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-PARTS, SIGMAS, SHARE = 64, 5.0, 0.02
-"""Histograms are smoothed over a 64th; light is above 5 sigma and this share of the largest."""
+PARTS = 64
+"""Histograms are smoothed over this fraction of all bins."""
+
+SIGMAS = 5.0
+"""Light exceeds the dark counts by this number of standard deviations."""
+
+SHARE = 0.02
+"""Light exceeds the dark counts by this share of the largest value."""
 
 
 class Background(NamedTuple):
-    """Counts that are not of the hidden scene."""
+    """Counts without light of the hidden scene."""
 
-    dark: float  # dark and ambient counts per bin and pixel
-    kept: np.ndarray  # float32 (bins,), 1 where the hidden scene's light stands out, else 0
-    variance: np.ndarray  # of the kept bins, summed over pixels: their counts
+    # Dark and ambient counts per bin and pixel
+    dark: float
+
+    # float32 (bins,): 1 where light of the hidden scene exceeds the dark counts, otherwise 0
+    kept: np.ndarray
+
+    # Variance of the kept bins, summed over pixels. It equals their counts
+    variance: np.ndarray
 
 
 def find_background(counts: np.ndarray, pixels: int, zero: int) -> Background:
-    """Find the background of histograms by their sum over pixels, (bins,).
+    """Find the background of histograms.
 
-    `zero` is the bin of path length 0, where the wall's own reflection is the largest: if there is
-    one, the smoothed histogram peaks within a 64th of all bins around. It ends in the bin after
-    which that rises by the largest factor.
+    The reflection by the wall exists if the smoothed histogram has its maximum near path length 0,
+    within a 64th of all bins. The reflection ends at the bin after which the smoothed histogram
+    rises by the largest factor.
+
+    Args:
+        counts: Histogram, summed over all pixels, (bins,).
+        pixels: Number of pixels.
+        zero: Bin of path length 0.
+
+    Raises:
+        ValueError: All bins after the reflection are empty; one line.
 
     Warns:
-        UserWarning: No bin stands out of the dark counts; all bins after the reflection are kept.
+        UserWarning: No bin exceeds the dark counts. All bins after the reflection are kept.
     """
+    # Smooth the histogram
     window = max(1, len(counts) // PARTS)
     one = 1 / (pixels * window)
     mean = uniform_filter1d(counts / pixels, window)
+
+    # Find the end of the wall's reflection
     first = 0
     peak = int(mean.argmax())
     if zero >= 0 and abs(peak - zero) <= window:
         later = np.maximum.accumulate(mean[::-1])[::-1]
         first = peak + int(np.argmax((later / np.maximum(mean, one))[peak:]))
+
+    # Find the bins that exceed the dark counts
     dark = float(np.quantile(mean[first:], 0.05))
     least = max(SIGMAS * np.sqrt(max(dark, one) * one), SHARE * (mean[first:].max() - dark))
     kept = (mean - dark > least) & (np.arange(len(mean)) >= first)
     if not counts[first:].any():
-        raise ValueError("capture: no bin after the wall's reflection holds counts; measure longer")
+        raise ValueError(
+            "capture: all bins after the wall's reflection are empty. Measure more cycles"
+        )
 
-    # Without bins that stand out, weak light may still be found from many pixels together
+    # If no bin exceeds them, weak light may still be visible in many pixels together
     if not kept.any():
         kept = np.arange(len(mean)) >= first
         warnings.warn(
-            f"capture: no bin stands out of the {dark:.3g} dark counts per bin and pixel, so that "
-            "all bins are used and the result is noisy; measure longer",
+            f"capture: no bin exceeds the {dark:.3g} dark counts per bin and pixel. All bins are "
+            "used, so that the result is noisy. Measure more cycles",
             stacklevel=4,
         )
     return Background(dark, kept.astype(np.float32), counts * kept)

@@ -1,9 +1,10 @@
-"""Backprojection: each voxel adds up the light of the paths that could have gone through it.
+"""Backprojection: each voxel sums the light of all paths that may have passed through it.
 
     I(v) = 1/N sum over pairs (l, s) of w(v) H(l, s, |v - l| + |v - s|)
 
-over all N pairs of a laser spot l and a sensor's point s (in a confocal capture l = s: spheres
-instead of ellipsoids). Between bin centres, H is interpolated linearly.
+over all N pairs of a laser spot l and a point s of the sensor. In a confocal capture l = s, and
+paths of equal length form spheres instead of ellipsoids. H is interpolated linearly between bin
+centers.
 A. Velten et al., Recovering three-dimensional shape around a corner using ultrafast time-of-flight
 imaging, Nature Communications 3 (2012).
 """
@@ -19,7 +20,7 @@ import mitsuba as mi
 import numpy as np
 
 from ...rendering.workers import check_client, distribute
-from ...runtime.backend import activate, require_vectorised
+from ...runtime.backend import activate, require_vectorized
 from ...runtime.progress import ProgressBar
 from .measured import Measured
 from .volume import VolumeGrid
@@ -28,12 +29,13 @@ if TYPE_CHECKING:
     from distributed import Client
 
 WEIGHTINGS = ("uniform", "r2")
-"""w = 1, or |v - l| |v - s|, which compensates a part of the falloff with distance."""
+"""w = 1, or w = |v - l| |v - s|, which partly compensates the decrease with distance."""
 
-RANGES = 4  # ranges of voxels for each worker
+# Number of ranges of voxels for each worker
+RANGES = 4
 
 _PAIRS_A_STEP = 1 << 28
-"""Pairs of voxel and wall point in one kernel launch: a fraction of a second."""
+"""Pairs of voxel and wall point in one kernel launch, which takes a fraction of a second."""
 
 
 def backproject(
@@ -43,18 +45,28 @@ def backproject(
     progress: bool = True,
     client: "Client | None" = None,
 ) -> np.ndarray:
-    """Intensities (z, y, x) by backprojection with one of WEIGHTINGS, by workers if there are some.
+    """Compute intensities (z, y, x) by backprojection.
 
-    Voxels are Dr.Jit's lanes, and a loop goes over the sensor's points, so memory holds the capture
-    (of one on disk, some rows) and the volume, but not their product.
+    Each voxel is a lane of Dr.Jit, and a loop runs over the points of the sensor. Therefore memory
+    contains the capture and the volume, but not their product. A capture on disk is read by rows.
+
+    Args:
+        measured: The capture.
+        grid: The voxels.
+        weighting: One of WEIGHTINGS.
+        progress: Whether to show a progress bar.
+        client: Client of workers that divide the voxels, None for this process.
     """
-    require_vectorised()
+    require_vectorized()
     lasers, rows, columns, bins = measured.shape
+    # Check the number of bins
     blocks = measured.blocks()
     most = max(measured.sensors[block].size // 3 for block in blocks)
     if most * (bins + 2) > np.iinfo(np.uint32).max:
         raise ValueError(f"capture of {most} x {bins} bins: must have less than 2^32 bins")
     voxels = math.prod(grid.shape)
+
+    # Sum the light in this process, or in workers
     if client is None:
         steps = lasers * len(blocks) * math.ceil(voxels / _voxels_a_step(measured))
         with ProgressBar("backprojection", steps, unit="step", enabled=progress) as bar:
@@ -87,6 +99,7 @@ def _sum_light(
 ) -> np.ndarray:
     """Sum the light through a range of voxels."""
     first, last = voxels
+    # Loop over blocks of pixels, and over ranges of voxels for each kernel launch
     step = _voxels_a_step(measured)
     result = np.zeros(last - first, np.float32)
     for index, block in itertools.product(range(measured.shape[0]), measured.blocks()):
@@ -102,23 +115,33 @@ def _sum_light(
 def _in_worker(
     variant: str, measured: Measured, grid: VolumeGrid, weighting: str, voxels: tuple[int, int]
 ) -> np.ndarray:
-    """Sum the light through a range of voxels, in a worker."""
+    """Sum the light through a range of voxels in a worker of a variant."""
     activate(variant)
     return _sum_light(measured, grid, weighting, voxels, lambda: None)
 
 
 class _Wall:
-    """One laser spot (confocal: none), a block of sensor points, and their bins, for kernels."""
+    """A block of sensor points with their bins, and one laser spot, as arrays for kernels.
+
+    Args:
+        measured: The capture.
+        index: Index of the laser spot. It is not used if the capture is confocal.
+        block: Block of pixels.
+        weighting: One of WEIGHTINGS.
+    """
 
     def __init__(self, measured: Measured, index: int, block: tuple[slice, ...], weighting: str):
+        # Light with one dark bin before and after
         points = measured.sensors[block].reshape(-1, 3)
         light = measured.light(index, block).reshape(len(points), -1)
         self.count, bins = light.shape
         self.bins = mi.Float32(bins)
         self.row = mi.UInt32(bins + 2)
-        padded = np.pad(light, ((0, 0), (1, 1)))  # no light before and after
+        padded = np.pad(light, ((0, 0), (1, 1)))
         self.light = mi.Float32(padded.reshape(-1))
-        # Position in bins, from the centre of the first: (path - start) / width - 1/2
+
+        # Points, and their position in bins from the center of the first bin:
+        # (path - start) / width - 1/2
         offset = (measured.legs[index][block].reshape(-1) - measured.start) / measured.width - 0.5
         columns = [*points.T, offset]
         self.points = [mi.Float32(np.ascontiguousarray(c, dtype=np.float32)) for c in columns]
@@ -127,28 +150,36 @@ class _Wall:
         self.weighted = weighting == "r2"
         lasers = [] if self.confocal else measured.lasers[index]
         self.laser = [dr.opaque(mi.Float32, float(coordinate)) for coordinate in lasers]
+
+        # Opaque scalars allow one kernel for all captures
         dr.make_opaque(self.bins, self.row, self.per_width)
 
     def light_through(self, grid: VolumeGrid, first: int, count: int) -> np.ndarray:
-        """Sum over the points, for `count` voxels from `first` on, x fastest."""
-        voxel = _centres(grid, first, count)
+        """Sum the light of all points for `count` voxels from index `first`, x fastest."""
+        voxel = _centers(grid, first, count)
         to_laser = 0 if self.confocal else _distance(voxel, self.laser)
 
         def add(index: Any, total: Any) -> Any:
+            # Find the bin of the path through this point
             x, y, z, offset = (dr.gather(mi.Float32, array, index) for array in self.points)
             to_sensor = _distance(voxel, (x, y, z))
             path = 2 * to_sensor if self.confocal else to_laser + to_sensor
             at = dr.fma(path, self.per_width, offset)
             within = (at > -1) & (at < self.bins)
+
+            # Interpolate between bin centers
             below = dr.floor(at)
             cell = dr.fma(index, self.row, mi.UInt32(mi.Int32(below) + 1))
             early = dr.gather(mi.Float32, self.light, cell, within)
             late = dr.gather(mi.Float32, self.light, cell + 1, within)
             found = dr.fma(at - below, late - early, early)
+
+            # Apply the weighting
             if self.weighted:
                 found *= dr.square(to_sensor) if self.confocal else to_laser * to_sensor
             return index + 1, total + found
 
+        # Loop over the points
         points = mi.UInt32(self.count)
         dr.make_opaque(points)
         _, total = dr.while_loop(
@@ -160,12 +191,12 @@ class _Wall:
         return total.numpy()
 
 
-def _centres(grid: VolumeGrid, first: int, count: int) -> list[Any]:
-    """Centres (x, y, z) of `count` voxels from `first` on, x fastest [m]."""
+def _centers(grid: VolumeGrid, first: int, count: int) -> list[Any]:
+    """Return the centers (x, y, z) of `count` voxels from index `first`, x fastest [m]."""
     index = dr.arange(mi.UInt32, count) + dr.opaque(mi.UInt32, first)
     _, ny, nx = grid.shape
     line = index // nx
-    lines = [mi.Float32(grid.centres(axis).astype(np.float32)) for axis in "xyz"]
+    lines = [mi.Float32(grid.centers(axis).astype(np.float32)) for axis in "xyz"]
     steps = (index - line * nx, line % ny, line // ny)
     voxels = [dr.gather(mi.Float32, each, n) for each, n in zip(lines, steps, strict=True)]
     dr.eval(voxels)
@@ -173,22 +204,24 @@ def _centres(grid: VolumeGrid, first: int, count: int) -> list[Any]:
 
 
 def _distance(a: Any, b: Any) -> Any:
+    """Return the distance of two points (x, y, z)."""
     x, y, z = (p - q for p, q in zip(a, b, strict=True))
     return dr.sqrt(dr.fma(x, x, dr.fma(y, y, z * z)))
 
 
 def sharpen(values: np.ndarray, grid: VolumeGrid) -> np.ndarray:
-    """Minus the Laplacian of intensities (z, y, x) [m^-2], where it is above 0.
+    """Return the negative Laplacian of intensities (z, y, x) [m^-2], or 0 if it is negative.
 
-    Backprojection blurs a surface over all voxels at its distance; the second derivative finds
-    their sum's maximum. All three axes count, but for one of a single voxel, so that surfaces of
-    any orientation stand out alike.
+    Backprojection blurs a surface over all voxels at its distance. The second derivative finds the
+    maximum of their sum. All axes with more than one voxel contribute, so that the result does not
+    depend on the orientation of surfaces.
     """
     result = np.zeros_like(values)
-    for number, axis in enumerate("zyx"):
-        if values.shape[number] > 1:
-            along = np.moveaxis(values, number, 0)
+    for index, axis in enumerate("zyx"):
+        if values.shape[index] > 1:
+            # Second differences with repeated values at both ends
+            along = np.moveaxis(values, index, 0)
             padded = np.concatenate([along[:1], along, along[-1:]])
             second = padded[:-2] + padded[2:] - 2 * along
-            result -= np.moveaxis(second, 0, number) / np.float32(grid.step(axis) ** 2)
+            result -= np.moveaxis(second, 0, index) / np.float32(grid.step(axis) ** 2)
     return np.maximum(result, 0)

@@ -1,4 +1,4 @@
-"""Fourier transforms of data padded with zeros, and their memory."""
+"""Fourier transforms of zero-padded data, and their memory."""
 
 import math
 from collections.abc import Sequence
@@ -9,23 +9,32 @@ import scipy.fft
 
 from ...runtime import memory
 
-fft: Any = scipy.fft  # SciPy's transforms, whose types cannot be inferred
+# SciPy's transforms, without types that type checkers could infer
+fft: Any = scipy.fft
 
 
 def require_memory(method: str, shape: Sequence[int], copies: float) -> None:
-    """Refuse work on complex arrays that do not fit."""
-    needed, free = copies * 8 * math.prod(shape), memory.free_on_host()
+    """Refuse a method with complex arrays that do not fit into memory.
+
+    Args:
+        method: Name of the method, for the message.
+        shape: Shape of an array.
+        copies: Number of such arrays.
+    """
+    needed = copies * 8 * math.prod(shape)
+    free = memory.free_on_host()
     if needed > free:
-        sizes = f"takes {needed / 2**30:.1f} GiB, {free / 2**30:.1f} GiB is free"
-        mend = "must be a capture of fewer points or bins, or method 'bp'"
-        raise MemoryError(f"method = {method!r}: {sizes}; {mend}")
+        raise MemoryError(
+            f"method = {method!r}: it needs {needed / 2**30:.1f} GiB, but {free / 2**30:.1f} GiB "
+            "are free. Use a capture of fewer points or bins, or method 'bp'"
+        )
 
 
 def forward(values: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
-    """Spectrum of real values (rows, columns, bins), padded with zeros to `shape`.
+    """Return the spectrum of real values (rows, columns, bins), padded with zeros to `shape`.
 
-    complex64, (shape[0], shape[1], shape[2] // 2 + 1). One axis at a time, so that rows of zeros
-    are transformed as rarely as possible.
+    The result is complex64, (shape[0], shape[1], shape[2] // 2 + 1). The axes are transformed one
+    after the other, which avoids most transforms of rows of zeros.
     """
     spectrum = fft.rfft(values, shape[2], axis=2, workers=-1)
     spectrum = fft.fft(spectrum, shape[1], axis=1, workers=-1, overwrite_x=True)
@@ -33,6 +42,6 @@ def forward(values: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
 
 
 def inverse_sides(spectrum: np.ndarray, rows: int, columns: int) -> np.ndarray:
-    """Inverse transform of the first two axes, cropped to `rows` and `columns`."""
+    """Invert the transform of the first two axes, and crop the result to `rows` and `columns`."""
     field = fft.ifft(spectrum, axis=0, workers=-1, overwrite_x=True)[:rows]
     return fft.ifft(field, axis=1, workers=-1)[:, :columns]

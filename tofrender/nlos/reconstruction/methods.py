@@ -1,4 +1,4 @@
-"""`reconstruct`: the hidden scene of a capture, by one of five methods."""
+"""`reconstruct`: compute the hidden scene of a capture by one of five methods."""
 
 from __future__ import annotations
 
@@ -56,61 +56,63 @@ def reconstruct(
 
     | method | for | |
     |---|---|---|
-    | `bp` | all captures, any grid | backprojection: blurred, needs nothing |
-    | `fbp` | all captures, any grid | minus the Laplacian of `bp` |
+    | `bp` | all captures, any grid | backprojection: robust, but blurred |
+    | `fbp` | all captures, any grid | negative Laplacian of `bp` |
     | `lct` | confocal, even plane grid | light-cone transform: Wiener filter |
     | `fk` | confocal, even plane grid | f-k migration: wave equation |
     | `phasor` | all captures, even plane sensor grid | phasor field, Rayleigh-Sommerfeld |
 
-    First and last legs are subtracted where the capture counts them. Of colours, the luminance is
-    used. Of photon counts, dark counts are subtracted, and only bins are used in which light of the
-    hidden scene stands out of them and comes after the wall's own reflection. See also `capture`,
-    `depth_map`, `reconstruction_figure`.
+    If the capture counts first and last legs, they are subtracted. Colors are converted to
+    luminance. Dark counts are subtracted from photon counts. Then only bins are used that come
+    after the wall's own reflection and in which light of the hidden scene exceeds the dark counts.
+    See also `capture`, `depth_map`, `reconstruction_figure`.
 
-    Two methods err in depth by more than half a bin, by their nature:
+    The depths of two methods have a systematic error of more than half a bin:
 
-    - `lct` works in even steps of z², so near the wall it is off by up to half of such a step,
-      (z_high² - z_low²) / (4 z bins): a plate at 0.3 m in a window of 500 bins that reaches 5 m
-      deep was found 39 mm too deep, in one that reaches 1.25 m (125 bins) 3 mm. End the window
-      where the scene does.
+    - `lct` uses even steps of z². Near the wall, the error is up to half a step,
+      (z_high² - z_low²) / (4 z bins). For example, a plate at 0.3 m was found 39 mm too deep in a
+      window of 500 bins down to a depth of 5 m, and 3 mm too deep in a window of 125 bins down to
+      1.25 m. Choose a window that ends with the scene.
     - `phasor` finds a plane that is parallel to the wall too deep, by about 0.2 λ² / z with the
-      wavelength λ and 5 cycles: 14 mm at 1 m and 27 mm at 0.5 m for λ = 0.25 m. Points are where
-      they are.
+      wavelength λ and 5 cycles: 14 mm at 1 m and 27 mm at 0.5 m for λ = 0.25 m. Points have no
+      such error.
 
     Args:
         capture: A result of `capture`, `make_capture` or `load_capture`, or photon counts that
-            `sense` measured of one.
-        method: One of the above.
+            `sense` measured from such a capture.
+        method: One of the methods above.
         volume: A `VolumeGrid`, or its axes ((x low, x high, count), y, z) [m] in the wall's frame:
-            origin at the centre of the sensor's grid, x along growing columns, y along growing
-            rows, z into the hidden scene. By default voxels lie opposite to the grid's points and
-            cover the depths of the window, in steps of half a bin (`lct`, `fk`) or of the longer
-            one of half a bin and half the grid's spacing (the others). `lct` and `fk` work on their
-            own default and are resampled to others.
-        weighting: bp, fbp: "r2" (the default) multiplies light by the product of the distances to
-            the laser spot and to the sensor's point, "uniform" does not.
-        surface: lct, fk: falloff to undo, of "diffuse" (the default) or "retroreflective" surfaces.
-        snr: lct: signal-to-noise ratio that the Wiener filter assumes, above 0. By default 10; of
-            photon counts, that and the spectrum of their Poisson noise.
-        wavelength: phasor: of the virtual pulse [m]; by default the larger one of four bins and
-            twice the grid's spacing, four times if confocal.
-        cycles: phasor: wavelengths in the virtual pulse, above 0; 5 by default.
-        client: bp, fbp: a `distributed.Client`, whose workers divide the voxels.
-        progress: Show a bar if it takes long.
+            the origin is at the center of the sensor's grid, x follows the columns, y follows the
+            rows, and z points into the hidden scene. By default, voxels are opposite to the points
+            of the grid and cover the depths of the window. Their depth is half a bin for `lct` and
+            `fk`. For other methods, it is the larger of half a bin and half the grid's spacing.
+            `lct` and `fk` always use these voxels, and are resampled to other volumes.
+        weighting: bp, fbp: "r2" (default) multiplies light by the product of the distances to the
+            laser spot and to the sensor's point. "uniform" does not.
+        surface: lct, fk: kind of the hidden surfaces, which determines how light decreases with
+            distance: "diffuse" (default) or "retroreflective".
+        snr: lct: signal-to-noise ratio that the Wiener filter assumes, above 0. The default is 10.
+            For photon counts, the default also includes the spectrum of their Poisson noise.
+        wavelength: phasor: wavelength of the virtual pulse [m]. The default is four bins or twice
+            the grid's spacing (four times if confocal), whichever is larger.
+        cycles: phasor: number of wavelengths in the virtual pulse, above 0. The default is 5.
+        client: bp, fbp: a `distributed.Client`. Its workers divide the voxels.
+        progress: Whether to show a progress bar.
 
     Returns:
-        A Dataset: `intensity (z, y, x)` float32 in arbitrary units, >= 0 but by bp of counts, from
-        which dark ones are subtracted; coordinates in metres, and `frame_origin`, `frame_axes`:
-        world point = origin + x axes[0] + y axes[1] + z axes[2].
+        A Dataset with `intensity (z, y, x)`, float32 in arbitrary units, and coordinates in meters.
+        Intensities are >= 0, except by `bp` from photon counts, because dark counts are subtracted.
+        `frame_origin` and `frame_axes` define world points as
+        origin + x axes[0] + y axes[1] + z axes[2].
 
     Raises:
-        ValueError: Not a capture, light that is not finite, a method that it does not allow (the
-            line says which it does), a volume or option that cannot be.
-        MemoryError: It would not fit.
+        ValueError: The argument is not a capture, its light is not finite, it does not support the
+            method (the message lists the supported methods), or an option is invalid; one line.
+        MemoryError: The reconstruction does not fit into memory.
 
     Warns:
-        UserWarning: The light of photon counts stands out of the dark counts in no bin. All bins
-            after the wall's own reflection are used then.
+        UserWarning: Photon counts exceed the dark counts in no bin. Then all bins after the wall's
+            own reflection are used.
 
     Example:
         >>> from tofrender import capture
@@ -118,6 +120,7 @@ def reconstruct(
         >>> round(float(found["z"][found.argmax(...)["z"]]), 1)  # 1 m behind the wall
         1.0
     """
+    # Check the arguments
     checks.one_of("method", method, METHODS)
     given = {"weighting": weighting, "surface": surface, "snr": snr}
     options = _options(method, given | {"wavelength": wavelength, "cycles": cycles})
@@ -128,17 +131,24 @@ def reconstruct(
     wanted = None if volume is None else VolumeGrid.of(volume)
     capture = read_capture(as_capture(capture), "capture")
     checks.boolean("progress", progress)
+
+    # Convert the capture to the frame of the wall
     Cube(capture["transient"]).require_finite("capture: transient")
     measured = Measured.of(capture)
     _check_method(method, measured)
+    # Some methods need the same time axis in all pixels
     if measured.legs.any() and (method in ("lct", "fk") or measured.counts):
         measured = Measured.of(without_first_and_last_legs(capture))
     if method == "lct" and not measured.counts:
         options.setdefault("snr", SNR)
+    # Methods in the frequency domain
     if method in ("lct", "fk"):
         values, grid = _in_frequencies(method, measured, options, progress)
         if wanted is not None:
-            values, grid = resample(values, grid, wanted), wanted
+            values = resample(values, grid, wanted)
+            grid = wanted
+
+    # Other methods, on the wanted grid
     else:
         measured = measured.without_background()
         grid = wanted or default_volume(measured)
@@ -148,6 +158,7 @@ def reconstruct(
         else:
             values = backproject(measured, grid, **options, progress=progress, client=client)
             values = sharpen(values, grid) if method == "fbp" else values
+    # Describe the result
     attrs = {"method": method, "units": "arbitrary", **options}
     if "scene" in capture.attrs:
         attrs["scene"] = capture.attrs["scene"]
@@ -155,7 +166,7 @@ def reconstruct(
 
 
 def _options(method: str, given: dict[str, Any]) -> dict[str, Any]:
-    """Check the options of a method, and fill in defaults."""
+    """Check the options of a method, and add default values."""
     options = {}
     for name, (methods, default, check) in OPTIONS.items():
         value = given[name]
@@ -168,7 +179,7 @@ def _options(method: str, given: dict[str, Any]) -> dict[str, Any]:
 
 
 def _check_method(method: str, measured: Measured) -> None:
-    """Refuse a method that the capture does not allow."""
+    """Refuse a method that the capture does not support, and bins without any light."""
     even = measured.lattice is not None
     allowed = ["bp", "fbp"]
     allowed += ["lct", "fk"] * (even and measured.mode == "confocal")
@@ -178,18 +189,23 @@ def _check_method(method: str, measured: Measured) -> None:
         names = ", ".join(allowed)
         raise ValueError(f"method = {method!r}: a {measured.mode} capture on {grid} allows {names}")
     if measured.path_range()[1] <= 0:
-        raise ValueError("capture: its bins end before light can come back; must hold later ones")
+        raise ValueError(
+            "capture: its bins end before light can return from the hidden scene. Use later bins"
+        )
 
 
 def _in_frequencies(
     method: str, measured: Measured, options: dict[str, Any], progress: bool
 ) -> tuple[np.ndarray, VolumeGrid]:
-    """Run lct or fk, which need the same time axis in all pixels, from 0 or later on."""
+    """Run lct or fk, which require the same time axis in all pixels, without lengths below 0."""
+    # Omit bins before path length 0
     early = int(np.ceil(-measured.start / measured.width - 1e-6))
-    if early > 0:  # nothing comes back before 0
+    if early > 0:
         start = measured.start + early * measured.width
         later = measured.cube.view(np.s_[..., early:, :])
         measured = replace(measured, start=start, cube=later)
+
+    # Run the method
     measured = measured.without_background()
     run, steps = (light_cone_transform, 4) if method == "lct" else (fk_migration, 3)
     with ProgressBar(method, steps, unit="step", enabled=progress) as bar:

@@ -1,17 +1,21 @@
-"""Phasor fields: the wall as the lens of a virtual camera that looks at the hidden scene.
+"""Phasor fields: the wall is the lens of a virtual camera that looks at the hidden scene.
 
-A virtual pulse of wavelength λ lights the scene. Each of its frequencies is a phasor field at the
-wall, F(s, k) = sum of H exp(i k opl), which Rayleigh-Sommerfeld diffraction carries to the voxels:
+A virtual pulse of wavelength λ illuminates the scene. Each frequency k of the pulse is a phasor
+field at the wall, F(s, k) = sum of H exp(i k opl). Rayleigh-Sommerfeld diffraction propagates this
+field to the voxels:
 
     I(v) = |Σ_k P(k) Σ_l e^(-ik|v - l|) Σ_s F(l, s, k) e^(-ik|v - s|)|².
 
-For each k and depth the innermost sum is a convolution. In a confocal capture l = s, and the
-distance is doubled instead. P is Gaussian: `cycles` wavelengths lie within three standard
-deviations to each side of the pulse. The diffraction integral's 1 / |v - s| is left out: it makes
-near voxels brighter, which pulls the maximum of a pulse of some decimetres towards the wall.
-Without it a point is found where it is. A plane that is parallel to the wall sends light to all of
-it, the more of it in phase the deeper the voxel is: with I growing as z^n before its maximum, the
-pulse exp(-4 δ² / σ²) of σ = cycles λ / 6 has it δ = n σ² / (8 z) too deep, and n is about 2.5.
+For each k and depth, the innermost sum is a convolution. In a confocal capture l = s, and the
+distance is doubled instead. P is Gaussian: `cycles` wavelengths are within three standard
+deviations on both sides of the pulse. The factor 1 / |v - s| of the diffraction integral is
+omitted, because it makes near voxels brighter and moves the maximum towards the wall.
+
+Without this factor, points have the correct depth. The light of a plane that is parallel to the
+wall reaches all points of the wall. More of this light is in phase for deeper voxels: I grows as
+z^n before its maximum, with n about 2.5. For the pulse exp(-4 δ² / σ²) with σ = cycles λ / 6, the
+maximum is too deep by δ = n σ² / (8 z).
+
 X. Liu et al., Non-line-of-sight imaging using phasor-field virtual wave optics, Nature 572 (2019);
 X. Liu, S. Bauer and A. Velten, Phasor field diffraction based reconstruction for fast
 non-line-of-sight imaging systems, Nature Communications 11 (2020).
@@ -31,14 +35,16 @@ from .fourier import fft, require_memory
 from .measured import Measured
 from .volume import VolumeGrid, resample
 
-_CHUNK = 1 << 22  # complex numbers of the kernels in memory at a time
+# Number of complex values of the kernels that are in memory at the same time
+_CHUNK = 1 << 22
 
 
 def default_wavelength(measured: Measured) -> float:
-    """Shortest wavelength that the capture samples [m].
+    """Return the shortest wavelength that the capture samples [m].
 
-    The phase may change by half a cycle from one point of the wall to the next: twice the spacing,
-    in a confocal capture, where distances are doubled, four times; and never below four bins.
+    Between neighboring points of the wall, the phase may change by at most half a cycle. Therefore
+    the wavelength is twice the spacing. In a confocal capture distances are doubled, so that the
+    wavelength is four times the spacing. It is at least four bins.
     """
     times = 4 if measured.mode == "confocal" else 2
     return max(times * measured.spacing, 4 * measured.width)
@@ -47,16 +53,29 @@ def default_wavelength(measured: Measured) -> float:
 def phasor_field(
     measured: Measured, grid: VolumeGrid, wavelength: float, cycles: float, progress: bool = True
 ) -> np.ndarray:
-    """Intensities (z, y, x) of a capture on a lattice, with a pulse of `cycles` wavelengths [m].
+    """Reconstruct a capture on a lattice.
 
-    The field is computed at the depths of the voxels, on points opposite to the wall's lattice that
-    reach as far as they do, and interpolated along x and y.
+    The field is computed on points opposite to the wall's lattice, at the depths of the voxels, as
+    far as the voxels reach. Then it is interpolated along x and y.
+
+    Args:
+        measured: The capture.
+        grid: The voxels.
+        wavelength: Wavelength of the pulse [m].
+        cycles: Number of wavelengths in the pulse.
+        progress: Whether to show a progress bar.
+
+    Returns:
+        Intensities (z, y, x).
     """
+    # Choose the frequencies of the pulse
     window = _Window(measured, grid)
-    sigma = cycles * wavelength / 6  # of the pulse [m]
-    depths = grid.centres("z")
+    sigma = cycles * wavelength / 6
+    depths = grid.centers("z")
     wavenumbers, weights = _pulse(measured, window, depths[0], wavelength, sigma)
     require_memory("phasor", (measured.shape[0], len(wavenumbers), *window.padded), copies=2)
+
+    # Transform the fields at the wall, and propagate them to each depth
     spectra = _fields_at_the_wall(measured, wavenumbers, weights, window)
     planes = np.empty((len(depths), *window.shape), np.float32)
     with ProgressBar("phasor field", len(planes), unit="step", enabled=progress) as bar:
@@ -70,24 +89,28 @@ def phasor_field(
 def _pulse(
     measured: Measured, window: _Window, nearest: float, wavelength: float, sigma: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Wavenumbers [rad/m] and weights of the virtual pulse.
+    """Return wavenumbers [rad/m] and weights of the virtual pulse.
 
-    Their distance is so small that the pulse, which repeats after 2π over it, meets no bin twice.
+    Even wavenumbers repeat the pulse after 2π over their distance. The distance is so small that
+    each bin meets the pulse only once.
     """
+    # Distance of wavenumbers
     shortest, longest = measured.path_range()
     first_legs = [np.ptp(window.distance(laser, nearest)) for laser in _laser_spots(measured)]
     step = 2 * math.pi / (longest - shortest + max(first_legs, default=0.0) + 6 * sigma)
-    centre = 2 * math.pi / wavelength
-    low = max(1, math.ceil((centre - 3 / sigma) / step))
-    high = math.floor(min(centre + 3 / sigma, math.pi / measured.width) / step)
+
+    # All wavenumbers within three standard deviations
+    center = 2 * math.pi / wavelength
+    low = max(1, math.ceil((center - 3 / sigma) / step))
+    high = math.floor(min(center + 3 / sigma, math.pi / measured.width) / step)
     wavenumbers = step * np.arange(low, high + 1)
     allowed = f"above two bins, {2 * measured.width:g} m"
     checks.require("wavelength", float(wavelength), len(wavenumbers), allowed)
-    return wavenumbers, np.exp(-(((wavenumbers - centre) * sigma) ** 2) / 2)
+    return wavenumbers, np.exp(-(((wavenumbers - center) * sigma) ** 2) / 2)
 
 
 def _laser_spots(measured: Measured) -> np.ndarray:
-    """Laser spots with a phase of their own, (lasers, 3): none in a confocal capture."""
+    """Return laser spots with their own phase, (lasers, 3): none in a confocal capture."""
     return np.zeros((0, 3)) if measured.mode == "confocal" else measured.lasers
 
 
@@ -95,11 +118,14 @@ def _fields_at_the_wall(
     measured: Measured, wavenumbers: np.ndarray, weights: np.ndarray, window: _Window
 ) -> np.ndarray:
     """Transform P(k) F(l, s, k) over the wall, (lasers, wavenumbers, padded rows, columns)."""
+    # Waves at each bin and frequency, as real and imaginary parts
     lasers, rows, columns, bins = measured.shape
     opl = measured.start + (np.arange(bins) + 0.5) * measured.width
     waves: Any = np.exp(1j * np.outer(opl, wavenumbers)) * weights
     waves = np.concatenate([waves.real, waves.imag], axis=1).astype(np.float32)
     spectra = np.empty((lasers, len(wavenumbers), *window.padded), np.complex64)
+
+    # Transform the field of each laser, without the phases of its legs
     for index in range(lasers):
         parts: Any = measured.light(index).reshape(-1, bins) @ waves
         field = (parts[:, : len(wavenumbers)] + 1j * parts[:, len(wavenumbers) :]).T
@@ -119,26 +145,44 @@ def _diffract(
     z: float,
     reach: float,
 ) -> Any:
-    """Sum the field at depth z over frequencies and lasers, (rows, columns) of the window.
+    """Sum the field at depth z over frequencies and lasers.
 
-    Paths longer or shorter than those of the window by more than the `reach` of the pulse [m] are
-    left out, so that few frequencies are enough.
+    Paths are omitted if they are longer or shorter than the paths of the window by more than the
+    reach of the pulse. Therefore few frequencies are enough.
+
+    Args:
+        measured: The capture.
+        window: Points at which the field is computed.
+        spectra: Transformed fields at the wall.
+        wavenumbers: Wavenumbers of the pulse [rad/m].
+        z: Depth [m].
+        reach: Reach of the pulse [m].
+
+    Returns:
+        The complex field, (rows, columns) of the window.
     """
+    # Find the paths that the window contains
     shortest, longest = measured.path_range()
     to_lasers = [window.distance(laser, z) for laser in _laser_spots(measured)]
     last_leg = window.lags(z)
     path = last_leg * (1 if to_lasers else 2)
-    nearest, farthest = (f([f(d) for d in to_lasers] or [0.0]) for f in (np.min, np.max))
+    nearest = np.min([np.min(d) for d in to_lasers] or [0.0])
+    farthest = np.max([np.max(d) for d in to_lasers] or [0.0])
     possible = (path > shortest - farthest - reach) & (path < longest - nearest + reach)
+
+    # Convolve the fields, some frequencies at a time
     total = np.zeros(window.shape if to_lasers else window.padded, np.complex64)
     chunk = max(1, _CHUNK // math.prod(window.padded))
     for first in range(0, len(wavenumbers), chunk):
         some = wavenumbers[first : first + chunk]
         kernels = fft.fft2(_phase_factors(path, some, possible), workers=-1, overwrite_x=True)
         for index, spectrum in enumerate(spectra[:, first : first + chunk]):
+            # Confocal: the sum over frequencies can be transformed once
             if not to_lasers:
                 total += np.einsum("kyx,kyx->yx", spectrum, kernels)
                 continue
+
+            # Other captures: multiply by the phase of the leg from the laser
             fields = fft.ifft2(spectrum * kernels, workers=-1, overwrite_x=True)
             factors = _phase_factors(to_lasers[index], some, np.ones(window.shape))
             total += np.einsum("kyx,kyx->yx", window.crop(fields), factors)
@@ -146,7 +190,7 @@ def _diffract(
 
 
 def _phase_factors(path: np.ndarray, wavenumbers: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
-    """Compute amplitude e^(-ik path) for even steps of k, (k, *path.shape), by products."""
+    """Return amplitude e^(-ik path) for even steps of k, (k, *path.shape), by multiplication."""
     step = wavenumbers[1] - wavenumbers[0] if len(wavenumbers) > 1 else 0.0
     factor = np.exp(-1j * step * path).astype(np.complex64)
     result = np.empty((len(wavenumbers), *path.shape), np.complex64)
@@ -158,66 +202,92 @@ def _phase_factors(path: np.ndarray, wavenumbers: np.ndarray, amplitude: np.ndar
 
 @dataclass(frozen=True)
 class _Axis:
-    """Rows or columns of the wall's lattice, and of a window of it opposite to the voxels."""
+    """Rows or columns of the wall's lattice, and of a window opposite to the voxels."""
 
-    zero: float  # coordinate of the lattice's point 0 [m]
-    step: float  # distance of neighbouring points [m]
-    count: int  # number of the wall's points
-    first: int  # index of the window's first point on the lattice
-    size: int  # number of the window's points
-    padded: int  # length of the transforms
+    # Coordinate of point 0 of the lattice [m]
+    zero: float
+
+    # Distance of neighboring points [m]
+    step: float
+
+    # Number of points of the wall
+    count: int
+
+    # Index of the window's first point on the lattice
+    first: int
+
+    # Number of points of the window
+    size: int
+
+    # Length of the transforms
+    padded: int
 
     @classmethod
-    def of(cls, zero: float, step: float, count: int, centres: np.ndarray) -> _Axis:
-        """Make the window that holds voxels of some centres [m]."""
-        low, high = (centres[[0, -1]] - zero) / step
+    def of(cls, zero: float, step: float, count: int, centers: np.ndarray) -> _Axis:
+        """Create the window that covers the centers of voxels [m]."""
+        low, high = (centers[[0, -1]] - zero) / step
         first = math.floor(low + 1e-6)
         size = math.ceil(high - 1e-6) - first + 1
-        return cls(zero, step, count, first, size, fft.next_fast_len(count + size - 1))
+        return cls(
+            zero=zero,
+            step=step,
+            count=count,
+            first=first,
+            size=size,
+            padded=fft.next_fast_len(count + size - 1),
+        )
 
     @property
     def points(self) -> np.ndarray:
-        """Coordinates of the window's points [m]."""
+        """Return the coordinates of the window's points [m]."""
         return self.zero + self.step * (self.first + np.arange(self.size))
 
     @property
     def voxels(self) -> tuple[float, float, int]:
-        """Axis of a volume with one voxel around each of the window's points."""
+        """Return the axis of a volume with one voxel around each point of the window."""
         return self.points[0] - self.step / 2, self.points[-1] + self.step / 2, self.size
 
     @property
     def lags(self) -> np.ndarray:
-        """Differences of window point n and wall point m, by n - m [m].
+        """Return the distances of window point n and wall point m, in the order of n - m [m].
 
-        From first - (count - 1) up, so that index count - 1 + n of a product of transforms is the
-        sum over the wall at the window's point n.
+        The first lag has n - m = first - (count - 1). Then index count - 1 + n of a
+        convolution is the sum over the wall for the window's point n.
         """
         return self.step * (self.first - (self.count - 1) + np.arange(self.padded))
 
 
 class _Window:
-    """Points opposite to the wall's lattice where fields are computed."""
+    """Points opposite to the wall's lattice at which fields are computed.
+
+    Args:
+        measured: The capture, on a lattice.
+        grid: The voxels that the window covers.
+    """
 
     def __init__(self, measured: Measured, grid: VolumeGrid) -> None:
         lattice = measured.lattice
         assert lattice is not None
         rows, columns = measured.sensors.shape[:2]
-        self.y = _Axis.of(lattice.y0, lattice.dy, rows, grid.centres("y"))
-        self.x = _Axis.of(lattice.x0, lattice.dx, columns, grid.centres("x"))
+        self.y = _Axis.of(lattice.y0, lattice.dy, rows, grid.centers("y"))
+        self.x = _Axis.of(lattice.x0, lattice.dx, columns, grid.centers("x"))
         self.shape = self.y.size, self.x.size
         self.padded = self.y.padded, self.x.padded
 
     def distance(self, point: np.ndarray, z: float) -> np.ndarray:
-        """Distances of the window's points at depth z from a point [m]."""
-        y, x = self.y.points[:, None] - point[1], self.x.points - point[0]
+        """Return the distances of the window's points at depth z from a point [m]."""
+        y = self.y.points[:, None] - point[1]
+        x = self.x.points - point[0]
         return np.sqrt(y**2 + x**2 + (z - point[2]) ** 2)
 
     def lags(self, z: float) -> np.ndarray:
-        """Distances of the window's points at depth z from the wall's, by differences [m]."""
-        y, x = self.y.lags[:, None], self.x.lags
+        """Return the distances of window points at depth z from wall points, by their lag [m]."""
+        y = self.y.lags[:, None]
+        x = self.x.lags
         return np.sqrt(y**2 + x * x + z * z)
 
     def crop(self, fields: np.ndarray) -> np.ndarray:
         """Crop padded planes (..., rows, columns) to the window."""
-        rows, columns = (slice(a.count - 1, a.count - 1 + a.size) for a in (self.y, self.x))
+        rows = slice(self.y.count - 1, self.y.count - 1 + self.y.size)
+        columns = slice(self.x.count - 1, self.x.count - 1 + self.x.size)
         return fields[..., rows, columns]
