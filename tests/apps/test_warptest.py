@@ -23,7 +23,7 @@ from tofrender.cli.app import main
 from tofrender.course.judge import sandbox
 from tofrender.course.judge.client import NoAnswer
 from tofrender.runtime.withheld import Withheld
-from tofrender.sampling.warps import WARPS
+from tofrender.sampling.table import WARPS
 
 SMALL = {"samples": 20_000, "resolution": 32}
 

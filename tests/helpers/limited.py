@@ -12,8 +12,8 @@ import xarray as xr
 from dask.core import flatten
 
 from tofrender.rendering import cubes
+from tofrender.rendering.job import WorkItem, WorkResult
 from tofrender.rendering.store import Store, load_zarr, under_way
-from tofrender.rendering.work_items import WorkItem, WorkResult
 from tofrender.runtime import memory
 
 

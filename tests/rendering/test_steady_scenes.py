@@ -10,9 +10,10 @@ from helpers.refusals import refused
 
 import tofrender
 from tofrender.integrators.transient_path import TransientPath
+from tofrender.rendering.job import WorkItem
 from tofrender.rendering.renderer import make_job
 from tofrender.rendering.settings import RenderSettings
-from tofrender.rendering.work_items import WorkItem, _film_of
+from tofrender.rendering.work_items import _film_of
 
 DISTANCE = 2.03
 """Distance from the plane of an orthographic camera to a glowing wall that faces it [m]."""

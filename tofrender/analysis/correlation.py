@@ -217,10 +217,10 @@ def _pixel_centre_hits(scene: Any, sensor: int) -> tuple[Any, Any, Any, Any, tup
 
     from ..paths.camera import behind_emitters
     from ..paths.surfaces import first_surface
-    from ..runtime import backend
+    from ..runtime import backend, variants
     from ..scenes.loading import load_scene, require_sensor
 
-    backend.require_vectorised()
+    variants.require_vectorised()
     scene = scene if isinstance(scene, mi.Scene) else load_scene(scene)
     camera: Any = require_sensor(scene, sensor)
     width, height = (int(v) for v in camera.film().crop_size())

@@ -15,16 +15,15 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import drjit as dr
 import mitsuba as mi
 
 from ..integrators.running import stopped
 from ..rendering.films_on_disk import require_zarr
 from ..rendering.store import check_film
-from ..rendering.workers import THREADS, check_client, distribute
-from ..runtime import atomic, backend, checks
-from ..runtime.backend import versions
+from ..rendering.workers import check_client, distribute, kept_by_worker
+from ..runtime import atomic, checks, variants
 from ..runtime.progress import ProgressBar, deferred_stop, held_signals
+from ..runtime.versions import versions
 from ..scenes.fingerprint import file_digest
 from ..scenes.packing import packed, unpacked
 from .config import Config, parse_config, read_config
@@ -61,8 +60,8 @@ def plan_dataset(
         depth  record, y, x  100 x 48 x 64  1.172 MiB
         in all 1.172 MiB
     """
-    backend.require_vectorised()
-    backend.require_unpolarised()
+    variants.require_vectorised()
+    variants.require_unpolarised()
     found = read_config(config)
     records = _numbers(found, only)
     return Plan(found, records, layout_of(found, records))
@@ -174,9 +173,11 @@ def require_complete(
 ) -> xr.Dataset:
     """Load a finished data set, and refuse one of another config or of other files."""
     found, plan = load_dataset(out), plan_dataset(config, only)
-    wanted = {"config": json.dumps(plan.config.plain), "variant": mi.variant()}
-    if "checksum" in found.attrs:  # Those of earlier versions have none
-        wanted["checksum"] = _files_digest(plan)
+    wanted = {
+        "config": json.dumps(plan.config.plain),
+        "variant": mi.variant(),
+        "checksum": _files_digest(plan),
+    }
     other = [f"another {name}" for name, value in wanted.items() if found.attrs[name] != value]
     if found["record"].values.tolist() != plan.records:
         other.append("other records")
@@ -358,26 +359,21 @@ def _worker_task(plan: Plan, folder: Path, photons_per_radiance: float | None) -
     )
 
 
-_configs: dict[str, Config] = {}
-
-
 def _make_on_worker(task: WorkerTask, record: int) -> Receipt:
     """Make a record in a worker."""
-    backend.activate(task.variant)
-    mi.set_variant(task.variant)
-    if task.key not in _configs:
-        _configs.clear()
-        given = {name: unpacked(value) for name, value in task.given.items()}
-        config = parse_config(given, Path(task.base))
-        if config.checksum != task.checksum:
-            raise ValueError("scene: differs on this worker's machine; must be the same there")
-        _configs[task.key] = config
-        if os.environ.get(THREADS):
-            dr.set_thread_count(int(os.environ[THREADS]))
+    config = kept_by_worker(task.key, task.variant, partial(_config_of, task))
     store = Store(Path(task.folder))
     receipt = store.receipt(record)
     if receipt is not None:
         return receipt
-    config = _configs[task.key]
     arrays, receipt = make_record(config, task.layout, record, task.photons_per_radiance)
     return store.put(record, arrays, receipt)
+
+
+def _config_of(task: WorkerTask) -> Config:
+    """Read the configuration of a task in a worker."""
+    given = {name: unpacked(value) for name, value in task.given.items()}
+    config = parse_config(given, Path(task.base))
+    if config.checksum != task.checksum:
+        raise ValueError("scene: differs on this worker's machine; must be the same there")
+    return config

@@ -19,7 +19,7 @@ from ..integrators.amcw import render_amcw_phasor
 from ..nlos import capture as capture_scene, hidden_depth
 from ..rendering.renderer import render
 from ..runtime import checks
-from ..runtime.backend import versions
+from ..runtime.versions import versions
 from ..scenes.fingerprint import fingerprint
 from ..sensors import sense
 from .config import Config

@@ -18,7 +18,7 @@ import xarray as xr
 from ..integrators.differentiable import VisibilityWarning
 from ..labels import TRANSIENT, Kind, bins_of, read, require_whole_stokes
 from ..rendering.dataset import pixels_and_channels
-from ..runtime import backend, checks
+from ..runtime import checks, variants
 from ..runtime.progress import ProgressBar, deferred_stop
 from ..scenes.loading import require_sensor
 from .losses import OF_TWO_RENDERS, WITH_FREQUENCIES, loss_of, require_same_shape
@@ -161,7 +161,7 @@ def fit(
         >>> round(found.values[name], 1)
         0.5
     """
-    backend.require_vectorised()
+    variants.require_vectorised()
     checks.instance("scene", scene, mi.Scene, "a loaded scene, as mi.load_dict and load_scene give")
     film = require_sensor(scene, sensor).film()
     if integrator is not None:

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import mitsuba as mi
 import numpy as np
 
-from ..films.image import time_bins, transient_film
+from ..films.image import time_bins
 from ..films.recording import warn_not_finite
+from ..films.windowed import transient_film
 from ..integrators.passes import SampleRange, best_sampler, steps
 from ..integrators.running import interrupted, made_with, run
 from ..rendering.collecting import ArrayStore, collect
@@ -20,10 +21,10 @@ from ..rendering.settings import RenderSettings
 from ..rendering.window import warn_of_losses
 from ..rendering.work_items import render_item
 from ..rendering.workers import check_client, render_by_workers, require_client
-from ..runtime import backend, checks
-from ..runtime.backend import versions
+from ..runtime import checks, variants
 from ..runtime.checkpoints import Checkpoint, SavedState, SubCheckpoint
 from ..runtime.progress import ProgressBar, Stop, deferred_stop, status, without_bars
+from ..runtime.versions import versions
 from ..scenes.fingerprint import fingerprint
 from ..scenes.packing import packed
 from .captures import MODES, first_and_last_legs, make_capture, subtract_legs
@@ -105,7 +106,7 @@ def capture(
         >>> z["transient"].dims, z.attrs["mode"]
         (('y', 'x', 'opl', 'channel'), 'confocal')
     """
-    backend.require_vectorised()
+    variants.require_vectorised()
     if mode is not None:
         checks.one_of("mode", mode, MODES)
     checks.boolean("progress", progress)
@@ -176,9 +177,13 @@ def require_same_capture(found: xr.Dataset, scene: Any, **options: Any) -> None:
     `options` are all that decide it, with the relay wall as `wall`.
     """
     setup = prepare_capture(scene, **options)
-    wanted = {"mode": setup.mode, "spp": setup.spp, "seed": setup.seed, "variant": mi.variant()}
-    if "fingerprint" in found.attrs:  # Those of earlier versions have none
-        wanted["fingerprint"] = fingerprint(setup.scene, setup.camera, setup.integrator)
+    wanted = {
+        "mode": setup.mode,
+        "spp": setup.spp,
+        "seed": setup.seed,
+        "variant": mi.variant(),
+        "fingerprint": fingerprint(setup.scene, setup.camera, setup.integrator),
+    }
     for name, value in wanted.items():
         own = found.attrs.get(name)
         if own != value:
@@ -268,7 +273,8 @@ class ExhaustiveCapture:
         else:
             check_client(client)
             store = ArrayStore(self, self.spots, self.arrays, self.recipe, POINTS, checkpoint)
-            store.collect(render_by_workers(client, self, store.left), progress)
+            results = render_by_workers(client, self, store.left, ExhaustiveCapture.render)
+            store.collect(results, progress)
         values, energy = self.arrays["values"], self.arrays["energy"]
         inside, total = (float(np.sum(a, dtype=np.float64)) for a in (values[energy > 0], energy))
         return values, min(max(1 - inside / total, 0.0), 1.0) if total else 0.0

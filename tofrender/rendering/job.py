@@ -13,14 +13,14 @@ import numpy as np
 
 from ..films.exposure import profile as seen_pulse
 from ..films.histogram import MAX_ADDED, TAKEN_COPIES
-from ..films.image import transient_film
 from ..films.recording import Recording, recording, warn_not_finite
+from ..films.windowed import transient_film
 from ..integrators.plan import Plan
 from ..integrators.user_defined import is_user_defined
 from ..labels import FILM, read
 from ..runtime import checks, memory, plugins
-from ..runtime.backend import versions
 from ..runtime.settings import SAMPLERS
+from ..runtime.versions import versions
 from ..scenes.fingerprint import fingerprint
 from .arrivals import LAST_OPL, Arrivals, find_arrivals
 from .dataset import coordinates, require_finite, transient_dataset
@@ -34,7 +34,6 @@ from .window import (
     warn_of_losses,
     windowed_film,
 )
-from .work_items import WorkItem, WorkResult, render_item, whole
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -46,6 +45,34 @@ if TYPE_CHECKING:
 DEFAULT_SAMPLER = "padded_sobol"
 
 DENOISING = 7  # Films that the filter works on besides the one that is rendered
+
+
+@dataclass(frozen=True, order=True)
+class WorkItem:
+    """Some samples of some pixels."""
+
+    y: int  # first row of the pixels in the film's crop window
+    x: int  # first column
+    height: int  # rows
+    width: int  # columns
+    first: int  # samples per pixel before the first of these
+    count: int  # samples per pixel
+
+    def pixels(self, array: np.ndarray) -> np.ndarray:
+        """The item's pixels of an array of the whole film, (height, width, ...), as a view."""
+        return array[self.y : self.y + self.height, self.x : self.x + self.width]
+
+
+@dataclass
+class WorkResult:
+    """Result of a work item."""
+
+    # `transient` (height, width, temporal_bins, channels), `steady` (height, width, channels), and
+    # their standard errors, `transient_error` and `steady_error`, if wanted
+    arrays: dict[str, np.ndarray]
+    done: int  # samples per pixel that were taken: fewer than the item's if it was stopped
+    not_finite: int = 0  # contributions that were left out
+    seconds: float = 0.0  # time that it took [s]
 
 
 @dataclass
@@ -109,10 +136,6 @@ class Job:
         named = {**self.more, **self.recipe, "film": str(self.film)}
         return named | {"fingerprint": named.pop("fingerprint")}  # What has a name is told first
 
-    def render(self, item: WorkItem, **options: Any) -> WorkResult:
-        """Render a work item, see `render_item`; an exhaustive capture renders its own."""
-        return render_item(self, item, **options)
-
     def add(self, arrays: dict[str, np.ndarray], item: WorkItem, result: WorkResult) -> None:
         """Add the result of a work item to the arrays of the whole film."""
         fraction = np.float32(item.count / self.points().sample_count())
@@ -135,6 +158,12 @@ class Job:
             device_copies=copies,
             host_copies=TAKEN_COPIES + films - 1 + more,
         )
+
+
+def whole(job: Job, first: int = 0) -> WorkItem:
+    """All pixels, and all samples after the `first` ones."""
+    height, width, _, _ = job.film.shape
+    return WorkItem(0, 0, height, width, first, job.points(first).sample_count())
 
 
 def decide(
@@ -217,7 +246,7 @@ def dataset_of(job: Job, result: WorkResult, resume: xr.Dataset | None = None) -
         return dataset
     from .denoised import denoised  # Imports much of SciPy
 
-    return denoised(job, dataset)
+    return denoised(dataset, job.scene, job.camera, job.film)
 
 
 def render_attributes(job: Job, steady: float, transient: float) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import mitsuba as mi
 
 from ..integrators.user_defined import follows_beams
 from ..labels import FILM
-from ..runtime import backend, checks
+from ..runtime import checks, variants
 from ..runtime.checkpoints import Checkpoint
 from ..runtime.progress import status, without_bars
 from ..runtime.settings import INTEGRATORS
@@ -218,7 +218,7 @@ def render(
         True
     """
     arguments = locals().copy()  # All of them, by name
-    backend.require_vectorised()
+    variants.require_vectorised()
     checks.boolean("progress", progress)
     if params is not None:
         for name, value in arguments.items():
@@ -290,7 +290,7 @@ def make_job(
     # Find the window of a render without a pulse, and the pulse that suits this window
     without_pulse = replace(settings, pulse_width=None)
     job = _job_of(without_pulse, scene, integrator, axis, may_be_dark)
-    width = pulse_width_for(job)
+    width = pulse_width_for(job.film, job.integrator.pulse)
     if width is None:
         return job
 
@@ -362,7 +362,7 @@ def _is_steady(settings: RenderSettings) -> bool:
 
 def open_scene(settings: RenderSettings) -> tuple[mi.Scene, TransientIntegrator]:
     """Load and check a scene, and its integrator or the one that is used instead."""
-    backend.require_vectorised()
+    variants.require_vectorised()
     scene, integrator = settings.scene, settings.integrator
     if not isinstance(scene, mi.Scene):
         if isinstance(integrator, Mapping):  # Mitsuba's own message depends on earlier loads

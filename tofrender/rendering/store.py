@@ -23,9 +23,9 @@ from ..runtime import atomic, checks
 from ..runtime.progress import status
 from .dataset import DIMS, ERRORS, for_file, of_intensity, plain_attributes
 from .films_on_disk import checksum, list_files, load_zarr, require_whole, require_zarr
+from .job import WorkItem, WorkResult
 from .labels import TIME, labels_of
 from .tiling import tile_size
-from .work_items import WorkItem, WorkResult
 
 if TYPE_CHECKING:
     import xarray as xr

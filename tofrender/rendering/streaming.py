@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,10 +15,10 @@ from ..runtime.progress import EVERY_S, deferred_stop
 from .collecting import ResultStore
 from .dataset import channel_coordinates
 from .films_on_disk import load_zarr
-from .job import render_attributes, warn_of_missing
+from .job import WorkItem, render_attributes, warn_of_missing, whole
 from .store import Receipt, Store, check_film, under_way
 from .tiling import tile_size, tiles
-from .work_items import WorkItem, render_item, whole
+from .work_items import render_item
 from .workers import check_client, render_by_workers
 
 if TYPE_CHECKING:
@@ -78,7 +79,8 @@ def stream(
         if client is None:
             done = _render_here(job, film, results.left, seconds)
         else:
-            done = render_by_workers(client, job, results.left, folder)
+            take = partial(render_item, progress=False)
+            done = render_by_workers(client, job, results.left, take, folder)
         results.collect(done, progress)
         attrs = _attributes(job, list(results.receipts.values()))
         film.finish(channel_coordinates(job.film), attrs, target)

@@ -2,17 +2,16 @@
 
 import atexit
 import gc
-import json
 import os
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.metadata import version
 from typing import Any
 
 from . import checks, gpu, llvm, memory, plugins
 from .progress import held_signals
+from .variants import BackendError
 
 # Address space [bytes] of Python, Mitsuba, Dr.Jit and LLVM, and of each of Dr.Jit's threads
 START, THREAD = 480 << 20, 8 << 20
@@ -70,10 +69,6 @@ def _free_unused_scenes() -> None:
     _scenes[:] = [s for s, count in zip(_scenes, counts[1], strict=True) if count > counts[0][0]]
 
 
-class BackendError(RuntimeError):
-    """Error where no variant can render; the message is one line with the command that helps."""
-
-
 def activate(variant: str | None = None) -> str:
     """Activate a Mitsuba variant that works here, with our plugins registered in it.
 
@@ -115,40 +110,6 @@ def activate(variant: str | None = None) -> str:
         mi.set_variant(chosen)
     plugins.register(chosen)
     return chosen
-
-
-def require_unpolarised() -> None:
-    """Raise a BackendError under polarised variants, for files that hold no Stokes vectors."""
-    import mitsuba as mi
-
-    if mi.is_polarized:
-        plain = str(mi.variant()).replace("_polarized", "")
-        raise BackendError(
-            f"variant = {mi.variant()!r}: has Stokes vectors, which are not kept here; must be one "
-            f"like {plain}, or call `tofrender render`"
-        )
-
-
-def require_vectorised() -> None:
-    """Raise a BackendError under a scalar variant, or under none."""
-    import mitsuba as mi
-
-    variant = mi.variant()
-    if variant is None or variant.startswith("scalar"):
-        raise BackendError(
-            f"variant = {variant!r}: cannot render in time, must be an {plugins.KINDS} variant; "
-            "call mi.set_variant('llvm_ad_rgb') first"
-        )
-
-
-def versions() -> str:
-    """Versions of this package, Mitsuba and Dr.Jit, as JSON."""
-    import mitsuba as mi
-
-    from .. import __version__
-
-    found = {"tofrender": __version__, "mitsuba": mi.__version__, "drjit": version("drjit")}
-    return json.dumps(found)
 
 
 def default_variant() -> str:

@@ -14,7 +14,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from . import withheld
+from . import variants, withheld
 
 
 class Plugin(NamedTuple):
@@ -71,8 +71,6 @@ therefore registered as "tofrender_..." too, and `qualified_name` returns the na
 # Modules whose `maker` turns the class of a plugin into its factory, which chooses among classes
 _MAKERS = {"transient_path": "tofrender.nlos.light.confocal"}
 
-KINDS = "llvm_*, cuda_* or metal_*"  # Variants that render in time
-
 PEER_DEPTH = 6  # Default of max_depth in mitransient's volumetric integrators
 
 _classes: dict[str, dict[str, type]] = {}  # variant -> class name -> class
@@ -84,7 +82,7 @@ def plugin(class_name: str) -> Any:
 
     variant = mi.variant()
     if class_name not in PLUGINS or variant is None or variant.startswith("scalar"):
-        needed = f"needs an {KINDS} variant; the active one is"
+        needed = f"needs an {variants.KINDS} variant; the active one is"
         raise AttributeError(f"tofrender.{class_name} {needed} {variant!r}")
     reason = withheld.refusal(PLUGINS[class_name].home)
     if reason is not None:
@@ -192,9 +190,7 @@ def limit_depth(props: Any) -> None:
 
 def _refuse(_: Any) -> Any:
     """Factory of plugins under scalar variants: raises an error that names those that work."""
-    from .backend import require_vectorised
-
-    require_vectorised()
+    variants.require_vectorised()
 
 
 def _run(module: str) -> Any:

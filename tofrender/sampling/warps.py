@@ -10,7 +10,7 @@ The first number goes out from the centre or the pole (u = 0), the second around
 Dr.Jit's debug mode (`dr.set_flag(dr.JitFlag.Debug, True)`) a sample outside of the square fails
 with one line; without it, that is not checked and costs nothing.
 
-`WARPS` lists all of them for the chi-square test, the command line and the figures.
+`sampling.table` lists all of them for the chi-square test, the command line and the figures.
 
 Source: M. Pharr, W. Jakob and G. Humphreys, "Physically Based Rendering", 4th edition, sections
 2.3 (inversion), 2.4 (changes of variables) and A.5 (the warps). Beckmann: B. Walter et al.,
@@ -19,9 +19,6 @@ Source: M. Pharr, W. Jakob and G. Humphreys, "Physically Based Rendering", 4th e
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -264,52 +261,3 @@ def square_to_beckmann_pdf(m: mi.Vector3f, alpha: float | mi.Float) -> mi.Float:
     falloff = dr.exp(-tan2_theta / dr.square(alpha))
     above = (m.z > 0) & (falloff > 0)  # falloff / z^3 would be 0 / 0 at the horizon
     return dr.select(above, normalization * falloff * dr.square(inv_z) * inv_z, 0)
-
-
-Pair = tuple[Callable[..., Any], Callable[..., Any]]  # a warp and its density
-
-
-@dataclass(frozen=True)
-class Warp:
-    """Factory of a warp and its density, with the domain and the parameter of both.
-
-    Attributes:
-        make: Called with the value of the parameter, or with nothing if there is none; returns
-            the functions `sample(Point2f) -> points` and `pdf(points) -> Float`.
-        domain: Domain of the points, one of `chi_square_test`.
-        parameter: Name of the one parameter, "" for none.
-    """
-
-    make: Callable[..., Pair]
-    domain: str
-    parameter: str = ""
-
-
-def _beckmann(alpha: float) -> Pair:
-    alpha = in_range("alpha", alpha, MIN_ALPHA, MAX_ALPHA)
-    return partial(square_to_beckmann, alpha=alpha), partial(square_to_beckmann_pdf, alpha=alpha)
-
-
-def _hierarchical(image: Any) -> Pair:
-    from .hierarchical import HierarchicalWarp
-
-    warp = HierarchicalWarp(image)
-    return warp.sample, warp.pdf
-
-
-WARPS: dict[str, Warp] = {
-    "tent": Warp(lambda: (square_to_tent, square_to_tent_pdf), "plane"),
-    "uniform_disk": Warp(lambda: (square_to_uniform_disk, square_to_uniform_disk_pdf), "disk"),
-    "uniform_sphere": Warp(
-        lambda: (square_to_uniform_sphere, square_to_uniform_sphere_pdf), "sphere"
-    ),
-    "uniform_hemisphere": Warp(
-        lambda: (square_to_uniform_hemisphere, square_to_uniform_hemisphere_pdf), "hemisphere"
-    ),
-    "cosine_hemisphere": Warp(
-        lambda: (square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf), "hemisphere"
-    ),
-    "beckmann": Warp(_beckmann, "hemisphere", "alpha"),
-    "hierarchical": Warp(_hierarchical, "image", "image"),
-}
-"""Warps by name."""

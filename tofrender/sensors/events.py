@@ -11,14 +11,12 @@ block the detector, and with the afterpulses that have not happened yet.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from .rates import Block, generator
-
-if TYPE_CHECKING:
-    from .spad import Spad
+from .spad_parameters import SpadParameters
 
 CHUNK = 1 << 20  # Expected avalanches of a row of SPADs in a chunk of cycles
 NOMINAL = 1.0  # Photons per pixel and cycle, where chunks must not depend on the rates
@@ -130,7 +128,9 @@ class Row:
         bin_s: Width of the bins [s].
     """
 
-    def __init__(self, spad: Spad, rates: np.ndarray, seed: int, row: int, bin_s: float) -> None:
+    def __init__(
+        self, spad: SpadParameters, rates: np.ndarray, seed: int, row: int, bin_s: float
+    ) -> None:
         self.spad = spad
         self.rates = rates
         self.rng = generator(seed, row)
@@ -293,7 +293,7 @@ def caused_and_detected(
 class MacroPixels:
     """Detections of a row of macro pixels, chunk after chunk."""
 
-    def __init__(self, spad: Spad) -> None:
+    def __init__(self, spad: SpadParameters) -> None:
         self.spad = spad
         self.recent = NOTHING
         self.blocking = NOTHING
@@ -338,7 +338,7 @@ class MacroPixels:
 
 
 def detections(
-    spad: Spad, block: Block, layout: Layout, seed: int, bin_s: float
+    spad: SpadParameters, block: Block, layout: Layout, seed: int, bin_s: float
 ) -> Iterator[tuple[int, int, Layout, np.ndarray]]:
     """Simulate the detections of a block, row by row of macro pixels and chunk by chunk of cycles.
 

@@ -1,7 +1,7 @@
 """Readout of SPAD arrays: time stamps with jitter and TDC codes, and their histograms."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,9 +15,7 @@ from .jitter import add_jitter, kernel, sample_jitter
 from .pile_up import first_photon
 from .rates import Block, Rates, generator
 from .response import distribution
-
-if TYPE_CHECKING:
-    from .spad import Spad
+from .spad_parameters import SpadParameters
 
 ROWS = 8
 _HOT, _STAMPS, _TDC = 1, 2, 3  # Streams of random numbers, beside that of photons
@@ -29,7 +27,7 @@ class Readout:
     `shape` is that of results; `rows` are simulated together, and how many beside these they need.
     """
 
-    def __init__(self, spad: "Spad", rates: Rates, seed: int = 0) -> None:
+    def __init__(self, spad: SpadParameters, rates: Rates, seed: int = 0) -> None:
         self.spad, self.rates, self.seed = spad, rates, seed
         self.bin_s = rates.width / SPEED_OF_LIGHT
         if spad.crosstalk_probability or spad.macro_pixel != (1, 1):  # Neighbors matter

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...course.judge.client import NoAnswer
-from ...runtime import backend, checks
+from ...runtime import backend, checks, variants
 from ...runtime.canvas import draw_figure, in_style, palette
 from ...runtime.plots import PictureGrid
 from ...runtime.withheld import Withheld
@@ -122,7 +122,7 @@ class Engine:
 
     def __init__(self, module: Any = None) -> None:
         variant = backend.activate(None)
-        backend.require_vectorised()
+        variants.require_vectorised()
         self.module = None if module is None else Module(module)
         if module is None and any(map(is_withheld, SUBJECTS.values())):
             self.module = find_module(Path.cwd())

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -17,33 +16,10 @@ from ...paths.surfaces import first_surface, is_on, spawn_ray
 from ...runtime.backend import tracing_lock
 from ...scenes.media import media_of, scatterer_on
 from ..device.relay_wall import first_hits
+from .scan import Beam, Scan, Spot
 from .specular import MOST_VERTICES, SpecularConnections, random_number, random_seeds
 
-if TYPE_CHECKING:
-    from .scan import Scan
-
 COINCIDENT = 1e-10  # squared distance of two points, over that to a third, below which they are one
-
-
-@dataclass
-class Spot:
-    """Laser spot on a surface; one, or one for each lane."""
-
-    si: mi.SurfaceInteraction3f  # si.wi points to the laser
-    power: Any  # power that arrives, the cosine included [W]
-    distance: mi.Float  # optical length from the laser that counts [m]
-    beam: mi.Ray3f | None = None
-    origin: mi.Point3f | None = None  # start of the beam's length [m]
-    # number of delta vertices that the beam has passed, and lanes where one is off the relay wall
-    bounces: mi.UInt32 | int = 0
-    off_wall: mi.Bool | bool = False
-
-    def eval(self, direction: mi.Vector3f, active: mi.Bool) -> Any:
-        """BSDF times cosine for light of the beam that leaves in a direction [1/sr]."""
-        return self.si.bsdf().eval(mi.BSDFContext(), self.si, self.si.to_local(direction), active)
-
-
-Beam = Callable[[mi.Sampler, mi.Bool], Spot]
 
 
 def trace_beam(scan: Scan, ray: mi.Ray3f, power: Any, active: Any, origin: Any) -> Spot:

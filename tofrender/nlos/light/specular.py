@@ -22,27 +22,18 @@ way of the length r by flat mirrors. The refraction of radiance is part of F.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
 
-from ...paths.delta_lobes import DeltaLobes, Wavefront
-from ...paths.protocols import Space
+from ...paths.delta_lobes import Wavefront
 from ...paths.records import Connection, Path, Vertex
 from ...paths.surfaces import (
-    bsdfs_in,
     first_surface,
-    groups_of,
-    is_boundary,
     is_on,
     spawn_ray,
 )
-from .guided import Targets
-
-if TYPE_CHECKING:
-    from .laser_spot import Beam
-    from .scan import Scan
+from .scan import Beam, Scan
 
 MOST_VERTICES = 16
 """Most delta vertices of a way: their lobes are kept in an integer, four bits for each."""
@@ -398,38 +389,3 @@ def random_seeds(sampler: mi.Sampler) -> list[mi.UInt32]:
 def random_number(number: mi.UInt32, seed: mi.UInt32) -> mi.Float:
     """Return a random number in [0, 1) of a sequence; `number` starts at the first seed."""
     return mi.sample_tea_float32(number, seed)
-
-
-@dataclass
-class Specular:
-    """Mirrors and glass of a scan."""
-
-    lobes: DeltaLobes
-    targets: Targets  # their surfaces
-
-    @classmethod
-    def of(cls, scene: mi.Scene, space: Space) -> Specular | None:
-        """Find the mirrors and glass of a scene; return None if all surfaces are rough.
-
-        Raises:
-            ValueError: Light cannot be followed through a surface; one line.
-        """
-
-        def is_specular(bsdf: mi.BSDF | None) -> bool:
-            passes = space.scatters and is_boundary(bsdf)
-            return bsdf is not None and not passes and DeltaLobes.set_of(bsdf) != 0
-
-        # An instance does not tell the materials of its shape group
-        for group in groups_of(scene):
-            if any(is_specular(bsdf) for bsdf in bsdfs_in(group)):
-                raise ValueError(
-                    f"shape {group.id()!r}: an instance of a mirror or glass is not supported; "
-                    "copy it"
-                )
-
-        shapes = [shape for shape in scene.shapes() if is_specular(shape.bsdf())]
-        if not shapes:
-            return None
-        for shape in shapes:
-            DeltaLobes.require_supported(shape)
-        return cls(DeltaLobes(scene), Targets(scene, shapes))

@@ -19,8 +19,9 @@ import mitsuba as mi
 import numpy as np
 
 from ...rendering.workers import check_client, distribute
-from ...runtime.backend import activate, require_vectorised
+from ...runtime.backend import activate
 from ...runtime.progress import ProgressBar
+from ...runtime.variants import require_vectorised
 from .measured import Measured
 from .volume import VolumeGrid
 
