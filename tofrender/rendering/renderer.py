@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import fields, replace
 from os import PathLike
-from typing import TYPE_CHECKING, Annotated, Any, overload
+from typing import TYPE_CHECKING, Annotated, Any
 
 import mitsuba as mi
 
@@ -41,15 +41,10 @@ WINDOW_CHANGES = {"temporal_bins", "start_opl", "bin_width_opl"}
 
 Integrator = str | Mapping[str, object] | mi.Integrator | None
 
-WITH_PARAMS = {"scene", "params", "spp", "seed", "integrator", "sensor", "progress"}
-"""Arguments that may be given with `params`."""
 
-
-@overload
 def render(
     scene: mi.Scene | Mapping[str, object] | str | PathLike[str],
     *,
-    params: None = None,
     spp: int | None = None,
     seed: int = 0,
     size: tuple[int, int] | None = None,
@@ -73,62 +68,16 @@ def render(
     client: Client | None = None,
     progress: bool = True,
     settings: Mapping[str, object] | None = None,
-) -> xr.Dataset: ...
-
-
-@overload
-def render(
-    scene: mi.Scene,
-    *,
-    params: mi.SceneParameters,
-    spp: int | None = None,
-    seed: int = 0,
-    integrator: Integrator = None,
-    sensor: int = 0,
-    progress: bool = True,
-) -> tuple[mi.TensorXf, mi.TensorXf]: ...
-
-
-def render(
-    scene: mi.Scene | Mapping[str, object] | str | PathLike[str],
-    *,
-    params: mi.SceneParameters | None = None,
-    spp: int | None = None,
-    seed: int = 0,
-    size: tuple[int, int] | None = None,
-    bins: int | None = None,
-    start_opl: float | None = None,
-    bin_width: float | None = None,
-    window: str | tuple[float, float] | None = None,
-    pulse_width: float | str | None = None,
-    max_depth: int | None = None,
-    integrator: Integrator = None,
-    sampler: str | mi.Sampler | None = None,
-    sensor: int = 0,
-    define: Mapping[str, object] | None = None,
-    errors: bool = False,
-    denoise: bool = False,
-    resume: Annotated[xr.Dataset, FILM] | None = None,
-    checkpoint: Checkpoint | str | PathLike[str] | None = None,
-    out: str | PathLike[str] | None = None,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    client: Client | None = None,
-    progress: bool = True,
-    settings: Mapping[str, object] | None = None,
-) -> xr.Dataset | tuple[mi.TensorXf, mi.TensorXf]:
+) -> xr.Dataset:
     """Render a scene in time.
 
     The arguments are called as the options of the command `tofrender render`.
+    The result has no derivatives: for these, call `mi.render(scene, params)`.
     See also `load_scene`, `merge`, `explore`, `report`.
 
     Args:
         scene: Built-in name or path of a Mitsuba XML file; or a dict as for `mi.load_dict`, or a
             loaded scene.
-        params: Parameters of a loaded scene, as of `mi.traverse(scene)`, some of which track
-            gradients (`dr.enable_grad`). With them, this is `mi.render(scene, params)`, for
-            `dr.forward` and `dr.backward`, and only `spp`, `seed`, `integrator`, `sensor` and
-            `progress` may be given.
         spp: Samples per pixel, 1 to 2^24; by default the scene's. Powers of two suit the default
             sampler best; Mitsuba's samplers round to what they can do.
         seed: Seed of all random numbers. Two renders with the same seed agree to float rounding.
@@ -184,20 +133,14 @@ def render(
         2 of 3 bins that many paths reach. Ctrl-C, SIGTERM and SIGHUP return what is finished, with
         `complete` = 0 and `spp` as far as it got; a second one ends it at once.
 
-        With `params`, the pair (steady, transient), tensors (height, width, channels) and (height,
-        width, bins, channels) of the same radiance, which track gradients.
-
     Raises:
         ValueError: An argument or the scene is wrong, or no light can reach the window.
         MemoryError: The bins do not fit; the message says what would.
         BackendError: The active variant cannot render in time.
         KeyboardInterrupt: A render with `out` or workers was stopped; one line.
-        RuntimeError: `params` track gradients and the integrator has no derivatives.
 
     Warns:
-        UserWarning: More than 1 % of the energy is outside the window, or the render was stopped;
-            or `params` that track gradients move things, and derivatives leave out what becomes
-            visible or hidden.
+        UserWarning: More than 1 % of the energy is outside the window, or the render was stopped.
 
     Example:
         >>> dataset = render("cornell_box", spp=1, size=(64, 64), window=(3.5, 15.0))
@@ -205,27 +148,10 @@ def render(
         {'y': 64, 'x': 64, 'opl': 300, 'channel': 3}
         >>> dataset["transient"].sel(time=20.0, method="nearest").dims
         ('y', 'x', 'channel')
-
-        How a picture changes with an albedo:
-
-        >>> import drjit as dr
-        >>> scene = load_scene("cornell_box", width=4, height=4, pulse_width_opl=0.1)
-        >>> params = mi.traverse(scene)
-        >>> dr.enable_grad(params["green.reflectance.value"])
-        >>> steady, transient = render(scene, params=params, spp=1, progress=False)
-        >>> dr.backward(dr.mean(steady))
-        >>> params["green.reflectance.value"].grad.y[0] > 0
-        True
     """
     arguments = locals().copy()  # All of them, by name
     variants.require_vectorised()
     checks.boolean("progress", progress)
-    if params is not None:
-        for name, value in arguments.items():
-            if name not in WITH_PARAMS and value is not None and value is not False:
-                raise ValueError(f"{name} = {checks.quote(value)}: must be left out with `params`")
-        with without_bars(not progress):
-            return _render_attached(scene, params, spp, seed, integrator, sensor)
     wanted = RenderSettings(**{each.name: arguments[each.name] for each in fields(RenderSettings)})
     by_workers = check_workers(workers=workers, scheduler=scheduler, client=client)
     if out is not None:
@@ -250,27 +176,6 @@ def render(
                 item, checkpoint = remaining(job, resume), Checkpoint.of(checkpoint)
                 result = render_item(job, item, checkpoint=checkpoint)
             return dataset_of(job, result, resume)
-
-
-def _render_attached(
-    scene: object, params: object, spp: int | None, seed: Any, integrator: Integrator, sensor: int
-) -> tuple[mi.TensorXf, mi.TensorXf]:
-    """Steady and transient light that track gradients."""
-    checks.instance("scene", scene, mi.Scene, "a loaded scene with `params`, as of load_scene")
-    checks.instance("params", params, mi.SceneParameters, "those of mi.traverse(scene)")
-    settings = RenderSettings(scene, spp=spp, seed=seed, integrator=integrator, sensor=sensor)
-    scene, own = open_scene(settings)
-    light: Any = None
-    refused: BaseException | None = None
-    try:
-        light = mi.render(scene, params, sensor=sensor, integrator=own, seed=seed, spp=spp or 0)
-    except RuntimeError as error:
-        refused = error.__cause__  # Dr.Jit only says that there is one
-        if refused is None:
-            raise
-    if refused is not None:
-        raise refused  # Out here it gets no context, whose cause it is
-    return light
 
 
 def make_job(
