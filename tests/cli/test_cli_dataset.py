@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.commands import refused, run
 from helpers.films_in_parts import script
-from test_cli import refused, run
 
 from tofrender.datasets import load_dataset
 from tofrender.datasets.making import under_way

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.bad_inputs import listing
+from helpers.commands import done, refused
 from helpers.films_in_parts import check_same, differences, end, in_tiles, names, render, script
 from helpers.hidden_scenes import small_capture
-from test_cli import done, refused
 
 import tofrender
 from tofrender.cli.checkpoints import AGAIN, film_path
