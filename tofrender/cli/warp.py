@@ -35,7 +35,7 @@ Points = Annotated[str, opt.choice(POINT_SETS, "Point set to draw")]
 Count = Annotated[int, opt.integer(1, checks.MAX_SPP, "Number of points to draw")]
 Samples = Annotated[int, opt.integer(1000, 1 << 24, "Number of samples of the chi-square test")]
 Module = Annotated[
-    Path | None, opt.named("FILE|DIR", "Student's Python file, or folder of Python files.")
+    Path | None, opt.named("FILE|DIR", "Python file, or folder of Python files, to test.")
 ]
 Parameters = Annotated[
     list[str] | None,
@@ -80,8 +80,8 @@ def warptest(
     """Explore and test warps in the browser.
 
     The page shows points, a grid, and a chi-square test for warps, shapes and lights of
-    the package, or with --module of a student. A student's module runs in a separate process that
-    cannot write files and has a time limit. The module is loaded again when its files change.
+    the package, or of the file in --module. The file runs in a separate process that cannot
+    write files and has a time limit. It is loaded again when it changes.
     With --headless, all warps are tested, or only NAME.
 
     Examples:

@@ -14,9 +14,9 @@ from ..integrators.user_defined import follows_beams
 from ..labels import FILM
 from ..runtime import checks, variants
 from ..runtime.checkpoints import Checkpoint
+from ..runtime.editions import LeftOut
 from ..runtime.progress import status, without_bars
 from ..runtime.settings import INTEGRATORS
-from ..runtime.withheld import Withheld
 from ..scenes.checking import check_scene
 from ..scenes.loading import is_steady, load_plugin, load_scene, require_light, require_sensor
 from ..scenes.packing import packed
@@ -299,9 +299,9 @@ def _integrator(scene: mi.Scene, integrator: Any) -> TransientIntegrator:
     if isinstance(integrator, Mapping):
         integrator = load_plugin("integrator", integrator)
     found: Any = scene.integrator() if integrator is None else integrator
-    withheld = getattr(found, "withheld", None)
-    if withheld is not None:
-        raise Withheld(f"integrator = {withheld}")
+    left_out = getattr(found, "left_out", None)
+    if left_out is not None:
+        raise LeftOut(f"integrator = {left_out}")
     if not getattr(found, "fills_bins", False):
         cls = type(found)
         foreign = cls.__module__.partition(".")[0] not in ("mitsuba", "builtins", "tofrender")

@@ -16,6 +16,9 @@ from .variants import BackendError
 # Address space [bytes] of Python, Mitsuba, Dr.Jit and LLVM, and of each of Dr.Jit's threads
 START, THREAD = 480 << 20, 8 << 20
 
+NO_VARIANT = "TOFRENDER_NO_VARIANT"
+"""Environment variable. If it is set, `import tofrender` activates no variant."""
+
 # With one thread, Mitsuba waits forever for pictures that it reads or writes
 LEAST_THREADS = 2
 

@@ -14,7 +14,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from . import variants, withheld
+from . import editions, variants
 
 
 class Plugin(NamedTuple):
@@ -77,16 +77,16 @@ _classes: dict[str, dict[str, type]] = {}  # variant -> class name -> class
 
 
 def plugin(class_name: str) -> Any:
-    """Plugin class of the active variant; an AttributeError or Withheld if it has none."""
+    """Plugin class of the active variant; an AttributeError or LeftOut if it has none."""
     import mitsuba as mi
 
     variant = mi.variant()
     if class_name not in PLUGINS or variant is None or variant.startswith("scalar"):
         needed = f"needs an {variants.KINDS} variant; the active one is"
         raise AttributeError(f"tofrender.{class_name} {needed} {variant!r}")
-    reason = withheld.refusal(PLUGINS[class_name].home)
+    reason = editions.refusal(PLUGINS[class_name].home)
     if reason is not None:
-        raise withheld.error_for("tofrender", class_name, withheld.Withheld(reason))
+        raise editions.error_for("tofrender", class_name, editions.LeftOut(reason))
     register(variant)
     return _classes[variant][class_name]
 
@@ -158,7 +158,7 @@ def register(variant: str) -> None:
         for each in PLUGINS.values():
             getattr(mi, f"register_{each.kind}")(each.name, _refuse)
         return
-    loaded = {name: _run(name) for name in MODULES if withheld.refusal(name) is None}
+    loaded = {name: _run(name) for name in MODULES if editions.refusal(name) is None}
     _classes[variant] = {}
     for class_name, each in PLUGINS.items():
         if each.home in loaded:
@@ -167,7 +167,7 @@ def register(variant: str) -> None:
             if _MAKERS.get(each.name) in loaded:
                 factory = loaded[_MAKERS[each.name]].maker(factory)
         else:
-            factory = withheld.placeholder(class_name, each.name, each.kind, each.home)
+            factory = editions.placeholder(class_name, each.name, each.kind, each.home)
             if factory is None:
                 continue
         for name in (each.name, f"tofrender_{each.name}"):
