@@ -22,7 +22,7 @@ from ..runtime import checks, memory, plugins
 from ..runtime.settings import SAMPLERS
 from ..runtime.versions import versions
 from ..scenes.fingerprint import fingerprint
-from .arrivals import LAST_OPL, Arrivals, find_arrivals
+from .arrivals import LAST_OPL, Arrivals, Look, looking_once
 from .dataset import coordinates, require_finite, transient_dataset
 from .errors import batches_of
 from .settings import RenderSettings, is_auto
@@ -174,17 +174,18 @@ def decide(
     origin: tuple[Callable[..., Job], Mapping[str, object]],
     axis: tuple[int, float, float] | None = None,
     may_be_dark: bool = False,
+    look: Look | None = None,
 ) -> Job:
     """Find the window, and refuse what makes no sense in it, unless it `may_be_dark`.
 
     The arguments are as a `Job` has them; `axis` is the number, start and width [m] of the bins, if
-    they were decided elsewhere.
+    they were decided elsewhere. `look` makes test renders, if there is such a function already.
     """
     camera = scene.sensors()[settings.sensor]
     if axis is not None:
         film, profile, arrivals = transient_film(camera.film(), *axis), None, None
     else:
-        film, profile, arrivals = film_of_light(plan, integrator, camera, settings)
+        film, profile, arrivals = film_of_light(plan, integrator, camera, settings, look)
         if not may_be_dark:
             check_window(film, arrivals, profile)
     job = Job(plan, integrator, scene, settings, film, profile, arrivals, origin)
@@ -275,16 +276,17 @@ def warn_of_missing(job: Job, attrs: Mapping[str, Any], stacklevel: int) -> None
 
 
 def film_of_light(
-    plan: Plan, integrator: TransientIntegrator, camera: mi.Sensor, settings: RenderSettings
+    plan: Plan,
+    integrator: TransientIntegrator,
+    camera: mi.Sensor,
+    settings: RenderSettings,
+    look: Look | None = None,
 ) -> tuple[TransientHDRFilm, Pulse | None, Arrivals]:
     """The film with its window, the pulse that it sees, and when light arrives."""
     exposure = integrator.exposure()
     film = windowed_film(camera.film(), *settings.time_axis)
     profile = seen_pulse(film, exposure)  # Refuses what does not fit together
-
-    def look(seed: int) -> Arrivals:
-        return find_arrivals(plan, camera, film, seed)
-
+    look = look or looking_once(plan, camera, film)
     arrivals = look(ARRIVALS_SEED)
     if is_auto(settings.window):
         allowed = "must be (start, stop) in metres"

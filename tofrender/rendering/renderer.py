@@ -21,6 +21,7 @@ from ..scenes.checking import check_scene
 from ..scenes.loading import is_steady, load_plugin, load_scene, require_light, require_sensor
 from ..scenes.packing import packed
 from ..signals.pulses import GaussianPulse
+from .arrivals import Look, looking_once
 from .collecting import collect
 from .job import Job, dataset_of, decide, remaining
 from .settings import RenderSettings, is_auto
@@ -183,7 +184,7 @@ def make_job(
     axis: tuple[int, float, float] | None = None,
     may_be_dark: bool = False,
 ) -> Job:
-    """Load the scene once, and find its window and pulse.
+    """Load the scene once, look for its light once, and find its window and pulse.
 
     `axis` and `may_be_dark` are as for `decide`.
     """
@@ -194,7 +195,10 @@ def make_job(
 
     # Find the window of a render without a pulse, and the pulse that suits this window
     without_pulse = replace(settings, pulse_width=None)
-    job = _job_of(without_pulse, scene, integrator, axis, may_be_dark)
+    camera = scene.sensors()[settings.sensor]
+    empty = windowed_film(camera.film(), *settings.time_axis)
+    look = looking_once(integrator.plan(scene, camera), camera, empty)
+    job = _job_of(without_pulse, scene, integrator, axis, may_be_dark, look)
     width = pulse_width_for(job.film, job.integrator.pulse)
     if width is None:
         return job
@@ -203,7 +207,7 @@ def make_job(
     _require_own_integrator(settings, integrator)
     integrator.pulse = GaussianPulse(width)
     with_pulse = replace(settings, pulse_width=width)
-    return _job_of(with_pulse, scene, integrator, axis, may_be_dark)
+    return _job_of(with_pulse, scene, integrator, axis, may_be_dark, look)
 
 
 def _job_of(
@@ -212,11 +216,12 @@ def _job_of(
     integrator: TransientIntegrator,
     axis: tuple[int, float, float] | None,
     may_be_dark: bool,
+    look: Look | None = None,
 ) -> Job:
-    """Return the job of a loaded scene."""
+    """Return the job of a loaded scene; `look` is as for `decide`."""
     plan = integrator.plan(scene, scene.sensors()[settings.sensor])
     origin = _job_in_worker, settings.values
-    return decide(plan, integrator, scene, settings, origin, axis, may_be_dark)
+    return decide(plan, integrator, scene, settings, origin, axis, may_be_dark, look)
 
 
 def _require_own_integrator(settings: RenderSettings, integrator: TransientIntegrator) -> None:
