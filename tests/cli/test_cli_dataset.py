@@ -85,14 +85,14 @@ def test_bad_options_are_refused(config, tmp_path, monkeypatch, capsys, options,
 WAITS = """
 import sys
 from tofrender.cli.app import main
-from tofrender.datasets.store import Store
-put = Store.put
+from tofrender.datasets.store import StoredRecords
+put = StoredRecords.write_part
 def waiting(*arguments):
     receipt = put(*arguments)
     print("here", flush=True)
     input()
     return receipt
-Store.put = waiting
+StoredRecords.write_part = waiting
 sys.exit(main(sys.argv[1:]))
 """
 

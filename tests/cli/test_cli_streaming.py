@@ -172,7 +172,7 @@ if __name__ == "__main__":
     in_tiles(pytest.MonkeyPatch(), 2)
     if sys.argv[1] == "short":
         memory.available = lambda: memory.RESERVE + 40000
-    put, puts = store.Store.write, []
+    put, puts = store.StoredFilm.write, []
     def counted(self, *arguments):
         receipt = put(self, *arguments)
         puts.append(None)
@@ -180,7 +180,7 @@ if __name__ == "__main__":
             print("here", flush=True)
             input()
         return receipt
-    store.Store.write = counted
+    store.StoredFilm.write = counted
     sys.exit(main(sys.argv[2:]))
 """
 

@@ -334,18 +334,18 @@ def stopped(monkeypatch, out: Path, before: int, config: dict = SMALL) -> Path:
 
 def ctrl_c_before(patch, name: str, number: int) -> None:
     """Let Ctrl-C come as a method of the store is called for the n-th time."""
-    method, calls = getattr(making.Store, name), itertools.count()
+    method, calls = getattr(making.StoredRecords, name), itertools.count()
 
     def interrupted(*arguments):
         if next(calls) == number:
             signal.raise_signal(signal.SIGINT)
         return method(*arguments)
 
-    patch.setattr(making.Store, name, interrupted)
+    patch.setattr(making.StoredRecords, name, interrupted)
 
 
 def test_a_record_that_is_written_when_somebody_stops_is_there_and_counted(tmp_path, monkeypatch):
-    ctrl_c_before(monkeypatch, "put", 1)
+    ctrl_c_before(monkeypatch, "write_part", 1)
     with pytest.raises(KeyboardInterrupt, match="interrupted after 2 of 3 records"):
         make(SMALL, tmp_path / "x.zarr")
     receipts = making.under_way(tmp_path / "x.zarr") / "receipts"

@@ -27,10 +27,10 @@ from ..runtime.versions import versions
 from ..scenes.fingerprint import file_digest
 from ..scenes.packing import packed, unpacked
 from .config import Config, parse_config, read_config
-from .layout import Layout, Plan, layout_of
+from .layout import DatasetLayout, DatasetPlan, layout_of
 from .reading import KIND, load_dataset
-from .record import FACTOR, Receipt, make_record
-from .store import Store
+from .record import FACTOR, RecordReceipt, make_record
+from .store import StoredRecords
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 def plan_dataset(
     config: str | os.PathLike[str] | Mapping[str, Any] | Config, only: Iterable[int] | None = None
-) -> Plan:
+) -> DatasetPlan:
     """Plan a data set: arrays, shapes and sizes. Nothing is rendered.
 
     Args:
@@ -64,7 +64,7 @@ def plan_dataset(
     variants.require_unpolarised()
     found = read_config(config)
     records = _numbers(found, only)
-    return Plan(found, records, layout_of(found, records))
+    return DatasetPlan(found, records, layout_of(found, records))
 
 
 def make_dataset(
@@ -124,7 +124,7 @@ def make_dataset(
     target = check_film(out)
     require_zarr()
     folder = under_way(target)
-    if Store.planned(folder) and not resume:
+    if StoredRecords.planned(folder) and not resume:
         raise FileExistsError(
             f"out = {out}: an unfinished data set is beside it, {folder}; must be gone on with "
             "(resume) or removed"
@@ -138,7 +138,7 @@ def make_dataset(
         if shutil.disk_usage(atomic.existing_parent(folder)).free < plan.bytes - written:
             raise atomic.disk_full(folder, plan.bytes)
         with held_signals():
-            store = Store.begin(folder, _recipe(plan), plan)
+            store = StoredRecords.begin(folder, _recipe(plan), plan)
         receipts = {record: store.receipt(record) for record in plan.records}
         left = [record for record in plan.records if receipts[record] is None]
         count = len(plan.records)
@@ -160,7 +160,7 @@ def make_dataset(
                 raise stopped(error, finished, count, "records", on) from None
         with held_signals():  # All records are there: what is left is done in a moment
             # Of a slow record that two workers made, the last one's receipt is the one that counts
-            found = {record: store.last_receipt(record) for record in plan.records}
+            found = {record: store.unchecked_receipt(record) for record in plan.records}
             store.finish(plan, found, _attributes(plan, found), target)
     _warn_of_records(found)
     return load_dataset(target)
@@ -202,7 +202,7 @@ def _numbers(config: Config, only: Iterable[int] | None) -> list[int]:
     return found
 
 
-def _recipe(plan: Plan) -> dict[str, Any]:
+def _recipe(plan: DatasetPlan) -> dict[str, Any]:
     layout = plan.layout
     return {
         "config": {name: value for name, value in plan.config.plain.items() if name != "records"},
@@ -217,7 +217,7 @@ def _recipe(plan: Plan) -> dict[str, Any]:
     }
 
 
-def _files_digest(plan: Plan) -> str:
+def _files_digest(plan: DatasetPlan) -> str:
     """Checksum of what identifies the first scene, and of all files that the config names."""
     names = sorted({text for text in _texts(plan.config.given) if "." in text})
     files = [plan.config.folder / name for name in names]
@@ -235,19 +235,19 @@ def _texts(value: Any) -> Iterator[str]:
 
 
 def _make(
-    plan: Plan,
-    store: Store,
+    plan: DatasetPlan,
+    store: StoredRecords,
     folder: Path,
     client: Client | None,
     left: list[int],
-    receipts: Mapping[int, Receipt | None],
-) -> Iterator[tuple[int, Receipt]]:
+    receipts: Mapping[int, RecordReceipt | None],
+) -> Iterator[tuple[int, RecordReceipt]]:
     """Make the records that are left, in this process or by workers.
 
     If all records share one factor from radiance to photons, the factor is that of record 0.
     """
 
-    def make(records: list[int], factor: float | None) -> Iterator[tuple[int, Receipt]]:
+    def make(records: list[int], factor: float | None) -> Iterator[tuple[int, RecordReceipt]]:
         if client is None:
             return _make_locally(plan, store, records, factor)
         task = _worker_task(plan, folder, factor)
@@ -271,18 +271,18 @@ def _make(
 
 
 def _make_locally(
-    plan: Plan, store: Store, records: list[int], factor: float | None
-) -> Iterator[tuple[int, Receipt]]:
+    plan: DatasetPlan, store: StoredRecords, records: list[int], factor: float | None
+) -> Iterator[tuple[int, RecordReceipt]]:
     """Make records in this process."""
     for record in records:
         arrays, receipt = make_record(plan.config, plan.layout, record, factor)
         with deferred_stop() as stop:  # A record is there whole or not at all, and is counted
-            receipt = store.put(record, arrays, receipt)
+            receipt = store.write_part(record, arrays, receipt)
         yield record, receipt
         stop.take_effect()
 
 
-def _estimate(record: int, receipt: Receipt, count: int, started: float, client: Any) -> str:
+def _estimate(record: int, receipt: RecordReceipt, count: int, started: float, client: Any) -> str:
     rest_s = (count - 1) * receipt.seconds
     if client is not None:
         rest_s /= max(1, len(client.scheduler_info()["workers"]))
@@ -299,7 +299,7 @@ def _time(seconds: float) -> str:
     return f"{seconds:.0f} days"
 
 
-def _attributes(plan: Plan, receipts: Mapping[int, Receipt]) -> dict[str, Any]:
+def _attributes(plan: DatasetPlan, receipts: Mapping[int, RecordReceipt]) -> dict[str, Any]:
     config, window = plan.config, plan.layout.window
     found: dict[str, Any] = {
         "kind": KIND,
@@ -318,7 +318,7 @@ def _attributes(plan: Plan, receipts: Mapping[int, Receipt]) -> dict[str, Any]:
     return found
 
 
-def _warn_of_records(receipts: Mapping[int, Receipt]) -> None:
+def _warn_of_records(receipts: Mapping[int, RecordReceipt]) -> None:
     """Repeat the first warning of the renders."""
     texts = {record: receipt.warnings for record, receipt in receipts.items() if receipt.warnings}
     if texts:
@@ -336,7 +336,7 @@ class WorkerTask:
 
     given: Mapping[str, Any]
     base: str
-    layout: Layout
+    layout: DatasetLayout
     folder: str
     checksum: str
     photons_per_radiance: float | None  # factor of all records; None if each has its own
@@ -344,7 +344,7 @@ class WorkerTask:
     key: str = field(default_factory=lambda: uuid.uuid4().hex)
 
 
-def _worker_task(plan: Plan, folder: Path, photons_per_radiance: float | None) -> WorkerTask:
+def _worker_task(plan: DatasetPlan, folder: Path, photons_per_radiance: float | None) -> WorkerTask:
     config = plan.config
     given = {name: packed(name, value) for name, value in config.given.items()}
     if not isinstance(config.scene, Mapping):
@@ -359,15 +359,15 @@ def _worker_task(plan: Plan, folder: Path, photons_per_radiance: float | None) -
     )
 
 
-def _make_on_worker(task: WorkerTask, record: int) -> Receipt:
+def _make_on_worker(task: WorkerTask, record: int) -> RecordReceipt:
     """Make a record in a worker."""
     config = kept_by_worker(task.key, task.variant, partial(_config_of, task))
-    store = Store(Path(task.folder))
+    store = StoredRecords(Path(task.folder))
     receipt = store.receipt(record)
     if receipt is not None:
         return receipt
     arrays, receipt = make_record(config, task.layout, record, task.photons_per_radiance)
-    return store.put(record, arrays, receipt)
+    return store.write_part(record, arrays, receipt)
 
 
 def _config_of(task: WorkerTask) -> Config:

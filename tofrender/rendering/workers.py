@@ -27,7 +27,7 @@ from ..runtime.versions import versions
 from ..scenes.packing import packed, unpacked
 from .job import WorkItem, WorkResult
 from .settings import MAX_WORKERS, SETTINGS
-from .store import Receipt, Store
+from .store import StoredFilm, TileReceipt
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -87,14 +87,14 @@ class Order:
             key=uuid.uuid4().hex,
         )
 
-    def render(self, item: WorkItem) -> WorkResult | Receipt:
+    def render(self, item: WorkItem) -> WorkResult | TileReceipt:
         """Render a work item here, in a worker: gives its result, or the receipt of its tile."""
         job = kept_by_worker(self.key, self.variant, self._make_job)
         if self.folder is None:
             return self.render_item(job, item)
 
         # Another worker may have rendered the tile already
-        store = Store(Path(self.folder))
+        store = StoredFilm(Path(self.folder))
         return store.receipt(item) or store.write(item, self.render_item(job, item))
 
     def _make_job(self) -> Job:

@@ -33,7 +33,7 @@ class Left(NamedTuple):
 NOTHING = Left(np.zeros(0, np.int64), np.zeros(0, np.int64))
 
 
-class Layout:
+class KeyLayout:
     """Keys of a row of `shape` (pixels, cycles, bins), where cycles start armed unless `free`.
 
     A detection blocks `dead` bins after it, or, if None, none; `window` is that of coincidence.
@@ -48,11 +48,11 @@ class Layout:
         # Avalanches of the chunk before are in the gap before a pixel
         self.pixel_stride = self.cycles * self.cycle_stride + 2 * gap
 
-    def chunk(self, cycles: int) -> Layout:
+    def chunk(self, cycles: int) -> KeyLayout:
         """Return the layout of a number of cycles."""
-        return Layout((self.width, cycles, self.bins), self.dead, self.window, self.free)
+        return KeyLayout((self.width, cycles, self.bins), self.dead, self.window, self.free)
 
-    def chunks(self, per_cycle: float) -> Iterator[tuple[int, Layout]]:
+    def chunks(self, per_cycle: float) -> Iterator[tuple[int, KeyLayout]]:
         """Cut the cycles into chunks, for so many expected avalanches of a row in a cycle.
 
         Yields:
@@ -82,7 +82,7 @@ class Layout:
         return Left(pixel[last], time[last])
 
 
-def arrivals(rng: np.random.Generator, rates: np.ndarray, layout: Layout) -> np.ndarray:
+def arrivals(rng: np.random.Generator, rates: np.ndarray, layout: KeyLayout) -> np.ndarray:
     """Sorted keys of the photons of a row (pixel, bin): Poisson numbers, in random cycles."""
     counts = rng.poisson(rates * layout.cycles)
     first = np.arange(layout.width)[:, None] * layout.pixel_stride + np.arange(layout.bins)
@@ -117,7 +117,7 @@ def detected(keys: np.ndarray, dead: int | None, paralysable: bool) -> np.ndarra
     return found
 
 
-class Row:
+class SpadRow:
     """Simulation of the photons and avalanches of a row of SPADs, chunk after chunk.
 
     Args:
@@ -143,11 +143,11 @@ class Row:
         self.blocking = NOTHING
         self.waiting = NOTHING
 
-    def arrive(self, layout: Layout) -> None:
+    def arrive(self, layout: KeyLayout) -> None:
         """Draw the photons of a chunk."""
         self.photons = arrivals(self.rng, self.rates, layout)
 
-    def crosstalk(self, layout: Layout) -> dict[int, np.ndarray]:
+    def crosstalk(self, layout: KeyLayout) -> dict[int, np.ndarray]:
         """Draw the avalanches that detected photons cause in neighbors, by the row from here."""
         keys, before = self._with_blocking(self.photons, self.blocking_alone, layout)
         found = detected(keys, layout.dead, self.spad.paralysable)
@@ -162,7 +162,7 @@ class Row:
         beside.append(sources[(side == 2) & (pixel < layout.width - 1)] + layout.pixel_stride)
         return {0: np.concatenate(beside), -1: sources[side == 1], 1: sources[side == 3]}
 
-    def detect(self, more: list[np.ndarray], layout: Layout) -> np.ndarray:
+    def detect(self, more: list[np.ndarray], layout: KeyLayout) -> np.ndarray:
         """Return the sorted keys of detections among the photons and `more` avalanches."""
         keys = self.photons
         if more:
@@ -177,7 +177,7 @@ class Row:
         return keys[found & ~before]
 
     def _with_blocking(
-        self, keys: np.ndarray, blocking: Left, layout: Layout
+        self, keys: np.ndarray, blocking: Left, layout: KeyLayout
     ) -> tuple[np.ndarray, Any]:
         """Add avalanches of the chunk before to sorted keys, and return which these are."""
         if not blocking.pixel.size:
@@ -186,7 +186,7 @@ class Row:
         order = np.argsort(keys, kind="stable")
         return keys[order], order < blocking.pixel.size
 
-    def _detect_with_afterpulses(self, keys: np.ndarray, layout: Layout) -> np.ndarray:
+    def _detect_with_afterpulses(self, keys: np.ndarray, layout: KeyLayout) -> np.ndarray:
         """Return sorted keys of detections among sorted keys and their afterpulses."""
         # Start with what the chunk before has left
         length = layout.cycles * layout.bins
@@ -298,7 +298,7 @@ class MacroPixels:
         self.recent = NOTHING
         self.blocking = NOTHING
 
-    def detect(self, rows: list[np.ndarray], layout: Layout) -> np.ndarray:
+    def detect(self, rows: list[np.ndarray], layout: KeyLayout) -> np.ndarray:
         """Return sorted keys of detections from the detections of the rows of SPADs."""
         if self.spad.macro_pixel == (1, 1):
             return rows[0]
@@ -311,7 +311,7 @@ class MacroPixels:
             keys = keys[detected(keys, layout.dead, paralysable=False)]
         return keys
 
-    def _coincident(self, keys: np.ndarray, layout: Layout) -> np.ndarray:
+    def _coincident(self, keys: np.ndarray, layout: KeyLayout) -> np.ndarray:
         """Return the keys of avalanches that complete a coincidence within the window."""
         # Avalanches of the chunk before count, but their own detections have been returned
         earlier = layout.keys_of(self.recent)
@@ -338,8 +338,8 @@ class MacroPixels:
 
 
 def detections(
-    spad: SpadParameters, block: Block, layout: Layout, seed: int, bin_s: float
-) -> Iterator[tuple[int, int, Layout, np.ndarray]]:
+    spad: SpadParameters, block: Block, layout: KeyLayout, seed: int, bin_s: float
+) -> Iterator[tuple[int, int, KeyLayout, np.ndarray]]:
     """Simulate the detections of a block, row by row of macro pixels and chunk by chunk of cycles.
 
     Yields:
@@ -354,7 +354,8 @@ def detections(
         inner = range(start, start + size)
         low, high = (0, len(block.values)) if crosses else (inner.start, inner.stop)
         rows = {
-            k: Row(spad, block.values[k], seed, block.first + k, bin_s) for k in range(low, high)
+            k: SpadRow(spad, block.values[k], seed, block.first + k, bin_s)
+            for k in range(low, high)
         }
         macro_pixels = {k: MacroPixels(spad) for k in inner[::tall]}
 

@@ -10,7 +10,7 @@ from ..labels import require_consecutive
 from ..runtime import checks
 from ..signals.units import SPEED_OF_LIGHT
 from .dead_time import armed_detections, sample_counts
-from .events import Layout, detections
+from .events import KeyLayout, detections
 from .jitter import add_jitter, kernel, sample_jitter
 from .pile_up import first_photon
 from .rates import Block, Rates, generator
@@ -41,7 +41,7 @@ class Readout:
         dead = bins if spad.mode == "first_photon" else dead
         window = rates.bins_of("coincidence_window_s", spad.coincidence_window_s)
         free = spad.mode == "free_running"
-        self.layout = Layout((width, rates.cycles, bins), dead, window, free)
+        self.layout = KeyLayout((width, rates.cycles, bins), dead, window, free)
         merged = (spad.tdc_lsb_s or self.bin_s) / self.bin_s
         self.merged = round(merged)
         whole = 1 <= self.merged <= bins and abs(merged - self.merged) < 1e-6 * merged
