@@ -15,6 +15,7 @@ import mitsuba as mi
 import numpy as np
 import xarray as xr
 
+from ..films.image import time_bins
 from ..integrators.differentiable import VisibilityWarning
 from ..labels import TRANSIENT, Kind, bins_of, read, require_whole_stokes
 from ..rendering.dataset import pixels_and_channels
@@ -368,8 +369,9 @@ def _target_tensor(given: Any, film: Any, camera_unwarp: bool) -> mi.TensorXf:
     array = checks.real_array("target", given, np.float32)
     width, height = (int(n) for n in film.crop_size())
     shape = (height, width)
-    if hasattr(film, "temporal_bins"):
-        shape += (film.temporal_bins,)
+    axis = time_bins(film)
+    if axis is not None:
+        shape += axis[:1]
     valid = array.shape[: len(shape)] == shape and array.size > 0
     allowed = ", ".join(map(str, (*shape, "...")))
     checks.shape("target", array, valid, f"({allowed}), as what the film holds")
@@ -378,7 +380,7 @@ def _target_tensor(given: Any, film: Any, camera_unwarp: bool) -> mi.TensorXf:
 
 def _labeled_bins(given: xr.Dataset | xr.DataArray, film: Any, camera_unwarp: bool) -> np.ndarray:
     """Return the light of a Dataset that has the pixels, bins and channels of the film."""
-    if not hasattr(film, "temporal_bins"):
+    if time_bins(film) is None:
         raise ValueError("target = Dataset: must be an array for a film without time bins")
     if isinstance(given, xr.DataArray):  # The widths of its bins are checked against the film's
         given = given.to_dataset(name="transient").assign_attrs(bin_width_opl=film.bin_width_opl)
