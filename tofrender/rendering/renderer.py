@@ -59,6 +59,7 @@ def render(
     sampler: str | mi.Sampler | None = None,
     sensor: int = 0,
     define: Mapping[str, object] | None = None,
+    settings: Mapping[str, object] | None = None,
     errors: bool = False,
     denoise: bool = False,
     resume: Annotated[xr.Dataset, FILM] | None = None,
@@ -68,12 +69,13 @@ def render(
     scheduler: str | None = None,
     client: Client | None = None,
     progress: bool = True,
-    settings: Mapping[str, object] | None = None,
 ) -> xr.Dataset:
     """Render a scene in time.
 
-    The arguments are called as the options of the command `tofrender render`.
-    The result has no derivatives: for these, call `mi.render(scene, params)`.
+    The arguments are called as the options of the command `tofrender render`. Arguments up to
+    `denoise` define what is rendered. Arguments from `resume` on define how the work is done: from
+    which earlier result, where it is saved, and by which processes. The result has no derivatives:
+    for these, call `mi.render(scene, params)`.
     See also `load_scene`, `merge`, `explore`, `report`.
 
     Args:
@@ -102,6 +104,8 @@ def render(
             used if `spp` is not given.
         sensor: Index of the sensor.
         define: Values of an XML file's parameters, by name.
+        settings: More changes of the scene while it is loaded, as keyword arguments of `load_scene`
+            by name.
         errors: Estimate the standard error of each bin from 16 independent batches of samples, or
             from 8 or 4 batches if `spp` is not a multiple of 16.
         denoise: Remove noise from the film by the difference of two renders with half of the
@@ -121,8 +125,6 @@ def render(
         scheduler: Address of a Dask scheduler. Its workers render.
         client: A `distributed.Client` of a scheduler.
         progress: Show progress bars of long work.
-        settings: More changes of the scene while it is loaded, as keyword arguments of `load_scene`
-            by name.
 
     Returns:
         A Dataset with `transient (y, x, opl, channel)`, the radiance that arrives in each bin, and
