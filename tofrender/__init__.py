@@ -2,7 +2,8 @@
 
 Importing the package makes a Mitsuba variant active if none is: `cuda_ad_rgb` or, on a Mac,
 `metal_ad_rgb` if the GPU can trace a ray, otherwise `llvm_ad_rgb`. A variant that is set stays, and
-switching later works.
+switching later works. If the environment variable `TOFRENDER_NO_VARIANT` is set, the import makes
+no variant active.
 
     import tofrender
     dataset = tofrender.render("cornell_box", spp=64)
