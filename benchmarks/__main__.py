@@ -32,7 +32,7 @@ def main() -> None:
     if options.variant:
         try:
             tofrender.runtime.backend.activate(options.variant)
-        except (ValueError, tofrender.runtime.backend.BackendError) as error:
+        except (ValueError, tofrender.runtime.variants.BackendError) as error:
             parser.exit(2, f"{parser.prog}: error: {error}\n")
     logging.getLogger().setLevel(logging.ERROR)
     mi.set_log_level(mi.LogLevel.Error)

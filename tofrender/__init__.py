@@ -2,13 +2,15 @@
 
 Importing the package makes a Mitsuba variant active if none is: `cuda_ad_rgb` or, on a Mac,
 `metal_ad_rgb` if the GPU can trace a ray, otherwise `llvm_ad_rgb`. A variant that is set stays, and
-switching later works.
+switching later works. If the environment variable `TOFRENDER_NO_VARIANT` is set, the import makes
+no variant active.
 
     import tofrender
     dataset = tofrender.render("cornell_box", spp=64)
     tofrender.save_exr_stack(dataset, "out")
 """
 
+import os
 import sys
 from pathlib import PurePath
 from typing import Any
@@ -35,11 +37,7 @@ def _is_command() -> bool:
     return "-m" in options and options[options.index("-m") + 1].split(".")[0] == "tofrender"
 
 
-def _is_judge() -> bool:
-    """Whether Python runs for a pytest that judges a submission, which renders elsewhere."""
-    return "tofrender.course.judge.plugin" in sys.orig_argv
-
-
-# The command answers --help without Mitsuba, and activates a variant when it needs one.
-if not (_is_command() or _is_judge()):
+# The command answers --help without Mitsuba, and activates a variant when it needs one. Other
+# programs that do so set the environment variable.
+if not (_is_command() or os.environ.get(backend.NO_VARIANT)):
     backend.activate()

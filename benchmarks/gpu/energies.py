@@ -14,7 +14,7 @@ from tofrender.runtime import backend, gpu, llvm
 
 from ..six_scenes import SCENES as SIX
 from ..tofbench.adapters import tofrender as adapter
-from ..tofbench.cases import all_cases
+from ..tofbench.table import all_cases
 from ..tofbench.verdicts import judge, readings_of, threshold
 from .part import Part
 

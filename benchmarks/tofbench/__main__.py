@@ -8,9 +8,10 @@ import json
 import sys
 from pathlib import Path
 
-from .cases import Case, all_cases
+from .cases import Case
 from .report import as_json, counts, page
 from .running import ADAPTERS, Renderer, describe, run
+from .table import all_cases
 from .verdicts import Verdict
 
 QUICK = {"runs": 8, "samples": 1 / 16}

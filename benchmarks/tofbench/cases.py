@@ -98,11 +98,3 @@ class Case:
         count = max(16, int(self.samples * samples))
         parts = {"scene": self.scene, "bins": self.bins, "runs": runs}
         return {"name": self.name, "samples": count} | parts
-
-
-def all_cases() -> list[Case]:
-    """All cases, references last."""
-    from .closed import CASES
-    from .references import reference_cases
-
-    return [*CASES, *reference_cases()]

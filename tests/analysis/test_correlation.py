@@ -17,7 +17,7 @@ from tofrender.analysis import (
     true_normals,
     unambiguous_range,
 )
-from tofrender.runtime.backend import BackendError
+from tofrender.runtime.variants import BackendError
 
 C = 299_792_458.0
 

@@ -2,8 +2,7 @@
 
 import pytest
 from helpers.accessible import hindrances
-from test_explorer_kinds import polarised
-from test_explorer_page import moving, opened, set_
+from helpers.explorer_page import moving, opened, polarised, set_
 
 from tofrender.apps.explorer.contents import contents_of
 

@@ -4,20 +4,19 @@ import numpy as np
 import pytest
 import xarray as xr
 from helpers import browser
-from helpers.made_dataset import make_dataset
-from helpers.rate_films import resting_light
-from test_explorer_page import (
-    BINS,
+from helpers.explorer_page import (
     HEIGHT,
     WIDE,
     moving,
     opened,
     picture,
+    polarised,
     set_,
     settle,
     state,
     values_of,
 )
+from helpers.rate_films import resting_light
 
 import tofrender
 from tofrender.apps.explorer.contents import contents_of
@@ -25,7 +24,6 @@ from tofrender.apps.explorer.page import page_of
 from tofrender.cli.app import main
 from tofrender.io import save_exr_layers
 from tofrender.motion.frames import join_frames
-from tofrender.rendering.dataset import in_components
 from tofrender.signals.colour import LUMINANCE
 from tofrender.vis import luminance
 
@@ -38,20 +36,6 @@ INK = """name => {
     found += data[i + 3] > 200 && blue.every((each, k) => Math.abs(data[i + k] - each) < 40);
   return found;
 }"""
-
-
-def polarised() -> xr.Dataset:
-    """Light whose angle grows to the right and whose degree grows downwards."""
-    data = moving()
-    light = data["transient"].values.mean(axis=3)
-    angle = np.linspace(0, 3, WIDE)[:, None]
-    degree = np.linspace(0.2, 1, HEIGHT)[:, None, None]
-    parts = [1 + 0 * angle, degree * np.cos(2 * angle), degree * np.sin(2 * angle), -0.1 * angle]
-    stokes = np.stack([light * part for part in parts], axis=-1).astype(np.float32)
-    flat = make_dataset(HEIGHT, WIDE, BINS, channels=[f"S{k}.L" for k in range(4)])
-    flat["transient"].values[:] = stokes
-    flat["steady"].values[:] = stokes.sum(axis=2)
-    return in_components(flat)
 
 
 @pytest.mark.essential

@@ -4,10 +4,22 @@ import csv
 
 import numpy as np
 import pytest
+from helpers.explorer_page import (
+    BINS,
+    HEIGHT,
+    WIDE,
+    fragment,
+    moving,
+    opened,
+    picture,
+    polarised,
+    saved,
+    set_,
+    settle,
+    state,
+)
 from helpers.made_dataset import START, WIDTH
 from PIL import Image, ImageSequence
-from test_explorer_kinds import polarised
-from test_explorer_page import BINS, HEIGHT, WIDE, moving, opened, picture, set_, settle, state
 
 import tofrender
 from tofrender import SPEED_OF_LIGHT
@@ -17,22 +29,9 @@ from tofrender.vis import luminance
 FRAGMENT = "#view=gate&shown=S2&gate=13,13.6&px=20,5;3,7&f=1.2e8&ev=1.5&log=1"
 
 
-def fragment(page) -> str:
-    page.wait_for_timeout(700)  # The address follows after half a second
-    return page.evaluate("location.hash")
-
-
 def kept(state: dict) -> dict:
     """What a link keeps: all but which pixel is chosen, and how long it took."""
     return {name: each for name, each in state.items() if name not in ("milliseconds", "active")}
-
-
-def saved(page, kind: str, folder):
-    with page.expect_download() as download:
-        page.get_by_role("button", name=kind).click()
-    path = folder / download.value.suggested_filename
-    download.value.save_as(path)
-    return path
 
 
 @pytest.mark.parametrize(("width", "height"), [(1400, 900), (800, 600), (390, 844)])

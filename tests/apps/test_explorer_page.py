@@ -1,80 +1,32 @@
 """The report in a real browser, opened from disk without a network: it shows the data's values."""
 
-from contextlib import contextmanager
-
 import numpy as np
 import pytest
 from helpers import browser
+from helpers.explorer_page import (
+    BINS,
+    HEIGHT,
+    STATE,
+    WIDE,
+    moving,
+    opened,
+    picture,
+    place,
+    set_,
+    settle,
+    state,
+    values_of,
+)
 from helpers.hidden_scenes import Wall, capture_of, rectangle, turned
-from helpers.made_dataset import START, WIDTH, make_dataset
+from helpers.made_dataset import START, WIDTH
 
 import tofrender
 from tofrender import SPEED_OF_LIGHT
 from tofrender.apps.explorer.contents import contents_of
-from tofrender.apps.explorer.page import page_of
 from tofrender.vis import luminance
 
-HEIGHT, WIDE, BINS = 24, 32, 60
 GAMMA = 2.2
 NEAR = 2  # Of 255, for the steps of a tone curve
-STATE = "document.getElementById('explorer').explorer.state()"
-BYTES = """() => {
-  const canvas = document.querySelector(".tof-picture");
-  const { width, height } = canvas;
-  const { data } = canvas.getContext("2d").getImageData(0, 0, width, height);
-  return { width, height, bytes: [...data] };
-}"""
-
-
-def moving():
-    data = make_dataset(HEIGHT, WIDE, BINS)
-    light = data["transient"].values
-    x, bins = np.arange(WIDE)[None, :, None], np.arange(BINS)
-    front = np.exp(-(((bins - 10 - 1.2 * x) / 3.0) ** 2))
-    rows = 1 + np.arange(HEIGHT)[:, None, None] / HEIGHT
-    light[:] = 0.02 * light + (0.1 * front * rows)[..., None] * [1.0, 0.6, 0.3]
-    data["steady"].values[:] = light.sum(axis=2)
-    return data
-
-
-@contextmanager
-def opened(folder, contents, fragment="", **options):
-    """A page that shows these contents; at its end, nothing must have gone wrong."""
-    path = folder / "report.html"
-    path.write_text(page_of(contents), encoding="utf-8")
-    with browser.page(offline=True, **options) as page:
-        page.goto(path.as_uri() + fragment)
-        page.wait_for_selector(".tof-explorer canvas.plot")
-        settle(page)
-        yield page
-        assert page.errors == []
-        assert browser.elsewhere(page, "file:") == []
-
-
-def settle(page) -> None:
-    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done, 30)))")
-
-
-def state(page):
-    settle(page)
-    return page.evaluate(STATE)
-
-
-def set_(page, **changes):
-    page.evaluate("changes => document.getElementById('explorer').explorer.set(changes)", changes)
-    return state(page)
-
-
-def place(page, x, y):
-    """Where the middle of a pixel is."""
-    frame = page.locator(".frame").bounding_box()
-    size = frame["width"] / WIDE, frame["height"] / HEIGHT
-    return frame["x"] + (x + 0.5) * size[0], frame["y"] + (y + 0.5) * size[1]
-
-
-def picture(page):
-    found = page.evaluate(BYTES)
-    return np.array(found["bytes"]).reshape(found["height"], found["width"], 4)[..., :3]
 
 
 def toned(light, gain):
@@ -84,11 +36,6 @@ def toned(light, gain):
 def require_picture(page, light) -> None:
     expected = toned(light, state(page)["gain"])
     assert abs(picture(page) - expected).max() <= NEAR
-
-
-def values_of(contents, name="light"):
-    """(y, x, bins, channels), as the page has them."""
-    return contents.layer(contents.header[name])[0].transpose(2, 3, 0, 1)
 
 
 @pytest.fixture(scope="module")

@@ -5,10 +5,10 @@ import json
 import pytest
 from helpers import browser
 from helpers.accessible import hindrances
+from helpers.explorer_page import moving
+from helpers.jupyterlab import lab, wait_for_kernel
+from helpers.looks import SHARE, SIZE, differ, look
 from helpers.served import served
-from test_explorer_notebook import lab, wait_for_kernel
-from test_explorer_page import moving
-from test_looks import SHARE, SIZE, differ, look
 
 from tofrender import io
 from tofrender.course import notebooks

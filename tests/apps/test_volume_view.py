@@ -6,10 +6,9 @@ import io
 import numpy as np
 import pytest
 from helpers.accessible import hindrances
+from helpers.explorer_page import fragment, opened, saved, set_, state
 from helpers.hidden_scenes import Wall, capture_of, rectangle, turned
 from PIL import Image, ImageSequence
-from test_explorer_links import fragment, saved
-from test_explorer_page import opened, set_, state
 
 import tofrender
 from tofrender.apps.explorer.contents import contents_of

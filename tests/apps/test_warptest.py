@@ -22,8 +22,8 @@ from tofrender.apps.warptest.subjects import SUBJECTS
 from tofrender.cli.app import main
 from tofrender.course.judge import sandbox
 from tofrender.course.judge.client import NoAnswer
-from tofrender.runtime.withheld import Withheld
-from tofrender.sampling.warps import WARPS
+from tofrender.runtime.editions import LeftOut
+from tofrender.sampling.table import WARPS
 
 SMALL = {"samples": 20_000, "resolution": 32}
 
@@ -204,7 +204,7 @@ def edition(monkeypatch):
     class Sampling:
         def __getattr__(self, name):
             if name in wanted:
-                raise Withheld(f"tofrender.sampling.{name} is yours to write: problem a1.tent")
+                raise LeftOut(f"tofrender.sampling.{name} is yours to write: problem a1.tent")
             return getattr(sampling, name)
 
     monkeypatch.setattr(tofrender, "sampling", Sampling())
@@ -213,7 +213,7 @@ def edition(monkeypatch):
 @pytest.mark.usefixtures("edition")
 def test_in_a_student_edition_the_students_own_file_stands_in(tmp_path, monkeypatch):
     assert Library().names() == ["no_op"]
-    refused(r"yours to write: problem a1\.tent", Library().case, "tent", {}, kind=Withheld)
+    refused(r"yours to write: problem a1\.tent", Library().case, "tent", {}, kind=LeftOut)
     monkeypatch.chdir(write_warps(tmp_path / "a"))
     with closing(Engine()) as it:
         assert [*it.sources] == ["library", "module"]

@@ -1,6 +1,5 @@
 """The command line: quick help, one line for whatever is wrong, a folder that appears whole."""
 
-import contextlib
 import os
 import pty
 import re
@@ -9,12 +8,12 @@ import signal
 import subprocess
 import sys
 import termios
-from pathlib import Path
 
 import numpy as np
 import OpenEXR
 import pytest
 import typer
+from helpers.commands import COMMAND, HEAVY, ROOT, TINY, done, imported_by, refused, rest_of, run
 from helpers.films_in_parts import names
 
 import tofrender
@@ -24,42 +23,7 @@ from tofrender.cli import nlos as cli_nlos, options as opt, warp as cli_warp
 from tofrender.cli.app import EXAMPLES, GROUPS, LONGEST_SUMMARY, app, main
 from tofrender.runtime.atomic import sibling
 
-ROOT = Path(__file__).parents[2]
 XML = ROOT / "scenes" / "cornell_box.xml"
-TINY = ["--size", "8x6", "--bins", "20", "--bin-width", "0.3", "--spp", "4"]
-COMMAND = [sys.executable, "-m", "tofrender"]
-HEAVY = ("mitsuba", "drjit", "numpy", "xarray", "matplotlib", "OpenEXR")
-
-
-def run(capsys, *arguments: object) -> tuple[int, str, str]:
-    """Exit status, stdout and stderr of the command, in this process."""
-    status = main([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return status, captured.out, captured.err
-
-
-def done(capsys, *arguments: object) -> tuple[str, str]:
-    """What a command that succeeds says on stdout and stderr."""
-    status, out, err = run(capsys, *arguments)
-    assert status == 0, err
-    return out, err
-
-
-def refused(capsys, *arguments: object) -> str:
-    """The one line with which bad input is refused."""
-    status, out, err = run(capsys, *arguments)
-    assert (status, out) == (2, "")
-    assert err.startswith("error: ")
-    assert err.count("\n") == 1
-    return err[len("error: ") : -1]
-
-
-def imported_by(arguments: list[str], **environment: str) -> tuple[set[str], str]:
-    """What a process of the command imports, and what it says."""
-    command = [COMMAND[0], "-X", "importtime", *COMMAND[1:], *arguments]
-    options: dict = {"capture_output": True, "text": True, "check": True, "cwd": ROOT}
-    done = subprocess.run(command, env=os.environ | environment, **options)
-    return {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}, done.stdout
 
 
 def in_a_new_process(code: str) -> str:
@@ -420,15 +384,6 @@ def test_lost_energy_is_one_line(capsys, tmp_path):
     assert err.count("\n") == 1
 
 
-def _rest(screen: int) -> str:
-    """What is still written to a terminal until its program ends."""
-    text = b""
-    with contextlib.suppress(OSError):  # How Linux says that it is closed
-        while part := os.read(screen, 1 << 12):
-            text += part
-    return text.decode()
-
-
 def test_ctrl_c(tmp_path):
     folder = tmp_path / "box"
     size = ["--size", "64x64", "--max-depth", "4", "--spp", str(1 << 24)]
@@ -445,7 +400,7 @@ def test_ctrl_c(tmp_path):
         while b"Rendering" not in shown:
             shown += os.read(screen, 1 << 12)
         process.send_signal(signal.SIGINT)
-        err = _rest(screen)
+        err = rest_of(screen)
         process.wait()
     finally:
         process.kill()

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.commands import refused, run
 from helpers.films_in_parts import script
-from test_cli import refused, run
 
 from tofrender.datasets import load_dataset
 from tofrender.datasets.making import under_way
@@ -85,14 +85,14 @@ def test_bad_options_are_refused(config, tmp_path, monkeypatch, capsys, options,
 WAITS = """
 import sys
 from tofrender.cli.app import main
-from tofrender.datasets.store import Store
-put = Store.put
+from tofrender.datasets.store import StoredRecords
+put = StoredRecords.write_part
 def waiting(*arguments):
     receipt = put(*arguments)
     print("here", flush=True)
     input()
     return receipt
-Store.put = waiting
+StoredRecords.write_part = waiting
 sys.exit(main(sys.argv[1:]))
 """
 

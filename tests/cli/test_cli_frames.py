@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from test_cli import done, refused
+from helpers.commands import done, refused
 
 from tofrender import io, render_frames
 from tofrender.cli.app import main

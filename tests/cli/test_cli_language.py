@@ -14,10 +14,10 @@ from typing import Any, Union, get_args, get_origin
 
 import numpy as np
 import pytest
+from helpers.commands import COMMAND, HEAVY, ROOT, TINY, done, imported_by, refused, rest_of, run
 from helpers.films_in_parts import in_small_steps, names, watch_steps
 from helpers.hidden_scenes import small_capture as captured
 from PIL import Image
-from test_cli import COMMAND, HEAVY, ROOT, TINY, _rest, done, imported_by, refused, run
 
 import tofrender
 from tofrender import io
@@ -319,6 +319,6 @@ def test_a_command_is_seen_to_work_within_a_second(tmp_path):
         process.stdin.write("\n")
         process.stdin.flush()
         assert progress.DELAY_S + float(process.stdout.readline()) < 1
-        _rest(screen)
+        rest_of(screen)
     assert process.returncode == 0
     os.close(screen)

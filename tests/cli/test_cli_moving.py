@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 import xarray as xr
-from test_cli import done, refused
+from helpers.commands import done, refused
 
 import tofrender
 from tofrender.apps.explorer.contents import contents_of

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from helpers import peer_scenes
-from test_cli import refused, run
+from helpers.commands import refused, run
 
 import tofrender
 from tofrender.cli.app import main

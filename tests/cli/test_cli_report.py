@@ -6,9 +6,9 @@ import re
 
 import numpy as np
 import pytest
+from helpers.commands import refused
 from helpers.hidden_scenes import Wall, capture_of, rectangle
 from helpers.made_dataset import make_dataset
-from test_cli import refused
 
 import tofrender
 from tofrender.apps.compare.pairs import Pair, load

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 import xarray as xr
+from helpers.commands import done, refused
 from helpers.made_dataset import make_dataset
-from test_cli import done, refused
 
 import tofrender
 from tofrender.cli.answers import SCHEMAS

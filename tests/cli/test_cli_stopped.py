@@ -20,9 +20,9 @@ import numpy as np
 import OpenEXR
 import pytest
 import xarray as xr
+from helpers.commands import done, refused, run
 from helpers.films_in_parts import in_small_steps, watch_steps
 from helpers.support import largest
-from test_cli import done, refused, run
 
 import tofrender
 from tofrender.cli import checkpoints as checkpoints_of_commands, render as cli_render

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.bad_inputs import listing
+from helpers.commands import done, refused
 from helpers.films_in_parts import check_same, differences, end, in_tiles, names, render, script
 from helpers.hidden_scenes import small_capture
-from test_cli import done, refused
 
 import tofrender
 from tofrender.cli.checkpoints import AGAIN, film_path
@@ -172,7 +172,7 @@ if __name__ == "__main__":
     in_tiles(pytest.MonkeyPatch(), 2)
     if sys.argv[1] == "short":
         memory.available = lambda: memory.RESERVE + 40000
-    put, puts = store.Store.write, []
+    put, puts = store.StoredFilm.write, []
     def counted(self, *arguments):
         receipt = put(self, *arguments)
         puts.append(None)
@@ -180,7 +180,7 @@ if __name__ == "__main__":
             print("here", flush=True)
             input()
         return receipt
-    store.Store.write = counted
+    store.StoredFilm.write = counted
     sys.exit(main(sys.argv[2:]))
 """
 

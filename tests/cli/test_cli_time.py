@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 import OpenEXR
 import pytest
-from test_cli import run
+from helpers.commands import run
 
 import tofrender
 

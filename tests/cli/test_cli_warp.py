@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from helpers.commands import run
 from PIL import Image
-from test_cli import run
 
 from tofrender import sampling
-from tofrender.sampling.warps import WARPS, square_to_tent_pdf
+from tofrender.sampling.table import WARPS
+from tofrender.sampling.warps import square_to_tent_pdf
 
 
 @pytest.fixture

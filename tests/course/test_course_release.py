@@ -24,7 +24,7 @@ from tofrender.course.author.release import release
 from tofrender.course.judge import running, worker
 from tofrender.course.student import cells, folders
 from tofrender.course.student.folders import start
-from tofrender.runtime import withheld
+from tofrender.runtime import editions
 
 
 @pytest.fixture
@@ -141,7 +141,7 @@ def test_release_fails_closed(tiny, tmp_path, run):
 def test_what_an_edition_is_refused_for(tiny, released, tmp_path):
     folder = tmp_path / "edition"
     edition.copy(tiny, folder)
-    (folder / "tofrender" / "runtime" / "withheld.json").write_text('{"modules": {}}')
+    (folder / "tofrender" / "runtime" / "edition.json").write_text('{"modules": {}}')
     (folder / "tofrender" / "signals" / "pulses.py").write_text("class BoxPulse:\n    pass\n")
     (folder / "tofrender" / "course" / "test_a_staff.py").write_text("")
     assert leaks.leaks(tiny, folder) == [
@@ -160,13 +160,16 @@ def test_withheld_modules_must_exist(tiny, tmp_path):
 
 
 def test_a_withheld_package_takes_all_in_it_along(monkeypatch):
-    without = {"tofrender.paths": "a0.walk", "tofrender.nlos.light": None}
-    monkeypatch.setattr(withheld, "_WITHHELD", without)
+    without = {
+        "tofrender.paths": "is yours to write: problem a0.walk",
+        "tofrender.nlos.light": "is not part of the student edition",
+    }
+    monkeypatch.setattr(editions, "_MODULES", without)
     walk = "tofrender.paths.walk"
     confocal = "tofrender.nlos.light.confocal"
-    assert withheld.refusal(walk) == f"{walk} is yours to write: problem a0.walk"
-    assert withheld.refusal(confocal) == f"{confocal} is not part of the student edition"
-    assert withheld.refusal("tofrender.nlos") is withheld.refusal("tofrender.pathsome") is None
+    assert editions.refusal(walk) == f"{walk} is yours to write: problem a0.walk"
+    assert editions.refusal(confocal) == f"{confocal} is not part of the student edition"
+    assert editions.refusal("tofrender.nlos") is editions.refusal("tofrender.pathsome") is None
 
 
 def test_a_package_is_withheld_but_for_what_is_kept(tiny):

@@ -6,6 +6,7 @@ from datetime import date
 from pathlib import Path
 
 import pytest
+from helpers.distributions import choice, uniform
 from helpers.refusals import refused
 
 from tofrender.cli.app import main
@@ -13,14 +14,6 @@ from tofrender.datasets.config import read_config
 from tofrender.datasets.making import make_dataset, plan_dataset
 
 ROOT = Path(__file__).parents[2]
-
-
-def uniform(low, high, **what) -> dict:
-    return what | {"distribution": "uniform", "low": low, "high": high}
-
-
-def choice(*values, **what) -> dict:
-    return what | {"distribution": "choice", "values": list(values)}
 
 
 def fixed(value, **what) -> dict:

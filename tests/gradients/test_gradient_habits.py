@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers.gradient_of import from_above, grid_of, moved_render, tracked
 from helpers.parts import plane, point_light
+from helpers.refusals import innermost_message
 from oracles.gradients import Bins
 
 import tofrender
@@ -162,15 +163,15 @@ SKIES = {
 @pytest.mark.parametrize("sky", SKIES)
 def test_things_that_move_under_light_from_afar(sky):
     scene = load(sky=SKIES[sky])
-    with pytest.raises(ValueError, match=r"\A.*starts at a sphere around all that moves.*\Z"):
-        tofrender.render(scene, params=lifted(scene), spp=1)
+    text = innermost_message(lambda: mi.render(scene, lifted(scene), spp=1))
+    assert "starts at a sphere around all that moves" in text
 
 
 def test_things_that_move_before_a_sensor_in_a_grid():
     smoke = grid_of(np.full((2, 2, 2, 1), 0.1), [-9, -9, -9], 18, 0.5)
     scene = load(sensor=described()["sensor"] | {"medium": smoke})
-    with pytest.raises((ValueError, RuntimeError), match=r"\A.*media that are grids.*\Z"):
-        tofrender.render(scene, params=lifted(scene), spp=1)
+    text = innermost_message(lambda: mi.render(scene, lifted(scene), spp=1))
+    assert "media that are grids" in text
 
 
 def test_integrators_refuse_by_themselves_too():
@@ -187,13 +188,15 @@ def test_integrators_refuse_by_themselves_too():
 def test_a_refusal_says_what_tracks_gradients_and_has_no_loop_of_causes():
     scene = load()
     scene.integrator().pulse = None
-    said = rf"pulse = None.*as '{FLOOR}' tracks gradients"
-    with pytest.raises(ValueError, match=said) as caught:
-        tofrender.render(scene, params=lifted(scene), spp=1)
+    with pytest.raises(RuntimeError) as caught:
+        mi.render(scene, lifted(scene), spp=1)
     seen: list[BaseException | None] = [caught.value]
     while seen[-1] is not None:
         seen.append(seen[-1].__cause__ or seen[-1].__context__)
         assert seen[-1] not in seen[:-1]
+    text = str(seen[-2])
+    assert text.startswith("pulse = None")
+    assert f"'{FLOOR}' tracks gradients" in text
 
 
 @pytest.mark.statistical
@@ -223,8 +226,8 @@ def test_attached_sampling_needs_a_pulse():
     scene = load()
     scene.integrator().pulse = None
     scene.integrator().gradient_sampling = "attached"
-    with pytest.raises(ValueError, match=r"\Apulse = None: leaves bins"):
-        tofrender.render(scene, params=attached_to(scene, ALBEDO), spp=1)
+    text = innermost_message(lambda: mi.render(scene, attached_to(scene, ALBEDO), spp=1))
+    assert text.startswith("pulse = None: leaves bins")
 
 
 @pytest.mark.parametrize("pixels", ["luminance", "luminance_alpha", "rgb", "rgba"])

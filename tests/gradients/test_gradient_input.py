@@ -1,9 +1,5 @@
-"""What has no derivative is refused in one line, and `render(scene, params=...)`.
+"""What has no derivative is refused in one line."""
 
-That gives the tensors of `mi.render(scene, params)`, with derivatives.
-"""
-
-import traceback
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -13,35 +9,20 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-import xarray as xr
 from helpers.gradient_cases import GATED_PLANE, INDEX, MIRROR_2, PLANE
 from helpers.gradient_of import attached, forward, reverse
+from helpers.refusals import innermost_message
 from helpers.support import with_film
 
 import tofrender
-
-
-def refusal(call: Callable[[], Any]) -> str:
-    """What the first error says. Dr.Jit wraps those of an operation into its own."""
-    with pytest.raises((ValueError, TypeError, RuntimeError)) as caught:
-        call()
-    error: BaseException = caught.value
-    traceback.clear_frames(error.__traceback__)  # They hold a scene that tracks gradients
-    while error.__cause__ is not None:
-        error = error.__cause__
-        traceback.clear_frames(error.__traceback__)
-    text = str(error)
-    assert text
-    assert "\n" not in text.strip()
-    return text
 
 
 def both(case, **integrator: Any) -> tuple[str, str]:
     """What forward and reverse mode say."""
     weights = np.ones(case.expected()[0].size)
     return (
-        refusal(lambda: forward(case, spp=16, **integrator)),
-        refusal(lambda: reverse(case, weights, spp=16, **integrator)),
+        innermost_message(lambda: forward(case, spp=16, **integrator)),
+        innermost_message(lambda: reverse(case, weights, spp=16, **integrator)),
     )
 
 
@@ -106,7 +87,7 @@ def test_an_integrator_beside_the_scene():
 def test_gates_with_hard_edges(case):
     gated = GATED_PLANE.load().integrator()
     gated.pulse = tofrender.BoxPulse(0.1)
-    text = refusal(lambda: attached(case, spp=16, options={"integrator": gated}))
+    text = innermost_message(lambda: attached(case, spp=16, options={"integrator": gated}))
     assert "BoxPulse" in text
     assert "hard edges" in text
 
@@ -124,74 +105,5 @@ def test_the_corners_of_a_lamp_with_smooth_normals():
     parameters = mi.traverse(loaded)
     key = next(name for name in parameters.keys() if name.endswith("lit.vertex_positions"))  # noqa: SIM118
     dr.enable_grad(parameters[key])
-    text = refusal(lambda: mi.render(loaded, params=parameters, spp=1))
+    text = innermost_message(lambda: mi.render(loaded, params=parameters, spp=1))
     assert text.startswith("lit.vertex_positions: has no derivative, the lamp's normals are smooth")
-
-
-ALBEDO = "green.reflectance.value"
-BINS = {"temporal_bins": 20, "start_opl": 3.0, "bin_width_opl": 0.5}
-
-
-def box(**more: Any) -> mi.Scene:
-    size = {"width": 4, "height": 4, "spp": 4, "max_depth": 3, "pulse_width_opl": 0.2}
-    return tofrender.load_scene("cornell_box", **size | BINS | more)
-
-
-def gradient(render: Any, **options: Any) -> tuple[Any, np.ndarray]:
-    """What is rendered, and how an albedo changes the mean of each."""
-    scene = box()
-    params = mi.traverse(scene)
-    dr.enable_grad(params[ALBEDO])
-    rendered = render(scene, params=params, **options)
-    assert all(dr.grad_enabled(each) for each in rendered)
-    dr.backward(sum(dr.mean(each, axis=None) for each in rendered))
-    return rendered, np.array(dr.grad(params[ALBEDO]))
-
-
-@pytest.mark.parametrize("options", [{}, {"seed": 3, "spp": 16}, {"sensor": 0}])
-def test_is_mitsubas_render(options):
-    ours, found = gradient(tofrender.render, progress=False, **options)
-    its, expected = gradient(mi.render, **options)
-    for one, other in zip(ours, its, strict=True):
-        assert isinstance(one, mi.TensorXf)
-        assert np.allclose(np.array(one), np.array(other), rtol=1e-5, atol=1e-9)
-    assert np.allclose(found, expected, rtol=1e-5)
-    assert np.all(found > 0)
-
-
-def test_of_another_integrator():
-    described = {"type": "transient_path", "max_depth": 2, "pulse_width_opl": 0.2}
-    given = (described, mi.load_dict(described), "transient_volpath")
-    scene = box()
-    params = mi.traverse(scene)
-    found = [
-        float(np.sum(np.array(tofrender.render(scene, params=params, spp=64, integrator=each)[0])))
-        for each in given
-    ]
-    assert found[0] == pytest.approx(found[1], rel=1e-5)
-    assert found[2] > 1.05 * found[0]
-
-
-DATASETS = {
-    **{"size": (4, 4), "bins": 4, "start_opl": 0.0, "bin_width": 0.1, "window": (3.0, 5.0)},
-    **{"pulse_width": 0.1, "max_depth": 2, "sampler": "independent", "define": {}, "errors": True},
-    **{"resume": xr.Dataset(), "checkpoint": "a.npz", "out": "a.zarr", "workers": 2},
-    **{"scheduler": "tcp://localhost:1", "client": 1, "settings": {}, "bins": 4},
-}
-
-
-def test_what_only_datasets_have(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    scene = box()
-    for name, value in DATASETS.items():
-        with pytest.raises(ValueError, match=rf"^{name} = .*: must be left out with `params`$"):
-            tofrender.render(scene, params=mi.traverse(scene), **{name: value})
-    assert not list(tmp_path.iterdir())
-
-
-def test_scenes_and_parameters_of_another_kind():
-    for described in ("cornell_box", tofrender.cornell_box()):
-        with pytest.raises(ValueError, match=r"^scene = .*: must be a loaded scene with `params`"):
-            tofrender.render(described, params=mi.traverse(box()))
-    with pytest.raises(ValueError, match=r"^params = {'a': 1}: must be those of mi.traverse"):
-        tofrender.render(box(), params={"a": 1})

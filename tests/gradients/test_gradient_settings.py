@@ -17,6 +17,7 @@ import pytest
 from helpers.gradient_cases import eye, flat_film, moved
 from helpers.gradient_of import fog_box, from_above, grid_of, moved_render, tracked
 from helpers.parts import area_light, diffuse, plane, point_light
+from helpers.refusals import innermost_message
 from helpers.support import agree, over_seeds, scene
 from oracles import gradients as forms
 
@@ -201,8 +202,8 @@ def test_mixtures_whose_chances_are_not_known(name):
     parameters = mi.traverse(scene)
     dr.enable_grad(parameters["all.emitter.radiance.value"])
     parameters.update()
-    with pytest.raises(ValueError, match=r"\A.*has no derivatives; must be a material.*\Z"):
-        tofrender.render(scene, params=parameters, spp=1)
+    text = innermost_message(lambda: mi.render(scene, parameters, spp=1))
+    assert "has no derivatives; must be a material" in text
 
 
 AXIS = forms.Bins(2.0, 0.1, 200, 0.1)

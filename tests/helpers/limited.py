@@ -12,8 +12,8 @@ import xarray as xr
 from dask.core import flatten
 
 from tofrender.rendering import cubes
-from tofrender.rendering.store import Store, load_zarr, under_way
-from tofrender.rendering.work_items import WorkItem, WorkResult
+from tofrender.rendering.job import WorkItem, WorkResult
+from tofrender.rendering.store import StoredFilm, load_zarr, under_way
 from tofrender.runtime import memory
 
 
@@ -40,7 +40,7 @@ def at_most(size: int, monkeypatch: Any, free: int | None = None) -> Iterator[li
 
 def write_film(folder: Path, dataset: xr.Dataset, tile: tuple[int, int]) -> xr.Dataset:
     """Write a Dataset as `render(out=...)` does, in tiles of so many rows and columns."""
-    store = Store.begin(under_way(folder), {"of": "a test"}, dataset["transient"].shape, tile)
+    store = StoredFilm.begin(under_way(folder), {"of": "a test"}, dataset["transient"].shape, tile)
     height, width = dataset["steady"].shape[:2]
     rows, columns = tile
     for y in range(0, height, rows):

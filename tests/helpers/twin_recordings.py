@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from tofrender.apps.twin.experiment import predicted
-from tofrender.apps.twin.recordings import FILES, Recording, _parts
+from tofrender.apps.twin.recordings import FILES, ChipRecording, _parts
 from tofrender.fitting.calibration import Calibration
 from tofrender.io.stl import read_stl
 from tofrender.sensors import MultiZone
@@ -74,7 +74,7 @@ def write_recordings(folder: Path) -> Path:
     for number, (name, (histograms, mesh)) in enumerate(FILES.items()):
         vertices, faces = read_stl(folder / mesh)
         there = poses(0.3 * number)
-        recording = Recording(name, np.zeros(0), there, vertices, _parts(vertices, faces))
+        recording = ChipRecording(name, np.zeros(0), there, vertices, _parts(vertices, faces))
         counts = predicted(known, recording.render(spp=4))
         counts = random.poisson(counts * (LATER if "pyramid" in name else 1.0))
         records = [

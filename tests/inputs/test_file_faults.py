@@ -28,7 +28,7 @@ from tofrender.io import exr
 from tofrender.io.files import _LENGTH as SEAL
 from tofrender.io.netcdf import load_measurement, save_measurement
 from tofrender.runtime import memory
-from tofrender.runtime.backend import versions
+from tofrender.runtime.versions import versions
 
 
 class Kind(NamedTuple):
@@ -166,7 +166,7 @@ def test_any_damage_is_found(saved, damage):
 
 
 def test_files_without_a_seal_are_read(saved):
-    """Those of earlier versions and of other programs."""
+    """Other programs write files without a seal."""
     for file in saved.values():
         if not file.kind.damaged.startswith(("a.npz", "a.zarr")):
             assert file.content[-SEAL:].startswith(b"\ntofrender crc32 ")

@@ -311,12 +311,6 @@ PEERS = (
 
 TABLE = [
     row("render", RENDERED | {"scene": "source"}),
-    Row(
-        "render",
-        lambda: {"params": mi.traverse(box())},
-        RENDERED | {"scene": "scene", "params": "object?"},
-        alone=True,
-    ),
     row("Checkpoint", {"path": "checkpoint", "resume": "boolean"}),
     row("local_workers", count=1),
     row("strategy_pyramid", {"scene": "source", "max_depth": "pyramid-depth"}, max_depth=2),

@@ -8,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.bad_inputs import ANY, outcome
-from test_scene_faults import camera, material, room
+from helpers.rooms import camera, material, room
 
 import tofrender
 from tofrender.runtime.plugins import PLUGINS

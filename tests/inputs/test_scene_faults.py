@@ -11,37 +11,17 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.bad_inputs import PLACES, listing, one_clear_line
+from helpers.rooms import FILM, T, camera, floor, lamp, material, room
 
 import tofrender
 
-FILM = {"type": "transient_hdr_film", "width": 4, "height": 4, "temporal_bins": 8}
 FILM |= {"start_opl": 0.0, "bin_width_opl": 1.0}
 INDEPENDENT = {"type": "independent"}
 NAN, INF = math.nan, math.inf
 
 
-def T() -> Any:
-    return mi.ScalarTransform4f()
-
-
-def room(**parts: Any) -> dict[str, Any]:
-    look = T().look_at([0, 0, 4], [0, 0, 0], [0, 1, 0])
-    camera = {"type": "perspective", "fov": 45.0, "to_world": look, "film": FILM}
-    lamp = {"type": "point", "position": [0, 0, 2]}
-    made = {"type": "scene", "integrator": {"type": "transient_path"}, "sensor": camera}
-    return made | {"floor": {"type": "rectangle"}, "lamp": lamp} | parts
-
-
-def camera(**changes: Any) -> dict[str, Any]:
-    return room() | {"sensor": room()["sensor"] | changes}
-
-
 def film(**changes: Any) -> dict[str, Any]:
     return camera(film=FILM | changes)
-
-
-def lamp(**changes: Any) -> dict[str, Any]:
-    return room() | {"lamp": room()["lamp"] | changes}
 
 
 def rgb(*values: float) -> dict[str, Any]:
@@ -51,14 +31,6 @@ def rgb(*values: float) -> dict[str, Any]:
 def area(radiance: Any) -> dict[str, Any]:
     light = {"type": "area", "radiance": radiance}
     return room(lamp={"type": "rectangle", "emitter": light})
-
-
-def floor(**changes: Any) -> dict[str, Any]:
-    return room(floor={"type": "rectangle"} | changes)
-
-
-def material(**bsdf: Any) -> dict[str, Any]:
-    return floor(bsdf=bsdf)
 
 
 def placed(matrix: Any) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from helpers.parts import plane, rotate, translate
 from helpers.scenes import numbers
 
 from tofrender.integrators.plan import Plan
-from tofrender.media import space as media_module
+from tofrender.media import transport as media_module
 from tofrender.media.flight import sample_channel, value_in
 from tofrender.media.phases import Phases, as_surface
 from tofrender.media.space import Media

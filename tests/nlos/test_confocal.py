@@ -4,54 +4,27 @@ import math
 
 import numpy as np
 import pytest
+from helpers.confocal import (
+    GRID,
+    LIT,
+    MODES,
+    SEEDS,
+    facing,
+    found,
+    groove_shapes,
+    setup_of,
+    small_film,
+    three_of,
+    totals,
+)
 from helpers.parts import diffuse
 from helpers.support import agree, film, over_seeds, rendered
 from oracles import nlos
-
-SEEDS = range(16)
-GRID = nlos.Grid(2, 2)
-LASER = (-0.8, -0.5, 0.6)
-LIT = (-0.3, 0.25, 0.0)
-
-
-def totals(
-    setup: nlos.Setup, hidden: nlos.Nodes, albedo: float = 0.7, lit=None, **more
-) -> np.ndarray:
-    """Return light of the four points of GRID. Each point is lit itself, unless `lit` is given."""
-
-    def at(p) -> float:
-        return nlos.total(setup, hidden, albedo, p if lit is None else lit, p, **more)
-
-    return np.array([[at(p) for p in row] for row in GRID.points()])
-
-
-def small_film(**more) -> dict:
-    return film(2, 2, **more)
-
-
-MODES = {"confocal": None, "single": LIT}
-"""How the wall is scanned -> what the laser lights, unless each point lights itself."""
-
-
-def setup_of(mode: str, **more) -> nlos.Setup:
-    return nlos.Setup(laser=None if mode == "confocal" else LASER, **more)
-
-
-def three_of(mode: str, hidden: dict, the_film=None, setup=None, **options) -> dict:
-    setup, the_film = setup or setup_of(mode), the_film or small_film()
-    if mode == "confocal":
-        return nlos.confocal(setup, hidden, the_film, **options)
-    return nlos.single(setup, hidden, LIT, the_film, **options)
 
 
 def in_time(described: dict, spp: int) -> np.ndarray:
     """Return bins of the first pixel for several seeds."""
     return over_seeds(nlos.estimates(described, spp, "transient"), SEEDS)[:, 0, 0]
-
-
-def found(description: dict, spp: int = 512, seeds=SEEDS) -> np.ndarray:
-    """Return steady pictures for several seeds."""
-    return over_seeds(nlos.estimates(description, spp), seeds)
 
 
 PATCHES = {
@@ -60,11 +33,6 @@ PATCHES = {
     "tilted to the side": nlos.Rectangle.turned((-0.4, 0.5, 1.1), 50, 120, half=(0.15, 0.05)),
     "grazing": nlos.Rectangle.turned((0.9, -0.8, 0.5), 60, -40),
 }
-
-
-def facing(patch: nlos.Rectangle) -> nlos.Rectangle:
-    """Flip a patch so that it faces the middle of the wall."""
-    return patch if np.dot(patch.normal, patch.centre) < 0 else patch.flipped()
 
 
 @pytest.mark.statistical
@@ -133,11 +101,6 @@ def test_sphere():
     assert expected.sum() == pytest.approx(by_nodes, rel=1e-4)  # two ways to the same
     described = nlos.confocal(setup, {"hidden": ball}, window)
     assert agree(in_time(described, 4096), expected)
-
-
-def groove_shapes(groove: nlos.Groove) -> dict:
-    left, right = groove.faces()
-    return {"left": left.shape(), "right": right.shape()}
 
 
 @pytest.mark.statistical

@@ -5,10 +5,7 @@ import functools
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.parts import diffuse
-from helpers.support import agree, film, over_seeds
-from oracles import nlos
-from test_confocal import (
+from helpers.confocal import (
     LASER,
     LIT,
     MODES,
@@ -19,6 +16,9 @@ from test_confocal import (
     three_of,
     totals,
 )
+from helpers.parts import diffuse
+from helpers.support import agree, film, over_seeds
+from oracles import nlos
 
 from tofrender.nlos.light import guided
 from tofrender.scenes.meshes import bunny_mesh, letter_z_mesh

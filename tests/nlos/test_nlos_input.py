@@ -8,10 +8,10 @@ from collections.abc import Callable
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.confocal import lit_by, projector, spots
 from helpers.parts import diffuse, point_light
 from helpers.support import agree, camera, film, over_seeds, rendered
 from oracles import nlos
-from test_projector import lit_by, projector, spots
 
 import tofrender
 from tofrender.nlos import check_capture

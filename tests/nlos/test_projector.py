@@ -6,39 +6,14 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.confocal import FOV, PLACE, lit_by, pointed, projector, spots, totals
 from helpers.support import agree, film, load, over_seeds, rendered, with_sampler
 from oracles import films as oracles, nlos
-from test_confocal import totals
 
 from tofrender.scenes import cornell_box
 
 SEEDS = range(16)
-PLACE = (-0.3, 0.2, 1.4)
-FOV = 1.0
 PATCH = nlos.Rectangle.turned((0.35, 0.3, 1.1), 30, 240, half=(0.2, 0.2))
-
-
-def pointed(target=(0.1, -0.1, 0.0)) -> mi.ScalarTransform4f:
-    return mi.ScalarTransform4f().look_at(list(PLACE), list(target), [0, 1, 0])
-
-
-def projector(**options) -> dict:
-    """Return a projector at a fixed position, with a very short pulse unless one is given."""
-    fixed = {"is_confocal": False, "frame": pointed()}
-    return {"type": "confocal_projector", "fov": FOV} | fixed | options
-
-
-def spots(positions, sigmas, powers) -> dict:
-    arrays = {"positions": positions, "sigmas": sigmas, "intensities": powers}
-    return {f"spot_{k}": mi.TensorXf(np.array(v, np.float32)) for k, v in arrays.items()}
-
-
-def lit_by(pattern: dict, hidden: dict | None = None, the_film=None, **options) -> dict:
-    described = nlos.confocal(
-        nlos.Setup(sensor=PLACE), hidden or {}, the_film or film(8, 8), **options
-    )
-    integrator = {k: v for k, v in described["integrator"].items() if k != "power"}
-    return described | {"integrator": integrator | {"confocal_projector": pattern}}
 
 
 def gaussians(x, y, positions, sigmas, powers) -> np.ndarray:

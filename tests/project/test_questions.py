@@ -36,7 +36,7 @@ QUESTIONS = {
     "How do I make training data?": ("datasets", "records"),
     "How do I hand in?": ("guides/student", "tofrender submit"),
     "How do I grade a class?": ("guides/teacher_grade", "tofrender grade"),
-    "What has changed?": ("changelog", "## Unreleased"),
+    "What has changed?": ("changelog", "## 0.1.0"),
 }
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from benchmarks.tofbench import closed, forms, report, running, verdicts
-from benchmarks.tofbench.cases import all_cases
+from benchmarks.tofbench.table import all_cases
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "benchmarks" / "tofbench"

@@ -10,44 +10,19 @@ import pytest
 from helpers.films_in_parts import box, differences, in_small_steps, render, watch_steps
 from helpers.parts import area_light, diffuse, plane, rotate, translate
 from helpers.refusals import refused
+from helpers.standard_errors import bins_of, covered, is_calibrated
 from helpers.support import camera, film, scene
 from oracles.films import disk_light_masses
 from oracles.noise import paths, sphere, truth
-from scipy.stats import t as student
 
 from tofrender.rendering.errors import BATCHES, batches_of, seed_of
+from tofrender.rendering.job import whole as all_samples
 from tofrender.rendering.renderer import make_job
 from tofrender.rendering.settings import RenderSettings
-from tofrender.rendering.work_items import render_item, whole as all_samples
+from tofrender.rendering.work_items import render_item
 from tofrender.runtime import memory
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")
-
-SIGMAS = 4.5
-"""Distance of a mean from what is expected that right code exceeds 7 times in a million."""
-
-SLACK = 0.01  # What means of 16 batches are off from Student's t, as they are not quite normal
-
-
-def covered(values, errors, expected) -> np.ndarray:
-    """Whether the truth is within one, and within two, errors; on a last axis."""
-    off = np.abs(np.asarray(values, float) - expected)
-    errors = np.asarray(errors, float) * (1 + 1e-6)
-    return np.stack([off <= errors, off <= 2 * errors], axis=-1)
-
-
-def is_calibrated(found: np.ndarray, freedom: int = BATCHES - 1) -> bool:
-    """Whether shares are Student's; `found` has pixels, which are independent, first."""
-    by_pixel = found.reshape(len(found), -1, 2).mean(axis=1)
-    noise = by_pixel.std(axis=0, ddof=1) / np.sqrt(len(by_pixel))
-    expected = 2 * student.cdf([1.0, 2.0], freedom) - 1
-    return bool((np.abs(by_pixel.mean(axis=0) - expected) <= SIGMAS * noise + SLACK).all())
-
-
-def bins_of(film, name: str = "transient") -> np.ndarray:
-    """The first channel, pixels first; all channels are the same in these scenes."""
-    values = film[name].values[..., 0]
-    return values.reshape(values.shape[0] * values.shape[1], -1)
 
 
 def gathered(films, where=slice(None), name: str = "transient") -> tuple:

@@ -348,10 +348,10 @@ def test_parts_weigh_by_their_samples(done):
     decided = make_job(RenderSettings(box(), spp=3 * SPP), axis=(4, 0.0, 3.0))
     shape = decided.film.shape
 
-    def taken(light: float, count: int) -> work_items.WorkResult:
+    def taken(light: float, count: int) -> job.WorkResult:
         steady, transient = (np.ones(s, np.float32) for s in ((*shape[:2], shape[3]), shape))
         arrays = {"steady": 4 * light * steady, "transient": light * transient}
-        return work_items.WorkResult(arrays, count)
+        return job.WorkResult(arrays, count)
 
     earlier = job.dataset_of(decided, taken(1.0, SPP))
     result = job.dataset_of(decided, taken(5.0, done), earlier)

@@ -6,9 +6,9 @@ import pytest
 import xarray as xr
 from helpers.films_in_parts import box, crop, differences, render
 from helpers.refusals import refused
+from helpers.standard_errors import bins_of, covered, is_calibrated
 from helpers.support import with_film, with_integrator
 from oracles.noise import paths, sphere, truth
-from test_errors import bins_of, covered, is_calibrated
 
 from tofrender import load_zarr, merge, save_zarr
 

@@ -29,11 +29,11 @@ FILES = {"format", "precision", "video", "figure", "dpi", "as_json"}
 FRAMES = {"frames", "frame_time", "exposure", "poses", "row_time"}
 """An animation: in Python, `render_frames` is told."""
 
-OBJECTS = {"client", "params", "settings", "progress"}
-"""What a command cannot be given, old names, and what `--no-progress` is for in all commands."""
+OBJECTS = {"client", "settings", "progress"}
+"""What a command cannot be given, and what `--no-progress` is for in all commands."""
 
-OTHERS = {"resume", "checkpoint", "out", "client", "params"}
-"""Arguments of `render` that are files, objects, or old names."""
+OTHERS = {"resume", "checkpoint", "out", "client"}
+"""Arguments of `render` that are files or objects."""
 
 
 def test_render_has_the_settings_of_the_table():

@@ -10,9 +10,11 @@ from helpers.refusals import refused
 
 import tofrender
 from tofrender.integrators.transient_path import TransientPath
+from tofrender.rendering import arrivals
+from tofrender.rendering.job import WorkItem
 from tofrender.rendering.renderer import make_job
 from tofrender.rendering.settings import RenderSettings
-from tofrender.rendering.work_items import WorkItem, _film_of
+from tofrender.rendering.work_items import _film_of
 
 DISTANCE = 2.03
 """Distance from the plane of an orthographic camera to a glowing wall that faces it [m]."""
@@ -134,6 +136,25 @@ def test_a_scene_is_loaded_once(monkeypatch):
     make, words = found.origin
     axis = found.film.temporal_bins, found.film.start_opl, found.film.bin_width_opl
     assert make(axis=axis, **words).recipe == found.recipe  # What a worker loads is the same
+
+
+def test_light_is_looked_for_once(monkeypatch):
+    seeds = []
+    usual = arrivals.find_arrivals
+
+    def counted(*given):
+        seeds.append(given[-1])
+        return usual(*given)
+
+    monkeypatch.setattr(arrivals, "find_arrivals", counted)
+    settings = RenderSettings(lit_ball(bitmap=mi.Bitmap(np.ones((2, 2, 3), np.float32))))
+    found = make_job(settings)
+    assert len(seeds) == len(set(seeds)) >= 2
+
+    # The window is that of a render with this pulse, which looks for the light itself
+    again = make_job(found.settings)
+    assert again.film.start_opl == found.film.start_opl
+    assert again.film.bin_width_opl == found.film.bin_width_opl
 
 
 def test_the_pulse_of_an_integrator_of_the_caller_stays():

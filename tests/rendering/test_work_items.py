@@ -8,10 +8,11 @@ import pytest
 from helpers.films_in_parts import ROUNDING, box, crop
 from helpers.support import agree, with_film, with_integrator
 
+from tofrender.rendering.job import WorkItem, whole
 from tofrender.rendering.renderer import make_job
 from tofrender.rendering.settings import RenderSettings
 from tofrender.rendering.tiling import sample_ranges, tile_size, tiles
-from tofrender.rendering.work_items import WorkItem, render_item, whole
+from tofrender.rendering.work_items import render_item
 from tofrender.runtime.memory import film_bytes
 
 CUT = (4, 5)  # Rows and columns that divide neither 9 nor 12

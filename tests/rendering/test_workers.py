@@ -55,14 +55,14 @@ def with_takes(client, wrapper, where=None) -> None:
     """Let some workers take pieces by `wrapper(take, job, piece)`; None as they always do."""
 
     def install(wrapper=wrapper):
-        from tofrender.rendering import job
+        from tofrender.rendering import work_items
 
         def wrapped(j, piece, **options):
             return wrapper(partial(take, **options), j, piece)
 
-        take = getattr(job, "own_render_item", job.render_item)
-        job.own_render_item = take
-        job.render_item = wrapped if wrapper else take
+        take = getattr(work_items, "own_render_item", work_items.render_item)
+        work_items.own_render_item = take
+        work_items.render_item = wrapped if wrapper else take
 
     client.run(install, workers=where)
 
@@ -108,7 +108,7 @@ def interrupt(monkeypatch) -> None:
         (lambda: with_film(box(), rfilter={"type": "gaussian"}, **crop(3, 2, 7, 6)), {"seed": 4}),
         (lambda: "nlos_z", {"spp": 64, "settings": {"width": 5, "height": 4}}),
         (lambda: "cornell_box", {"settings": {"width": 8, "height": 8, "temporal_bins": 50}}),
-        (box, {"window": "auto", "temporal_bins": 30, "sampler": "padded_sobol"}),
+        (box, {"window": "auto", "bins": 30, "sampler": "padded_sobol"}),
         (lambda: box(12, 1), {}),
         (box, {"integrator": "transient_bdpt", "spp": 50}),
         (box, {"spp": 32, "errors": True}),
@@ -233,9 +233,10 @@ def test_errors_of_workers_are_one_line(client):
 
 def test_workers_of_other_versions_are_refused(client):
     def pretend(version):
-        import tofrender
+        from tofrender.runtime import versions
 
-        own, tofrender.__version__ = tofrender.__version__, version
+        own = versions.__version__
+        versions.__version__ = version
         return own
 
     (second,) = addresses(client)[1:]

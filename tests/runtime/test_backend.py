@@ -143,6 +143,12 @@ except Exception as error:
     assert str(library) in line
 
 
+def test_an_environment_variable_keeps_the_import_from_activating_a_variant():
+    script = "import sys, tofrender; print('mitsuba' in sys.modules)"
+    assert says(script, **{backend.NO_VARIANT: "1"}) == ["False"]
+    assert says(script) == ["True"]
+
+
 def test_activate_switches_and_keeps_the_active_variant():
     assert backend.activate("llvm_ad_mono") == mi.variant() == "llvm_ad_mono"
     assert backend.activate() == mi.variant() == "llvm_ad_mono"

@@ -73,7 +73,7 @@ def test_a_package_that_is_another_or_missing_is_a_problem(monkeypatch, package,
     assert check.remedy.endswith(f'-m pip install "{remedy}"')
 
 
-REFUSED = "from tofrender.runtime.backend import BackendError\nraise BackendError('ulimit -v = 1')"
+REFUSED = "from tofrender.runtime.variants import BackendError\nraise BackendError('ulimit -v = 1')"
 
 
 @pytest.mark.parametrize(

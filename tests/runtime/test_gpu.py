@@ -15,8 +15,8 @@ from helpers.processes import says
 from tofrender.cli import completion
 from tofrender.integrators import passes
 from tofrender.runtime import backend, child_processes, doctor, gpu, llvm
-from tofrender.runtime.backend import BackendError
 from tofrender.runtime.child_processes import run_code
+from tofrender.runtime.variants import BackendError
 
 WORKS = "print('{{}}')"
 NOWHERE = "DRJIT_LIBOPTIX_PATH = '/nowhere': OptiX cannot be loaded from there"

@@ -276,7 +276,8 @@ def test_too_little_address_space_to_start_is_one_line(kib):
     result = python(f"import os; os.execvp('sh', ['sh', '-c', {limited!r}])", **NO_CUDA)
     assert result.returncode == 1
     last = result.stderr.splitlines()[-1]
-    assert last.startswith(f"tofrender.runtime.backend.BackendError: ulimit -v = {kib}: must be at")
+    error = "tofrender.runtime.variants.BackendError"
+    assert last.startswith(f"{error}: ulimit -v = {kib}: must be at")
 
 
 def test_a_film_refuses_before_it_allocates(machine, monkeypatch):

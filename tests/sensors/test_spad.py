@@ -277,7 +277,7 @@ def test_afterpulses_at_high_probability(mode, chunk, paralysable, monkeypatch):
 def test_chunks_of_cycles_change_nothing(given, monkeypatch):
     """The same photons are detected for all divisions of a free-running SPAD's cycles."""
     rows, cycles, bins = 4, 30, 24
-    layout = events.Layout(
+    layout = events.KeyLayout(
         (8, cycles, bins), 11, round(given.get("coincidence_window_s", 0) / BIN_S), True
     )
     spad = Spad(mode="free_running", dead_time_s=11 * BIN_S, **given)

@@ -9,14 +9,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import xarray as xr
+from helpers.drawings import drawn, linear, part_of
 from helpers.made_dataset import make_dataset
 from helpers.support import refused
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
-from test_vis import drawn, linear
-from test_vis_phasors import part_of
 
 import tofrender
 from tofrender import io, sampling, vis

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.drawings import drawn, linear
 from helpers.made_dataset import make_dataset
 from matplotlib import pyplot as plt
 from matplotlib.animation import FuncAnimation
@@ -169,16 +170,6 @@ def test_quantity_of_an_array_is_what_it_is_said_to_be():
     quantity = "radiance per metre"
     figure = vis.plot_pixel_transient(np.ones((2, 2, 4)), 0, 0, 0.0, 0.1, quantity=quantity)
     assert figure.axes[0].get_ylabel() == "radiance per metre"
-
-
-def linear(colours):
-    colours = np.asarray(colours, float)
-    return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
-
-
-def drawn(figure):
-    figure.canvas.draw()
-    return np.asarray(figure.canvas.buffer_rgba())
 
 
 def test_summary_shows_title_and_axes_with_units():

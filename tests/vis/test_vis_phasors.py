@@ -1,6 +1,5 @@
 """Phasor panels, overlays of arrival times, camera unwarping, and the player in notebooks."""
 
-import base64
 import colorsys
 
 import drjit as dr
@@ -8,10 +7,10 @@ import imageio_ffmpeg
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.drawings import drawn, part_of
 from helpers.made_dataset import START, WIDTH, make_dataset
 from helpers.support import refused
 from matplotlib import pyplot as plt
-from test_vis import drawn
 
 import tofrender
 from tofrender import io, vis
@@ -317,10 +316,6 @@ def distances_in(described, samples):
     distance = np.array(dr.norm(si.p - camera.origin)).reshape(seen.shape)
     total = np.sum(distance, axis=2, where=seen)
     return np.divide(total, seen.sum(axis=2), out=np.full(total.shape, np.nan), where=seen.any(2))
-
-
-def part_of(player: str, kind: str) -> bytes:
-    return base64.b64decode(player.split(f"data:{kind};base64,")[1].split('"')[0])
 
 
 def test_a_notebook_plays_the_animation(monkeypatch, tmp_path):

@@ -229,11 +229,11 @@ def _pixel_center_hits(scene: Any, sensor: int) -> tuple[Any, Any, Any, Any, tup
 
     from ..paths.camera import behind_emitters
     from ..paths.surfaces import first_surface
-    from ..runtime import backend
+    from ..runtime import backend, variants
     from ..scenes.loading import load_scene, require_sensor
 
     # Load the scene
-    backend.require_vectorized()
+    variants.require_vectorized()
     scene = scene if isinstance(scene, mi.Scene) else load_scene(scene)
     camera: Any = require_sensor(scene, sensor)
 

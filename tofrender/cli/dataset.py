@@ -56,13 +56,13 @@ def dataset(
     opt.activate(variant)
 
     from tofrender.datasets.making import make_dataset, plan_dataset, require_complete, under_way
-    from tofrender.datasets.store import Store
+    from tofrender.datasets.store import StoredRecords
 
     if plan:
         opt.say(str(plan_dataset(config, only)))
         return
     assert out is not None
-    if resume and not Store.planned(under_way(out)):
+    if resume and not StoredRecords.planned(under_way(out)):
         if out.exists():
             count = require_complete(config, out, only).sizes["record"]
             opt.say(f"{out}: already complete, {count} record{'s' * (count != 1)}")

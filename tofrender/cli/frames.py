@@ -84,7 +84,7 @@ def render_frames(job: Job, times: list[float], shutter: Shutter, options: dict[
     from ..integrators.running import interrupted
     from ..motion.frames import TOTALS, render_frame
     from ..rendering.dataset import components_of
-    from ..rendering.work_items import whole
+    from ..rendering.job import whole
 
     out: Path = options["out"]
     files = {k: options[k] for k in ("format", "precision", "video", "figure", "dpi")}

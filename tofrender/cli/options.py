@@ -20,7 +20,7 @@ import typer
 
 from ..io.contents import FORMATS
 from ..rendering.settings import SETTINGS
-from ..runtime import backend, checks
+from ..runtime import backend, checks, variants
 from ..runtime.atomic import check_file, check_writable
 from ..runtime.progress import bars_cleared
 from ..signals.units import check_frequency
@@ -321,9 +321,9 @@ def with_progress(command: Callable[..., None]) -> Callable[..., None]:
 def activate(variant: str | None = None, polarized: bool = False) -> None:
     """Activate a Mitsuba variant that can render; `polarized` variants only where allowed."""
     backend.activate(variant)
-    backend.require_vectorized()
+    variants.require_vectorized()
     if not polarized:
-        backend.require_unpolarized()
+        variants.require_unpolarized()
 
 
 def say(*lines: str, err: bool = False) -> None:

@@ -253,7 +253,7 @@ def _report_time(settings: RenderSettings, job: Job) -> None:
 
 def _fits(job: Job) -> bool:
     """Return whether the film of a job fits into memory; print a note if it does not."""
-    from tofrender.rendering.work_items import whole
+    from tofrender.rendering.job import whole
 
     try:
         job.require_memory(whole(job).count)
@@ -270,10 +270,9 @@ def _on_disk(
 ) -> xr.Dataset:
     """Render a job on the disk, or open the film that a killed run has finished."""
     from tofrender.rendering.films_on_disk import is_film, load_zarr
-    from tofrender.rendering.job import check_resume
+    from tofrender.rendering.job import check_resume, whole
     from tofrender.rendering.store import under_way
     from tofrender.rendering.streaming import stream
-    from tofrender.rendering.work_items import whole
 
     if not resume:
         for unfinished in (film, under_way(film)):
@@ -296,8 +295,7 @@ def _on_disk(
 
 def _complete(out: Path, job: Job) -> xr.Dataset | None:
     """Load the render in `out` if it is the complete result of `job`; otherwise return None."""
-    from ..rendering.job import check_resume
-    from ..rendering.work_items import whole
+    from ..rendering.job import check_resume, whole
 
     try:
         found = opt.load_render(out, "--resume")

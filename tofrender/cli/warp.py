@@ -1,6 +1,7 @@
 """The commands `tofrender warptest` and `tofrender warp`."""
 
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -35,7 +36,7 @@ Points = Annotated[str, opt.choice(POINT_SETS, "Point set to draw")]
 Count = Annotated[int, opt.integer(1, checks.MAX_SPP, "Number of points to draw")]
 Samples = Annotated[int, opt.integer(1000, 1 << 24, "Number of samples of the chi-square test")]
 Module = Annotated[
-    Path | None, opt.named("FILE|DIR", "Student's Python file, or folder of Python files.")
+    Path | None, opt.named("FILE|DIR", "Python file, or folder of Python files, to test.")
 ]
 Parameters = Annotated[
     list[str] | None,
@@ -80,8 +81,8 @@ def warptest(
     """Explore and test warps in the browser.
 
     The page shows points, a grid, and a chi-square test for warps, shapes and lights of
-    the package, or with --module of a student. A student's module runs in a separate process that
-    cannot write files and has a time limit. The module is loaded again when its files change.
+    the package, or of the file in --module. The file runs in a separate process that cannot
+    write files and has a time limit. It is loaded again when it changes.
     With --headless, all warps are tested, or only NAME.
 
     Examples:
@@ -90,7 +91,8 @@ def warptest(
     """
     given = _parameters(name if headless else name or "tent", alpha, image, parameters)
     if headless:
-        _headless(name, module, given, out, points, count, samples, dpi, seed, variant)
+        figure = _Figure(out=out, points=points, count=count, dpi=dpi)
+        _headless(name, module, given, figure, samples, seed, variant)
         return
     if out is not None:
         raise ValueError(f"--out = {out} requires --headless")
@@ -130,7 +132,8 @@ def warp(
         tofrender warp beckmann --alpha 0.3 --points sobol --out beckmann.pdf
     """
     given = _parameters(name, alpha, image, parameters, complete=True)
-    _headless(name, None, given, out, points, count, TEST_SAMPLES, dpi, seed, variant)
+    figure = _Figure(out=out, points=points, count=count, dpi=dpi)
+    _headless(name, None, given, figure, TEST_SAMPLES, seed, variant)
 
 
 def _parameters(
@@ -157,19 +160,27 @@ def _parameters(
     return given
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Figure:
+    """Figure of warped points."""
+
+    out: Path | None  # file to write, None to draw nothing
+    points: str  # name of the point set
+    count: int  # number of points
+    dpi: int | None  # resolution, None for the default
+
+
 def _headless(
     name: str | None,
     module: Path | None,
     given: dict[str, Any],
-    out: Path | None,
-    points: str,
-    count: int,
+    figure: _Figure,
     samples: int,
-    dpi: int | None,
     seed: int,
     variant: str | None,
 ) -> None:
     """Test warps, print the verdicts, and exit with status 1 if a test has failed."""
+    out = figure.out
     if out is not None and name is None:
         raise ValueError(f"--out = {out} requires the argument NAME")
     if out is not None:
@@ -192,15 +203,17 @@ def _headless(
                 # All tests together have the probability of a false alarm of a single test
                 own_seed = (seed + index) % (checks.MAX_SEED + 1)
                 verdict = case.test(samples=samples, seed=own_seed, tests=len(names))
-                drawn = None if out is None else engines.draw(case, points, count, seed)
+                drawn = None
+                if out is not None:
+                    drawn = engines.draw(case, figure.points, figure.count, seed)
             except engines.NoAnswer as error:
                 opt.say(f"{tested}: FAILED, {error}")
                 continue
             opt.say(str(verdict))
             passed += verdict.passed
             if out is not None and drawn is not None:
-                figure = engines.figure(drawn, verdict, f"{count} {points} points")
-                save_figure(figure, out, **opt.dots(dpi))
+                caption = f"{figure.count} {figure.points} points"
+                save_figure(engines.figure(drawn, verdict, caption), out, **opt.dots(figure.dpi))
                 opt.say(str(out))
     if len(names) > 1:
         opt.say(f"{passed} of {len(names)} passed")

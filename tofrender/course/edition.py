@@ -13,6 +13,7 @@ from pathlib import Path
 
 import tomlkit
 
+from ..runtime import editions
 from . import material, toml
 from .assignments import PACKAGE, Assignment
 from .rubric import Rubric
@@ -20,6 +21,10 @@ from .rubric import Rubric
 DESCRIPTION = "Light in flight on Mitsuba 3: the student edition"
 COPIED_KEYS = ("name", "license", "license-files", "requires-python", "dependencies", "scripts")
 """Keys of the checkout's `pyproject.toml` that are copied to the edition."""
+
+
+MARKER = editions.FILE.relative_to(PACKAGE)
+"""File that only editions contain, relative to the package's folder."""
 
 
 def copy(assignment: Assignment, folder: Path) -> None:
@@ -47,9 +52,13 @@ def copy(assignment: Assignment, folder: Path) -> None:
     shutil.copytree(PACKAGE, package, ignore=ignored_names)
 
     # Record the withheld modules, so that their import names the problem
-    names = {name: problem.id for name, problem in rubric.problem_by_name.items()}
-    text = json.dumps({"modules": modules, "names": names}, indent=1)
-    (package / "runtime" / "withheld.json").write_text(text + "\n", encoding="utf-8")
+    content = {
+        "modules": {name: _refusal(problem) for name, problem in modules.items()},
+        "names": {name: _refusal(each.id) for name, each in rubric.problem_by_name.items()},
+        "remedy": "import your file before loading the scene",
+    }
+    text = json.dumps(content, indent=1)
+    (package / MARKER).write_text(text + "\n", encoding="utf-8")
 
     # Replace the version
     init = package / "__init__.py"
@@ -69,12 +78,19 @@ def copy(assignment: Assignment, folder: Path) -> None:
     material.write_scenes(released / material.SCENES, folder / material.SCENES, ["__init__.py"])
 
 
+def _refusal(problem: str | None) -> str:
+    """Return the text that follows the name of a module in the error of its import."""
+    if problem is None:
+        return "is not part of the student edition"
+    return f"is yours to write: problem {problem}"
+
+
 def of_grading(assignment: Assignment, folder: Path) -> None:
     """Write the edition that graded submissions import.
 
     On a platform this package is a student edition already; then it is copied.
     """
-    if not (PACKAGE / "runtime" / "withheld.json").is_file():
+    if not (PACKAGE / MARKER).is_file():
         copy(assignment, folder)
         return
     ignored = shutil.ignore_patterns("__pycache__", ".*")

@@ -1,5 +1,5 @@
 from .config import Config as Config, read_config as read_config
-from .layout import Plan as Plan
+from .layout import DatasetPlan as DatasetPlan
 from .making import make_dataset as make_dataset, plan_dataset as plan_dataset
 from .reading import (
     capture_of as capture_of,

@@ -27,7 +27,7 @@ ORIGINS = ("sensor_origin", "laser_origin")
 RADIANCE = "W m^-2 sr^-1"
 
 
-class Kind(NamedTuple):
+class ArrayKind(NamedTuple):
     """Axes of a record's part of an array, units and long name as in CF, and type of numbers."""
 
     axes: tuple[str, ...]
@@ -42,18 +42,18 @@ NORMALS = "unit normal of the first surface, on the side seen, in world space"
 CAPTURE = "radiance per bin at points of the relay wall"
 HIDDEN = "distance of what is hidden from the relay wall"
 KINDS = {
-    "transient": Kind((*PIXELS, "opl", "channel"), RADIANCE, "radiance per bin"),
-    "steady": Kind((*PIXELS, "channel"), RADIANCE, "radiance of all time"),
-    "noisy": Kind((*PIXELS, "opl", "channel"), RADIANCE, NOISY),
-    "phasor": Kind(("frequency", *PIXELS, "part", "channel"), RADIANCE, PHASOR),
-    "depth": Kind(PIXELS, "m", "distance from the sensor to the first surface"),
-    "normals": Kind((*PIXELS, "xyz"), "", NORMALS),
-    "capture": Kind((*WALL, "capture_opl", "channel"), RADIANCE, CAPTURE),
-    "hidden_depth": Kind(WALL, "m", HIDDEN),
-    "capture_on_wall": Kind(WALL, dtype="bool"),
-    **{f"capture_sensor_{name}": Kind((*WALL, "xyz")) for name in ("grid", "normals")},
-    **{f"capture_laser_{name}": Kind((*LASERS, "xyz")) for name in ("grid", "normals")},
-    **{f"capture_{name}": Kind(("xyz",)) for name in ORIGINS},
+    "transient": ArrayKind((*PIXELS, "opl", "channel"), RADIANCE, "radiance per bin"),
+    "steady": ArrayKind((*PIXELS, "channel"), RADIANCE, "radiance of all time"),
+    "noisy": ArrayKind((*PIXELS, "opl", "channel"), RADIANCE, NOISY),
+    "phasor": ArrayKind(("frequency", *PIXELS, "part", "channel"), RADIANCE, PHASOR),
+    "depth": ArrayKind(PIXELS, "m", "distance from the sensor to the first surface"),
+    "normals": ArrayKind((*PIXELS, "xyz"), "", NORMALS),
+    "capture": ArrayKind((*WALL, "capture_opl", "channel"), RADIANCE, CAPTURE),
+    "hidden_depth": ArrayKind(WALL, "m", HIDDEN),
+    "capture_on_wall": ArrayKind(WALL, dtype="bool"),
+    **{f"capture_sensor_{name}": ArrayKind((*WALL, "xyz")) for name in ("grid", "normals")},
+    **{f"capture_laser_{name}": ArrayKind((*LASERS, "xyz")) for name in ("grid", "normals")},
+    **{f"capture_{name}": ArrayKind(("xyz",)) for name in ORIGINS},
 }
 """All arrays that a data set may have."""
 
@@ -74,7 +74,7 @@ class Array:
 
 
 @dataclass(frozen=True)
-class Layout:
+class DatasetLayout:
     """All arrays of a data set."""
 
     arrays: tuple[Array, ...]
@@ -98,7 +98,7 @@ class Layout:
                 )
 
 
-def layout_of(config: Config, records: list[int]) -> Layout:
+def layout_of(config: Config, records: list[int]) -> DatasetLayout:
     """The arrays of a data set, by the first of its scenes that can be loaded."""
     scene = _first_scene(config, records)
     camera: Any = require_sensor(scene, config.sensor, "render.sensor")
@@ -150,7 +150,7 @@ def layout_of(config: Config, records: list[int]) -> Layout:
             arrays.append(Array(f"sensor_{name}", its, values.shape, dtype))
             places = {axis: measured["opl" if axis == "bin" else axis] for axis in values.dims}
             axes |= {f"sensor_{axis}": each.values for axis, each in places.items()}
-    return Layout(tuple(arrays), axes, window, scene.id(), mode)
+    return DatasetLayout(tuple(arrays), axes, window, scene.id(), mode)
 
 
 def _names(outputs: Outputs, capture_mode: str | None) -> list[str]:
@@ -174,7 +174,7 @@ def _first_scene(config: Config, records: list[int]) -> mi.Scene:
 
 
 @dataclass(frozen=True)
-class Plan:
+class DatasetPlan:
     """Plan of a data set, before any work: `print` shows its arrays, shapes and sizes.
 
     Attributes:
@@ -185,7 +185,7 @@ class Plan:
 
     config: Config
     records: list[int]
-    layout: Layout
+    layout: DatasetLayout
 
     @property
     def bytes(self) -> int:

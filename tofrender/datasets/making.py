@@ -15,23 +15,22 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import drjit as dr
 import mitsuba as mi
 
 from ..integrators.running import stopped
 from ..rendering.films_on_disk import require_zarr
 from ..rendering.store import check_film
-from ..rendering.workers import THREADS, check_client, distribute
-from ..runtime import atomic, backend, checks
-from ..runtime.backend import versions
+from ..rendering.workers import check_client, distribute, kept_by_worker
+from ..runtime import atomic, checks, variants
 from ..runtime.progress import ProgressBar, deferred_stop, held_signals
+from ..runtime.versions import versions
 from ..scenes.fingerprint import file_digest
 from ..scenes.packing import packed, unpacked
 from .config import Config, parse_config, read_config
-from .layout import Layout, Plan, layout_of
+from .layout import DatasetLayout, DatasetPlan, layout_of
 from .reading import KIND, load_dataset
-from .record import FACTOR, Receipt, make_record
-from .store import Store
+from .record import FACTOR, RecordReceipt, make_record
+from .store import StoredRecords
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -40,7 +39,7 @@ if TYPE_CHECKING:
 
 def plan_dataset(
     config: str | os.PathLike[str] | Mapping[str, Any] | Config, only: Iterable[int] | None = None
-) -> Plan:
+) -> DatasetPlan:
     """Plan a data set: arrays, shapes and sizes. Nothing is rendered.
 
     Args:
@@ -61,11 +60,11 @@ def plan_dataset(
         depth  record, y, x  100 x 48 x 64  1.172 MiB
         in all 1.172 MiB
     """
-    backend.require_vectorized()
-    backend.require_unpolarized()
+    variants.require_vectorized()
+    variants.require_unpolarized()
     found = read_config(config)
     records = _numbers(found, only)
-    return Plan(found, records, layout_of(found, records))
+    return DatasetPlan(found, records, layout_of(found, records))
 
 
 def make_dataset(
@@ -125,7 +124,7 @@ def make_dataset(
     target = check_film(out)
     require_zarr()
     folder = under_way(target)
-    if Store.planned(folder) and not resume:
+    if StoredRecords.planned(folder) and not resume:
         raise FileExistsError(
             f"out = {out}: an unfinished data set is beside it, {folder}; must be gone on with "
             "(resume) or removed"
@@ -139,7 +138,7 @@ def make_dataset(
         if shutil.disk_usage(atomic.existing_parent(folder)).free < plan.bytes - written:
             raise atomic.disk_full(folder, plan.bytes)
         with held_signals():
-            store = Store.begin(folder, _recipe(plan), plan)
+            store = StoredRecords.begin(folder, _recipe(plan), plan)
         receipts = {record: store.receipt(record) for record in plan.records}
         left = [record for record in plan.records if receipts[record] is None]
         count = len(plan.records)
@@ -161,7 +160,7 @@ def make_dataset(
                 raise stopped(error, finished, count, "records", on) from None
         with held_signals():  # All records are there: what is left is done in a moment
             # Of a slow record that two workers made, the last one's receipt is the one that counts
-            found = {record: store.last_receipt(record) for record in plan.records}
+            found = {record: store.unchecked_receipt(record) for record in plan.records}
             store.finish(plan, found, _attributes(plan, found), target)
     _warn_of_records(found)
     return load_dataset(target)
@@ -174,9 +173,11 @@ def require_complete(
 ) -> xr.Dataset:
     """Load a finished data set, and refuse one of another config or of other files."""
     found, plan = load_dataset(out), plan_dataset(config, only)
-    wanted = {"config": json.dumps(plan.config.plain), "variant": mi.variant()}
-    if "checksum" in found.attrs:  # Those of earlier versions have none
-        wanted["checksum"] = _files_digest(plan)
+    wanted = {
+        "config": json.dumps(plan.config.plain),
+        "variant": mi.variant(),
+        "checksum": _files_digest(plan),
+    }
     other = [f"another {name}" for name, value in wanted.items() if found.attrs[name] != value]
     if found["record"].values.tolist() != plan.records:
         other.append("other records")
@@ -201,7 +202,7 @@ def _numbers(config: Config, only: Iterable[int] | None) -> list[int]:
     return found
 
 
-def _recipe(plan: Plan) -> dict[str, Any]:
+def _recipe(plan: DatasetPlan) -> dict[str, Any]:
     layout = plan.layout
     return {
         "config": {name: value for name, value in plan.config.plain.items() if name != "records"},
@@ -216,7 +217,7 @@ def _recipe(plan: Plan) -> dict[str, Any]:
     }
 
 
-def _files_digest(plan: Plan) -> str:
+def _files_digest(plan: DatasetPlan) -> str:
     """Checksum of what identifies the first scene, and of all files that the config names."""
     names = sorted({text for text in _texts(plan.config.given) if "." in text})
     files = [plan.config.folder / name for name in names]
@@ -234,19 +235,19 @@ def _texts(value: Any) -> Iterator[str]:
 
 
 def _make(
-    plan: Plan,
-    store: Store,
+    plan: DatasetPlan,
+    store: StoredRecords,
     folder: Path,
     client: Client | None,
     left: list[int],
-    receipts: Mapping[int, Receipt | None],
-) -> Iterator[tuple[int, Receipt]]:
+    receipts: Mapping[int, RecordReceipt | None],
+) -> Iterator[tuple[int, RecordReceipt]]:
     """Make the records that are left, in this process or by workers.
 
     If all records share one factor from radiance to photons, the factor is that of record 0.
     """
 
-    def make(records: list[int], factor: float | None) -> Iterator[tuple[int, Receipt]]:
+    def make(records: list[int], factor: float | None) -> Iterator[tuple[int, RecordReceipt]]:
         if client is None:
             return _make_locally(plan, store, records, factor)
         task = _worker_task(plan, folder, factor)
@@ -270,18 +271,18 @@ def _make(
 
 
 def _make_locally(
-    plan: Plan, store: Store, records: list[int], factor: float | None
-) -> Iterator[tuple[int, Receipt]]:
+    plan: DatasetPlan, store: StoredRecords, records: list[int], factor: float | None
+) -> Iterator[tuple[int, RecordReceipt]]:
     """Make records in this process."""
     for record in records:
         arrays, receipt = make_record(plan.config, plan.layout, record, factor)
         with deferred_stop() as stop:  # A record is there whole or not at all, and is counted
-            receipt = store.put(record, arrays, receipt)
+            receipt = store.write_part(record, arrays, receipt)
         yield record, receipt
         stop.take_effect()
 
 
-def _estimate(record: int, receipt: Receipt, count: int, started: float, client: Any) -> str:
+def _estimate(record: int, receipt: RecordReceipt, count: int, started: float, client: Any) -> str:
     rest_s = (count - 1) * receipt.seconds
     if client is not None:
         rest_s /= max(1, len(client.scheduler_info()["workers"]))
@@ -298,7 +299,7 @@ def _time(seconds: float) -> str:
     return f"{seconds:.0f} days"
 
 
-def _attributes(plan: Plan, receipts: Mapping[int, Receipt]) -> dict[str, Any]:
+def _attributes(plan: DatasetPlan, receipts: Mapping[int, RecordReceipt]) -> dict[str, Any]:
     config, window = plan.config, plan.layout.window
     found: dict[str, Any] = {
         "kind": KIND,
@@ -317,7 +318,7 @@ def _attributes(plan: Plan, receipts: Mapping[int, Receipt]) -> dict[str, Any]:
     return found
 
 
-def _warn_of_records(receipts: Mapping[int, Receipt]) -> None:
+def _warn_of_records(receipts: Mapping[int, RecordReceipt]) -> None:
     """Repeat the first warning of the renders."""
     texts = {record: receipt.warnings for record, receipt in receipts.items() if receipt.warnings}
     if texts:
@@ -335,7 +336,7 @@ class WorkerTask:
 
     given: Mapping[str, Any]
     base: str
-    layout: Layout
+    layout: DatasetLayout
     folder: str
     checksum: str
     photons_per_radiance: float | None  # factor of all records; None if each has its own
@@ -343,7 +344,7 @@ class WorkerTask:
     key: str = field(default_factory=lambda: uuid.uuid4().hex)
 
 
-def _worker_task(plan: Plan, folder: Path, photons_per_radiance: float | None) -> WorkerTask:
+def _worker_task(plan: DatasetPlan, folder: Path, photons_per_radiance: float | None) -> WorkerTask:
     config = plan.config
     given = {name: packed(name, value) for name, value in config.given.items()}
     if not isinstance(config.scene, Mapping):
@@ -358,26 +359,21 @@ def _worker_task(plan: Plan, folder: Path, photons_per_radiance: float | None) -
     )
 
 
-_configs: dict[str, Config] = {}
-
-
-def _make_on_worker(task: WorkerTask, record: int) -> Receipt:
+def _make_on_worker(task: WorkerTask, record: int) -> RecordReceipt:
     """Make a record in a worker."""
-    backend.activate(task.variant)
-    mi.set_variant(task.variant)
-    if task.key not in _configs:
-        _configs.clear()
-        given = {name: unpacked(value) for name, value in task.given.items()}
-        config = parse_config(given, Path(task.base))
-        if config.checksum != task.checksum:
-            raise ValueError("scene: differs on this worker's machine; must be the same there")
-        _configs[task.key] = config
-        if os.environ.get(THREADS):
-            dr.set_thread_count(int(os.environ[THREADS]))
-    store = Store(Path(task.folder))
+    config = kept_by_worker(task.key, task.variant, partial(_config_of, task))
+    store = StoredRecords(Path(task.folder))
     receipt = store.receipt(record)
     if receipt is not None:
         return receipt
-    config = _configs[task.key]
     arrays, receipt = make_record(config, task.layout, record, task.photons_per_radiance)
-    return store.put(record, arrays, receipt)
+    return store.write_part(record, arrays, receipt)
+
+
+def _config_of(task: WorkerTask) -> Config:
+    """Read the configuration of a task in a worker."""
+    given = {name: unpacked(value) for name, value in task.given.items()}
+    config = parse_config(given, Path(task.base))
+    if config.checksum != task.checksum:
+        raise ValueError("scene: differs on this worker's machine; must be the same there")
+    return config

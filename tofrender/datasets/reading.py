@@ -3,7 +3,6 @@
 import json
 import os
 import warnings
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from ..labels import CAPTURES, RECORDS, TRANSIENT, Kind, bins_of, read, with_ene
 from ..nlos import make_capture
 from ..nlos.captures import ON_WALL, dimensions
 from ..rendering.dataset import LOST_ENERGY
-from ..rendering.films_on_disk import FILES, naming_files, require_whole, require_zarr
+from ..rendering.films_on_disk import naming_files, require_whole, require_zarr
 from ..rendering.labels import labelled, labels_of
 from ..runtime import checks
 from .layout import RADIANCE
@@ -50,7 +49,7 @@ def load_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
     wrong = f"path = {path}: must be a finished data set that `make_dataset` wrote"
     if not (folder / "zarr.json").is_file():
         raise ValueError(wrong)
-    require_whole(folder, listed=(folder / FILES).is_file())
+    require_whole(folder)
     try:
         dataset = xr.open_zarr(folder, chunks={}, consolidated=True, zarr_format=3)
         dataset = naming_files(dataset, folder, "data set")
@@ -58,8 +57,6 @@ def load_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
         raise ValueError(wrong) from None
     if dataset.attrs.get("kind") != KIND:
         raise ValueError(wrong)
-    if not (folder / FILES).is_file():
-        _require_records(folder, dataset)
     texts = {n: list(map(str, c.values)) for n, c in dataset.coords.items() if c.dtype.kind in "OT"}
     dataset = dataset.assign_coords(texts)
     if "transient" in dataset:
@@ -72,20 +69,6 @@ def load_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
             variable.attrs.setdefault(key, text)
     dataset.encoding["source"] = str(folder)
     return dataset
-
-
-def _require_records(folder: Path, dataset: xr.Dataset) -> None:
-    """Refuse a data set of an earlier version, without a list of files, that lacks a record's."""
-    for name, variable in dataset.data_vars.items():
-        chunks = variable.chunks
-        if chunks and chunks[0][0] == 1 and (variable.ndim > 2 or len(chunks[0]) > 1):
-            for record in range(variable.shape[0]):
-                file = "/".join([str(name), "c", str(record), *["0"] * (variable.ndim - 1)])
-                if not (folder / file).is_file():
-                    raise ValueError(
-                        f"path = {folder}: {file} is missing; must be as it was written, copy the "
-                        "data set again"
-                    )
 
 
 def capture_of(dataset: Annotated[xr.Dataset, CAPTURES], record: int) -> xr.Dataset:
@@ -164,8 +147,6 @@ def render_of(dataset: Annotated[xr.Dataset, RECORDS], record: int) -> xr.Datase
     one, about = _record(dataset, record)
     if "transient" not in dataset:
         raise ValueError("dataset has no transients; make it with outputs.transient = true")
-    if "render" not in about:
-        raise ValueError("dataset is of an earlier version; make it again")
     names = [name for name in ("transient", "steady") if name in one]
     film = read(
         one[names].drop_attrs(deep=False).assign_attrs(about["render"]), TRANSIENT, "dataset"

@@ -6,7 +6,7 @@ import json
 import time
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import mitsuba as mi
@@ -17,33 +17,33 @@ from ..analysis import true_depth, true_normals
 from ..films.image import time_bins
 from ..integrators.amcw import render_amcw_phasor
 from ..nlos import capture as capture_scene, hidden_depth
+from ..rendering.group_store import PartReceipt
 from ..rendering.renderer import render
 from ..runtime import checks
-from ..runtime.backend import versions
+from ..runtime.versions import versions
 from ..scenes.fingerprint import fingerprint
 from ..sensors import sense
 from .config import Config
-from .layout import GEOMETRY, ORIGINS, Layout
+from .layout import GEOMETRY, ORIGINS, DatasetLayout
 from .scene import load, scene_of
 
 FACTOR = "photons_per_radiance"
 """Name of the factor from radiance to the sensor's photons, in receipts."""
 
 
-@dataclass
-class Receipt:
-    """Provenance of a record."""
+@dataclass(kw_only=True)
+class RecordReceipt(PartReceipt):
+    """Provenance of a record on disk."""
 
     drawn: dict[str, Any]  # values by name
     about: dict[str, Any]  # all that the record depends on, as JSON can hold it
     warnings: list[str]
     seconds: float  # time that it took [s]
-    files: dict[str, int] = field(default_factory=dict)  # CRC-32 of each on disk, by its name
 
 
 def make_record(
-    config: Config, layout: Layout, record: int, photons_per_radiance: float | None = None
-) -> tuple[dict[str, np.ndarray], Receipt]:
+    config: Config, layout: DatasetLayout, record: int, photons_per_radiance: float | None = None
+) -> tuple[dict[str, np.ndarray], RecordReceipt]:
     """Make the arrays of a record. If its scene cannot be rendered, it is drawn again (`retry`).
 
     Args:
@@ -70,7 +70,13 @@ def make_record(
             except RuntimeError as error:
                 raise RuntimeError(f"record {record}: {' '.join(str(error).split())}") from error
         texts = [" ".join(str(each.message).split()) for each in caught]
-        return arrays, Receipt(drawn, about, texts, time.perf_counter() - start)
+        receipt = RecordReceipt(
+            drawn=drawn,
+            about=about,
+            warnings=texts,
+            seconds=time.perf_counter() - start,
+        )
+        return arrays, receipt
     tries = f", and {config.retry} more draws neither" if config.retry else ""
     shown = ", ".join(f"{name} = {shown_value(value)}" for name, value in drawn.items())
     raise ValueError(f"record {record} cannot be made{tries}: {reason} ({shown or 'no draws'})")
@@ -85,7 +91,7 @@ def shown_value(value: Any) -> str:
 
 def _rendered(
     config: Config,
-    layout: Layout,
+    layout: DatasetLayout,
     record: int,
     attempt: int,
     drawn: Mapping[str, Any],
@@ -197,7 +203,7 @@ def _captured(
     return arrays
 
 
-def _require_window(layout: Layout, start_opl: float, bin_width_opl: float) -> None:
+def _require_window(layout: DatasetLayout, start_opl: float, bin_width_opl: float) -> None:
     """Refuse time bins that are not those of the other records."""
     found = (float(start_opl), float(bin_width_opl))
     if layout.window is None:

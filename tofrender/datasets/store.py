@@ -1,115 +1,79 @@
-"""Data sets on disk: a Zarr 3 group that grows by records, each written once and checked.
+"""Data sets on disk: Zarr 3 groups that grow by records, see `GroupStore`.
 
-Each record is a file in each array. While the set is incomplete, receipts beside it say which
-records are there, with the CRC-32 of their files and all that made them; at the end the small
-arrays are written from these, and the set moves out of the folder that holds both.
+Each record is a file in each array. At the end, the small arrays are written from the receipts,
+which contain all that the records were made with.
 """
 
 import json
-import warnings
 from collections.abc import Mapping
-from contextlib import suppress
-from dataclasses import asdict, replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..rendering.films_on_disk import require_whole, require_zarr
-from ..rendering.store import BLOCK_BYTES, checksum, put_in_place, put_labels
-from ..runtime import atomic
-from .layout import KINDS, Array, Kind, Plan
-from .record import Receipt
+from ..rendering.films_on_disk import require_zarr
+from ..rendering.group_store import BLOCK_BYTES, GroupStore, put_labels
+from .layout import KINDS, Array, ArrayKind, DatasetPlan
+from .record import RecordReceipt
 from .varied import Varied
 
-GROUP, RECEIPTS, PLAN = "set.zarr", "receipts", "plan.json"
 TIME_AXES = ("opl", "capture_opl", "sensor_bin")
 
 
-class Store:
-    """A data set on disk that is being made, with its receipts; `Store.begin` begins one."""
+class StoredRecords(GroupStore[int, RecordReceipt]):
+    """A data set on disk that is being made, begun by `StoredRecords.begin`."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder, self.group_path = folder, folder / GROUP
-        self.records: list[int] = self.planned(folder)["only"]
-        self._indices = {record: index for index, record in enumerate(self.records)}
-        zarr = require_zarr()
-        self._group = zarr.open_group(self.group_path, mode="r+", zarr_format=3)
-        with zarr.config.set({"array.write_empty_chunks": True}):  # A file for each record
-            self._arrays = dict(self._group.arrays())
+    group_name = "set.zarr"
+    what = "data set"
+    receipt_class = RecordReceipt
 
     @classmethod
-    def begin(cls, folder: Path, recipe: Mapping[str, Any], plan: Plan) -> "Store":
-        """Go on with a data set, or begin one."""
-        recipe = json.loads(json.dumps(recipe))
-        found = cls.planned(folder)
-        if found:
-            _require_same(folder, found, recipe)
-            require_whole(folder / GROUP, listed=False)
-            for left in folder.rglob("*.partial"):  # Of zarr, when it was killed
-                atomic.remove(left)
-        else:
-            _create(folder, plan)
-            with atomic.replacing(folder / RECEIPTS / PLAN) as file:
-                file.write_text(json.dumps(recipe))
-        return cls(folder)
+    def begin(cls, folder: Path, recipe: Mapping[str, Any], plan: DatasetPlan) -> "StoredRecords":
+        """Continue with an unfinished data set, or begin one."""
+        return cls.continued(folder, recipe, partial(_create_arrays, plan=plan))
 
-    @staticmethod
-    def planned(folder: Path) -> dict[str, Any]:
-        """Recipe of a data set that was begun; empty if there is none."""
-        if not (folder / GROUP / "zarr.json").exists():  # It has just moved to its place
-            return {}
-        try:
-            return dict(json.loads((folder / RECEIPTS / PLAN).read_text()))
-        except (OSError, ValueError, TypeError):
-            return {}
+    @cached_property
+    def records(self) -> list[int]:
+        """Numbers of the records."""
+        return self.recipe["only"]
 
-    def put(self, record: int, arrays: Mapping[str, np.ndarray], receipt: Receipt) -> Receipt:
-        """Write a record; what was written before stays where the disk is full."""
-        index, files = self._indices[record], {}
-        try:
-            for name, array in arrays.items():
-                self._arrays[name][index] = array
-                file = "/".join([name, "c", str(index), *["0"] * array.ndim])
-                atomic.sync(self.group_path / file)
-                files[file] = checksum(self.group_path / file)
-        except OSError as error:
-            if error.errno not in atomic.DISK_FULL:
-                raise
-            size = sum(array.nbytes for array in arrays.values())
-            raise atomic.disk_full(self.folder, size) from None
-        receipt = replace(receipt, files=files)
-        with atomic.replacing(self._receipt(record)) as file:
-            file.write_text(json.dumps(asdict(receipt)))
-        return receipt
+    @cached_property
+    def _positions(self) -> dict[int, int]:
+        """Position of each record in the arrays."""
+        return {record: position for position, record in enumerate(self.records)}
 
-    def receipt(self, record: int) -> Receipt | None:
-        """The receipt of a record that is on disk; a damaged one is warned of and left out."""
-        path = self._receipt(record)
-        if not path.exists():
-            return None
-        with suppress(OSError, ValueError, TypeError, AttributeError):
-            receipt = self.last_receipt(record)
-            files = receipt.files
-            if files and all(checksum(self.group_path / name) == files[name] for name in files):
-                return receipt
-        warnings.warn(
-            f"record {record} of {self.folder}: is damaged, making it again", stacklevel=2
-        )
-        return None
+    def _open_arrays(self) -> dict[str, Any]:
+        """Return the arrays that have a file for each record, by name."""
+        with require_zarr().config.set({"array.write_empty_chunks": True}):
+            return dict(self.group.arrays())
 
-    def last_receipt(self, record: int) -> Receipt:
-        """The receipt of a record that is on disk, its files unread."""
-        return Receipt(**json.loads(self._receipt(record).read_text()))
+    def name_of(self, part: int) -> str:
+        """Return the name of a record."""
+        return f"record {part}"
 
-    def _receipt(self, record: int) -> Path:
-        return self.folder / RECEIPTS / f"record {record}.json"
+    def _indices(self, part: int) -> int:
+        """Return the position of a record."""
+        return self._positions[part]
+
+    def _file_names(self, part: int) -> list[str]:
+        """Return the names of the files of a record."""
+        position = str(self._positions[part])
+        return [
+            "/".join([name, "c", position, *["0"] * (array.ndim - 1)])
+            for name, array in self.arrays.items()
+        ]
 
     def finish(
-        self, plan: Plan, receipts: Mapping[int, Receipt], attrs: Mapping[str, Any], target: Path
+        self,
+        plan: DatasetPlan,
+        receipts: Mapping[int, RecordReceipt],
+        attrs: Mapping[str, Any],
+        target: Path,
     ) -> None:
         """Write the small arrays and the attributes, and move the set to `target`."""
-        group, layout = self._group, plan.layout
+        group = self.group
+        layout = plan.layout
         ordered = [receipts[record] for record in self.records]
         put_labels(group, "record", np.array(self.records), ["record"])
         for axis, values in layout.axes.items():
@@ -130,8 +94,7 @@ class Store:
         texts = [json.dumps(r.about | {"warnings": r.warnings}) for r in ordered]
         put_labels(group, "made_with", np.array(texts), ["record"])
         group.attrs.update(dict(attrs))
-        put_in_place(self.group_path, target, [array.name for array in layout.arrays])
-        atomic.remove(self.folder)
+        self.move_to(target, [array.name for array in layout.arrays])
 
 
 def column(varied: Varied, values: list[Any]) -> tuple[np.ndarray, list[str]]:
@@ -155,41 +118,10 @@ def _as_text(value: Any) -> str:
     return " ".join(value) if names else json.dumps(value)
 
 
-def _require_same(folder: Path, found: Mapping[str, Any], plan: Mapping[str, Any]) -> None:
-    """Refuse to go on with another data set."""
-    old, new = _flat(found), _flat(plan)
-    for key in {**new, **old}:
-        if old.get(key) != new.get(key):
-            now = f"{key} = {_short(new[key])}" if key in new else f"without {key}"
-            before = f"with {key} = {_short(old[key])}" if key in old else f"without {key}"
-            raise ValueError(
-                f"{now}: the unfinished data set was begun {before}; must be the same, "
-                f"or {folder} be removed"
-            )
-
-
-def _short(value: Any) -> str:
-    text = json.dumps(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
-
-
-def _flat(tree: Mapping[str, Any], where: str = "") -> dict[str, Any]:
-    """Values by their dotted keys."""
-    found: dict[str, Any] = {}
-    for key, value in tree.items():
-        name = key if where in ("", "config") else f"{where}.{key}"
-        found |= _flat(value, name) if isinstance(value, Mapping) and value else {name: value}
-    return found
-
-
-def _create(folder: Path, plan: Plan) -> None:
-    """Make an empty data set."""
-    atomic.remove(folder)
-    zarr = require_zarr()
-    group = zarr.open_group(folder / GROUP, mode="w", zarr_format=3)
+def _create_arrays(group: Any, *, plan: DatasetPlan) -> None:
+    """Create the arrays of an empty data set."""
     for array in plan.layout.arrays:
         _create_array(group, array, len(plan.records))
-    (folder / RECEIPTS).mkdir()
 
 
 def _create_array(group: Any, array: Array, count: int) -> None:
@@ -215,5 +147,5 @@ def _create_array(group: Any, array: Array, count: int) -> None:
         fill_value=False if array.dtype == "bool" else float("nan"),
         dimension_names=("record", *array.axes),
     )
-    labels = KINDS.get(array.name, Kind(()))._asdict()
+    labels = KINDS.get(array.name, ArrayKind(()))._asdict()
     made.attrs.update({name: labels[name] for name in ("units", "long_name") if labels[name]})

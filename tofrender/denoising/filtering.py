@@ -22,7 +22,7 @@ import mitsuba as mi
 import numpy as np
 from scipy.ndimage import minimum_filter, uniform_filter
 
-from ..runtime import backend, checks
+from ..runtime import checks, variants
 from . import kernels
 from .blocks import Blocks, Packets
 
@@ -86,7 +86,7 @@ def denoise_film(
         True
     """
     # Check the arguments
-    backend.require_vectorized()
+    variants.require_vectorized()
     mean = checks.finite("mean", checks.real_array("mean", mean, np.float32))
     checks.shape("mean", mean, mean.ndim == 4 and mean.size, "(height, width, bins, channels)")
     noise = checks.real_array("half_difference", half_difference, np.float32)

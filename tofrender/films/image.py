@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mitsuba as mi
 
-from ..runtime import checks, plugins
+from ..runtime import checks
 from ..signals.polarisation import STOKES
-
-if TYPE_CHECKING:
-    from .transient import TransientHDRFilm
 
 
 def image_film(film: mi.Film) -> mi.Film:
@@ -24,28 +21,6 @@ def stokes_channels() -> list[str]:
     """Return the names of a picture's channels for S1, S2 and S3, none if unpolarized."""
     colors = "L" if mi.is_monochromatic else "RGB"
     return [f"{each}.{c}" for each in STOKES[1:] for c in colors] if mi.is_polarized else []
-
-
-def transient_film(
-    film: mi.Film, temporal_bins: int, start_opl: float, bin_width_opl: float, **pixels: int
-) -> TransientHDRFilm:
-    """Return a new `transient_hdr_film` with the pixels and filters of another film.
-
-    Args:
-        film: The other film.
-        temporal_bins: Number of bins.
-        start_opl: Start of the first bin [m].
-        bin_width_opl: Width of a bin [m].
-        **pixels: Values that replace parameters of `pixels_of`.
-    """
-    bins = {
-        "temporal_bins": temporal_bins,
-        "start_opl": start_opl,
-        "bin_width_opl": bin_width_opl,
-        "temporal_filter": temporal_filter_of(film),
-    }
-    plugin = plugins.qualified_name("transient_hdr_film")
-    return mi.load_dict({"type": plugin} | pixels_of(film) | pixels | bins)
 
 
 def temporal_filter_of(film: mi.Film) -> str:

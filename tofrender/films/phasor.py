@@ -78,7 +78,7 @@ class PhasorHDRFilm(mi.Film):
 
     def recording(self, exposure: Exposure) -> PhasorRecording:
         """Return the recording of an integrator's light on this film, see `films.recording`."""
-        from .recording import PhasorRecording  # Not included in all student editions
+        from .recording import PhasorRecording  # Editions may leave it out
 
         return PhasorRecording(self, exposure)
 

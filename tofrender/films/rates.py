@@ -11,11 +11,11 @@ import mitsuba as mi
 from ..runtime import checks
 from .contribution import CameraRays, Contribution, rate_of
 from .exposure import Exposure
-from .image import transient_film
 from .phasor_sum import Factor, PhasorSum
 from .recording import BinRecording, PhasorRecording
 from .time_bins import TimeBins
 from .transient import TransientHDRFilm
+from .windowed import transient_film
 
 
 @dataclass(frozen=True)

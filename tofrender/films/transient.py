@@ -112,7 +112,7 @@ class TransientHDRFilm(mi.Film):
 
     def recording(self, exposure: Exposure) -> BinRecording:
         """Return the recording of an integrator's light on this film, see `films.recording`."""
-        from .recording import BinRecording  # Not included in all student editions
+        from .recording import BinRecording  # Editions may leave it out
 
         return BinRecording(self, exposure)
 

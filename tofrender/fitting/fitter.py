@@ -15,10 +15,11 @@ import mitsuba as mi
 import numpy as np
 import xarray as xr
 
+from ..films.image import time_bins
 from ..integrators.differentiable import VisibilityWarning
 from ..labels import TRANSIENT, Kind, bins_of, read, require_whole_stokes
 from ..rendering.dataset import pixels_and_channels
-from ..runtime import backend, checks
+from ..runtime import checks, variants
 from ..runtime.progress import ProgressBar, deferred_stop
 from ..scenes.loading import require_sensor
 from .losses import OF_TWO_RENDERS, WITH_FREQUENCIES, loss_of, require_same_shape
@@ -168,7 +169,7 @@ def fit(
         0.5
     """
     # Check the arguments
-    backend.require_vectorized()
+    variants.require_vectorized()
     checks.instance("scene", scene, mi.Scene, "a loaded scene, as mi.load_dict and load_scene give")
     film = require_sensor(scene, sensor).film()
     if integrator is not None:
@@ -397,8 +398,9 @@ def _target_tensor(given: Any, film: Any, camera_unwarp: bool) -> mi.TensorXf:
     # Check the shape
     width, height = (int(n) for n in film.crop_size())
     shape = (height, width)
-    if hasattr(film, "temporal_bins"):
-        shape += (film.temporal_bins,)
+    axis = time_bins(film)
+    if axis is not None:
+        shape += axis[:1]
     valid = array.shape[: len(shape)] == shape and array.size > 0
     allowed = ", ".join(map(str, (*shape, "...")))
     checks.shape("target", array, valid, f"({allowed}), the shape of the film")
@@ -408,7 +410,7 @@ def _target_tensor(given: Any, film: Any, camera_unwarp: bool) -> mi.TensorXf:
 def _labeled_bins(given: xr.Dataset | xr.DataArray, film: Any, camera_unwarp: bool) -> np.ndarray:
     """Return the light of a Dataset with the same pixels, bins and channels as the film."""
     # Read the light. A DataArray gets the film's bin width, which is checked below
-    if not hasattr(film, "temporal_bins"):
+    if time_bins(film) is None:
         raise ValueError("target = Dataset: must be an array for a film without time bins")
     if isinstance(given, xr.DataArray):
         given = given.to_dataset(name="transient").assign_attrs(bin_width_opl=film.bin_width_opl)

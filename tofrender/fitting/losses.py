@@ -16,6 +16,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..films.image import time_bins
 from ..runtime import checks
 from ..signals.units import SPEED_OF_LIGHT, check_below_limit
 
@@ -339,7 +340,7 @@ def loss_of(given: Any, frequency_hz: Any, film: Any) -> Callable[[Any, Any], An
 
     # A loss by name
     loss = LOSSES[checks.one_of("loss", name, tuple(LOSSES))]
-    if name not in ("l2", "scale_free") and not hasattr(film, "temporal_bins"):
+    if name not in ("l2", "scale_free") and time_bins(film) is None:
         raise ValueError(
             f"loss = {name!r}: must be 'l2' or 'scale_free' for a film without time bins"
         )

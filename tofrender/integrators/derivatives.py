@@ -21,7 +21,7 @@ from ..paths.protocols import Endpoint, Parts
 from ..paths.records import Path
 from ..paths.surfaces import has_lobes
 from ..paths.walk import accumulate
-from ..runtime import backend, checks
+from ..runtime import backend, checks, variants
 from ..runtime.lane_memory import packed
 from ..runtime.progress import ProgressBar
 from .differentiable import tracked
@@ -79,7 +79,7 @@ class Derivative:
     def __init__(
         self, plan: Plan, record: Recording, sensor: mi.Sensor, spp: int, detached: bool
     ) -> None:
-        backend.require_vectorized()
+        variants.require_vectorized()
         self.spp = checks.integer("spp_grad", spp, 1, checks.MAX_SPP)
         self.plan, self.record, self.sensor = plan.attached(), record, sensor
         self.changes = BinChanges if isinstance(record, BinRecording) else Changes

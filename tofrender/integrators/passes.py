@@ -24,7 +24,7 @@ from ..films.recording import Recording
 from ..films.sums import AsSplats
 from ..paths.camera import Tile, pixel_corner, sample_camera, sampled_size
 from ..paths.kinds import Kind
-from ..runtime import backend, checks, gpu, plugins
+from ..runtime import backend, checks, gpu, plugins, variants
 from ..runtime.checkpoints import SavedState
 from ..samplers.padded_sobol import mix
 from .caustics import Caustics
@@ -136,7 +136,7 @@ def steps(
         ValueError: The sensor is a batch of sensors.
         MemoryError: The film does not fit.
     """
-    backend.require_vectorized()
+    variants.require_vectorized()
     if sensor.class_name() == "BatchSensor":
         raise ValueError("sensor: is a batch of sensors; must be one, e.g. a perspective camera")
     tracer = tracer.for_bin_width(record.width_opl)

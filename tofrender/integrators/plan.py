@@ -94,7 +94,7 @@ class Plan(Parts):
     ) -> tuple[Endpoint, list[Contribution]]:
         """Return the endpoint for these rays, and light of what they hit that no path finds.
 
-        Only `nlos.light.scan` overrides it: its laser spot may follow the camera ray.
+        Only `nlos.light.scan_plan` overrides it: its laser spot may follow the camera ray.
         """
         return self.endpoint, []
 
@@ -152,7 +152,7 @@ class Plan(Parts):
         return measurement, path
 
     def connect_camera(self, endpoint, ray, origin, sampler, measurement, active):
-        """Add connections that replace paths around the corner, see `nlos.light.scan`.
+        """Add connections that replace paths around the corner, see `nlos.light.scan_plan`.
 
         Returns the measurement, and how many contributions were not finite.
         """

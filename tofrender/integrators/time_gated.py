@@ -13,9 +13,9 @@ import mitsuba as mi
 import numpy as np
 
 from ..films.exposure import BINS, PICTURE, Exposure
-from ..films.image import transient_film
 from ..films.recording import recording
 from ..films.sums import Weighted
+from ..films.windowed import transient_film
 from ..media.gated import GatedFog
 from ..media.space import Media
 from ..paths.endpoints import GatedLights

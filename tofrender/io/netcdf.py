@@ -8,7 +8,7 @@ import xarray as xr
 
 from ..runtime import checks
 from ..runtime.atomic import replacing
-from ..runtime.backend import versions
+from ..runtime.versions import versions
 from .files import reading, seal_file
 
 # Attributes of SciPy's file object, which attributes of a Dataset would replace

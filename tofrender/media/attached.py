@@ -24,17 +24,17 @@ from ..paths.records import Connection, MediumPoint, Path, Vertex
 from ..signals.polarisation import multiply_throughput
 from .flight import Flight
 from .phases import as_surface
-from .space import Media, medium_interaction
+from .transport import MediaTransport, medium_interaction
 
 
-class AttachedMedia(Media):
+class AttachedMedia(MediaTransport):
     """Media with derivatives by coefficients, and by surfaces around one homogeneous medium.
 
     Args:
         media: The media without derivatives.
     """
 
-    def __init__(self, media: Media) -> None:
+    def __init__(self, media: MediaTransport) -> None:
         vars(self).update(vars(media))
 
     def next_vertex(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:

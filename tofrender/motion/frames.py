@@ -13,13 +13,13 @@ import mitsuba as mi
 import numpy as np
 import xarray as xr
 
-from ..films.image import transient_film
+from ..films.windowed import transient_film
 from ..integrators.running import interrupted
 from ..rendering.dataset import LOST_ENERGY
-from ..rendering.job import Job, dataset_of, decide
+from ..rendering.job import Job, WorkItem, WorkResult, dataset_of, decide, whole
 from ..rendering.renderer import make_job
 from ..rendering.settings import RenderSettings, is_auto
-from ..rendering.work_items import WorkItem, WorkResult, render_item, whole
+from ..rendering.work_items import render_item
 from ..runtime import checks, memory
 from ..runtime.progress import ProgressBar, deferred_stop
 from ..scenes.motion import posed

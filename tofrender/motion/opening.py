@@ -12,7 +12,7 @@ from ..integrators.amcw import in_time
 from ..integrators.base import TransientIntegrator
 from ..rendering.renderer import open_scene
 from ..rendering.settings import RenderSettings
-from ..runtime import backend, checks
+from ..runtime import checks, variants
 from ..runtime.checkpoints import Checkpoint
 
 SUPPORTED = ("TransientPath", "TransientVolpath", "TransientLightTracer", "TransientBDPT")
@@ -46,7 +46,7 @@ def open_moving(settings: RenderSettings) -> tuple[mi.Scene, mi.Sensor, Transien
         ValueError: If the integrator is not supported or has a pulse; one line.
     """
     # The scene, and its integrator or the transient integrator with the same paths
-    backend.require_unpolarized()
+    variants.require_unpolarized()
     scene, integrator = open_scene(settings)
     tracer: Any = in_time(integrator)
     checks.one_of("integrator", type(tracer).__name__, SUPPORTED)

@@ -15,10 +15,10 @@ import xarray as xr
 
 from ..integrators.running import interrupted
 from ..rendering.dataset import LOST_ENERGY
-from ..rendering.job import Job, dataset_of, decide
+from ..rendering.job import Job, dataset_of, decide, whole
 from ..rendering.renderer import make_job
 from ..rendering.settings import RenderSettings, is_auto
-from ..rendering.work_items import render_item, whole
+from ..rendering.work_items import render_item
 from ..runtime import checks, memory
 from ..runtime.interface import pose
 from ..runtime.progress import ProgressBar

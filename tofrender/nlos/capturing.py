@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import mitsuba as mi
 import numpy as np
 
-from ..films.image import time_bins, transient_film
+from ..films.image import time_bins
 from ..films.recording import warn_not_finite
+from ..films.windowed import transient_film
 from ..integrators.passes import SampleRange, best_sampler, steps
 from ..integrators.running import interrupted, made_with, run
 from ..rendering.collecting import ArrayStore, collect
@@ -20,10 +21,10 @@ from ..rendering.settings import RenderSettings
 from ..rendering.window import warn_of_losses
 from ..rendering.work_items import render_item
 from ..rendering.workers import check_client, render_by_workers, require_client
-from ..runtime import backend, checks
-from ..runtime.backend import versions
+from ..runtime import checks, variants
 from ..runtime.checkpoints import Checkpoint, SavedState, SubCheckpoint
 from ..runtime.progress import ProgressBar, Stop, deferred_stop, status, without_bars
+from ..runtime.versions import versions
 from ..scenes.fingerprint import fingerprint
 from ..scenes.packing import packed
 from .captures import MODES, first_and_last_legs, make_capture, subtract_legs
@@ -108,7 +109,7 @@ def capture(
         (('y', 'x', 'opl', 'channel'), 'confocal')
     """
     # Check the arguments
-    backend.require_vectorized()
+    variants.require_vectorized()
     if mode is not None:
         checks.one_of("mode", mode, MODES)
     checks.boolean("progress", progress)
@@ -205,11 +206,15 @@ def require_same_capture(found: xr.Dataset, scene: Any, **options: Any) -> None:
     Raises:
         ValueError: The capture was made with other arguments; one line.
     """
-    # Compare attributes. Captures of earlier versions do not contain a fingerprint
+    # Compare the settings
     setup = prepare_capture(scene, **options)
-    wanted = {"mode": setup.mode, "spp": setup.spp, "seed": setup.seed, "variant": mi.variant()}
-    if "fingerprint" in found.attrs:
-        wanted["fingerprint"] = fingerprint(setup.scene, setup.camera, setup.integrator)
+    wanted = {
+        "mode": setup.mode,
+        "spp": setup.spp,
+        "seed": setup.seed,
+        "variant": mi.variant(),
+        "fingerprint": fingerprint(setup.scene, setup.camera, setup.integrator),
+    }
     for name, value in wanted.items():
         stored = found.attrs.get(name)
         if stored != value:
@@ -353,7 +358,8 @@ class ExhaustiveCapture:
         else:
             check_client(client)
             store = ArrayStore(self, self.spots, self.arrays, self.recipe, POINTS, checkpoint)
-            store.collect(render_by_workers(client, self, store.left), progress)
+            results = render_by_workers(client, self, store.left, ExhaustiveCapture.render)
+            store.collect(results, progress)
 
         # Compare the energy inside the bins with all energy
         values = self.arrays["values"]

@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..runtime import backend
+from ..runtime import backend, variants
 from ..scenes.media import CROSSINGS, LEAKS, PROBES, STEPS
 from .surfaces import bsdfs_in, has_lobes, materials, name_of, number_of, spawn_ray
 
@@ -111,7 +111,7 @@ def index_around(scene: mi.Scene, sensor: mi.Sensor) -> float:
     """
     if not has_lobes(scene, *LOBES):
         return 1.0
-    backend.require_vectorized()
+    variants.require_vectorized()
 
     # Trace straight rays from the sensor in all directions, by a Kronecker sequence
     u = np.arange(1, RAYS + 1)[:, None] * STEPS % 1

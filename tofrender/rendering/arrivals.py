@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import drjit as dr
@@ -96,6 +98,15 @@ class Arrivals:
         low, high = (0.0, 0.0) if profile is None else profile.support
         overlaps = (self.edges[1:] + high > start_opl) & (self.edges[:-1] + low < stop_opl)
         return int(self.hits[overlaps].sum())
+
+
+Look = Callable[[int], Arrivals]
+"""Test render with a seed."""
+
+
+def looking_once(plan: Plan, sensor: mi.Sensor, film: TransientHDRFilm) -> Look:
+    """Return a function for test renders that makes the test render of each seed once."""
+    return cache(partial(find_arrivals, plan, sensor, film))
 
 
 @status("Looking for light")

@@ -3,6 +3,7 @@
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterator, Mapping, Sequence
+from functools import partial
 from os import PathLike
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
@@ -11,9 +12,9 @@ import numpy as np
 from ..integrators.running import stopped
 from ..runtime.checkpoints import Checkpoint
 from ..runtime.progress import ProgressBar, deferred_stop
-from .job import Job
+from .job import Job, WorkResult, whole
 from .tiling import sample_ranges, tile_size, tiles
-from .work_items import WorkResult, whole
+from .work_items import render_item
 from .workers import check_client, render_by_workers
 
 if TYPE_CHECKING:
@@ -136,7 +137,8 @@ def collect(
     recipe = job.full_recipe | {"spp": count, "workers": workers}
     start = time.perf_counter()
     store = ArrayStore(job, items, arrays, recipe, "pieces", checkpoint)
-    store.collect(render_by_workers(client, job, store.left), progress)
+    results = render_by_workers(client, job, store.left, partial(render_item, progress=False))
+    store.collect(results, progress)
     seconds = time.perf_counter() - start
     not_finite = int(arrays.pop("not_finite")[0])
     return WorkResult(arrays, count, not_finite, seconds)

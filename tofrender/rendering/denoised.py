@@ -14,9 +14,10 @@ from .dataset import HALVES
 from .labels import labelled
 
 if TYPE_CHECKING:
+    import mitsuba as mi
     import xarray as xr
 
-    from .job import Job
+    from ..films.transient import TransientHDRFilm
 
 
 @status("Removing noise")
@@ -67,7 +68,9 @@ def denoise(dataset: Annotated[xr.Dataset, FILM]) -> xr.Dataset:
     return labelled(dataset.assign(variables).assign_attrs(denoised=1))
 
 
-def denoised(job: Job, dataset: xr.Dataset) -> xr.Dataset:
-    """Add the features of a job's camera to its Dataset, and remove noise."""
-    features = HALVES["features"], render_features(job.scene, job.camera, job.film)
+def denoised(
+    dataset: xr.Dataset, scene: mi.Scene, camera: mi.Sensor, film: TransientHDRFilm
+) -> xr.Dataset:
+    """Add the features that a camera of the scene sees to a Dataset, and remove its noise."""
+    features = HALVES["features"], render_features(scene, camera, film)
     return denoise(dataset.assign(raw=dataset["transient"].variable, features=features))

@@ -13,16 +13,16 @@ import numpy as np
 
 from ..films.exposure import profile as seen_pulse
 from ..films.histogram import MAX_ADDED, TAKEN_COPIES
-from ..films.image import transient_film
 from ..films.recording import Recording, recording, warn_not_finite
+from ..films.windowed import transient_film
 from ..integrators.plan import Plan
 from ..integrators.user_defined import is_user_defined
 from ..labels import FILM, read
 from ..runtime import checks, memory, plugins
-from ..runtime.backend import versions
 from ..runtime.settings import SAMPLERS
+from ..runtime.versions import versions
 from ..scenes.fingerprint import fingerprint
-from .arrivals import LAST_OPL, Arrivals, find_arrivals
+from .arrivals import LAST_OPL, Arrivals, Look, looking_once
 from .dataset import coordinates, require_finite, transient_dataset
 from .errors import batches_of
 from .settings import RenderSettings, is_auto
@@ -34,7 +34,6 @@ from .window import (
     warn_of_losses,
     windowed_film,
 )
-from .work_items import WorkItem, WorkResult, render_item, whole
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -46,6 +45,34 @@ if TYPE_CHECKING:
 DEFAULT_SAMPLER = "padded_sobol"
 
 DENOISING = 7  # Films that the filter works on besides the one that is rendered
+
+
+@dataclass(frozen=True, order=True)
+class WorkItem:
+    """Some samples of some pixels."""
+
+    y: int  # first row of the pixels in the film's crop window
+    x: int  # first column
+    height: int  # rows
+    width: int  # columns
+    first: int  # samples per pixel before the first of these
+    count: int  # samples per pixel
+
+    def pixels(self, array: np.ndarray) -> np.ndarray:
+        """The item's pixels of an array of the whole film, (height, width, ...), as a view."""
+        return array[self.y : self.y + self.height, self.x : self.x + self.width]
+
+
+@dataclass
+class WorkResult:
+    """Result of a work item."""
+
+    # `transient` (height, width, temporal_bins, channels), `steady` (height, width, channels), and
+    # their standard errors, `transient_error` and `steady_error`, if wanted
+    arrays: dict[str, np.ndarray]
+    done: int  # samples per pixel that were taken: fewer than the item's if it was stopped
+    not_finite: int = 0  # contributions that were left out
+    seconds: float = 0.0  # time that it took [s]
 
 
 @dataclass
@@ -109,10 +136,6 @@ class Job:
         named = {**self.more, **self.recipe, "film": str(self.film)}
         return named | {"fingerprint": named.pop("fingerprint")}  # What has a name is told first
 
-    def render(self, item: WorkItem, **options: Any) -> WorkResult:
-        """Render a work item, see `render_item`; an exhaustive capture renders its own."""
-        return render_item(self, item, **options)
-
     def add(self, arrays: dict[str, np.ndarray], item: WorkItem, result: WorkResult) -> None:
         """Add the result of a work item to the arrays of the whole film."""
         fraction = np.float32(item.count / self.points().sample_count())
@@ -137,6 +160,12 @@ class Job:
         )
 
 
+def whole(job: Job, first: int = 0) -> WorkItem:
+    """All pixels, and all samples after the `first` ones."""
+    height, width, _, _ = job.film.shape
+    return WorkItem(0, 0, height, width, first, job.points(first).sample_count())
+
+
 def decide(
     plan: Plan,
     integrator: TransientIntegrator,
@@ -145,17 +174,18 @@ def decide(
     origin: tuple[Callable[..., Job], Mapping[str, object]],
     axis: tuple[int, float, float] | None = None,
     may_be_dark: bool = False,
+    look: Look | None = None,
 ) -> Job:
     """Find the window, and refuse what makes no sense in it, unless it `may_be_dark`.
 
     The arguments are as a `Job` has them; `axis` is the number, start and width [m] of the bins, if
-    they were decided elsewhere.
+    they were decided elsewhere. `look` makes test renders, if there is such a function already.
     """
     camera = scene.sensors()[settings.sensor]
     if axis is not None:
         film, profile, arrivals = transient_film(camera.film(), *axis), None, None
     else:
-        film, profile, arrivals = film_of_light(plan, integrator, camera, settings)
+        film, profile, arrivals = film_of_light(plan, integrator, camera, settings, look)
         if not may_be_dark:
             check_window(film, arrivals, profile)
     job = Job(plan, integrator, scene, settings, film, profile, arrivals, origin)
@@ -217,7 +247,7 @@ def dataset_of(job: Job, result: WorkResult, resume: xr.Dataset | None = None) -
         return dataset
     from .denoised import denoised  # Imports much of SciPy
 
-    return denoised(job, dataset)
+    return denoised(dataset, job.scene, job.camera, job.film)
 
 
 def render_attributes(job: Job, steady: float, transient: float) -> dict[str, Any]:
@@ -246,16 +276,17 @@ def warn_of_missing(job: Job, attrs: Mapping[str, Any], stacklevel: int) -> None
 
 
 def film_of_light(
-    plan: Plan, integrator: TransientIntegrator, camera: mi.Sensor, settings: RenderSettings
+    plan: Plan,
+    integrator: TransientIntegrator,
+    camera: mi.Sensor,
+    settings: RenderSettings,
+    look: Look | None = None,
 ) -> tuple[TransientHDRFilm, Pulse | None, Arrivals]:
     """The film with its window, the pulse that it sees, and when light arrives."""
     exposure = integrator.exposure()
     film = windowed_film(camera.film(), *settings.time_axis)
     profile = seen_pulse(film, exposure)  # Refuses what does not fit together
-
-    def look(seed: int) -> Arrivals:
-        return find_arrivals(plan, camera, film, seed)
-
+    look = look or looking_once(plan, camera, film)
     arrivals = look(ARRIVALS_SEED)
     if is_auto(settings.window):
         allowed = "must be (start, stop) in metres"

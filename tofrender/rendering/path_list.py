@@ -22,7 +22,7 @@ from ..integrators.user_defined import follows
 from ..paths.camera import CameraSample, sample_camera, sampled_size
 from ..paths.walk import step
 from ..paths.window import KINDS, Window
-from ..runtime import backend, checks
+from ..runtime import backend, checks, variants
 from ..scenes.checking import check_view
 from ..scenes.loading import load_plugin, load_scene, require_sensor
 from ..signals.polarisation import components, scaled
@@ -75,7 +75,7 @@ def paths_of(
         >>> paths["shape"].values[0, 0].item(), bool((paths["opl"] < 8).all())
         ('sensor', True)
     """
-    backend.require_vectorized()
+    variants.require_vectorized()
     count = checks.integer("count", count, 1, MOST_PATHS)
     spp = checks.integer("spp", spp, 1, 1 << 20)
     checks.integer("seed", seed, 0, checks.MAX_SEED)

@@ -6,21 +6,22 @@ from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import fields, replace
 from os import PathLike
-from typing import TYPE_CHECKING, Annotated, Any, overload
+from typing import TYPE_CHECKING, Annotated, Any
 
 import mitsuba as mi
 
 from ..integrators.user_defined import follows_beams
 from ..labels import FILM
-from ..runtime import backend, checks
+from ..runtime import checks, variants
 from ..runtime.checkpoints import Checkpoint
+from ..runtime.editions import LeftOut
 from ..runtime.progress import status, without_bars
 from ..runtime.settings import INTEGRATORS
-from ..runtime.withheld import Withheld
 from ..scenes.checking import check_scene
 from ..scenes.loading import is_steady, load_plugin, load_scene, require_light, require_sensor
 from ..scenes.packing import packed
 from ..signals.pulses import GaussianPulse
+from .arrivals import Look, looking_once
 from .collecting import collect
 from .job import Job, dataset_of, decide, remaining
 from .settings import RenderSettings, is_auto
@@ -41,15 +42,10 @@ WINDOW_CHANGES = {"temporal_bins", "start_opl", "bin_width_opl"}
 
 Integrator = str | Mapping[str, object] | mi.Integrator | None
 
-WITH_PARAMS = {"scene", "params", "spp", "seed", "integrator", "sensor", "progress"}
-"""Arguments that may be given with `params`."""
 
-
-@overload
 def render(
     scene: mi.Scene | Mapping[str, object] | str | PathLike[str],
     *,
-    params: None = None,
     spp: int | None = None,
     seed: int = 0,
     size: tuple[int, int] | None = None,
@@ -63,6 +59,7 @@ def render(
     sampler: str | mi.Sampler | None = None,
     sensor: int = 0,
     define: Mapping[str, object] | None = None,
+    settings: Mapping[str, object] | None = None,
     errors: bool = False,
     denoise: bool = False,
     resume: Annotated[xr.Dataset, FILM] | None = None,
@@ -72,63 +69,18 @@ def render(
     scheduler: str | None = None,
     client: Client | None = None,
     progress: bool = True,
-    settings: Mapping[str, object] | None = None,
-) -> xr.Dataset: ...
-
-
-@overload
-def render(
-    scene: mi.Scene,
-    *,
-    params: mi.SceneParameters,
-    spp: int | None = None,
-    seed: int = 0,
-    integrator: Integrator = None,
-    sensor: int = 0,
-    progress: bool = True,
-) -> tuple[mi.TensorXf, mi.TensorXf]: ...
-
-
-def render(
-    scene: mi.Scene | Mapping[str, object] | str | PathLike[str],
-    *,
-    params: mi.SceneParameters | None = None,
-    spp: int | None = None,
-    seed: int = 0,
-    size: tuple[int, int] | None = None,
-    bins: int | None = None,
-    start_opl: float | None = None,
-    bin_width: float | None = None,
-    window: str | tuple[float, float] | None = None,
-    pulse_width: float | str | None = None,
-    max_depth: int | None = None,
-    integrator: Integrator = None,
-    sampler: str | mi.Sampler | None = None,
-    sensor: int = 0,
-    define: Mapping[str, object] | None = None,
-    errors: bool = False,
-    denoise: bool = False,
-    resume: Annotated[xr.Dataset, FILM] | None = None,
-    checkpoint: Checkpoint | str | PathLike[str] | None = None,
-    out: str | PathLike[str] | None = None,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    client: Client | None = None,
-    progress: bool = True,
-    settings: Mapping[str, object] | None = None,
-) -> xr.Dataset | tuple[mi.TensorXf, mi.TensorXf]:
+) -> xr.Dataset:
     """Render a scene in time.
 
-    The arguments are called as the options of the command `tofrender render`.
+    The arguments are called as the options of the command `tofrender render`. Arguments up to
+    `denoise` define what is rendered. Arguments from `resume` on define how the work is done: from
+    which earlier result, where it is saved, and by which processes. The result has no derivatives:
+    for these, call `mi.render(scene, params)`.
     See also `load_scene`, `merge`, `explore`, `report`.
 
     Args:
         scene: Built-in name or path of a Mitsuba XML file; or a dict as for `mi.load_dict`, or a
             loaded scene.
-        params: Parameters of a loaded scene, as of `mi.traverse(scene)`, some of which track
-            gradients (`dr.enable_grad`). With them, this is `mi.render(scene, params)`, for
-            `dr.forward` and `dr.backward`, and only `spp`, `seed`, `integrator`, `sensor` and
-            `progress` may be given.
         spp: Samples per pixel, 1 to 2^24; by default the scene's. Powers of two suit the default
             sampler best; Mitsuba's samplers round to what they can do.
         seed: Seed of all random numbers. Two renders with the same seed agree to float rounding.
@@ -152,6 +104,8 @@ def render(
             used if `spp` is not given.
         sensor: Index of the sensor.
         define: Values of an XML file's parameters, by name.
+        settings: More changes of the scene while it is loaded, as keyword arguments of `load_scene`
+            by name.
         errors: Estimate the standard error of each bin from 16 independent batches of samples, or
             from 8 or 4 batches if `spp` is not a multiple of 16.
         denoise: Remove noise from the film by the difference of two renders with half of the
@@ -171,8 +125,6 @@ def render(
         scheduler: Address of a Dask scheduler. Its workers render.
         client: A `distributed.Client` of a scheduler.
         progress: Show progress bars of long work.
-        settings: More changes of the scene while it is loaded, as keyword arguments of `load_scene`
-            by name.
 
     Returns:
         A Dataset with `transient (y, x, opl, channel)`, the radiance that arrives in each bin, and
@@ -184,20 +136,14 @@ def render(
         2 of 3 bins that many paths reach. Ctrl-C, SIGTERM and SIGHUP return what is finished, with
         `complete` = 0 and `spp` as far as it got; a second one ends it at once.
 
-        With `params`, the pair (steady, transient), tensors (height, width, channels) and (height,
-        width, bins, channels) of the same radiance, which track gradients.
-
     Raises:
         ValueError: An argument or the scene is wrong, or no light can reach the window.
         MemoryError: The bins do not fit; the message says what would.
         BackendError: The active variant cannot render in time.
         KeyboardInterrupt: A render with `out` or workers was stopped; one line.
-        RuntimeError: `params` track gradients and the integrator has no derivatives.
 
     Warns:
-        UserWarning: More than 1 % of the energy is outside the window, or the render was stopped;
-            or `params` that track gradients move things, and derivatives leave out what becomes
-            visible or hidden.
+        UserWarning: More than 1 % of the energy is outside the window, or the render was stopped.
 
     Example:
         >>> dataset = render("cornell_box", spp=1, size=(64, 64), window=(3.5, 15.0))
@@ -205,27 +151,10 @@ def render(
         {'y': 64, 'x': 64, 'opl': 300, 'channel': 3}
         >>> dataset["transient"].sel(time=20.0, method="nearest").dims
         ('y', 'x', 'channel')
-
-        How a picture changes with an albedo:
-
-        >>> import drjit as dr
-        >>> scene = load_scene("cornell_box", width=4, height=4, pulse_width_opl=0.1)
-        >>> params = mi.traverse(scene)
-        >>> dr.enable_grad(params["green.reflectance.value"])
-        >>> steady, transient = render(scene, params=params, spp=1, progress=False)
-        >>> dr.backward(dr.mean(steady))
-        >>> params["green.reflectance.value"].grad.y[0] > 0
-        True
     """
     arguments = locals().copy()  # All of them, by name
-    backend.require_vectorized()
+    variants.require_vectorized()
     checks.boolean("progress", progress)
-    if params is not None:
-        for name, value in arguments.items():
-            if name not in WITH_PARAMS and value is not None and value is not False:
-                raise ValueError(f"{name} = {checks.quote(value)}: must be left out with `params`")
-        with without_bars(not progress):
-            return _render_attached(scene, params, spp, seed, integrator, sensor)
     wanted = RenderSettings(**{each.name: arguments[each.name] for each in fields(RenderSettings)})
     by_workers = check_workers(workers=workers, scheduler=scheduler, client=client)
     if out is not None:
@@ -252,33 +181,12 @@ def render(
             return dataset_of(job, result, resume)
 
 
-def _render_attached(
-    scene: object, params: object, spp: int | None, seed: Any, integrator: Integrator, sensor: int
-) -> tuple[mi.TensorXf, mi.TensorXf]:
-    """Steady and transient light that track gradients."""
-    checks.instance("scene", scene, mi.Scene, "a loaded scene with `params`, as of load_scene")
-    checks.instance("params", params, mi.SceneParameters, "those of mi.traverse(scene)")
-    settings = RenderSettings(scene, spp=spp, seed=seed, integrator=integrator, sensor=sensor)
-    scene, own = open_scene(settings)
-    light: Any = None
-    refused: BaseException | None = None
-    try:
-        light = mi.render(scene, params, sensor=sensor, integrator=own, seed=seed, spp=spp or 0)
-    except RuntimeError as error:
-        refused = error.__cause__  # Dr.Jit only says that there is one
-        if refused is None:
-            raise
-    if refused is not None:
-        raise refused  # Out here it gets no context, whose cause it is
-    return light
-
-
 def make_job(
     settings: RenderSettings,
     axis: tuple[int, float, float] | None = None,
     may_be_dark: bool = False,
 ) -> Job:
-    """Load the scene once, and find its window and pulse.
+    """Load the scene once, look for its light once, and find its window and pulse.
 
     `axis` and `may_be_dark` are as for `decide`.
     """
@@ -289,8 +197,11 @@ def make_job(
 
     # Find the window of a render without a pulse, and the pulse that suits this window
     without_pulse = replace(settings, pulse_width=None)
-    job = _job_of(without_pulse, scene, integrator, axis, may_be_dark)
-    width = pulse_width_for(job)
+    camera = scene.sensors()[settings.sensor]
+    empty = windowed_film(camera.film(), *settings.time_axis)
+    look = looking_once(integrator.plan(scene, camera), camera, empty)
+    job = _job_of(without_pulse, scene, integrator, axis, may_be_dark, look)
+    width = pulse_width_for(job.film, job.integrator.pulse)
     if width is None:
         return job
 
@@ -298,7 +209,7 @@ def make_job(
     _require_own_integrator(settings, integrator)
     integrator.pulse = GaussianPulse(width)
     with_pulse = replace(settings, pulse_width=width)
-    return _job_of(with_pulse, scene, integrator, axis, may_be_dark)
+    return _job_of(with_pulse, scene, integrator, axis, may_be_dark, look)
 
 
 def _job_of(
@@ -307,11 +218,12 @@ def _job_of(
     integrator: TransientIntegrator,
     axis: tuple[int, float, float] | None,
     may_be_dark: bool,
+    look: Look | None = None,
 ) -> Job:
-    """Return the job of a loaded scene."""
+    """Return the job of a loaded scene; `look` is as for `decide`."""
     plan = integrator.plan(scene, scene.sensors()[settings.sensor])
     origin = _job_in_worker, settings.values
-    return decide(plan, integrator, scene, settings, origin, axis, may_be_dark)
+    return decide(plan, integrator, scene, settings, origin, axis, may_be_dark, look)
 
 
 def _require_own_integrator(settings: RenderSettings, integrator: TransientIntegrator) -> None:
@@ -362,7 +274,7 @@ def _is_steady(settings: RenderSettings) -> bool:
 
 def open_scene(settings: RenderSettings) -> tuple[mi.Scene, TransientIntegrator]:
     """Load and check a scene, and its integrator or the one that is used instead."""
-    backend.require_vectorized()
+    variants.require_vectorized()
     scene, integrator = settings.scene, settings.integrator
     if not isinstance(scene, mi.Scene):
         if isinstance(integrator, Mapping):  # Mitsuba's own message depends on earlier loads
@@ -394,9 +306,9 @@ def _integrator(scene: mi.Scene, integrator: Any) -> TransientIntegrator:
     if isinstance(integrator, Mapping):
         integrator = load_plugin("integrator", integrator)
     found: Any = scene.integrator() if integrator is None else integrator
-    withheld = getattr(found, "withheld", None)
-    if withheld is not None:
-        raise Withheld(f"integrator = {withheld}")
+    left_out = getattr(found, "left_out", None)
+    if left_out is not None:
+        raise LeftOut(f"integrator = {left_out}")
     if not getattr(found, "fills_bins", False):
         cls = type(found)
         foreign = cls.__module__.partition(".")[0] not in ("mitsuba", "builtins", "tofrender")

@@ -1,18 +1,15 @@
-"""Films on disk: a Zarr 3 group that grows by work items, each written once and checked.
+"""Films on disk: Zarr 3 groups that grow by work items, see `GroupStore`.
 
-A tile of pixels is a shard of the array `transient`, one file, in which blocks of bins can be read
-alone; every block has a CRC-32C. While a film is incomplete, receipts beside it say which tiles are
-there, with the CRC-32C of their files; at the end the metadata are consolidated, all files are
-listed, and the film moves out of the folder that holds both.
+A tile of pixels is a shard of the array `transient`. A shard is one file, in which blocks of bins
+can be read alone. Each block has a CRC-32C.
 """
 
 from __future__ import annotations
 
-import json
 import os
-import warnings
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,132 +19,94 @@ from ..labels import FILM as RENDERED
 from ..runtime import atomic, checks
 from ..runtime.progress import status
 from .dataset import DIMS, ERRORS, for_file, of_intensity, plain_attributes
-from .films_on_disk import checksum, list_files, load_zarr, require_whole, require_zarr
+from .films_on_disk import load_zarr, require_zarr
+from .group_store import BLOCK_BYTES, GroupStore, PartReceipt, put_labels
+from .job import WorkItem, WorkResult
 from .labels import TIME, labels_of
 from .tiling import tile_size
-from .work_items import WorkItem, WorkResult
 
 if TYPE_CHECKING:
     import xarray as xr
 
 SUFFIX = ".zarr"
-FILM, RECEIPTS, PLAN = "film.zarr", "receipts", "plan.json"
-BLOCK_BYTES = 4 << 20  # Most bytes of a block that is read and checked by itself
 
 
-@dataclass
-class Receipt:
+@dataclass(kw_only=True)
+class TileReceipt(PartReceipt):
     """Checksums and sums of a tile on disk."""
 
-    files: dict[str, int]  # CRC-32C of each file, by its name
     steady: float  # sum of all values
     transient: float  # sum of all values
     not_finite: int  # contributions that were left out
     seconds: float  # time that it took [s]
 
 
-class Store:
-    """A film on disk that is being rendered, begun by `Store.begin`."""
+class StoredFilm(GroupStore[WorkItem, TileReceipt]):
+    """A film on disk that is being rendered, begun by `StoredFilm.begin`."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder, self.film, self.plan = folder, folder / FILM, self.planned(folder)
-        self.shape, self.tile = tuple(self.plan["shape"]), tuple(self.plan["tile"])
-        group = self._group()
-        self._arrays = {name: group[name] for name in DIMS | ERRORS if name in group}
+    group_name = "film.zarr"
+    what = "film"
+    receipt_class = TileReceipt
 
     @classmethod
     def begin(
         cls,
         folder: Path,
-        plan: Mapping[str, object],
+        recipe: Mapping[str, object],
         shape: tuple[int, int, int, int],
         tile: tuple[int, int],
         errors: bool = False,
-    ) -> Store:
-        """Go on with a film, or begin one."""
-        plan = json.loads(json.dumps(dict(plan) | {"shape": shape, "tile": tile, "errors": errors}))
-        found = cls.planned(folder)
-        if found:
-            require_whole(folder / FILM, listed=False)
-            for name, value in plan.items():
-                if found.get(name) != value:
-                    raise ValueError(
-                        f"{folder}: was begun with {name} = {found.get(name)!r}; must be "
-                        f"{value!r}, or the folder removed"
-                    )
-        else:
-            _create(folder, shape, tile, errors)
-            with atomic.replacing(folder / RECEIPTS / PLAN) as file:
-                file.write_text(json.dumps(plan))
-        return cls(folder)
+    ) -> StoredFilm:
+        """Continue with an unfinished film, or begin one."""
+        recipe = dict(recipe) | {"shape": shape, "tile": tile, "errors": errors}
+        create = partial(_create_arrays, shape=shape, tile=tile, errors=errors)
+        return cls.continued(folder, recipe, create)
 
-    @staticmethod
-    def planned(folder: Path) -> dict[str, Any]:
-        """Recipe of a film that was begun, empty if there is none."""
-        try:
-            return dict(json.loads((folder / RECEIPTS / PLAN).read_text()))
-        except (OSError, ValueError, TypeError):
-            return {}
+    @property
+    def tile(self) -> tuple[int, int]:
+        """Size of a tile: rows and columns."""
+        rows, columns = self.recipe["tile"]
+        return rows, columns
 
-    def _group(self) -> Any:
-        return require_zarr().open_group(self.film, mode="r+", zarr_format=3)
+    def _open_arrays(self) -> dict[str, Any]:
+        """Return the arrays of the film, by name."""
+        return {name: self.group[name] for name in DIMS | ERRORS if name in self.group}
 
-    def write(self, item: WorkItem, result: WorkResult) -> Receipt:
-        """Write the result of a work item, whole tiles."""
-        for name in self._files(item):  # Zarr would read what is damaged before it writes
-            (self.film / name).unlink()
-        try:
-            pixels = np.s_[item.y : item.y + item.height, item.x : item.x + item.width]
-            for name, array in result.arrays.items():
-                self._arrays[name][pixels] = array
-        except OSError as error:
-            if error.errno not in atomic.DISK_FULL:
-                raise
-            raise atomic.disk_full(self.folder, result.arrays["transient"].nbytes) from None
-        files = {}
-        for name in self._files(item):
-            atomic.sync(self.film / name)
-            files[name] = checksum(self.film / name)
+    def name_of(self, part: WorkItem) -> str:
+        """Return the name of a work item."""
+        return f"tile {part.y} {part.x}"
+
+    def _indices(self, part: WorkItem) -> Any:
+        """Return the pixels of a work item."""
+        return np.s_[part.y : part.y + part.height, part.x : part.x + part.width]
+
+    def _file_names(self, part: WorkItem) -> list[str]:
+        """Return the names of all files that may contain a work item."""
+        rows, columns = self.tile
+        return [
+            "/".join([array, "c", str(y), str(x), *("0" for _ in (DIMS | ERRORS)[array][2:])])
+            for y in range(part.y // rows, -(-(part.y + part.height) // rows))
+            for x in range(part.x // columns, -(-(part.x + part.width) // columns))
+            for array in self.arrays
+        ]
+
+    def write(self, item: WorkItem, result: WorkResult) -> TileReceipt:
+        """Write the result of a work item that consists of whole tiles."""
         steady, transient = (
             float(of_intensity(result.arrays[name]).sum(dtype=np.float64))
             for name in ("steady", "transient")
         )
-        receipt = Receipt(files, steady, transient, result.not_finite, result.seconds)
-        with atomic.replacing(self._receipt(item)) as file:
-            file.write_text(json.dumps(asdict(receipt)))
-        return receipt
-
-    def receipt(self, item: WorkItem) -> Receipt | None:
-        """The receipt of a work item that is there and undamaged."""
-        path = self._receipt(item)
-        if not path.exists():
-            return None
-        try:
-            receipt = Receipt(**json.loads(path.read_text()))
-            if all(checksum(self.film / name) == crc for name, crc in receipt.files.items()):
-                return receipt
-        except (OSError, ValueError, TypeError):
-            pass
-        warnings.warn(f"{path.stem} of {self.folder}: is damaged, rendering it", stacklevel=2)
-        return None
+        receipt = TileReceipt(
+            steady=steady,
+            transient=transient,
+            not_finite=result.not_finite,
+            seconds=result.seconds,
+        )
+        return self.write_part(item, result.arrays, receipt)
 
     def checkpoint_path(self, item: WorkItem) -> Path:
-        """Name of the checkpoint of a work item under way."""
-        return self._receipt(item).with_suffix(".npz")
-
-    def _receipt(self, item: WorkItem) -> Path:
-        return self.folder / RECEIPTS / f"tile {item.y} {item.x}.json"
-
-    def _files(self, item: WorkItem) -> list[str]:
-        """Names of the files that hold a work item; those of zeros alone are not there."""
-        rows, columns = self.tile
-        names = [
-            "/".join([array, "c", str(y), str(x), *("0" for _ in (DIMS | ERRORS)[array][2:])])
-            for y in range(item.y // rows, -(-(item.y + item.height) // rows))
-            for x in range(item.x // columns, -(-(item.x + item.width) // columns))
-            for array in self._arrays
-        ]
-        return [name for name in names if (self.film / name).exists()]
+        """Return the path of the checkpoint of an unfinished work item."""
+        return self.receipt_path(item).with_suffix(".npz")
 
     def finish(
         self,
@@ -156,44 +115,15 @@ class Store:
         target: Path,
         labels: Mapping[str, Mapping[str, object]] | None = None,
     ) -> None:
-        """Write coordinates and attributes, those of variables too, and move the film."""
-        group = self._group()
+        """Write coordinates and attributes, also of variables, and move the film to its place."""
+        group = require_zarr().open_group(self.group_path, mode="r+", zarr_format=3)
         for name, values in coordinates.items():
-            if name == TIME:
-                continue
-            put_labels(group, name, values, [name])
+            if name != TIME:
+                put_labels(group, name, values, [name])
         for name, array in group.arrays():
             array.attrs.update(labels_of(name, attrs) | dict((labels or {}).get(name, {})))
         group.attrs.update(dict(attrs))
-        put_in_place(self.film, target)
-        atomic.remove(self.folder)
-
-
-def put_labels(group: Any, name: str, values: np.ndarray, axes: list[str]) -> None:
-    """Write a small array, of numbers or text, in place of one that is there."""
-    text = values.dtype.kind == "U"
-    array = group.create_array(
-        name,
-        shape=values.shape,
-        dtype=str if text else values.dtype,
-        dimension_names=axes,
-        overwrite=True,
-    )
-    array[:] = values.astype(object) if text else values
-
-
-def put_in_place(folder: Path, target: Path, arrays: Iterable[str] = DIMS | ERRORS) -> None:
-    """Consolidate the metadata of a group that is complete, and move it to its place.
-
-    All files are listed, so that one that is missing is found; see `list_files` for `arrays`.
-    """
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Consolidated metadata is currently not part")
-        require_zarr().consolidate_metadata(folder)
-    list_files(folder, arrays)
-    atomic.sync(folder)
-    os.rename(folder, target)
-    atomic.sync(target.parent, deep=False)
+        self.move_to(target, DIMS | ERRORS)
 
 
 @status("Writing Zarr")
@@ -228,11 +158,11 @@ def save_zarr(dataset: Annotated[xr.Dataset, RENDERED], path: str | os.PathLike[
     errors = "transient_error" in dataset
     with atomic.locked(target):
         folder = under_way(target)
-        if Store.planned(folder):
+        if StoredFilm.planned(folder):
             what = f"{folder} is of a stopped render"
             raise FileExistsError(f"path = {path}: {what}; must be another, or remove that")
         atomic.remove(folder)
-        store = Store.begin(folder, {}, shape, tile, errors)
+        store = StoredFilm.begin(folder, {}, shape, tile, errors)
         for y in range(0, shape[0], rows):
             for x in range(0, shape[1], columns):
                 part = dataset.isel(y=slice(y, y + rows), x=slice(x, x + columns))
@@ -261,19 +191,16 @@ def under_way(out: str | os.PathLike[str]) -> Path:
     return atomic.sibling(out, ".film")
 
 
-def _create(
-    folder: Path, shape: tuple[int, int, int, int], tile: tuple[int, int], errors: bool
+def _create_arrays(
+    group: Any, *, shape: tuple[int, int, int, int], tile: tuple[int, int], errors: bool
 ) -> None:
-    """Make an empty film."""
-    atomic.remove(folder)
-    zarr = require_zarr()
+    """Create the arrays of an empty film."""
     from zarr.codecs import Crc32cCodec
 
     height, width, bins, channels = shape
     rows, columns = tile
     block = max(1, min(bins, BLOCK_BYTES // (4 * rows * columns * channels)))
     along = -(-bins // block) * block
-    group = zarr.open_group(folder / FILM, mode="w", zarr_format=3)
     common: dict[str, Any] = {"dtype": "float32", "compressors": [Crc32cCodec()], "fill_value": 0.0}
     for suffix in ("", "_error") if errors else ("",):
         group.create_array(
@@ -291,4 +218,3 @@ def _create(
             dimension_names=DIMS["steady"],
             **common,
         )
-    (folder / RECEIPTS).mkdir()

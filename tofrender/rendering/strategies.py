@@ -13,7 +13,7 @@ import xarray as xr
 
 from ..films.recording import recording, warn_not_finite
 from ..integrators.passes import steps
-from ..runtime import backend, checks, memory
+from ..runtime import checks, memory, variants
 from ..runtime.progress import ProgressBar
 from ..scenes.loading import load_plugin
 from .dataset import DIMS, coordinates
@@ -85,8 +85,8 @@ def strategy_pyramid(
         >>> [str(name) for name in pyramid.strategy.values]
         ['0,2', '1,1', '0,3', '1,2', '2,1']
     """
-    backend.require_vectorized()
-    backend.require_unpolarized()
+    variants.require_vectorized()
+    variants.require_unpolarized()
     kind = {"type": KIND, "max_depth": max_depth}
     settings = RenderSettings(
         scene, spp, seed, size, bins, window=window, integrator=kind, sensor=sensor

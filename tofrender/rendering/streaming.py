@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,10 +15,10 @@ from ..runtime.progress import EVERY_S, deferred_stop
 from .collecting import ResultStore
 from .dataset import channel_coordinates
 from .films_on_disk import load_zarr
-from .job import render_attributes, warn_of_missing
-from .store import Receipt, Store, check_film, under_way
+from .job import WorkItem, render_attributes, warn_of_missing, whole
+from .store import StoredFilm, TileReceipt, check_film, under_way
 from .tiling import tile_size, tiles
-from .work_items import WorkItem, render_item, whole
+from .work_items import render_item
 from .workers import check_client, render_by_workers
 
 if TYPE_CHECKING:
@@ -27,16 +28,16 @@ if TYPE_CHECKING:
     from .job import Job
 
 
-class FilmStore(ResultStore[WorkItem, Receipt]):
+class FilmStore(ResultStore[WorkItem, TileReceipt]):
     """Keeps the receipts of work items whose results are in a film on disk."""
 
-    def __init__(self, items: list[WorkItem], film: Store, again: str) -> None:
+    def __init__(self, items: list[WorkItem], film: StoredFilm, again: str) -> None:
         super().__init__(items, "tiles", again)
         found = {item: film.receipt(item) for item in items}
         self.receipts = {item: receipt for item, receipt in found.items() if receipt is not None}
         self.finished.update(self.receipts)
 
-    def put(self, item: WorkItem, result: Receipt) -> None:
+    def put(self, item: WorkItem, result: TileReceipt) -> None:
         """Keep the receipt of an item that is on disk."""
         self.receipts[item] = result
 
@@ -78,7 +79,8 @@ def stream(
         if client is None:
             done = _render_here(job, film, results.left, seconds)
         else:
-            done = render_by_workers(client, job, results.left, folder)
+            take = partial(render_item, progress=False)
+            done = render_by_workers(client, job, results.left, take, folder)
         results.collect(done, progress)
         attrs = _attributes(job, list(results.receipts.values()))
         film.finish(channel_coordinates(job.film), attrs, target)
@@ -86,11 +88,11 @@ def stream(
     return load_zarr(target)
 
 
-def _open_store(job: Job, folder: Path, workers: int) -> Store:
+def _open_store(job: Job, folder: Path, workers: int) -> StoredFilm:
     """The film under way, or a new one."""
     recipe = {"spp": whole(job).count, **job.full_recipe}
-    rows, columns = Store.planned(folder).get("tile") or tile_size(job.film.shape, workers)
-    return Store.begin(folder, recipe, job.film.shape, (rows, columns), job.settings.errors)
+    rows, columns = StoredFilm.planned(folder).get("tile") or tile_size(job.film.shape, workers)
+    return StoredFilm.begin(folder, recipe, job.film.shape, (rows, columns), job.settings.errors)
 
 
 def _require_disk_space(folder: Path, shape: tuple[int, int, int, int], films: int) -> None:
@@ -103,8 +105,8 @@ def _require_disk_space(folder: Path, shape: tuple[int, int, int, int], films: i
 
 
 def _render_here(
-    job: Job, film: Store, items: list[WorkItem], seconds: float
-) -> Iterator[tuple[WorkItem, Receipt]]:
+    job: Job, film: StoredFilm, items: list[WorkItem], seconds: float
+) -> Iterator[tuple[WorkItem, TileReceipt]]:
     """Render work items in this process, each with a checkpoint of its own."""
     with deferred_stop() as stop:
         for item in items:
@@ -122,7 +124,7 @@ def _render_here(
                 raise KeyboardInterrupt
 
 
-def _attributes(job: Job, receipts: list[Receipt]) -> dict[str, Any]:
+def _attributes(job: Job, receipts: list[TileReceipt]) -> dict[str, Any]:
     """Attributes of a finished film."""
     steady, transient = (
         sum(getattr(r, name) for r in receipts) for name in ("steady", "transient")

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..runtime import memory
-from .work_items import WorkItem, whole
+from .job import WorkItem, whole
 
 if TYPE_CHECKING:
     from .job import Job

@@ -6,7 +6,8 @@ import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from ..films.image import require_resolved, time_bins, transient_film
+from ..films.image import require_resolved, time_bins
+from ..films.windowed import transient_film
 from .arrivals import PATHS, Arrivals
 from .dataset import LOST_ENERGY
 from .settings import is_auto, start_and_width
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
 
     from ..films.transient import TransientHDRFilm
     from ..signals.pulses import Pulse
-    from .job import Job
 
 CHECK_HITS = 1 << 12
 """Contributions that check an automatic window, fewer if the scene has so little light."""
@@ -147,12 +147,12 @@ def warn_of_losses(
     )
 
 
-def pulse_width_for(job: Job) -> float | None:
-    """A pulse that makes a film of few paths smooth and still shows wavefronts.
+def pulse_width_for(film: TransientHDRFilm, pulse: Pulse | None) -> float | None:
+    """Return the width of a pulse that makes few paths smooth and still shows wavefronts.
 
-    Its standard deviation [m] is a 128th of the window, rounded to two digits; a path then lights
-    about five of 300 bins. None where the light has a pulse already, or bins are as wide as that.
+    The width is the standard deviation [m], a 128th of the window, rounded to two digits. A path
+    then lights about five of 300 bins. The result is None if the light already has a `pulse`, or if
+    the bins are wider than twice that width.
     """
-    film = job.film
     width = float(f"{(film.end_opl() - film.start_opl) / PULSES:.2g}")
-    return None if job.integrator.pulse or width < film.bin_width_opl / 2 else width
+    return None if pulse or width < film.bin_width_opl / 2 else width

@@ -7,13 +7,13 @@ add up to the whole but for rounding, however it is cut. Other samplers give eac
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
 import numpy as np
 
-from ..films.image import transient_film
+from ..films.windowed import transient_film
 from ..integrators.passes import SampleRange, steps
 from ..integrators.plan import Plan
 from ..integrators.running import UNIT, interrupted, run
@@ -22,47 +22,13 @@ from ..paths.camera import Tile
 from ..runtime.checkpoints import Checkpoint, SavedState, SubCheckpoint
 from ..runtime.progress import deferred_stop
 from .errors import Halves, Scatter, batches_of, seed_of
+from .job import Job, WorkItem, WorkResult, whole
 
 if TYPE_CHECKING:
     from ..films.transient import TransientHDRFilm
-    from .job import Job
 
 DIRECT, DIRECT_SAMPLES = 2, 4
 """Segments of paths that a render with `denoise` renders apart, and with how many times `spp`."""
-
-
-@dataclass(frozen=True, order=True)
-class WorkItem:
-    """Some samples of some pixels."""
-
-    y: int  # first row of the pixels in the film's crop window
-    x: int  # first column
-    height: int  # rows
-    width: int  # columns
-    first: int  # samples per pixel before the first of these
-    count: int  # samples per pixel
-
-    def pixels(self, array: np.ndarray) -> np.ndarray:
-        """The item's pixels of an array of the whole film, (height, width, ...), as a view."""
-        return array[self.y : self.y + self.height, self.x : self.x + self.width]
-
-
-@dataclass
-class WorkResult:
-    """Result of a work item."""
-
-    # `transient` (height, width, temporal_bins, channels), `steady` (height, width, channels), and
-    # their standard errors, `transient_error` and `steady_error`, if wanted
-    arrays: dict[str, np.ndarray]
-    done: int  # samples per pixel that were taken: fewer than the item's if it was stopped
-    not_finite: int = 0  # contributions that were left out
-    seconds: float = 0.0  # time that it took [s]
-
-
-def whole(job: Job, first: int = 0) -> WorkItem:
-    """All pixels, and all samples after the `first` ones."""
-    height, width, _, _ = job.film.shape
-    return WorkItem(0, 0, height, width, first, job.points(first).sample_count())
 
 
 def render_item(

@@ -22,12 +22,12 @@ import drjit as dr
 import mitsuba as mi
 
 from ..runtime import backend, checks, gpu
-from ..runtime.backend import versions
 from ..runtime.child_processes import safe_children
+from ..runtime.versions import versions
 from ..scenes.packing import packed, unpacked
+from .job import WorkItem, WorkResult
 from .settings import MAX_WORKERS, SETTINGS
-from .store import Receipt, Store
-from .work_items import WorkItem, WorkResult
+from .store import StoredFilm, TileReceipt
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -46,6 +46,7 @@ RESTART_TIMEOUT = "10 minutes"
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+Made = TypeVar("Made")
 
 THREADS = "TOFRENDER_THREADS"
 """Variable of a worker's environment with the number of threads that it renders on."""
@@ -55,8 +56,10 @@ THREADS = "TOFRENDER_THREADS"
 class Order:
     """All that a worker needs to make the same job."""
 
-    # makes a job of `arguments`; found by its name in the worker's own package
+    # Functions that make a job of `arguments`, and render an item of the job. Workers find both by
+    # their names in their own package
     make: Callable[..., Job]
+    render_item: Callable[[Job, Any], Any]
     arguments: Mapping[str, object]  # plain values, by name
     variant: str  # Mitsuba's variant
     axis: tuple[int, float, float]  # number of the bins, their start and width [m]
@@ -65,27 +68,41 @@ class Order:
     key: str  # tells orders apart
 
     @classmethod
-    def of(cls, job: Job, folder: Path | None) -> Order:
-        """The order for a job."""
+    def of(cls, job: Job, folder: Path | None, render_item: Callable[[Job, Any], Any]) -> Order:
+        """Return the order for a job, whose items a function renders."""
         make, arguments = job.origin
         for name in ("integrator", "sampler"):
             if not isinstance(arguments.get(name), str | Mapping | None):
                 kind = type(arguments[name]).__name__
                 raise ValueError(f"{name} = {kind}: cannot be sent to workers; must be a name")
-        film, mark = job.film, job.recipe["fingerprint"]
-        axis = film.shape[2], film.start_opl, film.bin_width_opl
-        sent = {name: packed(name, value) for name, value in arguments.items()}
-        there = None if folder is None else str(folder.resolve())
-        return cls(make, sent, mi.variant() or "", axis, mark, there, uuid.uuid4().hex)
+        film = job.film
+        return cls(
+            make=make,
+            render_item=render_item,
+            arguments={name: packed(name, value) for name, value in arguments.items()},
+            variant=mi.variant() or "",
+            axis=(film.shape[2], film.start_opl, film.bin_width_opl),
+            fingerprint=job.recipe["fingerprint"],
+            folder=None if folder is None else str(folder.resolve()),
+            key=uuid.uuid4().hex,
+        )
 
-    def render(self, item: WorkItem) -> WorkResult | Receipt:
+    def render(self, item: WorkItem) -> WorkResult | TileReceipt:
         """Render a work item here, in a worker: gives its result, or the receipt of its tile."""
-        mi.set_variant(self.variant)
-        job = _job(self)
+        job = kept_by_worker(self.key, self.variant, self._make_job)
         if self.folder is None:
-            return job.render(item, progress=False)
-        store = Store(Path(self.folder))
-        return store.receipt(item) or store.write(item, job.render(item, progress=False))
+            return self.render_item(job, item)
+
+        # Another worker may have rendered the tile already
+        store = StoredFilm(Path(self.folder))
+        return store.receipt(item) or store.write(item, self.render_item(job, item))
+
+    def _make_job(self) -> Job:
+        """Make the job in a worker."""
+        job = self.make(**unpacked(self.arguments), axis=self.axis)
+        if job.recipe["fingerprint"] != self.fingerprint:
+            raise ValueError("scene: differs on this worker's machine; must be the same there")
+        return job
 
 
 @contextmanager
@@ -270,13 +287,25 @@ def check_client(client: object) -> int:
 
 
 def render_by_workers(
-    client: Client, job: Job, items: Sequence[WorkItem], folder: Path | None = None
-) -> Iterator[tuple[WorkItem, Any]]:
-    """Have work items of a job rendered; gives each with its result as it is done.
+    client: Client,
+    job: Job,
+    items: Sequence[Item],
+    render_item: Callable[[Any, Item], Any],
+    folder: Path | None = None,
+) -> Iterator[tuple[Item, Any]]:
+    """Let workers render the items of a job.
 
-    With `folder`, a film on disk that workers see too, they write to it, and results are receipts.
+    Args:
+        client: The client of the workers.
+        job: The job.
+        items: The items.
+        render_item: Function that renders an item of the job. Workers find it by its name.
+        folder: A film on disk that the workers write to. Results are receipts then.
+
+    Yields:
+        Each item with its result, when it is finished.
     """
-    return distribute(client, partial(Order.render, Order.of(job, folder)), items)
+    return distribute(client, partial(Order.render, Order.of(job, folder, render_item)), items)
 
 
 def distribute(
@@ -363,18 +392,25 @@ It has the `sys.argv` of the process that started it: if that is the command, an
 tofrender alone activates no variant.
 """
 
-_jobs: dict[str, Job] = {}
+_kept: dict[str, Any] = {}
 
 
-def _job(order: Order) -> Job:
-    """The job of an order, kept for its next item."""
-    if order.key not in _jobs:
-        _jobs.clear()
-        backend.activate(order.variant)
-        job = order.make(**unpacked(order.arguments), axis=order.axis)
-        if job.recipe["fingerprint"] != order.fingerprint:
-            raise ValueError("scene: differs on this worker's machine; must be the same there")
-        if os.environ.get(THREADS):  # Only now, as Mitsuba reads files by several threads
+def kept_by_worker(key: str, variant: str, make: Callable[[], Made]) -> Made:
+    """Return what a worker makes once for all items with the same key.
+
+    Args:
+        key: Key of the items. What was made for another key is dropped.
+        variant: Mitsuba's variant, which is activated.
+        make: Function that loads what the items need, for example a job.
+    """
+    if key not in _kept:
+        _kept.clear()
+        backend.activate(variant)
+        made = make()
+
+        # Mitsuba reads files with several threads, so the number is set afterwards
+        if os.environ.get(THREADS):
             dr.set_thread_count(int(os.environ[THREADS]))
-        _jobs[order.key] = job
-    return _jobs[order.key]
+        _kept[key] = made
+    mi.set_variant(variant)
+    return _kept[key]

@@ -2,21 +2,23 @@
 
 import atexit
 import gc
-import json
 import os
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.metadata import version
 from typing import Any
 
 from . import checks, gpu, llvm, memory, plugins
 from .progress import held_signals
+from .variants import BackendError
 
 # Address space [bytes] of Python, Mitsuba, Dr.Jit and LLVM, and of each thread of Dr.Jit
 START = 480 << 20
 THREAD = 8 << 20
+
+NO_VARIANT = "TOFRENDER_NO_VARIANT"
+"""Environment variable. If it is set, `import tofrender` activates no variant."""
 
 # With a single thread, Mitsuba would wait forever while it reads or writes pictures
 LEAST_THREADS = 2
@@ -78,10 +80,6 @@ def _free_unused_scenes() -> None:
     _scenes[:] = [s for s, count in zip(_scenes, counts[1], strict=True) if count > counts[0][0]]
 
 
-class BackendError(RuntimeError):
-    """Error if rendering is not possible. The message is one line with the command that helps."""
-
-
 def activate(variant: str | None = None) -> str:
     """Activate a Mitsuba variant that works on this machine, and register our plugins in it.
 
@@ -129,40 +127,6 @@ def activate(variant: str | None = None) -> str:
         mi.set_variant(chosen)
     plugins.register(chosen)
     return chosen
-
-
-def require_unpolarized() -> None:
-    """Refuse polarized variants, for results that cannot contain Stokes vectors."""
-    import mitsuba as mi
-
-    if mi.is_polarized:
-        plain = str(mi.variant()).replace("_polarized", "")
-        raise BackendError(
-            f"variant = {mi.variant()!r}: its Stokes vectors cannot be kept here. Use a variant "
-            f"like {plain}, or call `tofrender render`"
-        )
-
-
-def require_vectorized() -> None:
-    """Refuse scalar variants, and a missing variant."""
-    import mitsuba as mi
-
-    variant = mi.variant()
-    if variant is None or variant.startswith("scalar"):
-        raise BackendError(
-            f"variant = {variant!r}: cannot render in time, must be an {plugins.KINDS} variant; "
-            "call mi.set_variant('llvm_ad_rgb') first"
-        )
-
-
-def versions() -> str:
-    """Return the versions of this package, Mitsuba and Dr.Jit, as JSON."""
-    import mitsuba as mi
-
-    from .. import __version__
-
-    found = {"tofrender": __version__, "mitsuba": mi.__version__, "drjit": version("drjit")}
-    return json.dumps(found)
 
 
 def default_variant() -> str:

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from .withheld import Withheld, error_for
+from .editions import LeftOut, error_for
 
 _REPLACEMENTS = {"focus_emitter_at_relay_wall_pixel": "use focus_laser(scene, pixel=(x, y))"}
 """Names of mitransient, and what to use instead."""
@@ -48,7 +48,7 @@ def attach_stub(
             return importlib.import_module(f"{package}.{name}")
         try:
             module = importlib.import_module(parent)
-        except Withheld as reason:
+        except LeftOut as reason:
             raise error_for(package, name, reason) from None
         if not hasattr(module, name):
             return importlib.import_module(f"{parent}.{name}")

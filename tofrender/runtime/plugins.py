@@ -14,7 +14,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from . import withheld
+from . import editions, variants
 
 
 class Plugin(NamedTuple):
@@ -71,9 +71,6 @@ Therefore our plugins are also registered as "tofrender_...". `qualified_name` r
 # Modules with a function `maker` that converts the class of a plugin to its factory
 _MAKERS = {"transient_path": "tofrender.nlos.light.confocal"}
 
-# Variants that support time-resolved rendering
-KINDS = "llvm_*, cuda_* or metal_*"
-
 # Default of max_depth in mitransient's volumetric integrators
 PEER_DEPTH = 6
 
@@ -86,17 +83,17 @@ def plugin(class_name: str) -> Any:
 
     Raises:
         AttributeError: The variant does not support the plugin.
-        Withheld: The module of the plugin is not part of this edition.
+        LeftOut: The module of the plugin is not part of this edition.
     """
     import mitsuba as mi
 
     variant = mi.variant()
     if class_name not in PLUGINS or variant is None or variant.startswith("scalar"):
-        needed = f"needs an {KINDS} variant; the active one is"
+        needed = f"needs an {variants.KINDS} variant; the active one is"
         raise AttributeError(f"tofrender.{class_name} {needed} {variant!r}")
-    reason = withheld.refusal(PLUGINS[class_name].home)
+    reason = editions.refusal(PLUGINS[class_name].home)
     if reason is not None:
-        raise withheld.error_for("tofrender", class_name, withheld.Withheld(reason))
+        raise editions.error_for("tofrender", class_name, editions.LeftOut(reason))
     register(variant)
     return _classes[variant][class_name]
 
@@ -180,7 +177,7 @@ def register(variant: str) -> None:
         return
 
     # Execute the modules, and register their classes
-    loaded = {name: _run(name) for name in MODULES if withheld.refusal(name) is None}
+    loaded = {name: _run(name) for name in MODULES if editions.refusal(name) is None}
     _classes[variant] = {}
     for class_name, each in PLUGINS.items():
         if each.home in loaded:
@@ -189,7 +186,7 @@ def register(variant: str) -> None:
             if _MAKERS.get(each.name) in loaded:
                 factory = loaded[_MAKERS[each.name]].maker(factory)
         else:
-            factory = withheld.placeholder(class_name, each.name, each.kind, each.home)
+            factory = editions.placeholder(class_name, each.name, each.kind, each.home)
             if factory is None:
                 continue
         for name in (each.name, f"tofrender_{each.name}"):
@@ -212,9 +209,7 @@ def limit_depth(props: Any) -> None:
 
 def _refuse(_: Any) -> Any:
     """Refuse a plugin in a scalar variant, and name the supported variants."""
-    from .backend import require_vectorized
-
-    require_vectorized()
+    variants.require_vectorized()
 
 
 def _run(module: str) -> Any:

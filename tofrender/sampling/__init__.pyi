@@ -17,6 +17,7 @@ from .points import (
 from .scene_emitters import emitters_of as emitters_of
 from .shapes import SurfaceGroup as SurfaceGroup
 from .spheres import Sphere as Sphere
+from .table import WARPS as WARPS, Warp as Warp
 from .triangles_and_caps import (
     sample_sphere_cap as sample_sphere_cap,
     sample_sphere_cap_pdf as sample_sphere_cap_pdf,
@@ -25,8 +26,6 @@ from .triangles_and_caps import (
 )
 from .verdicts import Moment as Moment, SuiteVerdict as SuiteVerdict, Verdict as Verdict
 from .warps import (
-    WARPS as WARPS,
-    Warp as Warp,
     square_to_beckmann as square_to_beckmann,
     square_to_beckmann_pdf as square_to_beckmann_pdf,
     square_to_cosine_hemisphere as square_to_cosine_hemisphere,

@@ -11,8 +11,8 @@ import mitsuba as mi
 
 from ..runtime import checks
 from .chi_square import Case
+from .table import WARPS
 from .triangles_and_caps import point
-from .warps import WARPS
 
 
 def warp_case(name: str, **parameter: Any) -> Case:

@@ -9,8 +9,8 @@ import drjit as dr
 import mitsuba as mi
 
 from ..integrators.plan import Plan
-from ..nlos.light.laser_spot import LaserSpot, Spot, scatter_beam
-from ..nlos.light.scan import Scan
+from ..nlos.light.laser_spot import LaserSpot, scatter_beam
+from ..nlos.light.scan import Scan, Spot
 from ..paths.delta_lobes import DeltaLobes, Wavefront
 from ..paths.protocols import Endpoint, HistoryUpdates, Parts, Space
 from ..paths.records import BSDFEval, BSDFSample, Connection, Limits, Path, Vertex

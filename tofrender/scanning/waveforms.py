@@ -18,7 +18,7 @@ from ..integrators.running import UNIT, interrupted, run
 from ..labels import PATTERN
 from ..paths.surfaces import first_surface
 from ..rendering.window import warn_of_losses
-from ..runtime import backend, checks
+from ..runtime import backend, checks, variants
 from ..runtime.interface import pose
 from ..scenes.checking import check_scene
 from ..scenes.loading import load_plugin, load_scene, require_sensor
@@ -99,8 +99,8 @@ def lidar(
         (('shot', 'bin'), 3.2)
     """
     # Check the arguments
-    backend.require_vectorized()
-    backend.require_unpolarized()
+    variants.require_vectorized()
+    variants.require_unpolarized()
     photons = checks.number("photons", photons, positive=True)
     area = math.pi / 4 * checks.number("aperture_m", aperture_m, positive=True) ** 2
     half_angle = checks.number("divergence_rad", divergence_rad, low=0, high=0.5)

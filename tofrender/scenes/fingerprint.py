@@ -25,7 +25,7 @@ from .motion import moved
 from .nodes import NAMELESS, is_kind
 
 RULE = "2-"
-"""Prefix of fingerprints. Fingerprints without a prefix are older and distinguish fewer scenes."""
+"""Prefix of fingerprints: the number of the rule by which they are made."""
 
 DESCRIPTION = "description "  # Start of the id of a scene with a stored description
 NOT_COUNTED = (mi.ObjectType.Film, mi.ObjectType.Sampler, mi.ObjectType.Integrator)

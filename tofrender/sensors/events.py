@@ -11,14 +11,12 @@ block the detector, and with the afterpulses that have not happened yet.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from .rates import Block, generator
-
-if TYPE_CHECKING:
-    from .spad import Spad
+from .spad_parameters import SpadParameters
 
 # Expected avalanches of a row of SPADs in a chunk of cycles
 CHUNK = 1 << 20
@@ -40,7 +38,7 @@ class Pending(NamedTuple):
 NOTHING = Pending(np.zeros(0, np.int64), np.zeros(0, np.int64))
 
 
-class Layout:
+class KeyLayout:
     """Keys of a row of pixels.
 
     Args:
@@ -61,11 +59,11 @@ class Layout:
         # Avalanches of the chunk before are in the gap before a pixel
         self.pixel_stride = self.cycles * self.cycle_stride + 2 * gap
 
-    def chunk(self, cycles: int) -> Layout:
+    def chunk(self, cycles: int) -> KeyLayout:
         """Return the layout of a chunk with this number of cycles."""
-        return Layout((self.width, cycles, self.bins), self.dead, self.window, self.free)
+        return KeyLayout((self.width, cycles, self.bins), self.dead, self.window, self.free)
 
-    def chunks(self, per_cycle: float) -> Iterator[tuple[int, Layout]]:
+    def chunks(self, per_cycle: float) -> Iterator[tuple[int, KeyLayout]]:
         """Cut the cycles into chunks, for so many expected avalanches of a row in a cycle.
 
         Yields:
@@ -95,7 +93,7 @@ class Layout:
         return Pending(pixel[last], time[last])
 
 
-def arrivals(rng: np.random.Generator, rates: np.ndarray, layout: Layout) -> np.ndarray:
+def arrivals(rng: np.random.Generator, rates: np.ndarray, layout: KeyLayout) -> np.ndarray:
     """Sample sorted keys of the photons of a row (pixel, bin), with Poisson numbers of photons."""
     counts = rng.poisson(rates * layout.cycles)
     first = np.arange(layout.width)[:, None] * layout.pixel_stride + np.arange(layout.bins)
@@ -131,7 +129,7 @@ def detected(keys: np.ndarray, dead: int | None, paralysable: bool) -> np.ndarra
     return found
 
 
-class Row:
+class SpadRow:
     """Simulation of the photons and avalanches of a row of SPADs, chunk after chunk.
 
     Args:
@@ -142,7 +140,9 @@ class Row:
         bin_s: Width of the bins [s].
     """
 
-    def __init__(self, spad: Spad, rates: np.ndarray, seed: int, row: int, bin_s: float) -> None:
+    def __init__(
+        self, spad: SpadParameters, rates: np.ndarray, seed: int, row: int, bin_s: float
+    ) -> None:
         self.spad = spad
         self.rates = rates
         self.rng = generator(seed, row)
@@ -155,11 +155,11 @@ class Row:
         self.blocking = NOTHING
         self.waiting = NOTHING
 
-    def arrive(self, layout: Layout) -> None:
+    def arrive(self, layout: KeyLayout) -> None:
         """Sample the photons of a chunk."""
         self.photons = arrivals(self.rng, self.rates, layout)
 
-    def crosstalk(self, layout: Layout) -> dict[int, np.ndarray]:
+    def crosstalk(self, layout: KeyLayout) -> dict[int, np.ndarray]:
         """Sample the avalanches that detected photons cause in neighbors, by relative row."""
         keys, before = self._with_blocking(self.photons, self.blocking_alone, layout)
         found = detected(keys, layout.dead, self.spad.paralysable)
@@ -174,7 +174,7 @@ class Row:
         beside.append(sources[(side == 2) & (pixel < layout.width - 1)] + layout.pixel_stride)
         return {0: np.concatenate(beside), -1: sources[side == 1], 1: sources[side == 3]}
 
-    def detect(self, more: list[np.ndarray], layout: Layout) -> np.ndarray:
+    def detect(self, more: list[np.ndarray], layout: KeyLayout) -> np.ndarray:
         """Return the sorted keys of detections among the photons and `more` avalanches."""
         keys = self.photons
         if more:
@@ -189,7 +189,7 @@ class Row:
         return keys[found & ~before]
 
     def _with_blocking(
-        self, keys: np.ndarray, blocking: Pending, layout: Layout
+        self, keys: np.ndarray, blocking: Pending, layout: KeyLayout
     ) -> tuple[np.ndarray, Any]:
         """Add avalanches of the chunk before to sorted keys, and return which these are."""
         if not blocking.pixel.size:
@@ -198,7 +198,7 @@ class Row:
         order = np.argsort(keys, kind="stable")
         return keys[order], order < blocking.pixel.size
 
-    def _detect_with_afterpulses(self, keys: np.ndarray, layout: Layout) -> np.ndarray:
+    def _detect_with_afterpulses(self, keys: np.ndarray, layout: KeyLayout) -> np.ndarray:
         """Return sorted keys of detections among sorted keys and their afterpulses."""
         # Start with what the chunk before has left
         length = layout.cycles * layout.bins
@@ -305,12 +305,12 @@ def caused_and_detected(
 class MacroPixels:
     """Detections of a row of macro pixels, chunk after chunk."""
 
-    def __init__(self, spad: Spad) -> None:
+    def __init__(self, spad: SpadParameters) -> None:
         self.spad = spad
         self.recent = NOTHING
         self.blocking = NOTHING
 
-    def detect(self, rows: list[np.ndarray], layout: Layout) -> np.ndarray:
+    def detect(self, rows: list[np.ndarray], layout: KeyLayout) -> np.ndarray:
         """Return sorted keys of detections from the detections of the rows of SPADs."""
         if self.spad.macro_pixel == (1, 1):
             return rows[0]
@@ -323,7 +323,7 @@ class MacroPixels:
             keys = keys[detected(keys, layout.dead, paralysable=False)]
         return keys
 
-    def _coincident(self, keys: np.ndarray, layout: Layout) -> np.ndarray:
+    def _coincident(self, keys: np.ndarray, layout: KeyLayout) -> np.ndarray:
         """Return the keys of avalanches that complete a coincidence within the window."""
         # Avalanches of the chunk before count, but their own detections have been returned
         earlier = layout.keys_of(self.recent)
@@ -350,8 +350,8 @@ class MacroPixels:
 
 
 def detections(
-    spad: Spad, block: Block, layout: Layout, seed: int, bin_s: float
-) -> Iterator[tuple[int, int, Layout, np.ndarray]]:
+    spad: SpadParameters, block: Block, layout: KeyLayout, seed: int, bin_s: float
+) -> Iterator[tuple[int, int, KeyLayout, np.ndarray]]:
     """Simulate the detections of a block, row by row of macro pixels and chunk by chunk of cycles.
 
     Yields:
@@ -366,7 +366,8 @@ def detections(
         inner = range(start, start + size)
         low, high = (0, len(block.values)) if crosses else (inner.start, inner.stop)
         rows = {
-            k: Row(spad, block.values[k], seed, block.first + k, bin_s) for k in range(low, high)
+            k: SpadRow(spad, block.values[k], seed, block.first + k, bin_s)
+            for k in range(low, high)
         }
         macro_pixels = {k: MacroPixels(spad) for k in inner[::tall]}
 

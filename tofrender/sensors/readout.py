@@ -1,7 +1,7 @@
 """Readout of SPAD arrays: time stamps with jitter and TDC codes, and their histograms."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -10,14 +10,12 @@ from ..labels import require_consecutive
 from ..runtime import checks
 from ..signals.units import SPEED_OF_LIGHT
 from .dead_time import armed_detections, sample_counts
-from .events import Layout, detections
+from .events import KeyLayout, detections
 from .jitter import add_jitter, kernel, sample_jitter
 from .pile_up import first_photon
 from .rates import Block, Rates, generator
 from .response import distribution
-
-if TYPE_CHECKING:
-    from .spad import Spad
+from .spad_parameters import SpadParameters
 
 # Rows that are simulated together
 ROWS = 8
@@ -43,7 +41,7 @@ class Readout:
         attrs: Attributes of results.
     """
 
-    def __init__(self, spad: "Spad", rates: Rates, seed: int = 0) -> None:
+    def __init__(self, spad: SpadParameters, rates: Rates, seed: int = 0) -> None:
         self.spad = spad
         self.rates = rates
         self.seed = seed
@@ -64,7 +62,7 @@ class Readout:
         dead = bins if spad.mode == "first_photon" else dead
         window = rates.bins_of("coincidence_window_s", spad.coincidence_window_s)
         free = spad.mode == "free_running"
-        self.layout = Layout((width, rates.cycles, bins), dead, window, free)
+        self.layout = KeyLayout((width, rates.cycles, bins), dead, window, free)
 
         # Width of the TDC's codes, in bins
         merged = (spad.tdc_lsb_s or self.bin_s) / self.bin_s

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...runtime import backend
-from ...runtime.withheld import Withheld
+from ...runtime.editions import LeftOut
 from ...signals.colour import LUMINANCE
 from ..ui import bundle
 from ..ui.page import App, failure
@@ -65,7 +65,7 @@ class Comparison(App):
             self.tell(message={"title": "Rendering …"})
         try:
             names, frames, curves, rows = await self.run(work)
-        except (ValueError, RuntimeError, OSError, Withheld) as error:
+        except (ValueError, RuntimeError, OSError, LeftOut) as error:
             self.tell(message=failure("There is no picture", error))
             return
         height, width, channels = frames[0].shape

@@ -14,7 +14,7 @@ from ...runtime.progress import ProgressBar
 from ...sensors.multi_zone import MultiZone
 from ...signals.pulses import KnotPulse
 from .agreement import Agreement, agreement, correlations
-from .recordings import FILES, PARTS, Recording, load_recording, training_poses
+from .recordings import FILES, PARTS, ChipRecording, load_recording, training_poses
 
 TRAINED = "tall_block"
 OTHER_MESH = "pyramid"  # Whose mesh is the control with a wrong scene
@@ -156,7 +156,7 @@ def predicted(found: Calibration, parts: dict[str, xr.Dataset]) -> np.ndarray:
 
 
 def _controls(
-    trained: Recording, fitted: np.ndarray, recording: Recording, held: np.ndarray
+    trained: ChipRecording, fitted: np.ndarray, recording: ChipRecording, held: np.ndarray
 ) -> dict[str, float]:
     """Return the median correlation with the mean of the fitted histograms, and with the nearest.
 

@@ -38,7 +38,7 @@ SAME_HEIGHT_M = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class ChipRecording:
     """Histograms of one object from many poses.
 
     Args:
@@ -57,7 +57,7 @@ class Recording:
 
     def render(
         self,
-        shown: Recording | None = None,
+        shown: ChipRecording | None = None,
         *,
         size: int = 12,
         spp: int = 4,
@@ -105,7 +105,7 @@ class Recording:
         }
 
 
-def load_recording(folder: Path, name: str) -> Recording:
+def load_recording(folder: Path, name: str) -> ChipRecording:
     """Read a recording from the folder of the data."""
     folder = checks.path("path", folder)
     if not folder.is_dir():
@@ -116,7 +116,7 @@ def load_recording(folder: Path, name: str) -> Recording:
     if "to_world" not in data:
         raise ValueError(f"path = {histograms}: contains no poses; must have a pose in each record")
     vertices, faces = read_stl(mesh)
-    return Recording(
+    return ChipRecording(
         name=name,
         counts=np.asarray(data["counts"].values, np.float64),
         poses=data["to_world"].values,

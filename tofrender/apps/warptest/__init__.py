@@ -1,6 +1,6 @@
 """The warp tester: warps, shapes and lights to look at, and their chi-square tests.
 
-`subjects` lists them, `sources` has their functions by this package and by a student, which
+`subjects` lists them, `sources` has their functions by this package and by a user, which
 `probes` calls in a process of its own; `engine` draws and tests, `window` is the page.
 """
 
@@ -16,7 +16,7 @@ def warptest(subject: str = "tent", *, module: Any = None, **parameters: Any) ->
     """Open the interactive warp tester in a notebook.
 
     It draws warped points and the grid of the unit square, and tests samples against the density.
-    A student's module runs in a process of its own, with the judge's protection, and is loaded
+    A user's module runs in a process of its own, in a sandbox, and is loaded
     again when its file changes. `tofrender warptest` opens the same in a browser.
 
     Args:
@@ -24,8 +24,8 @@ def warptest(subject: str = "tent", *, module: Any = None, **parameters: Any) ->
             "uniform_disk", "uniform_sphere", "uniform_hemisphere", "cosine_hemisphere", "beckmann",
             "hierarchical", "no_op"; "triangle", "sphere_cap"; "quad_light", "triangle_light",
             "sphere_light", "two_lights".
-        module: A student's Python file, or folder of files, with functions of the course. By
-            default the working folder's in a student edition, else none.
+        module: A Python file, or folder of files, with functions of the same names. By default
+            the working folder's in an edition that leaves out subjects, otherwise none.
         **parameters: Of the subject: `alpha` of "beckmann", `image` of "hierarchical" (a path, a
             bitmap or an array), `apex`, `cos_theta_max`, `distance`.
 

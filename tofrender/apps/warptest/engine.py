@@ -14,17 +14,17 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...course.judge.client import NoAnswer
-from ...runtime import backend, checks
+from ...runtime import backend, checks, variants
 from ...runtime.canvas import draw_figure, in_style, palette
+from ...runtime.editions import LeftOut
 from ...runtime.plots import PictureGrid
-from ...runtime.withheld import Withheld
 from ...samplers import padded_sobol
 from ...sampling import points
 from ...sampling.chi_square import Case
 from ...sampling.domains import find, to_numpy
 from ...sampling.verdicts import Verdict, density_panels
 from ...vis.warps import warp_figure
-from .sources import Library, Module, find_module, is_withheld
+from .sources import Library, Module, find_module, is_left_out
 from .subjects import SUBJECTS
 
 LIBRARY, MODULE = "library", "module"
@@ -37,7 +37,7 @@ NO_PROOF = (
 )
 
 # Errors of subjects, which are shown to the reader
-SUBJECT_ERRORS = (NoAnswer, ValueError, Withheld, FileNotFoundError)
+SUBJECT_ERRORS = (NoAnswer, ValueError, LeftOut, FileNotFoundError)
 
 
 def sobol(count: int, seed: int = 0) -> mi.Point2f:
@@ -118,13 +118,13 @@ def save(drawn: Drawn, verdict: Verdict, title: str, format: str) -> bytes:
 
 
 class Engine:
-    """The library, a student's module (in a student edition the working folder), and a thread."""
+    """The library, a module (in an edition, that of the working folder), and a thread."""
 
     def __init__(self, module: Any = None) -> None:
         variant = backend.activate(None)
-        backend.require_vectorized()
+        variants.require_vectorized()
         self.module = None if module is None else Module(module)
-        if module is None and any(map(is_withheld, SUBJECTS.values())):
+        if module is None and any(map(is_left_out, SUBJECTS.values())):
             self.module = find_module(Path.cwd())
         self.sources: dict[str, Library | Module] = {LIBRARY: Library()}
         if self.module is not None:
@@ -132,7 +132,7 @@ class Engine:
         self.executor = ThreadPoolExecutor(1, initializer=backend.activate, initargs=(variant,))
 
     def close(self) -> None:
-        """End the student's process."""
+        """End the process of the module."""
         if self.module is not None:
             try:
                 self.executor.submit(self.module.close).result()

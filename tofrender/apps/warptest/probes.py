@@ -1,4 +1,4 @@
-"""Calls of a student's functions for the warp tester, in the process of the student's module.
+"""Calls of a user's functions for the warp tester, in the process of the user's module.
 
 Points are exchanged as arrays of shape (dimensions, n).
 """

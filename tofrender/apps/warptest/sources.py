@@ -1,4 +1,4 @@
-"""Sources of a subject's functions: this package, or a student's file in its own process."""
+"""Sources of a subject's functions: this package, or a user's file in its own process."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ import numpy as np
 
 from ...course.judge.client import Limits, NoAnswer, Worker
 from ...runtime import checks
-from ...runtime.withheld import Withheld
+from ...runtime.editions import LeftOut
 from ...sampling.chi_square import Case
 from ...sampling.domains import to_numpy
 from .subjects import SUBJECTS, Subject, labelled
 
-MEMORY = 4 << 30  # Memory that a student's module may use [bytes]
-ANSWER_S = 20.0  # Longest time that one call of a student's function may take [s]
+MEMORY = 4 << 30  # Memory that a user's module may use [bytes]
+ANSWER_S = 20.0  # Longest time that one call of a user's function may take [s]
 MAX_SOURCE = 1 << 20  # Largest file that is searched for names [bytes]
 
 _DEFINITION = re.compile(r"^(?:def|class)\s+([A-Za-z_]\w*)", re.MULTILINE)
@@ -31,11 +31,11 @@ class Library:
     """The warps of this package."""
 
     def names(self) -> list[str]:
-        """Names of the subjects, fewer in a student edition."""
-        return [name for name, subject in SUBJECTS.items() if not is_withheld(subject)]
+        """Names of the subjects, fewer in an edition that leaves some out."""
+        return [name for name, subject in SUBJECTS.items() if not is_left_out(subject)]
 
     def case(self, name: str, given: Mapping[str, Any]) -> Case:
-        """Sampler and density of a subject; `Withheld` in a student edition."""
+        """Sampler and density of a subject; `LeftOut` if this edition leaves them out."""
         from ... import sampling
 
         subject = SUBJECTS[name]
@@ -44,20 +44,20 @@ class Library:
         return Case(sample, pdf, subject.domain, labelled(name, values))
 
 
-def is_withheld(subject: Subject) -> bool:
-    """Whether this package, a student edition, withholds a subject."""
+def is_left_out(subject: Subject) -> bool:
+    """Whether this edition of the package leaves out a subject."""
     from ... import sampling
 
     try:
         for name in subject.names:
             getattr(sampling, name)
-    except Withheld:
+    except LeftOut:
         return True
     return False
 
 
 class Module:
-    """Warps of a student's Python file, or folder of files, which runs in a process of its own.
+    """Warps of a user's Python file, or folder of files, which runs in a process of its own.
 
     That process has the judge's protection: it writes only in a scratch folder, has no network
     where the system can refuse it, and is ended when it exceeds limits of time or memory. It is
@@ -97,7 +97,7 @@ class Module:
         return self.defined.get(SUBJECTS[name].names[0], "") if SUBJECTS[name].names else ""
 
     def case(self, name: str, given: Mapping[str, Any]) -> Case:
-        """Sampler and density of a subject, which raise `NoAnswer` if the student's fail."""
+        """Sampler and density of a subject, which raise `NoAnswer` if the user's functions fail."""
         subject = SUBJECTS[name]
         values = subject.values(given)
         for each in subject.names:

@@ -1,6 +1,6 @@
-"""Subjects of the warp tester: warps, shapes and lights, by this package or by a student.
+"""Subjects of the warp tester: warps, shapes and lights, by this package or by a user.
 
-Their functions or classes are looked up by name in `tofrender.sampling` or in a student's file.
+Their functions or classes are looked up by name in `tofrender.sampling` or in a user's file.
 Names and contracts are those of the course's problems.
 """
 

@@ -68,7 +68,7 @@ class Tester(App):
         self.tell(verdict={"title": title, "text": text}, panels="")
 
     async def refresh(self) -> None:
-        """Redraw if the student has saved a file."""
+        """Redraw if the user has saved a file."""
         module = self.engine.module
         if module is not None and await self.run(module.refresh):
             self.tell(sources=self._sources())

@@ -98,9 +98,9 @@ def _film() -> None:
     import mitsuba as mi
 
     import tofrender
-    from tofrender.runtime import withheld
+    from tofrender.runtime import editions
 
-    if withheld.refusal("tofrender.films.transient"):
+    if editions.refusal("tofrender.films.transient"):
         return
     size = {"width": 4, "height": 2, "temporal_bins": 3}
     film: Any = mi.load_dict({"type": "transient_hdr_film", **size})

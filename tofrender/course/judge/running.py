@@ -13,6 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from ...runtime.backend import NO_VARIANT
 from ...runtime.child_processes import safe_environment
 from ..assignments import PACKAGE
 from ..rubric import Rubric
@@ -156,6 +157,7 @@ def pytest(
         PYTHONDONTWRITEBYTECODE="1",
         PYTEST_ADDOPTS="",
         PYTEST_DISABLE_PLUGIN_AUTOLOAD="1",
+        **{NO_VARIANT: "1"},  # Submissions render in processes of their own
     )
     command = [sys.executable, "-P", "-m", "pytest", *PYTEST_OPTIONS, *options]
     return subprocess.run(

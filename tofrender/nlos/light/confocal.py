@@ -13,9 +13,9 @@ from ...films.contribution import Contribution
 from ...runtime import checks
 from ...signals.illuminants import white
 from ..device.relay_wall import first_hits
-from .laser_spot import Spot, require_clear_way, require_smooth_spot, trace_beam
+from .laser_spot import require_clear_way, require_smooth_spot, trace_beam
 from .relay_wall_path import RelayWallPath
-from .scan import Scan
+from .scan import Scan, Spot
 
 MAX_SIGMA = 0.75
 """Standard deviation of the widest beam [rad]. The projector must contain eight of its tangents."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -17,47 +16,12 @@ from ...paths.surfaces import first_surface, is_on, spawn_ray
 from ...runtime.backend import tracing_lock
 from ...scenes.media import media_of, scatterer_on
 from ..device.relay_wall import first_hits
+from .scan import Beam, Scan, Spot
 from .specular import MOST_VERTICES, SpecularConnections, random_number, random_seeds
-
-if TYPE_CHECKING:
-    from .scan import Scan
 
 # Two points coincide if their squared distance, relative to the squared distance to a third point,
 # is smaller
 COINCIDENT = 1e-10
-
-
-@dataclass
-class Spot:
-    """Laser spot on a surface: the same in all lanes, or a different spot in each lane."""
-
-    # Surface interaction at the spot. si.wi points to the laser
-    si: mi.SurfaceInteraction3f
-
-    # Power that arrives at the spot, including the cosine [W]
-    power: Any
-
-    # Optical length from the laser to the spot [m], or 0 if this length does not count
-    distance: mi.Float
-
-    # Beam that lights the spot
-    beam: mi.Ray3f | None = None
-
-    # Point from which the beam's length is counted
-    origin: mi.Point3f | None = None
-
-    # Number of mirrors and glass surfaces that the beam has passed
-    bounces: mi.UInt32 | int = 0
-
-    # Lanes in which one of these surfaces is not the relay wall
-    off_wall: mi.Bool | bool = False
-
-    def eval(self, direction: mi.Vector3f, active: mi.Bool) -> Any:
-        """Return BSDF times cosine for the beam's light that leaves in a direction [1/sr]."""
-        return self.si.bsdf().eval(mi.BSDFContext(), self.si, self.si.to_local(direction), active)
-
-
-Beam = Callable[[mi.Sampler, mi.Bool], Spot]
 
 
 def trace_beam(scan: Scan, ray: mi.Ray3f, power: Any, active: Any, origin: Any) -> Spot:

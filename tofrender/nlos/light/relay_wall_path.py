@@ -23,9 +23,10 @@ from ..device.laser import position_of
 from ..device.relay_wall import DEFAULT_ID, find_relay_wall, find_shapes, parse_ids, seen_shapes
 from .corner import walked_weight
 from .guided import Guided, Targets
-from .laser_spot import Beam, LaserSpot, follow_beam, scatter_beam
-from .scan import Scan, ScanPlan
-from .specular import Specular
+from .laser_spot import LaserSpot, follow_beam, scatter_beam
+from .scan import Beam, Scan
+from .scan_plan import ScanPlan
+from .specular_surfaces import Specular
 
 HIDDEN_SAMPLING = "nlos_hidden_geometry_sampling"
 

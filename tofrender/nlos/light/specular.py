@@ -23,27 +23,18 @@ chain's length. F includes the change of radiance by refraction.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
 
-from ...paths.delta_lobes import DeltaLobes, Wavefront
-from ...paths.protocols import Space
+from ...paths.delta_lobes import Wavefront
 from ...paths.records import Connection, Path, Vertex
 from ...paths.surfaces import (
-    bsdfs_in,
     first_surface,
-    groups_of,
-    is_boundary,
     is_on,
     spawn_ray,
 )
-from .guided import Targets
-
-if TYPE_CHECKING:
-    from .laser_spot import Beam
-    from .scan import Scan
+from .scan import Beam, Scan
 
 MOST_VERTICES = 16
 """Largest number of delta vertices of a chain. Lobe indices use four bits each of one integer."""
@@ -543,42 +534,3 @@ def random_number(number: mi.UInt32, seed: mi.UInt32) -> mi.Float:
         seed: The second seed.
     """
     return mi.sample_tea_float32(number, seed)
-
-
-@dataclass
-class Specular:
-    """Mirrors and glass of a scan."""
-
-    # Delta lobes of these surfaces
-    lobes: DeltaLobes
-
-    # The surfaces, for sampling by area
-    targets: Targets
-
-    @classmethod
-    def of(cls, scene: mi.Scene, space: Space) -> Specular | None:
-        """Find the mirrors and glass of a scene. Return None if all surfaces are rough.
-
-        Raises:
-            ValueError: A mirror or glass is not supported, e.g. as an instance; one line.
-        """
-
-        def is_specular(bsdf: mi.BSDF | None) -> bool:
-            passes = space.scatters and is_boundary(bsdf)
-            return bsdf is not None and not passes and DeltaLobes.set_of(bsdf) != 0
-
-        # Instances are not supported, because they do not report the BSDFs of their shape group
-        for group in groups_of(scene):
-            if any(is_specular(bsdf) for bsdf in bsdfs_in(group)):
-                raise ValueError(
-                    f"shape {group.id()!r}: an instance of a mirror or glass is not supported. "
-                    "Add the shape to the scene directly"
-                )
-
-        # Collect the surfaces
-        shapes = [shape for shape in scene.shapes() if is_specular(shape.bsdf())]
-        if not shapes:
-            return None
-        for shape in shapes:
-            DeltaLobes.require_supported(shape)
-        return cls(DeltaLobes(scene), Targets(scene, shapes))

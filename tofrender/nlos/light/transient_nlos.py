@@ -27,7 +27,8 @@ from .laser_spot import (
     trace_beam,
 )
 from .relay_wall_path import HIDDEN_SAMPLING, RelayWallPath, flag, warn_no_effect
-from .scan import Scan, ScanPlan
+from .scan import Scan
+from .scan_plan import ScanPlan
 
 AREA = 1.0
 """Area of the laser spot [m^2], as in the plugin of the same name in mitransient."""

@@ -20,8 +20,9 @@ import mitsuba as mi
 import numpy as np
 
 from ...rendering.workers import check_client, distribute
-from ...runtime.backend import activate, require_vectorized
+from ...runtime.backend import activate
 from ...runtime.progress import ProgressBar
+from ...runtime.variants import require_vectorized
 from .measured import Measured
 from .volume import VolumeGrid
 

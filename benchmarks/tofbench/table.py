@@ -1,0 +1,12 @@
+"""Table of all cases."""
+
+from __future__ import annotations
+
+from .cases import Case
+from .closed import CASES
+from .references import reference_cases
+
+
+def all_cases() -> list[Case]:
+    """All cases, references last."""
+    return [*CASES, *reference_cases()]
