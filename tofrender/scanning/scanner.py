@@ -19,7 +19,7 @@ class Scanner:
         size: Columns and rows of the film; pixels behind the last shot repeat it.
     """
 
-    looks_at_pixel_centres = True
+    looks_at_pixel_centers = True
 
     def __init__(
         self, origin: mi.Point3f, axes: np.ndarray, half_angle: float, size: tuple[int, int]

@@ -42,7 +42,7 @@ class NLOSCaptureMeter(mi.Sensor):
         [[0.5, -0.5, 0]]
     """
 
-    looks_at_pixel_centres = True
+    looks_at_pixel_centers = True
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
