@@ -123,13 +123,19 @@ class DeltaLobes:
         lobes = DeltaLobes.set_of(shape.bsdf())
         name = f"shape {shape.id()!r}"
         if lobes >> 1 and "MaskBSDF" in kinds:
-            raise ValueError(f"{name}: a mask over a mirror or glass is not supported")
+            raise ValueError(
+                f"{name}: a mask over a mirror or glass is not supported. Remove the mask"
+            )
         for kind, plugin in (("NormalMap", "normalmap"), ("BumpMap", "bumpmap")):
             if kind in kinds:
-                raise ValueError(f"{name}: a {plugin} of a mirror or glass is not supported")
+                raise ValueError(
+                    f"{name}: a {plugin} of a mirror or glass is not supported. Remove the {plugin}"
+                )
         if lobes.bit_length() > MOST_LOBES + 1:
+            count = shape.bsdf().component_count()
+            most = MOST_LOBES - REFRACTION + 1
             raise ValueError(
-                f"{name}: a BSDF of more than {MOST_LOBES} components is not supported"
+                f"{name}: a BSDF with {count} components is not supported. Use at most {most}"
             )
 
     def at(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UInt32:

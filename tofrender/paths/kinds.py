@@ -28,11 +28,20 @@ import mitsuba as mi
 class Kind(Enum):
     """Kind of a path, see the table above."""
 
-    VISIBLE = auto()  # The camera sees an emitter on a surface, not an environment
-    CHAIN = auto()  # Only delta lobes
-    CAUSTIC = auto()  # A smooth lobe first, a delta lobe last
-    CAUSTIC_IN_MIRROR = auto()  # A caustic that the camera sees in a mirror or through glass
-    SMOOTH = auto()  # A smooth lobe last
+    # The camera sees an emitter on a surface, not an environment
+    VISIBLE = auto()
+
+    # Only delta lobes scatter the path
+    CHAIN = auto()
+
+    # The first lobe is smooth, and the last lobe is a delta lobe
+    CAUSTIC = auto()
+
+    # A caustic that the camera sees in a mirror or through glass
+    CAUSTIC_IN_MIRROR = auto()
+
+    # The last lobe is smooth
+    SMOOTH = auto()
 
 
 @dataclass

@@ -49,13 +49,13 @@ class Velocities:
                 )
 
         # Motion of each emitter, and of the sensor
-        lamps = [(each, _motion_of_lamp(each, motions)) for each in scene.emitters()]
+        emitters = [(each, _motion_of_emitter(each, motions)) for each in scene.emitters()]
 
         # Tables by the registry index of each object
         self.has_instances = any(shape.class_name() == "Instance" for shape, _ in shapes)
         self._shapes = _table((mi.ShapePtr(each), motion) for each, motion in shapes)
         self._media = _table((mi.MediumPtr(each), motion) for each, motion in media.items())
-        self._lamps = _table((mi.EmitterPtr(each), motion) for each, motion in lamps)
+        self._emitters = _table((mi.EmitterPtr(each), motion) for each, motion in emitters)
         own = rest if sensor is None else motions.get(sensor.id(), rest)
         self._sensor = [dr.opaque(mi.Vector3f, each.tolist()) for each in own.affine()]
 
@@ -77,7 +77,7 @@ class Velocities:
 
     def at_lamp(self, emitter: mi.EmitterPtr, point: mi.Point3f) -> mi.Vector3f:
         """Return the velocities of points on emitters [m/s], 0 at infinity."""
-        return _look_up(self._lamps, emitter, point)
+        return _look_up(self._emitters, emitter, point)
 
     def at_sensor(self, point: mi.Point3f) -> mi.Vector3f:
         """Return the velocities of points on the sensor [m/s]."""
@@ -125,7 +125,7 @@ class Velocities:
         return dr.dot(end - path.velocity, connection.direction)
 
 
-def _motion_of_lamp(emitter: mi.Emitter, motions: dict[str, Motion]) -> Motion:
+def _motion_of_emitter(emitter: mi.Emitter, motions: dict[str, Motion]) -> Motion:
     """Return the motion of an emitter. Emitters on surfaces move with their shape."""
     surface = mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface)
     return motions.get(emitter.get_shape().id() if surface else emitter.id(), Motion())

@@ -101,8 +101,8 @@ def _index(scene: mi.Scene, bsdf: mi.BSDF) -> float | mi.Float:
     if len(indices) > 1:
         listed = ", ".join(f"{index:g}" for index in indices)
         raise ValueError(
-            f"{name_of(scene, bsdf)} mixes rough glass of the indices {listed}. Use one index, so "
-            "that light which passes it has an optical length"
+            f"{name_of(scene, bsdf)} mixes rough glass of the indices {listed}, so that the path "
+            "length behind it is ambiguous. Use the same index for all parts"
         )
     return round(indices[0], 5)
 
@@ -169,8 +169,8 @@ def index_around(scene: mi.Scene, sensor: mi.Sensor) -> float:
     glass = Glass(scene, lambda bsdf: _all_indices(bsdf)[0], LOBES)
     ends = np.array(_straight(scene, glass, ray), dtype=float)
 
-    # Air is the medium with the smallest index. A few rays may leak between two surfaces, so that
-    # media with few rays are ignored
+    # Air is the medium with the smallest index. Ignore media with few rays, because a few rays may
+    # slip between two triangles
     found, counts = np.unique(ends.round(4), return_counts=True)
     thinnest = min(found[counts > LEAKS], default=1.0)
     if thinnest >= 1:
@@ -181,8 +181,8 @@ def index_around(scene: mi.Scene, sensor: mi.Sensor) -> float:
     for bsdf in materials(scene):
         if len(set(_all_indices(bsdf))) > 1:
             raise ValueError(
-                f"{name_of(scene, bsdf)} mixes glass of several indices, and the sensor is in "
-                f"glass of index {index:g}. Use one index, so that light has an optical length"
+                f"{name_of(scene, bsdf)} mixes glass of several indices, but the sensor is in "
+                f"glass of index {index:g}. Use the same index for all parts"
             )
     return round(float(index), 6)
 

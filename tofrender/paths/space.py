@@ -27,6 +27,7 @@ class Vacuum(Space):
         The length of the vertex is the distance from `path.prev`. The distance along the ray would
         be too short: rays start slightly off a surface, and camera rays start at the near plane.
         """
+        # Camera rays are coherent: neighboring lanes have similar rays
         si = self.scene.ray_intersect(
             path.ray,
             ray_flags=mi.RayFlags.All,

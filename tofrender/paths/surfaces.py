@@ -188,7 +188,7 @@ def element(si: mi.SurfaceInteraction3f) -> mi.Float:
     return dr.norm(dr.select(flat, face, curved))
 
 
-def stretched(
+def area_change(
     scene: mi.Scene,
     shapes: Sequence[mi.Shape],
     si: mi.SurfaceInteraction3f,
@@ -265,8 +265,8 @@ class NarrowCones:
     ) -> tuple[mi.Float, mi.Bool]:
         """Return the density of directions from points to an emitter [1/sr].
 
-        The density does not include the probability of choosing the emitter. The second result are
-        the lanes with a sphere light in a narrow cone. In other lanes, the density is 0.
+        The density does not include the probability of choosing the emitter. The second result is
+        the mask of lanes with a sphere light in a narrow cone. In other lanes, the density is 0.
 
         Args:
             p: Points that see the emitter [m].
@@ -296,9 +296,9 @@ class EmitterSamples:
 
     There are two corrections. First, the flux of an emitter through an area depends on the cosine
     to the geometric normal, but Mitsuba uses the vertex normals of a mesh. Therefore each mesh with
-    smooth normals has a flat twin: a mesh without vertex normals. The same random numbers sample
-    the same point on the twin, which returns the geometric normal. `NarrowCones` describes the
-    second correction.
+    smooth normals has a flat twin: a mesh without vertex normals. Equal random numbers sample equal
+    points on a mesh and its twin, and the twin returns the geometric normal. `NarrowCones`
+    describes the second correction.
 
     Args:
         scene: The scene.

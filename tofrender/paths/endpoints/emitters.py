@@ -13,7 +13,7 @@ import mitsuba as mi
 from ...runtime import checks
 from ..protocols import Endpoint
 from ..records import Connection, Hit, Path, Vertex
-from ..surfaces import EmitterSamples, stretched
+from ..surfaces import EmitterSamples, area_change
 from ..wavefronts import Wavefronts
 
 # Upper limit of densities in MIS weights [1/sr], so that float32 can represent their squares. Only
@@ -124,8 +124,8 @@ class EmitterEndpoint(Endpoint):
         # Attach the derivative of the area around the sampled point
         if self.moving_meshes:
             lit = active & (ds.pdf != 0)
-            stretch = stretched(self.scene, self.moving_meshes, vertex.si, ds.p, lit)
-            weight = mi.unpolarized_spectrum(weight) * stretch
+            change = area_change(self.scene, self.moving_meshes, vertex.si, ds.p, lit)
+            weight = mi.unpolarized_spectrum(weight) * change
         return ds, weight
 
     def connection(
