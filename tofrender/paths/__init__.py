@@ -1,1 +1,1 @@
-"""Paths of light: the loop that follows them, and what it is made of."""
+"""Paths of light: the path loop, its records, and its space, endpoints and scattering."""

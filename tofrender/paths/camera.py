@@ -1,4 +1,4 @@
-"""Camera rays with the point that path lengths are measured from."""
+"""Camera rays, and the point on the sensor where path lengths start."""
 
 from __future__ import annotations
 
@@ -14,37 +14,53 @@ from .wavefronts import Wavefronts
 
 @dataclass
 class CameraSample:
-    """Rays through random points of given pixels, an array of any width."""
+    """Camera rays through random points of pixels, one ray per lane."""
 
-    ray: mi.Ray3f  # rays in world space; they start at the near plane
-    origin: mi.Point3f  # where lengths start: the sensor's position, or the point on its lens [m]
-    # importance of each ray over its density, of type `mi.UnpolarizedSpectrum`
+    # Rays in world space, which start at the near plane
+    ray: mi.Ray3f
+
+    # Point where lengths start [m]: the sensor's position, or the point on its lens
+    origin: mi.Point3f
+
+    # Importance of each ray over its density
     weight: mi.UnpolarizedSpectrum
-    # position on the film [pixels], crop offset included; the pixel's corner if the film has a box
-    # filter, so that rounding cannot move a sample to the next pixel
+
+    # Position on the film [pixels], which includes the crop offset. With a box filter, the corner
+    # of the pixel, so that rounding cannot move a sample to the next pixel
     position: mi.Point2f
-    # matrix that turns polarised light of each ray into the sensor's frame, or None
+
+    # Mueller matrix that rotates the Stokes frame of each ray to the frame of the sensor, or None
     frame: mi.Spectrum | None = None
 
 
 @dataclass(frozen=True)
 class Tile:
-    """A part of a film's pixels, on a film of its own that has no crop."""
+    """Part of the pixels of a larger film. The tile is rendered on a smaller film without crop."""
 
-    x: int  # first column in the crop window of the whole film
-    y: int  # first row there
-    whole: mi.Film
+    x: int  # First column of the tile, in the crop window of the larger film
+    y: int  # First row of the tile
+    whole: mi.Film  # The larger film
 
     def numbers(self, film: mi.Film, pixel: mi.UInt32) -> mi.UInt32:
-        """Convert pixel indices in the tile's sampled area to those in the whole film's."""
-        own, width = sampled_size(film)[0], sampled_size(self.whole)[0]
-        row = pixel // own
-        x, y, width = (dr.opaque(mi.UInt32, n) for n in (self.x, self.y, width))
-        return (row + y) * width + (pixel - row * own) + x
+        """Convert pixel indices in the sampled area of the tile to indices in the larger film.
+
+        Args:
+            film: Film of the tile.
+            pixel: Pixel indices, row by row in the sampled area of `film`.
+        """
+        tile_width = sampled_size(film)[0]
+        row = pixel // tile_width
+        column = pixel - row * tile_width
+
+        # Opaque numbers give one kernel for all tiles
+        x = dr.opaque(mi.UInt32, self.x)
+        y = dr.opaque(mi.UInt32, self.y)
+        whole_width = dr.opaque(mi.UInt32, sampled_size(self.whole)[0])
+        return (row + y) * whole_width + column + x
 
 
 def sampled_size(film: mi.Film) -> tuple[int, int]:
-    """Return width and height [pixels] of the area that camera rays must cover."""
+    """Return width and height [pixels] of the sampled area: the crop, and a filter's border."""
     border = 2 * film.rfilter().border_size() if film.sample_border() else 0
     width, height = film.crop_size()
     return int(width) + border, int(height) + border
@@ -58,25 +74,37 @@ def sample_camera(
     tile: Tile | None = None,
     scene: mi.Scene | None = None,
 ) -> CameraSample:
-    """Sample one ray through each pixel, given by indices row by row in the sampled area.
+    """Sample one camera ray through each pixel.
 
-    The film is the sensor's own or one of the same size; else a `tile` says where it is there. The
-    `scene` is needed for a `distant` sensor with a `target`.
+    Args:
+        sensor: The sensor.
+        film: Film of the sensor, a film of the same size, or the film of the `tile`.
+        sampler: The sampler.
+        pixel: Pixel indices, row by row in the sampled area of `film`.
+        tile: Position of `film` on the sensor's film, None if `film` shows all pixels.
+        scene: The scene, which a `distant` sensor with a `target` needs.
     """
+    # Sample a position on the film
     corner = pixel_corner(film, pixel)
-    centred = getattr(sensor, "looks_at_pixel_centers", False)
-    position = corner + (mi.Point2f(0.5) if centred else sampler.next_2d())
+    is_centered = getattr(sensor, "looks_at_pixel_centers", False)
+    position = corner + (mi.Point2f(0.5) if is_centered else sampler.next_2d())
+
+    # Find this position in the sensor's crop window. Opaque numbers give one kernel for all tiles
     crop_size = mi.ScalarVector2f((film if tile is None else tile.whole).crop_size())
     if tile is None:
         in_crop = position - mi.ScalarPoint2f(film.crop_offset())
-    else:  # One kernel for all tiles
-        in_crop = position + mi.Vector2f(*(dr.opaque(mi.Float, n) for n in (tile.x, tile.y)))
+    else:
+        offset = mi.Vector2f(dr.opaque(mi.Float, tile.x), dr.opaque(mi.Float, tile.y))
+        in_crop = position + offset
+
+    # Sample aperture, time and wavelengths
     aperture = sampler.next_2d() if sensor.needs_aperture_sample() else mi.Point2f(0.5)
     time = sensor.shutter_open()
     if sensor.shutter_open_time() > 0:
         time += sampler.next_1d() * sensor.shutter_open_time()
     wavelength = sampler.next_1d() if mi.is_spectral else mi.Float(0)
 
+    # Sample the ray
     ray, weight = sensor.sample_ray_differential(time, wavelength, in_crop / crop_size, aperture)
     return CameraSample(
         ray=ray,
@@ -88,7 +116,12 @@ def sample_camera(
 
 
 def pixel_corner(film: mi.Film, pixel: mi.UInt32) -> mi.Point2f:
-    """Return the upper left corner of pixels, by their index row by row in the sampled area."""
+    """Return the upper left corners of pixels on the film [pixels].
+
+    Args:
+        film: The film.
+        pixel: Pixel indices, row by row in the sampled area.
+    """
     width, _ = sampled_size(film)
     y = pixel // width
     x = pixel - y * width
@@ -97,43 +130,63 @@ def pixel_corner(film: mi.Film, pixel: mi.UInt32) -> mi.Point2f:
 
 
 def ray_origin(sensor: mi.Sensor, ray: mi.Ray3f, scene: mi.Scene | None = None) -> mi.Point3f:
-    """Return the point on the sensor that a camera ray comes from.
+    """Return the point on the sensor where a camera ray and its path length start.
 
-    Mitsuba starts the rays of its projective cameras at the near plane, so that `si.t` is short by
-    near_clip / cos(angle to the axis): 10 mm and more with the default near clip. It starts each
-    ray of a `distant` sensor with a `target` two radii of the scene before the target point, so
-    that lengths would not depend on depth. Without a target, all rays start on one plane, which
-    touches the sphere around the scene. Here that plane is the origin of both.
+    Mitsuba starts the rays of its projective cameras at the near plane. Therefore `si.t` is too
+    short by near_clip / cos(angle to the axis), which is 10 mm or more with the default near clip.
+
+    All rays of a `distant` sensor start on one plane, which touches the sphere around the scene.
+    With a `target`, Mitsuba starts each ray two radii of the scene before the target point, so that
+    lengths would not depend on depth. In this case, the result is on the plane nevertheless.
+
+    Args:
+        sensor: The sensor.
+        ray: Camera rays of this sensor.
+        scene: The scene, which a `distant` sensor with a `target` needs.
+
+    Raises:
+        ValueError: The scene is missing.
     """
     if not isinstance(sensor, mi.ProjectiveCamera):
         return _on_plane(scene, ray) if _has_target(sensor) else mi.Point3f(ray.o)
-    axis = world_transform(sensor) @ mi.Vector3f(0, 0, 1)  # Scaled as near_clip is
+
+    # Go back from the near plane along the ray. `axis` has the scale of the sensor, like near_clip
+    axis = world_transform(sensor) @ mi.Vector3f(0, 0, 1)
     near_clip = mi.traverse(sensor)["near_clip"]
     return ray.o - ray.d * (near_clip * dr.squared_norm(axis) / dr.dot(ray.d, axis))
 
 
 def _has_target(sensor: mi.Sensor) -> bool:
-    """Whether a sensor is a `distant` one with a target, which only its text shows."""
+    """Whether a sensor is a `distant` sensor with a target.
+
+    Only the text of a sensor shows its target.
+    """
     is_distant = isinstance(sensor, mi.Sensor) and sensor.class_name() == "DistantSensorImpl"
     return is_distant and "target = none" not in str(sensor)
 
 
 def _on_plane(scene: mi.Scene | None, ray: mi.Ray3f) -> mi.Point3f:
-    """Return the point of a ray on the plane that touches the sphere around the scene."""
+    """Return the point where a ray crosses the plane that touches the sphere around the scene."""
     if scene is None:
         raise ValueError(
             "sensor: a distant sensor with a target needs the scene. Pass `scene` as well"
         )
     sphere = Wavefronts.around(scene, None)
-    sphere.radius *= 1 + mi.math.RayEpsilon  # As Mitsuba's sensors do
+    sphere.radius *= 1 + mi.math.RayEpsilon  # As in Mitsuba's sensors
     return ray.o - ray.d * sphere.length(ray.o, -ray.d)
 
 
 def behind_emitters(scene: mi.Scene, ray: mi.Ray3f) -> mi.Ray3f:
-    """Let rays pass through all area lights that they meet before any other surface."""
+    """Return rays that start behind all area lights in front of the first other surface.
+
+    Derivatives of the result are derivatives of the given rays, at a fixed distance.
+    """
+    # Find the new origins without derivatives
     with dr.suspend_grad():
         behind = _behind_emitters(scene, ray)
         passed = dr.norm(behind.o - ray.o)
+
+    # Attach the derivatives of the given rays
     behind.o = dr.replace_grad(behind.o, dr.fma(ray.d, passed, ray.o))
     behind.d = dr.replace_grad(behind.d, ray.d)
     return behind
@@ -141,7 +194,7 @@ def behind_emitters(scene: mi.Scene, ray: mi.Ray3f) -> mi.Ray3f:
 
 @dr.syntax
 def _behind_emitters(scene: mi.Scene, ray: mi.Ray3f) -> mi.Ray3f:
-    """Move rays' origins behind the area lights that they meet first."""
+    """Move the origins of rays behind all area lights in front of the first other surface."""
     ray = mi.Ray3f(ray)
     passing = mi.Bool(True)
     while passing:

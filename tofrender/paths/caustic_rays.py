@@ -1,8 +1,9 @@
-"""Caustic rays: rays from a surface that follow delta lobes to an emitter.
+"""Caustic rays: rays from a vertex that follow delta lobes to an emitter.
 
-Light that arrives by mirrors and clear glass comes from few directions. A vertex with a smooth lobe
-sends several rays at once, in the directions from which photons of a pilot have come (see
-`guiding`). The rays follow delta lobes only, and their light counts after one delta lobe or more.
+Light that arrives by mirrors and clear glass comes from few directions. Photons of a pilot pass
+show these directions (see `guiding`). Each vertex with a smooth lobe sends several rays in the
+directions of photons. These rays follow delta lobes only. Their light counts if they have met at
+least one delta lobe.
 """
 
 from __future__ import annotations
@@ -20,21 +21,21 @@ from .records import Limits, Path, Vertex
 from .scattering import Materials
 from .walk import walk
 
-FIRST = 16  # rays of a path's first vertex with a smooth lobe
-LATER = 4  # rays of all further vertices
-LONGEST_CHAIN = 16  # delta lobes from which on Russian roulette may end a ray
+FIRST = 16  # Rays of the first vertex with a smooth lobe of a path
+LATER = 4  # Rays of each later vertex
+LONGEST_CHAIN = 16  # Number of delta lobes that Russian roulette does not end
 
 
 class CausticRays:
-    """Rays of a path's vertices, for the kinds of paths that end with a delta lobe.
+    """Traces caustic rays from the vertices of paths.
 
     Args:
         scene: The scene.
-        space: The space of the paths.
-        emitters: The emitters' emission where rays run into them.
+        space: Space of the paths.
+        emitters: Endpoint with the emission of emitters that rays hit.
         guided: Scattering by smooth lobes, guided by photons.
-        limits: The limits of the paths.
-        kinds: `CAUSTIC` and `CAUSTIC_IN_MIRROR`, or one of them.
+        limits: Limits of the paths.
+        kinds: Kinds of paths to render: `CAUSTIC`, `CAUSTIC_IN_MIRROR`, or both.
     """
 
     def __init__(
@@ -48,11 +49,14 @@ class CausticRays:
     ) -> None:
         self.guided = guided
         self.kinds = kinds
-        own_limits = copy(limits)
-        own_limits.rr_depth = limits.rr_depth + LONGEST_CHAIN
-        own_limits.left_out = frozenset({Kind.SMOOTH})
-        chain = Materials(scene, lobes=mi.BSDFFlags.Delta)
-        self.parts = Parts(space, emitters, chain, own_limits)
+
+        # Trace chains of delta lobes. A ray that hits an emitter without a delta lobe does not
+        # count, because next-event estimation finds its light
+        ray_limits = copy(limits)
+        ray_limits.rr_depth = limits.rr_depth + LONGEST_CHAIN
+        ray_limits.left_out = frozenset({Kind.SMOOTH})
+        delta_lobes = Materials(scene, lobes=mi.BSDFFlags.Delta)
+        self.parts = Parts(space, emitters, delta_lobes, ray_limits)
 
     @dr.syntax
     def trace(
@@ -63,7 +67,11 @@ class CausticRays:
         measurement: Measurement,
         active: mi.Bool,
     ) -> mi.UInt32:
-        """Add the emission that a vertex's rays find; returns how many were not finite."""
+        """Trace the rays of a vertex, and add the emission that they hit.
+
+        Returns the number of contributions that were not finite. `CausticTracer.trace` describes
+        the arguments.
+        """
         count = self.count(path)
         k = mi.UInt32(0)
         not_finite = mi.UInt32(0)
@@ -75,9 +83,18 @@ class CausticRays:
         return not_finite
 
     def count(self, path: Path) -> mi.UInt32:
-        """Return the number of rays at a path's vertex, 0 where another technique is used."""
+        """Return the number of rays at a vertex, 0 if another technique renders its kind of paths.
+
+        Args:
+            path: The path up to the vertex, before its update.
+        """
         assert path.lobes is not None
+
+        # Has the path met a smooth lobe before this vertex?
         count = dr.select(path.lobes.any_smooth == 0, mi.UInt32(FIRST), LATER)
+
+        # Rays of this vertex make caustics if the first lobe is smooth, otherwise caustics in
+        # mirrors
         first_is_smooth = (path.depth == 0) | (path.lobes.first_smooth != 0)
         if Kind.CAUSTIC not in self.kinds:
             count = dr.select(first_is_smooth, 0, count)
@@ -88,8 +105,14 @@ class CausticRays:
     def _start(
         self, path: Path, vertex: Vertex, sampler: mi.Sampler, count: mi.UInt32, active: mi.Bool
     ) -> Path:
-        """Start one of a vertex's rays."""
+        """Return a path that starts at a vertex in a guided direction.
+
+        `count` is the number of rays of the vertex, which share the throughput of the path.
+        """
+        # Sample the direction
         _, sample = self.guided.sample(vertex, None, sampler, active)
+
+        # Extend the path by the vertex
         ray = copy(path)
         ray.ray = sample.ray
         ray.β = multiply_throughput(path.β, sample.weight / mi.Float(count))

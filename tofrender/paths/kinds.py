@@ -1,7 +1,8 @@
-"""Kinds of paths, which different techniques render.
+"""Kinds of paths. Different techniques render different kinds.
 
-The lobes that scatter a path decide on its kind: x1 is the first vertex after the camera, xk the
-last one before the emitter. Every path is of one kind.
+Every path is of exactly one kind. The kind depends on the lobes that scatter the path at its
+vertices. In the table, x1 is the first vertex after the camera, and xk is the last vertex before
+the emitter.
 
 | kind | lobe at x1 | lobe at xk |
 |---|---|---|
@@ -11,8 +12,8 @@ last one before the emitter. Every path is of one kind.
 | `CAUSTIC_IN_MIRROR` | delta | delta, with a smooth lobe in between |
 | `SMOOTH` | any | smooth |
 
-A path of one of the first four kinds ends where a ray runs into an emitter, and this ray comes from
-the camera or from a delta lobe. Connections make paths of the kind `SMOOTH` only.
+A path of one of the first four kinds ends where a ray hits an emitter. This ray comes from the
+camera or from a delta lobe. Next-event estimation finds paths of the kind `SMOOTH` only.
 """
 
 from __future__ import annotations
@@ -25,29 +26,47 @@ import mitsuba as mi
 
 
 class Kind(Enum):
-    """A kind of paths."""
+    """Kind of a path, see the table above."""
 
-    VISIBLE = auto()  # the camera sees an emitter, not an environment
-    CHAIN = auto()  # delta lobes alone lead to the emitter
+    # The camera sees an emitter on a surface, not an environment
+    VISIBLE = auto()
+
+    # Only delta lobes scatter the path
+    CHAIN = auto()
+
+    # The first lobe is smooth, and the last lobe is a delta lobe
     CAUSTIC = auto()
+
+    # A caustic that the camera sees in a mirror or through glass
     CAUSTIC_IN_MIRROR = auto()
+
+    # The last lobe is smooth
     SMOOTH = auto()
 
 
 @dataclass
 class Lobes:
-    """Lobes that have scattered a path, as integers that are 0 or 1."""
+    """Kinds of lobes that have scattered a path. The fields are masks as integers 0 or 1."""
 
-    first_smooth: mi.UInt32  # whether the lobe at the first vertex is smooth
-    any_smooth: mi.UInt32  # whether the lobe at some vertex is smooth
+    first_smooth: mi.UInt32  # Whether the lobe at the first vertex is smooth
+    any_smooth: mi.UInt32  # Whether the lobe at any vertex is smooth
 
     @classmethod
     def none(cls, zero: mi.UInt32) -> Lobes:
-        """Return the lobes of a path without vertices; `zero` has the width of the paths."""
-        return cls(mi.UInt32(zero), mi.UInt32(zero))
+        """Return the lobes of paths without vertices.
+
+        Args:
+            zero: Zeros, one per path.
+        """
+        return cls(first_smooth=mi.UInt32(zero), any_smooth=mi.UInt32(zero))
 
     def after(self, specular: mi.Bool, first: mi.Bool) -> Lobes:
-        """Return the lobes after one more vertex, which is the path's first one or not."""
+        """Return the lobes after one more vertex.
+
+        Args:
+            specular: Lanes with a delta lobe at this vertex.
+            first: Lanes in which this vertex is the first vertex of the path.
+        """
         smooth = dr.select(specular, mi.UInt32(0), 1)
         return Lobes(
             first_smooth=dr.select(first, smooth, self.first_smooth),
@@ -55,12 +74,19 @@ class Lobes:
         )
 
     def of_kinds(self, kinds: frozenset[Kind], specular: mi.Bool, depth: mi.UInt32) -> mi.Bool:
-        """Return lanes in which a path that runs into an emitter is of one of some kinds.
+        """Return lanes in which a path that hits an emitter is of one of the given kinds.
 
-        `specular` says that its last ray comes from a delta lobe or the camera, `depth` is the
-        number of its vertices. `VISIBLE` is not among the kinds that are looked for.
+        The kind `VISIBLE` is ignored.
+
+        Args:
+            kinds: Kinds of paths.
+            specular: Lanes in which the last ray comes from a delta lobe or from the camera.
+            depth: Number of vertices before the emitter.
         """
+        # Does the last ray come from a delta lobe?
         delta = specular & (depth > 0)
+
+        # Add the lanes of each kind, by the table above
         found = mi.Bool(False)
         if Kind.CHAIN in kinds:
             found |= delta & (self.any_smooth == 0)

@@ -1,24 +1,24 @@
 """Interfaces of the path loop: space, endpoint, scattering and measurement.
 
-The loop never looks at their types.
+The loop calls these interfaces only, and does not check the types of their implementations.
 
-| interface | implementation | is |
+| interface | implementation | meaning |
 |---|---|---|
 | space | `space.Vacuum` | straight rays between surfaces |
 | | `media.space.Media` | straight rays through participating media |
-| endpoint | `endpoints.SceneLights` | the scene's emitters, by next-event estimation and hits |
+| endpoint | `endpoints.SceneLights` | emitters of the scene, by next-event estimation and hits |
 | | `endpoints.EmitterHits`, `ConnectionsOnly` | one of both techniques |
-| scattering | `scattering.Materials` | the BSDF of each surface, or one for all |
+| scattering | `scattering.Materials` | the BSDF of each surface, or one BSDF for all surfaces |
 | | `media.phases.Phases` | phase functions in media, another scattering on surfaces |
-| measurement | `films.sums.Radiance` | the sum of all light |
-| | `films.sums.Weighted` | a sum weighted by path length: a gate, a correlation |
-| | `films.time_bins.TimeBins` | a film's time bins |
+| measurement | `films.sums.Radiance` | sum of all light |
+| | `films.sums.Weighted` | sum weighted by path length: a gate or a correlation |
+| | `films.time_bins.TimeBins` | time bins of a film |
 | | `films.phasor_sum.PhasorSum` | phasors of some frequencies |
-| | `rendering.arrivals.ArrivalHistogram` | energy over path length, for all pixels together |
+| | `rendering.arrivals.ArrivalHistogram` | energy over path length, summed over all pixels |
 
-Other endpoints stand beside what needs them: in `integrators`, `media.gated`, `bidirectional` and
-`nlos.light`. Implementations have no state of their own: what they need to know of a path is stored
-in it (`history`, `guide`, `medium`).
+More endpoints are in the packages that need them: `integrators`, `media.gated`, `bidirectional` and
+`nlos.light`. Space, endpoint and scattering do not change while paths are traced. If they need data
+about a path, these data are fields of the path (`history`, `guide`, `medium`).
 """
 
 from __future__ import annotations
@@ -41,43 +41,72 @@ T = TypeVar("T", bound="Target")
 
 
 class Space(ABC):
-    """Finds vertices along rays, and the transmittance of connections; by default without media."""
+    """Finds vertices along rays, and computes the transmittance of connections.
 
-    scatters: bool = False  # whether vertices may be points of media
-    stops: bool = False  # whether rays stop at emitters on index-matched boundaries
+    The default methods are for scenes without media.
+    """
 
-    index: float  # index of refraction around the sensor
+    # Whether vertices may be scattering points in media
+    scatters: bool = False
+
+    # Whether rays stop at emitters on index-matched boundaries
+    stops: bool = False
+
+    # Index of refraction around the sensor
+    index: float
 
     def with_phase_functions(self, surfaces: Scattering, **options: bool) -> Scattering:
-        """Extend scattering at surfaces to points of media; options are those of `Materials`."""
+        """Return a scattering that adds the phase functions of media to `surfaces`.
+
+        Args:
+            surfaces: Scattering at surfaces.
+            options: Arguments of `Materials` that also matter for phase functions.
+        """
         return surfaces
 
     def attached(self) -> Space:
-        """Return the space for attached sampling: free-flight distances have derivatives."""
+        """Return the space for attached sampling, in which free-flight distances have derivatives.
+
+        The default is for spaces without free-flight distances.
+        """
         return self
 
     def medium_at_sensor(self, ray: mi.Ray3f) -> mi.MediumPtr | None:
-        """Return the current medium of rays that start at the sensor, None without media."""
+        """Return the current medium of rays from the sensor, None in scenes without media."""
         return None
 
     def medium_at(self, ray: mi.Ray3f) -> mi.MediumPtr | None:
-        """Find the current medium of rays that start anywhere else, None without media."""
+        """Find the current medium of rays with any origin, None in scenes without media."""
         return None
 
     def medium_behind(
         self, path: Path, vertex: Vertex, direction: mi.Vector3f
     ) -> mi.MediumPtr | None:
-        """Return the current medium of a path that leaves a vertex in a direction."""
+        """Return the current medium of a path that leaves a vertex in a direction.
+
+        Args:
+            path: The path. Its `ray` and `medium` lead to the vertex.
+            vertex: The vertex.
+            direction: Unit vector in world space.
+        """
         return None
 
     @abstractmethod
     def next_vertex(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
-        """Intersect the path's ray; of the path, only throughput and current medium may change."""
+        """Find the next vertex along the path's ray.
+
+        Returns a path and the vertex. Only the throughput `β` and the current `medium` of the
+        returned path may differ from the argument.
+        """
 
     def behind_emitter(self, path: Path, vertex: Vertex) -> Path:
-        """Start the ray of a path behind the emitter at which the ray has stopped.
+        """Return the path with its ray continued behind the emitter where the ray has stopped.
 
-        The path is as `next_vertex` has returned it. Called where `Vertex.passes` is not None.
+        The loop calls this method only if `Vertex.passes` is not None.
+
+        Args:
+            path: The path that `next_vertex` has returned.
+            vertex: The vertex that `next_vertex` has returned.
         """
         raise NotImplementedError(f"{type(self).__name__} must define behind_emitter")
 
@@ -85,36 +114,47 @@ class Space(ABC):
     def transmittance(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
     ) -> mi.Spectrum:
-        """Estimate the transmittance of a connection, 0 where a surface blocks it."""
+        """Estimate the transmittance of a connection, 0 if a surface blocks the connection.
+
+        Args:
+            path: The path up to `vertex`, before its update.
+            vertex: The vertex that is connected.
+            connection: The connection.
+            sampler: The sampler.
+        """
 
     def transmittance_and_medium(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
     ) -> tuple[mi.Spectrum, mi.MediumPtr | None]:
-        """As `transmittance`, and the medium at the end, for MIS weights of light paths."""
+        """Return the transmittance, and the medium at the end of the connection.
+
+        MIS weights of paths from lights need the medium. The medium is None in scenes without
+        media.
+        """
         return self.transmittance(path, vertex, connection, sampler), None
 
 
 class HistoryUpdates(ABC, Generic[H]):
-    """Keeps what MIS weights need of a path's earlier vertices, in `Path.history`."""
+    """Updates `Path.history`, the data of earlier vertices that MIS weights need."""
 
     @abstractmethod
     def start(self) -> H:
         """Create the history of a path without vertices."""
 
     def at_vertex(self, path: Path[H], vertex: Vertex, active: mi.Bool) -> H:
-        """Return the history after one more vertex, whose number is `path.depth`."""
+        """Return the history after one more vertex. `path.depth` is the index of this vertex."""
         return path.history
 
     def after_sample(self, path: Path[H], vertex: Vertex, bsdf_sample: BSDFSample) -> H:
-        """Return the history after the BSDF sample at that vertex."""
+        """Return the history after the BSDF sample at the same vertex."""
         return path.history
 
 
 class FurtherConnections(Protocol):
-    """Connections of a vertex beside its first one, such as more emitter samples."""
+    """Additional connections of a vertex after its first connection, e.g. more emitter samples."""
 
     def count(self, path: Path) -> mi.UInt32:
-        """Return how many follow the first one at vertex number `path.depth`."""
+        """Return the number of additional connections at the vertex with index `path.depth`."""
 
     def sample(
         self,
@@ -125,7 +165,16 @@ class FurtherConnections(Protocol):
         sampler: mi.Sampler,
         active: mi.Bool,
     ) -> Connection:
-        """Sample number `k` = 0, 1, ... after the first."""
+        """Sample an additional connection.
+
+        Args:
+            k: Index of the additional connection: 0, 1, ...
+            first: First connection of the vertex, from `Endpoint.connect`.
+            vertex: The vertex.
+            path: The path up to the vertex, before its update.
+            sampler: The sampler.
+            active: Active lanes.
+        """
 
 
 class CausticTracer(Protocol):
@@ -139,118 +188,188 @@ class CausticTracer(Protocol):
         measurement: Measurement,
         active: mi.Bool,
     ) -> mi.UInt32:
-        """Add the emission that the rays find; returns how many were not finite.
+        """Add the emission that the rays hit to the measurement.
 
-        `path.opl` reaches up to the vertex, whose number is `path.depth`. Lanes are active whose
-        vertex has a smooth lobe.
+        Returns the number of contributions that were not finite.
+
+        Args:
+            path: The path up to the vertex. `path.opl` is the length up to the vertex, and
+                `path.depth` is the index of the vertex.
+            vertex: The vertex.
+            sampler: The sampler.
+            measurement: Measurement that receives the contributions.
+            active: Lanes with a vertex that has a smooth lobe.
         """
 
 
 class Target(Protocol):
-    """Emitter sample, and length from `path.prev` to it by way of a point of a medium."""
+    """Emitter sample with a length from `path.prev` to the emitter by way of a medium point."""
 
-    active: mi.Bool  # lanes in which there is such a point
+    # Lanes with a point that has this length
+    active: mi.Bool
 
 
 class MediumConnections(Protocol[T]):
-    """Connections of points of media that are sampled for a path length, along rays.
+    """Connections of points in media that are sampled along rays, for a given path length.
 
-    They replace those of vertices in media, and have no MIS weight. Along the ray to the next
-    vertex, `prepare` samples emitter and length, and `connect` finds the point with that length.
-    From a vertex, `sample_direction` samples such a ray first.
+    These connections replace the connections of vertices in media, and their MIS weight is 1. Along
+    the ray to the next vertex, `prepare` samples an emitter and a path length. `connect` finds the
+    point of the ray with this length. For a new ray from a vertex, `sample_direction` samples the
+    direction in between.
     """
 
     def prepare(self, path: Path, sampler: mi.Sampler, active: mi.Bool) -> T:
-        """Sample the emitter, and the length from there to the path's last vertex."""
+        """Sample an emitter, and the length from the emitter to the path's last vertex."""
 
     def sample_direction(self, target: T, sampler: mi.Sampler) -> tuple[T, mi.Vector3f, mi.Float]:
-        """Sample a direction to the point; returns the target along it, and the density [1/sr]."""
+        """Sample a direction from the path's last vertex.
+
+        Returns the target along this direction, the direction in world space, and its density
+        [1/sr].
+        """
 
     def connect(
         self, path: Path, target: T, sampler: mi.Sampler
     ) -> tuple[Path, Vertex, Connection]:
-        """Connect the point of the ray; returns the path up to it, its `β` and `opl` included.
+        """Connect the point of the path's ray that has the length of the target.
 
-        The connection's weight is divided by the densities of emitter and length.
+        Returns a path up to this point, with updated `β` and `opl`, the point as a vertex, and the
+        connection. The weight of the connection is divided by the densities of emitter and length.
         """
 
 
 class Endpoint(ABC):
-    """Light-sampling technique, or the lens: what vertices connect to, and what rays run into.
+    """Target of next-event estimation: the emitters, or the lens for paths that start at emitters.
 
-    By default a light that only connections find, and that no ray runs into.
+    The default is a light that connections can find and rays cannot hit.
     """
 
-    connects: bool = True  # whether there is next-event estimation at all
-    finds_all: bool = True  # whether connections find all light but that of delta lobes
-    has_hits: bool = False  # whether `hit` returns the light of emitters that rays run into
-    importance: bool = False  # whether paths come from lights, and connections end on the sensor
-    hide_emitters: bool = False  # whether the sensor looks through area lights
-    history: HistoryUpdates | None = None  # for MIS weights that need earlier vertices
-    further: FurtherConnections | None = None  # connections beside the first one of a vertex
-    in_media: MediumConnections | None = None  # connections of points of media along rays
+    # Whether the loop calls `connect`, i.e. uses next-event estimation
+    connects: bool = True
+
+    # Whether connections find all light that smooth lobes scatter
+    finds_all: bool = True
+
+    # Whether `hit` returns the light of emitters
+    has_hits: bool = False
+
+    # Whether paths start at lights, and connections end on the sensor
+    importance: bool = False
+
+    # Whether the sensor looks through area lights
+    hide_emitters: bool = False
+
+    # Data of earlier vertices for MIS weights, None if the weights need no such data
+    history: HistoryUpdates | None = None
+
+    # Additional connections of each vertex, None for one connection per vertex
+    further: FurtherConnections | None = None
+
+    # Connections of points in media along rays, None to connect the vertices in media
+    in_media: MediumConnections | None = None
 
     @abstractmethod
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
-        """Sample a connection from the vertex.
+        """Sample a connection from a vertex.
 
-        `path.opl` reaches up to the vertex, whose number is `path.depth`; `path.ray` is the ray
-        that has led to it, and `path.prev` the vertex before.
+        Args:
+            vertex: The vertex.
+            path: The path up to the vertex, before its update: `path.opl` is the length up to the
+                vertex, `path.depth` is the index of the vertex, `path.ray` is the ray that leads to
+                the vertex, and `path.prev` is the vertex before.
+            sampler: The sampler.
+            active: Lanes that need a connection.
         """
 
     def mis_weight(
         self, path: Path, vertex: Vertex, connection: Connection, bsdf_eval: BSDFEval
     ) -> mi.Float:
-        """Return a connection's MIS weight, divided by how many the vertex makes."""
+        """Return a connection's MIS weight, divided by the number of connections of the vertex.
+
+        Args:
+            path: The path up to `vertex`, before its update.
+            vertex: The vertex that is connected.
+            connection: The connection.
+            bsdf_eval: BSDF or phase function at the vertex for the connection's direction.
+        """
         return mi.Float(1)
 
     def hit(self, vertex: Vertex, path: Path) -> Hit:
-        """Return emission at the ray's end, and the length by which `opl` grows in all lanes."""
-        black, never = mi.UnpolarizedSpectrum(0), mi.Bool(False)
-        return Hit(black, mi.Float(0), vertex.length, never, mis_weight=mi.Float(0))
+        """Return the emission at the end of the path's ray, and the length of the ray.
+
+        The length [m] is valid in all lanes, also in lanes without emission. By default, rays hit
+        no emitter.
+        """
+        return Hit(
+            radiance=mi.UnpolarizedSpectrum(0),
+            pdf=mi.Float(0),
+            length=vertex.length,
+            active=mi.Bool(False),
+            mis_weight=mi.Float(0),
+        )
 
     def min_distance(self, p: mi.Point3f) -> mi.Float:
-        """Return a lower bound of the lengths of all connections from points [m]."""
+        """Return a lower bound for the lengths of all connections from points `p` [m]."""
         return mi.Float(0)
 
     def visible_emitters(self) -> Sequence[mi.Emitter]:
-        """Return emitters on surfaces that camera rays may run into, for `VisibleEmitters`."""
+        """Return the emitters on surfaces that camera rays may hit, for `VisibleEmitters`."""
         return ()
 
     def for_bin_width(self, width_opl: float) -> Endpoint:
-        """Return the endpoint for films of this resolution [m], e.g. with more emitter samples."""
+        """Return the endpoint for films with time bins of a given width.
+
+        Narrow bins may need more emitter samples. The default does not depend on the width.
+
+        Args:
+            width_opl: Bin width as optical path length [m].
+        """
         return self
 
     def attached(self) -> Endpoint:
-        """Return the endpoint for attached sampling, with one connection, to points that move."""
+        """Return the endpoint for attached sampling.
+
+        The result makes one connection per vertex. Points on moving emitters have derivatives.
+        """
         return self
 
 
 class Scattering(ABC):
     """Samples and evaluates BSDFs and phase functions."""
 
-    refracts: bool = False  # whether the index of refraction may change along paths
+    # Whether the index of refraction may change along paths
+    refracts: bool = False
 
     def guide(self) -> mi.Float | None:
         """Return the initial `Path.guide`, None if `complete_sample` does nothing."""
         return None
 
     def complete_sample(self, path: Path, vertex: Vertex) -> Path:
-        """Complete `β` and `pdf` of the last sample, where they depend on the next vertex."""
+        """Return the path with complete `β` and `pdf` of the last BSDF sample.
+
+        Guided samples depend on the vertex at the end of the sampled ray. Other samples are
+        complete from the start.
+        """
         return path
 
     @abstractmethod
     def smooth(self, vertex: Vertex) -> mi.Bool:
-        """Return lanes whose BSDF has more than delta lobes, so that connections find light."""
+        """Return lanes with a smooth lobe, which reflects light of connections."""
 
     @abstractmethod
     def eval_pdf(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> BSDFEval:
-        """Evaluate BSDF or phase function for a direction."""
+        """Evaluate the BSDF or the phase function for a direction.
+
+        Args:
+            vertex: The vertex.
+            direction: Unit vector away from the vertex, in world space.
+            active: Active lanes.
+        """
 
     def eval_connection(self, vertex: Vertex, connection: Connection | None) -> BSDFEval | None:
-        """Evaluate the direction of a connection, if there is one."""
+        """Evaluate the BSDF for a connection's direction. Without a connection, return None."""
         if connection is None:
             return None
         return self.eval_pdf(vertex, connection.direction, connection.active)
@@ -259,37 +378,48 @@ class Scattering(ABC):
     def sample(
         self, vertex: Vertex, connection: Connection | None, sampler: mi.Sampler, active: mi.Bool
     ) -> tuple[BSDFEval | None, BSDFSample]:
-        """Sample a direction, and evaluate that of a connection if there is one, else None."""
+        """Sample the next direction, and evaluate the BSDF for the direction of a connection.
+
+        Returns the evaluation for the connection, None without a connection, and the sample.
+        """
 
 
 class ScatteringWrapper(Scattering):
-    """Scattering that extends an inner one, to which it delegates by default."""
+    """Abstract base of scattering that extends another scattering.
+
+    The default methods call the inner scattering. A subclass must define `sample`.
+
+    Args:
+        inner: The inner scattering.
+    """
 
     def __init__(self, inner: Scattering) -> None:
-        self.inner, self.refracts = inner, inner.refracts
+        self.inner = inner
+        self.refracts = inner.refracts
 
     def guide(self) -> mi.Float | None:
-        """Delegate to the inner scattering."""
+        """Return the initial `Path.guide` of the inner scattering."""
         return self.inner.guide()
 
     def complete_sample(self, path: Path, vertex: Vertex) -> Path:
-        """Delegate to the inner scattering."""
+        """Return the path as the inner scattering completes its sample."""
         return self.inner.complete_sample(path, vertex)
 
     def smooth(self, vertex: Vertex) -> mi.Bool:
-        """Delegate to the inner scattering."""
+        """Return lanes with a smooth lobe of the inner scattering."""
         return self.inner.smooth(vertex)
 
     def eval_pdf(self, vertex: Vertex, direction: mi.Vector3f, active: mi.Bool) -> BSDFEval:
-        """Delegate to the inner scattering."""
+        """Evaluate the inner scattering for a direction."""
         return self.inner.eval_pdf(vertex, direction, active)
 
 
 class Measurement(Protocol):
     """Accumulates contributions.
 
-    The loop carries the fields of dataclasses as its state. Sums are such fields; one that scatters
-    into a film has a function instead, since the film's arrays must stay out of the state.
+    If a measurement is a dataclass, the loop carries its fields as state: sums are such fields.
+    However, the arrays of a film must stay out of the state. Therefore a measurement that splats
+    into a film has a function as its field.
     """
 
     def add(self, contribution: Contribution) -> None:
@@ -297,29 +427,47 @@ class Measurement(Protocol):
 
 
 class Parts:
-    """Parts of the path loop and its limits; no dataclass, so that the loop does not carry it."""
+    """Parts of the path loop, and its limits.
+
+    This class is not a dataclass, so that the loop does not carry its fields as state.
+
+    Args:
+        space: Finds vertices along rays.
+        endpoint: Target of next-event estimation, and emission where rays end.
+        scattering: BSDFs and phase functions.
+        limits: Limits that decide which contributions count.
+    """
 
     def __init__(
         self, space: Space, endpoint: Endpoint, scattering: Scattering, limits: Limits
     ) -> None:
-        self.space, self.endpoint = space, endpoint
-        self.scattering, self.limits = scattering, limits
-        self.motion: Velocities | None = None  # set if rates of change are wanted
-        self.caustic_rays: CausticTracer | None = None  # None if paths find caustics themselves
+        self.space = space
+        self.endpoint = endpoint
+        self.scattering = scattering
+        self.limits = limits
+
+        # Velocities for rates of change of path lengths, None if rates are not computed
+        self.motion: Velocities | None = None
+
+        # Additional rays for caustics, None if the paths themselves find caustics
+        self.caustic_rays: CausticTracer | None = None
 
     @property
     def iterations(self) -> int:
-        """Largest number of rays of a path, -1 if it is unlimited."""
+        """Largest number of rays of a path, -1 without a limit."""
         return -1 if self.space.stops else self.limits.iterations
 
     def with_endpoint(self, endpoint: Endpoint) -> Self:
-        """Return the parts with another endpoint."""
+        """Return a copy with another endpoint."""
         other = copy(self)
         other.endpoint = endpoint
         return other
 
     def with_motion(self, motion: Velocities | None) -> Self:
-        """Return the parts with velocities, for contributions with rates of change."""
+        """Return a copy with velocities, or without velocities for None.
+
+        With velocities, contributions have rates of change.
+        """
         other = copy(self)
         other.motion = motion
         return other

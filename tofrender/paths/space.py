@@ -1,4 +1,4 @@
-"""Space without participating media, and transmittance between two points of any space."""
+"""Space without participating media, and transmittance between two points in any space."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .records import Connection, Path, Vertex
 
 
 class Vacuum(Space):
-    """Straight rays between surfaces; shadow rays are blocked or not.
+    """Space without media: straight rays between surfaces.
 
     Args:
         scene: The scene.
@@ -18,27 +18,30 @@ class Vacuum(Space):
     """
 
     def __init__(self, scene: mi.Scene, index: float = 1.0) -> None:
-        self.scene, self.index = scene, index
+        self.scene = scene
+        self.index = index
 
     def next_vertex(self, path: Path, sampler: mi.Sampler) -> tuple[Path, Vertex]:
-        """Intersect the ray with the surfaces.
+        """Intersect the path's ray with the surfaces.
 
-        The length is measured from point to point, since rays start a little off the surface, and
-        camera rays at the near plane.
+        The length of the vertex is the distance from `path.prev`. The distance along the ray would
+        be too short: rays start slightly off a surface, and camera rays start at the near plane.
         """
+        # Camera rays are coherent: neighboring lanes have similar rays
         si = self.scene.ray_intersect(
             path.ray,
             ray_flags=mi.RayFlags.All,
             coherent=(path.depth == 0),
-            reorder=True,  # Group threads with equal shapes, if the GPU can
+            reorder=True,  # Group threads with equal shapes, if the GPU supports this
             active=path.active,
         )
-        return path, Vertex(si, dr.norm(si.p - path.prev.p), si.is_valid())
+        length = dr.norm(si.p - path.prev.p)
+        return path, Vertex(si=si, length=length, valid=si.is_valid())
 
     def transmittance(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
     ) -> mi.Float:
-        """Trace a shadow ray: 1 where it is free, 0 where it is blocked."""
+        """Trace a shadow ray. Returns 0 if a surface blocks the ray, otherwise 1."""
         tested = connection.active & ~connection.unoccluded
         blocked = self.scene.ray_test(vertex.si.spawn_ray_to(connection.point), tested)
         return dr.select(tested & blocked, mi.Float(0), 1)
@@ -52,11 +55,23 @@ def transmittance_between(
     active: mi.Bool,
     medium_length: mi.Float | None = None,
 ) -> mi.Spectrum:
-    """Estimate the transmittance from a surface point to another point, 0 behind other surfaces.
+    """Estimate the transmittance between a surface point and another point.
 
-    A surface point without a normal has no offset; `medium_length` as in `Connection`.
+    The result is 0 if a surface blocks the segment between both points.
+
+    Args:
+        space: The space.
+        si: Surface point. If its normal is 0, the ray starts exactly at this point.
+        point: The other point [m].
+        sampler: The sampler.
+        active: Active lanes.
+        medium_length: Length over which media attenuate [m], None for the distance of both points.
     """
+    # Create a path that consists of the surface point only
     ray = si.spawn_ray_to(point)
     path = Path.start(ray, si.p, active, medium=space.medium_at(ray))
+    vertex = Vertex(si=si, length=mi.Float(0), valid=mi.Bool(active))
+
+    # Connect the other point. The transmittance does not depend on the geometric length
     connection = Connection.to_point(point, ray.d, mi.Float(0), active, medium_length)
-    return space.transmittance(path, Vertex(si, mi.Float(0), mi.Bool(active)), connection, sampler)
+    return space.transmittance(path, vertex, connection, sampler)

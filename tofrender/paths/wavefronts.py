@@ -1,4 +1,4 @@
-"""Start of light from emitters at infinity."""
+"""Planes where light from emitters at infinity starts."""
 
 from __future__ import annotations
 
@@ -12,18 +12,27 @@ from ..runtime.interface import world_transform
 
 @dataclass
 class Wavefronts:
-    """Planes from which distant light starts. They touch the sphere around scene and sensor."""
+    """Planes where distant light starts, one plane for each direction.
 
-    center: mi.Point3f  # center of the sphere [m]
-    radius: mi.Float  # radius of the sphere [m]
+    All planes touch the sphere around scene and sensor.
+    """
+
+    center: mi.Point3f  # Center of the sphere [m]
+    radius: mi.Float  # Radius of the sphere [m]
 
     @classmethod
     def around(cls, scene: mi.Scene, sensor: mi.Sensor | None) -> Wavefronts:
-        """Return the planes for the sphere around a scene and, if it is given, the sensor."""
+        """Return the planes for the sphere around a scene and a sensor.
+
+        Without a sensor, the sphere surrounds the scene only.
+        """
+        # Include the sensor in the bounding box
         box = scene.bbox()
         if sensor is not None:
             position = world_transform(sensor) @ mi.Point3f(0)
             box.expand(mi.ScalarPoint3f([float(x[0]) for x in position]))
+
+        # Opaque numbers give one kernel for all scenes
         sphere = box.bounding_sphere()
         center = mi.Point3f(sphere.center)
         radius = mi.Float(sphere.radius)
@@ -31,5 +40,5 @@ class Wavefronts:
         return cls(center, radius)
 
     def length(self, p: mi.Point3f, d: mi.Vector3f) -> mi.Float:
-        """Return the length from `p` along `d` to the plane where the light starts [m]."""
+        """Return the length from `p` along a unit vector `d` to the plane of this direction [m]."""
         return self.radius - dr.dot(d, p - self.center)

@@ -1,8 +1,9 @@
-"""Light-sampling techniques, see `protocols.Endpoint` and the table there.
+"""Light-sampling techniques, see `protocols.Endpoint` and the table in `protocols`.
 
-Lengths end at the point that emits. An environment or directional light has none; its light starts
-on the plane that touches the sphere around scene and sensor and faces the light, so that each
-direction's wavefront is plane, all of it starts at OPL 0, and no length is negative.
+Path lengths end at the point that emits. Environments and directional lights do not have such a
+point. Their light starts on planes that touch the sphere around scene and sensor and face the
+light. The wavefront of each direction is plane, all of it starts at OPL 0, and no length is
+negative.
 """
 
 from .gated import GatedLights as GatedLights

@@ -1,4 +1,4 @@
-"""Next-event estimation of a scene's emitters, and hits of them, alone or combined."""
+"""Next-event estimation of the emitters of a scene, and rays that hit emitters."""
 
 from __future__ import annotations
 
@@ -14,38 +14,55 @@ from ..records import BSDFEval, Connection, Hit, Path, Vertex
 from ..wavefronts import Wavefronts
 from .emitters import EmitterEndpoint, power_heuristic
 
-GOLDEN = 0.6180339887  # the golden ratio's fraction, whose multiples fill the unit interval evenly
-# Extents of the emitters in widths, and the number of samples that pays from there on
+# Fractional part of the golden ratio. Its multiples modulo 1 fill the unit interval evenly
+GOLDEN = 0.6180339887
+
+# Smallest extent of the emitters in bin widths -> number of emitter samples that reduces the noise
+# per time
 BY_WIDTHS = ((20, 8), (5, 4))
-MOST = 64  # largest number of emitter samples of a vertex
+
+# Largest number of emitter samples of a vertex
+MOST = 64
 
 
 @dataclass
 class LatticeConnection(Connection):
     """The first connection of a vertex, with the random shift of its lattice."""
 
-    shift: mi.Point2f = field(kw_only=True)  # the shift, in [0, 1)²
+    # Shift, in [0, 1)²
+    shift: mi.Point2f = field(kw_only=True)
 
 
 class EmitterLattice:
-    """Further emitter samples of a vertex, on a lattice that the first one has shifted.
+    """Additional emitter samples of a vertex, on a shifted lattice.
 
-    Point k of n is shift + (k / n, k φ) modulo 1, with the golden ratio φ: a rank-1 lattice where n
-    is a Fibonacci number, and nearly one elsewhere. A path's first vertex has `first` points, all
-    further ones have half as many, rounded up: those matter less, and a path has more of them.
+    Point k of n is shift + (k / n, k φ) modulo 1, with the golden ratio φ. If n is a Fibonacci
+    number, the points are a rank-1 lattice, otherwise nearly so. The first emitter sample of the
+    vertex is point 0.
+
+    Later vertices have half as many points as the first vertex, because they matter less and are
+    more numerous.
+
+    Args:
+        endpoint: Endpoint that samples the emitters.
+        first: Number of points at the first vertex of a path. Later vertices have half as many
+            points, rounded up.
     """
 
     def __init__(self, endpoint: EmitterEndpoint, first: int) -> None:
         self.endpoint = endpoint
-        self.first, self.later = mi.UInt32(first), mi.UInt32((first + 1) // 2)
-        dr.make_opaque(self.first, self.later)  # One kernel for all numbers above 1
+        self.first = mi.UInt32(first)
+        self.later = mi.UInt32((first + 1) // 2)
+
+        # Opaque numbers give one kernel for all numbers above 1
+        dr.make_opaque(self.first, self.later)
 
     def size(self, depth: mi.UInt32) -> mi.UInt32:
-        """Return the number of samples of vertex number 0, 1, ... of a path."""
+        """Return the number of emitter samples of the vertex with index `depth` = 0, 1, ..."""
         return dr.select(depth == 0, self.first, self.later)
 
     def count(self, path: Path) -> mi.UInt32:
-        """Return the number of samples after the first."""
+        """Return the number of emitter samples of a vertex after the first sample."""
         return self.size(path.depth) - 1
 
     def sample(
@@ -57,9 +74,10 @@ class EmitterLattice:
         sampler: mi.Sampler,
         active: mi.Bool,
     ) -> Connection:
-        """Sample point number k + 1 of the lattice."""
-        number, size = mi.Float(k + 1), mi.Float(self.size(path.depth))
-        u = mi.Point2f(number / size, number * GOLDEN) + first.shift
+        """Sample an emitter by point k + 1 of the lattice."""
+        index = mi.Float(k + 1)
+        size = mi.Float(self.size(path.depth))
+        u = mi.Point2f(index / size, index * GOLDEN) + first.shift
         return self.endpoint.sample_emitter(vertex, u - dr.floor(u), active)
 
 
@@ -68,12 +86,14 @@ class SceneLights(EmitterEndpoint):
 
     Args:
         scene: The scene.
-        sensor: The sensor, which the bounding sphere of distant emitters contains, or None.
-        hide_emitters: Whether the sensor looks through area lights, and sees no environment, as in
-            Mitsuba.
-        discard_direct_light: Whether light that comes straight from an emitter does not count.
-        light_samples: Emitter samples at the first vertex of a path; all further vertices have half
-            as many, rounded up. "auto" is 1 until `for_bin_width` chooses.
+        sensor: The sensor, or None. Light of emitters at infinity starts outside the sphere around
+            scene and sensor.
+        hide_emitters: Whether the sensor looks through area lights and does not see the
+            environment, as in Mitsuba.
+        discard_direct_light: Whether to leave out light that the sensor receives directly from an
+            emitter.
+        light_samples: Number of emitter samples at the first vertex of a path. Later vertices have
+            half as many, rounded up. "auto" means 1 until `for_bin_width` chooses a number.
     """
 
     further: EmitterLattice | None
@@ -93,11 +113,16 @@ class SceneLights(EmitterEndpoint):
     def _set_count(self, count: int) -> None:
         """Set the number of emitter samples at a path's first vertex."""
         self.further = None
-        if count > 1:  # a copy, since a cycle would keep the scene until garbage collection
+
+        # Refer to a copy: a reference cycle would keep the scene until the next garbage collection
+        if count > 1:
             self.further = EmitterLattice(copy(self), count)
 
     def for_bin_width(self, width_opl: float) -> Self:
-        """Return the endpoint with as many emitter samples as pay off, if they are "auto"."""
+        """Return the endpoint with a number of emitter samples for this bin width [m].
+
+        Only `light_samples = "auto"` depends on the bin width.
+        """
         if self.light_samples != "auto":
             return self
         other = copy(self)
@@ -107,7 +132,7 @@ class SceneLights(EmitterEndpoint):
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
-        """Sample an emitter; if more samples follow, as the first of a lattice."""
+        """Sample an emitter. The result contains the shift of the lattice for further samples."""
         shift = sampler.next_2d()
         connection = self.sample_emitter(vertex, shift, active)
         if self.further is None:
@@ -115,14 +140,14 @@ class SceneLights(EmitterEndpoint):
         return LatticeConnection(**vars(connection), shift=shift)
 
     def _count(self, depth: mi.UInt32) -> mi.Float:
-        """Return the number of emitter samples at a vertex."""
+        """Return the number of emitter samples of the vertex with index `depth`."""
         return mi.Float(1) if self.further is None else mi.Float(self.further.size(depth))
 
     def hit_weight(self, path: Path, vertex: Vertex, hit: Hit) -> mi.Float:
-        """Return the power heuristic against emitter samples; 1 after delta lobes."""
+        """Return the power heuristic against emitter samples, 1 after delta lobes."""
         weight = mi.Float(0)
         if not self.finds_all:
-            # The vertex before the hit had the samples; first rays have none, and are specular
+            # The emitter samples belong to the vertex before the hit. First rays are specular
             pdf = hit.pdf if self.further is None else hit.pdf * self._count(path.depth - 1)
             weight = power_heuristic(path.pdf, pdf)
         return dr.select(path.specular, mi.Float(1), weight)
@@ -130,10 +155,11 @@ class SceneLights(EmitterEndpoint):
     def mis_weight(
         self, path: Path, vertex: Vertex, connection: Connection, bsdf_eval: BSDFEval
     ) -> mi.Float:
-        """Return the power heuristic against BSDF samples; 1 for emitters that cannot be hit.
+        """Return the power heuristic against BSDF samples, 1 for emitters that rays cannot hit.
 
-        Each of n samples has an n-th of it, for n times its density (Veach 1997, 9.2.2). The
-        density is the point's own, occluded or not: hits know of no shadow either.
+        With n emitter samples, the density is n times as high, and each sample receives 1/n of the
+        weight (Veach 1997, section 9.2.2). The density does not depend on the visibility of the
+        emitter, as in `hit_weight`.
         """
         n = self._count(path.depth)
         if self.finds_all:
@@ -143,18 +169,20 @@ class SceneLights(EmitterEndpoint):
 
 
 class ConnectionsOnly(SceneLights):
-    """Next-event estimation of all emitters alone; hits count after delta lobes only.
+    """Next-event estimation of all emitters. Hits count after delta lobes only.
 
-    Noisy where a glossy surface reflects a large light: emitter samples rarely fall into its lobe.
+    The result is noisy if a glossy surface reflects a large light, because few emitter samples are
+    within the glossy lobe.
     """
 
     finds_all = True
 
 
 class EmitterHits(EmitterEndpoint):
-    """Emitters by hits alone, without next-event estimation.
+    """Rays that hit emitters, without next-event estimation.
 
-    Arguments as for `SceneLights`; noisier by far with small lights, and blind to point lights.
+    Small lights are much noisier than with `SceneLights`, and point lights are black. `SceneLights`
+    describes the arguments.
     """
 
     connects = False
@@ -162,16 +190,16 @@ class EmitterHits(EmitterEndpoint):
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
-        """Raise a TypeError: there are no connections."""
-        raise TypeError("EmitterHits: makes no connections; must be used for hits alone")
+        """Raise a TypeError, because this endpoint does not support connections."""
+        raise TypeError("EmitterHits does not support connections. Use SceneLights for connections")
 
     def hit_weight(self, path: Path, vertex: Vertex, hit: Hit) -> mi.Float:
-        """Return 1: nothing else finds the light."""
+        """Return 1, because no other technique finds the light."""
         return mi.Float(1)
 
 
 def checked_count(value: Any) -> str | int:
-    """Check a number of emitter samples, or "auto"."""
+    """Check the argument `light_samples`: an integer from 1 to `MOST`, or "auto"."""
     try:
         is_auto = isinstance(value, str) and value == "auto"
         return value if is_auto else checks.integer("", value, 1, MOST)
@@ -182,17 +210,22 @@ def checked_count(value: Any) -> str | int:
 
 
 def points_that_pay(scene: mi.Scene, width_opl: float, sphere: Wavefronts | None) -> int:
-    """Return the number of emitter samples of a first vertex for time bins of a width [m].
+    """Return a number of emitter samples for the first vertex of a path.
 
-    Where emitters extend over many widths, light of one vertex falls into many bins, each of which
-    few connections reach: more samples make up for that.
+    If emitters extend over many bin widths, light from one vertex falls into many time bins, and
+    few connections fall into each bin. More emitter samples reduce the noise.
+
+    Args:
+        scene: The scene.
+        width_opl: Bin width as optical path length [m].
+        sphere: Planes where light of emitters at infinity starts, None without such emitters.
     """
     widths = _extent(scene, sphere) / width_opl
     return next((n for least, n in BY_WIDTHS if widths >= least), 1)
 
 
 def _extent(scene: mi.Scene, sphere: Wavefronts | None) -> float:
-    """Return the largest distance between points of emission [m]."""
+    """Return an upper bound for the distance between two points that emit [m]."""
     emitters = scene.emitters()
     if len(emitters) == 1 and mi.has_flag(emitters[0].flags(), mi.EmitterFlags.Delta):
         return 0.0
@@ -201,6 +234,6 @@ def _extent(scene: mi.Scene, sphere: Wavefronts | None) -> float:
     whole = mi.ScalarBoundingBox3f()
     for emitter in emitters:
         box = mi.ScalarBoundingBox3f(emitter.bbox())
-        if box.valid():  # A projector has none
+        if box.valid():  # The box of a projector is not valid
             whole.expand(box)
     return float(dr.norm(whole.extents())) if whole.valid() else 0.0
