@@ -179,7 +179,9 @@ class OneKind:
         assert rays is not None
         assert rays.rate > 1
         return self._pass(
-            lambda record: passes._ExtraPixels(rays, rays.pixels, *self._common(record, seed))
+            lambda record: passes._ExtraPixels(
+                rays, rays.pixels, *self._common(record, seed), lanes=1
+            )
         )
 
     def _common(self, record, seed: int) -> tuple:

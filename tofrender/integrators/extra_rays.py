@@ -46,7 +46,7 @@ class ExtraRays:
         self, plan: Plan, sensor: mi.Sensor, pixels: np.ndarray, rate: int, splats: bool
     ) -> None:
         self.plan, self.pixels, self.rate, self.splats = plan, pixels, rate, splats
-        self.rest = plan.without(self.kind)
+        self.remaining_plan = plan.without(self.kind)
 
     @classmethod
     def boxes(cls, plan: Plan) -> Sequence[mi.ScalarBoundingBox3f]:
