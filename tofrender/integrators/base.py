@@ -211,11 +211,15 @@ lengths |
         return self.goes_straight and has_lobes(scene, mi.BSDFFlags.Null)
 
     def sample(self, scene, sampler, ray, medium=None, active=True):
-        """Return steady radiance along rays, lanes that see a surface or an environment, no AOVs."""
+        """Estimate steady radiance along rays.
+
+        Returns:
+            Spectrum, lanes that see a surface or an environment, and an empty list of AOVs.
+        """
         return self.sampled(self.plan(scene), scene, sampler, ray, Radiance.zero(), active)
 
     def sampled(self, plan, scene, sampler, ray, measurement, active=True, origin=None):
-        """Trace camera rays with a plan and a measurement, and return the same values as `sample`."""
+        """Trace camera rays with a plan and a measurement; return the same values as `sample`."""
         origin = ray.o if origin is None else origin
         measured, path = plan.trace(sampler, ray, origin, measurement, mi.Bool(active))
         sees_sky = scene.environment() is not None and not self.hide_emitters

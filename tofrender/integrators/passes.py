@@ -1,7 +1,7 @@
 """Rendering loop over samples: tracing camera rays, and adding their values to a film.
 
-A render is split into steps. In each step, a few lanes per pixel take several samples one after the
-other. On a CPU, the lanes of a pixel are neighbors in one vector of one thread. Each pixel
+A render is split into steps. In each step, a few lanes per pixel compute several samples, one after
+another. On a CPU, the lanes of a pixel are neighbors in one vector of one thread. Each pixel
 therefore has a single writer, which does not need atomic additions. The memory does not depend on
 the number of samples.
 """
@@ -38,7 +38,7 @@ FIRST_SAMPLES = 1 << 20  # Number of camera rays in the first kernel launch
 # Target time of a step [s]. Progress, stops and checkpoints are handled between steps
 STEP_S = 1.0
 
-# Factor for the camera rays of a kernel launch on a GPU, where tracing the kernel takes longer than
+# Factor for the camera rays of a kernel launch on a GPU. Tracing a kernel is slower there than
 # running it
 CUDA_STEP = 16
 
@@ -46,7 +46,7 @@ LANES = {"llvm": 1 << 12, "cuda": 1 << 20}
 """Number of lanes that keep a device busy. On films with fewer pixels, several lanes share a pixel.
 """
 
-# Number of paths of a film below which pilots take longer than the paths
+# Number of paths of a film below which pilots are slower than the paths
 FEW_PATHS = 1 << 15
 
 PHOTON_RATE = 0.5  # Photons per sample of a pixel; photons are much less noisy than paths
@@ -179,8 +179,8 @@ def steps(
     backend.require_vectorised()
     if sensor.class_name() == "BatchSensor":
         raise ValueError(
-            "sensor: batches of sensors are not supported. Use one sensor, for example a perspective "
-            "camera"
+            "sensor: batches of sensors are not supported. Use one sensor, for example a "
+            "perspective camera"
         )
     tracer = tracer.for_bin_width(record.width_opl)
     film = record.film
@@ -384,7 +384,7 @@ class _ExtraPixels:
         """Trace the extra rays of `count` samples per pixel."""
         self.record.set_one_writer(False)
         while count:
-            # Each lane takes `now` samples. Flush the pixels after at most `MAX_ADDED` rays
+            # Add `now` samples per lane, and flush the pixels after at most `MAX_ADDED` rays
             most = MAX_ADDED // self.rate // self.share
             now = min(count // self.share, most)
             with backend.tracing_lock():
@@ -483,7 +483,7 @@ def _lanes(sampler: mi.Sampler, pixels: int, spp: int) -> tuple[int, int, bool]:
         Lanes per pixel, largest number of samples of a lane in a step, and whether only one thread
         writes to each pixel.
     """
-    # Other samplers take one sample per kernel launch
+    # With other samplers, a kernel launch computes one sample per lane
     looping = {sampler.class_name(), type(sampler).__name__} & {*LOOPING_SAMPLERS}
     step = step_samples(STEP_SAMPLES) if looping else STEP_SAMPLES
     most = max(1, min(step // pixels, MAX_ADDED))
