@@ -162,14 +162,14 @@ SKIES = {
 @pytest.mark.parametrize("sky", SKIES)
 def test_things_that_move_under_light_from_afar(sky):
     scene = load(sky=SKIES[sky])
-    with pytest.raises(ValueError, match=r"\A.*starts at a sphere around all that moves.*\Z"):
+    with pytest.raises(ValueError, match=r"\A.*starts at a sphere around the moving scene.*\Z"):
         tofrender.render(scene, params=lifted(scene), spp=1)
 
 
 def test_things_that_move_before_a_sensor_in_a_grid():
     smoke = grid_of(np.full((2, 2, 2, 1), 0.1), [-9, -9, -9], 18, 0.5)
     scene = load(sensor=described()["sensor"] | {"medium": smoke})
-    with pytest.raises((ValueError, RuntimeError), match=r"\A.*media that are grids.*\Z"):
+    with pytest.raises((ValueError, RuntimeError), match=r"\A.*in scenes with grids.*\Z"):
         tofrender.render(scene, params=lifted(scene), spp=1)
 
 
@@ -178,16 +178,16 @@ def test_integrators_refuse_by_themselves_too():
     bins = {"temporal_bins": 64, "bin_width_opl": 0.5, "start_opl": 0.0}
     scene = load(film=film | bins)
     parameters, own = attached_to(scene, WIDTH), scene.integrator()
-    with pytest.raises(ValueError, match="no derivative on a phasor_hdr_film"):
+    with pytest.raises(ValueError, match=r"pulse_width_opl: .* on a phasor_hdr_film"):
         own.render_forward(scene, parameters, spp=1)
-    with pytest.raises(ValueError, match="no derivative on a phasor_hdr_film"):
+    with pytest.raises(ValueError, match=r"pulse_width_opl: .* on a phasor_hdr_film"):
         own.render_backward(scene, parameters, mi.TensorXf(0.0), spp=1)
 
 
 def test_a_refusal_says_what_tracks_gradients_and_has_no_loop_of_causes():
     scene = load()
     scene.integrator().pulse = None
-    said = rf"pulse = None.*as '{FLOOR}' tracks gradients"
+    said = rf"pulse = None.*because '{FLOOR}' tracks gradients"
     with pytest.raises(ValueError, match=said) as caught:
         tofrender.render(scene, params=lifted(scene), spp=1)
     seen: list[BaseException | None] = [caught.value]
@@ -223,7 +223,7 @@ def test_attached_sampling_needs_a_pulse():
     scene = load()
     scene.integrator().pulse = None
     scene.integrator().gradient_sampling = "attached"
-    with pytest.raises(ValueError, match=r"\Apulse = None: leaves bins"):
+    with pytest.raises(ValueError, match=r"\Apulse = None: .* Set pulse_width_opl"):
         tofrender.render(scene, params=attached_to(scene, ALBEDO), spp=1)
 
 
