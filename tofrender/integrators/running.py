@@ -80,7 +80,11 @@ def render_image(
     refusal: str,
     call: str,
     targets: tuple[float, ...],
-    *settings: Any,
+    *,
+    spp: int,
+    seed: int,
+    checkpoint: Checkpoint | str | PathLike[str] | None,
+    progress: bool,
     **identity: Any,
 ) -> np.ndarray:
     """Render one picture with an integrator, or with the `sample()` of a user-defined integrator.
@@ -93,8 +97,11 @@ def render_image(
         refusal: Error message for integrators without this method.
         call: Signature of a user-defined `sample()`, for an error message.
         targets: Arguments of `exposure()`. A user-defined `sample()` receives them after the ray.
-        settings: Positional arguments of `render_all`, from `spp`.
-        identity: Keyword arguments of `render_all`.
+        spp: Samples per pixel.
+        seed: Seed of the sampler.
+        checkpoint: As in `render_all`.
+        progress: Whether to show a progress bar.
+        identity: Further values that the result depends on, for checkpoints.
 
     Returns:
         Array of shape (height, width, channels).
@@ -116,7 +123,21 @@ def render_image(
         require_method(integrator, method, refusal)
         record = recording(film, integrator.exposure(*targets))
         tracer = integrator.plan(scene, sensor, record.weight)
-    render_all(scene, integrator, sensor, tracer, record, *settings, stacklevel=5, **identity)
+
+    # Render all samples
+    render_all(
+        scene=scene,
+        integrator=integrator,
+        sensor=sensor,
+        tracer=tracer,
+        record=record,
+        spp=spp,
+        seed=seed,
+        checkpoint=checkpoint,
+        progress=progress,
+        stacklevel=5,
+        **identity,
+    )
     return np.array(film.develop())
 
 
