@@ -267,8 +267,8 @@ lengths |
         """Return the forward derivative (JVP) of the result of `render`.
 
         The direction of the derivative is given by the gradients of the parameters.
-        `mi.render(scene, params)` calls this method in forward mode. Errors are the same as those
-        of `render`.
+        `mi.render(scene, params)` calls this method in forward mode. The errors of `render` may
+        be raised.
         """
         self._require_own_derivatives()
         require_changes(params)

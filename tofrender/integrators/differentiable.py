@@ -165,7 +165,7 @@ def _material_reasons(scene: mi.Scene, straight: bool) -> Iterator[str]:
 
 
 # BSDFs that return a probability with derivatives. A mask over such a BSDF would combine this
-# derivative with the derivative of its own probability
+# derivative with the derivative of the probability of the mask
 CHOOSERS = ("ThinDielectric", "SmoothPlastic", BLEND)
 
 

@@ -80,12 +80,7 @@ def render_image(
     refusal: str,
     call: str,
     targets: tuple[float, ...],
-    *,
-    spp: int,
-    seed: int,
-    checkpoint: Checkpoint | str | PathLike[str] | None,
-    progress: bool,
-    **identity: Any,
+    **settings: Any,
 ) -> np.ndarray:
     """Render one picture with an integrator, or with the `sample()` of a user-defined integrator.
 
@@ -97,11 +92,7 @@ def render_image(
         refusal: Error message for integrators without this method.
         call: Signature of a user-defined `sample()`, for an error message.
         targets: Arguments of `exposure()`. A user-defined `sample()` receives them after the ray.
-        spp: Samples per pixel.
-        seed: Seed of the sampler.
-        checkpoint: As in `render_all`.
-        progress: Whether to show a progress bar.
-        identity: Further values that the result depends on, for checkpoints.
+        settings: Arguments of `render_all`: samples, seed, checkpoint, progress and identity.
 
     Returns:
         Array of shape (height, width, channels).
@@ -131,12 +122,8 @@ def render_image(
         sensor=sensor,
         tracer=tracer,
         record=record,
-        spp=spp,
-        seed=seed,
-        checkpoint=checkpoint,
-        progress=progress,
         stacklevel=5,
-        **identity,
+        **settings,
     )
     return np.array(film.develop())
 

@@ -46,8 +46,8 @@ class Gate:
         target_time: Path length of the gate [m].
 
     Attributes:
-        opens: Path length below which the weight is 0 [m]. None if the pulse has no support.
-        closes: Path length above which the weight is 0 [m]. None if the pulse has no support.
+        opens: Path length below which the weight is 0 [m]. None for pulses without a support.
+        closes: Path length above which the weight is 0 [m]. None for pulses without a support.
 
     Raises:
         ValueError: `target_time` is None.

@@ -20,8 +20,8 @@ TEMPORAL_FILTERS = ("", "box", "gaussian")
 class TransientPath(TransientIntegrator):
     """Path tracer for films that store when light arrives (plugin `transient_path`).
 
-    The integrator supports the parameters and the film of mitransient. Its parameters are those of
-    `TransientIntegrator`, and:
+    The integrator supports the parameters and the film of mitransient. The parameters are the
+    parameters of `TransientIntegrator`, and:
 
     | parameter | default | meaning |
     |---|---|---|
