@@ -40,7 +40,7 @@ class PathTracerMIS(PathTracer):
 
     @property
     def takes_light_samples(self) -> bool:
-        """Whether a vertex may have several emitter samples. One-sample MIS does not support them."""
+        """Whether a vertex may have several emitter samples, which "one_sample" does not support."""
         return self.technique == "reuse"
 
     def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> SceneLights | OneSampleLights:
