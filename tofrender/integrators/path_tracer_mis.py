@@ -40,7 +40,7 @@ class PathTracerMIS(PathTracer):
 
     @property
     def takes_light_samples(self) -> bool:
-        """Whether a vertex may have several emitter samples, which "one_sample" does not support."""
+        """Whether a vertex may have several emitter samples: only if `technique` is "reuse"."""
         return self.technique == "reuse"
 
     def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> SceneLights | OneSampleLights:
