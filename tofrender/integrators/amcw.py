@@ -228,7 +228,7 @@ def render_amcw_phasor(
     check_view(scene, sensor, **follows(integrator))
     tracer = integrator
     if tracer is None:
-        tracer = in_time(scene.integrator())
+        tracer = with_phasors(scene.integrator())
         require_modelled(scene, sensor, **follows(tracer))
 
     # Create a film for the phasors
@@ -267,20 +267,20 @@ def render_amcw_phasor(
     return (I, Q, *phasor_parts(I, Q, frequencies))
 
 
-def in_time(own: mi.Integrator) -> TransientIntegrator:
+def with_phasors(integrator: mi.Integrator) -> TransientIntegrator:
     """Return an integrator that supports phasors and follows the same paths.
 
     Args:
-        own: The integrator of a scene. It is returned if it supports phasors.
+        integrator: The integrator of a scene. It is returned if it supports phasors.
     """
     # Replace a path tracer of Mitsuba
-    traits = getattr(own, "traits", None)
+    traits = getattr(integrator, "traits", None)
     if traits is None:
-        return mi.load_dict(path_tracer_of(own))
-    if PHASORS in own.exposure().supported_films:
-        return own
+        return mi.load_dict(path_tracer_of(integrator))
+    if PHASORS in integrator.exposure().supported_films:
+        return integrator
 
     # Otherwise copy the parameters that define the paths, and the pulse
     tracer = mi.load_dict({"type": plugins.qualified_name("transient_path"), **traits})
-    tracer.pulse = own.pulse
+    tracer.pulse = integrator.pulse
     return tracer

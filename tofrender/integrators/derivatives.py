@@ -69,7 +69,7 @@ def replaced(params: Any) -> Iterator[dict[str, Any]]:
 
 
 @contextmanager
-def of_one_scene() -> Iterator[None]:
+def refuse_other_scenes() -> Iterator[None]:
     """Raise an error in one line if parameters of another loaded scene track gradients.
 
     Dr.Jit visits the shapes and materials of all loaded scenes.
@@ -124,7 +124,7 @@ class Derivative:
             seed: Seed of the sampler.
             fresh: Parameters. Their gradients are the direction of the derivative.
         """
-        # Delete scenes without references, because Dr.Jit would visit them, see `of_one_scene`
+        # Delete scenes without references, because Dr.Jit would also visit these scenes
         gc.collect()
 
         # Propagate the gradients of the parameters to the scene
@@ -139,7 +139,7 @@ class Derivative:
                     added = 0
 
                 # Add the derivatives of this pass
-                with of_one_scene():
+                with refuse_other_scenes():
                     self._add_rates(rays)
                 added += rays.spp
                 bar.update(rays.spp)

@@ -237,9 +237,9 @@ def _within(pixels: np.ndarray, width: int, film: mi.Film, tile: Tile) -> np.nda
     Returns:
         Indices of the pixels in the tile.
     """
-    own_width, own_height = sampled_size(film)
+    tile_width, tile_height = sampled_size(film)
     y, x = np.divmod(pixels, width)
     x -= tile.x
     y -= tile.y
-    inside = (x >= 0) & (x < own_width) & (y >= 0) & (y < own_height)
-    return (y * own_width + x)[inside]
+    inside = (x >= 0) & (x < tile_width) & (y >= 0) & (y < tile_height)
+    return (y * tile_width + x)[inside]

@@ -85,5 +85,5 @@ def by_name(features: np.ndarray) -> dict[str, np.ndarray]:
 
 def _has(si: mi.SurfaceInteraction3f, *flags: str) -> mi.Bool:
     """Return whether the BSDF at an interaction has at least one of several flags."""
-    own = si.bsdf().flags()
-    return reduce(or_, (mi.has_flag(own, getattr(mi.BSDFFlags, flag)) for flag in flags))
+    bsdf_flags = si.bsdf().flags()
+    return reduce(or_, (mi.has_flag(bsdf_flags, getattr(mi.BSDFFlags, flag)) for flag in flags))

@@ -160,6 +160,12 @@ def steps(
 
     The film is cleared first.
 
+    | loop state | meaning |
+    |---|---|
+    | `done` | samples per pixel that the film contains |
+    | `flushed` | samples per pixel at the last flush of the film |
+    | `per_step` | samples per lane in the next step |
+
     Args:
         tracer: Tracer of the camera rays.
         record: Recording on the film.
@@ -186,6 +192,8 @@ def steps(
     film = record.film
     tile = samples.tile
 
+    # --------------------- Choose the techniques ---------------------
+
     # Choose techniques for some kinds of paths, and exclude these kinds from the main paths
     extra_rays: list[ExtraRays] = []
     photons = None
@@ -204,6 +212,8 @@ def steps(
             if rays is not None:
                 extra_rays.append(rays)
                 tracer = rays.remaining_plan
+
+    # --------------------- Prepare the film and the samplers ---------------------
 
     # Clear the film
     record.prepare()
@@ -226,7 +236,14 @@ def steps(
     _seed(sampler, seed, lanes, pixel if tile is None else tile.numbers(film, pixel), samples)
 
     # Prepare the main paths, and passes for the other techniques
-    pixels = PixelSampler(tracer, record, sensor, sampler, spp, tile)
+    pixels = PixelSampler(
+        tracer=tracer,
+        record=record,
+        sensor=sensor,
+        sampler=sampler,
+        spp=spp,
+        tile=tile,
+    )
     passes: list[_ExtraPixels | _PhotonPass] = []
     reached = np.unique(np.concatenate([rays.pixels for rays in extra_rays] or [np.zeros(0, int)]))
     for rays in extra_rays:
@@ -254,6 +271,9 @@ def steps(
             )
         )
 
+    # --------------------- Render the steps ---------------------
+
+    # Choose the size of the first step
     first = step_samples(FIRST_SAMPLES)
     flushed = done
     per_step = min(most, max(1, first // (width * height * lanes)))
@@ -330,7 +350,7 @@ class _ExtraPixels:
         seed: Seed of the render.
         samples: Range of samples and pixels.
         lanes: Divisor of the samples per pixel in each step. On a GPU, several lanes share the
-            samples of a ray, and their number divides `lanes`.
+            samples of a ray. The number of these lanes is a divisor of `lanes`.
     """
 
     def __init__(
@@ -346,29 +366,29 @@ class _ExtraPixels:
     ) -> None:
         # Choose the number of lanes of each pixel
         sampler = best_sampler(spp)
-        numbers = mi.UInt32(rays.pixels.tolist())
+        indices = mi.UInt32(rays.pixels.tolist())
         rate = rays.rate
         tile = samples.tile
-        self.share = _shared_by(len(numbers) * rate, lanes, MAX_ADDED // rate)
-        per_pixel = rate * self.share
-        own_lanes = len(numbers) * per_pixel
+        self.lanes_per_ray = _shared_by(len(indices) * rate, lanes, MAX_ADDED // rate)
+        per_pixel = rate * self.lanes_per_ray
+        lane_count = len(indices) * per_pixel
         sampler.set_samples_per_wavefront(per_pixel)
 
         # Seed the sampler. An opaque seed avoids another kernel for each seed
-        own_seed = mix(mi.UInt32(seed), mi.UInt32(rate))
+        pass_seed = mix(mi.UInt32(seed), mi.UInt32(rate))
         if rays.kind is not Kind.VISIBLE:
-            own_seed = mix(own_seed, mi.UInt32(rays.kind.value))
-        dr.make_opaque(own_seed)
-        sampler.seed(own_seed, own_lanes)
+            pass_seed = mix(pass_seed, mi.UInt32(rays.kind.value))
+        dr.make_opaque(pass_seed)
+        sampler.seed(pass_seed, lane_count)
 
         # Use the points of these pixels, and skip the points of earlier samples
-        self.pixel = dr.gather(mi.UInt32, numbers, dr.arange(mi.UInt32, own_lanes) // per_pixel)
+        self.pixel = dr.gather(mi.UInt32, indices, dr.arange(mi.UInt32, lane_count) // per_pixel)
         sampler.place(self.pixel if tile is None else tile.numbers(record.film, self.pixel))
         sampler.skip((samples.first + samples.done) * rate)
 
         self.record = record
         self.rate = rate
-        self.reached = _around(reached, record.film)
+        self.reached = _reached_pixels(reached, record.film)
         self.pixels = PixelSampler(
             tracer=rays,
             record=record,
@@ -385,12 +405,12 @@ class _ExtraPixels:
         self.record.set_one_writer(False)
         while count:
             # Add `now` samples per lane, and flush the pixels after at most `MAX_ADDED` rays
-            most = MAX_ADDED // self.rate // self.share
-            now = min(count // self.share, most)
+            most = MAX_ADDED // self.rate // self.lanes_per_ray
+            now = min(count // self.lanes_per_ray, most)
             with backend.tracing_lock():
                 self.record.not_finite += _step(self.pixels, self.pixel, now, weight=0.0)
             self.record.flush(self.reached)
-            count -= now * self.share
+            count -= now * self.lanes_per_ray
 
 
 class _PhotonPass:
@@ -422,9 +442,9 @@ class _PhotonPass:
         # Seed the sampler. An opaque seed avoids another kernel for each seed
         sampler = best_sampler(spp)
         sampler.set_samples_per_wavefront(lanes)
-        own_seed = mix(mi.UInt32(seed), mi.UInt32(PHOTON_SEED))
-        dr.make_opaque(own_seed)
-        sampler.seed(own_seed, lanes)
+        pass_seed = mix(mi.UInt32(seed), mi.UInt32(PHOTON_SEED))
+        dr.make_opaque(pass_seed)
+        sampler.seed(pass_seed, lanes)
         sampler.skip((samples.first + samples.done) * lanes)
 
         # Each photon uses the wavelengths and the time of a camera ray. The pixel of this ray does
@@ -448,7 +468,7 @@ class _PhotonPass:
             self.record.not_finite += _step(self.photons, self.pixel, count, weight=0.0)
 
 
-def _around(pixels: np.ndarray, film: mi.Film) -> mi.UInt32:
+def _reached_pixels(pixels: np.ndarray, film: mi.Film) -> mi.UInt32:
     """Return the film's pixels that receive samples from given pixels of the sampled area.
 
     The sampled area may include a border around the film. The reconstruction filter spreads each
@@ -467,8 +487,8 @@ def _around(pixels: np.ndarray, film: mi.Film) -> mi.UInt32:
             chosen[y + down, x + across] = True
 
     # Remove the margins
-    own = chosen[border + shift :, border + shift :][:rows, :columns]
-    return mi.UInt32(np.flatnonzero(own).tolist())
+    inside = chosen[border + shift :, border + shift :][:rows, :columns]
+    return mi.UInt32(np.flatnonzero(inside).tolist())
 
 
 def _lanes(sampler: mi.Sampler, pixels: int, spp: int) -> tuple[int, int, bool]:
@@ -531,7 +551,13 @@ def _divisor(number: int, bound: int) -> int:
 
 @dr.syntax
 def _step(pixels: PixelSampler, pixel: mi.UInt32, count: int, weight: float = 1.0) -> int:
-    """Take `count` samples in every lane, and evaluate the film.
+    """Compute `count` samples in every lane, and evaluate the film.
+
+    | loop state | meaning |
+    |---|---|
+    | `left` | remaining samples of each lane |
+    | `sums` | sums of the channels over the samples of each lane |
+    | `not_finite` | number of contributions that are not finite |
 
     Args:
         pixels: Sampling of pixels.

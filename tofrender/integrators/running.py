@@ -192,10 +192,20 @@ def render_all(
 
 
 def made_with(
-    scene: mi.Scene, sensor: mi.Sensor, integrator: Any, more: Mapping[str, Any]
+    scene: mi.Scene, sensor: mi.Sensor, integrator: Any, values: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return what identifies a render: `more`, and a fingerprint of scene, sensor, integrator."""
-    return {**more, "fingerprint": fingerprint(scene, sensor, integrator)}
+    """Return what identifies a render, for checkpoints.
+
+    Args:
+        scene: The scene.
+        sensor: The sensor.
+        integrator: The integrator.
+        values: Further values that the result depends on.
+
+    Returns:
+        The values, and a fingerprint of scene, sensor and integrator.
+    """
+    return {**values, "fingerprint": fingerprint(scene, sensor, integrator)}
 
 
 def interrupted(done: int, of: int, unit: str, again: str = "") -> str:
