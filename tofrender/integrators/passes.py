@@ -577,8 +577,8 @@ def _step(pixels: PixelSampler, pixel: mi.UInt32, count: int, weight: float = 1.
 
     if dr.hint(count == 1, mode="scalar"):
         # Take one sample without a loop
-        position, color, rest, step_not_finite = pixels.sample(pixel)
-        block.put(position, [*color, mi.Float(weight), *rest])
+        position, before, after, step_not_finite = pixels.sample(pixel)
+        block.put(position, [*before, mi.Float(weight), *after])
         not_finite += step_not_finite
         sampler.advance()
     elif dr.hint(record.film.rfilter().is_box_filter(), mode="scalar"):
@@ -586,8 +586,8 @@ def _step(pixels: PixelSampler, pixel: mi.UInt32, count: int, weight: float = 1.
         n = color_count(image)
         sums = [mi.Float(0) for _ in range(block.channel_count() - 1)]
         while left > 0:
-            _, color, rest, step_not_finite = pixels.sample(pixel)
-            sums = list(map(operator.add, sums, [*color, *rest]))
+            _, before, after, step_not_finite = pixels.sample(pixel)
+            sums = list(map(operator.add, sums, [*before, *after]))
             not_finite += step_not_finite
             sampler.advance()
             left -= 1
@@ -597,8 +597,8 @@ def _step(pixels: PixelSampler, pixel: mi.UInt32, count: int, weight: float = 1.
     else:
         # With other filters, each sample reaches several pixels
         while left > 0:
-            position, color, rest, step_not_finite = pixels.sample(pixel)
-            block.put(position, [*color, mi.Float(weight), *rest])
+            position, before, after, step_not_finite = pixels.sample(pixel)
+            block.put(position, [*before, mi.Float(weight), *after])
             not_finite += step_not_finite
             sampler.advance()
             left -= 1
