@@ -24,6 +24,7 @@ from .running import render_all, render_image
 from .transient_path import TransientPath
 from .user_defined import follows, is_user_defined
 
+# Signature of a user-defined `sample()`
 CALL = "sample(scene, sampler, ray)"
 NO_MODULATION = "modulation is None. Set a modulation, for example set_modulation(AMCWPulse(20e6))"
 
@@ -260,6 +261,8 @@ def render_amcw_phasor(
     height, width = phasors.shape[:2]
     parts = phasors.reshape(height, width, len(frequencies), 2, -1)
     parts = np.moveaxis(parts, (2, 3), (1, 0))
+
+    # Without a sequence of frequencies, remove the axis of frequencies
     if np.ndim(frequency_hz) == 0 and not isinstance(frequency_hz, str):
         parts = parts[:, 0]
         frequencies = frequencies[0]

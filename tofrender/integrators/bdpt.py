@@ -90,6 +90,8 @@ def _strategy(text: str, max_depth: int, camera_connections: bool) -> tuple[int,
     """
     if text == "":
         return None
+
+    # Read s and t, and check that the strategy finds paths within the depth
     found = re.fullmatch(r"\s*(\d+)\s*,\s*(\d+)\s*", text)
     s, t = (int(n) for n in found.groups()) if found else (0, 0)
     allowed = f"'s,t' with s from 0, t from 1, and s + t from 2 to max_depth + 1 = {max_depth + 1}"

@@ -8,6 +8,7 @@ from ..paths.scattering import Materials
 from ..runtime import checks
 from .path_tracer import PathTracer
 
+# Material of all surfaces
 WHITE = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": 1.0}}
 
 
@@ -27,6 +28,7 @@ class FirstSurface(PathTracer):
     takes_light_samples = False
 
     def __init__(self, props: mi.Properties) -> None:
+        # The number of bounces is fixed
         for name in ("max_depth", "max_bounces"):
             if name in props:
                 raise ValueError(

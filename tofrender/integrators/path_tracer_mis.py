@@ -10,6 +10,7 @@ from ..scenes.media import media_of
 from .one_sample import OneSampleLights
 from .path_tracer import PathTracer
 
+# Ways to combine emitter samples and BSDF samples
 TECHNIQUES = ("reuse", "one_sample")
 
 
@@ -45,6 +46,7 @@ class PathTracerMIS(PathTracer):
 
     def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> SceneLights | OneSampleLights:
         """Return the endpoint that combines emitter samples and BSDF samples."""
+        # Rays of one-sample MIS must pass index-matched boundaries in scenes with media
         if self.technique == "one_sample":
             in_media = bool(media_of(scene, sensor))
             return self.emitters(OneSampleLights, scene, sensor, passes_boundaries=in_media)

@@ -38,6 +38,7 @@ class Simple(FirstSurface):
     """
 
     def __init__(self, props: mi.Properties) -> None:
+        # Read the position and the power of the light
         for name in ("position", "energy"):
             if name not in props:
                 raise ValueError(f"{name} is missing. Set {name} of the integrator simple")
@@ -57,6 +58,7 @@ class Simple(FirstSurface):
 
 def _color(name: str, value: Any) -> list[float]:
     """Require a number or an RGB color, and return the color."""
+    # A number is the same power in all channels
     is_number = isinstance(value, Real) and not isinstance(value, bool)
     try:
         color = [float(x) for x in ([value] * 3 if is_number else value)]

@@ -29,8 +29,11 @@ from .plan import Plan
 from .running import render_all, render_image, require_method
 from .user_defined import follows, is_user_defined
 
+# Keys of `film_config`, see `render_transient`
 FILM_KEYS = ("temporal_bins", "start_opl", "bin_width_opl")
+# Error messages
 NO_TARGET = "target_time is None. Set target_time to the path length of the gate in meters"
+# Signature of a user-defined `sample()`
 CALL = "sample(scene, sampler, ray, target_time)"
 NO_GATES = (
     "time gates are not supported. Use a TimeGatedTransientPath, or call render_at_time with a "
@@ -62,6 +65,8 @@ class Gate:
                 f"pulse = {type(pulse).__name__}: the class must define eval(t), the density of "
                 "the pulse. Use for example GaussianPulse(0.03)"
             )
+
+        # An opaque path length avoids another kernel for each gate
         if not isinstance(target_time, mi.Float):
             target_time = dr.opaque(mi.Float, target_time)
         self.pulse = pulse
@@ -161,6 +166,7 @@ class TimeGatedTransientPath(TransientIntegrator):
             ValueError: The path length is None, or too large for the width of the pulse in single
                 precision.
         """
+        # Is the width of the pulse resolved in single precision?
         width = getattr(self.pulse, "width_opl", None)
         if not (width is None or target_time is None or isinstance(target_time, mi.Float)):
             checks.resolved("pulse_width_opl", float(width), target_time)

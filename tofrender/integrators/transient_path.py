@@ -13,6 +13,7 @@ from ..signals.pulses import GaussianPulse, Pulse
 from .base import TransientIntegrator
 from .plan import Plan, Techniques
 
+# Parameters that switch techniques on and off, see `Techniques`
 TECHNIQUES = ("caustic_photons", "caustic_rays", "chain_rays")
 TEMPORAL_FILTERS = ("", "box", "gaussian")
 

@@ -56,6 +56,8 @@ class TransientVolpath(TransientPath):
     def plan(self, scene, sensor=None, weight=None) -> Plan:
         """Return the plan. Null interactions are not vertices of its paths."""
         plan = super().plan(scene, sensor, weight)
+
+        # Null interactions change neither the depth nor MIS weights
         plan.limits.ignore_null = lets_straight_through(scene)
         return plan
 

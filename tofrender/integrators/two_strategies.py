@@ -25,6 +25,7 @@ class TwoStrategies(BidirectionalMIS):
 
     def weight(self, x: mi.Float, s: mi.UInt32 | int, t: mi.UInt32 | int) -> mi.Float:
         """Return the MIS weight of (1, t) with t > 1 and of (s, 1) with s > 1, otherwise 0."""
+        # Which of the two strategies is (s, t), and does it count?
         from_camera = (mi.UInt32(s) == 1) & (mi.UInt32(t) > 1) & (self.end != "light")
         from_light = (mi.UInt32(s) > 1) & (mi.UInt32(t) == 1) & (self.end != "camera")
         return dr.select(from_camera | from_light, super().weight(x, s, t), 0)
