@@ -336,7 +336,7 @@ def test_only_what_is_stored_can_be_asked_for(name, value):
 def test_derivatives_of_nothing_are_refused():
     loaded = load(SCENES["cornell"]())
     backward = loaded.integrator().render_backward
-    refused("params: track no gradients", backward, loaded, None, None)
+    refused("params: no parameter tracks gradients", backward, loaded, None, None)
 
 
 WIDTH, HEIGHT = 8, 6

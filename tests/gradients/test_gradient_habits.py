@@ -164,14 +164,14 @@ SKIES = {
 def test_things_that_move_under_light_from_afar(sky):
     scene = load(sky=SKIES[sky])
     text = innermost_message(lambda: mi.render(scene, lifted(scene), spp=1))
-    assert "starts at a sphere around all that moves" in text
+    assert "a sphere around the moving scene" in text
 
 
 def test_things_that_move_before_a_sensor_in_a_grid():
     smoke = grid_of(np.full((2, 2, 2, 1), 0.1), [-9, -9, -9], 18, 0.5)
     scene = load(sensor=described()["sensor"] | {"medium": smoke})
     text = innermost_message(lambda: mi.render(scene, lifted(scene), spp=1))
-    assert "media that are grids" in text
+    assert "in scenes with grids" in text
 
 
 def test_integrators_refuse_by_themselves_too():
@@ -179,9 +179,9 @@ def test_integrators_refuse_by_themselves_too():
     bins = {"temporal_bins": 64, "bin_width_opl": 0.5, "start_opl": 0.0}
     scene = load(film=film | bins)
     parameters, own = attached_to(scene, WIDTH), scene.integrator()
-    with pytest.raises(ValueError, match="no derivative on a phasor_hdr_film"):
+    with pytest.raises(ValueError, match=r"pulse_width_opl: .* on a phasor_hdr_film"):
         own.render_forward(scene, parameters, spp=1)
-    with pytest.raises(ValueError, match="no derivative on a phasor_hdr_film"):
+    with pytest.raises(ValueError, match=r"pulse_width_opl: .* on a phasor_hdr_film"):
         own.render_backward(scene, parameters, mi.TensorXf(0.0), spp=1)
 
 
@@ -227,7 +227,7 @@ def test_attached_sampling_needs_a_pulse():
     scene.integrator().pulse = None
     scene.integrator().gradient_sampling = "attached"
     text = innermost_message(lambda: mi.render(scene, attached_to(scene, ALBEDO), spp=1))
-    assert text.startswith("pulse = None: leaves bins")
+    assert text.startswith("pulse = None: ")
 
 
 @pytest.mark.parametrize("pixels", ["luminance", "luminance_alpha", "rgb", "rgba"])

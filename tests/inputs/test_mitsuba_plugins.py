@@ -311,7 +311,7 @@ REFUSED: dict[str, tuple[dict, str]] = {
     "measured": (material(type="measured"), 'Property "filename" cannot be found'),
     "measured_polarized": (material(type="measured_polarized"), "In non-spectral modes"),
     "blender": (shape(type="blender"), 'missing property "name"'),
-    "batch": (two_cameras(), "is a batch of sensors; must be one"),
+    "batch": (two_cameras(), "batches of sensors are not supported. Use one sensor"),
     "specfilm": (film(type="specfilm"), "only be used in Mitsuba variants that perform a spectral"),
     **{
         kind: (integrator(type=kind), ANOTHER)

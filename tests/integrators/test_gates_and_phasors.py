@@ -95,7 +95,7 @@ def test_stored_target_time_under_mitsubas_render():
     )
     np.testing.assert_allclose(image, expected, rtol=1e-4, atol=1e-6)
     without = mi.load_dict({"type": "time_gated_transient_path"}, parallel=False)
-    refused("target_time = None: must be", without.render, loaded, spp=1)
+    refused("target_time is None. Set target_time", without.render, loaded, spp=1)
 
 
 def test_the_call_of_the_text():
@@ -114,7 +114,7 @@ def test_the_call_of_the_text():
 @pytest.mark.parametrize(
     ("config", "text"),
     [
-        ({"temporal_bins": 3, "start_opl": 0.0}, "start_opl': 0.0}: has no bin_width_opl"),
+        ({"temporal_bins": 3, "start_opl": 0.0}, "start_opl': 0.0}: bin_width_opl is missing"),
         (GATES | {"bins": 3}, "film_config key = 'bins': "),
         (GATES | {"temporal_bins": 0}, "temporal_bins = 0: must be an integer from 1"),
         (GATES | {"bin_width_opl": math.nan}, "bin_width_opl = nan: must be"),
@@ -132,7 +132,7 @@ def test_what_cannot_be_measured_is_refused_in_a_line():
         refused("target_time = ", tofrender.render_at_time, loaded, gated(), sensor, target)
     correlating = mi.load_dict({"type": "amcw_transient_path"}, parallel=False)
     one = tofrender.render_single_amcw
-    refused("modulation = None: must be set", one, loaded, correlating, sensor, 4)
+    refused("modulation is None. Set a modulation", one, loaded, correlating, sensor, 4)
     refused("modulation = 3: must be a modulation", correlating.set_modulation, 3)
     correlating.set_modulation(AMCWPulse(2e7))
     bad_film = "film = TransientHDRFilm: must be hdrfilm or phasor_hdr_film"
@@ -148,7 +148,9 @@ def test_what_cannot_be_measured_is_refused_in_a_line():
             (tofrender.render_transient, GATES),
             (tofrender.render_single_amcw, 4),
         ):
-            refused("has no (gates|modulation); must be", call, loaded, other, sensor, more)
+            refused(
+                "(gates are|modulation is) not supported. Use", call, loaded, other, sensor, more
+            )
     for frequency in (0, -1.0, math.nan, math.inf, "fast", [20e6, 0.0], []):
         refused(r"frequenc(y|ies)_hz", parse_frequencies, frequency)
 

@@ -284,10 +284,10 @@ def test_another_integrators_depth_is_not_inherited():
 @pytest.mark.parametrize(
     ("plugin", "text"),
     [
-        ({"type": "simple", "energy": 1.0}, "position: is missing; must be given"),
-        ({"type": "simple", "position": [0, 0, 1]}, "energy: is missing; must be given"),
+        ({"type": "simple", "energy": 1.0}, "position is missing. Set position"),
+        ({"type": "simple", "position": [0, 0, 1]}, "energy is missing. Set energy"),
         (SIMPLE | {"position": [0, 0, math.nan]}, "position = .*nan.*: must be 3 finite numbers"),
-        (SIMPLE | {"energy": -1.0}, "energy = -1.0: must be a number or an RGB colour, 0 or more"),
+        (SIMPLE | {"energy": -1.0}, "energy = -1.0: must be a number or an RGB color, 0 or more"),
         (SIMPLE | {"energy": math.inf}, "energy = inf: must be"),
         (SIMPLE | {"energy": {"type": "rgb", "value": [1, -2, 3]}}, "energy = .*-2.*: must be"),
         (SIMPLE | {"max_bounces": 1}, "max_bounces = 1: must be left out"),

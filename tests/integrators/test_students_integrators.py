@@ -167,9 +167,9 @@ def test_integrators_with_a_sample_see_one_gate_or_one_modulation():
     sensor = loaded.sensors()[0]
     for integrator in (Gated(), made(Twice)):
         integrator.pulse = StudentPulse(0.5)
-        text = "sample of its own, which sees one instant"
+        text = "which supports one time gate"
         refused(text, tofrender.render_transient, loaded, integrator, sensor, GATES, spp=16)
-    text, options = "sample of its own, which sees one modulation", {"integrator": Correlated()}
+    text, options = "which supports one modulation", {"integrator": Correlated()}
     refused(text, tofrender.render_amcw_phasor, loaded, sensor, 20e6, spp=16, **options)
 
 

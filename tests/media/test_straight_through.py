@@ -288,9 +288,9 @@ def test_derivative_by_the_albedo_behind(name):
 @pytest.mark.parametrize(
     ("material", "end", "message"),
     [
-        (MASK, "sheet.bsdf.opacity.value", "of what it lets straight through"),
-        (MASK, "floor.to_world", "where surfaces let light straight through"),
-        (NULL, "floor.to_world", "where surfaces let light straight through"),
+        (MASK, "sheet.bsdf.opacity.value", "derivatives of null transmission"),
+        (MASK, "floor.to_world", "in scenes with null transmission"),
+        (NULL, "floor.to_world", "in scenes with null transmission"),
     ],
 )
 def test_derivatives_that_are_not_known_are_refused(material, end, message):

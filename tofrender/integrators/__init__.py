@@ -1,1 +1,1 @@
-"""Integrators: each picks a light strategy and a measurement for `walk`."""
+"""Integrators: each integrator chooses the parts of the path loop, and renders on a film."""

@@ -1,4 +1,4 @@
-"""Integrator plugin `amcw_transient_path`: what a continuously modulated sensor measures."""
+"""Integrator plugin `amcw_transient_path`: correlation images of continuous-wave ToF cameras."""
 
 from __future__ import annotations
 
@@ -24,23 +24,25 @@ from .running import render_all, render_image
 from .transient_path import TransientPath
 from .user_defined import follows, is_user_defined
 
+# Signature of a user-defined `sample()`
 CALL = "sample(scene, sampler, ray)"
-NO_MODULATION = "modulation = None: must be set, e.g. set_modulation(AMCWPulse(20e6))"
+NO_MODULATION = "modulation is None. Set a modulation, for example set_modulation(AMCWPulse(20e6))"
 
 
 class AMCWTransientPath(TransientPath):
     """Path tracer for amplitude-modulated light (plugin `amcw_transient_path`).
 
-    On an ordinary film, every contribution is weighted by the modulation m(opl) that
-    `set_modulation` sets: the image is the correlation integral of L(opl) m(opl). On a
-    `phasor_hdr_film`, phasors of all its frequencies are summed in the same trace. Parameters as of
-    `TransientIntegrator`, with a `max_depth` of 8 (segments; 9 in the loop of the assignment's
-    text), and:
+    On an `hdrfilm`, every contribution is weighted by the modulation m(opl), which `set_modulation`
+    sets. The image is the correlation, the integral of L(opl) m(opl) over opl. On a
+    `phasor_hdr_film`, the same paths contribute to the phasors of all frequencies of the film.
+
+    The parameters are the parameters of `TransientIntegrator`, and the parameters in the table. The
+    default of `max_depth` is 8 segments, which is 9 in the loop of the assignment's text.
 
     | parameter | default | meaning |
     |---|---|---|
-    | `frequency_hz` | none | frequency of a cosine modulation [Hz], as a start |
-    | `phase_offset` | 0 | its phase offset [rad]; -pi/2 makes it a sine |
+    | `frequency_hz` | none | frequency of the initial cosine modulation [Hz] |
+    | `phase_offset` | 0 | phase offset of the initial modulation [rad]; -pi/2 gives a sine |
     | `pulse_width_opl` | none | standard deviation of the light's Gaussian pulse [m], for phasors |
 
     Example:
@@ -56,28 +58,46 @@ class AMCWTransientPath(TransientPath):
     def __init__(self, props: mi.Properties | None = None) -> None:
         props = mi.Properties("amcw_transient_path") if props is None else props
         super().__init__(props)
-        frequency, offset = props.get("frequency_hz", None), props.get("phase_offset", 0.0)
+        frequency = props.get("frequency_hz", None)
+        offset = props.get("phase_offset", 0.0)
         self.modulation = None if frequency is None else AMCWPulse(frequency, offset)
 
     @property
     def uses_techniques(self) -> bool:
-        """Whether renders may use the techniques for caustics."""
+        """Whether renders may use techniques for caustics."""
         return True
 
     def set_modulation(self, modulation: Any) -> None:
-        """Set the modulation: an `AMCWPulse`, or anything with `eval(opl)`; else a `TypeError`."""
+        """Set the modulation.
+
+        Args:
+            modulation: An `AMCWPulse`, or any object with a method `eval(opl)`.
+
+        Raises:
+            TypeError: The object does not have the method `eval`.
+        """
         if not hasattr(modulation, "eval"):
             raise TypeError(
-                f"modulation = {modulation!r}: must be a modulation like AMCWPulse(20e6)"
+                f"modulation = {modulation!r}: must be a modulation with eval(opl), for example "
+                "AMCWPulse(20e6)"
             )
         self.modulation = modulation
 
     def sample(self, scene, sampler, ray, medium=None, active=True, origin=None):
-        """Correlation with the modulation along camera rays.
+        """Estimate the correlation with the modulation along camera rays.
 
-        Lengths start at `origin`, by default where the rays do; indices of refraction are over that
-        at the rays' start. `medium` is ignored. Returns a spectrum, lanes that see a surface or an
-        environment, and no AOVs.
+        Indices of refraction are relative to the index at the start of the rays.
+
+        Args:
+            scene: The scene.
+            sampler: The sampler.
+            ray: Camera rays.
+            medium: Ignored.
+            active: Active lanes.
+            origin: Points where path lengths start [m], by default the start of the rays.
+
+        Returns:
+            Spectrum, lanes that see a surface or an environment, and an empty list of AOVs.
         """
         if self.modulation is None:
             raise ValueError(NO_MODULATION)
@@ -85,11 +105,14 @@ class AMCWTransientPath(TransientPath):
         return self.sampled(self.plan(scene), scene, sampler, ray, measurement, active, origin)
 
     def exposure(self) -> Exposure:
-        """Return how light counts: its correlation on a picture; phasors of its pulse."""
+        """Return the weighting of light: the correlation on a picture, or phasors of the pulse."""
         steady_film_error = NO_MODULATION if self.modulation is None else ""
         weight = None if self.modulation is None else self.modulation.eval
         return Exposure(
-            (PICTURE, PHASORS), self.pulse, weight=weight, steady_film_error=steady_film_error
+            supported_films=(PICTURE, PHASORS),
+            pulse=self.pulse,
+            weight=weight,
+            steady_film_error=steady_film_error,
         )
 
 
@@ -105,15 +128,25 @@ def render_single_amcw(
 ) -> np.ndarray:
     """Render one correlation image.
 
-    The integrator is an `AMCWTransientPath` with its modulation set, or any object with a
-    `sample(scene, sampler, ray)` of its own, which is then called. The other arguments are those of
-    `render_at_time`; the same seed gives the same paths, whatever modulation is set.
+    Equal seeds give equal paths. The paths do not depend on the modulation.
+
+    Args:
+        scene: The scene.
+        integrator: An `AMCWTransientPath` with a modulation, or any object that defines
+            `sample(scene, sampler, ray)`. The function `sample` is then called.
+        sensor: The camera. Its film defines size, crop and reconstruction filter.
+        spp: Samples per pixel.
+        seed: Seed of the random numbers.
+        checkpoint: As in `render`.
+        progress: Whether to show a progress bar for renders of more than two seconds.
 
     Returns:
-        Float32 array of shape (height, width, channels).
+        Correlation, float32 array of shape (height, width, channels).
 
     Raises:
-        TypeError: The integrator has neither a modulation nor a `sample` of its own; one line.
+        ValueError: An argument is out of range, or the modulation is missing.
+        TypeError: The integrator does not support modulations.
+        KeyboardInterrupt: The render was stopped. The message describes how to resume it.
 
     Example:
         >>> import tofrender
@@ -123,9 +156,23 @@ def render_single_amcw(
         >>> render_single_amcw(scene, integrator, scene.sensors()[0], spp=4).shape
         (16, 16, 3)
     """
-    refusal = f"has no modulation; must be an AMCWTransientPath, or have {CALL} of its own"
-    settings = spp, seed, checkpoint, progress
-    return render_image(scene, integrator, sensor, "set_modulation", refusal, CALL, (), *settings)
+    refusal = (
+        "a modulation is not supported. Use an AMCWTransientPath, or an integrator that defines "
+        f"{CALL}"
+    )
+    return render_image(
+        scene=scene,
+        integrator=integrator,
+        sensor=sensor,
+        method="set_modulation",
+        refusal=refusal,
+        call=CALL,
+        targets=(),
+        spp=spp,
+        seed=seed,
+        checkpoint=checkpoint,
+        progress=progress,
+    )
 
 
 def render_amcw_phasor(
@@ -139,23 +186,34 @@ def render_amcw_phasor(
     checkpoint: Checkpoint | str | PathLike[str] | None = None,
     progress: bool = True,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Render phasors of one or many frequencies, I and Q of all in one trace.
+    """Render phasors of one or several frequencies, with the same paths for all frequencies.
 
-    `frequency_hz` is a frequency [Hz], or a sequence of them. The integrator is an
-    `AMCWTransientPath` (or `TransientPath`), by default the scene's own, with all its parameters
-    and its pulse: one of Mitsuba's path tracers, or one that stores no phasors, is taken for a
-    `TransientPath` that follows the same paths. The other arguments are those of `render_at_time`.
-    See also `transient_to_phasor`, `phasor_panel`, `unwrap`.
+    See also `transient_to_phasor`, `phasor_panel` and `unwrap`.
+
+    Args:
+        scene: The scene.
+        sensor: The camera. Its film defines size, crop and reconstruction filter.
+        frequency_hz: A frequency or a sequence of frequencies [Hz].
+        spp: Samples per pixel.
+        seed: Seed of the random numbers.
+        integrator: An `AMCWTransientPath` or a `TransientPath`. By default, the integrator of the
+            scene is used, with its parameters and its pulse. A path tracer of Mitsuba, or an
+            integrator that does not support phasors, is replaced by a `TransientPath` with the same
+            paths.
+        checkpoint: As in `render`.
+        progress: Whether to show a progress bar for renders of more than two seconds.
 
     Returns:
-        I, Q, amplitude, phase in (-pi, pi] and depth in [0, c / 2f) [m], arrays of shape (height,
-        width, channels), with an axis of frequencies in front if a sequence was given. Depth is
-        half the path length, which is a distance only where light and camera coincide.
+        Five arrays of shape (height, width, channels): in-phase part I, quadrature part Q,
+        amplitude, phase in (-pi, pi], and depth in [0, c / 2f) [m]. If `frequency_hz` is a
+        sequence, the first axis of the arrays is the frequency. Depth is half the path length. It
+        equals the distance only if light and camera have the same position.
 
     Raises:
-        ValueError: A frequency is not above 0, the list is empty, or the scene's integrator does
-            not tell which paths it follows; one line.
-        TypeError: The integrator has a `sample` of its own; one line.
+        ValueError: A frequency is not above 0, the sequence is empty, or the paths of the scene's
+            integrator are not known.
+        TypeError: The integrator overrides `sample()`.
+        KeyboardInterrupt: The render was stopped. The message describes how to resume it.
 
     Example:
         >>> import tofrender
@@ -166,40 +224,66 @@ def render_amcw_phasor(
         >>> depth.shape
         (2, 16, 16, 3)
     """
+    # Choose the integrator
     frequencies = parse_frequencies(frequency_hz)
     check_view(scene, sensor, **follows(integrator))
     tracer = integrator
     if tracer is None:
-        tracer = in_time(scene.integrator())
+        tracer = with_phasors(scene.integrator())
         require_modelled(scene, sensor, **follows(tracer))
+
+    # Create a film for the phasors
     plugin = plugins.qualified_name("phasor_hdr_film")
     described = {"type": plugin, "frequencies_hz": ", ".join(map(repr, frequencies))}
     film = mi.load_dict(described | pixels_of(sensor.film()))
     if is_user_defined(tracer):
         raise TypeError(
-            f"integrator = {type(tracer).__name__}: has a sample of its own, which sees one "
-            "modulation; must be an AMCWTransientPath without, or use render_single_amcw for each"
+            f"integrator = {type(tracer).__name__}: the class defines sample(), which supports one "
+            "modulation. Use an AMCWTransientPath, or call render_single_amcw once per modulation"
         )
-    record, plan = tracer.recording(film), tracer.plan(scene, sensor)
-    settings = spp, seed, checkpoint, progress
-    render_all(scene, tracer, sensor, plan, record, *settings)
+
+    # Render
+    render_all(
+        scene=scene,
+        integrator=tracer,
+        sensor=sensor,
+        record=tracer.recording(film),
+        tracer=tracer.plan(scene, sensor),
+        spp=spp,
+        seed=seed,
+        checkpoint=checkpoint,
+        progress=progress,
+    )
+
+    # Separate the frequencies and the two parts of the phasors. The new axes are (part, frequency,
+    # height, width, channels)
     phasors = np.array(film.develop()[1])
     height, width = phasors.shape[:2]
     parts = phasors.reshape(height, width, len(frequencies), 2, -1)
-    parts = np.moveaxis(parts, (2, 3), (1, 0))  # (part, frequency, height, width, channels)
+    parts = np.moveaxis(parts, (2, 3), (1, 0))
+
+    # Without a sequence of frequencies, remove the axis of frequencies
     if np.ndim(frequency_hz) == 0 and not isinstance(frequency_hz, str):
-        parts, frequencies = parts[:, 0], frequencies[0]
+        parts = parts[:, 0]
+        frequencies = frequencies[0]
     I, Q = parts  # noqa: E741
     return (I, Q, *phasor_parts(I, Q, frequencies))
 
 
-def in_time(own: mi.Integrator) -> TransientIntegrator:
-    """Return a scene's integrator, or one that stores phasors of the same paths."""
-    traits = getattr(own, "traits", None)
+def with_phasors(integrator: mi.Integrator) -> TransientIntegrator:
+    """Return an integrator that supports phasors and follows the same paths.
+
+    Args:
+        integrator: The integrator of a scene. It is returned if it supports phasors.
+    """
+    # Replace a path tracer of Mitsuba
+    traits = getattr(integrator, "traits", None)
     if traits is None:
-        return mi.load_dict(path_tracer_of(own))
-    if PHASORS in own.exposure().supported_films:
-        return own
+        return mi.load_dict(path_tracer_of(integrator))
+    if PHASORS in integrator.exposure().supported_films:
+        return integrator
+
+    # Otherwise copy the parameters that define the paths, and the pulse
     tracer = mi.load_dict({"type": plugins.qualified_name("transient_path"), **traits})
-    tracer.pulse = own.pulse
+    tracer.pulse = integrator.pulse
     return tracer

@@ -9,16 +9,17 @@ from .outside_lights import OpenSky
 
 
 class AmbientOcclusion(FirstSurface):
-    """White diffuse surfaces under a white sky, one bounce (plugin `ao`).
+    """Ambient occlusion: white diffuse surfaces under a white sky, one bounce (plugin `ao`).
 
         L(x) = integral over the hemisphere of V(x, w) cos / pi dw
 
-    where V is 1 in directions w in which there is no surface. Directions are sampled in proportion
-    to the cosine, so that a sample is 1 or 0: whether the sky is seen. An open plane has the value
-    1, the inside of a closed box 0. In time, light starts on a plane beyond the scene, one for each
-    direction: see `tofrender.paths.endpoints`.
+    where V is 1 if no surface blocks the direction w, and 0 otherwise. Directions are sampled in
+    proportion to the cosine. The value of a sample is therefore 1 if the sky is visible, and 0
+    otherwise. An open plane has the value 1, and the inside of a closed box has the value 0. On
+    films with time bins, the light of each direction starts on a plane outside of the scene, see
+    `tofrender.paths.wavefronts`.
 
-    Parameters: those of `FirstSurface`.
+    The parameters are the parameters of `FirstSurface`.
 
     Example:
         >>> integrator = mi.load_dict({"type": "ao"})

@@ -1,4 +1,4 @@
-"""Integrator plugin `transient_bdpt`: paths from both ends, connected in all ways."""
+"""Integrator plugin `transient_bdpt`: bidirectional path tracing with all connections."""
 
 from __future__ import annotations
 
@@ -10,31 +10,34 @@ from ..bidirectional.mis import BidirectionalMIS
 from ..runtime import checks
 from .bidirectional import BothEnds
 
+# Exponents of the MIS weights by name
 HEURISTICS = {"power": 2, "balance": 1, "none": 0}
 
-MAX_DEPTH = 64  # A lane keeps all vertices of a light path in its own memory
+MAX_DEPTH = 64  # Largest `max_depth`. All vertices of a light path are stored in lane memory
 
 
 class TransientBDPT(BothEnds):
     """Bidirectional path tracing into time bins (plugin `transient_bdpt`).
 
-    A sample is a path from a light and one from the camera, all of whose vertices are connected.
-    Each path of light is thus found by several strategies (s, t), s vertices from the light and t
-    from the lens, weighted by MIS, see `tofrender.bidirectional.mis`.
-    Slower per sample than `transient_path`, and far better where light is hard to find from the
-    camera: caustics, lamps in fixtures, light through holes.
+    For each sample, a light path and a camera path are traced, and all their vertices are
+    connected. A complete path can be found by several strategies (s, t), with s vertices from the
+    light and t vertices from the lens. The strategies are weighted by MIS, see
+    `tofrender.bidirectional.mis`. This integrator is slower per sample than `transient_path`. It
+    has much less noise if light is difficult to find from the camera, for example caustics, lamps
+    in fixtures, and light through holes.
 
-    Besides the parameters of `BothEnds`:
+    The parameters are the parameters of `BothEnds`, and:
 
     | parameter | default | meaning |
     |---|---|---|
     | `max_depth` | 6 | longest path in segments, 2 to 64 |
     | `camera_connections` | true | use strategies with t = 1 |
-    | `strategy` | "" | "s,t" lets this strategy alone count |
-    | `mis` | "power" | weights: "power" or "balance"; with `strategy` also "none", the default \
-there, which shows what it makes of all light of its lengths |
+    | `strategy` | "" | only use one strategy, "s,t" |
+    | `mis` | "power" | MIS weights, "power" or "balance". With `strategy`, the default is "none": \
+the weight is 1 |
 
-    Limitations: cameras are `perspective` or `thinlens`; a light of no extent is not seen directly.
+    The camera must be a `perspective` or a `thinlens`. Emitters without extent are not visible
+    directly.
 
     Example:
         >>> import mitsuba as mi, tofrender
@@ -48,36 +51,53 @@ there, which shows what it makes of all light of its lengths |
     shown = ("max_depth", "rr_depth", "camera_connections", "strategy", "mis", "pulse")
 
     def __init__(self, props: mi.Properties) -> None:
+        # Read the strategies and their weights
         text = str(props.get("strategy", ""))
         default = "none" if text else "power"
         self.mis = checks.one_of("mis", props.get("mis", default), HEURISTICS)
         connections = props.get("camera_connections", True)
         self.camera_connections = checks.boolean("camera_connections", connections)
         super().__init__(props)
-        allowed = f"2 to {MAX_DEPTH}, vertices of light paths are kept"
+
+        # Check the depth and the strategy
+        allowed = f"2 to {MAX_DEPTH}, because the vertices of light paths are stored"
         checks.require("max_depth", self.max_depth, 2 <= self.max_depth <= MAX_DEPTH, allowed)
         self.strategy = _strategy(text, self.max_depth, self.camera_connections)
         if self.mis == "none" and self.strategy is None:
             raise ValueError(
-                "mis = 'none': must be 'power' or 'balance' without strategy, light would count "
-                "several times"
+                "mis = 'none': must be 'power' or 'balance' without a strategy, because light "
+                "would count several times"
             )
 
     def mis_strategies(self) -> BidirectionalMIS:
-        """Return all strategies, or one."""
+        """Return the strategies and their MIS weights."""
         return BidirectionalMIS(HEURISTICS[self.mis], self.camera_connections, self.strategy)
 
 
 def _strategy(text: str, max_depth: int, camera_connections: bool) -> tuple[int, int] | None:
-    """Parse a strategy like "2,1"; None for all."""
+    """Parse a strategy (s, t).
+
+    Args:
+        text: Text like "2,1", or "" for all strategies.
+        max_depth: Largest number of segments.
+        camera_connections: Whether strategies with t = 1 are used.
+
+    Returns:
+        The strategy, None for all strategies.
+
+    Raises:
+        ValueError: The strategy is not valid.
+    """
     if text == "":
         return None
+
+    # Read s and t, and check that the strategy finds paths within the depth
     found = re.fullmatch(r"\s*(\d+)\s*,\s*(\d+)\s*", text)
     s, t = (int(n) for n in found.groups()) if found else (0, 0)
     allowed = f"'s,t' with s from 0, t from 1, and s + t from 2 to max_depth + 1 = {max_depth + 1}"
     checks.require("strategy", text, found and t >= 1 and 2 <= s + t <= max_depth + 1, allowed)
     if t == 1 and not camera_connections:
         raise ValueError(
-            f"strategy = {checks.quote(text)}: must have t above 1 without camera_connections"
+            f"strategy = {checks.quote(text)}: t must be above 1 without camera_connections"
         )
     return s, t

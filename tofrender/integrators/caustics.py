@@ -1,8 +1,8 @@
-"""Techniques for light that arrives by mirrors and clear glass.
+"""Techniques for light that mirrors and clear glass reflect or refract.
 
-`Caustics.of` chooses a technique for each kind of paths (see `paths.kinds`) that ends with a delta
-lobe, and leaves these kinds out of the main paths. Paths that no technique renders stay with the
-main paths, which find them when a BSDF sample runs into an emitter.
+`Caustics.of` chooses a technique for each kind of paths with a delta lobe before the emitter (see
+`paths.kinds`), and excludes these kinds from the main paths. If no technique supports a kind, the
+main paths find it when a BSDF sample hits an emitter.
 
 | kind | technique | fallback |
 |---|---|---|
@@ -33,24 +33,37 @@ from ..paths.window import KINDS
 from .plan import Plan
 from .user_defined import Tracer
 
-PILOT = 1 << 16  # photons that guide caustic rays
-OTHER_LIGHT = 0.3  # Other irradiance over the emitters' power by area of the scene's box
-SHORTEST = 3  # segments of the shortest path with a smooth lobe first and a delta lobe last
+# Number of photons of the pilot, which guides caustic rays
+PILOT = 1 << 16
+
+# Irradiance without caustics, relative to the emitted power divided by the area of the scene's box
+OTHER_LIGHT = 0.3
+
+# Number of segments of the shortest caustic path: a smooth lobe, then a delta lobe
+SHORTEST = 3
 
 
 @dataclass
 class Caustics:
-    """The techniques that a render uses for caustics."""
+    """Techniques of a render for caustics."""
 
-    tracer: Tracer  # the main paths, with caustic rays if these are used
+    # The main paths, with caustic rays if caustic rays are used
+    tracer: Tracer
+
+    # Aimed photons, None if photons are not used
     photons: CausticPhotons | None = None
 
     @classmethod
     def of(cls, tracer: Tracer, sensor: mi.Sensor, tile: Tile | None = None) -> Caustics:
-        """Choose the techniques for a film, or for a tile of one.
+        """Choose the techniques for a film or a tile.
 
-        Pilots trace photons with the same random numbers for all seeds. The expectation of the
-        picture does not depend on them.
+        Pilots trace photons with the same random numbers for all seeds of the render. The expected
+        value of the picture does not depend on the pilots.
+
+        Args:
+            tracer: Tracer of the main paths.
+            sensor: The sensor.
+            tile: Position of the film in a larger film, None for a whole film.
         """
         if not isinstance(tracer, Plan) or not _has_caustics(tracer):
             return cls(tracer)
@@ -60,14 +73,19 @@ class Caustics:
 
 
 def _has_caustics(plan: Plan) -> bool:
-    """Whether paths from emitters by delta lobes exist, and whether the techniques support them."""
+    """Return whether caustics exist in the scene and are supported by the techniques."""
+    # The techniques support ordinary materials and emitters, in scenes without media and motion
     if type(plan.scattering) is not Materials or not isinstance(plan.endpoint, SceneLights):
         return False
     if type(plan.space) is not Vacuum or plan.motion is not None:
         return False
+
+    # Are the paths long enough?
     if plan.limits.bounded and plan.limits.max_depth < SHORTEST:
         return False
-    lobes = mi.BSDFFlags.DeltaReflection, mi.BSDFFlags.DeltaTransmission
+
+    # Does the scene contain delta lobes, and only emitters of known kinds that can be hit?
+    lobes = (mi.BSDFFlags.DeltaReflection, mi.BSDFFlags.DeltaTransmission)
     emitters = plan.scene.emitters()
     known = {emitter.class_name() for emitter in emitters} <= allowed_kinds().keys()
     can_be_hit = any(not mi.has_flag(each.flags(), mi.EmitterFlags.Delta) for each in emitters)
@@ -77,28 +95,40 @@ def _has_caustics(plan: Plan) -> bool:
 def _photons(plan: Plan, sensor: mi.Sensor, tile: Tile | None) -> CausticPhotons | None:
     """Return photons that are aimed at mirrors and clear glass, None if they are not supported.
 
-    Photons land on all pixels of a film, so that each tile would trace the photons of all tiles.
-    Paths from the camera find an environment more easily than photons find the camera.
+    Photons reach all pixels of a film. Tiles are not supported, because each tile would trace the
+    photons of all tiles. Environments are not supported, because paths from the camera find them
+    more easily.
     """
     supported = sensor.class_name() in KINDS and plan.scene.environment() is None
     if not plan.techniques.caustic_photons or tile is not None or not supported or mi.is_polarized:
         return None
-    hides = plan.endpoint.hide_emitters
-    photons = CausticPhotons(plan.scene, sensor, plan.space, plan.limits, hides)
+    photons = CausticPhotons(
+        scene=plan.scene,
+        sensor=sensor,
+        space=plan.space,
+        limits=plan.limits,
+        hide_emitters=plan.endpoint.hide_emitters,
+    )
     return photons if photons.aim() else None
 
 
 def _with_rays(plan: Plan, sensor: mi.Sensor) -> Plan:
-    """Return the plan with caustic rays for the kinds that photons leave to its paths."""
+    """Return the plan with caustic rays, for the kinds of caustics that photons do not find."""
     if not plan.techniques.caustic_rays:
         return plan
+
+    # Trace a pilot. Caustic rays are not used if no photon arrives through a delta lobe
     scene = plan.scene
     pilot = trace_photons(scene, sensor, PILOT)
     if not len(pilot.power):
         return plan
+
+    # Learn a table of directions from the photons
     box = scene.bbox()
     irradiance = OTHER_LIGHT * pilot.emitted / float(box.surface_area())
     table = DirectionTable.of_photons(box, pilot.p, pilot.n, pilot.d, pilot.power, irradiance)
+
+    # Guide rays from smooth lobes to emitters
     kinds = frozenset({Kind.CAUSTIC, Kind.CAUSTIC_IN_MIRROR}) - plan.limits.left_out
     smooth = Materials(scene, lobes=mi.BSDFFlags.Smooth)
     emitters = EmitterHits(scene, sensor, plan.endpoint.hide_emitters)

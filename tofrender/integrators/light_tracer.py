@@ -1,4 +1,4 @@
-"""Integrator plugin `transient_light_tracer`: light that finds the camera."""
+"""Integrator plugin `transient_light_tracer`: paths from emitters to the camera."""
 
 from ..bidirectional.mis import BidirectionalMIS
 from .bidirectional import BothEnds
@@ -7,12 +7,14 @@ from .bidirectional import BothEnds
 class TransientLightTracer(BothEnds):
     """Light tracing into time bins (plugin `transient_light_tracer`).
 
-    Paths start at the emitters, and each of their vertices is connected to the lens: light that
-    arrives there lands in whatever pixel sees it, at its time. Good for caustics, which a path from
-    the camera finds by chance or, with a point light, never; what the camera sees in mirrors and
-    through glass is missing, since no connection passes those.
+    Paths start at the emitters, and each vertex of a path is connected to the lens. The light is
+    added to the pixel that sees the vertex, at the time of its arrival. Light tracing finds
+    caustics well. Paths from the camera find caustics only by chance, and never if the emitter is a
+    point. Light that the camera sees in mirrors or through glass is missing, because connections do
+    not pass mirrors and glass.
 
-    Parameters: those of `BothEnds`; a sample per pixel is one path of light per pixel.
+    The parameters are the parameters of `BothEnds`. The number of light paths is the number of
+    pixels times the samples per pixel.
 
     Example:
         >>> import mitsuba as mi, tofrender
@@ -26,5 +28,5 @@ class TransientLightTracer(BothEnds):
     from_camera = False
 
     def mis_strategies(self) -> BidirectionalMIS:
-        """Return the strategies with t = 1, each of which alone finds the paths of its length."""
+        """Return the strategies with t = 1, with the MIS weight 1."""
         return BidirectionalMIS(exponent=0)

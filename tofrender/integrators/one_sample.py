@@ -12,15 +12,20 @@ from ..runtime import checks
 
 
 class OneSampleLights(EmitterEndpoint):
-    """Light along one ray, whose direction is sampled from the emitters or from the BSDF.
+    """Light along one ray, with a direction from an emitter sample or a BSDF sample.
 
-    Each is chosen half of the time, and the light that the ray finds is divided by the density of
-    the mixture, (p_emitter + p_bsdf) / 2: the one-sample model with the balance heuristic (Veach
-    1997, section 9.2.4). It is as good as `SceneLights` at the first surface with half the samples,
-    but has to trace another ray to go on. Arguments as for `SceneLights`.
+    Both techniques are chosen with the probability 1/2. The light along the ray is divided by the
+    density of the mixture, (p_emitter + p_bsdf) / 2. This is the one-sample model with the balance
+    heuristic (Veach 1997, section 9.2.4). At the first surface, the noise is the same as for
+    `SceneLights` with half as many samples, but another ray is needed to continue the path.
 
-    With `passes_boundaries`, rays pass index-matched boundaries. Emitters on such boundaries are
-    then found by emitter samples alone.
+    Args:
+        scene: The scene.
+        sensor: As in `SceneLights`.
+        hide_emitters: As in `SceneLights`.
+        discard_direct_light: As in `SceneLights`.
+        passes_boundaries: Whether rays pass index-matched boundaries. Only emitter samples then
+            find emitters on such boundaries.
     """
 
     finds_all = True
@@ -38,33 +43,39 @@ class OneSampleLights(EmitterEndpoint):
         self.boundaries = Boundaries(scene)
 
     def hit_weight(self, path: Path, vertex: Vertex, hit: Hit) -> mi.Float:
-        """Return 1 after delta lobes, else 0."""
+        """Return 1 after delta lobes, otherwise 0."""
         return dr.select(path.specular, mi.Float(1), 0)
 
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
-        """Sample a direction from either technique, and the light that comes from there."""
+        """Sample a direction with one of the techniques, and the light from this direction."""
+        # Choose a technique, and sample an emitter
         si = vertex.si
         to_light = sampler.next_1d() < 0.5
         connection = self.sample_emitter(vertex, sampler.next_2d(), active & to_light)
 
-        # The path itself follows samples of delta lobes
-        ctx, bsdf = mi.BSDFContext(), si.bsdf()
+        # Sample the BSDF. Delta lobes do not count here, because the path follows them
+        ctx = mi.BSDFContext()
+        bsdf = si.bsdf()
         by_material = active & ~to_light
         bs, _ = bsdf.sample(ctx, si, sampler.next_1d(), sampler.next_2d(), by_material)
         by_material &= (bs.pdf > 0) & mi.has_flag(bs.sampled_type, mi.BSDFFlags.Smooth)
+
+        # Find the emitter in the direction of the BSDF sample
         ray = si.spawn_ray(si.to_world(bs.wo))
         if self.passes_boundaries:
             seen = first_surface(self.scene, ray, by_material)
         else:
             seen = self.scene.ray_intersect(ray, by_material)
         ahead = Path.start(ray, si.p, by_material)
-        ahead.depth = mi.UInt32(1)  # Not what the sensor sees directly
+
+        # The sensor does not see this emitter directly
+        ahead.depth = mi.UInt32(1)
         ahead.valid_ray = mi.Bool(True)
         found = self.emitted_radiance(Vertex(seen, dr.norm(seen.p - si.p), seen.is_valid()), ahead)
 
-        # Emitters that cannot be hit are found by emitter samples alone
+        # BSDF samples do not find emitters that rays cannot hit
         pdf_material = bsdf.pdf(ctx, si, si.to_local(connection.direction), connection.active)
         cannot_be_hit = connection.delta
         if self.passes_boundaries:
@@ -73,6 +84,8 @@ class OneSampleLights(EmitterEndpoint):
             on_boundary = self.boundaries.have(shape.bsdf(), connection.active)
             cannot_be_hit = cannot_be_hit | on_boundary
         pdf_material = dr.select(cannot_be_hit, 0, pdf_material)
+
+        # Divide the light by the density of the mixture
         by_light = connection.weight * connection.pdf
         pdf = 0.5 * dr.select(to_light, connection.pdf + pdf_material, found.pdf + bs.pdf)
         return Connection(

@@ -1,4 +1,4 @@
-"""Lights that are not part of a scene: a point light, and a white sky."""
+"""Endpoints with lights outside of the scene: a point light and a white sky."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class PointSource(Endpoint):
     Args:
         scene: The scene.
         emitter: A `point` emitter.
-        hide_emitters: Whether the sensor looks through the scene's area lights.
+        hide_emitters: Whether camera rays pass the area lights of the scene.
     """
 
     def __init__(self, scene: mi.Scene, emitter: mi.Emitter, hide_emitters: bool = False) -> None:
@@ -30,22 +30,30 @@ class PointSource(Endpoint):
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
-        """Return the only direction towards the light; draws no random number."""
+        """Connect to the light. Random numbers are not needed."""
         ds, weight = self.emitter.sample_direction(vertex.si, mi.Point2f(0.5), active)
         weight = mi.unpolarized_spectrum(weight)
-        return Connection(ds.p, ds.d, weight, ds.dist, mi.Bool(active), ds.pdf)
+        return Connection(
+            point=ds.p,
+            direction=ds.d,
+            weight=weight,
+            length=ds.dist,
+            active=mi.Bool(active),
+            pdf=ds.pdf,
+        )
 
 
 class OpenSky(Endpoint):
-    """Radiance 1 from every direction in which there is no surface.
+    """White sky with radiance 1 in all directions, which surfaces may block.
 
-    Directions are sampled by their cosine to the shading normal, on the side that the path comes
-    from. In time, the light of each direction starts on the plane that `Wavefronts` says.
+    Directions are sampled in proportion to the cosine with the shading normal, on the side of the
+    surface where the path arrives. The light of each direction starts on a plane outside of the
+    scene, see `Wavefronts`.
 
     Args:
-        scene: The scene, which occludes the sky.
+        scene: The scene, which blocks the sky.
         sensor: As in `SceneLights`.
-        hide_emitters: Whether the sensor looks through the scene's area lights.
+        hide_emitters: Whether camera rays pass the area lights of the scene.
     """
 
     def __init__(
@@ -59,12 +67,24 @@ class OpenSky(Endpoint):
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
-        """Sample a direction of the sky by its cosine."""
+        """Sample a direction of the sky in proportion to the cosine."""
+        # Sample a direction, on the side where the path arrives
         si = vertex.si
         local = square_to_cosine_hemisphere(sampler.next_2d())
         pdf = square_to_cosine_hemisphere_pdf(local)
         d = si.to_world(mi.Vector3f(local.x, local.y, dr.mulsign(local.z, si.wi.z)))
+
+        # Evaluate the sky
         weight = dr.select(pdf > 0, white(si.wavelengths) / pdf, 0)
         length = self.sphere.length(si.p, d)
-        point = dr.fma(d, length + self.sphere.radius, si.p)  # Beyond all that could hide it
-        return Connection(point, d, weight, length, active & (pdf > 0), pdf)
+
+        # End the connection behind all surfaces that may block the sky
+        point = dr.fma(d, length + self.sphere.radius, si.p)
+        return Connection(
+            point=point,
+            direction=d,
+            weight=weight,
+            length=length,
+            active=active & (pdf > 0),
+            pdf=pdf,
+        )

@@ -1,8 +1,9 @@
-"""Rendering loop over samples: lanes, steps, and their values in a film.
+"""Rendering loop over samples: tracing camera rays, and adding their values to a film.
 
-A few lanes follow each pixel through all samples of a step. On a CPU, the lanes of a pixel are
-neighbours in one vector of one thread: each pixel has a single writer, which needs no atomic
-additions. Memory does not depend on the number of samples.
+A render is split into steps. In each step, a few lanes per pixel compute several samples, one after
+another. On a CPU, the lanes of a pixel are neighbors in one vector of one thread. Each pixel
+therefore has a single writer, which does not need atomic additions. The memory does not depend on
+the number of samples.
 """
 
 from __future__ import annotations
@@ -31,39 +32,52 @@ from .caustics import Caustics
 from .extra_rays import DeltaChains, ExtraRays, VisibleEmitters
 from .user_defined import Tracer
 
-STEP_SAMPLES, FIRST_SAMPLES = 1 << 22, 1 << 20  # Camera rays of one kernel launch: most, first
-STEP_S = 1.0  # Time that a step should take [s]; progress, stops and checkpoints come in between
-CUDA_STEP = 16  # Times as many on a GPU, where tracing the kernel takes longer than running it
+STEP_SAMPLES = 1 << 22  # Largest number of camera rays in one kernel launch
+FIRST_SAMPLES = 1 << 20  # Number of camera rays in the first kernel launch
+
+# Target time of a step [s]. Progress, stops and checkpoints are handled between steps
+STEP_S = 1.0
+
+# Factor for the camera rays of a kernel launch on a GPU. Tracing a kernel is slower there than
+# running it
+CUDA_STEP = 16
 
 LANES = {"llvm": 1 << 12, "cuda": 1 << 20}
-"""Lanes that keep a device busy; in films with fewer pixels, many lanes share one."""
+"""Number of lanes that keep a device busy. On films with fewer pixels, several lanes share a pixel.
+"""
 
-FEW_PATHS = 1 << 15  # Paths of a film below which pilots take longer than the paths
-PHOTON_RATE = 0.5  # Photons for each sample of a pixel; they are much less noisy than paths
-LEAST_PHOTONS = 256  # Photons for one sample of all pixels, at least
+# Number of paths of a film below which pilots are slower than the paths
+FEW_PATHS = 1 << 15
+
+PHOTON_RATE = 0.5  # Photons per sample of a pixel; photons are much less noisy than paths
+LEAST_PHOTONS = 256  # Smallest number of photons for one sample of all pixels
 PHOTON_SEED = 0xF070
 
-PRIVATE_LANES = 4  # Lanes that never run on two threads: the narrowest vector of the LLVM backend
+# Number of lanes that always run on the same thread: the narrowest vector of the LLVM backend
+PRIVATE_LANES = 4
 
 LOOPING_SAMPLERS = ("IndependentSampler", "PaddedSobolSampler")
-"""Samplers that can go on to their next sample within a symbolic loop."""
+"""Samplers that can advance to the next sample within a symbolic loop."""
 
 
 @dataclass(frozen=True)
 class SampleRange:
-    """Range of samples and pixels that a render takes, by default all of them."""
+    """Range of samples and pixels of a render, by default all samples and pixels."""
 
-    # samples per pixel of an earlier render with the same seed, whose point set `padded_sobol` goes
-    # on with; other samplers start another one
+    # Samples per pixel of an earlier render with the same seed. `padded_sobol` continues the point
+    # set of this render, other samplers start a new point set
     first: int = 0
-    # where the film's pixels are in the sensor's film, if that has more. `padded_sobol` takes the
-    # same points as for the whole, other samplers take others
+
+    # Position of the film's pixels in a larger film, None for a whole film. `padded_sobol` uses the
+    # same points as for the whole film, other samplers use different points
     tile: Tile | None = None
-    saved: SavedState | None = None  # state of a render of this range that was stopped
+
+    # State of a render of this range that was stopped, None for a new render
+    saved: SavedState | None = None
 
     @property
     def done(self) -> int:
-        """Samples per pixel that the film has from the start."""
+        """Samples per pixel that the film contains from the start."""
         return 0 if self.saved is None else self.saved.done
 
 
@@ -71,10 +85,17 @@ WHOLE = SampleRange()
 
 
 class PixelSampler:
-    """Samples pixels: camera rays, their paths, and the values that go into the film.
+    """Sampling of pixels: camera rays, their paths, and the values for the film.
 
-    The render takes `spp` samples per pixel, with `rate` rays for each; `splats` says that all
-    contributions are splats.
+    Args:
+        tracer: Tracer of the camera rays.
+        record: Recording on the film.
+        sensor: The sensor.
+        sampler: Sampler of the camera rays and paths.
+        spp: Samples per pixel of the render.
+        tile: Position of the film in a larger film, None for a whole film.
+        rate: Number of rays per sample of a pixel.
+        splats: Whether all contributions are added as splats.
     """
 
     def __init__(
@@ -88,28 +109,40 @@ class PixelSampler:
         rate: float = 1,
         splats: bool = False,
     ) -> None:
-        self.tracer, self.record, self.sensor, self.sampler = tracer, record, sensor, sampler
-        self.spp, self.tile, self.rate, self.splats = spp, tile, rate, splats
+        self.tracer = tracer
+        self.record = record
+        self.sensor = sensor
+        self.sampler = sampler
+        self.spp = spp
+        self.tile = tile
+        self.rate = rate
+        self.splats = splats
 
     def sample(
         self, pixel: mi.UInt32
     ) -> tuple[mi.Point2f, list[mi.Float], list[mi.Float], mi.UInt32]:
-        """Trace one camera ray through each of some pixels.
+        """Trace one camera ray through each pixel of an array of pixel indices.
 
-        Returns film positions [pixels], channels before and after the weight channel, and how
-        many contributions were not finite.
+        Returns:
+            Film positions [pixels], channels before the weight channel, channels after the weight
+            channel, and the number of contributions that are not finite.
         """
+        # Sample the camera rays
         record = self.record
         camera = sample_camera(
             self.sensor, record.film, self.sampler, pixel, self.tile, scene=self.tracer.scene
         )
         if self.rate != 1:
             camera = replace(camera, weight=camera.weight / self.rate)
+
+        # Trace the paths
         measurement = record.measurement(camera, self.spp)
         target = AsSplats(measurement, camera.position) if self.splats else measurement
         traced, path = self.tracer.trace(
             self.sampler, camera.ray, camera.origin, target, frame=camera.frame
         )
+
+        # Convert the measured light to channels
         measured = measurement if self.splats else traced
         channels = record.channels(camera, measured, path.valid_ray)
         return camera.position, *channels, path.not_finite
@@ -123,78 +156,150 @@ def steps(
     seed: int | mi.UInt32,
     samples: SampleRange = WHOLE,
 ) -> Iterator[int]:
-    """Render in steps of about a second, all from one point set.
+    """Render in steps of about one second, which use one point set.
 
-    The film is cleared first. The sensor is of the film's size, and the sampler's `sample_count`
-    the number of samples per pixel.
+    The film is cleared first.
+
+    | loop state | meaning |
+    |---|---|
+    | `done` | samples per pixel that the film contains |
+    | `flushed` | samples per pixel at the last flush of the film |
+    | `per_step` | samples per lane in the next step |
+
+    Args:
+        tracer: Tracer of the camera rays.
+        record: Recording on the film.
+        sensor: The sensor, which has the size of the film.
+        sampler: The sampler, with a `sample_count` equal to the samples per pixel of the render.
+        seed: Seed of the sampler.
+        samples: Range of samples and pixels.
 
     Yields:
-        Samples per pixel that the film holds so far.
+        Samples per pixel that the film contains so far.
 
     Raises:
-        BackendError: The active variant cannot render in time.
+        BackendError: The active variant does not support rendering in time.
         ValueError: The sensor is a batch of sensors.
-        MemoryError: The film does not fit.
+        MemoryError: The film does not fit into memory.
     """
     variants.require_vectorized()
     if sensor.class_name() == "BatchSensor":
-        raise ValueError("sensor: is a batch of sensors; must be one, e.g. a perspective camera")
+        raise ValueError(
+            "sensor: batches of sensors are not supported. Use one sensor, for example a "
+            "perspective camera"
+        )
     tracer = tracer.for_bin_width(record.width_opl)
-    film, tile = record.film, samples.tile
+    film = record.film
+    tile = samples.tile
 
-    # Choose techniques for some kinds of paths, which the main paths leave out
+    # --------------------- Choose the techniques ---------------------
+
+    # Choose techniques for some kinds of paths, and exclude these kinds from the main paths
     extra_rays: list[ExtraRays] = []
     photons = None
     if record.emitters_apart:
+        # Caustics need pilots, which are too slow for renders with few paths
         whole_width, whole_height = sampled_size(film if tile is None else tile.whole)
         paths = whole_width * whole_height * (samples.first + sampler.sample_count())
         if paths >= FEW_PATHS:
             caustics = Caustics.of(tracer, sensor, tile)
-            tracer, photons = caustics.tracer, caustics.photons
+            tracer = caustics.tracer
+            photons = caustics.photons
+
+        # Extra rays find emitters that the camera sees directly or through delta lobes
         for technique in (VisibleEmitters, DeltaChains):
             rays = technique.of(tracer, sensor, film, tile)
             if rays is not None:
                 extra_rays.append(rays)
-                tracer = rays.rest
+                tracer = rays.remaining_plan
 
-    # Clear the film, or restore it from a checkpoint
+    # --------------------- Prepare the film and the samplers ---------------------
+
+    # Clear the film
     record.prepare()
     width, height = sampled_size(film)
-    spp, done = sampler.sample_count(), samples.done
+    spp = sampler.sample_count()
+    done = samples.done
     lanes, most, private = _lanes(sampler, width * height, spp - done)
-    apart = photons is not None or any(rays.splats for rays in extra_rays)
-    record.begin(spp, tracer.splats or apart, apart and not tracer.splats)
+    extra_splats = photons is not None or any(rays.splats for rays in extra_rays)
+    record.begin(
+        spp, splats=tracer.splats or extra_splats, apart=extra_splats and not tracer.splats
+    )
+
+    # Restore the film from a checkpoint
     if samples.saved is not None:
         record.restore(samples.saved.arrays, samples.saved.done, samples.saved.of, spp)
 
-    # Several lanes share a pixel; all go on where an earlier render has ended
+    # Seed the sampler. Several lanes share a pixel, and all lanes continue an earlier render
     lane = dr.arange(mi.UInt32, width * height * lanes)
     pixel = lane // dr.opaque(mi.UInt32, lanes)
     _seed(sampler, seed, lanes, pixel if tile is None else tile.numbers(film, pixel), samples)
-    pixels = PixelSampler(tracer, record, sensor, sampler, spp, tile)
+
+    # Prepare the main paths, and passes for the other techniques
+    pixels = PixelSampler(
+        tracer=tracer,
+        record=record,
+        sensor=sensor,
+        sampler=sampler,
+        spp=spp,
+        tile=tile,
+    )
     passes: list[_ExtraPixels | _PhotonPass] = []
     reached = np.unique(np.concatenate([rays.pixels for rays in extra_rays] or [np.zeros(0, int)]))
     for rays in extra_rays:
-        passes.append(_ExtraPixels(rays, reached, record, sensor, spp, seed, samples, lanes))
+        passes.append(
+            _ExtraPixels(
+                rays=rays,
+                reached=reached,
+                record=record,
+                sensor=sensor,
+                spp=spp,
+                seed=seed,
+                samples=samples,
+                lanes=lanes,
+            )
+        )
     if photons is not None:
-        passes.append(_PhotonPass(photons, record, sensor, spp, seed, samples))
+        passes.append(
+            _PhotonPass(
+                photons=photons,
+                record=record,
+                sensor=sensor,
+                spp=spp,
+                seed=seed,
+                samples=samples,
+            )
+        )
 
+    # --------------------- Render the steps ---------------------
+
+    # Choose the size of the first step
     first = step_samples(FIRST_SAMPLES)
-    flushed, per_step = done, min(most, max(1, first // (width * height * lanes)))
+    flushed = done
+    per_step = min(most, max(1, first // (width * height * lanes)))
     while done < spp:
-        start, count = time.perf_counter(), min(per_step, (spp - done) // lanes)
+        # Trace the main paths
+        start = time.perf_counter()
+        count = min(per_step, (spp - done) // lanes)
         record.set_one_writer(private)
         with backend.tracing_lock():
             record.not_finite += _step(pixels, pixel, count)
+
+        # Trace the other techniques, with the same number of samples per pixel
         for each in passes:
             each.sample(count * lanes)
         done += count * lanes
+
+        # Add splats to the picture, and flush the film before single precision loses small addends
         record.update_image(done, spp)
         if spp > done >= flushed + MAX_ADDED:
             record.flush()
             flushed = done
+
+        # Adjust the size of the next step. The first step may be slow because of compilation, so
+        # it does not reduce the size
         seconds = time.perf_counter() - start
-        compiled = done == samples.done + count * lanes  # Then the step seems slower than it is
+        compiled = done == samples.done + count * lanes
         if seconds < STEP_S / 2 or (seconds > 2 * STEP_S and not compiled):
             per_step = max(1, int(min(most, count * STEP_S / seconds)))
         yield done
@@ -203,18 +308,30 @@ def steps(
 def _seed(
     sampler: mi.Sampler, seed: mi.UInt32 | int, lanes: int, pixel: mi.UInt32, samples: SampleRange
 ) -> None:
-    """Start a sampler at the first of some samples; `pixel` is that of the whole for each lane.
+    """Seed a sampler so that it starts at the first sample of a range.
 
-    Samplers that cannot skip points or pixels take others, by another seed.
+    Samplers that cannot skip points or choose pixels get a different seed for each range.
+
+    Args:
+        sampler: The sampler.
+        seed: Seed of the render.
+        lanes: Lanes per pixel.
+        pixel: Pixel index of each lane in the whole film.
+        samples: Range of samples and pixels.
     """
     sampler.set_samples_per_wavefront(lanes)
-    first, skip = samples.first + samples.done, getattr(sampler, "skip", None)
+    first = samples.first + samples.done
+    skip = getattr(sampler, "skip", None)
     set_pixels = getattr(sampler, "place", None)
+
+    # Derive another seed from the range if the sampler cannot skip points
     if skip is None:
         corner = () if samples.tile is None else (1 + samples.tile.x, 1 + samples.tile.y)
         for number in (first, *corner):
             seed = mix(mi.UInt32(seed), mi.UInt32(number)) if number else seed
     sampler.seed(seed, dr.width(pixel))
+
+    # Otherwise select the pixels of the range, and skip earlier points
     if samples.tile is not None and set_pixels is not None:
         set_pixels(pixel)
     if first and skip is not None:
@@ -222,10 +339,18 @@ def _seed(
 
 
 class _ExtraPixels:
-    """Samples the pixels of extra rays more often, in a point set of their own.
+    """Additional samples in the pixels of extra rays, with a separate point set.
 
-    `reached` has the pixels of all extra rays of the render. On a GPU, several lanes share the
-    samples of a ray. The number of samples per pixel in a step must be a multiple of `lanes`.
+    Args:
+        rays: The extra rays.
+        reached: Pixel indices of all extra rays of the render.
+        record: Recording on the film.
+        sensor: The sensor.
+        spp: Samples per pixel of the render.
+        seed: Seed of the render.
+        samples: Range of samples and pixels.
+        lanes: Divisor of the samples per pixel in each step. On a GPU, several lanes share the
+            samples of a ray. The number of these lanes is a divisor of `lanes`.
     """
 
     def __init__(
@@ -239,40 +364,66 @@ class _ExtraPixels:
         samples: SampleRange,
         lanes: int,
     ) -> None:
+        # Choose the number of lanes of each pixel
         sampler = best_sampler(spp)
-        numbers = mi.UInt32(rays.pixels.tolist())
+        indices = mi.UInt32(rays.pixels.tolist())
         rate = rays.rate
         tile = samples.tile
-        self.share = _shared_by(len(numbers) * rate, lanes, MAX_ADDED // rate)
-        per_pixel = rate * self.share
-        own_lanes = len(numbers) * per_pixel
+        self.lanes_per_ray = _shared_by(len(indices) * rate, lanes, MAX_ADDED // rate)
+        per_pixel = rate * self.lanes_per_ray
+        lane_count = len(indices) * per_pixel
         sampler.set_samples_per_wavefront(per_pixel)
-        own_seed = mix(mi.UInt32(seed), mi.UInt32(rate))
+
+        # Seed the sampler. An opaque seed avoids another kernel for each seed
+        pass_seed = mix(mi.UInt32(seed), mi.UInt32(rate))
         if rays.kind is not Kind.VISIBLE:
-            own_seed = mix(own_seed, mi.UInt32(rays.kind.value))
-        dr.make_opaque(own_seed)  # One kernel for all seeds
-        sampler.seed(own_seed, own_lanes)
-        self.pixel = dr.gather(mi.UInt32, numbers, dr.arange(mi.UInt32, own_lanes) // per_pixel)
+            pass_seed = mix(pass_seed, mi.UInt32(rays.kind.value))
+        dr.make_opaque(pass_seed)
+        sampler.seed(pass_seed, lane_count)
+
+        # Use the points of these pixels, and skip the points of earlier samples
+        self.pixel = dr.gather(mi.UInt32, indices, dr.arange(mi.UInt32, lane_count) // per_pixel)
         sampler.place(self.pixel if tile is None else tile.numbers(record.film, self.pixel))
         sampler.skip((samples.first + samples.done) * rate)
-        self.record, self.rate = record, rate
-        self.reached = _around(reached, record.film)
-        self.pixels = PixelSampler(rays, record, sensor, sampler, spp, tile, rate, rays.splats)
+
+        self.record = record
+        self.rate = rate
+        self.reached = _reached_pixels(reached, record.film)
+        self.pixels = PixelSampler(
+            tracer=rays,
+            record=record,
+            sensor=sensor,
+            sampler=sampler,
+            spp=spp,
+            tile=tile,
+            rate=rate,
+            splats=rays.splats,
+        )
 
     def sample(self, count: int) -> None:
-        """Take `count` samples per pixel."""
+        """Trace the extra rays of `count` samples per pixel."""
         self.record.set_one_writer(False)
         while count:
-            most = MAX_ADDED // self.rate // self.share
-            now = min(count // self.share, most)  # Samples of each lane
+            # Add `now` samples per lane, and flush the pixels after at most `MAX_ADDED` rays
+            most = MAX_ADDED // self.rate // self.lanes_per_ray
+            now = min(count // self.lanes_per_ray, most)
             with backend.tracing_lock():
                 self.record.not_finite += _step(self.pixels, self.pixel, now, weight=0.0)
             self.record.flush(self.reached)
-            count -= now * self.share
+            count -= now * self.lanes_per_ray
 
 
 class _PhotonPass:
-    """Traces photons along with the samples of all pixels, in one point set of their own."""
+    """Photons that are traced in addition to the samples of all pixels, with a separate point set.
+
+    Args:
+        photons: The photons.
+        record: Recording on the film.
+        sensor: The sensor.
+        spp: Samples per pixel of the render.
+        seed: Seed of the render.
+        samples: Range of samples and pixels.
+    """
 
     def __init__(
         self,
@@ -283,19 +434,32 @@ class _PhotonPass:
         seed: int | mi.UInt32,
         samples: SampleRange,
     ) -> None:
+        # Choose the number of photons for one sample of all pixels
         width, height = sampled_size(record.film)
         pixels = width * height
         lanes = max(LEAST_PHOTONS, math.ceil(PHOTON_RATE * pixels))
+
+        # Seed the sampler. An opaque seed avoids another kernel for each seed
         sampler = best_sampler(spp)
         sampler.set_samples_per_wavefront(lanes)
-        own_seed = mix(mi.UInt32(seed), mi.UInt32(PHOTON_SEED))
-        dr.make_opaque(own_seed)  # One kernel for all seeds
-        sampler.seed(own_seed, lanes)
+        pass_seed = mix(mi.UInt32(seed), mi.UInt32(PHOTON_SEED))
+        dr.make_opaque(pass_seed)
+        sampler.seed(pass_seed, lanes)
         sampler.skip((samples.first + samples.done) * lanes)
+
+        # Each photon uses the wavelengths and the time of a camera ray. The pixel of this ray does
+        # not matter
         self.record = record
-        # Camera rays have a photon's wavelengths and its time; they may be those of any pixel
         self.pixel = dr.arange(mi.UInt32, lanes) % pixels
-        self.photons = PixelSampler(photons, record, sensor, sampler, spp, None, lanes / pixels)
+        self.photons = PixelSampler(
+            tracer=photons,
+            record=record,
+            sensor=sensor,
+            sampler=sampler,
+            spp=spp,
+            tile=None,
+            rate=lanes / pixels,
+        )
 
     def sample(self, count: int) -> None:
         """Trace the photons of `count` samples per pixel."""
@@ -304,42 +468,66 @@ class _PhotonPass:
             self.record.not_finite += _step(self.photons, self.pixel, count, weight=0.0)
 
 
-def _around(pixels: np.ndarray, film: mi.Film) -> mi.UInt32:
-    """Return the film's own pixels that samples of some pixels of the sampled area reach."""
+def _reached_pixels(pixels: np.ndarray, film: mi.Film) -> mi.UInt32:
+    """Return the film's pixels that receive samples from given pixels of the sampled area.
+
+    The sampled area may include a border around the film. The reconstruction filter spreads each
+    sample to neighboring pixels.
+    """
     width, _ = sampled_size(film)
     columns, rows = (int(n) for n in film.crop_size())
     border = film.rfilter().border_size()
     shift = border if film.sample_border() else 0
+
+    # Mark all pixels within the radius of the filter, on an array with margins
     chosen = np.zeros((rows + 2 * border + 2 * shift, columns + 2 * border + 2 * shift), bool)
     y, x = np.divmod(pixels, width)
     for down in range(2 * border + 1):
         for across in range(2 * border + 1):
             chosen[y + down, x + across] = True
-    own = chosen[border + shift :, border + shift :][:rows, :columns]
-    return mi.UInt32(np.flatnonzero(own).tolist())
+
+    # Remove the margins
+    inside = chosen[border + shift :, border + shift :][:rows, :columns]
+    return mi.UInt32(np.flatnonzero(inside).tolist())
 
 
 def _lanes(sampler: mi.Sampler, pixels: int, spp: int) -> tuple[int, int, bool]:
-    """Return lanes per pixel, most samples of each in a step, and whether pixels are private."""
+    """Choose how lanes share the samples of pixels.
+
+    Args:
+        sampler: The sampler.
+        pixels: Number of pixels.
+        spp: Samples per pixel to render.
+
+    Returns:
+        Lanes per pixel, largest number of samples of a lane in a step, and whether only one thread
+        writes to each pixel.
+    """
+    # With other samplers, a kernel launch computes one sample per lane
     looping = {sampler.class_name(), type(sampler).__name__} & {*LOOPING_SAMPLERS}
     step = step_samples(STEP_SAMPLES) if looping else STEP_SAMPLES
     most = max(1, min(step // pixels, MAX_ADDED))
     if not looping:
         return _divisor(spp, most), 1, False
+
     if _on_gpu():
-        lanes, private = _divisor(spp, min(LANES["cuda"] // pixels, most)), False
+        lanes = _divisor(spp, min(LANES["cuda"] // pixels, most))
+        private = False
     elif pixels * PRIVATE_LANES < LANES["llvm"]:
-        lanes, private = _divisor(spp, LANES["llvm"] // pixels), False
+        lanes = _divisor(spp, LANES["llvm"] // pixels)
+        private = False
     else:
-        # One channel is added by a whole vector at once, whose lanes must be of different pixels
-        lanes, private = 1 if mi.is_monochromatic else math.gcd(spp, PRIVATE_LANES), True
+        # A single channel is added by a whole vector at once. The lanes of the vector must then
+        # belong to different pixels
+        lanes = 1 if mi.is_monochromatic else math.gcd(spp, PRIVATE_LANES)
+        private = True
     return lanes, max(1, most // lanes), private
 
 
 def _shared_by(rays: int, lanes: int, most: int) -> int:
     """Return the number of lanes that share a ray: a divisor of `lanes`, at most `most`.
 
-    A GPU is not busy with few rays. On a CPU, the number is 1.
+    Few rays do not keep a GPU busy. On a CPU, the number is 1.
     """
     if not _on_gpu():
         return 1
@@ -347,56 +535,75 @@ def _shared_by(rays: int, lanes: int, most: int) -> int:
 
 
 def step_samples(samples: int) -> int:
-    """Return the camera rays of one kernel launch: `samples` on a CPU, and more on a GPU."""
+    """Return the number of camera rays of one kernel launch: `samples` on a CPU, more on a GPU."""
     return samples * CUDA_STEP if _on_gpu() else samples
 
 
 def _on_gpu() -> bool:
-    """Whether the active variant renders on a GPU."""
+    """Return whether the active variant renders on a GPU."""
     return gpu.is_gpu(mi.variant())
 
 
 def _divisor(number: int, bound: int) -> int:
-    """Return the largest divisor of `number` that is at most `bound`, 1 if there is none."""
+    """Return the largest divisor of `number` that is at most `bound`, and 1 if `bound` is 0."""
     return next((k for k in range(min(bound, number), 0, -1) if number % k == 0), 1)
 
 
 @dr.syntax
 def _step(pixels: PixelSampler, pixel: mi.UInt32, count: int, weight: float = 1.0) -> int:
-    """Take `count` samples in every lane, each of a `weight` in the picture; evaluate the film.
+    """Compute `count` samples in every lane, and evaluate the film.
 
-    Returns the number of contributions that were not finite.
+    | loop state | meaning |
+    |---|---|
+    | `left` | remaining samples of each lane |
+    | `sums` | sums of the channels over the samples of each lane |
+    | `not_finite` | number of contributions that are not finite |
+
+    Args:
+        pixels: Sampling of pixels.
+        pixel: Pixel index of each lane.
+        count: Samples of each lane.
+        weight: Weight of each sample in the picture.
+
+    Returns:
+        The number of contributions that are not finite.
     """
-    record, sampler = pixels.record, pixels.sampler
+    record = pixels.record
+    sampler = pixels.sampler
     image = record.image
     block = image.create_block()
     left = dr.opaque(mi.UInt32, count) + dr.zeros(mi.UInt32, dr.width(pixel))
     not_finite = mi.UInt32(0)
-    if dr.hint(count == 1, mode="scalar"):  # One sample, without a loop
-        position, colour, rest, odd = pixels.sample(pixel)
-        block.put(position, [*colour, mi.Float(weight), *rest])
-        not_finite += odd
+
+    if dr.hint(count == 1, mode="scalar"):
+        # Take one sample without a loop
+        position, before, after, step_not_finite = pixels.sample(pixel)
+        block.put(position, [*before, mi.Float(weight), *after])
+        not_finite += step_not_finite
         sampler.advance()
-    elif dr.hint(record.film.rfilter().is_box_filter(), mode="scalar"):  # Sums go to one pixel
+    elif dr.hint(record.film.rfilter().is_box_filter(), mode="scalar"):
+        # With a box filter, all samples of a lane reach one pixel. Add the sum once
         n = color_count(image)
         sums = [mi.Float(0) for _ in range(block.channel_count() - 1)]
         while left > 0:
-            _, colour, rest, odd = pixels.sample(pixel)
-            sums = list(map(operator.add, sums, [*colour, *rest]))
-            not_finite += odd
+            _, before, after, step_not_finite = pixels.sample(pixel)
+            sums = list(map(operator.add, sums, [*before, *after]))
+            not_finite += step_not_finite
             sampler.advance()
             left -= 1
         block.put(
             pixel_corner(record.film, pixel), [*sums[:n], mi.Float(count * weight), *sums[n:]]
         )
-    else:  # Each sample reaches several pixels
+    else:
+        # With other filters, each sample reaches several pixels
         while left > 0:
-            position, colour, rest, odd = pixels.sample(pixel)
-            block.put(position, [*colour, mi.Float(weight), *rest])
-            not_finite += odd
+            position, before, after, step_not_finite = pixels.sample(pixel)
+            block.put(position, [*before, mi.Float(weight), *after])
+            not_finite += step_not_finite
             sampler.advance()
             left -= 1
-    # Evaluate all outcomes of the walk together, or it would be traced again
+
+    # Evaluate all results together, because the loop would otherwise be traced again
     sampler.schedule_state()
     dr.schedule(not_finite)
     image.put_block(block)
@@ -407,6 +614,13 @@ def _step(pixels: PixelSampler, pixel: mi.UInt32, count: int, weight: float = 1.
 
 
 def best_sampler(spp: int) -> mi.Sampler:
-    """Create the sampler that leaves the least noise; a `ValueError` if `spp` is out of range."""
+    """Create the sampler with the least noise.
+
+    Args:
+        spp: Samples per pixel.
+
+    Raises:
+        ValueError: `spp` is out of range.
+    """
     count = checks.integer("spp", spp, 1, checks.MAX_SPP)
     return mi.load_dict({"type": plugins.qualified_name("padded_sobol"), "sample_count": count})

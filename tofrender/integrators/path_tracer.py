@@ -1,4 +1,4 @@
-"""Base class of the course's path tracers: bounces, and films with time or without."""
+"""Base class of the path tracers of the course, for films with and without time bins."""
 
 from __future__ import annotations
 
@@ -12,38 +12,41 @@ from .transient_path import TransientPath
 
 
 class PathTracer(TransientPath):
-    """A path tracer for both kinds of films: pictures (`hdrfilm`), and bins (`transient_hdr_film`).
+    """Path tracer for steady pictures, time bins and phasors.
 
-    A subclass says in `endpoint` how light is found, and nothing else. It takes the parameters of
-    `TransientPath`, and instead of `max_depth`
+    The supported films are `hdrfilm`, `transient_hdr_film` and `phasor_hdr_film`. A subclass only
+    overrides `endpoint` to define how light is found. The parameters are the parameters of
+    `TransientPath`. The parameter in the table replaces `max_depth`.
 
     | parameter | default | meaning |
     |---|---|---|
-    | `max_bounces` | -1 | surfaces on the longest path: 0 shows lights only, 1 adds direct light; \
--1 is unlimited |
+    | `max_bounces` | -1 | largest number of surfaces on a path: 0 only shows emitters, 1 adds \
+direct light, -1 is unlimited |
     """
 
     default_depth = -1
 
     def __init__(self, props: mi.Properties) -> None:
+        # Convert bounces to segments
         if "max_bounces" in props and "max_depth" in props:
             raise ValueError(
-                f"max_depth = {props['max_depth']}: must be left out next to max_bounces, "
-                "which is one less"
+                f"max_depth = {props['max_depth']}: must be left out next to max_bounces, because "
+                "max_depth is max_bounces + 1"
             )
         if "max_bounces" in props:
             props["max_depth"] = checks.depth_of_bounces(props["max_bounces"])
         super().__init__(props)
         if not self.emitter_sampling:
             raise ValueError(
-                "emitter_sampling = False: must be left out; path_tracer_mats runs into lights"
+                "emitter_sampling = False: must be left out. Use path_tracer_mats for paths that "
+                "hit emitters by chance"
             )
 
     @property
     def max_bounces(self) -> int:
-        """Surfaces on the longest path, -1 if unlimited."""
+        """Largest number of surfaces on a path, -1 if unlimited."""
         return self.max_depth - 1 if self.max_depth > 0 else -1
 
     def exposure(self) -> Exposure:
-        """Return how light counts: on a picture all of it."""
+        """Return the weighting of light. A steady picture shows all light."""
         return replace(super().exposure(), supported_films=(BINS, PHASORS, PICTURE))

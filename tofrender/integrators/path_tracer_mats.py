@@ -1,4 +1,4 @@
-"""Integrator plugin `path_tracer_mats`: light where the materials look for it."""
+"""Integrator plugin `path_tracer_mats`: path tracing with BSDF samples only."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from .path_tracer import PathTracer
 
 
 class PathTracerMats(PathTracer):
-    """Path tracing by material sampling alone (plugin `path_tracer_mats`).
+    """Path tracing with BSDF samples only (plugin `path_tracer_mats`).
 
-    At every surface the material chooses a direction wo, in proportion to what it reflects from
-    there if it can. The path counts light only when it runs into it:
+    At every surface, a direction wo is sampled from the BSDF. Light only counts if the path hits an
+    emitter:
 
         L = Le(x1) + f cos / p(wo) (Le(x2) + f cos / p(wo) (Le(x3) + ...
 
-    Good for large lights and for mirrors; a small light is rarely found, and a point light never.
-    Parameters: those of `PathTracer` but `light_samples`.
+    This method suits large emitters and mirrors. Small emitters are rarely found, and point lights
+    are never found. The parameters are the parameters of `PathTracer` except `light_samples`.
 
     Example:
         >>> integrator = mi.load_dict({"type": "path_tracer_mats", "max_bounces": 1})
@@ -28,5 +28,5 @@ class PathTracerMats(PathTracer):
     takes_light_samples = False
 
     def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> EmitterHits:
-        """Return the technique: paths must run into emitters."""
+        """Return the endpoint without next-event estimation: paths must hit emitters."""
         return self.emitters(EmitterHits, scene, sensor)

@@ -1,4 +1,4 @@
-"""Integrator plugin `path_tracer_mis`: light by both techniques, each where it is good."""
+"""Integrator plugin `path_tracer_mis`: emitter samples and BSDF samples, combined by MIS."""
 
 from __future__ import annotations
 
@@ -10,22 +10,23 @@ from ..scenes.media import media_of
 from .one_sample import OneSampleLights
 from .path_tracer import PathTracer
 
+# Ways to combine emitter samples and BSDF samples
 TECHNIQUES = ("reuse", "one_sample")
 
 
 class PathTracerMIS(PathTracer):
     """Path tracing with multiple importance sampling (plugin `path_tracer_mis`).
 
-    Two ways to combine the lights' sampling with the materials', by `technique`:
+    The parameter `technique` chooses how emitter samples and BSDF samples are combined:
 
     | technique | direct light at a surface | rays at a surface |
     |---|---|---|
-    | "reuse" | a connection, and the light that the next ray runs into, power heuristic | 2 |
-    | "one_sample" | one of both by chance, over the mean of the densities | 2 |
+    | "reuse" | a connection, and the emitter that the next ray hits, with the power heuristic | 2 |
+    | "one_sample" | one technique, chosen at random, over the mean of the densities | 2 |
 
-    "reuse" needs no ray for the material's sample, because the path goes on along it: it takes two
-    samples for the price of one. Other parameters: those of `PathTracer`, `light_samples` with
-    "reuse" only.
+    With "reuse", the BSDF sample does not need an additional ray, because the path continues along
+    the same ray. The other parameters are the parameters of `PathTracer`. The parameter
+    `light_samples` is only supported with "reuse".
 
     Example:
         >>> integrator = mi.load_dict({"type": "path_tracer_mis", "technique": "one_sample"})
@@ -40,11 +41,12 @@ class PathTracerMIS(PathTracer):
 
     @property
     def takes_light_samples(self) -> bool:
-        """Whether vertices may take several emitter samples: not with one-sample MIS."""
+        """Whether a vertex may have several emitter samples: only if `technique` is "reuse"."""
         return self.technique == "reuse"
 
     def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> SceneLights | OneSampleLights:
-        """Combine emitter and BSDF samples."""
+        """Return the endpoint that combines emitter samples and BSDF samples."""
+        # Rays of one-sample MIS must pass index-matched boundaries in scenes with media
         if self.technique == "one_sample":
             in_media = bool(media_of(scene, sensor))
             return self.emitters(OneSampleLights, scene, sensor, passes_boundaries=in_media)

@@ -1,4 +1,4 @@
-"""Integrator plugin `path_tracer_nee`: light where the lights are."""
+"""Integrator plugin `path_tracer_nee`: path tracing with next-event estimation only."""
 
 from __future__ import annotations
 
@@ -9,16 +9,18 @@ from .path_tracer import PathTracer
 
 
 class PathTracerNEE(PathTracer):
-    """Path tracing with next-event estimation alone (plugin `path_tracer_nee`).
+    """Path tracing with next-event estimation only (plugin `path_tracer_nee`).
 
-    At every surface a point on a light is chosen, and counts if nothing is in the way:
+    At every surface, a point on an emitter is sampled. The light from this point counts if no
+    surface blocks it:
 
         L_direct = f cos Le(y) V(x, y) / p(direction to y)
 
-    The path goes on by material sampling, and does not count a light that it then runs into: the
-    connection has counted it. Only mirrors and glass, which reflect no connection, show the light
-    that the path runs into after them. Good for small lights; a glossy surface's reflection of a
-    large light is noisy. Parameters: those of `PathTracer`.
+    The path continues with a BSDF sample. An emitter that the next ray hits does not count, because
+    the connection has already added its light. After mirrors and glass, emitters that the next ray
+    hits do count, because mirrors and glass do not support connections. This method suits small
+    emitters. Reflections of large emitters on glossy surfaces are noisy. The parameters are the
+    parameters of `PathTracer`.
 
     Example:
         >>> integrator = mi.load_dict({"type": "path_tracer_nee", "max_bounces": 4})
@@ -27,5 +29,5 @@ class PathTracerNEE(PathTracer):
     """
 
     def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> ConnectionsOnly:
-        """Return next-event estimation."""
+        """Return the endpoint with next-event estimation."""
         return self.emitters(ConnectionsOnly, scene, sensor, light_samples=self.light_samples)

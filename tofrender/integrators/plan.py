@@ -1,4 +1,4 @@
-"""Plans: space, endpoint, scattering and limits that an integrator chooses for a render."""
+"""Plans: the space, endpoint, scattering and limits of a render, chosen by an integrator."""
 
 from __future__ import annotations
 
@@ -22,20 +22,36 @@ M = TypeVar("M", bound=Measurement)
 
 @dataclass(frozen=True)
 class Techniques:
-    """Which techniques a render may use for caustics and mirror images, see `caustics`."""
+    """Techniques that a render may use for caustics and mirror images, see `caustics`."""
 
-    caustic_photons: bool  # photons whose emission is aimed at mirrors and clear glass
-    caustic_rays: bool  # rays from surfaces to emitters by delta lobes
-    chain_rays: bool  # rays from the camera to emitters by delta lobes
+    # Photons that are aimed at mirrors and clear glass
+    caustic_photons: bool
+
+    # Rays from surfaces through delta lobes to emitters
+    caustic_rays: bool
+
+    # Rays from the camera through delta lobes to emitters
+    chain_rays: bool
 
 
 class Plan(Parts):
-    """Space, endpoint, scattering and limits for camera rays, and the trace of those.
+    """Space, endpoint, scattering and limits of camera paths, and the tracing of these paths.
 
-    An integrator makes it from its parameters, a scene and a sensor, and keeps nothing of it.
+    An integrator creates a plan from its parameters, a scene and a sensor. The integrator does not
+    keep the plan.
+
+    Args:
+        scene: The scene.
+        space: Vacuum or participating media.
+        endpoint: Light-sampling technique.
+        scattering: Scattering at surfaces and in media.
+        limits: Limits of the paths.
     """
 
-    splats = False  # whether contributions have positions on the film
+    # Whether contributions have positions on the film
+    splats = False
+
+    # Techniques that renders may use for caustics and mirror images
     techniques = Techniques(caustic_photons=False, caustic_rays=False, chain_rays=False)
 
     def __init__(
@@ -50,40 +66,52 @@ class Plan(Parts):
         self.scene = scene
 
     def visible_emitters(self) -> Sequence[mi.Emitter]:
-        """Return emitters that camera rays may hit first, whose light may be sampled apart."""
+        """Return emitters that camera rays may hit first, and that extra rays may sample."""
         if self.limits.min_depth > 1:
             return ()
         return self.endpoint.visible_emitters()
 
     def for_bin_width(self, width_opl: float | None) -> Self:
-        """Return the plan for a film that resolves lengths by `width_opl` [m]."""
+        """Return the plan for a film with time bins of a width [m], None without time bins."""
         if width_opl is None:
             return self
         return self.with_endpoint(self.endpoint.for_bin_width(width_opl))
 
     def attached(self) -> Self:
-        """Return the plan with derivatives of space and endpoint."""
+        """Return the plan for attached sampling, with derivatives of space and endpoint."""
         other = self.with_endpoint(self.endpoint.attached())
         other.space = self.space.attached()
         return other
 
     def by_depth(self, longest: int) -> tuple[Self, Self] | None:
-        """Return plans of paths with up to `longest` segments, and with more; None if it cannot.
+        """Split the plan into short paths and long paths.
 
-        It cannot unless its paths start at the camera, or if there are no longer ones.
+        Args:
+            longest: Largest number of segments of the short paths.
+
+        Returns:
+            The plans of the short and the long paths. None for light tracing and for subclasses,
+            and if `max_depth <= longest`.
         """
         limits = self.limits
         if type(self) is not Plan or self.endpoint.importance:
             return None
         if limits.bounded and limits.max_depth <= longest:
             return None
-        short, long = copy(self), copy(self)
-        short.limits, long.limits = copy(limits), copy(limits)
-        short.limits.max_depth, long.limits.min_depth = longest, longest + 1
+
+        # Short paths end after `longest` segments
+        short = copy(self)
+        short.limits = copy(limits)
+        short.limits.max_depth = longest
+
+        # Long paths count from one more segment
+        long = copy(self)
+        long.limits = copy(limits)
+        long.limits.min_depth = longest + 1
         return short, long
 
     def without(self, *kinds: Kind) -> Self:
-        """Return the plan without some kinds of paths, which another technique renders."""
+        """Return the plan without some kinds of paths, which other techniques render."""
         other = copy(self)
         other.limits = copy(self.limits)
         other.limits.left_out = self.limits.left_out.union(kinds)
@@ -92,9 +120,16 @@ class Plan(Parts):
     def illuminate(
         self, ray: mi.Ray3f, origin: mi.Point3f, sampler: mi.Sampler, active: mi.Bool
     ) -> tuple[Endpoint, list[Contribution]]:
-        """Return the endpoint for these rays, and light of what they hit that no path finds.
+        """Return the endpoint of the paths, and contributions that the paths do not find.
 
-        Only `nlos.light.scan_plan` overrides it: its laser spot may follow the camera ray.
+        A subclass may choose the endpoint for each camera ray. For example, the laser spot of
+        `nlos.light.scan_plan` may follow the camera rays.
+
+        Args:
+            ray: Camera rays.
+            origin: Points where path lengths start [m].
+            sampler: The sampler.
+            active: Active lanes.
         """
         return self.endpoint, []
 
@@ -106,11 +141,12 @@ class Plan(Parts):
         active: mi.Bool | bool = True,
         frame: mi.Spectrum | None = None,
     ) -> Path:
-        """Create the paths of camera rays, see `trace`."""
+        """Create the paths of camera rays, with the arguments of `trace`."""
         if endpoint.hide_emitters:
             ray = behind_emitters(self.scene, ray)
         history = None if endpoint.history is None else endpoint.history.start()
-        guide, medium = self.scattering.guide(), self.space.medium_at_sensor(ray)
+        guide = self.scattering.guide()
+        medium = self.space.medium_at_sensor(ray)
         velocity = None if self.motion is None else self.motion.at_sensor(origin)
         return Path.start(
             ray=ray,
@@ -136,24 +172,43 @@ class Plan(Parts):
         active: mi.Bool | bool = True,
         frame: mi.Spectrum | None = None,
     ) -> tuple[M, Path]:
-        """Trace the paths of camera rays, whose lengths start at `origin` [m].
+        """Trace the paths of camera rays.
 
-        `frame` is the Mueller matrix into the sensor's frame, None for none. Returns the
-        measurement, and the paths at their ends, of which `valid_ray` and `not_finite` are read.
+        Args:
+            sampler: The sampler.
+            ray: Camera rays.
+            origin: Points where path lengths start [m].
+            measurement: Measurement that light is added to.
+            active: Active lanes.
+            frame: Mueller matrix to the sensor's frame, None for the identity.
+
+        Returns:
+            The measurement, and the final state of the paths. Callers read the fields `valid_ray`
+            and `not_finite` of the state.
         """
-        active, not_finite = mi.Bool(active), mi.UInt32(0)
+        # Add the light that the paths do not find
+        active = mi.Bool(active)
+        not_finite = mi.UInt32(0)
         endpoint, contributions = self.illuminate(ray, origin, sampler, active)
-        measurement, more = self.connect_camera(endpoint, ray, origin, sampler, measurement, active)
+        measurement, camera_not_finite = self.connect_camera(
+            endpoint, ray, origin, sampler, measurement, active
+        )
         for contribution in contributions:
             not_finite += accumulate(measurement, contribution)
+
+        # Trace the paths
         path = self.start(endpoint, ray, origin, active, frame)
         measurement, path = walk(sampler, path, self.with_endpoint(endpoint), measurement)
-        path.not_finite += not_finite + more
+        path.not_finite += not_finite + camera_not_finite
         return measurement, path
 
     def connect_camera(self, endpoint, ray, origin, sampler, measurement, active):
-        """Add connections that replace paths around the corner, see `nlos.light.scan_plan`.
+        """Connect the camera rays to the endpoint. By default, no connections are made.
 
-        Returns the measurement, and how many contributions were not finite.
+        `nlos.light.scan` overrides this method with connections that replace paths around the
+        corner.
+
+        Returns:
+            The measurement, and the number of contributions that are not finite.
         """
         return measurement, mi.UInt32(0)

@@ -1,4 +1,4 @@
-"""Rendering from start to end, with progress, checkpoints, and a stop between two steps."""
+"""Rendering of all samples, with a progress bar, checkpoints, and stops between two steps."""
 
 from __future__ import annotations
 
@@ -37,22 +37,34 @@ def run(
     progress: bool = True,
     stop: Stop | None = None,
 ) -> int:
-    """Render all steps of `passes.steps`, with a progress bar, until a signal stops it.
+    """Render all steps of `passes.steps`, until a signal stops the render.
 
-    The film has `done` samples per pixel from the start; an earlier render took `before`, for the
-    bar. The checkpoint has begun already. `stop` is given if the caller handles signals.
+    Ctrl-C, SIGTERM and SIGHUP stop the render. The current step is finished, and the checkpoint is
+    saved.
+
+    Args:
+        rendering: The steps.
+        record: Recording on the film.
+        spp: Samples per pixel of the render.
+        done: Samples per pixel that the film contains from the start.
+        before: Samples per pixel of an earlier render, for the progress bar.
+        checkpoint: The checkpoint, after `begin`. None for a render without checkpoints.
+        progress: Whether to show a progress bar.
+        stop: Requests to stop, None if signals are handled here.
 
     Returns:
-        Samples per pixel that the film has: fewer than `spp` after Ctrl-C, SIGTERM or SIGHUP,
-        which finish the current step and save the checkpoint.
+        Samples per pixel that the film contains. The number is less than `spp` after a stop.
     """
     with (
         ProgressBar("Rendering", before + spp, unit="spp", enabled=progress) as bar,
         deferred_stop() if stop is None else nullcontext(stop) as stop,
     ):
+        # Show the samples of earlier renders
         bar.update(before + done)
         for done in rendering:
             bar.update(before + done - bar.n)
+
+            # Save the checkpoint regularly and before a stop
             if checkpoint is not None and (checkpoint.due or stop.requested):
                 checkpoint.save(done, spp, record.state())
             if stop.requested:
@@ -68,34 +80,56 @@ def render_image(
     refusal: str,
     call: str,
     targets: tuple[float, ...],
-    *settings: Any,
-    **identity: Any,
+    **settings: Any,
 ) -> np.ndarray:
-    """Render one picture by an integrator, or by the `sample` of a user-defined one.
+    """Render one picture with an integrator, or with the `sample()` of a user-defined integrator.
 
-    An integrator without a `method` is refused; else light counts as its `exposure(*targets)` says.
-    A user-defined one is called as `call` says, with `targets` after the ray. `settings` and
-    `identity` are those of `render_all`.
+    Args:
+        scene: The scene.
+        integrator: The integrator.
+        sensor: The sensor.
+        method: Name of a method that the integrator must have, unless it is user-defined.
+        refusal: Error message for integrators without this method.
+        call: Signature of a user-defined `sample()`, for an error message.
+        targets: Arguments of `exposure()`. A user-defined `sample()` receives them after the ray.
+        settings: Arguments of `render_all`: samples, seed, checkpoint, progress and identity.
+
+    Returns:
+        Array of shape (height, width, channels).
     """
     check_view(scene, sensor, **follows(integrator))
     film = image_film(sensor.film())
     if is_user_defined(integrator):
-        if not isfunction(getattr(type(integrator), "sample", None)):  # Mitsuba's know no time
+        # Trace with the `sample()` of the user. Integrators of Mitsuba do not support time
+        if not isfunction(getattr(type(integrator), "sample", None)):
             kind = type(integrator).__name__
-            raise TypeError(f"integrator = {kind}: has no sample of its own; must have {call}")
+            raise TypeError(
+                f"integrator = {kind}: the class does not define sample(). Define {call}"
+            )
         record = recording(film, Exposure(supported_films=(PICTURE,)))
         arguments = [dr.opaque(mi.Float, target) for target in targets]
         tracer: Tracer = UserDefinedTracer(integrator, scene, record, *arguments)
     else:
+        # Trace with a plan
         require_method(integrator, method, refusal)
         record = recording(film, integrator.exposure(*targets))
         tracer = integrator.plan(scene, sensor, record.weight)
-    render_all(scene, integrator, sensor, tracer, record, *settings, stacklevel=5, **identity)
+
+    # Render all samples
+    render_all(
+        scene=scene,
+        integrator=integrator,
+        sensor=sensor,
+        tracer=tracer,
+        record=record,
+        stacklevel=5,
+        **settings,
+    )
     return np.array(film.develop())
 
 
 def require_method(integrator: Any, method: str, refusal: str) -> None:
-    """Raise a `TypeError` if an integrator lacks a method."""
+    """Raise a `TypeError` if an integrator does not have a method."""
     if not hasattr(integrator, method):
         raise TypeError(f"integrator = {type(integrator).__name__}: {refusal}")
 
@@ -113,19 +147,41 @@ def render_all(
     stacklevel: int = 4,
     **identity: Any,
 ) -> None:
-    """Render all samples; stopping is an error, since the result would look complete.
+    """Render all samples.
 
-    `identity` is what else the result depends on, for checkpoints. Raises a `ValueError` for wrong
-    settings or a checkpoint of another render, a `KeyboardInterrupt` if the render was stopped.
+    A stop is an error, because a stopped render would look complete.
+
+    Args:
+        scene: The scene.
+        integrator: The integrator.
+        sensor: The sensor.
+        tracer: Tracer of the camera rays.
+        record: Recording on the film.
+        spp: Samples per pixel.
+        seed: Seed of the sampler.
+        checkpoint: Checkpoint or its file name, None for a render without checkpoints.
+        progress: Whether to show a progress bar.
+        stacklevel: Stack level of warnings.
+        identity: Further values that the result depends on, for checkpoints.
+
+    Raises:
+        ValueError: A setting is wrong, or the checkpoint belongs to another render.
+        KeyboardInterrupt: The render was stopped.
     """
+    # Check the settings
     seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
     checks.boolean("progress", progress)
-    sampler, checkpoint = best_sampler(spp), Checkpoint.of(checkpoint)
+    sampler = best_sampler(spp)
+    checkpoint = Checkpoint.of(checkpoint)
+
+    # Resume from the checkpoint, if its file belongs to this render
     saved = None
     if checkpoint is not None:
-        more = {**identity, "film": str(record.film)}
-        made = made_with(scene, sensor, integrator, more)
-        saved = checkpoint.begin({"seed": seed, "variant": mi.variant(), **made}, spp, UNIT)
+        described = {**identity, "film": str(record.film)}
+        recipe = made_with(scene, sensor, integrator, described)
+        saved = checkpoint.begin({"seed": seed, "variant": mi.variant(), **recipe}, spp, UNIT)
+
+    # Render
     samples = SampleRange(saved=saved)
     rendering = steps(tracer, record, sensor, sampler, seed, samples)
     done = run(rendering, record, spp, done=samples.done, checkpoint=checkpoint, progress=progress)
@@ -136,19 +192,39 @@ def render_all(
 
 
 def made_with(
-    scene: mi.Scene, sensor: mi.Sensor, integrator: Any, more: Mapping[str, Any]
+    scene: mi.Scene, sensor: mi.Sensor, integrator: Any, values: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return what identifies a render: fingerprint of scene, sensor and integrator, and more."""
-    return {**more, "fingerprint": fingerprint(scene, sensor, integrator)}
+    """Return what identifies a render, for checkpoints.
+
+    Args:
+        scene: The scene.
+        sensor: The sensor.
+        integrator: The integrator.
+        values: Further values that the result depends on.
+
+    Returns:
+        The values, and a fingerprint of scene, sensor and integrator.
+    """
+    return {**values, "fingerprint": fingerprint(scene, sensor, integrator)}
 
 
 def interrupted(done: int, of: int, unit: str, again: str = "") -> str:
-    """Return the message of work that was stopped, and how to go on."""
+    """Return the error message of work that was stopped.
+
+    Args:
+        done: Number of finished units.
+        of: Number of all units.
+        unit: Name of the units.
+        again: How to resume the work, "" if the work cannot be resumed.
+    """
     return f"interrupted after {done} of {of} {unit}" + (f"; {again}" if again else "")
 
 
 def stopped(error: BaseException, done: int, of: int, unit: str, again: str = "") -> BaseException:
-    """Return the error of work that was stopped, or whose workers are lost, see `interrupted`."""
+    """Add the message of `interrupted` to the error of stopped work or of lost workers.
+
+    Other errors are returned unchanged.
+    """
     if isinstance(error, KeyboardInterrupt):
         return KeyboardInterrupt(interrupted(done, of, unit, again))
     if isinstance(error, ConnectionError):

@@ -14,21 +14,22 @@ from .outside_lights import PointSource
 
 
 class Simple(FirstSurface):
-    """Integrator of one point light and one bounce off white surfaces (plugin `simple`).
+    """Direct light of one point light on white surfaces (plugin `simple`).
 
         L(x) = Phi / (4 pi^2) max(0, cos) / |x - p|^2 V(x, p)
 
-    where cos is between the shading normal and the direction to the light at p, and V is 1 where
-    nothing stands between: a point light of power Phi has intensity Phi / (4 pi), and white diffuse
-    surfaces reflect 1 / pi of what they receive. In time, light of x arrives at |c - x| + |x - p|
-    for a camera at c. The light is the integrator's own; those of the scene stay dark.
+    where cos is the cosine between the shading normal and the direction to the light at p. V is 1
+    if no surface blocks the light, and 0 otherwise. A point light with the power Phi has the
+    intensity Phi / (4 pi), and white diffuse surfaces have the BSDF 1 / pi. The light of a surface
+    point x arrives at the path length |c - x| + |x - p|, for a camera at c. The emitters of the
+    scene are ignored.
+
+    The parameters are the parameters of `FirstSurface`, and:
 
     | parameter | default | meaning |
     |---|---|---|
-    | `position` | required | where the light is, p [m] |
-    | `energy` | required | its power Phi [W], a number or a colour, 0 or more |
-
-    and those of `FirstSurface`.
+    | `position` | required | position p of the light [m] |
+    | `energy` | required | power Phi of the light [W], a number or a color, 0 or more |
 
     Example:
         >>> integrator = mi.load_dict({"type": "simple", "position": [0, 2, 1], "energy": 40.0})
@@ -37,27 +38,32 @@ class Simple(FirstSurface):
     """
 
     def __init__(self, props: mi.Properties) -> None:
+        # Read the position and the power of the light
         for name in ("position", "energy"):
             if name not in props:
-                raise ValueError(f"{name}: is missing; must be given to the integrator simple")
+                raise ValueError(f"{name} is missing. Set {name} of the integrator simple")
         self.position = checks.point("position", props["position"])
-        self.energy = _colour("energy", props["energy"])
+        self.energy = _color("energy", props["energy"])
         super().__init__(props)
+
+        # Create the light, which emits in all directions
         rgb = {"type": "rgb", "value": [phi / (4 * math.pi) for phi in self.energy]}
         light = {"type": "point", "position": self.position, "intensity": rgb}
         self.emitter = mi.load_dict(light)
 
     def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> PointSource:
-        """Return the integrator's own light."""
+        """Return the endpoint with the light of this integrator."""
         return PointSource(scene, self.emitter, self.hide_emitters)
 
 
-def _colour(name: str, value: Any) -> list[float]:
+def _color(name: str, value: Any) -> list[float]:
+    """Require a number or an RGB color, and return the color."""
+    # A number is the same power in all channels
     is_number = isinstance(value, Real) and not isinstance(value, bool)
     try:
-        colour = [float(x) for x in ([value] * 3 if is_number else value)]
+        color = [float(x) for x in ([value] * 3 if is_number else value)]
     except (TypeError, ValueError):
-        colour = []
-    valid = len(colour) == 3 and all(0 <= x < math.inf for x in colour)
-    checks.require(name, value, valid, "a number or an RGB colour, 0 or more")
-    return colour
+        color = []
+    valid = len(color) == 3 and all(0 <= x < math.inf for x in color)
+    checks.require(name, value, valid, "a number or an RGB color, 0 or more")
+    return color

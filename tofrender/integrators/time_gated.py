@@ -1,4 +1,4 @@
-"""Integrator plugin `time_gated_transient_path`: the scene at one instant, or at many."""
+"""Integrator plugin `time_gated_transient_path`: the scene at one or several instants."""
 
 from __future__ import annotations
 
@@ -29,18 +29,32 @@ from .plan import Plan
 from .running import render_all, render_image, require_method
 from .user_defined import follows, is_user_defined
 
+# Keys of `film_config`, see `render_transient`
 FILM_KEYS = ("temporal_bins", "start_opl", "bin_width_opl")
-NO_TARGET = "target_time = None: must be the gate's path length in metres"
+# Error messages
+NO_TARGET = "target_time is None. Set target_time to the path length of the gate in meters"
+# Signature of a user-defined `sample()`
 CALL = "sample(scene, sampler, ray, target_time)"
 NO_GATES = (
-    f"has no gates; must be a TimeGatedTransientPath, or have {CALL} of its own for single ones"
+    "time gates are not supported. Use a TimeGatedTransientPath, or call render_at_time with a "
+    f"class that defines {CALL}"
 )
 
 
 class Gate:
-    """The weight of light by its length: a pulse seen at the path length `target_time` [m].
+    """Weight of light by its path length, for a pulse that is measured by a time gate.
 
-    It is 0 before `opens` and beyond `closes` [m], which are None if the pulse does not say.
+    Args:
+        pulse: Temporal profile of the emitted light.
+        target_time: Path length of the gate [m].
+
+    Attributes:
+        opens: Path length below which the weight is 0 [m]. None for pulses without a support.
+        closes: Path length above which the weight is 0 [m]. None for pulses without a support.
+
+    Raises:
+        ValueError: `target_time` is None.
+        TypeError: The pulse does not define `eval`.
     """
 
     def __init__(self, pulse: Pulse, target_time: mi.Float | float | None) -> None:
@@ -48,41 +62,57 @@ class Gate:
             raise ValueError(NO_TARGET)
         if not hasattr(pulse, "eval"):
             raise TypeError(
-                f"pulse = {type(pulse).__name__}: must have eval(t), a density like that of "
-                "GaussianPulse(0.03)"
+                f"pulse = {type(pulse).__name__}: the class must define eval(t), the density of "
+                "the pulse. Use for example GaussianPulse(0.03)"
             )
+
+        # An opaque path length avoids another kernel for each gate
         if not isinstance(target_time, mi.Float):
             target_time = dr.opaque(mi.Float, target_time)
-        self.pulse, self.target_time = pulse, target_time
+        self.pulse = pulse
+        self.target_time = target_time
+
+        # Light that arrives earlier or later is outside of the support of the pulse
         support = getattr(pulse, "support", None)
-        self.opens, self.closes = None, None
+        self.opens = None
+        self.closes = None
         if support is not None:
-            self.opens, self.closes = target_time - support[1], target_time - support[0]
+            self.opens = target_time - support[1]
+            self.closes = target_time - support[0]
 
     def __call__(self, opl: mi.Float) -> mi.Float:
-        """Density of the pulse at the gate [1/m]."""
+        """Return the density of the pulse at the gate [1/m], for path lengths `opl` [m]."""
         return self.pulse.eval(self.target_time - opl)
 
     def draw(self, xi: mi.Float) -> tuple[mi.Float, mi.Float]:
-        """Sample a path length that the gate sees [m]; returns its weight as `Pulse.sample`."""
+        """Sample a path length in proportion to the weight of the gate.
+
+        Args:
+            xi: Uniform random numbers.
+
+        Returns:
+            Path lengths [m], and their weights as returned by `Pulse.sample`.
+        """
         offset, weight = self.pulse.sample(xi)
         return self.target_time - offset, weight
 
 
 class TimeGatedTransientPath(TransientIntegrator):
-    """Path tracer that sees one instant (plugin `time_gated_transient_path`).
+    """Path tracer with a time gate (plugin `time_gated_transient_path`).
 
-    Every contribution is weighted by p(t - opl), where p is the light's pulse and t the target: the
-    value is a radiance per metre, and the sum over gates times their spacing is the steady image.
-    Besides the parameters of `TransientIntegrator`:
+    Every contribution is weighted by p(t - opl), where p is the pulse of the light and t is the
+    path length of the gate. The pixel values are radiance per meter. The sum over equidistant
+    gates, times their spacing, is the steady image. The parameters are the parameters of
+    `TransientIntegrator`, and:
 
     | parameter | default | meaning |
     |---|---|---|
-    | `max_depth` | 8 | longest path in segments, camera's included |
+    | `max_depth` | 8 | longest path in segments, including the camera segment |
     | `pulse_width_opl` | 0.03 | standard deviation of the Gaussian pulse [m] |
-    | `target_time` | none | path length of the gate [m], for `mi.render`; can be set later |
+    | `target_time` | none | path length of the gate [m], for `mi.render` |
 
-    A `max_depth` of 8 gives paths of 9 segments in the loop of the assignment's text, here of 8.
+    With a `max_depth` of 8, paths have at most 8 segments. In the text of the assignment, the same
+    value allows 9 segments.
 
     Example:
         >>> mi.load_dict({"type": "time_gated_transient_path"}).pulse
@@ -95,51 +125,77 @@ class TimeGatedTransientPath(TransientIntegrator):
     def __init__(self, props: mi.Properties | None = None) -> None:
         props = mi.Properties("time_gated_transient_path") if props is None else props
         super().__init__(props)
+
+        # Read the pulse and the gate
         width = checks.metres("pulse_width_opl", props.get("pulse_width_opl", 0.03), positive=True)
         self.pulse: Pulse = GaussianPulse(width)
         target = props.get("target_time", None)
         self.target_time = None if target is None else checks.metres("target_time", target)
 
     def sample(self, scene, sampler, ray, target_time=None, medium=None, active=True, origin=None):
-        """Radiance per metre along camera rays at the path length `target_time` of a gate [m].
+        """Estimate radiance per meter along camera rays, at one time gate.
 
-        Lengths start at `origin`, by default where the rays do: 1 mm or so in front of a
-        perspective camera, by its near clip, where `render_at_time` measures from the sensor.
-        Indices of refraction are over that at the rays' start. `medium` is ignored. Returns a
-        spectrum [1/m], lanes that see a surface or an environment, and no AOVs.
+        Indices of refraction are relative to the index at the start of the rays.
+
+        Args:
+            scene: The scene.
+            sampler: The sampler.
+            ray: Camera rays.
+            target_time: Path length of the gate [m], by default the integrator's `target_time`.
+            medium: Ignored.
+            active: Active lanes.
+            origin: Points where path lengths start [m], by default the start of the rays. The rays
+                of a perspective camera start at its near clipping plane, whereas `render_at_time`
+                measures path lengths from the sensor.
+
+        Returns:
+            Spectrum [1/m], lanes that see a surface or an environment, and an empty list of AOVs.
         """
         gate = self.gate(self.target_time if target_time is None else target_time)
-        plan, measurement = self.plan(scene, None, gate), Weighted.zero(gate)
+        plan = self.plan(scene, None, gate)
+        measurement = Weighted.zero(gate)
         return self.sampled(plan, scene, sampler, ray, measurement, active, origin)
 
     def gate(self, target_time: mi.Float | float | None) -> Gate:
-        """Return the gate at a path length [m]; a `ValueError` if that is None."""
+        """Return a time gate.
+
+        Args:
+            target_time: Path length of the gate [m].
+
+        Raises:
+            ValueError: The path length is None, or too large for the width of the pulse in single
+                precision.
+        """
+        # Is the width of the pulse resolved in single precision?
         width = getattr(self.pulse, "width_opl", None)
         if not (width is None or target_time is None or isinstance(target_time, mi.Float)):
             checks.resolved("pulse_width_opl", float(width), target_time)
         return Gate(self.pulse, target_time)
 
     def exposure(self, target_time: float | None = None) -> Exposure:
-        """Return how light counts: one gate on a picture, a gate at the centre of every bin."""
+        """Return the weighting of light: one gate on a picture, or a gate at each bin center."""
         target = self.target_time if target_time is None else target_time
-        weight, steady_film_error = (None, NO_TARGET) if target is None else (self.gate(target), "")
+        weight = None if target is None else self.gate(target)
+        steady_film_error = NO_TARGET if target is None else ""
         return Exposure(
-            (BINS, PICTURE),
-            self.pulse,
+            supported_films=(BINS, PICTURE),
+            pulse=self.pulse,
             at_centers=True,
             weight=weight,
             steady_film_error=steady_film_error,
         )
 
     def plan(self, scene, sensor=None, weight=None) -> Plan:
-        """Plan gated next-event estimation, and paths that end when the gate closes."""
+        """Return the plan. With a gate, paths end when the gate closes."""
         plan = super().plan(scene, sensor)
         if weight is None:
             return plan
         plan.limits = self.limits(getattr(weight, "closes", None))
-        # Behind rough glass, the index of a connection depends on its direction
+
+        # Gated connections do not support rough glass. Behind rough glass, the index of refraction
+        # along a connection depends on its direction
         if self.emitter_sampling and not has_lobes(scene, mi.BSDFFlags.GlossyTransmission):
-            # Connections along rays through media where they apply, else those of vertices alone
+            # Connect points along rays through media if possible, otherwise only vertices
             has_samples = hasattr(self.pulse, "sample") and weight.closes is not None
             along_rays = isinstance(plan.space, Media) and GatedFog.serves(scene)
             along_rays &= has_samples and not (self.camera_unwarp or mi.is_polarized)
@@ -148,7 +204,7 @@ class TimeGatedTransientPath(TransientIntegrator):
         return plan
 
     def sample_arguments(self) -> tuple[Any, ...]:
-        """Return the target time, which a `sample` of a subclass takes after the ray."""
+        """Return the path length of the gate, which a user-defined `sample()` receives."""
         return (self.target_time,)
 
 
@@ -169,22 +225,22 @@ def render_at_time(
 
     Args:
         scene: The scene.
-        integrator: A `TimeGatedTransientPath`, or any object with a
-            `sample(scene, sampler, ray, target_time)` of its own, which is then called.
-        sensor: The camera; its film says size, crop and filter.
+        integrator: A `TimeGatedTransientPath`, or any object that defines
+            `sample(scene, sampler, ray, target_time)`. The function `sample` is then called.
+        sensor: The camera. Its film defines size, crop and reconstruction filter.
         target_time: Path length of the gate [m], 0 or more.
         spp: Samples per pixel.
         seed: Seed of the random numbers.
-        checkpoint: As for `render`.
-        progress: Whether to show a bar for work that takes more than two seconds.
+        checkpoint: As in `render`.
+        progress: Whether to show a progress bar for renders of more than two seconds.
 
     Returns:
-        Radiance per metre of path, float32 array of shape (height, width, channels).
+        Radiance per meter of path length, float32 array of shape (height, width, channels).
 
     Raises:
-        ValueError: An argument is out of range; one line.
-        TypeError: The integrator has no `sample`; one line.
-        KeyboardInterrupt: The render was stopped; one line that says how to go on.
+        ValueError: An argument is out of range.
+        TypeError: The integrator does not support time gates.
+        KeyboardInterrupt: The render was stopped. The message describes how to resume it.
 
     Example:
         >>> import tofrender
@@ -195,9 +251,21 @@ def render_at_time(
     """
     target = checks.metres("target_time", target_time)
     if target < 0:
-        raise ValueError(f"target_time = {target_time!r}: must be 0 m or more, light starts there")
-    kind, settings = ("gate", NO_GATES, CALL), (spp, seed, checkpoint, progress)
-    return render_image(scene, integrator, sensor, *kind, (target,), *settings, gate=target)
+        raise ValueError(f"target_time = {target_time!r}: must be 0 m or more")
+    return render_image(
+        scene=scene,
+        integrator=integrator,
+        sensor=sensor,
+        method="gate",
+        refusal=NO_GATES,
+        call=CALL,
+        targets=(target,),
+        spp=spp,
+        seed=seed,
+        checkpoint=checkpoint,
+        progress=progress,
+        gate=target,
+    )
 
 
 def render_transient(
@@ -211,19 +279,29 @@ def render_transient(
     checkpoint: Checkpoint | str | PathLike[str] | None = None,
     progress: bool = True,
 ) -> np.ndarray:
-    """Render the scene at many instants, with the paths of one trace.
+    """Render the scene at several instants, with the same paths for all instants.
 
-    `film_config` has `temporal_bins`, `start_opl` [m] and `bin_width_opl` [m]: gate k is at
-    start_opl + (k + 1/2) bin_width_opl. The other arguments are those of `render_at_time`, where
-    the integrator is a `TimeGatedTransientPath`, and `spp` samples are of all gates together.
-    See also `render_at_time`, `render`.
+    The path length of gate k is start_opl + (k + 1/2) bin_width_opl. See also `render_at_time` and
+    `render`.
+
+    Args:
+        scene: The scene.
+        integrator: A `TimeGatedTransientPath`.
+        sensor: The camera. Its film defines size, crop and reconstruction filter.
+        film_config: Number of gates `temporal_bins`, and the lengths `start_opl` and
+            `bin_width_opl` [m].
+        spp: Samples per pixel, for all gates together.
+        seed: Seed of the random numbers.
+        checkpoint: As in `render`.
+        progress: Whether to show a progress bar for renders of more than two seconds.
 
     Returns:
-        Radiance per metre of path, float32 array of shape (height, width, temporal_bins, channels).
-        Times `bin_width_opl` it compares with the bins of a film.
+        Radiance per meter of path length, float32 array of shape (height, width, temporal_bins,
+        channels). Multiply by `bin_width_opl` to compare with the bins of a film.
 
     Raises:
-        ValueError: A key is missing or unknown, or a value is out of range; one line.
+        ValueError: A key is missing or unknown, or a value is out of range.
+        TypeError: The integrator does not support several time gates.
 
     Example:
         >>> import tofrender
@@ -233,26 +311,40 @@ def render_transient(
         >>> render_transient(scene, integrator, scene.sensors()[0], gates, spp=4).shape
         (16, 16, 30, 3)
     """
+    # Check the gates
     given = checks.quote(film_config)
     film_config = checks.mapping("film_config", film_config)
     for key in film_config:
         checks.one_of("film_config key", key, FILM_KEYS)
     if missing := [key for key in FILM_KEYS if key not in film_config]:
-        known = ", ".join(FILM_KEYS)
-        raise ValueError(f"film_config = {given}: has no {missing[0]}; must have {known}")
+        required = ", ".join(FILM_KEYS)
+        raise ValueError(f"film_config = {given}: {missing[0]} is missing. Set {required}")
     bins = checks.integer("temporal_bins", film_config["temporal_bins"], 1, checks.MAX_BINS)
     start = checks.metres("start_opl", film_config["start_opl"])
     width = checks.metres("bin_width_opl", film_config["bin_width_opl"], positive=True)
+
+    # Check the integrator, and that the pulse is not missing
     if is_user_defined(integrator):
         raise TypeError(
-            f"integrator = {type(integrator).__name__}: has a sample of its own, which sees one "
-            "instant; must be a TimeGatedTransientPath without, or use render_at_time for each"
+            f"integrator = {type(integrator).__name__}: the class defines sample(), which supports "
+            "one time gate. Use a TimeGatedTransientPath, or call render_at_time once per gate"
         )
     require_method(integrator, "gate", NO_GATES)
     check_view(scene, sensor, **follows(integrator))
     film = transient_film(sensor.film(), bins, start, width)
-    integrator.gate(start)  # Refuses where there is no pulse
+    integrator.gate(start)
+
+    # Render, with one time bin per gate
     record = recording(film, replace(integrator.exposure(), at_centers=True))
-    plan, settings = integrator.plan(scene, sensor), (spp, seed, checkpoint, progress)
-    render_all(scene, integrator, sensor, plan, record, *settings)
+    render_all(
+        scene=scene,
+        integrator=integrator,
+        sensor=sensor,
+        tracer=integrator.plan(scene, sensor),
+        record=record,
+        spp=spp,
+        seed=seed,
+        checkpoint=checkpoint,
+        progress=progress,
+    )
     return film.take()[1]

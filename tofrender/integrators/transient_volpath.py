@@ -12,33 +12,33 @@ from .transient_path import TransientPath
 
 
 class TransientVolpath(TransientPath):
-    """Path tracer through fog, smoke and milk into time bins (plugin `transient_volpath`).
+    """Path tracer with the depth of Mitsuba's `volpath` (plugin `transient_volpath`).
 
-    `transient_path` follows participating media, too. This one is for scenes that have `volpath`,
-    `volpathmis` or `prbvolpath`: all parameters are those of `TransientPath`, but paths have no
-    limit where none is given.
+    Both `transient_path` and `transient_volpath` support participating media such as fog, smoke and
+    milk. `transient_volpath` replaces Mitsuba's `volpath`, `volpathmis` and `prbvolpath`. The
+    parameters are the parameters of `TransientPath`, with another default:
 
     | parameter | default | meaning |
     |---|---|---|
-    | `max_depth` | -1 | longest path in segments, camera's included; -1 is unlimited |
+    | `max_depth` | -1 | longest path in segments, including the camera segment; -1 is unlimited |
 
-    Points where a medium scatters count as vertices; boundaries of equal index (BSDF `null`) do
-    not, and neither they nor null collisions change the length of a path. That is the distance
-    between its vertices times the index of refraction there, which a medium has from the glass
-    around it.
+    Points where a medium scatters are vertices of a path. Index-matched boundaries (BSDF `null`)
+    and null collisions are not vertices, and do not change path lengths. The length of a segment is
+    the distance between its vertices, times the index of refraction. The index of refraction of a
+    medium is the index of the glass around the medium.
 
-    Surfaces that let light straight through (`null` with or without a medium, `thindielectric`,
-    `mask`, polarisers) follow the rules of Mitsuba's `volpath`, not those of its `path`:
+    For surfaces with null transmission (`null` with or without a medium, `thindielectric`, `mask`,
+    polarizers), the depth and the connections follow Mitsuba's `volpath` instead of `path`:
 
-    | straight through such a surface | `transient_path` | `transient_volpath` |
+    | behind such a surface | `transient_path` | `transient_volpath` |
     |---|---|---|
-    | connections to lamps | are blocked | go, less what it holds back |
-    | lamps that paths cannot run into | are dark behind it | are not |
-    | depth of a path | one more | the same |
+    | connections to emitters | are blocked | are multiplied by the transmission |
+    | emitters that rays cannot hit | are not visible | are visible |
+    | depth of a path | is increased by 1 | does not change |
 
-    Both let connections through `null` where a medium is in the scene, and count all lengths as
-    straight. Derivatives by what moves in such scenes, or by how much is let through, are
-    `transient_path`'s.
+    With both integrators, connections pass `null` surfaces in scenes with media, and null
+    transmission does not bend rays. Use `transient_path` for derivatives by moving objects in such
+    scenes, or by the amount of null transmission.
 
     Example:
         >>> import tofrender
@@ -54,13 +54,15 @@ class TransientVolpath(TransientPath):
     goes_straight = True
 
     def plan(self, scene, sensor=None, weight=None) -> Plan:
-        """Return the plan, in which null interactions are no vertices."""
+        """Return the plan. Null interactions are not vertices of its paths."""
         plan = super().plan(scene, sensor, weight)
+
+        # Null interactions change neither the depth nor MIS weights
         plan.limits.ignore_null = lets_straight_through(scene)
         return plan
 
     def endpoint(self, scene: mi.Scene, sensor: mi.Sensor | None) -> Endpoint:
-        """Return the light-sampling technique, through such surfaces, too."""
+        """Return the light-sampling technique, with connections through null surfaces."""
         if not (self.emitter_sampling and lets_straight_through(scene)):
             return super().endpoint(scene, sensor)
         points = self.light_samples

@@ -1,4 +1,4 @@
-"""User-defined integrators: classes with a `sample` of their own, as students write them."""
+"""User-defined integrators: classes that define `sample()`, for example by students."""
 
 from __future__ import annotations
 
@@ -15,13 +15,17 @@ from .plan import Plan
 
 
 def is_user_defined(integrator: Any) -> bool:
-    """Whether an integrator's `sample` is defined outside of this package."""
+    """Return whether the method `sample()` of an integrator is defined outside of tofrender."""
     sample = getattr(type(integrator), "sample", None)
     return getattr(sample, "__module__", "").partition(".")[0] != __name__.partition(".")[0]
 
 
 def follows(integrator: Any) -> dict[str, bool]:
-    """Return what an integrator models, for `check_view`; None stands for one of this package."""
+    """Return which effects an integrator supports, as arguments of `check_view`.
+
+    Args:
+        integrator: The integrator, None for an integrator of tofrender.
+    """
     return {
         "media": getattr(integrator, "follows_media", True),
         "polarisation": getattr(integrator, "follows_polarisation", integrator is None),
@@ -30,47 +34,70 @@ def follows(integrator: Any) -> dict[str, bool]:
 
 
 def follows_beams(integrator: Any) -> bool:
-    """Whether paths start at lights, or the scene's lights do not matter; see `check_scene`."""
+    """Return whether paths start at emitters or emitters are ignored, see `check_scene`."""
     ignores_lights = not getattr(integrator, "needs_lights", True)
     return ignores_lights or getattr(integrator, "starts_at_lights", True)
 
 
 @dataclass
 class SampledRays:
-    """Outcome of an integrator's `sample`: lanes that it says are valid, and non-finite values."""
+    """Result of a user-defined `sample()`."""
 
+    # Lanes that are valid according to `sample()`
     valid_ray: mi.Bool
+
+    # Number of values that are not finite
     not_finite: mi.UInt32
 
 
 class UserDefinedTracer:
-    """Traces camera rays by an integrator's `sample(scene, sampler, ray, *more)`.
+    """Tracer that calls the method `sample(scene, sampler, ray, *arguments)` of an integrator.
 
-    Rays start on the sensor instead of at its near plane, since a `sample` measures lengths from
-    where its ray starts. Lanes that it says are not valid are black. A film that needs the length
-    of each path is refused, which a `sample` does not tell.
+    Rays start on the sensor instead of its near clipping plane, because `sample()` measures path
+    lengths from the start of the ray. Lanes that are not valid are black. Films that need path
+    lengths are refused, because `sample()` does not report path lengths.
+
+    Args:
+        integrator: The integrator.
+        scene: The scene.
+        record: Recording on the film.
+        arguments: Arguments after the ray.
     """
 
     splats = False
 
-    def __init__(self, integrator: Any, scene: mi.Scene, record: Recording, *more: Any) -> None:
+    def __init__(
+        self, integrator: Any, scene: mi.Scene, record: Recording, *arguments: Any
+    ) -> None:
         record.require_no_lengths(type(integrator).__name__)
-        self.integrator, self.scene, self.more = integrator, scene, more
+        self.integrator = integrator
+        self.scene = scene
+        self.arguments = arguments
 
     def for_bin_width(self, width_opl: float | None) -> UserDefinedTracer:
         """Return the tracer unchanged."""
         return self
 
     def trace(self, sampler, ray, origin, measurement, active=True, frame=None):
-        """Call `sample` with the rays; as `Plan.trace`, but with a measurement of its own."""
+        """Call `sample()` with the rays.
+
+        Arguments and results are the same as for `Plan.trace`, but the result is a new measurement.
+        """
+        # Call `sample()`
         ray = mi.RayDifferential3f(ray)
         ray.o = origin
-        spectrum, valid, *_aovs = self.integrator.sample(self.scene, sampler, ray, *self.more)
+        spectrum, valid, *_aovs = self.integrator.sample(self.scene, sampler, ray, *self.arguments)
+
+        # Rotate Stokes vectors to the frame of the sensor
         total = to_stokes(spectrum if frame is None else frame @ spectrum)
-        valid, finite = mi.Bool(valid), dr.isfinite(summed(total))
+
+        # Drop values that are not valid or not finite
+        valid = mi.Bool(valid)
+        finite = dr.isfinite(summed(total))
         not_finite = dr.select(valid & ~finite, mi.UInt32(1), 0)
         radiance = Radiance(dr.select(valid & finite, total, 0))
         return radiance, SampledRays(valid, not_finite)
 
 
-Tracer = Plan | UserDefinedTracer  # Has `trace`, `for_bin_width`, `scene` and `splats`
+Tracer = Plan | UserDefinedTracer
+"""Tracer of camera rays, with `trace`, `for_bin_width`, `scene` and `splats`."""

@@ -8,7 +8,7 @@ from typing import Any, TypedDict
 
 import mitsuba as mi
 
-from ..integrators.amcw import in_time
+from ..integrators.amcw import with_phasors
 from ..integrators.base import TransientIntegrator
 from ..rendering.renderer import open_scene
 from ..rendering.settings import RenderSettings
@@ -48,7 +48,7 @@ def open_moving(settings: RenderSettings) -> tuple[mi.Scene, mi.Sensor, Transien
     # The scene, and its integrator or the transient integrator with the same paths
     variants.require_unpolarized()
     scene, integrator = open_scene(settings)
-    tracer: Any = in_time(integrator)
+    tracer: Any = with_phasors(integrator)
     checks.one_of("integrator", type(tracer).__name__, SUPPORTED)
     checks.require(
         "pulse", tracer.pulse, tracer.pulse is None, "omitted, because pulses are not supported"
