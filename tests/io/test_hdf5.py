@@ -187,7 +187,7 @@ def test_lists_of_points_become_a_row(tmp_path):
         changes[f"{device}_grid_format"] = np.int32([1])
         changes |= {n: fields[n][:, 0] for n in (f"{device}_grid_xyz", f"{device}_grid_normals")}
     loaded = load_capture(rewritten(path, **changes))
-    assert loaded.attrs["mode"] == "confocal"
+    assert loaded.attrs["capture_mode"] == "confocal"
     for name in capture.data_vars:
         np.testing.assert_array_equal(loaded[name], capture[name])
 

@@ -215,7 +215,7 @@ def test_npz_opens_with_plain_numpy(tmp_path):
         (lambda d: d.drop_vars("steady"), "variable steady is missing"),
         (lambda d: d.expand_dims(frame=1), "additional axis frame"),
         (lambda d: d.astype("float64"), "float32"),
-        (lambda d: d.isel(x=[0, 2]), "coordinate x"),
+        (lambda d: d.isel(x=[0, 2]), "axis x skips pixels"),
         (lambda d: d.assign_attrs(bin_width_opl=0.0), "attribute bin_width_opl is missing"),
         (lambda d: d.assign_attrs(extra=[1]), "attribute extra"),
         (lambda d: d.isel(opl=slice(0)), "axis opl is empty"),

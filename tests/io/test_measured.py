@@ -40,7 +40,7 @@ def test_scans(tmp_path, name):
     assert (grid[..., 2] == 0).all()
     assert (capture["sensor_normals"].values == [0, 0, 1]).all()
     assert capture.attrs["quantity"] == "photon counts per bin"
-    assert (capture.attrs["mode"], capture.attrs["counts_first_and_last_legs"]) == ("confocal", 0)
+    assert (capture.attrs["capture_mode"], capture.attrs["counts_first_and_last_legs"]) == ("confocal", 0)
     again = load_capture(save_capture(capture, tmp_path / "again.h5"))
     assert again.identical(capture)
 
@@ -57,7 +57,7 @@ def test_fk_moves_by_whole_bins(tmp_path):
 def test_znlos(tmp_path, mode, reverse):
     light = files.znlos(tmp_path / "a", mode, reverse)
     capture = load_capture(tmp_path / "a")
-    assert capture.attrs["mode"] == mode
+    assert capture.attrs["capture_mode"] == mode
     light = light[0, 0] if mode == "single" else light
     for index in np.ndindex(light.shape[:-1]):
         at = index[::-1] if len(index) == 2 else (*index[1::-1], *index[:1:-1])

@@ -575,6 +575,18 @@ def test_functions_are_found():
             assert NAMES[id(kind)] in EXAMPLES, f"{name}: add a Dataset of {kind.name} to EXAMPLES"
 
 
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_xarray_writes_all_kinds_as_netcdf(name, tmp_path):
+    """SciPy's writer does not support each name of an attribute."""
+    for number, data in enumerate(EXAMPLES[name]):
+        path = tmp_path / f"{number}.nc"
+        data.to_netcdf(path, engine="scipy")
+        loaded = xr.load_dataset(path)
+        if isinstance(data, xr.DataArray):
+            data = data.to_dataset(name=data.name or "__xarray_dataarray_variable__")
+        xr.testing.assert_equal(loaded, data)
+
+
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_functions_read_labels(name, tmp_path, pytestconfig):
     examples = examples_of(name)

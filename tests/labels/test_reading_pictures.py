@@ -10,12 +10,12 @@ from helpers.made_dataset import make_dataset
 from helpers.support import refused
 
 import tofrender
-from tofrender import io, sensors, vis
+from tofrender import io, nlos, sensors, vis
 from tofrender.apps.compare.pairs import Pair, load
 from tofrender.apps.explorer.contents import contents_of
 from tofrender.cli.app import main
 from tofrender.cli.report import load_result
-from tofrender.io.netcdf import save_measurement
+from tofrender.io.netcdf import load_measurement, save_measurement
 
 PHOTONS = {"photons_per_cycle": 0.5}
 
@@ -361,11 +361,20 @@ def test_a_single_color_as_exr(tmp_path):
     )
 
 
-def test_counts_of_a_capture_as_netcdf(tmp_path):
-    """SciPy's writer uses the name of the attribute `mode`, and would leave an empty file."""
-    counts = sensors.sense(small_capture(), {"cycles": 50, "photons": PHOTONS, "spad": {}})
-    refused("attribute mode .* save_capture", save_measurement, counts, tmp_path / "a.nc")
-    assert not list(tmp_path.iterdir())
+def test_captures_and_their_counts_as_netcdf(tmp_path):
+    """SciPy's writer replaces its own attribute `mode` by an attribute of a Dataset."""
+    capture = small_capture()
+    counts = sensors.sense(capture, {"cycles": 50, "photons": PHOTONS, "spad": {}})
+    for number, data in enumerate((capture, counts)):
+        path = tmp_path / f"{number}.nc"
+        data.to_netcdf(path, engine="scipy")
+        xr.testing.assert_equal(xr.load_dataset(path), data)
+    save_measurement(counts, tmp_path / "a.nc")
+    loaded = nlos.reconstruct(load_measurement(tmp_path / "a.nc"), "bp", progress=False)
+    xr.testing.assert_equal(loaded, nlos.reconstruct(counts, "bp", progress=False))
+    bad = counts.assign_attrs(mode="confocal")
+    refused("attribute mode .* Rename", save_measurement, bad, tmp_path / "b.nc")
+    assert not (tmp_path / "b.nc").exists()
 
 
 def test_fields_of_view_are_real_numbers(tmp_path, capsys):

@@ -59,7 +59,7 @@ def rebin(
         >>> coarse["transient"].shape, round(coarse.attrs["bin_width_opl"], 9)
         ((2, 4, 15, 3), 0.8)
     """
-    is_capture = "mode" in getattr(dataset, "attrs", ())
+    is_capture = "capture_mode" in getattr(dataset, "attrs", ())
     if is_capture:
         dataset = read_capture(dataset, "dataset")
         if pixels is not None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..labels import FILM, read
 from ..rendering import dataset as datasets
 from ..rendering.dataset import DIMS, ERRORS, HALVES, plain_attributes
 from ..rendering.labels import labelled
@@ -84,7 +85,12 @@ def restore(description: dict[str, Any], arrays: dict[str, np.ndarray]) -> xr.Da
         coords={name: variables[name] for name in _AXES},
         attrs=description["attrs"],
     )
-    datasets.check_dataset(dataset)
+    found = read(dataset, FILM, "dataset")
+    if found is not dataset:
+        raise ValueError(
+            "its pixels, channels or time bins contradict the attributes; must be as it was saved"
+        )
+    datasets.require_storable(dataset)
     return datasets.in_components(labelled(dataset))
 
 

@@ -39,7 +39,7 @@ MOST_LINKS = 16  # Of a path
 _COPIES = 3  # Of H at a time, at most
 _OURS = "tofrender"  # Our part of scene_info
 _COLOURS = "tofrender_colours_"  # Attributes of H by their first bin, (bins, ..., channels)
-_IN_FIELDS = ("mode", "start_opl", "bin_width_opl", "counts_first_and_last_legs")
+_IN_FIELDS = ("capture_mode", "start_opl", "bin_width_opl", "counts_first_and_last_legs")
 
 
 @status("Writing HDF5")
@@ -110,7 +110,7 @@ def _write_light(file: h5py.File, cube: Cube) -> None:
 
 
 def _fields(capture: xr.Dataset) -> dict[str, Any]:
-    exhaustive = capture.attrs["mode"] == "exhaustive"
+    exhaustive = capture.attrs["capture_mode"] == "exhaustive"
     bins = bins_of(capture, "capture")
     fields: dict[str, Any] = {
         "H_format": np.array([2 if exhaustive else 1], np.int32),
@@ -137,7 +137,7 @@ def _about(capture: xr.Dataset) -> dict[str, Any]:
     attrs = {k: v for k, v in plain_attributes(capture).items() if k not in _IN_FIELDS}
     pixels = {str(a): capture[a].values.tolist() for a in capture.dims if str(a)[-1] in "xy"}
     _pixels(pixels, capture)
-    about = {"mode": capture.attrs["mode"], "attrs": attrs, "pixels": pixels}
+    about = {"mode": capture.attrs["capture_mode"], "attrs": attrs, "pixels": pixels}
     about["channel"] = [str(name) for name in capture["channel"].values]
     about["labels"] = {}  # But for those that all captures have
     for name, variable in capture.drop_vars(TIME, errors="ignore").variables.items():

@@ -38,7 +38,7 @@ def in_netcdf_types(dataset: xr.Dataset) -> xr.Dataset:
     for name in sorted(RESERVED & {*map(str, dataset.attrs)}):
         raise ValueError(
             f"attribute {name} is not supported in NetCDF files, as SciPy's writer uses the name. "
-            "Save captures by save_capture, or rename the attribute"
+            "Rename the attribute"
         )
     converted = {name: _in_netcdf_type(str(name), each) for name, each in dataset.variables.items()}
     attrs: dict[str, Any] = {}

@@ -43,6 +43,7 @@ from .reading import (
     pixel_steps,
     read,
     read_array,
+    require_axes_only,
     require_consecutive,
     require_whole_stokes,
 )
@@ -84,6 +85,7 @@ __all__ = [
     "pixel_steps",
     "read",
     "read_array",
+    "require_axes_only",
     "require_consecutive",
     "require_whole_stokes",
     "with_energy",

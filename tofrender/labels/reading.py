@@ -13,6 +13,7 @@ from .kinds import Kind
 
 SAME_WIDTH = 1e-3  # Relative error of the distance of bins that rounding explains
 SAME_START = 1e-5  # Error of the start of bins that rounding explains [bins]
+SAME_PLACE = 0.01  # Distance of a single bin from the places of the original bins [bins]
 ORDERED = {
     "channel": CHANNELS,
     "stokes": STOKES,
@@ -135,9 +136,16 @@ def bins_of(data: xr.Dataset | xr.DataArray, parameter: str, axis: str = "opl") 
         width = float(stated) if is_stated else width
     start = float(centers[0] - width / 2)
     stated_start: Any = data.attrs.get("start_opl")
-    is_stated = isinstance(stated_start, float | int | np.number)
-    if is_stated and abs(start - stated_start) <= SAME_START * width:
-        start = float(stated_start)
+    if isinstance(stated_start, float | int | np.number):
+        skipped = (start - float(stated_start)) / width
+        if abs(skipped) <= SAME_START:
+            start = float(stated_start)
+        elif len(centers) == 1 and abs(skipped - round(skipped)) > SAME_PLACE:
+            raise ValueError(
+                f"{parameter}: the bin at opl = {centers[0]:g} m is not one of the bins of "
+                f"{width:g} m from {float(stated_start):g} m, as after coarsen. To make wider "
+                "bins, use tofrender.rebin; drop the attribute start_opl if opl was moved"
+            )
     return Bins(start, width, len(centers))
 
 
@@ -171,6 +179,19 @@ def pixel_steps(data: xr.Dataset | xr.DataArray, parameter: str) -> dict[str, in
         steps[axis] = int(distances[0]) if distances.size else 1
         _require_no_gaps(distances, steps[axis], axis, parameter)
     return steps
+
+
+def require_axes_only(data: xr.Dataset, parameter: str) -> None:
+    """Refuse coordinates other than those of the axes and `time`, since files do not contain them.
+
+    A coordinate along the bins is opl, whatever the name of their axis.
+    """
+    for name, coordinate in data.coords.items():
+        if coordinate.dims and name not in (*data.dims, "opl", "time"):
+            raise ValueError(
+                f"{parameter}: the coordinate {name} along {coordinate.dims[0]} is not supported "
+                f"in files. Drop the coordinate: drop_vars('{name}')"
+            )
 
 
 def require_consecutive(data: xr.Dataset | xr.DataArray, parameter: str) -> None:

@@ -102,7 +102,7 @@ def capture(
 
     Example:
         >>> z = capture("nlos_z", grid=(4, 4), spp=16)
-        >>> z["transient"].dims, z.attrs["mode"]
+        >>> z["transient"].dims, z.attrs["capture_mode"]
         (('y', 'x', 'opl', 'channel'), 'confocal')
     """
     backend.require_vectorised()
@@ -176,7 +176,12 @@ def require_same_capture(found: xr.Dataset, scene: Any, **options: Any) -> None:
     `options` are all that decide it, with the relay wall as `wall`.
     """
     setup = prepare_capture(scene, **options)
-    wanted = {"mode": setup.mode, "spp": setup.spp, "seed": setup.seed, "variant": mi.variant()}
+    wanted = {
+        "capture_mode": setup.mode,
+        "spp": setup.spp,
+        "seed": setup.seed,
+        "variant": mi.variant(),
+    }
     if "fingerprint" in found.attrs:  # Those of earlier versions have none
         wanted["fingerprint"] = fingerprint(setup.scene, setup.camera, setup.integrator)
     for name, value in wanted.items():

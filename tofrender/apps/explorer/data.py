@@ -43,7 +43,7 @@ UPWARDS = slice(None, None, -1)
 """Orders of the rows of a wall in which the highest row comes first, by where its rows run."""
 
 FACTS = {
-    "mode": "Mode",
+    "capture_mode": "Mode",
     "method": "Method",
     "spp": "Samples per pixel",
     "cycles": "Laser cycles",
@@ -217,7 +217,7 @@ def _capture(data: xr.Dataset) -> ExplorerData:
     width = bins_of(data, "data").bin_width_opl
     start = float(data["opl"].values[0] - width / 2)
     grid = data["sensor_grid"].values.astype(np.float64)[rows]
-    mode, legs = data.attrs["mode"], bool(data.attrs["counts_first_and_last_legs"])
+    mode, legs = data.attrs["capture_mode"], bool(data.attrs["counts_first_and_last_legs"])
     views = [Transient(light.view(spot), start, width) for spot in np.ndindex(*light.shape[:-4])]
     geometry: dict[str, Any] = {"mode": mode}
     if mode != "confocal":
@@ -305,7 +305,7 @@ def wall_of(volume: xr.Dataset, capture: Any) -> dict[str, np.ndarray]:
         rule = f"must be the wall of data, at {here} with its axes"
         raise ValueError(f"capture with a wall at {there} m: {rule}")
     found = {"wall": frame(grid)}
-    if capture.attrs["mode"] != "confocal":
+    if capture.attrs["capture_mode"] != "confocal":
         found["spots"] = frame(capture["laser_grid"].values.astype(float))
     if capture.attrs["counts_first_and_last_legs"]:
         ends = [capture[f"{name}_origin"].values for name in ("laser", "sensor")]
