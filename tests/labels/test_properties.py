@@ -33,9 +33,9 @@ from tofrender.labels import Kind
 from tofrender.rendering.labels import labelled
 
 START, WIDTH = 3.375, 0.125
+ALL_SEQUENCES = 200  # With --all-inputs
 SEQUENCES = 50
 SLOW_SEQUENCES = 10
-MORE = 4  # Times as many sequences with --all-inputs
 SLOW = {
     *("light_in_flight", "measurement_figure", "plot_pixel_transient", "polarisation_figure"),
     *("pyramid_figure", "range_velocity_map", "reconstruction_figure", "save_zarr"),
@@ -595,7 +595,8 @@ def test_functions_read_labels(name, tmp_path, pytestconfig):
     accepted = 0
     known = {fingerprint(like): found for like, found in zip(examples, plain, strict=True)}
     count = SLOW_SEQUENCES if name in SLOW else SEQUENCES
-    count *= MORE if pytestconfig.getoption("--all-inputs") else 1
+    if pytestconfig.getoption("--all-inputs"):
+        count = ALL_SEQUENCES
     for number, like in zip(range(count), itertools.cycle(examples), strict=False):
         index = INDICES[id(like)]
         data = changed(index, number)

@@ -13,6 +13,7 @@ import tofrender
 from tofrender import io, nlos, sensors, vis
 from tofrender.apps.compare.pairs import Pair, load
 from tofrender.apps.explorer.contents import contents_of
+from tofrender.apps.explorer.data import explorer_data, facts
 from tofrender.cli.app import main
 from tofrender.cli.report import load_result
 from tofrender.io.netcdf import load_measurement, save_measurement
@@ -227,7 +228,7 @@ def test_explorers_of_measurements_keep_the_crop(name):
 
 def frames():
     """Return two frames of a cropped film."""
-    parts = [film().assign(transient=film()["transient"] * k) for k in (1, 2)]
+    parts = [film() * k for k in (1, 2)]
     return xr.concat(parts, xr.DataArray([0.0, 0.5], dims="frame", name="frame"))
 
 
@@ -250,6 +251,27 @@ def test_explorers_take_data_in_any_order(name):
     found = contents_of(mixed)
     assert found.header == right.header
     assert found.data == right.data
+
+
+def test_explorers_state_the_energy_outside_the_chosen_bins():
+    outside = "Light outside of the bins [fraction]"
+    for data in (film(), frames()):
+        data = data.assign_attrs(energy_outside_window=0.0)
+        part = data.isel(opl=slice(4, 8))
+        light = part["transient"].sum(("y", "x", "opl", "channel"))
+        wanted = float((1 - light / data["steady"].sum(("y", "x", "channel"))).max())
+        shown = dict(facts(part, explorer_data(part)))[outside]
+        assert float(shown) == pytest.approx(wanted, rel=1e-3)
+        assert float(dict(facts(data, explorer_data(data)))[outside]) == pytest.approx(0, abs=1e-3)
+
+
+def test_explorers_of_volumes_need_even_voxels():
+    axes = {"z": 0.5 + 0.1 * np.arange(5), "y": 0.2 * np.arange(6), "x": 0.3 * np.arange(4)}
+    light = np.random.default_rng(4).random((5, 6, 4), dtype=np.float32)
+    volume = xr.Dataset({"intensity": (tuple(axes), light)}, axes)
+    assert explorer_data(volume).header["geometry"]["x"] == pytest.approx((-0.15, 0.3))
+    for axis in axes:
+        refused(f"coordinate {axis}", explorer_data, volume.isel({axis: [0, 1, 3]}))
 
 
 def test_stokes_layers_have_their_names():

@@ -39,6 +39,7 @@ from .kinds import (
 from .reading import (
     bins_of,
     by_pixel,
+    even_axis,
     intensity,
     pixel_steps,
     read,
@@ -81,6 +82,7 @@ __all__ = [
     "bins_of",
     "by_pixel",
     "energy_outside_window",
+    "even_axis",
     "intensity",
     "pixel_steps",
     "read",

@@ -14,9 +14,9 @@ AGREES = 1e-3  # Difference of a stored number that rounding and filters explain
 def energy_outside_window(film: xr.Dataset, parameter: str) -> float | None:
     """Return the part of the energy of a film that no bin contains, from 0 to 1.
 
-    It is 1 - light / steady, of the sums over all pixels and channels, for polarized films of S0.
-    The stored attribute is returned if it agrees with this. It is stale after a choice of pixels
-    or bins.
+    The part is 1 - light / steady, with the sums of both over all pixels and channels. For
+    polarized films, these are the sums of S0; for frames, the part is that of the worst frame. The
+    stored attribute is returned if it agrees. After a choice of pixels or bins, it does not.
 
     Args:
         film: A Dataset in the order of `read`, with or without `steady`.
@@ -42,7 +42,13 @@ def energy_outside_window(film: xr.Dataset, parameter: str) -> float | None:
     known = None if stored is None else float(stored)
     if "steady" not in film:
         return known
-    light, steady = (_sum(intensity(film[name], parameter)) for name in ("transient", "steady"))
+    if "frame" in film.dims:
+        frames = (film.isel(frame=number) for number in range(film.sizes["frame"]))
+        parts = [energy_outside_window(frame, parameter) for frame in frames]
+        return max((part for part in parts if part is not None), default=None)
+    name = "transient" if "transient" in film else "radiance"
+    light = _sum(intensity(film[name], parameter))
+    steady = _sum(intensity(film["steady"], parameter))
     if film.attrs.get("quantity") == "radiance per metre":
         light *= film.attrs["bin_width_opl"]
     if not (steady > 0 and np.isfinite(light)):

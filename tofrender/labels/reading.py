@@ -127,7 +127,7 @@ def bins_of(data: xr.Dataset | xr.DataArray, parameter: str, axis: str = "opl") 
     else:
         steps = np.diff(centers)
         width = float((centers[-1] - centers[0]) / len(steps))
-        _require_even_steps(steps, width, parameter)
+        _require_even_steps(steps, width, "opl", parameter)
         if is_stated and not np.isclose(width, stated, rtol=SAME_WIDTH, atol=0):
             raise ValueError(
                 f"{parameter}: the bins are {width:g} m apart, but {float(stated):g} m wide. To "
@@ -147,6 +147,29 @@ def bins_of(data: xr.Dataset | xr.DataArray, parameter: str, axis: str = "opl") 
                 "bins, use tofrender.rebin; drop the attribute start_opl if opl was moved"
             )
     return Bins(start, width, len(centers))
+
+
+def even_axis(
+    data: xr.Dataset, axis: str, parameter: str, width: float | None = None
+) -> tuple[float, float]:
+    """Return the start of the first bin, and the width of the bins, along an axis of numbers.
+
+    Args:
+        data: Dataset whose coordinate `axis` contains the centers of the bins.
+        axis: Name of the coordinate.
+        parameter: Name of the function's parameter, for messages.
+        width: Width of a single bin. None if two bins or more are needed.
+
+    Raises:
+        ValueError: The centers are not finite, or they do not rise in equal steps.
+    """
+    centers = np.asarray(data[axis].values, np.float64)
+    if len(centers) > 1:
+        width = float(centers[-1] - centers[0]) / (len(centers) - 1)
+        _require_even_steps(np.diff(centers), width, axis, parameter)
+    elif width is None:
+        raise ValueError(f"{parameter}: the axis {axis} has one entry only. Select two or more")
+    return float(centers[0]) - width / 2, width
 
 
 def intensity(data: xr.Dataset | xr.DataArray, parameter: str) -> Any:
@@ -388,11 +411,11 @@ def _require_no_gaps(distances: np.ndarray, step: int, axis: str, parameter: str
         raise ValueError(f"{parameter}: the axis {axis} skips pixels. Select pixels with a slice")
 
 
-def _require_even_steps(steps: np.ndarray, width: float, parameter: str) -> None:
-    if width <= 0 or not np.allclose(steps, width, rtol=SAME_WIDTH, atol=0):
+def _require_even_steps(steps: np.ndarray, width: float, axis: str, parameter: str) -> None:
+    if not width > 0 or not np.allclose(steps, width, rtol=SAME_WIDTH, atol=0):
         raise ValueError(
             f"{parameter}: the bins are not consecutive: the distances of the centers in the "
-            f"coordinate opl are {steps.min():g} to {steps.max():g} m. Select bins with a slice"
+            f"coordinate {axis} are {steps.min():g} to {steps.max():g}. Select bins with a slice"
         )
 
 

@@ -17,6 +17,7 @@ from ...labels import (
     VOLUME,
     bins_of,
     by_pixel,
+    even_axis,
     intensity,
     read,
     with_energy,
@@ -154,9 +155,8 @@ def _find_flaws(found: ExplorerData) -> None:
 def facts(data: xr.Dataset, found: ExplorerData) -> list[tuple[str, str]]:
     """Size and attributes as labels and texts."""
     kind = found.header["kind"]
-    is_render = "transient" in data and kind == "transient" and "frame" not in data.dims
-    if is_render and "energy_outside_window" in data.attrs:
-        data = with_energy(read(data, TRANSIENT, "data"), "data")
+    if "transient" in data and kind == "transient" and "energy_outside_window" in data.attrs:
+        data = with_energy(read(data, (TRANSIENT, FRAMES), "data"), "data")
     *spots, height, width, bins, _ = found.light.shape
     unit = f"{'voxel' if kind == 'volume' else 'bin'}{'s' * (bins > 1)}"
     unit = "MHz" if kind == "phasors" else f"{unit} of {1000 * found.axis['width']:.4g} mm"
@@ -271,8 +271,8 @@ def _phasors(data: xr.Dataset) -> ExplorerData:
 def _volume(data: xr.Dataset) -> ExplorerData:
     data = read(data, VOLUME, "data")
     values = check_volume(data)
-    start, step = _axis(data, "z")
-    sides = {axis: _axis(data, axis) for axis in "xy"}
+    start, step = even_axis(data, "z", "data", width=1.0)
+    sides = {axis: even_axis(data, axis, "data", width=1.0) for axis in "xy"}
     rows = _rows_from_top(data["frame_axes"].values) if "frame_axes" in data else UPWARDS
     if rows == UPWARDS:
         low, size = sides["y"]
@@ -368,17 +368,6 @@ def _distances(distance_m: Any, size: tuple[int, int], notes: list[str]) -> np.n
             "shown at the mean distance of the others."
         )
     return np.where(seen, distances, distances[seen].mean())
-
-
-def _axis(data: xr.Dataset, axis: str) -> tuple[float, float]:
-    """Start of the first voxel of an axis, and size of a voxel [m]."""
-    if axis not in data.coords:
-        raise ValueError(f"data: coordinate {axis} is missing; must be as reconstruct has it")
-    centres = np.asarray(data[axis].values, np.float64)
-    step = float(centres[-1] - centres[0]) / (len(centres) - 1) if len(centres) > 1 else 1.0
-    if not math.isfinite(step) or step <= 0:
-        raise ValueError(f"data: coordinate {axis}: must be finite and grow")
-    return float(centres[0]) - step / 2, step
 
 
 def _in_grid(points: np.ndarray, grid: np.ndarray) -> list[list[float]]:

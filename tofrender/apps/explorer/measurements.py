@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from ...labels import COUNTS, GATES, STREAK, TAPS, pixel_steps, read
+from ...labels import COUNTS, GATES, STREAK, TAPS, even_axis, pixel_steps, read
 from ...rendering.dataset import QUANTITIES
 from ...runtime import checks
 from ...sensors.config import read_sensor
@@ -43,7 +43,10 @@ def film_of(data: xr.Dataset) -> Measured:
     name = "counts" if "counts" in data else "images"
     data = read(data, (COUNTS, GATES, STREAK), "data")
     axis = next(axis for axis in LABELS if axis in data[name].dims)
-    start, step, centers = _time_axis(data, axis)
+    name_of_centers = "opl" if axis == "bin" else axis
+    width = float(data.attrs.get("bin_width_opl", 1.0))
+    start, step = even_axis(data, name_of_centers, "data", width)
+    centers = np.asarray(data[name_of_centers].values, np.float64)
     attrs = data.attrs | {"start_opl": start, "bin_width_opl": step}
     attrs["quantity"] = QUANTITIES[1] if axis == "delay_opl" else QUANTITIES[0]
     coords: dict[str, Any] = {"opl": centers, "channel": ["L"]}
@@ -79,14 +82,3 @@ def picture_of_taps(data: xr.Dataset) -> np.ndarray:
     """Return the mean of all taps, (height, width, 1) [electrons]."""
     mean = read(data, TAPS, "data")["taps"].mean(("frequency", "tap"))
     return mean.values[..., None].astype(np.float32)
-
-
-def _time_axis(data: xr.Dataset, axis: str) -> tuple[float, float, np.ndarray]:
-    """Return start and width of bins [m], and their centers."""
-    name = "opl" if axis == "bin" else axis
-    centers = np.asarray(data[name].values, float)
-    steps = np.diff(centers)
-    step = float(steps.mean()) if steps.size else float(data.attrs.get("bin_width_opl", 1.0))
-    even = step > 0 and np.allclose(steps, step, rtol=1e-3, atol=0)
-    checks.require(f"data: {name}", centers, even, "at equal steps that grow")
-    return float(centers[0]) - step / 2, step, centers
