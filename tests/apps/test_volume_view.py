@@ -231,7 +231,7 @@ def test_what_does_not_fit():
     other, _ = made(wall=turned(8))
     bare = volume.drop_vars("frame_origin")
     for data, given, said in (
-        (capture, {"capture": capture}, "capture = .*: must be None, as data is a capture"),
+        (capture, {"capture": capture}, "capture = .*: must be None for a capture"),
         (volume, {"capture": volume}, "capture: expected a capture"),
         (volume, {"capture": 3}, "capture.*(expected a capture|must be an xarray.Dataset)"),
         (bare, {"capture": capture}, "data: frame_origin, frame_axes: must be there"),

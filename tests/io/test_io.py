@@ -92,7 +92,7 @@ def test_names_of_layers_come_back(tmp_path):
     for name, values in layers.items():
         np.testing.assert_array_equal(found[name], values)
     for name in ("format", "type"):
-        with refused(f"attrs with '{name}': must be others"):
+        with refused(f"attrs: EXR headers reserve '{name}'"):
             io.save_exr_layers(tmp_path / "b.exr", layers, {name: "x"})
 
 
@@ -109,7 +109,7 @@ def test_a_descriptor_stays_open(tmp_path):
 def test_images_of_others_are_refused(tmp_path):
     foreign = tmp_path / "foreign.exr"
     OpenEXR.File({}, {"Y": np.ones((2, 2), np.float32)}).write(str(foreign))
-    with refused(r"foreign.exr: holds other EXR images"):
+    with refused(r"foreign.exr: contains other EXR images"):
         io.load_exr_stack(foreign)
 
 
@@ -255,7 +255,7 @@ def test_other_content_is_never_replaced(tmp_path):
     folder.mkdir()
     io.save_exr_stack(make_dataset(), folder)  # empty: fine
     (folder / "notes.txt").write_text("mine")
-    is_refused(r"holds other content \(notes.txt\)")
+    is_refused(r"contains other files \(notes.txt\)")
     (folder / "notes.txt").unlink()
     (folder / "video.mp4").write_text("beside a stack it is ours")
     io.save_exr_stack(make_dataset(), folder, overwrite=True)

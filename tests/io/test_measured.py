@@ -121,7 +121,7 @@ WRONG = {
         lambda p: savemat(p, {"a": 1}),
         "rect_data width MATLAB or meas MATLAB or cells MATLAB",
     ),
-    "f-k no tofgrid": (lambda p: savemat(p, {"meas": CUBE}), "lacks tofgrid"),
+    "f-k no tofgrid": (lambda p: savemat(p, {"meas": CUBE}), "tofgrid is missing"),
     "f-k frames": (lambda p: savemat(p, {"meas": CUBE[None]}), "meas with shape"),
     "f-k turned": (
         lambda p: savemat(p, {"meas": CUBE, "tofgrid": np.ones((4, 3))}),
@@ -151,7 +151,7 @@ WRONG = {
     "npz flat": (lambda p: as_npz(p, counts=CUBE[0], bin_width_s=1e-12), "counts with shape"),
     "npz no bin width": (lambda p: as_npz(p, counts=CUBE), "bin_width_s = None: must be given"),
     "npz pickle": (lambda p: as_npz(p, counts=OBJECTS, bin_width_s=1e-12), "must"),
-    "npz other": (lambda p: as_npz(p, a=CUBE), "must hold counts NPZ"),
+    "npz other": (lambda p: as_npz(p, a=CUBE), "must contain counts NPZ"),
     "csv uneven": (lambda p: as_csv(p, "y,x,0,1e-12,3e-12", [[0, 0, 1, 1, 1]]), "equal steps"),
     "csv one bin": (lambda p: as_csv(p, "y,x,0", [[0, 0, 1]]), "2 or more"),
     "csv few": (lambda p: as_csv(p, lines=PIXELS[:-2] + PIXELS[-1:]), "each pixel of a grid once"),

@@ -74,7 +74,7 @@ def test_bad_input_in_one_line(changes, message):
     [
         (lambda c: c["transient"], "capture: expected a capture, found a DataArray"),
         (lambda c: c.drop_vars("laser_grid"), "the variable laser_grid is missing"),
-        (lambda c: c.assign(extra=1), "a capture has no variable extra"),
+        (lambda c: c.assign(extra=1), "variable extra is not supported in a capture"),
         (lambda c: c.drop_attrs(), "attribute capture_mode = None"),
         (lambda c: c.drop_vars("opl"), "the coordinate opl along the axis opl is missing"),
         (lambda c: c.assign_attrs(bin_width_opl=0.3), "bins are 0.01 m apart, but 0.3 m wide"),
