@@ -247,8 +247,10 @@ def read_capture(dataset: Any, parameter: str) -> xr.Dataset:
 
     kind = CAPTURE
     if isinstance(dataset, xr.Dataset):
-        name = f"{parameter}: attribute capture_mode"
-        mode = checks.one_of(name, dataset.attrs.get("capture_mode"), MODES)
+        mode = MODES[0]
+        if "sensor_grid" in dataset:
+            name = f"{parameter}: attribute capture_mode"
+            mode = checks.one_of(name, dataset.attrs.get("capture_mode"), MODES)
         kind = Kind(
             "a capture",
             variables=dimensions(mode),
