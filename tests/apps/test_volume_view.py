@@ -230,10 +230,10 @@ def test_what_does_not_fit():
     other, _ = made(wall=turned(8))
     bare = volume.drop_vars("frame_origin")
     for data, given, said in (
-        (capture, {"capture": capture}, "capture = .*: must be None, as data is a capture"),
+        (capture, {"capture": capture}, "capture = .*: must be None for a capture"),
         (volume, {"capture": volume}, "capture: expected a capture"),
         (volume, {"capture": 3}, "capture.*(expected a capture|must be an xarray.Dataset)"),
-        (bare, {"capture": capture}, "data: frame_origin, frame_axes: must be there"),
+        (bare, {"capture": capture}, "data: frame_origin or frame_axes is missing"),
         (volume, {"capture": elsewhere}, r"capture with a wall at \[1.0, 0.0, 0.0\] m: must be"),
         (volume, {"capture": other}, "capture with a wall at .*: must be the wall of data"),
         (volume, {"capture": capture, "orders": {"a": capture}}, "orders = .*: must be None"),

@@ -132,7 +132,7 @@ def test_a_finished_run_is_replaced_or_stays(tmp_path, capsys, name):
     next(out.glob("*.png")).unlink()
     assert "no run that writes" in refused(capsys, *command, "--out", out, "--resume")
     (out / "notes.txt").write_text("mine")
-    assert "holds other content (notes.txt)" in refused(capsys, *command, "--out", out)
+    assert "contains other files (notes.txt)" in refused(capsys, *command, "--out", out)
 
 
 def test_fmcw_refuses_before_it_renders(tmp_path, capsys):

@@ -86,7 +86,7 @@ def test_modes_are_told(tmp_path, capsys):
     options = ["--mode", "single", "--grid", "4x3", "--spp", "1", "--out", path]
     status, out, _ = run(capsys, "capture", "nlos-z", *options)
     assert (status, out) == (0, f"{path}: single, 4x3 points, 300 bins of 6 mm\n")
-    assert tofrender.load_capture(path).attrs["mode"] == "single"
+    assert tofrender.load_capture(path).attrs["capture_mode"] == "single"
     text = refused(capsys, "reconstruct", path, "--method", "lct", "--out", tmp_path / "out")
     assert "lct" in text
     assert "allows bp, fbp, phasor" in text

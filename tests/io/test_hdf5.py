@@ -67,7 +67,7 @@ def test_parts_come_back_and_other_numbers_are_refused(tmp_path):
         loaded = load_capture(save_capture(part, tmp_path / "c.h5", overwrite=True))
         assert loaded.identical(part.sortby(["y", "x"]))  # Files have the order of labels
     for wrong, said in (
-        (capture.assign_coords(x=capture["x"] * 0.5), "capture: the axis x has no integer indices"),
+        (capture.assign_coords(x=capture["x"] * 0.5), "capture: the labels along the axis x must"),
         (capture.astype(float), "capture: type of .*float64.*: must be float32"),
     ):
         with refused(said):
@@ -121,7 +121,7 @@ def test_colours_that_do_not_fit_are_refused(tmp_path):
     for wrong in (np.ones(3, np.float32), np.ones((30, 6, 5, 3), np.float32)):
         with h5py.File(path, "r+") as file:
             file["H"].attrs["tofrender_colours_0"] = wrong
-        with pytest.raises(ValueError, match=r"\Apath = .*: H: colours with shape .*\Z"):
+        with pytest.raises(ValueError, match=r"\Apath = .*: H: colors with shape .*\Z"):
             load_capture(path)
 
 
@@ -187,7 +187,7 @@ def test_lists_of_points_become_a_row(tmp_path):
         changes[f"{device}_grid_format"] = np.int32([1])
         changes |= {n: fields[n][:, 0] for n in (f"{device}_grid_xyz", f"{device}_grid_normals")}
     loaded = load_capture(rewritten(path, **changes))
-    assert loaded.attrs["mode"] == "confocal"
+    assert loaded.attrs["capture_mode"] == "confocal"
     for name in capture.data_vars:
         np.testing.assert_array_equal(loaded[name], capture[name])
 
@@ -221,13 +221,13 @@ def test_foreign_scene_info_and_missing_normals(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"H": "delete"}, "must hold H HDF5 or data deltaT HDF5"),
-        ({"H": None}, "has nothing in the field H"),
-        ({"H": np.ones((30, 5))}, r"H with shape \(30, 5\): must be T_Sx_Sy, as H_format says"),
+        ({"H": "delete"}, "must contain H HDF5 or data deltaT HDF5"),
+        ({"H": None}, "the field H is empty"),
+        ({"H": np.ones((30, 5))}, r"H with shape \(30, 5\): must be T_Sx_Sy, as in H_format"),
         ({"H_format": np.int32([9])}, r"H_format = 9: must be one of 1 \(T_Sx_Sy\)"),
         ({"H_format": np.int32([2])}, "H with shape .*: must be T_Lx_Ly_Sx_Sy"),
         ({"laser_grid_xyz": np.zeros((2, 2, 3))}, "laser_grid_xyz with .*one point or equal"),
-        ({"sensor_grid_normals": None}, "has no normals, and points at several z"),
+        ({"sensor_grid_normals": None}, "normals are missing"),
         ({"sensor_xyz": None}, "sensor_origin, laser_origin: must be known"),
     ],
 )

@@ -92,7 +92,7 @@ def test_names_of_layers_come_back(tmp_path):
     for name, values in layers.items():
         np.testing.assert_array_equal(found[name], values)
     for name in ("format", "type"):
-        with refused(f"attrs with '{name}': must be others"):
+        with refused(f"attrs: EXR headers reserve '{name}'"):
             io.save_exr_layers(tmp_path / "b.exr", layers, {name: "x"})
 
 
@@ -109,7 +109,7 @@ def test_a_descriptor_stays_open(tmp_path):
 def test_images_of_others_are_refused(tmp_path):
     foreign = tmp_path / "foreign.exr"
     OpenEXR.File({}, {"Y": np.ones((2, 2), np.float32)}).write(str(foreign))
-    with refused(r"foreign.exr: holds other EXR images"):
+    with refused(r"foreign.exr: contains other EXR images"):
         io.load_exr_stack(foreign)
 
 
@@ -215,7 +215,7 @@ def test_npz_opens_with_plain_numpy(tmp_path):
         (lambda d: d.drop_vars("steady"), "variable steady is missing"),
         (lambda d: d.expand_dims(frame=1), "additional axis frame"),
         (lambda d: d.astype("float64"), "float32"),
-        (lambda d: d.isel(x=[0, 2]), "coordinate x"),
+        (lambda d: d.isel(x=[0, 2]), "axis x skips pixels"),
         (lambda d: d.assign_attrs(bin_width_opl=0.0), "attribute bin_width_opl is missing"),
         (lambda d: d.assign_attrs(extra=[1]), "attribute extra"),
         (lambda d: d.isel(opl=slice(0)), "axis opl is empty"),
@@ -255,7 +255,7 @@ def test_other_content_is_never_replaced(tmp_path):
     folder.mkdir()
     io.save_exr_stack(make_dataset(), folder)  # empty: fine
     (folder / "notes.txt").write_text("mine")
-    is_refused(r"holds other content \(notes.txt\)")
+    is_refused(r"contains other files \(notes.txt\)")
     (folder / "notes.txt").unlink()
     (folder / "video.mp4").write_text("beside a stack it is ours")
     io.save_exr_stack(make_dataset(), folder, overwrite=True)

@@ -40,7 +40,8 @@ def test_scans(tmp_path, name):
     assert (grid[..., 2] == 0).all()
     assert (capture["sensor_normals"].values == [0, 0, 1]).all()
     assert capture.attrs["quantity"] == "photon counts per bin"
-    assert (capture.attrs["mode"], capture.attrs["counts_first_and_last_legs"]) == ("confocal", 0)
+    assert capture.attrs["capture_mode"] == "confocal"
+    assert capture.attrs["counts_first_and_last_legs"] == 0
     again = load_capture(save_capture(capture, tmp_path / "again.h5"))
     assert again.identical(capture)
 
@@ -57,7 +58,7 @@ def test_fk_moves_by_whole_bins(tmp_path):
 def test_znlos(tmp_path, mode, reverse):
     light = files.znlos(tmp_path / "a", mode, reverse)
     capture = load_capture(tmp_path / "a")
-    assert capture.attrs["mode"] == mode
+    assert capture.attrs["capture_mode"] == mode
     light = light[0, 0] if mode == "single" else light
     for index in np.ndindex(light.shape[:-1]):
         at = index[::-1] if len(index) == 2 else (*index[1::-1], *index[:1:-1])
@@ -120,7 +121,7 @@ WRONG = {
         lambda p: savemat(p, {"a": 1}),
         "rect_data width MATLAB or meas MATLAB or cells MATLAB",
     ),
-    "f-k no tofgrid": (lambda p: savemat(p, {"meas": CUBE}), "lacks tofgrid"),
+    "f-k no tofgrid": (lambda p: savemat(p, {"meas": CUBE}), "tofgrid is missing"),
     "f-k frames": (lambda p: savemat(p, {"meas": CUBE[None]}), "meas with shape"),
     "f-k turned": (
         lambda p: savemat(p, {"meas": CUBE, "tofgrid": np.ones((4, 3))}),
@@ -150,7 +151,7 @@ WRONG = {
     "npz flat": (lambda p: as_npz(p, counts=CUBE[0], bin_width_s=1e-12), "counts with shape"),
     "npz no bin width": (lambda p: as_npz(p, counts=CUBE), "bin_width_s = None: must be given"),
     "npz pickle": (lambda p: as_npz(p, counts=OBJECTS, bin_width_s=1e-12), "must"),
-    "npz other": (lambda p: as_npz(p, a=CUBE), "must hold counts NPZ"),
+    "npz other": (lambda p: as_npz(p, a=CUBE), "must contain counts NPZ"),
     "csv uneven": (lambda p: as_csv(p, "y,x,0,1e-12,3e-12", [[0, 0, 1, 1, 1]]), "equal steps"),
     "csv one bin": (lambda p: as_csv(p, "y,x,0", [[0, 0, 1]]), "2 or more"),
     "csv few": (lambda p: as_csv(p, lines=PIXELS[:-2] + PIXELS[-1:]), "each pixel of a grid once"),

@@ -67,6 +67,7 @@ def test_intensity_is_found_by_its_name():
 
 REFUSED = {
     "coarsened bins": (lambda d: d.isel(opl=slice(4)).coarsen(opl=2).sum(), "rebin"),
+    "a single coarsened bin": (lambda d: d.isel(opl=[2, 3]).coarsen(opl=2).sum(), "rebin"),
     "every second bin": (lambda d: d.isel(opl=slice(None, None, 2)), "rebin"),
     "bins with a gap": (lambda d: d.isel(opl=[0, 1, 3]), "not consecutive"),
     "coarsened pixels": (lambda d: d.coarsen(x=2).mean(), "axis x"),

@@ -11,14 +11,14 @@ from helpers.support import refused
 from tofrender import datasets, load_capture, make_capture, reconstruct, save_capture
 from tofrender.sensors import sense
 
-PARAMETERS = ("mode", "start_opl", "bin_width_opl", "counts_first_and_last_legs")
+PARAMETERS = ("capture_mode", "start_opl", "bin_width_opl", "counts_first_and_last_legs")
 
 
 def colored():
     """Return a capture with three different channels."""
     grey = small_capture()
     light = grey["transient"].values * np.float32([0.2, 1.0, 3.0])
-    given = {name: grey.attrs[name] for name in PARAMETERS}
+    given = {name.removeprefix("capture_"): grey.attrs[name] for name in PARAMETERS}
     given["counts_first_and_last_legs"] = bool(given["counts_first_and_last_legs"])
     names = ["sensor_grid", "sensor_normals", "sensor_origin", "laser_origin"]
     given |= {name: grey[name].values for name in names}
@@ -35,7 +35,7 @@ def data_set(capture):
     found = {}
     for name in capture.data_vars:
         is_laser = name in ("laser_grid", "laser_normals")
-        if is_laser and capture.attrs["mode"] == "confocal":
+        if is_laser and capture.attrs["capture_mode"] == "confocal":
             continue
         values = capture[name].drop_vars("time", errors="ignore")
         values = values.rename({axis: axes[axis] for axis in axes if axis in values.dims})
@@ -88,7 +88,7 @@ def test_reconstructions_take_captures_in_any_order(tmp_path):
         (lambda d: d.isel(x=0), "axis x"),
         (lambda d: d.isel(xyz=[0, 1]), "xyz"),
         (lambda d: d["transient"], "pass the whole Dataset"),
-        (lambda d: d.assign_attrs(mode="both"), "mode"),
+        (lambda d: d.assign_attrs(capture_mode="both"), "capture_mode"),
     ],
 )
 def test_what_is_no_capture(change, said):
@@ -99,7 +99,7 @@ def test_what_is_no_capture(change, said):
 
 def test_counts_of_exhaustive_captures_are_refused():
     capture = capture_of(rectangle((-0.1, 0.1), (-0.1, 0.1), 1.0, 0.1), Wall(4), "exhaustive")
-    assert capture.attrs["mode"] == "exhaustive"
+    assert capture.attrs["capture_mode"] == "exhaustive"
     sensor = {"cycles": 50, "photons": {"photons_per_cycle": 0.5}, "spad": {}}
     for each in (capture, turned(capture)):
         refused("exhaustive captures are not supported", sense, each, sensor)
@@ -107,7 +107,7 @@ def test_counts_of_exhaustive_captures_are_refused():
 
 def test_labeled_arrays_are_found_by_their_axes():
     capture = colored()
-    given = {name: capture.attrs[name] for name in PARAMETERS}
+    given = {name.removeprefix("capture_"): capture.attrs[name] for name in PARAMETERS}
     names = ["sensor_grid", "sensor_normals", "sensor_origin", "laser_origin"]
     if given["mode"] != "confocal":
         names += ["laser_grid", "laser_normals"]

@@ -51,6 +51,10 @@ def test_spectra_and_estimates(film):
     xr.testing.assert_identical(LIDAR.spectra(turned(film), seed=3), spectra)
     late = LIDAR.spectra(film.isel(opl=slice(10, None)))
     assert late["up"].sum() > 0
+    part = film.isel(opl=slice(10, None))
+    outside = 1 - float(part["radiance"].sum()) / float(part["steady"].sum())
+    assert late.attrs["energy_outside_window"] == pytest.approx(outside, abs=1e-6)
+    assert abs(outside - film.attrs["energy_outside_window"]) > 0.01
     estimates = LIDAR.estimates(spectra)
     xr.testing.assert_identical(LIDAR.estimates(turned(spectra)), estimates)
     for change, said in (

@@ -10,12 +10,13 @@ from helpers.made_dataset import make_dataset
 from helpers.support import refused
 
 import tofrender
-from tofrender import io, sensors, vis
+from tofrender import io, nlos, sensors, vis
 from tofrender.apps.compare.pairs import Pair, load
 from tofrender.apps.explorer.contents import contents_of
+from tofrender.apps.explorer.data import explorer_data, facts
 from tofrender.cli.app import main
 from tofrender.cli.report import load_result
-from tofrender.io.netcdf import save_measurement
+from tofrender.io.netcdf import load_measurement, save_measurement
 
 PHOTONS = {"photons_per_cycle": 0.5}
 
@@ -227,7 +228,7 @@ def test_explorers_of_measurements_keep_the_crop(name):
 
 def frames():
     """Return two frames of a cropped film."""
-    parts = [film().assign(transient=film()["transient"] * k) for k in (1, 2)]
+    parts = [film() * k for k in (1, 2)]
     return xr.concat(parts, xr.DataArray([0.0, 0.5], dims="frame", name="frame"))
 
 
@@ -252,6 +253,27 @@ def test_explorers_take_data_in_any_order(name):
     assert found.data == right.data
 
 
+def test_explorers_state_the_energy_outside_the_chosen_bins():
+    outside = "Light outside of the bins [fraction]"
+    for data in (film(), frames()):
+        data = data.assign_attrs(energy_outside_window=0.0)
+        part = data.isel(opl=slice(4, 8))
+        light = part["transient"].sum(("y", "x", "opl", "channel"))
+        wanted = float((1 - light / data["steady"].sum(("y", "x", "channel"))).max())
+        shown = dict(facts(part, explorer_data(part)))[outside]
+        assert float(shown) == pytest.approx(wanted, rel=1e-3)
+        assert float(dict(facts(data, explorer_data(data)))[outside]) == pytest.approx(0, abs=1e-3)
+
+
+def test_explorers_of_volumes_need_even_voxels():
+    axes = {"z": 0.5 + 0.1 * np.arange(5), "y": 0.2 * np.arange(6), "x": 0.3 * np.arange(4)}
+    light = np.random.default_rng(4).random((5, 6, 4), dtype=np.float32)
+    volume = xr.Dataset({"intensity": (tuple(axes), light)}, axes)
+    assert explorer_data(volume).header["geometry"]["x"] == pytest.approx((-0.15, 0.3))
+    for axis in axes:
+        refused(f"coordinate {axis}", explorer_data, volume.isel({axis: [0, 1, 3]}))
+
+
 def test_stokes_layers_have_their_names():
     found = contents_of(polarized().isel(stokes=[3, 0])).header
     assert [each["name"] for each in found["stokes"]] == ["S3"]
@@ -264,7 +286,7 @@ def test_orders_have_the_pixels_of_the_data():
     right = contents_of(data, orders={"first": order})
     assert contents_of(data, orders={"first": turned(order)}).data == right.data
     other = order.assign_coords(x=order["x"] + 1)
-    refused("the axis x differs from that of data", contents_of, data, orders={"first": other})
+    refused("the axis x is another axis than in data", contents_of, data, orders={"first": other})
     late = order.isel(opl=slice(None, None, -1)).isel(opl=slice(0, 6))
     refused("the axis opl differs", contents_of, data, orders={"first": late})
 
@@ -361,11 +383,20 @@ def test_a_single_color_as_exr(tmp_path):
     )
 
 
-def test_counts_of_a_capture_as_netcdf(tmp_path):
-    """SciPy's writer uses the name of the attribute `mode`, and would leave an empty file."""
-    counts = sensors.sense(small_capture(), {"cycles": 50, "photons": PHOTONS, "spad": {}})
-    refused("attribute mode .* save_capture", save_measurement, counts, tmp_path / "a.nc")
-    assert not list(tmp_path.iterdir())
+def test_captures_and_their_counts_as_netcdf(tmp_path):
+    """SciPy's writer replaces its own attribute `mode` by an attribute of a Dataset."""
+    capture = small_capture()
+    counts = sensors.sense(capture, {"cycles": 50, "photons": PHOTONS, "spad": {}})
+    for number, data in enumerate((capture, counts)):
+        path = tmp_path / f"{number}.nc"
+        data.to_netcdf(path, engine="scipy")
+        xr.testing.assert_equal(xr.load_dataset(path), data)
+    save_measurement(counts, tmp_path / "a.nc")
+    loaded = nlos.reconstruct(load_measurement(tmp_path / "a.nc"), "bp", progress=False)
+    xr.testing.assert_equal(loaded, nlos.reconstruct(counts, "bp", progress=False))
+    bad = counts.assign_attrs(mode="confocal")
+    refused("attribute mode .* Rename", save_measurement, bad, tmp_path / "b.nc")
+    assert not (tmp_path / "b.nc").exists()
 
 
 def test_fields_of_view_are_real_numbers(tmp_path, capsys):

@@ -101,7 +101,7 @@ def test_functions_of_light_accept_a_picture_of_a_pyramid():
 
 def test_a_part_of_the_wall_is_a_capture():
     capture = small_capture()
-    names = ("mode", "start_opl", "bin_width_opl", "counts_first_and_last_legs")
+    names = ("capture_mode", "start_opl", "bin_width_opl", "counts_first_and_last_legs")
     about = {"capture": {name: capture.attrs[name] for name in names} | {"spp": 4}}
     about |= {"scene": "s", "render_seed": 3}
     axes = {"y": "wall_y", "x": "wall_x", "opl": "capture_opl"}

@@ -45,6 +45,8 @@ def film():
         "bin_width_opl": WIDTH,
         "quantity": "radiance per bin",
         "energy_outside_window": 0.0,
+        "film_width": 9,
+        "film_height": 8,
     }
     dims = ("y", "x", "opl", "channel")
     arrays = {"transient": (dims, light), "steady": (("y", "x", "channel"), light.sum(axis=2))}
@@ -165,6 +167,9 @@ def test_a_background_is_found_by_its_labels():
     found = echoes(counts, PULSE, background=level)
     xr.testing.assert_identical(echoes(counts, PULSE, background=turned(level)), found)
     refused("background: the axis x", echoes, counts, PULSE, background=level.isel(x=slice(4)))
+    mixed = counts.isel(y=[2, 0, 3, 1]).transpose("bin", "x", "y")
+    rows = level.isel(y=[2, 0, 3, 1]).values
+    xr.testing.assert_identical(echoes(mixed, PULSE, background=rows), found)
 
 
 def test_coates_goes_along_rising_path_lengths():
@@ -226,3 +231,31 @@ def test_phasors_have_their_frequencies_first():
         np.testing.assert_array_equal(one, other)
     records = [each.rename(frequency="record") for each in (real, imaginary)]
     refused("frequency", tofrender.phasor_parts, *records, CAMERA.frequencies_hz)
+
+
+def test_both_parts_of_a_phasor_have_the_same_axes():
+    frames = CAMERA.frames(rates(), 50, 3)
+    found = CAMERA.depth(frames.isel(x=slice(4))).isel(frequency=0, drop=True)
+    real = found["amplitude"] * np.cos(found["phase"])
+    imaginary = found["amplitude"] * np.sin(found["phase"])
+    right = tofrender.phasor_parts(real, imaginary, 20e6)
+    mixed = tofrender.phasor_parts(real, imaginary.transpose("x", "y"), 20e6)
+    np.testing.assert_array_equal(mixed, right)
+    other = imaginary.isel(x=[1, 0, 2, 3])
+    refused("labels along the axis x", tofrender.phasor_parts, real, other, 20e6)
+    refused("Q has", tofrender.phasor_parts, real, imaginary.rename(x="row"), 20e6)
+
+
+def test_the_optical_axis_must_be_known():
+    """The middle of a crop is not the middle of the film."""
+    optics = {"lamp_power_w": 2.0, "pulse_energy_j": 1e-9, "wavelength_m": 850e-9, "f_number": 1.4}
+    optics |= {"pixel_pitch_m": 1e-4, "focal_length_m": 2e-3}
+    unknown = film()
+    del unknown.attrs["film_width"]
+    refused("attribute film_width is missing", expected_photons, unknown, **optics)
+    whole = expected_photons(film(), **optics)
+    middle = float(whole["x"][2]), float(whole["y"][0])
+    brightness = (1 + ((middle[0] - 4) ** 2 + (middle[1] - 3.5) ** 2) * 0.05**2) ** -2
+    without = expected_photons(film(), **optics | {"focal_length_m": None})
+    ratio = whole["rate"][0, 2] / without["rate"][0, 2]
+    np.testing.assert_allclose(ratio, brightness, rtol=1e-12)

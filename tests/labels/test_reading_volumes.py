@@ -55,7 +55,7 @@ def test_depths_in_any_order():
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda d: d.isel(z=[0, 1, 4]), "steps along z"),
+        (lambda d: d.isel(z=[0, 1, 4]), "in the coordinate z"),
         (lambda d: d.isel(x=0), "axis x"),
         (lambda d: d.drop_vars("z"), "coordinate z is missing"),
         (lambda d: d.expand_dims(frame=2), "axis frame"),

@@ -312,8 +312,8 @@ def test_dataset(mode):
     assert data["sensor_origin"].values == pytest.approx(DEVICE)
     assert data["laser_origin"].values == pytest.approx(LASER)
     assert all(type(v) in (str, int, float) for v in data.attrs.values())
-    told = {k: data.attrs[k] for k in ("mode", "spp", "seed", "counts_first_and_last_legs")}
-    assert told == {"mode": mode, "spp": 16, "seed": 1, "counts_first_and_last_legs": 0}
+    told = {k: data.attrs[k] for k in ("capture_mode", "spp", "seed", "counts_first_and_last_legs")}
+    assert told == {"capture_mode": mode, "spp": 16, "seed": 1, "counts_first_and_last_legs": 0}
     legs = quiet(mode, 1, account_first_and_last_bounces=True)
     assert legs.attrs["counts_first_and_last_legs"] == 1
 

@@ -54,7 +54,7 @@ def test_what_a_caller_changes_later_stays_out():
         ({"transient": np.ones((4, 4, 0))}, r"transient with shape \(4, 4, 0\)"),
         ({"transient": np.ones((4, 5, 10))}, r"sensor_grid with shape .* must be of size 5 .* x"),
         ({"sensor_grid": GRID[..., :2]}, "sensor_grid with shape .*xyz of size 3"),
-        ({"sensor_grid": GRID * np.nan}, "sensor_grid: must hold finite numbers"),
+        ({"sensor_grid": GRID * np.nan}, "sensor_grid: must contain finite numbers"),
         ({"sensor_normals": 2 * BASE["sensor_normals"]}, "sensor_normals: .*length 1"),
         ({"laser_grid": GRID}, "laser_grid = .*: must be None"),
         ({"mode": "single"}, "laser_grid of type NoneType: must contain"),
@@ -72,15 +72,16 @@ def test_bad_input_in_one_line(changes, message):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda c: c["transient"], "capture = DataArray: must be an xarray.Dataset"),
-        (lambda c: c.drop_vars("laser_grid"), "variable laser_grid with axes None: must have"),
-        (lambda c: c.assign(extra=1), "variable extra with axes .*is not allowed"),
-        (lambda c: c.drop_attrs(), "attribute mode = None"),
-        (lambda c: c.drop_vars("opl"), "must have coordinates on all axes"),
-        (lambda c: c.isel(opl=slice(2, None)), "start_opl, bin_width_opl = .*must be"),
-        (lambda c: c.isel(opl=slice(0, 0)), "must have coordinates"),
+        (lambda c: c["transient"], "capture: expected a capture, found a DataArray"),
+        (lambda c: c.drop_vars("laser_grid"), "the variable laser_grid is missing"),
+        (lambda c: c.assign(extra=1), "variable extra is not supported in a capture"),
+        (lambda c: c.drop_attrs(), "attribute capture_mode = None"),
+        (lambda c: c.drop_vars("opl"), "the coordinate opl along the axis opl is missing"),
+        (lambda c: c.assign_attrs(bin_width_opl=0.3), "bins are 0.01 m apart, but 0.3 m wide"),
+        (lambda c: c.assign_coords(row=("y", [1, 2, 3, 4])), "coordinate row along y"),
+        (lambda c: c.isel(opl=slice(0, 0)), "the axis opl is empty"),
         (lambda c: c.assign_attrs(counts_first_and_last_legs=2), "must be 0, 1"),
-        (lambda c: c.assign(laser_grid=c["laser_grid"] + 1), "laser_grid: must equal sensor_grid"),
+        (lambda c: c.assign(laser_grid=c["laser_grid"] + 1), "laser_grid of a confocal capture"),
     ],
 )
 def test_check_refuses(change, message):

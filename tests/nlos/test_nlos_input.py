@@ -233,10 +233,10 @@ def test_the_scene_decides_the_mode(name):
     """The first mode is the default. Each mode that the scene excludes is an error."""
     described, modes = SCENE_MODES[name]
     options = {"spp": 1, "progress": False}
-    assert capture(described(), **options).attrs["mode"] == modes[0]
+    assert capture(described(), **options).attrs["capture_mode"] == modes[0]
     for mode in ("single", "confocal", "exhaustive"):
         if mode in modes:
-            assert capture(described(), mode=mode, **options).attrs["mode"] == mode
+            assert capture(described(), mode=mode, **options).attrs["capture_mode"] == mode
         else:
             with pytest.raises(ValueError, match=rf"\Amode = '{mode}': .*'{modes[0]}'.*\Z"):
                 capture(described(), mode=mode, **options)

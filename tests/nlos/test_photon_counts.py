@@ -150,7 +150,7 @@ def test_counts_of_a_sensor_are_a_capture(mode, legs, tmp_path):
     expected_volume = reconstruct(by_hand, "bp", progress=False)
     np.testing.assert_allclose(volume["intensity"], expected_volume["intensity"], rtol=1e-4)
     again = load_capture(save_capture(measured, tmp_path / "a.h5"))
-    assert again.attrs["mode"] == mode
+    assert again.attrs["capture_mode"] == mode
     np.testing.assert_array_equal(again["transient"][..., 0], measured["counts"])
 
 

@@ -12,7 +12,7 @@ import tofrender
 from tofrender.films.sums import Radiance, Weighted
 from tofrender.paths import camera as cameras, scattering, walk
 from tofrender.paths.camera import sample_camera
-from tofrender.rendering.dataset import check_dataset
+from tofrender.rendering.dataset import require_storable
 from tofrender.scenes.checking import check_scene
 from tofrender.signals import polarisation
 
@@ -378,7 +378,7 @@ def test_datasets_have_an_axis_of_stokes_components(variant, channels):
         assert np.allclose(image.mean((0, 1)), dataset[name].mean(("y", "x")), atol=0.02)
     assert abs(dataset.attrs["energy_outside_window"]) < 1e-3
     intensity = dataset.sel(stokes="S0", drop=True)
-    assert check_dataset(intensity) is None
+    assert require_storable(intensity) is None
     assert np.allclose(intensity["transient"].sum("opl"), intensity["steady"], atol=1e-4)
 
 

@@ -80,7 +80,7 @@ def test_other_channels_are_refused(tmp_path):
     image = np.zeros((4, 6), np.float32)
     OpenEXR.File(header, {"S0.Y": image, "S1.Y": image}).write(str(stack / "steady.exr"))
     said = refusal(tofrender.load_exr_stack, stack)
-    assert said.endswith("must be RGB or Y, or those of S0 to S3")
+    assert said.endswith("must be RGB or Y, or RGB or Y of S0 to S3")
 
 
 @pytest.mark.parametrize(

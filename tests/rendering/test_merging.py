@@ -52,7 +52,7 @@ def test_the_order_of_axes_does_not_matter(parts):
         w * float(p["transient"].sum()) for w, p in zip((1, 2), late, strict=True)
     ) / (sum(w * float(p["steady"].sum()) for w, p in zip((1, 2), late, strict=True)))
     assert merge(late).attrs["energy_outside_window"] == pytest.approx(outside, abs=0.01)
-    with refused(r"renders\[1\]: the axis x has no integer indices"):
+    with refused(r"renders\[1\]: the labels along the axis x must be integers"):
         merge([parts[0], parts[1].coarsen(x=2).mean()])
 
 

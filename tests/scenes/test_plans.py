@@ -48,7 +48,7 @@ def test_bad_plans_are_one_line():
     scene = stands_alone(builder("wall_box_behind"))
     assert "view = 'top': must be one of above, side" in refusal(plan_figure, scene, view="top")
     assert "laser = [0, 1]: must be 3 finite numbers" in refusal(plan_figure, scene, laser=[0, 1])
-    assert "scene: has no shapes to draw" in refusal(plan_figure, mi.load_dict({"type": "scene"}))
+    assert "scene: a plan needs shapes" in refusal(plan_figure, mi.load_dict({"type": "scene"}))
 
 
 def laser(figure) -> np.ndarray:

@@ -50,7 +50,7 @@ def test_ambient_light_and_dark_counts():
 
 
 def test_variants_of_the_parameters():
-    dataset = make_dataset(height=5, width=7)
+    dataset = make_dataset(height=5, width=7, film_width=7, film_height=5)
     rates = expected_photons(dataset, **OPTICS)["rate"]
     half = expected_photons(dataset, **OPTICS | {"detection_efficiency": 0.125})["rate"]
     assert half.values == pytest.approx(rates.values / 2)

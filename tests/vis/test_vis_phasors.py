@@ -277,8 +277,8 @@ def test_an_unwarped_dataset_is_one_like_any_other(tmp_path):
 def test_bad_distances():
     for distances, message in (
         (np.ones((10, 6)), r"distance_m with shape \(10, 6\): must be \(6, 10\), one number"),
-        (np.full((6, 10), -0.5), "distance_m holds -0.5: must be from 0"),
-        (np.full((6, 10), 1e13), r"distance_m holds 1e\+13"),
+        (np.full((6, 10), -0.5), "distance_m contains -0.5: must be from 0"),
+        (np.full((6, 10), 1e13), r"distance_m contains 1e\+13"),
         (np.arange(60).reshape(6, 10) * 1e9, "distance_m spreads the light over .* bins"),
     ):
         refused(message, vis.unwarp_camera, make_dataset(), distances)

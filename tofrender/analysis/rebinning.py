@@ -62,7 +62,7 @@ def rebin(
         ((2, 4, 15, 3), 0.8)
     """
     # Read a film or a capture
-    is_capture = "mode" in getattr(dataset, "attrs", ())
+    is_capture = "capture_mode" in getattr(dataset, "attrs", ())
     if is_capture:
         dataset = read_capture(dataset, "dataset")
         if pixels is not None:

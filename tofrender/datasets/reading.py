@@ -86,8 +86,8 @@ def capture_of(dataset: Annotated[xr.Dataset, CAPTURES], record: int) -> xr.Data
     if "capture" not in dataset:
         raise ValueError("dataset: has no captures; must be made with outputs.capture")
     stated = about["capture"]
-    axes = dimensions(stated["mode"])
-    if stated["mode"] == "confocal":  # The laser follows the sensor
+    axes = dimensions(stated["capture_mode"])
+    if stated["capture_mode"] == "confocal":  # The laser follows the sensor
         del axes["laser_grid"], axes["laser_normals"]
 
     # Names of a capture, without the prefix
@@ -106,7 +106,7 @@ def capture_of(dataset: Annotated[xr.Dataset, CAPTURES], record: int) -> xr.Data
     on_wall = arrays.pop(ON_WALL, np.ones(1, bool))
     return make_capture(
         **arrays,
-        mode=stated["mode"],
+        mode=stated["capture_mode"],
         start_opl=bins.start_opl,
         bin_width_opl=bins.bin_width_opl,
         counts_first_and_last_legs=bool(stated["counts_first_and_last_legs"]),

@@ -192,7 +192,7 @@ def _captured(
     wall = wanted.relay_wall
     film = capture_scene(scene, mode=wanted.mode, spp=spp, seed=seed, relay_wall=wall, **common)
     _require_whole(film.attrs)
-    names = ("start_opl", "bin_width_opl", "counts_first_and_last_legs", "spp", "mode")
+    names = ("start_opl", "bin_width_opl", "counts_first_and_last_legs", "spp", "capture_mode")
     about["capture"] = {n: film.attrs[n] for n in (*names, "energy_outside_window")}
     arrays = {"capture": film["transient"].values}
     arrays |= {f"capture_{name}": film[name].values for name in (*GEOMETRY, *ORIGINS)}

@@ -1,4 +1,4 @@
-"""`load_capture`: captures in many layouts, which are recognised by what files hold."""
+"""`load_capture`: captures in many layouts, which are recognized by the content of files."""
 
 import os
 from collections.abc import Callable
@@ -41,11 +41,12 @@ def load_capture(
 ) -> xr.Dataset:
     """Read a capture that `save_capture` wrote, or one of other programs and measurements.
 
-    The layout is recognised by what the file holds, whatever its name; no file can run code. All
-    but the first two are photon counts of confocal scans, rows downwards and columns to the right
-    as seen from the wall, at z = 0 with the hidden scene at z > 0. See also `save_capture`.
+    The layout is recognized by the content of the file, not by its name. No file can run code. All
+    layouts except the first two contain photon counts of confocal scans. Their wall is at z = 0,
+    the hidden scene is at z > 0, and seen from the wall, rows run downwards and columns to the
+    right. See also `save_capture`.
 
-    | layout | holds |
+    | layout | content |
     |---|---|
     | HDF5 of y-tal | `H`; integers are photon counts |
     | HDF5 of Z-NLOS | `data`, `deltaT`; bounces from the third on are added |
@@ -54,22 +55,24 @@ def load_capture(
     | MATLAB, photon times | cells (rows, columns) with numbers of bins |
     | NPZ | `counts` (rows, columns, bins), and parameters of this function |
     | CSV | a line "y,x,0,4e-12,..." with the bins' starts [s], a line of counts for each pixel |
-    | PTU, SDT | of PicoQuant, Becker & Hickl; needs `pip install 'tofrender[data]'` |
+    | PTU, SDT | PicoQuant, Becker & Hickl; needs `pip install 'tofrender[data]'` |
 
     Args:
         path: A file.
         wall_size: Side of the scanned wall [m], or (width, height), from the first to the last
-            point. None is as the file or its layout has it, 2 m for f-k migration.
-        bin_width_s: Width of a bin [s], None as before.
-        start_s: Start of the first bin [s] after light has met the wall, None as before or 0.
+            point. By default the size in the file or of its layout, 2 m for f-k migration.
+        bin_width_s: Width of a bin [s]. By default the width in the file or of its layout.
+        start_s: Start of the first bin [s] after light has met the wall. By default the start in
+            the file, otherwise 0.
 
     Returns:
-        A capture, as `make_capture` describes it, of one channel unless we wrote more.
+        A capture, as described at `make_capture`. It has one channel, except in files of
+        `save_capture` with three channels.
 
     Raises:
-        FileNotFoundError: There is nothing at `path`.
-        ValueError: Another file, one that is cut short, fields that are missing, of wrong shapes or
-            not finite; a parameter that is missing, or not for this layout.
+        FileNotFoundError: The file does not exist.
+        ValueError: The file has another layout or is cut short, fields are missing, have wrong
+            shapes or are not finite, or a parameter is missing or not for this layout.
         ImportError: The package that reads the file is missing.
         MemoryError: The capture does not fit into memory.
 
@@ -96,26 +99,32 @@ def load_capture(
 
 
 def _layout_of(file: Path) -> tuple[str, Callable[..., Any]]:
-    """Recognise container and reader by the first bytes of a file and names of its variables."""
-    names, held = set(), ["HDF5"]
+    """Recognize container and reader by the first bytes of a file and names of its variables."""
+    names = set()
+    held = ["HDF5"]
     with file.open("rb") as opened:
         head = opened.read(1024)
     if head.startswith(b"MATLAB"):
-        held, names = ["MATLAB", "HDF5"], measured.matlab_names(file)
+        # Version 7.3 of MATLAB files is HDF5
+        held = ["MATLAB", "HDF5"]
+        names = measured.matlab_names(file)
     elif h5py.is_hdf5(file):
         with h5py.File(file) as opened:
             names = set(opened)
     elif head.startswith(b"PK\x03\x04"):
         with ZipFile(file) as archive:
-            held, names = ["NPZ"], {name.removesuffix(".npy") for name in archive.namelist()}
+            names = {name.removesuffix(".npy") for name in archive.namelist()}
+        held = ["NPZ"]
     else:
         marks = {"PTU": b"PQTTTR", "SDT": b"*IDENTIFICATION", "CSV": b"y,x,"}
         held = [
             name for name, mark in marks.items() if mark in head[: 1024 if name == "SDT" else 8]
         ]
+
+    # Choose the first layout with these variables
     known = [row for row in LAYOUTS if row[0] in held]
     for container, variables, read in known:
         if names.issuperset(variables.split()):
             return container, read
     allowed = " or ".join(f"{each} {kind}".strip() for kind, each, _ in known or LAYOUTS)
-    raise ValueError(f"holds no capture that is known; must hold {allowed}")
+    raise ValueError(f"its layout is not supported; it must contain {allowed}")

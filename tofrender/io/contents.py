@@ -10,7 +10,7 @@ FORMATS = {
     "npz": "transient.npz",
     "zarr": "transient.zarr",
 }
-"""The file with the transient of a render, by its format. Frames are files of their own."""
+"""The file with the transient of a render, by its format. Each frame is a separate file."""
 
 FRAMES_LIST = "frames.json"
 FRAMES_STEADY = "steady.npy"

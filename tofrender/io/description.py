@@ -1,4 +1,4 @@
-"""Description of a Dataset in files: everything but its arrays, as a JSON object."""
+"""Description of a Dataset in files: everything except its arrays, as a JSON object."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..labels import FILM, read
 from ..rendering import dataset as datasets
 from ..rendering.dataset import DIMS, ERRORS, HALVES, plain_attributes
 from ..rendering.labels import labelled
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _AXES = DIMS["transient"]
-_DIMS = {axis: (axis,) for axis in _AXES} | DIMS | ERRORS | HALVES  # Of all that files have
+_DIMS = {axis: (axis,) for axis in _AXES} | DIMS | ERRORS | HALVES  # Axes of each array of a file
 
 
 def describe(dataset: xr.Dataset) -> dict[str, Any]:
@@ -36,15 +37,20 @@ def parse(text: Any) -> dict[str, Any]:
     try:
         description = json.loads(str(text))
     except (ValueError, RecursionError):
-        raise ValueError("its description is no JSON; must be as it was saved") from None
+        raise ValueError("its description is not JSON; it must be as it was saved") from None
+
+    # Check the sizes of the axes and the names of the channels
     _require("its description", description, ("sizes", "channel", "attrs", "variables"))
     sizes = _require("sizes", description["sizes"], _AXES)
     for axis in _AXES:
         checks.integer(f"sizes: {axis}", sizes[axis], 1, 1 << 40)
-    names, count = description["channel"], sizes["channel"]
+    names = description["channel"]
+    count = sizes["channel"]
     are_texts = isinstance(names, list) and all(isinstance(name, str) for name in names)
     valid = names in (["L"], ["R", "G", "B"]) or (are_texts and len(names) == count)
     checks.require("channel", names, valid, f"{count} names")
+
+    # Check all attributes
     variables = _require("variables", description["variables"], (*DIMS, *_AXES))
     for owner, attrs in (("attrs", description["attrs"]), *variables.items()):
         for name, value in _require(owner, attrs).items():
@@ -58,7 +64,7 @@ def _require(what: str, value: Any, keys: Sequence[str] = ()) -> dict[str, Any]:
     checks.instance(what, value, dict, "a dict of names and values")
     for key in keys:
         if key not in value:
-            raise ValueError(f"{what}: has no {key}; must be as it was saved")
+            raise ValueError(f"{what}: {key} is missing; it must be as it was saved")
     return value
 
 
@@ -75,7 +81,7 @@ def restore(description: dict[str, Any], arrays: dict[str, np.ndarray]) -> xr.Da
     for name, shape in shapes_of(description).items():
         if name in arrays:
             valid = arrays[name].shape == shape
-            checks.shape(name, arrays[name], valid, f"{shape}, as sizes says")
+            checks.shape(name, arrays[name], valid, f"{shape}, as in sizes")
     arrays = {**arrays, "channel": np.array(description["channel"])}
     attrs = description["variables"]
     variables = {name: (_DIMS[name], array, attrs[name]) for name, array in arrays.items()}
@@ -84,13 +90,20 @@ def restore(description: dict[str, Any], arrays: dict[str, np.ndarray]) -> xr.Da
         coords={name: variables[name] for name in _AXES},
         attrs=description["attrs"],
     )
-    datasets.check_dataset(dataset)
+
+    # Do the labels agree with the attributes?
+    found = read(dataset, FILM, "dataset")
+    if found is not dataset:
+        raise ValueError(
+            "its pixels, channels or time bins contradict the attributes; must be as it was saved"
+        )
+    datasets.require_storable(dataset)
     return datasets.in_components(labelled(dataset))
 
 
 def warn_not_finite(dataset: xr.Dataset, stacklevel: int = 3) -> None:
-    """Warn that a file will not be readable, rather than lose a render of hours."""
+    """Warn that a file will not be readable. An error would lose a render of hours."""
     try:
         datasets.require_finite(dataset)
     except ValueError as error:
-        warnings.warn(f"{error}; what is written now cannot be read again", stacklevel=stacklevel)
+        warnings.warn(f"{error}; the written file cannot be read again", stacklevel=stacklevel)

@@ -31,13 +31,24 @@ FORMAT = "tofrender transient stack 1"
 LAYERS_FORMAT = "tofrender layers 1"
 LAYER = "error."  # Prefix of the channels of standard errors
 EXACT_INTEGERS = 1 << 24  # Up to it, float32 holds all integers
-LEAST_DIGITS = 4  # Of a frame's number in its name
-# Channels that OpenEXR reads: R, G and B are "RGB", or their common prefix.
+LEAST_DIGITS = 4  # Fewest digits of a frame's number in its name
+# Names of channels in OpenEXR, which joins R, G and B to "RGB" or to their common prefix
 _READ = (("Y",), ("RGB",), tuple(f"{each}.Y" for each in STOKES), STOKES)
-# Header names with a meaning of their own, which attributes of a Dataset must not use
+# Header names that OpenEXR uses, so that attributes of a Dataset must not use them
 _RESERVED = {
-    *("channels", "chunkCount", "compression", "dataWindow", "displayWindow", "lineOrder", "name"),
-    *("pixelAspectRatio", "screenWindowCenter", "screenWindowWidth", "tiles", "type", "version"),
+    "channels",
+    "chunkCount",
+    "compression",
+    "dataWindow",
+    "displayWindow",
+    "lineOrder",
+    "name",
+    "pixelAspectRatio",
+    "screenWindowCenter",
+    "screenWindowWidth",
+    "tiles",
+    "type",
+    "version",
 }
 
 
@@ -52,24 +63,25 @@ def save_exr_stack(
 ) -> Path:
     """Write a rendered Dataset as OpenEXR images that any viewer opens.
 
-    Each header holds the Dataset's attributes and, for a frame, `bin_index` and the bin's
-    `opl_start`, `opl_center` and `opl_stop` in metres (as doubles). Of a cropped render, the data
-    window is the crop, the display window the film as far as it is known (the attributes
-    `film_width` and `film_height`, else up to the crop's last pixel). Monochrome Datasets use the
-    channel Y; those of polarised light have S0.R, S0.G, S0.B to S3.B, or S0.Y to S3.Y. Files have
-    ZIP compression and a checksum after their end; the output appears whole or not at all.
-    See also `load_exr_stack`.
+    Each header contains the Dataset's attributes. The header of a frame also contains `bin_index`
+    and the bin's `opl_start`, `opl_center` and `opl_stop` in meters (as doubles). For a cropped
+    render, the data window is the crop and the display window is the film. Without the attributes
+    `film_width` and `film_height`, the display window ends at the last pixel of the crop.
+    Monochrome Datasets use the channel Y. Polarized Datasets use S0.R, S0.G, S0.B to S3.B, or S0.Y
+    to S3.Y. Files have ZIP compression and a checksum after their end. An incomplete output never
+    appears at `path`. See also `load_exr_stack`.
 
     Args:
         dataset: The result of `render`, or a part of it.
-        path: Folder for `frame_0000.exr`, ..., `steady.exr` (`"frames"`), or the name of
-            one .exr file whose parts have these names, the steady image first (`"multipart"`).
+        path: Folder for `frame_0000.exr`, ..., `steady.exr` (`"frames"`), or the name of one .exr
+            file (`"multipart"`). The parts of the file have these names, and the steady image is
+            the first part.
         layout: `"frames"` or `"multipart"`.
-        precision: `"float"` keeps every bit. `"half"` takes about 40 % of the space, rounds to 11
-            bits (relative error up to 2^-11), and loses values below 6e-8, which matters for bins
-            of a few millimetres.
+        precision: `"float"` keeps every bit. `"half"` needs about 40 % of the space, rounds to 11
+            bits (relative error up to 2^-11), and loses values below 6e-8. Bins of a few
+            millimeters have such small values.
         overwrite: Replace an earlier output of this package; other content is never replaced.
-        progress: Show a bar if it takes more than two seconds.
+        progress: Show a progress bar after two seconds.
 
     Raises:
         ValueError: Another Dataset, an unknown layout or precision, or a finite value above 65504
@@ -92,6 +104,8 @@ def save_exr_stack(
     checks.one_of("layout", layout, ("frames", "multipart"))
     checks.boolean("progress", progress)
     checks.one_of("precision", precision, BYTES_PER_VALUE)
+
+    # Can the files be written?
     dataset = for_file(dataset)
     stack = _Stack(dataset, precision)
     shape = dataset["transient"].shape
@@ -99,6 +113,8 @@ def save_exr_stack(
     warn_not_finite(dataset)
     needed = stack_bytes(shape, precision)
     indices = range(-1, stack.bins)
+
+    # Write a file for each frame
     if layout == "frames":
         with output_folder(path, overwrite=overwrite, needed_bytes=needed) as folder:
 
@@ -107,6 +123,8 @@ def save_exr_stack(
 
             for_each(write, indices, "Writing EXR", progress=progress)
         return target
+
+    # Write one file with all frames as its parts
     with replacing(path, needed_bytes=needed) as temporary:
         with open(temporary, "wb") as file:
             names = [stack.name(index) for index in indices]
@@ -122,7 +140,7 @@ def save_exr_stack(
 
 
 def load_exr_stack(path: str | os.PathLike) -> xr.Dataset:
-    """Read what `save_exr_stack` wrote, folder or multi-part file.
+    """Read a folder or a multi-part file of `save_exr_stack`.
 
     See also `save_exr_stack`.
 
@@ -130,11 +148,11 @@ def load_exr_stack(path: str | os.PathLike) -> xr.Dataset:
         path: The folder or the .exr file.
 
     Returns:
-        The Dataset, with all attributes and coordinates. Values are float32, equal to the saved
-        ones bit by bit, or rounded if the stack is in half precision.
+        The Dataset, with all attributes and coordinates. Values are float32. They are equal to the
+        saved values bit by bit, or rounded if the stack is in half precision.
 
     Raises:
-        FileNotFoundError: There is nothing at `path`.
+        FileNotFoundError: The folder or file does not exist.
         ValueError: Not a stack of this package, or frames are missing, damaged or not finite.
         MemoryError: The stack does not fit into memory.
 
@@ -153,7 +171,7 @@ def load_exr_stack(path: str | os.PathLike) -> xr.Dataset:
         with named(path):
             return _assemble(steady, len(frames), frames.__getitem__)
     if not (folder / "steady.exr").is_file():
-        raise ValueError(f"path = {path}: has no steady.exr; must be a saved stack")
+        raise ValueError(f"path = {path}: steady.exr is missing; must be a saved stack")
     files = sorted(folder.glob("frame_*.exr"))
     with named(path):
         steady = _read(folder / "steady.exr")[0]
@@ -171,14 +189,14 @@ def save_exr_layers(
 
     Args:
         path: File name; an existing file is replaced.
-        layers: Pictures by name, shape (height, width, channels) with 1 or 3 channels. The name
-            "" stands for the channels R, G, B or Y that every viewer shows.
+        layers: Pictures by name, shape (height, width, channels) with 1 or 3 channels. The
+            channels of the layer "" are R, G, B or Y, which every viewer shows.
         attrs: Attributes of the header.
-        first_pixel: Column and row of the first pixel, at least 0, of pictures of a cropped film.
+        first_pixel: Column and row of the first pixel of a crop, at least 0.
 
     Raises:
-        ValueError: There are no layers, their sizes differ, an attribute's name cannot be used, or
-            single precision cannot hold an integer or the size of a number.
+        ValueError: Layers are missing, their sizes differ, the name of an attribute is reserved,
+            or a value is beyond the range of single precision or is an integer above 2^24.
 
     Example:
         >>> import tempfile
@@ -187,9 +205,10 @@ def save_exr_layers(
         ...     file.name
         'a.exr'
     """
+    # Check attributes and layers
     attrs = checks.mapping("attrs", attrs)
     for name in sorted({"format", *_RESERVED} & set(attrs)):
-        raise ValueError(f"attrs with {name!r}: must be others, EXR headers have this one")
+        raise ValueError(f"attrs: EXR headers reserve {name!r}; it must have another name")
     arrays: dict[str, np.ndarray] = {}
     for name, values in checks.mapping("layers", layers).items():
         array = arrays[name] = _as_float32(f"layers[{name!r}]", values)
@@ -204,12 +223,16 @@ def save_exr_layers(
         raise ValueError(f"layers = {given}: have the sizes {sorted(sizes)}; must be one size")
     needed = sum(array.nbytes for array in arrays.values())
     target = check_file(path, overwrite=True, needed_bytes=needed)
+
+    # Name the channels of each layer
     channels = {}
     for name, array in arrays.items():
         letters = "RGB" if array.shape[2] == 3 else "Y"
         channels |= _by_channel(array, [f"{name}.{c}" if name else c for c in letters])
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     header |= {"format": LAYERS_FORMAT, **{k: str(value) for k, value in attrs.items()}}
+
+    # Place a crop on its film
     if (column, row) != (0, 0):
         ((height, width),) = sizes
         first = np.array([column, row], np.int32)
@@ -223,14 +246,14 @@ def save_exr_layers(
 def load_exr_layers(
     path: str | os.PathLike,
 ) -> tuple[dict[str, np.ndarray], dict[str, str], tuple[int, int]]:
-    """Read what `save_exr_layers` wrote.
+    """Read a file of `save_exr_layers`.
 
     Returns:
         (layers, attributes, first pixel): the layers by name, (height, width, channels), and column
         and row of the first pixel.
 
     Raises:
-        ValueError: It is another file, or a damaged one.
+        ValueError: The file is damaged, or it is not of `save_exr_layers`.
 
     Example:
         >>> import tempfile
@@ -252,7 +275,7 @@ def load_exr_layers(
 
 
 def _as_float32(name: str, values: Any) -> np.ndarray:
-    """Convert real numbers to float32, which must hold integers exactly and all finite numbers."""
+    """Convert real numbers to float32. Refuse inexact integers, and numbers out of range."""
     array = checks.real_array(name, values)
     with np.errstate(over="ignore"):
         converted = array.astype(np.float32)
@@ -266,7 +289,8 @@ def _as_float32(name: str, values: Any) -> np.ndarray:
 
 
 def _by_channel(image: np.ndarray, names: list[str]) -> dict[str, np.ndarray]:
-    """Channels of an image (height, width, channels); OpenEXR writes strided arrays wrongly."""
+    """Return contiguous channels of an image (height, width, channels) by name."""
+    # OpenEXR writes strided arrays wrongly
     return {name: np.ascontiguousarray(image[..., k]) for k, name in enumerate(names)}
 
 
@@ -274,20 +298,25 @@ class _Stack:
     """A Dataset as EXR parts: headers and pixels at the chosen precision."""
 
     def __init__(self, dataset: xr.Dataset, precision: str):
-        self.dataset, self.films = dataset, {"": (Cube(dataset["transient"]), dataset["steady"])}
+        self.dataset = dataset
+        self.films = {"": (Cube(dataset["transient"]), dataset["steady"])}
         if "transient_error" in dataset:
             self.films[LAYER] = Cube(dataset["transient_error"]), dataset["steady_error"]
         self.dtype = np.float16 if precision == "half" else np.float32
+
+        # Name the channels as viewers expect them
         names = [str(name) for name in dataset["channel"].values]
-        colours = list(dict.fromkeys(name.rpartition(".")[2] for name in names))
-        if len(colours) == 1:  # Viewers show Y as gray
-            names = [name.removesuffix(colours[0]) + "Y" for name in names]
-        elif colours != ["R", "G", "B"]:
+        colors = list(dict.fromkeys(name.rpartition(".")[2] for name in names))
+        if len(colors) == 1:  # Viewers show Y as gray
+            names = [name.removesuffix(colors[0]) + "Y" for name in names]
+        elif colors != ["R", "G", "B"]:
             raise ValueError(
-                f"dataset: the axis channel has {', '.join(colours)}. EXR files have one channel, "
+                f"dataset: the axis channel has {', '.join(colors)}. EXR files have one channel, "
                 "or R, G and B; select one with isel(channel=[0])"
             )
         self.channels = names
+
+        # Prepare the numbers and attributes of the headers
         self.opl = dataset["opl"].values
         self.edges_opl = bins_of(dataset, "dataset").edges_opl
         self.bins = len(self.opl)
@@ -300,7 +329,7 @@ class _Stack:
         return "steady" if index < 0 else f"frame_{index:0{self.digits}d}"
 
     def part(self, index: int) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Header and channels of frame `index`, or of the steady image (-1)."""
+        """Return header and channels of frame `index`, or of the steady image (-1)."""
         header = self.header | {"compression": OpenEXR.ZIP_COMPRESSION}
         header["type"] = OpenEXR.scanlineimage
         if index < 0:
@@ -319,7 +348,8 @@ class _Stack:
     def encode(self, index: int) -> bytes:
         """Encode frame `index` (-1: the steady image) as the bytes of an EXR file.
 
-        In memory because OpenEXR hides errors, such as a full disk, while it closes a file.
+        The part is encoded in memory. OpenEXR hides errors, such as a full disk, when it closes a
+        file.
         """
         stream = io.BytesIO()
         OpenEXR.File(*self.part(index), num_threads=0).write(stream)
@@ -368,7 +398,7 @@ def _read(file: Path, separate_channels: bool = False) -> list[Any]:
 
 
 def _size(part: Any) -> int:
-    """Bytes of a part's pixels as float32."""
+    """Return the bytes of a part's pixels as float32."""
     (left, top), (right, bottom) = part.header["dataWindow"]
     return (int(right) - int(left) + 1) * (int(bottom) - int(top) + 1) * 4 * len(part.channels)
 
@@ -376,13 +406,17 @@ def _size(part: Any) -> int:
 def _assemble(steady: Any, count: int, frame: Callable[[int], Any]) -> xr.Dataset:
     """Make a Dataset of the steady image and of frames, which are read in any order."""
     if steady.header.get("format") != FORMAT or "dataset" not in steady.header:
-        raise ValueError("holds other EXR images; must be a saved stack")
+        raise ValueError("contains other EXR images; must be a saved stack")
+
+    # Compare the number and the sizes of images with the description
     description = parse(steady.header["dataset"])
-    height, width, bins, colours = sizes = [description["sizes"][a] for a in DIMS["transient"]]
+    height, width, bins, colors = sizes = [description["sizes"][a] for a in DIMS["transient"]]
     if count != bins:
-        raise ValueError(f"{count} frames of {bins} are there; must be complete")
+        raise ValueError(f"{count} of {bins} frames exist; must be complete")
     image = _pixels(steady)
-    checks.shape("steady", image, image.shape == (height, width, colours), f"of {sizes}")
+    checks.shape("steady", image, image.shape == (height, width, colors), f"of {sizes}")
+
+    # Allocate the arrays
     has_errors = "transient_error" in description["variables"]
     memory.require_free("transient", 4 * (1 + has_errors) * math.prod(sizes))
     arrays = {"transient": np.empty(sizes, np.float32), "steady": image}
@@ -393,20 +427,24 @@ def _assemble(steady: Any, count: int, frame: Callable[[int], Any]) -> xr.Datase
 
     def read_frame(number: int) -> None:
         part = frame(number)
-        pixels, index = _pixels(part), part.header.get("bin_index", -1)
-        centre = np.ravel(part.header.get("opl_center", ()))
+        pixels = _pixels(part)
+        index = part.header.get("bin_index", -1)
+        center = np.ravel(part.header.get("opl_center", ()))
         known = isinstance(index, int) and 0 <= index < bins
-        known = known and len(centre) == 1 and centre.dtype.kind == "f"
+        known = known and len(center) == 1 and center.dtype.kind == "f"
         if not known or pixels.shape != image.shape:
             raise ValueError(f"frame {number} does not belong to this stack; must be as saved")
         arrays["transient"][:, :, index] = pixels
         if has_errors:
             arrays["transient_error"][:, :, index] = _pixels(part, LAYER)
-        arrays["opl"][index] = centre[0]
+        arrays["opl"][index] = center[0]
 
+    # Read the frames, in any order
     for_each(read_frame, range(bins), "Reading EXR", progress=True)
     if np.isnan(arrays["opl"]).any():
         raise ValueError("two frames have the same bin_index; each must be saved once")
+
+    # Make the Dataset
     x, y = (int(first) for first in steady.header["dataWindow"][0])
     arrays |= {"y": y + np.arange(height), "x": x + np.arange(width)}
     dataset = restore(description, arrays)
@@ -415,19 +453,19 @@ def _assemble(steady: Any, count: int, frame: Callable[[int], Any]) -> xr.Datase
 
 
 def _pixels(part: Any, layer: str = "") -> np.ndarray:
-    """Values of an image, or of its standard errors, (height, width, channels)."""
+    """Return an image, or its standard errors, (height, width, channels)."""
     channels = part.channels
     read = [[_name(layer, kind) for kind in kinds] for kinds in _READ]
     names = [each for each in read if each[0] in channels]
     known = ({_name(each, kind) for each in ("", LAYER) for kind in kinds} for kinds in _READ)
     if len(names) != 1 or not any({*names[0]} <= {*channels} <= kinds for kinds in known):
         shown = ", ".join(channels)
-        raise ValueError(f"has the channels {shown}; must be RGB or Y, or those of S0 to S3")
+        raise ValueError(f"has the channels {shown}; must be RGB or Y, or RGB or Y of S0 to S3")
     images = [np.atleast_3d(channels[name].pixels) for name in names[0]]
     pixels = images[0] if len(images) == 1 else np.concatenate(images, axis=-1)
     return pixels.astype(np.float32, copy=False)
 
 
 def _name(layer: str, kind: str) -> str:
-    """Name under which OpenEXR reads channels of a layer; R, G and B of one have its name."""
+    """Return OpenEXR's name for channels of a layer. R, G and B have the name of their layer."""
     return layer.rstrip(".") if layer and kind == "RGB" else f"{layer}{kind}"

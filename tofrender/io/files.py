@@ -1,7 +1,8 @@
 """Reading and writing of files: seals against damage, errors that name the file, and threads.
 
-A seal is a checksum after the end of a file, where its format does not read. Other programs read
-such a file as any, and drop the seal when they write it. Files without a seal are accepted.
+A seal is a checksum after the end of a file. The formats ignore these bytes, so that other programs
+can read the file. When they write the file again, the seal is lost. Files without a seal are
+accepted.
 """
 
 import os
@@ -32,7 +33,7 @@ def seal_file(path: Path) -> None:
 
 
 def _require_unbroken(path: Path) -> None:
-    """Raise a ValueError for a file that differs from its seal; one without a seal passes."""
+    """Raise a ValueError for a file that differs from its seal. Accept files without a seal."""
     with path.open("rb") as file:
         size = file.seek(0, 2)
         file.seek(max(0, size - _LENGTH))
@@ -44,10 +45,11 @@ def _require_unbroken(path: Path) -> None:
 
 
 def _checksum(file: BinaryIO, size: int) -> int:
-    """CRC-32 of the next `size` bytes."""
+    """Return the CRC-32 of the next `size` bytes."""
     checksum = 0
     while part := file.read(max(0, min(_STEP, size))):
-        checksum, size = zlib.crc32(part, checksum), size - len(part)
+        checksum = zlib.crc32(part, checksum)
+        size -= len(part)
     return checksum
 
 
@@ -59,11 +61,13 @@ def _line(checksum: int) -> bytes:
 def reading(path: str | os.PathLike, allowed: str) -> Iterator[Path]:
     """Check that a file exists and matches its seal, and name it in all errors of the block.
 
-    Whatever libraries raise for damaged files becomes a ValueError that says what is `allowed`.
+    Libraries raise many types of errors for damaged files. All except MemoryError and ImportError
+    become a ValueError. Its message ends with the text `allowed`.
     """
     file = checks.path("path", path)
-    if not file.is_file():  # A pipe would be waited for
-        problem = "is no file" if file.exists() else "does not exist"
+    # Reading a pipe would wait forever
+    if not file.is_file():
+        problem = "is not a file" if file.exists() else "does not exist"
         raise FileNotFoundError(f"path = {path}: {problem}; must be {allowed}")
     with named(path):
         try:
@@ -72,6 +76,7 @@ def reading(path: str | os.PathLike, allowed: str) -> Iterator[Path]:
         except (MemoryError, ImportError):
             raise
         except Exception as error:
+            # Shorten the library's message to one line
             reason = " ".join(str(error.args[-1] if error.args else error).split())[:300]
             reason = reason or "cannot be read"
             required = "" if "must" in reason else f"; must be {allowed}"
@@ -93,9 +98,9 @@ def named(path: str | os.PathLike) -> Iterator[None]:
 def for_each(
     function: Callable[[int], Any], items: Iterable[int], description: str, *, progress: bool
 ) -> None:
-    """Call `function` on every item in threads; the first error or Ctrl-C cancels the rest.
+    """Call `function` for each item in threads. The first error or Ctrl-C cancels the others.
 
-    OpenEXR and Pillow release the GIL while they (de)compress.
+    OpenEXR and Pillow release the GIL while they compress and decompress.
     """
     with ThreadPoolExecutor(min(16, os.cpu_count() or 1)) as pool:
         futures = [pool.submit(function, item) for item in items]
@@ -110,7 +115,7 @@ def for_each(
 
 
 def run_concurrently(first: Callable[[], Any], *others: Callable[[], Any]) -> None:
-    """Call functions concurrently, the first one in this thread; raise the first error last."""
+    """Call functions concurrently, the first function in this thread, and wait for all."""
     with ThreadPoolExecutor(max(1, len(others))) as pool:
         futures = [pool.submit(each) for each in others]
         first()

@@ -1,8 +1,8 @@
 """Captures in HDF5, in the layout of y-tal and related tools.
 
-`H` (T, Sx, Sy) or (T, Lx, Ly, Sx, Sy): time first, x before y, one value per bin. Lengths are
-metres of path. Coordinates of the wall are in world space; some of those tools expect the wall at
-z = 0 and the hidden scene at z > 0.
+The field `H` has the axes (T, Sx, Sy) or (T, Lx, Ly, Sx, Sy): time first, x before y, one value per
+bin. Lengths are path lengths in meters. Coordinates of the wall are in world space. Some of these
+tools expect the wall at z = 0 and the hidden scene at z > 0.
 """
 
 import json
@@ -30,16 +30,24 @@ from .files import seal_file
 _GRIDS = ("grid_xyz", "grid_normals", "grid_format")
 _GRID_AXES = {1: "N_3", 2: "X_Y_3"}
 _H_AXES = {1: "T_Sx_Sy", 2: "T_Lx_Ly_Sx_Sy", 3: "T_Si", 4: "T_Li_Si"}
+_FIELDS = (
+    "H",
+    "H_format",
+    "delta_t",
+    "t_start",
+    "t_accounts_first_and_last_bounces",
+    "scene_info",
+)
 _NAMES = (
-    *("H", "H_format", "delta_t", "t_start", "t_accounts_first_and_last_bounces", "scene_info"),
+    *_FIELDS,
     *(f"{d}_{what}" for d in DEVICES for what in ("xyz", *_GRIDS)),
 )
-KINDS = (np.dtype(np.float32), np.dtype(bool))  # Of a file's arrays
-MOST_LINKS = 16  # Of a path
-_COPIES = 3  # Of H at a time, at most
+KINDS = (np.dtype(np.float32), np.dtype(bool))  # Types of a file's arrays
+MOST_LINKS = 16  # Largest number of links in a path
+_COPIES = 3  # Largest number of copies of H in memory
 _OURS = "tofrender"  # Our part of scene_info
-_COLOURS = "tofrender_colours_"  # Attributes of H by their first bin, (bins, ..., channels)
-_IN_FIELDS = ("mode", "start_opl", "bin_width_opl", "counts_first_and_last_legs")
+_COLORS = "tofrender_colours_"  # Attributes of H by their first bin, (bins, ..., channels)
+_IN_FIELDS = ("capture_mode", "start_opl", "bin_width_opl", "counts_first_and_last_legs")
 
 
 @status("Writing HDF5")
@@ -48,11 +56,11 @@ def save_capture(
 ) -> Path:
     """Write a capture as HDF5 in the layout of y-tal, which can read it.
 
-    That layout has no colour: of a capture with three channels, `H` is the luminance (ITU-R
-    BT.709), and attributes of `H` hold the channels where they differ. `load_capture` restores the
-    Dataset bit by bit. The field `scene_info` holds all other attributes; unknown positions of
-    devices are NaN. The file has a checksum after its end, and appears whole or not at all.
-    See also `load_capture`.
+    This layout does not support color. For a capture with three channels, `H` is the luminance
+    (ITU-R BT.709). Attributes of `H` contain the channels of all bins in which the channels differ,
+    so that `load_capture` restores the Dataset bit by bit. The field `scene_info` contains all
+    other attributes. Unknown positions of devices are NaN. The file has a checksum after its end.
+    An incomplete file never appears at `path`. See also `load_capture`.
 
     Args:
         capture: Result of `make_capture` or `capture`, or counts that `sense` measured of it.
@@ -80,17 +88,20 @@ def save_capture(
     """
     capture = read_capture(as_capture(capture), "capture")
     for name, variable in capture.data_vars.items():
-        allowed = "float32, as the file holds it; see astype"
+        allowed = "float32, the type in the file; see astype"
         checks.require(f"capture: type of {name}", variable.dtype, variable.dtype in KINDS, allowed)
-    fields, cube = _fields(capture), Cube(capture["transient"])
+    fields = _fields(capture)
+    cube = Cube(capture["transient"])
+
+    # Is there enough space on the disk?
     needed = sum(np.asarray(value).nbytes for value in fields.values()) + (1 << 16)
-    coloured = cube.shape[-1] > 1
-    needed += 4 * math.prod(cube.shape[:-1]) * (4 if coloured else 1)
+    colored = cube.shape[-1] > 1
+    needed += 4 * math.prod(cube.shape[:-1]) * (4 if colored else 1)
     target = check_file(path, ".h5", ".hdf5", overwrite=overwrite, needed_bytes=needed)
     warn_not_finite(capture, stacklevel=4)
     with replacing(path, needed_bytes=needed) as temporary:
         # Large attributes need the format of HDF5 1.8
-        with h5py.File(temporary, "w", libver="v108" if coloured else None) as file:
+        with h5py.File(temporary, "w", libver="v108" if colored else None) as file:
             _write_light(file, cube)
             for name, value in fields.items():
                 file[name] = h5py.Empty("f8") if value is None else value
@@ -99,18 +110,18 @@ def save_capture(
 
 
 def _write_light(file: h5py.File, cube: Cube) -> None:
-    """Write `H`, some bins at a time, and the colours of coloured bins as its attributes."""
+    """Write `H`, some bins at a time, and the channels of colored bins as its attributes."""
     order = (4, 1, 0, 3, 2) if len(cube.shape) == 6 else (2, 1, 0)
     light = file.create_dataset("H", [cube.shape[axis] for axis in order], np.float32)
     for bins, values in cube.frames():
-        grey = (values == values[..., :1]).all()
-        light[bins] = (values[..., 0] if grey else luminance(values)).transpose(order)
-        if not grey:
-            light.attrs[f"{_COLOURS}{bins.start}"] = values.transpose(*order, -1)
+        gray = (values == values[..., :1]).all()
+        light[bins] = (values[..., 0] if gray else luminance(values)).transpose(order)
+        if not gray:
+            light.attrs[f"{_COLORS}{bins.start}"] = values.transpose(*order, -1)
 
 
 def _fields(capture: xr.Dataset) -> dict[str, Any]:
-    exhaustive = capture.attrs["mode"] == "exhaustive"
+    exhaustive = capture.attrs["capture_mode"] == "exhaustive"
     bins = bins_of(capture, "capture")
     fields: dict[str, Any] = {
         "H_format": np.array([2 if exhaustive else 1], np.int32),
@@ -133,13 +144,16 @@ def _fields(capture: xr.Dataset) -> dict[str, Any]:
 
 
 def _about(capture: xr.Dataset) -> dict[str, Any]:
-    """Content of a capture that the layout has no field for."""
+    """Return the content of a capture that does not fit into a field of the layout."""
+    # Attributes, labels of the pixels and names of the channels
     attrs = {k: v for k, v in plain_attributes(capture).items() if k not in _IN_FIELDS}
     pixels = {str(a): capture[a].values.tolist() for a in capture.dims if str(a)[-1] in "xy"}
     _pixels(pixels, capture)
-    about = {"mode": capture.attrs["mode"], "attrs": attrs, "pixels": pixels}
+    about = {"mode": capture.attrs["capture_mode"], "attrs": attrs, "pixels": pixels}
     about["channel"] = [str(name) for name in capture["channel"].values]
-    about["labels"] = {}  # But for those that all captures have
+
+    # Labels of variables, except the default labels of captures
+    about["labels"] = {}
     for name, variable in capture.drop_vars(TIME, errors="ignore").variables.items():
         known = labels_of(str(name), capture.attrs)
         attrs = plain_attributes(variable)
@@ -147,7 +161,9 @@ def _about(capture: xr.Dataset) -> dict[str, Any]:
             k: v for k, v in attrs.items() if isinstance(v, str | int | float) and known.get(k) != v
         }
         about["labels"] |= {str(name): own} if own else {}
-    if ON_WALL in capture:  # As runs of pixels in reading order: off, on, off, ...
+
+    # Pixels on the wall, as lengths of runs in reading order: off, on, off, ...
+    if ON_WALL in capture:
         row = np.concatenate([[False], capture[ON_WALL].values.ravel()])
         changes = np.flatnonzero(np.diff(row))
         about[ON_WALL] = np.diff(changes, prepend=0, append=len(row) - 1).tolist()
@@ -155,7 +171,7 @@ def _about(capture: xr.Dataset) -> dict[str, Any]:
 
 
 def _yaml(value: Any) -> str:
-    """Write JSON that YAML 1.1 reads alike: 1e-05 would be text there, 1.0e-05 is a number."""
+    """Write JSON with the same meaning in YAML 1.1, where 1e-05 is text and 1.0e-05 a number."""
     if isinstance(value, dict):
         items = (f"{json.dumps(str(k), ensure_ascii=False)}: {_yaml(v)}" for k, v in value.items())
         return "{" + ",\n".join(items) + "}"
@@ -168,36 +184,41 @@ def _yaml(value: Any) -> str:
 def read_ytal(file: h5py.File) -> xr.Dataset:
     """Read a capture in the layout of y-tal, written by `save_capture`, y-tal or others.
 
-    Lists of points (the formats T_Si, T_Li_Si, N_3) become one row. Missing normals are those of
-    y-tal's wall, +z, if all points have the same z. The `scene_info` of other programs becomes an
-    attribute of that name, as text. Integers in `H` are photon counts.
+    Lists of points (the formats T_Si, T_Li_Si, N_3) become one row. Missing normals are +z, the
+    normal of y-tal's wall, if all points have the same z. The `scene_info` of other programs
+    becomes the attribute `scene_info`, as text. Integers in `H` are photon counts.
     """
     return restore(_read(file))
 
 
 def _read(file: h5py.File) -> dict[str, Any]:
-    """Read the fields, None for empty ones."""
+    """Read the fields. Empty fields are None."""
     names = set(file)
     items = {name: field_of(file, name) for name in _NAMES if name in names}
     light = items.get("H")
     attrs = {} if light is None else light.attrs
-    coloured = [name for name in attrs if name.startswith(_COLOURS)]
+    colored = [name for name in attrs if name.startswith(_COLORS)]
+
+    # Does the content fit into memory?
     full = [item for item in items.values() if item is not None]
     if full:
         largest = max(full, key=lambda item: item.nbytes)
         size = sum(item.nbytes for item in full)
         what = f"{str(largest.name).strip('/')} with shape {largest.shape}"
-        memory.require_free(what, _COPIES * size * (4 if coloured else 1))
+        memory.require_free(what, _COPIES * size * (4 if colored else 1))
+
+    # Read it
     found = {name: None if item is None else item[()] for name, item in items.items()}
-    colours = {name.removeprefix(_COLOURS): attrs[name] for name in coloured}
-    return found | {_COLOURS: colours}
+    colors = {name.removeprefix(_COLORS): attrs[name] for name in colored}
+    return found | {_COLORS: colors}
 
 
 def field_of(file: h5py.File, name: str) -> h5py.Dataset | None:
-    """Open a field, None if it is missing or empty; a ValueError if it is in another file.
+    """Open a field. Return None for a missing or empty field.
 
-    HDF5 would follow links to other files, also those in the middle of a path, and wait for pipes.
-    Each step of a path is therefore resolved here, and only links within the file are followed.
+    HDF5 would follow links to other files, also in the middle of a path, and wait for pipes.
+    Therefore each step of a path is resolved here, and only links within the file are followed. A
+    field in another file is a ValueError.
     """
     item: Any = file
     steps = [name]
@@ -210,6 +231,8 @@ def field_of(file: h5py.File, name: str) -> h5py.Dataset | None:
             link = item.get(step, getlink=True)
         except (TypeError, RuntimeError):  # A type of link that h5py does not know
             raise ValueError(f"{name}: has an unknown link; must be in this file") from None
+
+        # Follow a link within the file, or open the field
         if isinstance(link, h5py.SoftLink):
             followed += 1
             if followed > MOST_LINKS:
@@ -229,7 +252,7 @@ def field_of(file: h5py.File, name: str) -> h5py.Dataset | None:
 
 
 def _opened(group: h5py.Group, step: str, name: str) -> Any:
-    """Open what a hard link names; its values must be in the same file."""
+    """Open the target of a hard link. Its values must be in the same file."""
     try:
         item = group[step]
         is_elsewhere = isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)
@@ -242,14 +265,17 @@ def _opened(group: h5py.Group, step: str, name: str) -> Any:
 
 def restore(fields: dict[str, Any]) -> xr.Dataset:
     """Make a capture of the fields of y-tal."""
+    # Bring H to the axes T, Lx, Ly, Sx, Sy
     axes = _code(fields, "H_format", _H_AXES)
     transient = _array(fields, "H")
     valid = transient.ndim == len(axes.split("_"))
-    checks.shape("H", transient, valid, f"{axes}, as H_format says")
+    checks.shape("H", transient, valid, f"{axes}, as in H_format")
     if axes == "T_Si":
         transient = transient[:, :, None]
     elif axes == "T_Li_Si":
         transient = transient[:, :, None, :, None]
+
+    # Which mode is it, and which attributes does it have?
     about, foreign = _scene_info(fields.get("scene_info"))
     grids = {name: _grid(fields, name) for name in DEVICES}
     mode = "exhaustive" if transient.ndim == 5 else _mode(grids, about.get("mode"))
@@ -258,11 +284,13 @@ def restore(fields: dict[str, Any]) -> xr.Dataset:
     attrs = foreign | counts | about.get("attrs", {})
     are_names = isinstance(channels, list) and all(isinstance(name, str) for name in channels)
     checks.require("channel", channels, are_names, "a list of names")
+
+    # Make the capture
     given = {"sensor_grid": grids["sensor"][0], "sensor_normals": grids["sensor"][1]}
     if mode != "confocal":
         given |= {"laser_grid": grids["laser"][0], "laser_normals": grids["laser"][1]}
     capture = make_capture(
-        _in_colour(transient, fields.get(_COLOURS, {}), channels),
+        _in_color(transient, fields.get(_COLORS, {}), channels),
         mode=mode,
         start_opl=_number(fields, "t_start"),
         bin_width_opl=_number(fields, "delta_t"),
@@ -274,6 +302,8 @@ def restore(fields: dict[str, Any]) -> xr.Dataset:
         attrs=attrs,
         **given,
     )
+
+    # Restore the labels of the pixels, channels and variables
     capture = capture.assign_coords(_pixels(about.get("pixels", {}), capture))
     capture = labelled(capture.assign_coords(channel=channels))
     for name, attrs in about.get("labels", {}).items():
@@ -282,20 +312,20 @@ def restore(fields: dict[str, Any]) -> xr.Dataset:
     return capture
 
 
-def _in_colour(light: np.ndarray, colours: dict[str, Any], channels: list[str]) -> np.ndarray:
-    """Bins of a capture, (..., bins, channels), from `H` and from the colours of coloured bins."""
+def _in_color(light: np.ndarray, colors: dict[str, Any], channels: list[str]) -> np.ndarray:
+    """Return light (..., bins, channels), from `H` and from the channels of colored bins."""
     order = (2, 1, 4, 3, 0) if light.ndim == 5 else (2, 1, 0)
     values = np.repeat(light.transpose(order)[..., None], len(channels), axis=-1)
-    for first, part in colours.items():
+    for first, part in colors.items():
         bins = values[..., int(first) : int(first) + len(part), :]
         fits = np.ndim(part) == values.ndim and part.transpose(*order, -1).shape == bins.shape
-        checks.shape("H: colours", part, fits, str(bins.shape))
+        checks.shape("H: colors", part, fits, str(bins.shape))
         bins[...] = part.transpose(*order, -1)
     return values
 
 
 def _pixels(given: Any, capture: xr.Dataset) -> dict[str, list[int]]:
-    """Check the pixels along each axis: integers, as many as the axis has."""
+    """Check the labels of the pixels: an integer for each entry of an axis."""
     for axis, numbers in given.items():
         size = capture.sizes.get(axis, 0) if axis[-1] in "xy" else 0
         valid = isinstance(numbers, list) and len(numbers) == size > 0
@@ -305,7 +335,7 @@ def _pixels(given: Any, capture: xr.Dataset) -> dict[str, list[int]]:
 
 
 def _runs(runs: list[int] | None, shape: tuple[int, ...]) -> np.ndarray | None:
-    """Mask of the pixels on the wall, from lengths of runs that are alternately off and on."""
+    """Return the mask of the pixels on the wall. The runs are alternately off and on the wall."""
     if runs is None:
         return None
     are_counts = isinstance(runs, list) and all(isinstance(n, int) and n >= 0 for n in runs)
@@ -315,8 +345,12 @@ def _runs(runs: list[int] | None, shape: tuple[int, ...]) -> np.ndarray | None:
 
 
 def _mode(grids: dict[str, tuple[np.ndarray, np.ndarray]], stated: Any) -> str:
-    """Mode "single" or "confocal" by the grids; for one point, which is both, as `stated`."""
-    laser, sensor = grids["laser"][0], grids["sensor"][0]
+    """Return the mode of a capture with these grids, "single" or "confocal".
+
+    A grid of one point fits both modes. Then the stated mode is returned.
+    """
+    laser = grids["laser"][0]
+    sensor = grids["sensor"][0]
     modes = ["confocal"] * (laser.shape == sensor.shape and np.allclose(laser, sensor))
     modes += ["single"] * (laser.shape[:2] == (1, 1))
     checks.shape("laser_grid_xyz", laser, modes, "one point or equal sensor_grid_xyz")
@@ -324,7 +358,7 @@ def _mode(grids: dict[str, tuple[np.ndarray, np.ndarray]], stated: Any) -> str:
 
 
 def _scene_info(text: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Our part of `scene_info`, and the attributes that hold that of another program."""
+    """Return our part of `scene_info`, and an attribute with the text of another program."""
     text = text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text or "")
     try:
         ours = json.loads(text)[_OURS]
@@ -349,31 +383,31 @@ def _code(fields: dict[str, Any], name: str, known: dict[int, str]) -> str:
 
 def _field(fields: dict[str, Any], name: str) -> Any:
     if fields.get(name) is None:
-        problem = "lacks" if name not in fields else "has nothing in"
-        raise ValueError(f"{problem} the field {name}; must have it, as y-tal does")
+        problem = "missing" if name not in fields else "empty"
+        raise ValueError(f"the field {name} is {problem}; files of y-tal must contain it")
     return fields[name]
 
 
 def _array(fields: dict[str, Any], name: str) -> np.ndarray:
-    """Return a field that must hold real numbers, as float32."""
+    """Return a field as float32. The field must contain real numbers."""
     return checks.real_array(name, _field(fields, name), np.float32)
 
 
 def _number(fields: dict[str, Any], name: str) -> float:
-    """Return a field that must be one number."""
+    """Return a field with one number."""
     value = np.asarray(_field(fields, name))
     checks.shape(name, value, value.size == 1 and value.dtype.kind in "fiub", "one number")
     return float(value.reshape(-1)[0])
 
 
 def _truth(fields: dict[str, Any], name: str) -> bool:
-    """Return a field that must be 0 or 1, as a bool."""
+    """Return a field with 0 or 1 as a bool."""
     value = _number(fields, name)
     return checks.require(name, value, value in (0, 1), "0 or 1") == 1
 
 
 def _origin(fields: dict[str, Any], name: str) -> np.ndarray | None:
-    """Return a field that must be a point (3,) [m], None if it is missing."""
+    """Return a field with a point (3,) [m], or None if the field is missing."""
     if fields.get(name) is None:
         return None
     values = _array(fields, name)
@@ -391,14 +425,17 @@ def _grid(fields: dict[str, Any], device: str) -> tuple[np.ndarray, np.ndarray]:
         valid = values.ndim == len(axes.split("_")) and values.shape[-1] == 3
         checks.shape(what, values, valid, axes)
         if not np.isfinite(values).all():
-            raise ValueError(f"{what}: must hold finite numbers only")
+            raise ValueError(f"{what}: must contain finite numbers only")
+
+    # A list of points is a column in this layout
     if axes == "N_3":
-        points, normals = points[:, None], normals[:, None]
+        points = points[:, None]
+        normals = normals[:, None]
     return points.swapaxes(0, 1), normals.swapaxes(0, 1)
 
 
 def _default_normals(points: np.ndarray) -> np.ndarray:
     depth = points[..., 2]
     if np.ptp(depth) > 1e-4:
-        raise ValueError("has no normals, and points at several z; must have both or one z")
+        raise ValueError("normals are missing; they must exist if the points have several z")
     return np.broadcast_to(np.array([0, 0, 1], np.float32), points.shape)

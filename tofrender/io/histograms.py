@@ -25,7 +25,7 @@ def load_histograms(path: str | os.PathLike[str]) -> xr.Dataset:
     - A JSON list of records with `hists` (zones, bins), `pose` (4, 4) and `reference_hist` (bins),
       as in the data set LCSPC of C. Sifferman and others.
     - A log of the driver of the TMF8829: JSON with `Result_Set`, a list of frames with `mp_histo`
-      (rows, columns) of `bin`, and `ref_histo`. Such documents may follow one another, each with
+      (rows, columns) of `bin`, and `ref_histo`. A file can contain several documents, each with
       one frame.
 
     Args:
@@ -52,9 +52,12 @@ def load_histograms(path: str | os.PathLike[str]) -> xr.Dataset:
         {'pose': 1, 'zone': 2, 'bin': 3}
     """
     with reading(path, "JSON with histograms, as load_histograms describes it") as file:
+        # A list contains records with poses
         documents = list(_documents(file))
         if len(documents) == 1 and isinstance(documents[0], list):
             return _posed(documents[0])
+
+        # Other documents are a log with frames
         frames = []
         for document in documents:
             found = document.get("Result_Set", []) if isinstance(document, dict) else []
@@ -90,6 +93,7 @@ def load_poses(path: str | os.PathLike[str]) -> np.ndarray:
         [0.2, 0.4, 0.6, 1.0]
     """
     with reading(path, "JSON with poses, or rows of 12 or 16 numbers") as file:
+        # Is it JSON, or rows of numbers?
         text = _text(file)
         if text.lstrip()[:1] not in ("[", "{"):
             rows = np.loadtxt(text.replace(",", " ").splitlines(), ndmin=2)
@@ -115,6 +119,7 @@ def _matrices(poses: Any) -> np.ndarray:
 def _text(file: Path) -> str:
     """Read a text file, which may be compressed, if the memory suffices for its content."""
     size = file.stat().st_size
+    # The first bytes show whether the file is compressed
     with file.open("rb") as opened:
         compressed = opened.read(2) == GZIP_MAGIC
     if not compressed:
@@ -129,7 +134,7 @@ def _text(file: Path) -> str:
 
 
 def _documents(file: Path) -> Iterator[Any]:
-    """Read JSON documents that follow one another."""
+    """Read all JSON documents of a file."""
     text = _text(file)
     decoder = json.JSONDecoder()
     position = 0

@@ -1,8 +1,8 @@
 """Reader of MATLAB files of version 5 to 7, for arrays of real numbers and cells of them.
 
-All sizes of a file are compared with the bytes that are there before memory is allocated, and no
-compiled code parses the file: a damaged file is a ValueError. The layout is described in
-"MAT-File Format", MathWorks, which calls each part of a file an element.
+All sizes in a file are compared with the length of the file before memory is allocated. The parser
+is pure Python, so that a damaged file is a ValueError. The layout is described in "MAT-File
+Format", MathWorks. There, each part of a file is called an element.
 """
 
 import math
@@ -36,7 +36,7 @@ CELL_CLASS = 1  # Classes of arrays
 OPAQUE_CLASS = 17
 NUMERIC_CLASSES = range(6, 16)
 COMPLEX_FLAG = 0x800
-MOST_AXES = 32  # That NumPy supports
+MOST_AXES = 32  # Largest number of axes in NumPy
 HEAD_BYTES = 4096  # Enough for flags, axes and name of an array
 ZLIB_RATIO = 1032  # Largest ratio of bytes to compressed bytes
 CUT = "is cut short or damaged; must be a whole MATLAB file"
@@ -136,7 +136,7 @@ def _first_bytes(element: Element, order: str) -> Element:
 
 
 def _decompressed(element: Element, order: str, name: str) -> Element:
-    """Return an array with all its bytes; they must be as many as its tag has it."""
+    """Return an array with all its bytes. Their number must be as in its tag."""
     if element.kind != COMPRESSED:
         return element
     stream = zlib.decompressobj()
@@ -157,7 +157,7 @@ def _decompressed(element: Element, order: str, name: str) -> Element:
 
 
 def _tag(content: memoryview, order: str) -> tuple[int, int]:
-    """Return type and size of the element that is in a compressed one."""
+    """Return type and size of the element inside a compressed element."""
     if len(content) < 8:
         raise ValueError(CUT)
     kind, size = _numbers(content[:8], order + "u4")
@@ -170,7 +170,7 @@ def _head(parts: Iterator[Element], order: str) -> Head:
     if flags.kind != 6 or len(flags.content) != 8:
         raise ValueError(CUT)
     flag = int(_numbers(flags.content, order + "u4")[0])
-    if flag & 0xFF == OPAQUE_CLASS:  # It has other parts
+    if flag & 0xFF == OPAQUE_CLASS:  # Its parts have another layout
         return Head("", "other", ())
 
     axes = _next(parts)
@@ -180,6 +180,8 @@ def _head(parts: Iterator[Element], order: str) -> Head:
     shape = tuple(int(each) for each in _numbers(axes.content, order + "i4"))
     if not 2 <= len(shape) <= MOST_AXES or min(shape) < 0:
         raise ValueError(CUT)
+
+    # Which class of array is it?
     kind = "other"
     if flag & 0xFF == CELL_CLASS:
         kind = "cell"
@@ -194,11 +196,15 @@ def _array(element: Element, order: str, in_cell: bool = False) -> np.ndarray:
         raise ValueError(CUT)
     if not len(element.content):  # An empty cell
         return np.zeros((0, 0))
+
+    # Read the head
     parts = _elements(element.content, 0, order)
     head = _head(parts, order)
     count = math.prod(head.shape)
     if head.kind == "other" or (in_cell and head.kind == "cell"):
         raise ValueError(f"{head.name or 'a cell'}: must hold real numbers")
+
+    # Read an array for each cell
     if head.kind == "cell":
         # A cell has at least eight bytes
         if 8 * count > len(element.content):
@@ -207,6 +213,8 @@ def _array(element: Element, order: str, in_cell: bool = False) -> np.ndarray:
         for k in range(count):
             cells[k] = _array(_next(parts), order, in_cell=True)
         return cells.reshape(head.shape, order="F")
+
+    # Read the numbers
     if not count:
         return np.zeros(head.shape)
     numbers = _next(parts)

@@ -1,7 +1,7 @@
 """Photon counts of confocal scans of a plane wall: MATLAB files, NumPy archives, CSV, PTU, SDT.
 
 The module `matlab` reads files of MATLAB 5 to 7. h5py reads files of MATLAB 7.3, which are HDF5.
-No reader runs code of a file, and sizes that a file states are checked before memory is allocated.
+No reader runs code of a file. The sizes in a file are checked before memory is allocated.
 """
 
 import importlib
@@ -25,21 +25,21 @@ from .hdf5 import field_of
 from .matlab import ZLIB_RATIO
 
 LONGEST_BIN_S = 1e-7
-"""Greatest width of a bin [s], 30 m of path; a wider one is in picoseconds or nanoseconds."""
+"""Largest width of a bin [s], 30 m of path. A larger number is in picoseconds or nanoseconds."""
 
 GIVEN = ("wall_size", "bin_width_s", "start_s")
 
 PTU_MARKERS = ("ImgHdr_LineStart", "ImgHdr_LineStop", "ImgHdr_Frame")
 MOST_MARKERS = 32
-RECORD_BYTES = 4  # Of a photon in a PTU file
+RECORD_BYTES = 4  # Bytes of a photon in a PTU file
 COUNT_COPIES = 12  # Bytes of a bin while a PTU file is read: uint32, and float32 twice
-BYTES_PER_PIXEL = 200  # Of a capture's wall, while it is made
+BYTES_PER_PIXEL = 200  # Bytes of the wall for each pixel while a capture is made
 
 SDT_HEAD = "<hihiHihIihhHIHH"  # bhfile_header
 SDT_BLOCK = "<BBIIHhII"  # BHFileBlockHeader
 SDT_OLD_BLOCK = "<hiiHhII"
-SDT_NEW_BLOCKS = 15  # First revision that has them
-SDT_MANY_BLOCKS = 0x7FFF  # Their number is elsewhere
+SDT_NEW_BLOCKS = 15  # First revision with blocks of SDT_BLOCK
+SDT_MANY_BLOCKS = 0x7FFF  # Then another field contains the number of blocks
 SDT_COMPRESSED = 0x1000
 SDT_COPIES = 12  # Bytes in memory for a byte of a block: its values, and sums as float64
 
@@ -47,10 +47,11 @@ SDT_COPIES = 12  # Bytes in memory for a byte of a block: its values, and sums a
 def scan(counts: Any, given: dict[str, Any], **known: Any) -> xr.Dataset:
     """Make a confocal capture of counts (rows, columns, bins) on a plane wall.
 
-    Rows run down and columns to the right as one looks from the wall at the hidden scene. The wall
-    is at z = 0 with the scene at z > 0, so that columns run along -x and rows along -y. Parameters
-    of `load_capture` that are `given` replace those `known` from the file or its documentation.
+    Seen from the wall, rows run down and columns to the right. The wall is at z = 0, and the hidden
+    scene is at z > 0, so that columns run along -x and rows along -y. The parameters `given` by the
+    user of `load_capture` replace the parameters `known` from the file or its documentation.
     """
+    # Check the size of the wall and the bins
     known = {"start_s": 0.0} | known | given
     for name in GIVEN:
         allowed = f"given by `{name}`, as the file does not state it"
@@ -66,9 +67,13 @@ def scan(counts: Any, given: dict[str, Any], **known: Any) -> xr.Dataset:
             "for a capture; give the width in seconds, for example 4e-12"
         )
     start = checks.number("start_s", known["start_s"], unit="s")
+
+    # Check the counts
     values = checks.real_array("counts", counts, np.float32)
     checks.shape("counts", values, values.ndim == 3 and values.size, "(rows, columns, bins)")
     checks.require("counts", float(values.min()), values.min() >= 0, "0 or more")
+
+    # Place the points on the wall
     y, x = (np.linspace(0.5, -0.5, n) if n > 1 else np.zeros(1) for n in values.shape[:2])
     points = np.stack([*np.meshgrid(width * x, height * y), np.zeros(values.shape[:2])], axis=-1)
     wall: Any = {"sensor_normals": np.broadcast_to([0.0, 0.0, 1.0], points.shape)}
@@ -78,7 +83,7 @@ def scan(counts: Any, given: dict[str, Any], **known: Any) -> xr.Dataset:
 
 
 def matlab_names(file: Path) -> set[str]:
-    """Names of all variables, and "cells" if one is an array of cells."""
+    """Return the names of all variables, and "cells" if a variable is an array of cells."""
     if h5py.is_hdf5(file):
         with h5py.File(file) as opened:
             return set(opened)
@@ -88,6 +93,7 @@ def matlab_names(file: Path) -> set[str]:
 
 def _variable(file: Path, name: str, axes: int) -> np.ndarray:
     """Read real numbers with a number of axes, in MATLAB's order."""
+    # HDF5 files of MATLAB have reversed axes
     if h5py.is_hdf5(file):
         with h5py.File(file) as opened:
             item = field_of(opened, name)
@@ -102,8 +108,8 @@ def _variable(file: Path, name: str, axes: int) -> np.ndarray:
 def read_lct(file: Path, given: dict[str, Any]) -> xr.Dataset:
     """Read `rect_data` (x, y, bins), x mirrored, and `width`, half the side of the wall [m].
 
-    Bins are of 4 ps from when light meets the wall, says cnlos_reconstruction.m of M. O'Toole et
-    al., Confocal non-line-of-sight imaging based on the light-cone transform, Nature 555 (2018).
+    Bins of 4 ps start when light meets the wall, as in cnlos_reconstruction.m of M. O'Toole et al.,
+    Confocal non-line-of-sight imaging based on the light-cone transform, Nature 555 (2018).
     """
     counts = _variable(file, "rect_data", 3).transpose(1, 0, 2)[:, ::-1]
     half = _variable(file, "width", 2)
@@ -114,19 +120,25 @@ def read_lct(file: Path, given: dict[str, Any]) -> xr.Dataset:
 def read_fk(file: Path, given: dict[str, Any]) -> xr.Dataset:
     """Read `meas` (rows, columns, bins), and `tofgrid`, when light meets the wall [ps].
 
-    `tofgrid` is in the same file or in tof.mat beside it; with `start_s`, none is used. Pixels move
-    by whole bins, as in cnlos_reconstruction.m of D. Lindell et al., Wave-based non-line-of-sight
-    imaging using fast f-k migration, ACM ToG 38 (2019), with 32 ps and a wall of 2 m by its README.
+    `tofgrid` is in the same file, or in tof.mat in the same folder. With `start_s`, `tofgrid` is
+    ignored. Pixels move by whole bins, as in cnlos_reconstruction.m of D. Lindell et al.,
+    Wave-based non-line-of-sight imaging using fast f-k migration, ACM ToG 38 (2019). Its README
+    states bins of 32 ps and a wall of 2 m.
     """
     counts = _variable(file, "meas", 3)
     known = {"wall_size": 2.0, "bin_width_s": 32e-12}
     if "start_s" in given:
         return scan(counts, given, **known)
+
+    # Read the delays of the pixels, in picoseconds
     files = [each for each in (file, file.with_name("tof.mat")) if each.is_file()]
-    beside = next((each for each in files if "tofgrid" in matlab_names(each)), None)
-    if beside is None:
-        raise ValueError("lacks tofgrid; must be here or in tof.mat beside it, or start_s be given")
-    delay = checks.finite("tofgrid", _variable(beside, "tofgrid", 2))
+    source = next((each for each in files if "tofgrid" in matlab_names(each)), None)
+    if source is None:
+        raise ValueError(
+            "tofgrid is missing; it must be in the file, or in tof.mat in the same folder. "
+            "Otherwise pass start_s"
+        )
+    delay = checks.finite("tofgrid", _variable(source, "tofgrid", 2))
     checks.shape("tofgrid", delay, delay.shape == counts.shape[:2], f"{counts.shape[:2]}")
     width = checks.number("bin_width_s", (known | given)["bin_width_s"], unit="s", positive=True)
     if 0 < delay.max() < width * 1e12:
@@ -134,6 +146,8 @@ def read_fk(file: Path, given: dict[str, Any]) -> xr.Dataset:
             f"tofgrid: its delays are at most {delay.max():g} ps, less than a bin of "
             f"{width * 1e12:g} ps. Convert tofgrid to picoseconds, or give start_s"
         )
+
+    # Move the bins of each pixel
     first = np.floor(delay / (width * 1e12)).astype(np.int64)
     bins = counts.shape[2] - first.max()
     checks.require("tofgrid", delay, first.min() >= 0 and bins > 0, "within the bins, in ps")
@@ -142,19 +156,24 @@ def read_fk(file: Path, given: dict[str, Any]) -> xr.Dataset:
 
 
 def read_cells(file: Path, given: dict[str, Any]) -> xr.Dataset:
-    """Read cells (rows, columns) with the bins of pixels' photons, D if there are several.
+    """Read cells (rows, columns), each with the bins of a pixel's photons.
 
-    As in D. Shin et al., Photon-efficient imaging with a single-photon camera, Nat Commun 7 (2016).
+    If there are several arrays of cells, the array D is read, as in D. Shin et al.,
+    Photon-efficient imaging with a single-photon camera, Nat Commun 7 (2016).
     """
+    # Read the photons of each pixel
     cells = [head.name for head in matlab.list_arrays(file) if head.kind == "cell"]
     name = "D" if "D" in cells else cells[0]
     checks.require("cells", cells, name == "D" or len(cells) == 1, "one array, or one called D")
     held = matlab.read_array(file, name)
     checks.shape(name, held, held.ndim == 2 and held.size, "(rows, columns)")
     times = [checks.real_array(f"{name}: a cell", each).ravel() for each in held.ravel()]
-    at, pixel = np.concatenate(times), np.repeat(np.arange(held.size), [t.size for t in times])
+    at = np.concatenate(times)
+    pixel = np.repeat(np.arange(held.size), [each.size for each in times])
     valid = at.size and at.min() >= 0 and at.max() < checks.MAX_BINS and (at % 1 == 0).all()
     checks.require(name, at, valid, f"numbers of bins, integers below {checks.MAX_BINS}")
+
+    # Count them
     bins = int(at.max()) + 1
     memory.require_free(name, 12 * held.size * bins)
     counts = np.bincount(pixel * bins + at.astype(np.int64), minlength=held.size * bins)
@@ -174,15 +193,21 @@ def read_csv(file: Path, given: dict[str, Any]) -> xr.Dataset:
     first, *lines = file.read_text("utf-8").splitlines(keepends=True)
     if not lines or not lines[-1].endswith("\n"):
         raise ValueError("is cut short; must have lines of counts, and end with a line")
+
+    # Parse the numbers
     try:
         starts = np.array(first.split(",")[2:], float)
         table = np.loadtxt(lines, delimiter=",", ndmin=2)
     except ValueError:
         raise ValueError("y,x,...: must head lines of numbers, equally many in each") from None
+
+    # Are the bins equally wide?
     steps = np.diff(starts)
     even = steps.size and steps[0] > 0 and np.allclose(steps, steps[0], rtol=1e-3, atol=0)
     checks.require("starts of bins", starts, even, "2 or more, at equal steps [s]")
     checks.shape("counts", table, table.shape[1] == len(starts) + 2, f"{len(starts)} of each pixel")
+
+    # Sort the pixels, and check that none is missing
     table = table[np.lexsort((table[:, 1], table[:, 0]))]
     shape = tuple(int(number) for number in table[-1, :2] + 1)
     whole = len(table) == math.prod(shape) and (table[:, :2] == [*np.ndindex(shape)]).all()
@@ -223,11 +248,12 @@ def read_ptu(file: Path, given: dict[str, Any]) -> xr.Dataset:
 
 
 def read_sdt(file: Path, given: dict[str, Any]) -> xr.Dataset:
-    """Read histograms of an image, a line or a point, the sum of all blocks, as of detectors."""
+    """Read histograms of an image, a line or a point. All blocks, such as detectors, are added."""
     package = _package("sdtfile")
     _require_sdt_sizes(file)
     with file.open("rb") as opened, package.SdtFile(opened) as sdt:
-        blocks, times = sdt.data, sdt.times
+        blocks = sdt.data
+        times = sdt.times
     shapes = sorted({block.shape for block in blocks})
     fits = len(shapes) == 1 and 1 <= len(shapes[0]) <= 3 and shapes[0][-1] == len(times[0]) > 1
     checks.require("blocks", shapes, fits, "of one shape, (rows, columns, bins) or (bins,)")
@@ -237,12 +263,14 @@ def read_sdt(file: Path, given: dict[str, Any]) -> xr.Dataset:
 
 
 def _require_sdt_sizes(file: Path) -> None:
-    """Compare the sizes that headers of an SDT file state with the file and the free memory."""
+    """Compare the sizes in the headers of an SDT file with the file and the free memory."""
     length = file.stat().st_size
     total = 0
     with file.open("rb") as opened:
         head = _unpacked(opened, 0, SDT_HEAD)
-        revision, offset, count = head[0], head[5], head[6]
+        revision = head[0]
+        offset = head[5]
+        count = head[6]
         if count == SDT_MANY_BLOCKS:
             count = head[12]
         block_head = SDT_BLOCK if revision & 0xF >= SDT_NEW_BLOCKS else SDT_OLD_BLOCK
@@ -250,6 +278,8 @@ def _require_sdt_sizes(file: Path) -> None:
             start, following, kind, _, _, size = _unpacked(opened, offset, block_head)[-6:]
             if block == count - 1 and following <= start:
                 following = length
+
+            # The block must be inside the file, and so must its values
             inside = offset < start <= following <= length
             checks.require("blocks", (start, following), inside, "in the file, one after another")
             if kind & SDT_COMPRESSED:

@@ -1,8 +1,8 @@
-"""Multi-part EXR files, joined from single-part ones.
+"""Multi-part EXR files, joined from single-part files.
 
-OpenEXR's Python writer needs all parts in memory at once, copies them, and compresses one after the
-other. Compressed chunks are the same in both kinds of file, so that threads can encode parts, which
-are appended here in any order ("OpenEXR File Layout", openexr.com).
+OpenEXR's Python writer needs all parts in memory at once, copies them, and compresses them one by
+one. Compressed chunks are the same in both kinds of file. Therefore threads can encode the parts,
+and this module appends their chunks in any order ("OpenEXR File Layout", openexr.com).
 """
 
 import struct
@@ -14,16 +14,20 @@ _MULTIPART_FLAG = 0x1000
 
 
 class MultipartWriter:
-    """Writer of parts of one size, single-part EXR files, into an empty file.
+    """Writer that joins single-part EXR files of one size in an empty file.
 
-    All headers after that of the `first` part have the length of that of the `second` one.
+    The headers of all parts after the first must be as long as the header of the `second` part.
     """
 
     def __init__(self, file: BinaryIO, names: Sequence[str], first: bytes, second: bytes):
-        self.file, self.names, self.lock = file, names, Lock()
+        self.file = file
+        self.names = names
+        self.lock = Lock()
         self.headers = [b""] * len(names)
         self.offsets = [b""] * len(names)
         self.version = struct.unpack_from("<i", first, 4)[0] | _MULTIPART_FLAG
+
+        # Leave space for magic number, version, headers and the tables of chunk offsets
         headers = len(self._header(first, names[0]))
         headers += len(self._header(second, names[1])) * (len(names) - 1)
         file.seek(8 + headers + 1 + 8 * _chunk_count(first) * len(names))
@@ -32,12 +36,15 @@ class MultipartWriter:
         """Append the chunks of a part; threads may call this in any order."""
         self.headers[number] = self._header(part, self.names[number])
         position = _header_end(part) + 8 * _chunk_count(part)
-        chunks, lengths = [], []
+        chunks = []
+        lengths = []
         while position < len(part):
             size = 8 + struct.unpack_from("<i", part, position + 4)[0]  # row, size, data
             chunks.append(struct.pack("<i", number) + part[position : position + size])
             lengths.append(4 + size)
             position += size
+
+        # Append the chunks, and note their offsets for the table
         with self.lock:
             start = self.file.tell()
             self.file.write(b"".join(chunks))
@@ -51,15 +58,16 @@ class MultipartWriter:
         self.file.write(b"".join(self.headers) + b"\0" + b"".join(self.offsets))
 
     def _header(self, part: bytes, name: str) -> bytes:
-        """Header of a part with the attributes that a multi-part file needs."""
-        attributes, label = part[8 : _header_end(part) - 1], name.encode()
+        """Return the header of a part with the attributes that a multi-part file needs."""
+        attributes = part[8 : _header_end(part) - 1]
+        label = name.encode()
         attributes += b"name\0string\0" + struct.pack("<i", len(label)) + label
         attributes += b"chunkCount\0int\0" + struct.pack("<2i", 4, _chunk_count(part))
         return attributes + b"\0"
 
 
 def _header_end(part: bytes) -> int:
-    """Position of the table of chunk offsets."""
+    """Return the position of the table of chunk offsets."""
     position = 8  # magic number, version
     while part[position]:  # name, type, size, value; an empty name ends the header
         position = part.index(b"\0", part.index(b"\0", position) + 1) + 1

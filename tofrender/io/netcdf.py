@@ -28,8 +28,8 @@ def save_measurement(measured: xr.Dataset, path: Path) -> None:
 def in_netcdf_types(dataset: xr.Dataset) -> xr.Dataset:
     """Convert variables and attributes to the types of NetCDF 3, without a change of values.
 
-    NetCDF 3 has signed integers of up to 32 bits, float32, float64 and text. Larger integers become
-    float64, and float16 becomes float32.
+    NetCDF 3 supports signed integers of up to 32 bits, float32, float64 and text. Larger integers
+    become float64, and float16 becomes float32.
 
     Raises:
         ValueError: A variable has another type, or an integer beyond 2^53, or SciPy's writer does
@@ -38,21 +38,24 @@ def in_netcdf_types(dataset: xr.Dataset) -> xr.Dataset:
     for name in sorted(RESERVED & {*map(str, dataset.attrs)}):
         raise ValueError(
             f"attribute {name} is not supported in NetCDF files, as SciPy's writer uses the name. "
-            "Save captures by save_capture, or rename the attribute"
+            "Rename the attribute"
         )
     converted = {name: _in_netcdf_type(str(name), each) for name, each in dataset.variables.items()}
     attrs: dict[str, Any] = {}
     for name, value in dataset.attrs.items():
         attrs[str(name)] = value
-        if isinstance(value, int):  # bool is one of them
+        if isinstance(value, int):  # Also bool
             attrs[str(name)] = int(value) if _fits_int32(value, value) else float(value)
     return dataset.assign(converted).assign_attrs(attrs)
 
 
 def _in_netcdf_type(name: str, variable: xr.Variable) -> xr.Variable:
+    # Floats of 16 bits
     dtype = variable.dtype
     if dtype == np.float16:
         return variable.astype(np.float32)
+
+    # Integers that are unsigned or have 64 bits
     if dtype.kind in "iu" and (dtype.kind == "u" or dtype.itemsize == 8) and variable.size:
         least = int(variable.min())
         largest = int(variable.max())
@@ -62,6 +65,8 @@ def _in_netcdf_type(name: str, variable: xr.Variable) -> xr.Variable:
         allowed = "integers up to 2^53 in a NetCDF file; subtract the first value, or use float64"
         checks.require(name, variable, exact, allowed)
         return variable.astype(np.float64)
+
+    # All other types must be types of NetCDF 3
     is_text = dtype.kind in "SU"
     if dtype.kind == "O":
         is_text = all(isinstance(each, str) for each in variable.values.flat)
@@ -79,7 +84,7 @@ def _fits_int32(least: int, largest: int) -> bool:
 
 
 def load_measurement(path: Path) -> xr.Dataset:
-    """Read a file of `save_measurement`; one that is damaged or something else is a ValueError."""
+    """Read a file of `save_measurement`. Other or damaged files are a ValueError."""
     with reading(path, "a file that `tofrender sense` or `tofrender fmcw` wrote") as file:
         found = xr.load_dataset(file, engine="scipy")
         checks.require("its quantity", None, found.attrs.get("quantity") in found, "there")

@@ -29,9 +29,9 @@ def save_npz(
 ) -> Path:
     """Write a rendered Dataset as one .npz file that `numpy.load` opens as well.
 
-    The arrays have the Dataset's names; `tofrender` is a JSON text with sizes, channels and all
-    attributes. Nothing is compressed: zlib would take eight times as long. The file appears whole
-    or not at all. See also `load_npz`.
+    The arrays have the Dataset's names. The array `tofrender` is a JSON text with sizes, channels
+    and all attributes. Arrays are not compressed, since zlib would be eight times slower. An
+    incomplete file never appears at `path`. See also `load_npz`.
 
     Args:
         dataset: The result of `render`, or a part of it.
@@ -66,7 +66,7 @@ def save_npz(
 
 
 def _write(archive: ZipFile, name: str, cube: Cube) -> None:
-    """Add an array as `numpy.savez` does, some rows at a time."""
+    """Add an array in the format of `numpy.savez`, some rows at a time."""
     form = {"descr": npy.dtype_to_descr(cube.dtype), "fortran_order": False, "shape": cube.shape}
     with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
         npy.write_array_header_1_0(member, form)
@@ -81,8 +81,8 @@ def load_npz(path: str | os.PathLike) -> xr.Dataset:
     See also `save_npz`.
 
     Raises:
-        FileNotFoundError: There is nothing at `path`.
-        ValueError: Not a file of `save_npz`, damaged, or with values that are not finite.
+        FileNotFoundError: The file does not exist.
+        ValueError: The file is damaged or not of `save_npz`, or its values are not finite.
         MemoryError: The Dataset does not fit into memory.
 
     Example:
@@ -94,6 +94,7 @@ def load_npz(path: str | os.PathLike) -> xr.Dataset:
         True
     """
     with reading(path, "a file that save_npz wrote") as file, ZipFile(file) as archive:
+        # The description lists the arrays, and their shapes
         description = parse(read_array(archive, "tofrender"))
         names = (*_ARRAYS, *(n for n in ERRORS | HALVES if n in description["variables"]))
         shapes = shapes_of(description)

@@ -1,4 +1,4 @@
-"""Checks of output paths, before a render starts and again before anything is replaced."""
+"""Checks of output paths before a render starts, and again before a file is replaced."""
 
 import os
 from collections.abc import Iterator, Sequence
@@ -57,7 +57,7 @@ def check_output(
 
 
 def stack_bytes(shape: Sequence[int], precision: str = "float") -> int:
-    """Largest size of a stack of `shape` (height, width, bins, channels) on disk [bytes]."""
+    """Return the largest size of a stack (height, width, bins, channels) on disk [bytes]."""
     try:
         height, width, bins, channels = (checks.integer("shape", n, 1, 1 << 40) for n in shape)
     except (TypeError, ValueError):
@@ -73,14 +73,14 @@ def output_folder(
 ) -> Iterator[Path]:
     """Yield an empty temporary folder that becomes `path` when the block succeeds.
 
-    For several outputs (a stack, a video, a figure) in one folder. `path` must not exist, be empty,
-    or, with `overwrite`, hold an earlier output of this package; this is checked once more right
-    before it is replaced.
+    The folder can contain several outputs, such as a stack, a video and a figure. If `path` exists,
+    it must be an empty folder, or, with `overwrite`, a folder with an earlier output of this
+    package. This is checked again immediately before the folder is replaced.
 
     Args:
         path: Folder to create.
         overwrite: Replace an earlier output of this package.
-        needed_bytes: Size to name when the disk is full [bytes].
+        needed_bytes: Size of the output, for the message if the disk is full [bytes].
 
     Raises:
         OSError: `path` may not be replaced or is not writable, or the disk is full.
@@ -99,25 +99,29 @@ def _check_folder(path: str | os.PathLike, overwrite: bool) -> None:
     allowed = "must be a new or empty folder, or one that holds only an earlier output of tofrender"
     overwrite = checks.boolean("overwrite", overwrite)
     target = Path(os.path.realpath(path))
-    if not os.path.exists(target):  # Path.exists raises where one may not look
+    if not os.path.exists(target):  # Path.exists raises without permission to look
         return
+
+    # Can the folder be replaced at all?
     if not os.path.isdir(target):
         raise FileExistsError(f"path = {path}: is a file; {allowed}")
     if target == Path.cwd() or os.path.ismount(target):
         kind = "the current folder" if target == Path.cwd() else "a mount point"
         raise FileExistsError(
-            f"path = {path}: is {kind}, which cannot be replaced whole; must be a folder inside it"
+            f"path = {path}: is {kind}, which cannot be replaced; must be a folder inside it"
         )
+
+    # Replace a folder only if all its files are described in `contents`
     files = [file for file in target.iterdir() if not file.name.startswith(TEMPORARY_PREFIX)]
-    # Nothing is replaced but a folder that `contents` describes
     marked = {f.name for f in files if is_listed(f.name, marked=True) and _has_mark(f)}
     unmarked = sorted(f.name for f in files if f.name not in marked)
     foreign = [name for name in unmarked if not _is_unmarked(name) or not marked]
     if foreign:
-        raise FileExistsError(f"path = {path}: holds other content ({foreign[0]}); {allowed}")
+        raise FileExistsError(f"path = {path}: contains other files ({foreign[0]}); {allowed}")
     if files and not overwrite:
-        mend = "pass overwrite=True to replace it"
-        raise FileExistsError(f"path = {path}: holds an earlier output; {mend}")
+        raise FileExistsError(
+            f"path = {path}: contains an earlier output; pass overwrite=True to replace it"
+        )
 
 
 def _is_unmarked(name: str) -> bool:

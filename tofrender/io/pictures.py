@@ -1,7 +1,7 @@
 """PNG frames and videos of light in flight, with the time below each picture.
 
-Unless an exposure is given, it grows as the light fades, which the label says in stops, and shadows
-are lifted by a stop.
+Without a given exposure, the exposure grows while the light fades, and shadows are one stop
+brighter. The label below a picture contains the change of the exposure in stops.
 """
 
 import errno
@@ -29,8 +29,9 @@ from .output import check_output, output_folder
 _LONGEST_SIDE = 4096
 _PICTURE = 1 << 10  # Least size of a picture [bytes]
 _COMPENSATION = 0.5  # Fraction of the fading that the exposure compensates
-_LIFT = 1.0  # Of the shadows [stops]
-_TEXT, _BACKGROUND = (235, 235, 235), (16, 16, 16)
+_LIFT = 1.0  # Brightening of the shadows [stops]
+_TEXT = (235, 235, 235)
+_BACKGROUND = (16, 16, 16)
 
 
 def save_png_frames(
@@ -45,13 +46,13 @@ def save_png_frames(
     """Write a folder of tone-mapped pictures, `frame_0000.png` ..., one for each bin.
 
     Args:
-        dataset: The result of `render`, or a part of it. Of Stokes vectors S0 is shown.
-        path: The folder; it appears whole or not at all.
-        exposure: Gain for all frames; None shows the 99.5th percentile of the light as white, and
-            late light brighter, see `vis.growing_exposure`.
-        min_size: Enlarge smaller images until their shorter side has so many pixels.
+        dataset: The result of `render`, or a part of it. For Stokes vectors, S0 is shown.
+        path: The folder. An incomplete folder never appears at this path.
+        exposure: Gain for all frames. By default the 99.5th percentile of the light is white, and
+            late light is brighter, see `vis.growing_exposure`.
+        min_size: Enlarge smaller images until their shorter side has this number of pixels.
         overwrite: Replace an earlier output of this package; other content is never replaced.
-        progress: Show a bar if it takes more than two seconds.
+        progress: Show a progress bar after two seconds.
 
     Raises:
         ValueError: A bad exposure or size.
@@ -103,14 +104,14 @@ def save_video(
     """Write a video with a frame for each bin that is not dark: H.264 in .mp4, or a .gif.
 
     Args:
-        dataset: The result of `render`, or a part of it. Of Stokes vectors S0 is shown.
+        dataset: The result of `render`, or a part of it. For Stokes vectors, S0 is shown.
         path: A file name that ends in .mp4 or .gif. An existing file is replaced when the new one
             is complete.
         fps: Frames per second, above 0 and at most 120; at most 50 for a .gif.
         exposure: As for `save_png_frames`.
-        min_size: Enlarge smaller images until their shorter side has so many pixels.
-        all_bins: Show the dark bins before and after the light, see `vis.lit_bins`, too.
-        progress: Show a bar if it takes more than two seconds.
+        min_size: Enlarge smaller images until their shorter side has this number of pixels.
+        all_bins: Also show the dark bins before and after the light, see `vis.lit_bins`.
+        progress: Show a progress bar after two seconds.
 
     Raises:
         ValueError: A bad exposure, size, rate or suffix.
@@ -124,6 +125,7 @@ def save_video(
         ...     save_video(dataset, folder + "/light.mp4").name
         'light.mp4'
     """
+    # Check the arguments
     checks.boolean("progress", progress)
     target = check_file(path, ".mp4", ".gif", overwrite=True, needed_bytes=_PICTURE)
     kind = target.suffix.lower()
@@ -131,6 +133,8 @@ def save_video(
     fps = checks.number("fps", fps, positive=True, high=fastest)
     checks.boolean("all_bins", all_bins)
     frames = _Frames(dataset, exposure, min_size)
+
+    # Encode the frames with light
     with replacing(path) as temporary:
         bins = slice(0, frames.count) if all_bins else lit_bins(frames.sequence.values)
         indices = range(frames.count)[bins]
@@ -146,16 +150,25 @@ class _Frames:
     def __init__(self, dataset: xr.Dataset, exposure: float | None, min_size: int):
         checks.integer("min_size", min_size, 1, _LONGEST_SIDE)
         self.sequence = Transient.of(read(dataset, FILM, "dataset"))
-        (height, width), self.count = self.sequence.size, self.sequence.bins
+        height, width = self.sequence.size
+        self.count = self.sequence.bins
+
+        # Choose the exposure
         if exposure is None:
             self.gains = growing_exposure(self.sequence.values, share=_COMPENSATION)
             self.lift = _LIFT
         else:
             gain = checks.number("exposure", exposure, positive=True)
-            self.gains, self.lift = np.full(self.count, gain), 0.0
+            self.gains = np.full(self.count, gain)
+            self.lift = 0.0
+
+        # Enlarge the pictures by a whole number
         scale = -(-min_size // min(height, width))
         self.scale = max(1, min(scale, _LONGEST_SIDE // max(height, width)))
-        self.height, self.width = height * self.scale, width * self.scale
+        self.height = height * self.scale
+        self.width = width * self.scale
+
+        # Make space for the longest label. Videos need even sides
         size = max(15, min(self.height, self.width) // 22)
         self.font = ImageFont.load_default(size)
         label = max((self._label(index) for index in (0, self.count - 1)), key=len)
@@ -163,11 +176,14 @@ class _Frames:
         self.canvas_width, self.canvas_height = (side + side % 2 for side in sides)
 
     def draw(self, index: int) -> Image.Image:
-        """Draw frame `index`, in colour and with even sides."""
+        """Draw frame `index`, in color and with even sides."""
+        # Tone-map and enlarge the picture
         linear = self.sequence.values.frame(index)
         picture = tonemap(linear, exposure=self.gains[index], shadows=self.lift)
-        size, nearest = (self.width, self.height), Image.Resampling.NEAREST
-        enlarged = Image.fromarray(picture).resize(size, nearest)
+        size = (self.width, self.height)
+        enlarged = Image.fromarray(picture).resize(size, Image.Resampling.NEAREST)
+
+        # Place it above its label
         image = Image.new("RGB", (self.canvas_width, self.canvas_height), _BACKGROUND)
         image.paste(enlarged, ((self.canvas_width - self.width) // 2, 0))
         middle = (self.canvas_width // 2, (self.height + self.canvas_height) // 2)
@@ -176,7 +192,7 @@ class _Frames:
         return image
 
     def _label(self, index: int) -> str:
-        """Time of a bin, and the exposure relative to the first frame."""
+        """Return the time of a bin, and the exposure relative to the first frame."""
         label = self.sequence.label(index)
         if self.gains[-1] == self.gains[0]:
             return label
@@ -192,16 +208,17 @@ def encode_video(
     fps: float,
     progress: bool = True,
 ) -> None:
-    """Pipe pictures in colour, of a width and height that are even, to ffmpeg.
+    """Pipe color pictures with an even width and height to ffmpeg.
 
-    `kind` is ".mp4" or ".gif"; a full disk is an OSError.
+    `kind` is ".mp4" or ".gif". A full disk is an OSError.
     """
+    # Describe the input and the output
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-hide_banner", "-loglevel", "error", "-nostdin"]
     width, height = size
     command += f"-f rawvideo -pix_fmt rgb24 -s {width}x{height} -r {fps} -i pipe:0".split()
     command += _FORMATS[kind] + ["-y", str(target)]
     with tempfile.TemporaryFile() as log:
-        # In a session of its own, so that Ctrl-C reaches this process and not ffmpeg
+        # A new session, so that Ctrl-C reaches this process and not ffmpeg
         process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=log, stderr=log, start_new_session=True
         )
@@ -212,7 +229,7 @@ def encode_video(
                     pipe.write(picture.tobytes())
                     bar.update()
         except BrokenPipeError:
-            pass  # ffmpeg gave up; its log says why
+            pass  # ffmpeg has stopped; its log contains the reason
         except BaseException:
             process.kill()
             raise
@@ -228,15 +245,13 @@ def encode_video(
         raise RuntimeError(f"ffmpeg failed with status {status}: {message}")
 
 
-_FORMATS: dict[str, list[str]] = {
-    ".mp4": [
-        *("-c:v", "libx264", "-preset", "veryfast", "-crf", "18", "-pix_fmt", "yuv420p"),
-        *("-vf", "scale=out_color_matrix=bt709:out_range=tv", "-movflags", "+faststart"),
-        *("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "iec61966-2-1"),
-        *("-f", "mp4"),
-    ],
-    ".gif": [
-        *("-filter_complex", "split[a][b];[a]palettegen[p];[b][p]paletteuse=dither=sierra2_4a"),
-        *("-loop", "0", "-f", "gif"),
-    ],
-}
+_MP4 = (
+    "-c:v libx264 -preset veryfast -crf 18 -pix_fmt yuv420p "
+    "-vf scale=out_color_matrix=bt709:out_range=tv -movflags +faststart "
+    "-colorspace bt709 -color_primaries bt709 -color_trc iec61966-2-1 -f mp4"
+)
+_GIF = (
+    "-filter_complex split[a][b];[a]palettegen[p];[b][p]paletteuse=dither=sierra2_4a -loop 0 -f gif"
+)
+_FORMATS = {".mp4": _MP4.split(), ".gif": _GIF.split()}
+"""Options of ffmpeg for each suffix."""

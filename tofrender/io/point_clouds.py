@@ -43,15 +43,15 @@ def save_point_cloud(
     """Write a point cloud as PLY, LAS or netCDF for other programs.
 
     PLY and netCDF files contain all data variables. LAS files (version 1.4, point format 6) contain
-    the variables that LAS has a field for. LAS needs the package laspy. Its coordinates have steps
-    of 0.1 mm, or larger steps if the cloud is wider than 400 km. Its intensity is an integer,
-    `intensity * intensity_scale`, so that files of one scan are comparable.
+    the variables with a field in LAS. LAS needs the package laspy. The coordinates of LAS have
+    steps of 0.1 mm, or larger steps if the cloud is wider than 400 km. The intensity of LAS is an
+    integer, `intensity * intensity_scale`. With one scale, files of one scan are comparable.
 
     Args:
         cloud: Result of `point_cloud` or `true_points`.
         path: File name that ends in .ply, .las or .nc.
-        intensity_scale: Steps of the LAS intensity per unit of `intensity`, which is a count of
-            photons in `point_cloud`. Other formats ignore this scale.
+        intensity_scale: Steps of the LAS intensity per unit of `intensity`. In results of
+            `point_cloud`, the unit is a photon. Other formats ignore this scale.
         overwrite: Replace an existing file.
 
     Raises:
@@ -70,6 +70,7 @@ def save_point_cloud(
         ...     save_point_cloud(cloud, folder + "/cloud.ply").stat().st_size
         166
     """
+    # Check the arguments
     cloud = read(cloud, CLOUD, "cloud")
     for name, column in cloud.items():
         checks.require(
@@ -78,6 +79,8 @@ def save_point_cloud(
     scale = checks.number("intensity_scale", intensity_scale, positive=True)
     target = check_file(path, *SUFFIXES, overwrite=overwrite, needed_bytes=cloud.nbytes)
     require_laspy("path", target)
+
+    # Write the file in the format of its suffix
     suffix = target.suffix.lower()
     with replacing(target) as temporary:
         if suffix == ".ply":
@@ -97,11 +100,14 @@ def require_laspy(name: str, path: Path) -> None:
 
 def _write_ply(cloud: xr.Dataset, path: Path) -> None:
     """Write all variables, each with the type of PLY that has the same values."""
+    # Fill a table with a row for each point
     columns = {str(name): _ply_column(str(name), cloud[name].values) for name in cloud}
     dtype = [(name, column.dtype) for name, column in columns.items()]
     table = np.empty(cloud.sizes["point"], dtype)
     for name, column in columns.items():
         table[name] = column
+
+    # Describe the columns in the header
     lines = ["ply", "format binary_little_endian 1.0", f"element vertex {table.size}"]
     for name, column in columns.items():
         lines.append(f"property {PLY_TYPES[column.dtype.name]} {name}")
@@ -114,6 +120,8 @@ def _ply_column(name: str, values: np.ndarray) -> np.ndarray:
     # A blank would end the name in the header
     is_name = re.fullmatch(r"[!-~]+", name) is not None
     checks.require("cloud: name of a variable", name, is_name, "printable ASCII without blanks")
+
+    # Choose the type
     dtype = values.dtype
     if dtype.kind == "b":
         dtype = np.dtype(np.uint8)
@@ -133,7 +141,7 @@ def _ply_column(name: str, values: np.ndarray) -> np.ndarray:
 
 
 def _write_las(cloud: xr.Dataset, path: Path, intensity_scale: float) -> None:
-    """Write the variables that LAS has a field for."""
+    """Write the variables with a field in LAS."""
     import laspy  # pyright: ignore[reportMissingImports]
 
     # Place the coordinates around the middle of the cloud, in steps that 32 bits can count
@@ -178,7 +186,7 @@ def _write_las(cloud: xr.Dataset, path: Path, intensity_scale: float) -> None:
 
 
 def _las_column(cloud: xr.Dataset, name: str, low: float, high: float) -> np.ndarray:
-    """Return a variable as float64; refuse other types and values that LAS cannot hold."""
+    """Return a variable as float64. Refuse other types, and values out of the range of LAS."""
     given = checks.real_array(f"cloud: {name}", cloud[name].values)
     if given.dtype.kind in "iu":
         # Larger integers would be rounded

@@ -27,7 +27,7 @@ def load_stl(path: str | os.PathLike[str], **parts: Any) -> mi.Mesh:
 
     Returns:
         The mesh, which can be a part of a scene's dict. Vertices with equal coordinates are merged,
-        and the mesh has flat faces. STL files do not state a unit; coordinates are used as metres.
+        and the mesh has flat faces. STL files do not state a unit; coordinates are used as meters.
 
     Raises:
         FileNotFoundError: The file does not exist.
@@ -63,7 +63,7 @@ def _corners(file: Path) -> np.ndarray:
     memory.require_free("triangles", size // TRIANGLE.itemsize * BYTES_IN_MEMORY)
     content = file.read_bytes()
 
-    # The length of a binary file is known from its count. Some of them start with "solid", too
+    # The count of a binary file states its length. Some binary files start with "solid", too
     if size >= HEADER + 4:
         count = int.from_bytes(content[HEADER : HEADER + 4], "little")
         if size == HEADER + 4 + count * TRIANGLE.itemsize:
@@ -76,10 +76,13 @@ def _corners(file: Path) -> np.ndarray:
 
 def _ascii_corners(text: str) -> np.ndarray:
     """Read the triangles of an ASCII file, with one solid or several."""
+    # Find the triangles
     words = text.lower().split()
     starts = [k for k, word in enumerate(words) if word == "facet"]
     checks.require("triangles", len(starts), len(starts) > 0, "1 or more")
     checks.require("last word", words[-1][:20], "endsolid" in words[-3:], "endsolid and a name")
+
+    # Read three corners of each triangle
     corners = np.empty((len(starts), 3, 3), np.float32)
     for number, start in enumerate(starts):
         facet = words[start : start + WORDS_OF_TRIANGLE]

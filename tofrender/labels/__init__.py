@@ -1,9 +1,9 @@
-"""Labels of Datasets: one reader for what functions take, and one writer for what they return.
+"""Labels of Datasets: one reader for all functions, and numbers that follow the labels.
 
 Users slice, reorder, join and reduce Datasets before they pass them on. Therefore no function reads
 axes by position, or the time axis from attributes. `read` finds axes, channels and Stokes
-components by their labels, brings them to one order, and checks that the result is defined. It
-refuses everything else in one line.
+components by their labels, brings them to one order, and checks that the result is defined. `read`
+refuses other data in one line.
 """
 
 from .axes import CHANNELS, STOKES, Bins
@@ -39,10 +39,12 @@ from .kinds import (
 from .reading import (
     bins_of,
     by_pixel,
+    even_axis,
     intensity,
     pixel_steps,
     read,
     read_array,
+    require_axes_only,
     require_consecutive,
     require_whole_stokes,
 )
@@ -80,10 +82,12 @@ __all__ = [
     "bins_of",
     "by_pixel",
     "energy_outside_window",
+    "even_axis",
     "intensity",
     "pixel_steps",
     "read",
     "read_array",
+    "require_axes_only",
     "require_consecutive",
     "require_whole_stokes",
     "with_energy",

@@ -14,9 +14,9 @@ AGREES = 1e-3  # Difference of a stored number that rounding and filters explain
 def energy_outside_window(film: xr.Dataset, parameter: str) -> float | None:
     """Return the part of the energy of a film that no bin contains, from 0 to 1.
 
-    It is 1 - light / steady, of the sums over all pixels and channels, for polarized films of S0.
-    The stored attribute is returned if it agrees with this. It is stale after a choice of pixels
-    or bins.
+    The part is 1 - light / steady, with the sums of both over all pixels and channels. Polarized
+    films are summed over S0. For frames, the largest part of all frames is returned. The stored
+    attribute is returned if it agrees. After a choice of pixels or bins, the attribute is stale.
 
     Args:
         film: A Dataset in the order of `read`, with or without `steady`.
@@ -35,6 +35,7 @@ def energy_outside_window(film: xr.Dataset, parameter: str) -> float | None:
         >>> energy_outside_window(film, "film")
         0.25
     """
+    # Is the attribute a number?
     stored: Any = film.attrs.get(NAME)
     is_number = isinstance(stored, float | int | np.number) and bool(np.isfinite(stored))
     if stored is not None and not is_number:
@@ -42,11 +43,21 @@ def energy_outside_window(film: xr.Dataset, parameter: str) -> float | None:
     known = None if stored is None else float(stored)
     if "steady" not in film:
         return known
-    light, steady = (_sum(intensity(film[name], parameter)) for name in ("transient", "steady"))
+
+    # Compare the light in the bins with the light of all times
+    if "frame" in film.dims:
+        frames = (film.isel(frame=number) for number in range(film.sizes["frame"]))
+        parts = [energy_outside_window(frame, parameter) for frame in frames]
+        return max((part for part in parts if part is not None), default=None)
+    name = "transient" if "transient" in film else "radiance"
+    light = _sum(intensity(film[name], parameter))
+    steady = _sum(intensity(film["steady"], parameter))
     if film.attrs.get("quantity") == "radiance per metre":
         light *= film.attrs["bin_width_opl"]
     if not (steady > 0 and np.isfinite(light)):
         return known
+
+    # Keep the stored number if only rounding differs, so that unchanged films stay equal
     found = min(max(1 - light / steady, 0.0), 1.0)
     if known is not None and abs(found - known) <= AGREES:
         return known
@@ -60,6 +71,6 @@ def _sum(values: xr.DataArray) -> float:
 
 
 def with_energy(film: xr.Dataset, parameter: str) -> xr.Dataset:
-    """Return a film with the attribute `energy_outside_window` of its own pixels and bins."""
+    """Return a film, with `energy_outside_window` computed from its pixels and bins."""
     outside = energy_outside_window(film, parameter)
     return film if outside is None else film.assign_attrs({NAME: outside})

@@ -1,4 +1,4 @@
-"""Kinds of Datasets that functions take and return: variables, axes and their order.
+"""Kinds of Datasets in arguments and results: variables, axes and their order.
 
 A public function declares the kind of a parameter by an annotation, for example
 `dataset: Annotated[xr.Dataset, FILM]`. The tests of labels find all functions by it.
@@ -13,12 +13,12 @@ class Kind:
     """Kind of Dataset.
 
     Attributes:
-        name: What messages call a Dataset of this kind.
-        variables: Axes of the variables that must be there, in the order that `read` returns.
-        optional: Axes of further variables. Variables of other names are not allowed if `closed`.
-        bins: Axis of the time bins, whose centers are the coordinate `opl`; "" without bins.
-        real: Axes whose coordinates are rising real numbers instead of indices.
-        closed: Whether variables of other names are refused.
+        name: Name of such a Dataset in messages.
+        variables: Required variables with their axes, in the order that `read` returns.
+        optional: Further variables with their axes. If `closed`, other variables are refused.
+        bins: Axis of the time bins, or "" without bins. The coordinate `opl` contains the centers.
+        real: Axes with rising real numbers as coordinates instead of indices.
+        closed: Whether variables with other names are refused.
     """
 
     name: str
@@ -30,7 +30,7 @@ class Kind:
 
     @property
     def all_variables(self) -> dict[str, tuple[str, ...]]:
-        """Axes of all variables that may be there."""
+        """Required and optional variables with their axes."""
         return {**self.variables, **self.optional}
 
 
@@ -200,7 +200,7 @@ VOLUME = Kind(
     optional={"frame_origin": ("xyz",), "frame_axes": ("axis", "xyz")},
     real=("z", *_PIXELS),
 )
-"""Intensities of voxels, whose coordinates are in m."""
+"""Intensities of voxels. Their coordinates are in m."""
 
 RECORDS = Kind("a data set with transients", variables={"transient": ("record", *_FILM)})
 """Renders of a data set. The axis `record` is missing after the choice of a record."""

@@ -13,6 +13,7 @@ from .kinds import Kind
 
 SAME_WIDTH = 1e-3  # Relative error of the distance of bins that rounding explains
 SAME_START = 1e-5  # Error of the start of bins that rounding explains [bins]
+SAME_PLACE = 0.01  # Distance of a single bin from the places of the original bins [bins]
 ORDERED = {
     "channel": CHANNELS,
     "stokes": STOKES,
@@ -21,7 +22,7 @@ ORDERED = {
     "part": PARTS,
     "weighting": WEIGHTINGS,
 }
-"""Names along an axis in their order. Other names keep the order that they have."""
+"""Names along an axis in their order. Unknown names keep their order."""
 WHOLE = ("xyz", "axis", "part", "weighting")
 """Axes whose names must all be there: no function is defined on a choice of them."""
 MAY_BE_EMPTY = ("point",)
@@ -38,15 +39,15 @@ OF_A_FRAME: dict[str, tuple[str, Callable[[Any], Any]]] = {
 def read(data: Any, kind: Kind | tuple[Kind, ...], parameter: str) -> xr.Dataset:
     """Return a Dataset with the axes, channels and bins of a kind in their order.
 
-    A Dataset that is in order already is returned as it is. Parts of the window, crops, and
-    choices of channels are accepted. The attributes `start_opl` and `bin_width_opl` of the result
+    A Dataset in the right order is returned unchanged. Parts of the window, crops, and choices of
+    channels are accepted. The attributes `start_opl` and `bin_width_opl` of the result
     follow the coordinate `opl`. Coordinates without an axis, which remain after `isel(frame=2)`,
     are dropped. Time and fingerprint of the frame become attributes.
 
     Args:
-        data: What a user has passed.
-        kind: Kind of the Dataset that the function takes. If there are several kinds, the
-            variables and axes of the Dataset decide.
+        data: Argument of the user.
+        kind: Kind of Dataset that the function supports. If there are several, the kind with the
+            most variables and axes of the Dataset is chosen.
         parameter: Name of the function's parameter, for messages.
 
     Raises:
@@ -67,14 +68,19 @@ def read(data: Any, kind: Kind | tuple[Kind, ...], parameter: str) -> xr.Dataset
         >>> found["counts"].dims, found["x"].values.tolist(), found.attrs["start_opl"]
         (('y', 'x', 'bin'), [0, 2], 2.0)
     """
+    # Which kind of Dataset is this?
     kinds = kind if isinstance(kind, tuple) else (kind,)
     if not isinstance(data, xr.Dataset):
         names = " or ".join(dict.fromkeys(each.name for each in kinds))
         raise ValueError(f"{parameter}: expected {names}, found {_description(data)}")
     kind = _fitting(data, kinds)
+
+    # Check variables and axes, and sort the labels
     data = _without_choices(data)
     _require_variables(data, kind, parameter)
     data = _in_order(data, kind, parameter)
+
+    # Compute start and width of the bins from their coordinate
     if kind.bins in data.dims:
         bins = bins_of(data, parameter, kind.bins)
         data = _with_bins(data, bins)
@@ -106,6 +112,7 @@ def bins_of(data: xr.Dataset | xr.DataArray, parameter: str, axis: str = "opl") 
     Raises:
         ValueError: The coordinate is missing, or the bins are not consecutive and equally wide.
     """
+    # Find the centers of the bins
     if "opl" not in data.coords or data["opl"].dims != (axis,):
         raise ValueError(
             f"{parameter}: the coordinate opl along the axis {axis} is missing. It contains the "
@@ -114,6 +121,8 @@ def bins_of(data: xr.Dataset | xr.DataArray, parameter: str, axis: str = "opl") 
     centers = np.asarray(data["opl"].values, np.float64)
     if "time" in data.coords:
         _require_times(data["time"].values, centers, parameter)
+
+    # Is the width of the bins their distance?
     stated: Any = data.attrs.get("bin_width_opl")
     is_stated = isinstance(stated, float | int | np.number) and np.isfinite(stated) and stated > 0
     if not is_stated and (isinstance(data, xr.Dataset) or len(centers) == 1):
@@ -126,23 +135,55 @@ def bins_of(data: xr.Dataset | xr.DataArray, parameter: str, axis: str = "opl") 
     else:
         steps = np.diff(centers)
         width = float((centers[-1] - centers[0]) / len(steps))
-        _require_even_steps(steps, width, parameter)
+        _require_even_steps(steps, width, "opl", parameter)
         if is_stated and not np.isclose(width, stated, rtol=SAME_WIDTH, atol=0):
             raise ValueError(
                 f"{parameter}: the bins are {width:g} m apart, but {float(stated):g} m wide. To "
                 "make wider bins, use tofrender.rebin instead of coarsen; do not skip bins"
             )
         width = float(stated) if is_stated else width
+
+    # Keep the stated start if only rounding differs
     start = float(centers[0] - width / 2)
     stated_start: Any = data.attrs.get("start_opl")
-    is_stated = isinstance(stated_start, float | int | np.number)
-    if is_stated and abs(start - stated_start) <= SAME_START * width:
-        start = float(stated_start)
+    if isinstance(stated_start, float | int | np.number):
+        skipped = (start - float(stated_start)) / width
+        if abs(skipped) <= SAME_START:
+            start = float(stated_start)
+        elif len(centers) == 1 and abs(skipped - round(skipped)) > SAME_PLACE:
+            raise ValueError(
+                f"{parameter}: the bin at opl = {centers[0]:g} m is not one of the bins of "
+                f"{width:g} m from {float(stated_start):g} m, as after coarsen. To make wider "
+                "bins, use tofrender.rebin; drop the attribute start_opl if opl was moved"
+            )
     return Bins(start, width, len(centers))
 
 
+def even_axis(
+    data: xr.Dataset, axis: str, parameter: str, width: float | None = None
+) -> tuple[float, float]:
+    """Return the start of the first bin, and the width of the bins, along an axis of numbers.
+
+    Args:
+        data: A Dataset.
+        axis: Name of the coordinate with the centers of the bins.
+        parameter: Name of the function's parameter, for messages.
+        width: Width of a single bin. None if two bins or more are needed.
+
+    Raises:
+        ValueError: The centers are not finite, or they do not rise in equal steps.
+    """
+    centers = np.asarray(data[axis].values, np.float64)
+    if len(centers) > 1:
+        width = float(centers[-1] - centers[0]) / (len(centers) - 1)
+        _require_even_steps(np.diff(centers), width, axis, parameter)
+    elif width is None:
+        raise ValueError(f"{parameter}: the axis {axis} has one entry only. Select two or more")
+    return float(centers[0]) - width / 2, width
+
+
 def intensity(data: xr.Dataset | xr.DataArray, parameter: str) -> Any:
-    """Return the component S0 of polarized data, and other data as they are."""
+    """Return the component S0 of polarized data, and other data unchanged."""
     if "stokes" not in data.dims:
         return data
     if "S0" not in data["stokes"].values:
@@ -161,9 +202,9 @@ def require_whole_stokes(data: xr.Dataset | xr.DataArray, parameter: str) -> Non
 
 
 def pixel_steps(data: xr.Dataset | xr.DataArray, parameter: str) -> dict[str, int]:
-    """Return the distance of neighboring pixels along y and x, which must be even.
+    """Return the distance of neighboring pixels along y and x, which must be constant.
 
-    Sensors with larger pixels keep the numbers of the film's pixels, in steps.
+    A sensor with larger pixels labels them with the index of their first pixel on the film.
     """
     steps = {}
     for axis in ("y", "x"):
@@ -171,6 +212,19 @@ def pixel_steps(data: xr.Dataset | xr.DataArray, parameter: str) -> dict[str, in
         steps[axis] = int(distances[0]) if distances.size else 1
         _require_no_gaps(distances, steps[axis], axis, parameter)
     return steps
+
+
+def require_axes_only(data: xr.Dataset, parameter: str) -> None:
+    """Refuse further coordinates along an axis, since files do not contain them.
+
+    Supported are the labels of each axis, and `opl` and `time` of the bins.
+    """
+    for name, coordinate in data.coords.items():
+        if coordinate.dims and name not in (*data.dims, "opl", "time"):
+            raise ValueError(
+                f"{parameter}: the coordinate {name} along {coordinate.dims[0]} is not supported "
+                f"in files. Drop the coordinate: drop_vars('{name}')"
+            )
 
 
 def require_consecutive(data: xr.Dataset | xr.DataArray, parameter: str) -> None:
@@ -184,22 +238,26 @@ def by_pixel(values: Any, data: Any, parameter: str) -> Any:
 
     Args:
         values: An array (y, x) in the order of the rows and columns of the Dataset, or a DataArray.
-            If the DataArray has labels, they must be those of the Dataset.
-        data: The Dataset, as a user has passed it.
+            The labels of a DataArray must be the labels of the Dataset.
+        data: The Dataset in the order of the user.
         parameter: Name of the parameter of the values, for messages.
 
     Raises:
-        ValueError: A DataArray of other pixels or axes.
+        ValueError: A DataArray with other pixels or axes.
     """
     axes = ("y", "x")
     if not isinstance(data, xr.Dataset) or not set(axes) <= set(data.dims):
         return values  # `read` refuses the Dataset
     labels = [data[axis].values for axis in axes]
+
+    # Sort an array as the rows and columns of the Dataset are sorted
     if not isinstance(values, xr.DataArray):
         order = [np.argsort(each, kind="stable") for each in labels]
         array = checks.real_array(parameter, values)
         fits = array.shape == tuple(each.size for each in order)
         return array[np.ix_(*order)] if fits else array
+
+    # Sort a DataArray by its labels, and compare them
     missing = {
         axis: own
         for axis, own in zip(axes, labels, strict=True)
@@ -219,7 +277,7 @@ def by_pixel(values: Any, data: Any, parameter: str) -> Any:
 
 
 def _fitting(data: xr.Dataset, kinds: tuple[Kind, ...]) -> Kind:
-    """Return the kind that has most variables and axes of a Dataset."""
+    """Return the kind with the most variables and axes of a Dataset."""
     found = {*map(str, data.data_vars), *map(str, data.dims)}
 
     def common(kind: Kind) -> int:
@@ -236,7 +294,7 @@ def _description(data: Any) -> str:
 
 
 def _without_choices(data: xr.Dataset) -> xr.Dataset:
-    """Drop coordinates without an axis. Those of a frame become attributes."""
+    """Drop coordinates without an axis. Time and fingerprint of a frame become attributes."""
     names = [name for name, each in data.coords.items() if not each.dims]
     if not names:
         return data
@@ -250,6 +308,7 @@ def _without_choices(data: xr.Dataset) -> xr.Dataset:
 
 def _require_variables(data: xr.Dataset, kind: Kind, parameter: str) -> None:
     """Refuse missing and unknown variables, and missing and unknown axes."""
+    # Check the variables of the kind
     for name, axes in kind.all_variables.items():
         if name not in data.data_vars:
             if name in kind.variables:
@@ -262,6 +321,8 @@ def _require_variables(data: xr.Dataset, kind: Kind, parameter: str) -> None:
                 f"{parameter}: the variable {name} has the type {data[name].dtype}; it must "
                 "contain real numbers"
             )
+
+        # Check its axes
         found = set(data[name].dims) - {"stokes"}
         for axis, size in data[name].sizes.items():
             if size == 0 and axis not in MAY_BE_EMPTY:
@@ -271,24 +332,27 @@ def _require_variables(data: xr.Dataset, kind: Kind, parameter: str) -> None:
         for axis in axes:
             if axis not in found:
                 raise ValueError(
-                    f"{parameter}: the variable {name} has no axis {axis}. To choose along the "
-                    f"axis, keep it: isel({axis}=[0]) instead of isel({axis}=0)"
+                    f"{parameter}: the axis {axis} of the variable {name} is missing. To choose "
+                    f"along the axis, keep it: isel({axis}=[0]) instead of isel({axis}=0)"
                 )
         for axis in sorted(map(str, found - set(axes))):
             raise ValueError(
                 f"{parameter}: the variable {name} has the additional axis {axis}. Choose along "
                 f"the axis: isel({axis}=0)"
             )
+
+    # Are there other variables?
     unknown = sorted(str(name) for name in set(data.data_vars) - set(kind.all_variables))
     if kind.closed and unknown:
         raise ValueError(
-            f"{parameter}: {kind.name} has no variable {unknown[0]}. Drop the variable: "
-            f"drop_vars('{unknown[0]}')"
+            f"{parameter}: the variable {unknown[0]} is not supported in {kind.name}. Drop the "
+            f"variable: drop_vars('{unknown[0]}')"
         )
 
 
 def _in_order(data: xr.Dataset, kind: Kind, parameter: str) -> xr.Dataset:
     """Bring axes, and the labels along them, to their order."""
+    # Sort the labels along each axis that the kind contains
     known = {axis for axes in kind.all_variables.values() for axis in axes} | {"stokes"}
     for axis in map(str, data.dims):
         if axis not in known:
@@ -296,6 +360,8 @@ def _in_order(data: xr.Dataset, kind: Kind, parameter: str) -> xr.Dataset:
         order = _order_along(data, axis, kind, parameter)
         if order is not None and (np.diff(order) < 0).any():
             data = data.isel({axis: order})
+
+    # Transpose the variables; Stokes components precede the channels
     changes = {}
     for name, axes in kind.all_variables.items():
         if name in data.data_vars:
@@ -324,8 +390,8 @@ def _order_along(data: xr.Dataset, axis: str, kind: Kind, parameter: str) -> np.
             raise ValueError(f"{parameter}: the coordinate {axis} must contain finite numbers")
     elif axis != "shot" and labels.dtype.kind not in "iu":
         raise ValueError(
-            f"{parameter}: the axis {axis} has no integer indices, as after coarsen. For coarser "
-            "pixels, use tofrender.rebin(..., pixels=(columns, rows))"
+            f"{parameter}: the labels along the axis {axis} must be integers; coarsen makes "
+            "fractions. For coarser pixels, use tofrender.rebin(..., pixels=(columns, rows))"
         )
     _require_different(labels, axis, parameter)
     return np.argsort(labels, kind="stable")
@@ -338,9 +404,11 @@ def _order_of_names(data: xr.Dataset, axis: str, parameter: str) -> np.ndarray:
         return np.arange(1)
     if axis not in data.coords:
         raise ValueError(
-            f"{parameter}: the axis {axis} has no labels. Assign them, for example "
+            f"{parameter}: the labels of the axis {axis} are missing. Assign labels, for example "
             f"assign_coords({axis}={list(known[: data.sizes[axis]])})"
         )
+
+    # Sort known names; others keep their order
     names = [str(name) for name in data[axis].values]
     _require_different(np.array(names), axis, parameter)
     if axis in WHOLE and set(names) != set(known):
@@ -349,7 +417,7 @@ def _order_of_names(data: xr.Dataset, axis: str, parameter: str) -> np.ndarray:
             f"{', '.join(known)}"
         )
     if not set(names) <= set(known):
-        return np.arange(len(names))  # Names of another kind keep their order
+        return np.arange(len(names))
     return np.argsort([known.index(name) for name in names], kind="stable")
 
 
@@ -367,18 +435,19 @@ def _require_no_gaps(distances: np.ndarray, step: int, axis: str, parameter: str
         raise ValueError(f"{parameter}: the axis {axis} skips pixels. Select pixels with a slice")
 
 
-def _require_even_steps(steps: np.ndarray, width: float, parameter: str) -> None:
-    if width <= 0 or not np.allclose(steps, width, rtol=SAME_WIDTH, atol=0):
+def _require_even_steps(steps: np.ndarray, width: float, axis: str, parameter: str) -> None:
+    if not width > 0 or not np.allclose(steps, width, rtol=SAME_WIDTH, atol=0):
         raise ValueError(
             f"{parameter}: the bins are not consecutive: the distances of the centers in the "
-            f"coordinate opl are {steps.min():g} to {steps.max():g} m. Select bins with a slice"
+            f"coordinate {axis} are {steps.min():g} to {steps.max():g}. Select bins with a slice"
         )
 
 
 def _require_times(time_ns: np.ndarray, opl: np.ndarray, parameter: str) -> None:
-    """Refuse times that are not those of the path lengths."""
-    own = opl_to_ns(opl)
-    if time_ns.shape != own.shape or not np.allclose(time_ns, own, rtol=1e-9, atol=1e-9):
+    """Refuse times that differ from the path lengths over c."""
+    expected = opl_to_ns(opl)
+    same_shape = time_ns.shape == expected.shape
+    if not same_shape or not np.allclose(time_ns, expected, rtol=1e-9, atol=1e-9):
         raise ValueError(
             f"{parameter}: the coordinate time is not opl / c in ns. Drop it where opl is changed: "
             "drop_vars('time')"

@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 
 from ..films.rates import Axis
-from ..labels import RANGE_RATES, SPECTRA, read
+from ..labels import RANGE_RATES, SPECTRA, even_axis, read, with_energy
 from ..runtime import checks, memory
 from ..signals.units import SPEED_OF_LIGHT
 from .choices import MAX_LOOKS, WINDOWS
@@ -167,7 +167,7 @@ class Fmcw:
         """
         # Check the arguments and the memory
         seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
-        film = read(film, RANGE_RATES, "film")
+        film = with_energy(read(film, RANGE_RATES, "film"), "film")
         light, opl, rate = checked_film(film)
         count = self.samples(opl, rate)
         height, width = light.shape[:2]
@@ -384,16 +384,11 @@ def axis_of(film: xr.Dataset, axis: str, name: str = "film") -> Axis:
     The attributes of a film of `range_rate` contain the widths of its bins. Therefore gaps are
     found.
     """
-    centers = np.asarray(film[axis].values, float)
-    widths = np.diff(centers)
-    even = widths.size > 0 and widths[0] > 0 and np.allclose(widths, widths[0], rtol=1e-3, atol=0)
-    allowed = "the centers of at least 2 bins of equal width without gaps"
-    checks.require(f"{name}: {axis}", centers, even, allowed)
-    width = float(centers[-1] - centers[0]) / (centers.size - 1)
+    start, width = even_axis(film, axis, name)
     stated = film.attrs.get(f"bin_width_{axis}", width)
     if not np.isclose(width, stated, rtol=1e-3, atol=0):
         raise ValueError(
             f"{name}: the bins of {axis} are {width:g} apart, but {stated:g} wide. Render fewer "
             "bins instead of coarsen; do not skip bins"
         )
-    return Axis(count=centers.size, start=float(centers[0]) - width / 2, width=width)
+    return Axis(count=film.sizes[axis], start=start, width=width)

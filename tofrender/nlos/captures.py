@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from ..labels import CAPTURE, COUNTS as COUNTED, Kind, bins_of, read
+from ..labels import CAPTURE, COUNTS as COUNTED, Kind, bins_of, read, require_axes_only
 from ..rendering.cubes import Cube
-from ..rendering.dataset import check_attributes, plain_attributes, time_axis
+from ..rendering.dataset import plain_attributes, require_plain_attributes
 from ..rendering.labels import TIME, labelled, with_time
 from ..runtime import checks, memory
 
@@ -31,7 +31,7 @@ COUNTS = "photon counts per bin"
 QUANTITIES = {"radiance per bin": "W m^-2 sr^-1", COUNTS: "1"}
 """Quantities of captures, with their units."""
 
-COUNTED_ATTRIBUTES = ("quantity", "units", "mode", "start_opl", "bin_width_opl")
+COUNTED_ATTRIBUTES = ("quantity", "units", "capture_mode", "start_opl", "bin_width_opl")
 """Attributes of a result of `sense` that a capture of its counts replaces."""
 
 DEVICES = ("laser", "sensor")
@@ -178,7 +178,7 @@ def make_capture(
     standard = {
         "quantity": quantity,
         "units": QUANTITIES[quantity],
-        "mode": mode,
+        "capture_mode": mode,
         "start_opl": start,
         "bin_width_opl": width,
         "counts_first_and_last_legs": int(legs),
@@ -234,7 +234,7 @@ def as_capture(dataset: Any) -> Any:
         return dataset
 
     # Read its variables
-    mode = dataset.attrs["mode"]
+    mode = dataset.attrs["capture_mode"]
     axes = dimensions(mode)
     axes.pop("transient")
     if mode == "confocal":
@@ -245,7 +245,9 @@ def as_capture(dataset: Any) -> Any:
     bins = bins_of(dataset, "capture", "bin")
 
     # Convert its attributes
-    about = {name: value for name, value in dataset.attrs.items() if name not in COUNTED_ATTRIBUTES}
+    attrs = plain_attributes(dataset)
+    legs = attrs["counts_first_and_last_legs"]
+    about = {name: value for name, value in attrs.items() if name not in COUNTED_ATTRIBUTES}
     if "cycles" in variables:
         about["cycles"] = int(dataset["cycles"].max())
     return make_capture(
@@ -253,7 +255,7 @@ def as_capture(dataset: Any) -> Any:
         mode=mode,
         start_opl=bins.start_opl,
         bin_width_opl=bins.bin_width_opl,
-        counts_first_and_last_legs=dataset.attrs["counts_first_and_last_legs"],
+        counts_first_and_last_legs=legs,
         on_wall=dataset[ON_WALL].values if ON_WALL in variables else None,
         quantity=COUNTS,
         attrs=about,
@@ -271,13 +273,23 @@ def read_capture(dataset: Any, parameter: str) -> xr.Dataset:
     """
     import xarray as xr
 
-    attrs = dataset.attrs if isinstance(dataset, xr.Dataset) else {}
-    mode = attrs.get("mode", MODES[0])
-    checks.one_of(f"{parameter}: attribute mode", mode, MODES)
-    optional = {ON_WALL: _PIXELS}
-    kind = Kind("a capture", dimensions(mode), optional, bins="opl", closed=True)
+    kind = CAPTURE
+    if isinstance(dataset, xr.Dataset):
+        mode = MODES[0]
+        if "sensor_grid" in dataset:
+            name = f"{parameter}: attribute capture_mode"
+            mode = checks.one_of(name, dataset.attrs.get("capture_mode"), MODES)
+        kind = Kind(
+            "a capture",
+            variables=dimensions(mode),
+            optional={ON_WALL: _PIXELS},
+            bins="opl",
+            closed=True,
+        )
     dataset = read(dataset, kind, parameter)
-    check_capture(dataset)
+    _require_geometry(dataset)
+    require_axes_only(dataset, parameter)
+    require_plain_attributes(dataset)
     return dataset
 
 
@@ -285,59 +297,45 @@ def check_capture(dataset: Any) -> None:
     """Refuse a dataset that is not a capture or a part of a capture.
 
     Raises:
-        ValueError: Something is missing or contradictory; one line.
+        ValueError: Variables, axes or attributes are missing or contradict each other; one line.
     """
-    import xarray as xr
+    read_capture(dataset, "capture")
 
-    if not isinstance(dataset, xr.Dataset):
-        raise ValueError(f"capture = {type(dataset).__name__}: must be an xarray.Dataset")
-    attrs = plain_attributes(dataset)
-    mode = checks.one_of("capture: attribute mode", attrs.get("mode"), MODES)
 
-    # Variables and axes
-    expected = dimensions(mode)
-    found = {str(name): variable.dims for name, variable in dataset.data_vars.items()}
-    mask = dataset.get(ON_WALL)
-    if mask is not None:
-        expected = expected | {ON_WALL: _PIXELS}
-        if mask.dtype != bool:
-            raise ValueError(f"capture: on_wall of type {mask.dtype}: must hold booleans")
-    for name in sorted({*expected, *found}):
-        if found.get(name) != expected.get(name):
-            rule = f"must have the axes {expected[name]}" if name in expected else "is not allowed"
-            raise ValueError(f"capture: variable {name} with axes {found.get(name)}: {rule}")
-    if any(v.dtype.kind != "f" for name, v in dataset.data_vars.items() if name != ON_WALL):
-        raise ValueError("capture: all variables must hold real numbers")
-    axes = {axis for each in expected.values() for axis in each}
-    sizes = dict(dataset.sizes)
-    if set(dataset.coords) - {TIME} != axes or not all(sizes.values()):
-        rule = "must have coordinates on all axes, and no other but time"
-        raise ValueError(f"capture with {sizes}: {rule}")
-    if sizes["channel"] not in (1, 3) or sizes["xyz"] != 3:
-        raise ValueError(f"capture with {sizes}: must have 1 or 3 channels, 3 xyz")
+def _require_geometry(dataset: xr.Dataset) -> None:
+    """Refuse a capture with impossible points and normals, or with unknown origins of its legs."""
+    mode = dataset.attrs["capture_mode"]
+    if dataset.sizes["channel"] not in (1, 3):
+        raise ValueError(f"capture with {dataset.sizes['channel']} channels: must be 1 or 3")
+    for name, variable in dataset.data_vars.items():
+        kind, allowed = ("b", "booleans") if name == ON_WALL else ("f", "floats")
+        if variable.dtype.kind != kind:
+            raise ValueError(
+                f"capture: the variable {name} has the type {variable.dtype}; it must contain "
+                f"{allowed}"
+            )
     if mode == "single" and dataset["laser_grid"].shape != (1, 1, 3):
         raise ValueError("capture: laser_grid: a single capture must have one laser spot")
 
-    # Geometry
+    # Points and normals
     for kind in ("grid", "normals"):
         vectors = {name: dataset[name].values for name in (f"sensor_{kind}", f"laser_{kind}")}
         for name, values in vectors.items():
             if not np.isfinite(values).all():
-                raise ValueError(f"capture: {name}: must hold finite numbers only")
+                raise ValueError(f"capture: {name}: must contain finite numbers only")
             lengths = np.linalg.norm(values, axis=-1)
             if kind == "normals" and not np.allclose(lengths, 1, atol=1e-3):
-                raise ValueError(f"capture: {name}: must hold vectors of length 1")
+                raise ValueError(f"capture: {name}: must contain vectors of length 1")
         if mode == "confocal" and not np.array_equal(*vectors.values()):
             raise ValueError(
-                f"capture: laser_{kind}: must equal sensor_{kind} in a confocal capture"
+                f"capture: laser_{kind} of a confocal capture must be equal to sensor_{kind}"
             )
 
-    # Attributes
-    check_attributes("capture", dataset)
-    counts = attrs.get("counts_first_and_last_legs")
+    # Origins of the legs that path lengths include
+    legs = plain_attributes(dataset).get("counts_first_and_last_legs")
     name = "capture: attribute counts_first_and_last_legs"
-    checks.require(name, counts, counts in (0, 1), "0, 1")
-    if counts and not all(np.isfinite(dataset[f"{d}_origin"].values).all() for d in DEVICES):
+    checks.require(name, legs, legs in (0, 1), "0, 1")
+    if legs and not all(np.isfinite(dataset[f"{d}_origin"].values).all() for d in DEVICES):
         raise ValueError(
             "capture: sensor_origin, laser_origin: must be finite if counts_first_and_last_legs = "
             "1, because path lengths include the legs from both"
@@ -363,7 +361,7 @@ def first_and_last_legs(capture: xr.Dataset, devices: Collection[str] = DEVICES)
         return np.linalg.norm(offset, axis=-1) * (device in devices)
 
     laser, sensor = (leg(device) for device in DEVICES)
-    if capture.attrs["mode"] == "exhaustive":
+    if capture.attrs["capture_mode"] == "exhaustive":
         laser = laser[:, :, None, None]
     # In a single capture, the laser's legs have the shape (1, 1)
     legs = laser + sensor
@@ -404,7 +402,8 @@ def subtract_legs(capture: xr.Dataset, legs: np.ndarray) -> xr.Dataset:
 
     The result no longer counts these legs.
     """
-    start, width = time_axis(capture)
+    width = bins_of(capture, "capture").bin_width_opl
+    start = float(capture["opl"].values[0] - width / 2)
 
     # Shift of each pixel relative to the pixel with the longest legs, towards later bins [bins]
     shift = (legs.max() - legs) / width

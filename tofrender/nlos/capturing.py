@@ -105,7 +105,7 @@ def capture(
 
     Example:
         >>> z = capture("nlos_z", grid=(4, 4), spp=16)
-        >>> z["transient"].dims, z.attrs["mode"]
+        >>> z["transient"].dims, z.attrs["capture_mode"]
         (('y', 'x', 'opl', 'channel'), 'confocal')
     """
     # Check the arguments
@@ -209,7 +209,7 @@ def require_same_capture(found: xr.Dataset, scene: Any, **options: Any) -> None:
     # Compare the settings
     setup = prepare_capture(scene, **options)
     wanted = {
-        "mode": setup.mode,
+        "capture_mode": setup.mode,
         "spp": setup.spp,
         "seed": setup.seed,
         "variant": mi.variant(),

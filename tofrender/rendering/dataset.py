@@ -12,11 +12,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..labels import FILM, energy_outside_window, read, require_whole_stokes
-from ..runtime import checks
+from ..labels import (
+    FILM,
+    energy_outside_window,
+    read,
+    require_axes_only,
+    require_consecutive,
+    require_whole_stokes,
+)
 from ..signals.polarisation import STOKES
 from .cubes import Cube
-from .labels import TIME, check_time, labelled
+from .labels import labelled
 from .lazy_dask import defer_dask
 
 if TYPE_CHECKING:
@@ -130,7 +136,7 @@ def for_file(dataset: Any, halves: bool = False) -> xr.Dataset:
     if outside is not None:
         dataset = dataset.assign_attrs(energy_outside_window=outside)
     dataset = in_channels(dataset, halves)
-    check_dataset(dataset)
+    require_storable(dataset)
     return dataset
 
 
@@ -166,61 +172,32 @@ def components_of(dataset: xr.Dataset) -> list[xr.Dataset]:
     return [dataset.sel(stokes=each, drop=True) for each in dataset["stokes"].values]
 
 
-def check_dataset(dataset: object) -> None:
-    """Refuse anything but a Dataset like the ones that `render` returns, or a part of one."""
-    import xarray as xr
+def require_storable(dataset: xr.Dataset) -> None:
+    """Refuse a film that `read` accepts, but that files do not support.
 
-    if not isinstance(dataset, xr.Dataset):
-        raise ValueError(f"dataset = {type(dataset).__name__}: must be an xarray.Dataset")
-    if "stokes" in dataset.dims:
+    Files contain float32 values of a rectangle of pixels, standard errors of both variables, and
+    attributes that are text or numbers.
+    """
+    names = set(dataset.data_vars)
+    if names not in (set(DIMS), {*DIMS, *ERRORS}, {*DIMS, *HALVES}):
         raise ValueError(
-            "dataset: has an axis stokes; must be one component, like "
-            "dataset.sel(stokes='S0', drop=True)"
+            f"dataset: a file with the variables {', '.join(sorted(map(str, names)))} is not "
+            "supported. Save transient and steady, with the errors of both or with all variables "
+            "of denoise"
         )
-    require_one_render("dataset", dataset)
-    found = {str(name): variable.dims for name, variable in dataset.data_vars.items()}
-    known = found in (DIMS, DIMS | ERRORS, DIMS | HALVES)
-    if not known or any(v.dtype != np.float32 for v in dataset.data_vars.values()):
-        raise ValueError(
-            f"dataset with {found}: must hold the float32 variables {DIMS}, their errors or no "
-            "other, or those of a denoised render"
-        )
-    along_axes = {name for name, each in dataset.coords.items() if each.dims}
-    if along_axes - {TIME} != set(DIMS["transient"]) or not all(dataset.sizes.values()):
-        raise ValueError(
-            f"dataset with {dict(dataset.sizes)}: must have coordinates on all axes, and no "
-            "other but time"
-        )
-    first_pixel(dataset)
-    check_attributes("dataset", dataset)
-
-
-def require_one_render(what: str, dataset: xr.Dataset) -> None:
-    """Refuse several renders in one Dataset: frames of an animation, records of a data set."""
-    if "transient" not in dataset:
-        return
-    for axis in dataset["transient"].dims:
-        if axis == "record":
+    for name, variable in dataset.data_vars.items():
+        if variable.dtype != np.float32:
             raise ValueError(
-                f"{what}: has the axis 'record' of a data set. Pass the render of one record, like "
-                "datasets.render_of(dataset, 0)"
+                f"dataset: the variable {name} has the type {variable.dtype}; in files it must be "
+                "float32. Convert the Dataset: astype('float32')"
             )
-        if axis not in (*DIMS["transient"], "stokes"):
-            raise ValueError(
-                f"{what}: has the axis {str(axis)!r}. Pass one entry of it, like "
-                f"dataset.isel({axis}=0)"
-            )
+    require_consecutive(dataset, "dataset")
+    require_axes_only(dataset, "dataset")
+    require_plain_attributes(dataset)
 
 
-def check_attributes(what: str, dataset: xr.Dataset) -> None:
-    """Refuse attributes that contradict the time axis, or are no text or numbers."""
-    start, width = time_axis(dataset)
-    stated = [dataset.attrs.get(name) for name in ("start_opl", "bin_width_opl")]
-    if not np.allclose(np.array(stated, dtype=float), (start, width), rtol=1e-6, atol=1e-3 * width):
-        raise ValueError(
-            f"{what}: attributes start_opl, bin_width_opl = {stated}; must be [{start:g}, "
-            f"{width:g}], as the coordinate opl has it"
-        )
+def require_plain_attributes(dataset: xr.Dataset) -> None:
+    """Refuse attributes that are neither text nor numbers, as files do not support others."""
     for name, value in plain_attributes(dataset).items():
         if not isinstance(value, str | int | float):
             raise ValueError(f"attribute {name} = {value!r}: must be text, an int or a float")
@@ -231,25 +208,6 @@ def require_finite(dataset: xr.Dataset) -> None:
     for name in DIMS | ERRORS | HALVES:
         if name in dataset:
             Cube(dataset[name]).require_finite(name)
-
-
-def first_pixel(dataset: xr.Dataset) -> tuple[int, int]:
-    """Column and row of the first pixel."""
-    for axis in ("y", "x"):
-        values = dataset[axis].values
-        if values.dtype.kind not in "iu" or (np.diff(values) != 1).any():
-            raise ValueError(f"coordinate {axis}: must be consecutive pixel indices")
-    return int(dataset["x"].values[0]), int(dataset["y"].values[0])
-
-
-def time_axis(dataset: xr.Dataset) -> tuple[float, float]:
-    """Start of the first bin and width of the bins [m], from the coordinate `opl`."""
-    check_time(dataset)
-    width = checks.metres("bin_width_opl", dataset.attrs.get("bin_width_opl"), positive=True)
-    centres = np.asarray(dataset["opl"].values, dtype=np.float64)
-    if not np.allclose(np.diff(centres), width, rtol=1e-3, atol=0):
-        raise ValueError(f"coordinate opl: must be the centres of consecutive bins of {width:g} m")
-    return float(centres[0] - width / 2), width
 
 
 def plain_attributes(labelled: xr.Dataset | xr.Variable) -> dict[str, Any]:

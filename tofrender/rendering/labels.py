@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
 TIME = "time"
 
-AGREES = 1e-9  # Part of itself by which a time may differ from its length over c
-
 AXES: dict[str, dict[str, str]] = {
     "x": {"units": "pixel", "long_name": "column"},
     "y": {"units": "pixel", "long_name": "row"},
@@ -96,15 +94,3 @@ def with_time(dataset: xr.Dataset) -> xr.Dataset:
     if TIME in dataset.coords:
         dataset = dataset.drop_vars(TIME)
     return dataset.assign_coords({TIME: ("opl", time, dict(AXES[TIME]))}).set_xindex(TIME)
-
-
-def check_time(dataset: xr.Dataset) -> None:
-    """Refuse a Dataset whose times are not those of its lengths."""
-    if TIME not in dataset.coords:
-        return
-    time, opl = (np.asarray(dataset[name].values, np.float64) for name in (TIME, "opl"))
-    if time.shape != opl.shape or not np.allclose(time, opl_to_ns(opl), rtol=AGREES, atol=AGREES):
-        raise ValueError(
-            "coordinate time: must be opl / c in ns; must be dropped where opl is changed, "
-            "dataset.drop_vars('time')"
-        )

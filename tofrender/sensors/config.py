@@ -24,7 +24,7 @@ from .response import Response
 from .spad import Spad
 
 FOLDER = Path(__file__).parent / "presets"
-CAPTURE_ATTRIBUTES = ("mode", "counts_first_and_last_legs")
+CAPTURE_ATTRIBUTES = ("capture_mode", "counts_first_and_last_legs")
 MODELS = {"spad": Spad, "itof": Itof, "gated": GatedCamera, "streak": StreakCamera}
 
 
@@ -95,7 +95,7 @@ def sense(dataset: Annotated[xr.Dataset, TRANSIENT], sensor: Any, seed: int = 0)
 def _capture(capture: xr.Dataset, config: dict[str, Any]) -> xr.Dataset:
     """Read a capture, and refuse captures and sensors with counts that do not fit its points."""
     capture = read_capture(capture, "dataset")
-    if capture.attrs["mode"] == "exhaustive":
+    if capture.attrs["capture_mode"] == "exhaustive":
         raise ValueError("dataset: exhaustive captures are not supported; use single or confocal")
     if not isinstance(config["model"], Spad):
         raise ValueError("sensor: only spad is supported for captures")

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from scipy import ndimage
 
-from ..labels import COUNTS, PIXELS, bins_of, read, read_array
+from ..labels import COUNTS, PIXELS, bins_of, by_pixel, read, read_array
 from ..runtime import checks
 from .jitter import kernel
 from .rates import AXIS, at_least_0
@@ -53,16 +53,19 @@ class Histogram:
         n: Counts (y, x, bin), at least 0.
         start: Start of the first bin [m].
         width: Width of the bins [m].
-        pixels: Coordinates y and x of labeled data.
+        pixels: Coordinates y and x of labeled counts.
+        given: Labeled counts in the order in which a user has passed them; None for arrays.
     """
 
     def __init__(self, counts: Any, start_opl: Any, bin_width_opl: Any) -> None:
         self.pixels: dict[str, Any] = {}
+        self.given: xr.Dataset | None = None
         axis = dict(zip(AXIS, (start_opl, bin_width_opl), strict=True))
         if isinstance(counts, xr.Dataset | xr.DataArray):
             for name, value in axis.items():
                 checks.require(name, value, value is None, "None for labelled counts")
-            found = read(_as_dataset(counts), COUNTS, "counts")
+            self.given = _as_dataset(counts)
+            found = read(self.given, COUNTS, "counts")
             bins = bins_of(found, "counts", "bin")
             self.start = bins.start_opl
             self.width = bins.bin_width_opl
@@ -76,16 +79,19 @@ class Histogram:
         checks.shape("counts", self.n, whole, "(y, x, bin)")
 
     def of_pixels(self, name: str, values: Any) -> np.ndarray:
-        """Return numbers of at least 0, a number or (y, x), for the pixels of these counts."""
-        if isinstance(values, xr.DataArray) and values.ndim:
-            found = read_array(values, PIXELS, name)
-            for axis, expected in self.pixels.items():
-                if not np.array_equal(found[axis], expected):
-                    raise ValueError(
-                        f"{name}: the axis {axis} has other pixels than the counts. Select the "
-                        "same pixels"
-                    )
-            values = found.values
+        """Return numbers of at least 0 for the pixels of these counts.
+
+        Args:
+            name: Name of the parameter, for messages.
+            values: A number, or numbers (y, x). An array has the order of the rows and columns of
+                the counts, as a user has passed them. A DataArray is found by its labels.
+        """
+        if isinstance(values, xr.DataArray) and not values.ndim:
+            values = values.item()
+        elif self.given is not None:
+            values = by_pixel(values, self.given, name)
+        elif isinstance(values, xr.DataArray):
+            values = read_array(values, PIXELS, name).values
         known = at_least_0(name, values)
         pixels = self.n.shape[:2]
         checks.shape(name, known, known.shape in ((), pixels), f"a number or {pixels}")

@@ -135,8 +135,9 @@ def expected_photons(
         if focal_length_m is not None:
             square: Any = 1.0
             for axis, size in (("x", "film_width"), ("y", "film_height")):
-                center = dataset.attrs.get(size, dataset.sizes[axis]) / 2 - 0.5
-                square = square + ((dataset[axis] - center) * o.pixel_pitch_m / focal_length_m) ** 2
+                film_size = _film_size(dataset, size)
+                offset_m = (dataset[axis] - (film_size / 2 - 0.5)) * o.pixel_pitch_m
+                square = square + (offset_m / focal_length_m) ** 2
             counts = counts / square**2
 
         # Add signal and background
@@ -155,6 +156,17 @@ def expected_photons(
     for name, long_name in LONG_NAMES.items():
         found[name].attrs = {"units": "1", "long_name": long_name}
     return found
+
+
+def _film_size(dataset: xr.Dataset, name: str) -> float:
+    """Return the width or height of the whole film [pixels], whose center is the optical axis."""
+    size = dataset.attrs.get(name)
+    if size is None:
+        raise ValueError(
+            f"dataset: the attribute {name} is missing, so that the optical axis is unknown. Keep "
+            "the attributes of the render, or omit focal_length_m"
+        )
+    return checks.number(f"dataset: attribute {name}", size, positive=True)
 
 
 def _check(dataset: xr.Dataset, given: dict[str, Any]) -> Bins:

@@ -60,6 +60,20 @@ def _frequencies_first(name: str, values: Any, frequencies: Sequence[float]) -> 
     return values.transpose("frequency", ...)
 
 
+def _of_same_axes(I: Any, Q: Any) -> Any:
+    """Return Q in the order of the axes of I. Refuse DataArrays with different axes or labels."""
+    if not (isinstance(I, xr.DataArray) and isinstance(Q, xr.DataArray)):
+        return Q
+    if set(I.dims) != set(Q.dims):
+        raise ValueError(f"I has the axes {I.dims}, and Q has {Q.dims}. Pass parts of one phasor")
+    for axis in I.indexes.keys() & Q.indexes.keys():
+        if not I.indexes[axis].equals(Q.indexes[axis]):
+            raise ValueError(
+                f"I and Q have different labels along the axis {axis}. Select the same part of both"
+            )
+    return Q.transpose(*I.dims)
+
+
 def phasor_parts(
     I: Any, Q: Any, frequency_hz: float | Sequence[float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -88,6 +102,7 @@ def phasor_parts(
     """
     # Check the arguments
     frequencies, many = check_frequencies(frequency_hz)
+    Q = _of_same_axes(I, Q)
     if many:
         I = _frequencies_first("I", I, frequencies)
         Q = _frequencies_first("Q", Q, frequencies)

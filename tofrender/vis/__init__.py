@@ -1,8 +1,9 @@
 """Pictures of light in flight: tone mapping, animations, phasors, overlays and summaries.
 
-Every function returns its figure or array. None shows anything by itself, and none uses pyplot,
-so nothing has to be closed and notebooks, scripts and servers get the same picture. All are drawn
-in one style, of which `figure_style` sets theme and width; `io.save_figure` writes them.
+Every function returns its figure or array. The functions do not use pyplot and do not open windows.
+Therefore figures need not be closed, and notebooks, scripts and servers get the same picture. All
+figures have one style. `figure_style` sets its theme and width, and `io.save_figure` writes a
+figure.
 """
 
 from ..runtime.lazy import attach_stub

@@ -20,7 +20,8 @@ from .tone import auto_exposure, tonemap
 from .transient import Transient, picture_aspect, pixel_axes, read_light, time_axes
 
 _INTERVAL_MS = 50
-_PLAYER_FRAMES, _PLAYER_DPI = 100, 108
+_PLAYER_FRAMES = 100
+_PLAYER_DPI = 108
 
 
 @in_style()
@@ -29,21 +30,22 @@ def visualize_transient(
     start_opl: float | None = None,
     bin_width_opl: float | None = None,
 ) -> FuncAnimation:
-    """Animate light moving through the scene; the title shows the time of each bin's centre.
+    """Animate light moving through the scene; the title shows the time of each bin's center.
 
-    A notebook shows it as a video of at most 100 frames, every second, third, ... of more bins,
-    and the brightest one until it plays. `animation.save("light.gif")` writes a file with all of
-    them (`save_video` does so faster). See also `explore`, `save_video`.
+    A notebook shows the animation as a video of at most 100 frames. With more bins, the video
+    contains every second or third bin, and so on. Before the video plays, the brightest bin is
+    shown. `animation.save("light.gif")` writes a file with all bins; `save_video` is faster. See
+    also `explore`, `save_video`.
 
     Args:
         data: Array (height, width, bins) or (height, width, bins, channels), or a Dataset.
-            Of Stokes vectors S0 is shown.
-        start_opl: Start of the first bin [m]; by default that of a Dataset.
-        bin_width_opl: Width of a bin [m], above 0; by default that of a Dataset.
+            For Stokes vectors, S0 is shown.
+        start_opl: Start of the first bin [m]. By default the start of the Dataset.
+        bin_width_opl: Width of a bin [m], above 0. By default the width of the Dataset.
 
     Returns:
-        A `matplotlib.animation.FuncAnimation` of one frame a bin, 20 a second, all at the same
-        exposure, outside of pyplot.
+        A `matplotlib.animation.FuncAnimation` with a frame for each bin and 20 frames per second.
+        All frames have the same exposure.
 
     Raises:
         ValueError: Another shape, or a time axis that is missing or not positive.
@@ -53,8 +55,11 @@ def visualize_transient(
         >>> animation._repr_html_()[:15]
         '<video controls'
     """
+    # Choose one exposure for all frames
     sequence = Transient.of(data, start_opl, bin_width_opl)
     exposure = auto_exposure(sequence.values)
+
+    # Make an empty figure
     wide = figure_width(4.0)
     figure = new_figure(wide, wide * picture_aspect(*sequence.size, 0.5, 2.0) + 0.3, layout=None)
     axes = figure.add_subplot()
@@ -62,11 +67,12 @@ def visualize_transient(
     def picture(index: int) -> np.ndarray:
         return tonemap(sequence.values.frame(index), exposure=exposure)
 
+    # Draw the brightest bin
     brightest = _brightest_frame(sequence, exposure)
     image = axes.imshow(picture(brightest), extent=sequence.extent, interpolation="nearest")
     title = axes.set_title(sequence.label(brightest))
     pixel_axes(axes)
-    ConstrainedLayoutEngine().execute(figure)  # once: nothing moves from frame to frame
+    ConstrainedLayoutEngine().execute(figure)  # Once, so that the axes stay at their place
 
     def update(index: int) -> list[Any]:
         image.set_data(picture(index))
@@ -77,7 +83,7 @@ def visualize_transient(
 
 
 def _brightest_frame(sequence: Transient, exposure: float) -> int:
-    """The bin whose picture is brightest, with values clipped to white."""
+    """Return the bin with the brightest picture, with values clipped to white."""
     shown = np.zeros(sequence.bins)
     for (*_, bins), values in sequence.lights():
         shown[bins] += np.sqrt(np.minimum(values * np.float32(exposure), 1)).sum(axis=(0, 1))
@@ -85,7 +91,7 @@ def _brightest_frame(sequence: Transient, exposure: float) -> int:
 
 
 def _playback(figure: Figure, update: Any, bins: int, first: int) -> FuncAnimation:
-    """An animation of `bins` frames; a notebook shows the `first`, and the others as a video."""
+    """Return an animation of `bins` frames. A notebook shows the `first` frame, then a video."""
 
     class Playback(FuncAnimation):
         stride = 1
@@ -98,6 +104,7 @@ def _playback(figure: Figure, update: Any, bins: int, first: int) -> FuncAnimati
             if not self.html:
                 from imageio_ffmpeg import get_ffmpeg_exe
 
+                # Encode the video
                 self.stride = -(-bins // _PLAYER_FRAMES)
                 fps: Any = 1000 / _INTERVAL_MS / self.stride  # May be a fraction
                 program: Any = {"animation.ffmpeg_path": get_ffmpeg_exe()}
@@ -109,6 +116,8 @@ def _playback(figure: Figure, update: Any, bins: int, first: int) -> FuncAnimati
                         video = path.read_bytes()
                 finally:
                     self.stride = 1
+
+                # Draw the frame that is shown before the video plays
                 update(first)
                 figure.savefig(poster := io.BytesIO(), format="jpeg", dpi=_PLAYER_DPI)
                 self.html = (
@@ -141,13 +150,13 @@ def plot_pixel_transient(
 
     Args:
         data: Array (height, width, bins) or (height, width, bins, channels), or a Dataset.
-            Of Stokes vectors S0 is shown.
-        x: Column; of a cropped Dataset in pixels of the whole film, like its coordinates.
-        y: Row, likewise.
-        start_opl: Start of the first bin [m]; by default that of a Dataset.
-        bin_width_opl: Width of a bin [m], above 0; by default that of a Dataset.
-        quantity: "radiance per bin", the default for an array, or "radiance per metre", for the
-            result of `render_transient`; by default that of a Dataset.
+            For Stokes vectors, S0 is shown.
+        x: Column. For a cropped Dataset, a label of the coordinate x.
+        y: Row. For a cropped Dataset, a label of the coordinate y.
+        start_opl: Start of the first bin [m]. By default the start of the Dataset.
+        bin_width_opl: Width of a bin [m], above 0. By default the width of the Dataset.
+        quantity: "radiance per bin", or "radiance per metre" for a result of `render_transient`. By
+            default the quantity of the Dataset, and "radiance per bin" for an array.
 
     Raises:
         ValueError: Another shape or quantity, a pixel outside, or a time axis that is missing or
@@ -160,12 +169,15 @@ def plot_pixel_transient(
         >>> figure.axes[0].get_xlabel()
         'time [ns]'
     """
+    # Read the response of the pixel
     data = read_light(data) if isinstance(data, xr.Dataset) else data
     sequence = Transient.of(data, start_opl, bin_width_opl, quantity)
     response = sequence.pixel(x, y)
     width = figure_width(5.5)
     figure = new_figure(width, 1.2 + 0.33 * width)
     axes = figure.add_subplot()
+
+    # Draw a line for each channel, with a band of standard errors
     styles = [(palette().ink, "L", "-")]
     if response.shape[1] == 3:
         styles = list(zip(palette().channels, "RGB", ("-", "--", ":"), strict=True))

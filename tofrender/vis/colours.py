@@ -1,4 +1,4 @@
-"""Colour maps that the colour-blind can read too."""
+"""Color maps that color-blind readers can read too."""
 
 from __future__ import annotations
 
@@ -31,34 +31,39 @@ _LAB = np.array(
 
 @functools.cache
 def phase_map() -> ListedColormap:
-    """A cyclic colour map of equal steps, for angles.
+    """Return a cyclic color map with equal steps, for angles.
 
-    An ellipse in OKLab, across lightness and from yellow to blue, which the red-green blind see
-    too. Phases more than an eighth of a turn apart are at least 0.14 apart in OKLab, with or
-    without deuteranopia; those of Matplotlib's "twilight" are as close as 0.03.
+    The map is an ellipse in OKLab, across lightness and from yellow to blue. Readers with red-green
+    blindness can distinguish these colors. If phases differ by more than an eighth of a turn, the
+    distance of their colors in OKLab is at least 0.14, with or without deuteranopia. In
+    Matplotlib's map "twilight", the smallest such distance is 0.03.
     """
     return _ellipse("phase", (0.526, 0.077, -0.046), (0.245, 0.033, 0.148))
 
 
 @functools.cache
 def hue_map() -> ListedColormap:
-    """A cyclic map of light colours only, to be darkened by a picture."""
+    """Return a cyclic map of light colors, which are multiplied by the brightness of a picture."""
     return _ellipse("hue", (0.78, -0.044, 0.025), (0.145, 0.064, 0.11))
 
 
 def _ellipse(name: str, centre: Sequence[float], reach: Sequence[float]) -> ListedColormap:
-    """512 colours on an ellipse in OKLab in equal steps, the lightest at the ends of the map.
+    """Return 512 colors in equal steps on an ellipse in OKLab.
 
-    L and a (green to red) follow the cosine, b (blue to yellow) the sine.
+    The lightest color is at both ends of the map. L and a (green to red) follow the cosine, b (blue
+    to yellow) the sine.
     """
     from matplotlib.colors import ListedColormap
 
+    # Find angles with equal steps along the ellipse
     angle = np.linspace(0, 2 * math.pi, 4097)
     waves = np.stack([np.cos(angle), np.cos(angle), np.sin(angle)], axis=1)
     lab = np.add(centre, np.multiply(reach, waves))
     steps = np.linalg.norm(np.diff(lab, axis=0), axis=1)
     arc_length = np.concatenate([[0], np.cumsum(steps)]) / steps.sum()
     angles = np.interp(np.arange(512) / 512, arc_length, angle)
+
+    # Convert their colors from OKLab to sRGB
     even = np.stack([np.interp(angles, angle, part) for part in lab.T], axis=1)
     linear = np.clip((even @ np.linalg.inv(_LAB).T) ** 3 @ np.linalg.inv(_LMS).T, 0, 1)
     return ListedColormap(to_srgb(linear).tolist(), name=name)
@@ -70,18 +75,18 @@ def to_srgb(linear: np.ndarray) -> np.ndarray:
 
 
 def from_srgb(srgb: np.ndarray) -> np.ndarray:
-    """Linear values of sRGB in [0, 1]."""
+    """Decode sRGB values in [0, 1] to linear values."""
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 
 @functools.cache
 def time_map() -> LinearSegmentedColormap:
-    """From blue (early) to orange (late), all of full brightness, to be darkened by a picture."""
+    """Return a map from blue (early) to orange (late), with full brightness everywhere."""
     from matplotlib.colors import LinearSegmentedColormap
 
     stops = [(0.15, 0.4, 1), (0.35, 0.8, 1), (0.7, 1, 0.6), (1, 0.85, 0.2), (1, 0.45, 0)]
     positions = np.linspace(0, len(stops) - 1, 1021)
     channels = [np.interp(positions, range(len(stops)), part) for part in zip(*stops, strict=True)]
-    colours = np.stack(channels, axis=1)
-    colours /= colours.max(axis=1, keepdims=True)
-    return LinearSegmentedColormap.from_list("early to late", colours.tolist(), N=1021)
+    colors = np.stack(channels, axis=1)
+    colors /= colors.max(axis=1, keepdims=True)
+    return LinearSegmentedColormap.from_list("early to late", colors.tolist(), N=1021)

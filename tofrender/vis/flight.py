@@ -33,23 +33,23 @@ def light_in_flight(
     period_ns: float | None = None,
     exposure: float | None = None,
 ) -> Figure:
-    """Show when light arrives and how much of it in one picture.
+    """Show when light arrives and how much light arrives in one picture.
 
-    The brightness of a pixel is that of the steady image, its colour encodes time:
+    The brightness of a pixel is its brightness in the steady image. Its color shows the time:
 
     - `"arrival"`: the mean arrival time, weighted by luminance;
-    - `"peak"`: the centre of the brightest bin;
+    - `"peak"`: the center of the brightest bin;
     - `"rainbow"`: bands of equal arrival time, which repeat every `period_ns`. The hue is the
-      argument of the phasor P = sum over bins of L exp(2πi t / period_ns), its saturation
-      sqrt(abs P / sum of L), so that light spread over more than a period turns grey.
+      argument of the phasor P = sum over bins of L exp(2πi t / period_ns). The saturation is
+      sqrt(abs P / sum of L), so that pixels with light at many times are gray.
 
-    Pixels whose light all arrives outside the window are grey; unfinished ones (NaN) are hatched.
+    Pixels without light in the window are gray. Unfinished pixels (NaN) are hatched.
 
     Args:
-        data: A Dataset, of Stokes vectors S0, or an array (height, width, bins) or (height, width,
-            bins, channels). Without a steady image, the sum over bins replaces it.
-        start_opl: Start of the first bin [m]; by default that of a Dataset.
-        bin_width_opl: Width of a bin [m], above 0; by default that of a Dataset.
+        data: A Dataset, or an array (height, width, bins) or (height, width, bins, channels). For
+            Stokes vectors, S0 is shown. Without a steady image, the sum over bins is used.
+        start_opl: Start of the first bin [m]. By default the start of the Dataset.
+        bin_width_opl: Width of a bin [m], above 0. By default the width of the Dataset.
         style: "arrival", "peak" or "rainbow".
         period_ns: Period of "rainbow" [ns], at least two bins; by default about an eighth of the
             range of mean arrival times.
@@ -71,22 +71,28 @@ def light_in_flight(
         _check_period(period_ns, style, sequence)
     if exposure is not None:
         checks.number("exposure", exposure, positive=True)
+
+    # Brightness, and pixels that are not finished
     has_steady = isinstance(data, xr.Dataset) and "steady" in data
     steady = data["steady"].values if has_steady else _sum_over_bins(sequence)
     unfinished = np.asarray(np.isnan(steady).any(axis=2))
     for (rows, columns, *_), values in sequence.values.pieces():
         unfinished[rows, columns] |= np.isnan(values).any(axis=(2, 3))
+
+    # Color by time
     extend = "neither"
     if style == "rainbow":
-        colour, scale, label = _rainbow(sequence, period_ns)
+        color, scale, label = _rainbow(sequence, period_ns)
     elif style == "peak":
-        colour, scale, extend = _colours_of_times(sequence.brightest()[1])
+        color, scale, extend = _colours_of_times(sequence.brightest()[1])
         label = "time of the brightest bin [ns]"
     else:
-        colour, scale, extend = _colours_of_times(_mean_ns(sequence))
+        color, scale, extend = _colours_of_times(_mean_ns(sequence))
         label = "mean arrival time [ns]"
-    grey = tonemap(luminance(steady), exposure=exposure, percentile=98)
-    picture = np.where(unfinished[..., None], tonemap(np.full(grey.shape, np.nan)), colour * grey)
+
+    # Multiply both
+    gray = tonemap(luminance(steady), exposure=exposure, percentile=98)
+    picture = np.where(unfinished[..., None], tonemap(np.full(gray.shape, np.nan)), color * gray)
     parts = picture.astype(np.uint8), STYLES[style], scale, label, extend, unfinished
     return _picture_figure(*parts, extent=sequence.extent)
 
@@ -108,16 +114,17 @@ def _sum_over_bins(sequence: Transient) -> np.ndarray:
 
 
 def _mean_ns(sequence: Transient) -> np.ndarray:
-    """Mean arrival time [ns], (height, width); NaN where there is no light."""
+    """Return the mean arrival time [ns] (height, width). Pixels without light are NaN."""
     energy, product = sequence.sums(opl_to_ns(sequence.opl))
     with np.errstate(invalid="ignore"):
         return product / energy
 
 
 def _colours_of_times(time_ns: np.ndarray) -> tuple[np.ndarray, Any, str]:
-    """Colours (height, width, 3) from blue (early) to orange (late), and scale and ends of the bar.
+    """Return colors (height, width, 3) from blue (early) to orange (late), and the color bar.
 
-    The scale spans the 1st to the 99th percentile; the bar has an arrow if there are times beyond.
+    The color bar is returned as its scale and its ends. The scale spans the 1st to the 99th
+    percentile. The bar ends with an arrow if earlier or later times exist.
     """
     first, last, extend = percentile_range(time_ns)
     scale = _scale(first, last, time_map())
@@ -126,25 +133,28 @@ def _colours_of_times(time_ns: np.ndarray) -> tuple[np.ndarray, Any, str]:
 
 
 def _rainbow(sequence: Transient, period_ns: float | None) -> tuple[np.ndarray, Any, str]:
-    """Colours (height, width, 3), and scale and label of the colour bar."""
+    """Return colors (height, width, 3), and scale and label of the color bar."""
+    # Sum the phasors of all bins
     period = _default_period_ns(sequence) if period_ns is None else float(period_ns)
     cycles = opl_to_ns(sequence.opl) / period
     energy, phasor = sequence.sums(np.exp(2j * math.pi * cycles).astype(np.complex64))
     coherence = np.divide(abs(phasor), energy, out=np.zeros_like(energy), where=energy > 0)
+
+    # Hue by the argument, saturation by the magnitude
     hues = hue_map()(np.mod(np.angle(phasor) / (2 * math.pi), 1))[..., :3]
     saturation = np.sqrt(np.clip(coherence, 0, 1))[..., None]
-    colour = saturation * hues + (1 - saturation)
+    color = saturation * hues + (1 - saturation)
     label = f"arrival time, modulo {period:.4g} ns [ns]"
-    return colour, _scale(0, period, hue_map()), label
+    return color, _scale(0, period, hue_map()), label
 
 
 def _scale(low: float, high: float, colours: Any) -> Any:
-    """Colours of numbers for a colour bar."""
+    """Return the colors of numbers, for a color bar."""
     return ScalarMappable(Normalize(low, high, clip=True), colours)
 
 
 def _default_period_ns(sequence: Transient) -> float:
-    """An eighth of the range of mean arrival times, to one or two digits."""
+    """Return an eighth of the range of mean arrival times, rounded to one or two digits."""
     mean_ns = _mean_ns(sequence)
     known = mean_ns[np.isfinite(mean_ns)]
     span = np.ptp(np.percentile(known, (2, 98))) / 8 if known.size else 0.0
@@ -164,16 +174,16 @@ def gate_figure(
 ) -> Figure:
     """Draw the picture of a Gaussian time gate, with its time, width and brightness.
 
-    The colour bar has the radiance of white and greys, for each channel of colours.
+    The color bar shows the radiance of white and grays, which is the radiance of each channel.
 
     Args:
-        image: Result of `render_at_time`, radiance per metre [W m^-3 sr^-1]: (height, width) or
+        image: Result of `render_at_time`, radiance per meter [W m^-3 sr^-1]: (height, width) or
             (height, width, channels) with 1 or 3 channels.
         opl: Path length at the middle of the gate [m].
         pulse_width_opl: Standard deviation of the gate [m], above 0.
-        exposure: Gain; `1` is shown as white after it. By default the 99.5th percentile of the
-            light is white.
-        title: Above the line with the time; None for none.
+        exposure: Gain. The product 1 is white. By default the 99.5th percentile of the light is
+            white.
+        title: Title above the line with the time, or None.
 
     Raises:
         ValueError: Another shape, or a number out of range.
@@ -183,6 +193,7 @@ def gate_figure(
         >>> figure.axes[0].get_title()
         't = 19.68 ± 0.10 ns, OPL = 5.900 ± 0.030 m'
     """
+    # Check the arguments
     opl = checks.metres("opl", opl)
     width = checks.metres("pulse_width_opl", pulse_width_opl, positive=True)
     checks.text("title", title)
@@ -193,8 +204,10 @@ def gate_figure(
         picture = tonemap(image, exposure=gain)
     except ValueError as error:
         raise ValueError(str(error).replace("values", "image", 1)) from None
-    greys = tonemap(np.linspace(0, 1, 256)[None], exposure=1)[0] / 255
-    scale = _scale(0, 1 / gain, ListedColormap(greys.tolist()))
+
+    # Color bar, and the time and width of the gate
+    grays = tonemap(np.linspace(0, 1, 256)[None], exposure=1)[0] / 255
+    scale = _scale(0, 1 / gain, ListedColormap(grays.tolist()))
     label = "radiance per metre [W m⁻³ sr⁻¹]"
     extend = "max" if (image * gain > 1.0001).any() else "neither"
     time = _with_width(opl_to_ns(opl), opl_to_ns(width), "ns")
@@ -203,7 +216,7 @@ def gate_figure(
 
 
 def _with_width(middle: float, width: float, unit: str) -> str:
-    """Middle and width of a gate, with digits for a tenth of the width."""
+    """Format middle and width of a gate, with digits for a tenth of the width."""
     digits = min(12, max(1, 1 - math.floor(math.log10(width))))
     return f"{middle:.{digits}f} ± {width:.{digits}f} {unit}"
 
@@ -219,7 +232,7 @@ def _picture_figure(
     above: str | None = None,
     **options: Any,
 ) -> Figure:
-    """A figure of one RGB picture with a colour bar, and options for `imshow`."""
+    """Return a figure of one RGB picture with a color bar. The options are for `imshow`."""
     wide = figure_width(4.6)
     high = wide * picture_aspect(picture.shape[0], picture.shape[1], 0.4, 2.0) + 1.0
     figure = new_figure(wide, high, "compressed")

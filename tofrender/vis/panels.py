@@ -34,28 +34,29 @@ def phasor_panel(
 ) -> Figure:
     """Draw phasor images: a row for each frequency, columns I, Q, amplitude, phase and depth.
 
-    Colour channels are added as phasors; phases are never averaged. Amplitude, phase and depth
-    with channels are therefore computed again from the sums: with P = I + iQ, amplitude = abs P,
-    phase = arg P in (-π, π], depth = c (phase mod 2π) / (4π f) in [0, c/2f). Those without
-    channels are drawn as given, for instance an unwrapped depth.
+    Color channels are added as phasors, since phases must not be averaged. Amplitude, phase and
+    depth with channels are therefore computed again from the sums: with P = I + iQ, amplitude = abs
+    P, phase = arg P in (-π, π], depth = c (phase mod 2π) / (4π f) in [0, c/2f). Without
+    channels, amplitude, phase and depth are drawn unchanged, for example an unwrapped depth.
 
-    The last column is half the path length, a depth only where light and camera coincide. With
-    two or more frequencies of a short common period, a row below has the depth unwrapped by
-    `analysis.unwrap` and its residual, which is large where no depth fits. Hatched pixels have no
-    light or are unfinished (NaN). The strongest two percent of I, Q and amplitude are clipped.
+    The last column is half the path length. It is a depth only if light and camera are at the same
+    point. For two or more frequencies with a short common period, the last row shows the depth
+    unwrapped by `analysis.unwrap` and its residual. A large residual means that a single depth does
+    not explain the phases. Pixels without light and unfinished pixels (NaN) are hatched. The
+    strongest two percent of I, Q and amplitude are clipped.
 
     Args:
         frequencies_hz: One modulation frequency [Hz] or several, finite and above 0.
         I: In-phase images, sum of L cos(2π f opl / c) [W m^-2 sr^-1]: (height, width, channels)
             for one frequency, or (frequencies, height, width, channels); 1 or 3 channels.
         Q: Quadrature images, sum of L sin(2π f opl / c), of the same shape.
-        amplitude: [W m^-2 sr^-1], of the shape of I with or without the channels.
-        phase: [rad], likewise.
-        depth: [m], likewise.
-        title: Title of the figure; None for none.
+        amplitude: Amplitude [W m^-2 sr^-1], in the shape of I with or without the channels.
+        phase: Phase [rad], in the shape of I with or without the channels.
+        depth: Depth [m], in the shape of I with or without the channels.
+        title: Title of the figure, or None.
 
     Raises:
-        ValueError: A frequency that is no finite number above 0, or shapes that do not fit.
+        ValueError: A frequency is not finite or not above 0, or the shapes do not fit.
 
     Example:
         >>> phasor = np.full((4, 6, 3), 2 + 1j)
@@ -63,6 +64,7 @@ def phasor_panel(
         >>> [axes.get_title() for axes in phasor_panel(50e6, *parts).axes[:5]]
         ['I', 'Q', 'amplitude', 'phase', 'depth']
     """
+    # Add the channels, and unwrap the depth
     frequencies, _ = check_frequencies(frequencies_hz, "frequencies_hz")
     checks.text("title", title)
     parts = {"I": I, "Q": Q, "amplitude": amplitude, "phase": phase, "depth": depth}
@@ -71,9 +73,11 @@ def phasor_panel(
     phasors = images["I"] + 1j * images["Q"]
     lit = np.isfinite(phasors) & (phasors != 0)
     unwrapped = _unwrapped(frequencies, phasors, lit)
+
+    # Lay out the maps
     wide = figure_width(7.0)
     columns = 5 if wide >= COLUMN else 3
-    rows = -(-5 // columns)  # Of one frequency
+    rows = -(-5 // columns)  # Rows of one frequency
     last = len(frequencies) * rows - 1
     grid = PictureGrid(
         wide,
@@ -86,6 +90,8 @@ def phasor_panel(
         with_x={last, last + 1},
         hatch="" if lit.all() else NO_VALUE,
     )
+
+    # Draw the maps of each frequency, and the unwrapped depth
     blocks = [
         (rows * k, _in_hertz(frequency), _maps(frequency, {n: v[k] for n, v in images.items()}))
         for k, frequency in enumerate(frequencies)
@@ -97,7 +103,12 @@ def phasor_panel(
 
 
 def _without_channels(count: int, parts: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Images (frequencies, height, width); those with channels follow from the sums of I and Q."""
+    """Return images (frequencies, height, width).
+
+    Images with channels are omitted, except for I and Q, since they follow from the sums of I and
+    Q.
+    """
+    # Check the shape of I
     shape = parts["I"].shape
     valid = len(shape) in (3, 4) and shape[-1] in (1, 3) and 0 not in shape
     one = "(height, width, channels)"
@@ -105,6 +116,8 @@ def _without_channels(count: int, parts: dict[str, np.ndarray]) -> dict[str, np.
     checks.shape("I", parts["I"], valid, allowed)
     allowed = f"({count}, {one[1:]} for {count} frequencies"
     checks.shape("I", parts["I"], count == (shape[0] if len(shape) == 4 else 1), allowed)
+
+    # Check the other shapes, and add the channels of I and Q
     images: dict[str, np.ndarray] = {}
     for name, values in parts.items():
         shapes = [shape] if name in "IQ" else [shape, shape[:-1]]
@@ -118,32 +131,37 @@ def _without_channels(count: int, parts: dict[str, np.ndarray]) -> dict[str, np.
 
 
 class _Map(NamedTuple):
-    """A picture of numbers, and the label of its colour bar."""
+    """A picture of numbers, and the label of its color bar."""
 
     name: str
     values: np.ndarray
     label: str
-    colours: dict[str, Any]
+    colors: dict[str, Any]
     extend: str = "neither"
 
 
 def _draw(
     grid: PictureGrid, blocks: list[tuple[int, str, list[_Map]]], first: Axes | None = None
 ) -> Axes | None:
-    """Draw blocks of maps, each from a row on, labelled on the left; returns the first axes."""
+    """Draw blocks of maps from their top rows, with labels on the left. Return the first axes."""
     drawn = []
     for top, label, maps in blocks:
         for k, each in enumerate(maps):
-            row, column = top + k // grid.columns, k % grid.columns
+            row = top + k // grid.columns
+            column = k % grid.columns
             axes = grid.axes(row, column, each.name, sharex=first, sharey=first)
-            image = map_axes(axes, each.values, **each.colours)
+            image = map_axes(axes, each.values, **each.colors)
             grid.trim(axes, row, column)
+
+            # Label the block
             if k == 0:
                 options: dict[str, Any] = {"xycoords": "axes fraction", "ha": "center"}
                 options |= {"textcoords": "offset points", "va": "center", "rotation": "vertical"}
                 axes.annotate(label, (0, 0.5), xytext=(-39, 0), fontsize="large", **options)
             drawn.append((each, image, row, column))
             first = first or axes
+
+    # Add the color bars
     for each, image, row, column in drawn:
         bar = grid.bar(image, row, column, each.label, extend=each.extend)
         if each.name == "phase":
@@ -152,14 +170,18 @@ def _draw(
 
 
 def _unwrapped(frequencies: list[float], phasors: np.ndarray, lit: np.ndarray) -> list[_Map]:
-    """Depth and residual by the phases at all frequencies; none where there are too many wraps."""
+    """Return depth and residual by the phases at all frequencies, or nothing for too many wraps."""
+    # Is the common period short enough?
     if len(set(frequencies)) < max(2, len(frequencies)):
         return []
     longest = unambiguous_range(frequencies)
     if longest > MAX_WRAPS * SPEED_OF_LIGHT / (2 * max(frequencies)):
         return []
+
+    # Unwrap the depth
     phasors = np.where(lit, phasors, np.nan)
-    phases, amplitudes = np.angle(phasors), np.nan_to_num(abs(phasors))
+    phases = np.angle(phasors)
+    amplitudes = np.nan_to_num(abs(phasors))
     depth, residual = unwrap(phases, frequencies, amplitudes=amplitudes)
     near, far, extend = percentile_range(depth)
     depths = {"cmap": "viridis", "vmin": near, "vmax": far}
@@ -172,7 +194,8 @@ def _unwrapped(frequencies: list[float], phasors: np.ndarray, lit: np.ndarray) -
 
 
 def _maps(frequency: float, images: dict[str, np.ndarray]) -> list[_Map]:
-    """The five maps of one frequency."""
+    """Return the five maps of one frequency."""
+    # Compute images that were not given
     phasor = images["I"] + 1j * images["Q"]
     lit = np.isfinite(phasor) & (phasor != 0)
     unambiguous = SPEED_OF_LIGHT / (2 * frequency)
@@ -181,6 +204,8 @@ def _maps(frequency: float, images: dict[str, np.ndarray]) -> list[_Map]:
     wrapped = np.mod(np.angle(phasor), 2 * math.pi) / (2 * math.pi) * unambiguous
     depth = np.where(lit, images.get("depth", wrapped), np.nan)
     furthest = np.max(depth, where=np.isfinite(depth), initial=unambiguous)
+
+    # Choose the scales
     strongest = _white(np.stack([phasor.real, phasor.imag]))
     signed = {"cmap": "RdBu_r", "vmin": -strongest, "vmax": strongest}
     sizes = {"cmap": "magma", "vmin": 0, "vmax": _white(amplitude)}
@@ -197,7 +222,7 @@ def _maps(frequency: float, images: dict[str, np.ndarray]) -> list[_Map]:
 
 
 def _white(values: np.ndarray) -> float:
-    """The 98th percentile of magnitudes; 1 where there is no light."""
+    """Return the 98th percentile of magnitudes, or 1 without light."""
     size = abs(values[np.isfinite(values) & (values != 0)])
     return float(np.percentile(size, 98)) if size.size else 1.0
 

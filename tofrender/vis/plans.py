@@ -21,7 +21,7 @@ from .transient import picture_aspect
 
 Array = NDArray[np.float64]
 
-# Prefix of a shape's id, label, and colour ("ink" is that of text); the last one is the default
+# Prefix of a shape's id, label, and color ("ink" is the color of text). The last row is the default
 KINDS = (
     ("relay", "relay wall", "#0072b2"),
     ("hidden", "hidden", "#d55e00"),
@@ -30,10 +30,11 @@ KINDS = (
 )
 VIEWS = {"above": (0, 2), "side": (2, 1)}  # Coordinates to the right and upwards
 
-CAMERA, LASER = "#009e73", "#e69f00"
+CAMERA = "#009e73"
+LASER = "#e69f00"
 
 MAX_RELATIVE_WIDTH = 3.0
-"""Shapes more times wider than the relay wall are cut off at the picture's edge."""
+"""Largest width of a shape in widths of the relay wall. Wider shapes are cut off."""
 
 
 @in_style()
@@ -46,20 +47,22 @@ def plan_figure(
 ) -> Figure:
     """Draw a plan of a scene.
 
-    Each shape is drawn as its convex hull, in colours for ids that start with "relay", "hidden" and
-    "occluder". The wedge of a camera has the rays through the middle row of its film (from the
-    side, the middle column) up to their intersections. Point lights are drawn, and the middle ray
-    of a projector.
+    Each shape is drawn as its convex hull. Shapes have a color if their id starts with "relay",
+    "hidden" or "occluder". The wedge of a camera contains the rays through the middle row of its
+    film up to their intersections. In the view from the side, it contains the rays through the
+    middle column. Point lights and the middle ray of a projector are drawn, too.
 
     Args:
         scene: Any scene of the active variant.
         view: "above", x to the right and z upwards; or "side", z to the right and y upwards.
-        laser: Position of a laser that is no light of the scene: (x, y, z) [m]. By default that of
-            an integrator with one: at the first camera, or at its projector's `frame`.
+        laser: Position (x, y, z) of a laser that is not a light of the scene [m]. By default the
+            position of the integrator's laser, if it has a laser. This is the position of the first
+            camera, or of the projector's `frame`.
         title: Title of the figure.
 
     Raises:
-        ValueError: No scene, a scene without shapes, an unknown view, or a laser that is no point.
+        ValueError: Not a scene, a scene without shapes, an unknown view, or a laser that is not a
+            point.
 
     Example:
         >>> from tofrender.scenes import cornell_box
@@ -70,10 +73,11 @@ def plan_figure(
     checks.instance("scene", scene, mi.Scene, f"an mi.Scene of variant {mi.variant()}")
     checks.text("title", title)
     if not scene.shapes():
-        raise ValueError("scene: has no shapes to draw")
+        raise ValueError("scene: a plan needs shapes; the scene is empty")
     shown = list(VIEWS[checks.one_of("view", view, VIEWS)])
     device = _integrators_laser(scene) if laser is None else np.array(checks.point("laser", laser))
 
+    # Draw the shapes, the largest first
     wide = figure_width(4.6)
     figure = new_figure(wide, wide, "compressed")
     axes = figure.add_subplot()
@@ -83,6 +87,8 @@ def plan_figure(
     outlines.sort(key=lambda each: -float(np.prod(np.ptp(each[1], axis=0))))
     for kind, outline in outlines:
         _draw_outline(axes, outline, kind)
+
+    # Draw cameras and lasers
     wedges = [_wedge(scene, sensor, view)[:, shown] for sensor in scene.sensors()]
     points = [e for e in scene.emitters() if mi.has_flag(e.flags(), mi.EmitterFlags.DeltaPosition)]
     beams = [_beam(scene, light)[:, shown] for light in points]
@@ -95,6 +101,7 @@ def plan_figure(
         axes.plot(*beam.T, color=LASER, lw=1.2, zorder=8)
         axes.plot(*beam[0], "*", color=LASER, ms=11, label="laser", ls="none", zorder=10)
 
+    # Choose the limits, and label the axes
     low, high = _limits(outlines, wedges + beams)
     width, height = high - low
     figure.set_figheight(wide * picture_aspect(height, width, 0.3, 1.3) + 1.0)
@@ -104,6 +111,8 @@ def plan_figure(
     few_ticks(axes)
     if title is not None:
         axes.set_title(wrap_text(title, wide))
+
+    # Explain each color once
     handles, labels = axes.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
     options = {"loc": "outside lower center", "ncols": 3, "frameon": False}
@@ -113,7 +122,7 @@ def plan_figure(
 
 
 def _points(shape: Any) -> Array:
-    """Points of a shape whose convex hull is that of the shape [m], (n, 3)."""
+    """Return points with the same convex hull as a shape [m], (n, 3)."""
     parameters = mi.traverse(shape)
     if name_of(parameters, POSITIONS):
         return rows(parameters, POSITIONS)
@@ -126,7 +135,7 @@ def _points(shape: Any) -> Array:
 
 
 def _convex_hull(points: Array) -> Array:
-    """The convex hull, counter-clockwise; two points for a line."""
+    """Return the convex hull, counter-clockwise. For a line, return its ends."""
     from scipy.spatial import ConvexHull, QhullError
 
     points = np.unique(points.round(6), axis=0)
@@ -139,34 +148,39 @@ def _convex_hull(points: Array) -> Array:
 
 
 def _draw_outline(axes: Axes, outline: Array, kind: tuple[str, str, str]) -> None:
-    _, label, colour = kind
-    colour = palette().ink if colour == "ink" else colour
+    _, label, color = kind
+    color = palette().ink if color == "ink" else color
     order = len(KINDS) - KINDS.index(kind)
-    if len(outline) < 3:  # seen edge-on
-        axes.plot(*outline.T, color=colour, lw=3, label=label, zorder=2 + order)
+    if len(outline) < 3:  # Seen from its edge
+        axes.plot(*outline.T, color=color, lw=3, label=label, zorder=2 + order)
     else:
-        face = "none" if label == "other" else colour
-        axes.fill(*outline.T, fc=face, ec=colour, lw=1.5, alpha=0.75, label=label, zorder=1 + order)
+        face = "none" if label == "other" else color
+        axes.fill(*outline.T, fc=face, ec=color, lw=1.5, alpha=0.75, label=label, zorder=1 + order)
 
 
 def _limits(outlines: list, devices: list[Array]) -> tuple[Array, Array]:
-    """Corners of the picture, which cut off shapes much wider than the relay wall."""
+    """Return the corners of a picture that cuts off shapes much wider than the relay wall."""
+    # Separate the wide shapes
     sizes = [(kind, outline, np.ptp(outline, axis=0).max()) for kind, outline in outlines]
     walls = [size for kind, _, size in sizes if kind is KINDS[0]]
     widest = MAX_RELATIVE_WIDTH * max(walls, default=np.inf)
     whole = [outline for _, outline, size in sizes if size <= widest]
     cut = [outline for _, outline, size in sizes if size > widest]
     points = np.concatenate([*whole, *devices] if whole or devices else cut)
-    low, high = points.min(axis=0), points.max(axis=0)
-    for outline in cut:  # Include the nearest point of a wide wall
+    low = points.min(axis=0)
+    high = points.max(axis=0)
+
+    # Include the nearest point of each wide shape
+    for outline in cut:
         inside = np.clip((low + high) / 2, outline.min(axis=0), outline.max(axis=0))
-        low, high = np.minimum(low, inside), np.maximum(high, inside)
+        low = np.minimum(low, inside)
+        high = np.maximum(high, inside)
     margin = 0.08 * float((high - low).max())
     return low - margin, high + margin
 
 
 def _wedge(scene: Any, sensor: Any, view: str) -> Array:
-    """Position of a camera, then intersections of its rays [m], (n, 3)."""
+    """Return the position of a camera, followed by intersections of its rays [m], (n, 3)."""
     line = dr.linspace(mi.Float, 1e-3, 1 - 1e-3, 65)
     film = mi.Point2f(line, 0.5) if view == "above" else mi.Point2f(0.5, line)
     ray, _ = sensor.sample_ray_differential(0, 0.5, film, mi.Point2f(0.5))
@@ -175,8 +189,9 @@ def _wedge(scene: Any, sensor: Any, view: str) -> Array:
 
 
 def _integrators_laser(scene: Any) -> Array | None:
-    """Position of the laser of a confocal integrator [m], None if it has none."""
-    integrator, sensors = scene.integrator(), scene.sensors()
+    """Return the position of a confocal integrator's laser [m]. Other integrators give None."""
+    integrator = scene.integrator()
+    sensors = scene.sensors()
     if not hasattr(integrator, "projector") or not sensors:
         return None
     camera = world_transform(sensors[0]) @ mi.Point3f(0)
@@ -186,7 +201,7 @@ def _integrators_laser(scene: Any) -> Array | None:
 
 
 def _beam(scene: Any, light: Any) -> Array:
-    """Position of a light and, of a projector, the end of its middle ray [m]; (1 or 2, 3)."""
+    """Return the position of a light [m], (1, 3). A projector adds the end of its middle ray."""
     if light.class_name() == "Projector":
         ray, _ = light.sample_ray(0, 0.5, mi.Point2f(0.5), mi.Point2f(0.5))
         return np.concatenate(_intersect(scene, ray))
@@ -198,7 +213,10 @@ def _beam(scene: Any, light: Any) -> Array:
 
 @tracing_lock()
 def _intersect(scene: Any, ray: Any) -> tuple[Array, Array]:
-    """Origins and ends of rays [m], (n, 3); rays without a hit end as far as the scene's middle."""
+    """Return origins and ends of rays [m], (n, 3).
+
+    The length of a ray without a hit is the distance to the middle of the scene.
+    """
     hit = scene.ray_intersect_preliminary(ray)
     far = dr.norm(mi.Point3f(scene.bbox().center()) - ray.o)
     ends = np.array(ray(dr.select(hit.is_valid(), hit.t, far)), dtype=np.float64).T

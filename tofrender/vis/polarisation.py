@@ -1,4 +1,4 @@
-"""Pictures of polarised light in false colours."""
+"""Pictures of polarized light in false colors."""
 
 import math
 from typing import Annotated, Any
@@ -22,7 +22,7 @@ from .colours import from_srgb, hue_map, phase_map
 from .tone import auto_exposure, tonemap
 from .transient import map_axes, picture_aspect
 
-MIN_DEGREE = 0.01  # Least degree of linear polarisation whose angle is shown
+MIN_DEGREE = 0.01  # Least degree of linear polarization of pixels with an angle
 
 SHOWN = ("intensity", "degree", "angle", "circular", "colours")
 
@@ -30,16 +30,17 @@ SHOWN = ("intensity", "degree", "angle", "circular", "colours")
 def polarisation_picture(
     stokes: Annotated[Any, IMAGE], shown: str = "colours", *, exposure: float | None = None
 ) -> np.ndarray:
-    """Draw polarised light in false colours.
+    """Draw polarized light in false colors.
 
     Args:
         stokes: As for `polarisation_figure`.
-        shown: "intensity", S0; "degree" of polarisation, from dark to yellow; "angle" of linear
-            polarisation, a cyclic colour; "circular", blue to the left and red to the right;
-            "colours", S0 with the hue of the angle, the less saturated the less it is polarised.
-            Pixels without light, or without an angle, are black.
-        exposure: Gain of the brightness; `1` is shown as white after it. By default
-            `auto_exposure` of S0 without its brightest 2 %, which may be a lamp.
+        shown: "intensity" shows S0. "degree" shows the degree of polarization, from dark to yellow.
+            "angle" shows the angle of linear polarization as a cyclic color. "circular" shows
+            left-handed light in blue and right-handed light in red. "colours" shows S0 with the hue
+            of the angle, saturated by the degree of linear polarization. Pixels without light, or
+            without an angle, are black.
+        exposure: Gain of the brightness. The product 1 is white. By default `auto_exposure` of S0
+            without its brightest 2 %, since a lamp can be visible.
 
     Returns:
         uint8 (height, width, 3), sRGB.
@@ -55,20 +56,25 @@ def polarisation_picture(
     values, light, gain = _checked(stokes, exposure)
     checks.one_of("shown", shown, SHOWN)
     if shown == "intensity":
-        colours = values[:, :, 0] if values.shape[3] == 3 else light[:, :, 0]
-        return tonemap(colours, exposure=gain)
+        colors = values[:, :, 0] if values.shape[3] == 3 else light[:, :, 0]
+        return tonemap(colors, exposure=gain)
+
+    # Linear polarization as hue and saturation
     linear = np.nan_to_num(degree_of_linear_polarization(light, axis=2))
     angle = np.nan_to_num(angle_of_linear_polarization(light, axis=2)) / np.pi
     if shown == "colours":
         saturation = np.clip(linear, 0, 1)[..., None]
         hue = from_srgb(hue_map()(angle)[..., :3])
         return tonemap(light[:, :, :1] * (saturation * hue + 1 - saturation), exposure=gain)
+
+    # Numbers in the colors of a map
     lit = light[:, :, 0] > 0
     if shown == "degree":
         degree = np.nan_to_num(degree_of_polarization(light, axis=2))
         picture = colormaps["viridis"](degree)
     elif shown == "angle":
-        picture, lit = phase_map()(angle), linear >= MIN_DEGREE
+        picture = phase_map()(angle)
+        lit = linear >= MIN_DEGREE
     else:
         degree = np.nan_to_num(degree_of_circular_polarization(light, axis=2))
         picture = colormaps["coolwarm"](degree / 2 + 0.5)
@@ -76,7 +82,7 @@ def polarisation_picture(
 
 
 def _checked(stokes: Any, exposure: float | None) -> tuple[np.ndarray, np.ndarray, float]:
-    """Stokes vectors (height, width, 4, channels), their mean over channels, and the gain."""
+    """Return Stokes vectors (height, width, 4, channels), their mean over channels and the gain."""
     if isinstance(stokes, xr.DataArray):
         stokes = read_array(stokes, IMAGE, "stokes")
         require_whole_stokes(stokes, "stokes")
@@ -92,17 +98,18 @@ def _checked(stokes: Any, exposure: float | None) -> tuple[np.ndarray, np.ndarra
 def polarisation_figure(
     stokes: Annotated[Any, IMAGE], *, exposure: float | None = None, title: str | None = None
 ) -> Figure:
-    """Draw intensity, degree and angle of linear polarisation, and circular polarisation.
+    """Draw intensity, degree and angle of linear polarization, and circular polarization.
 
-    Channels are averaged first. The angle has a cyclic colour, from the picture's right towards
-    its top; it is hatched where less than 1 % is linearly polarised. All is hatched without light.
+    Channels are averaged first. The angle has a cyclic color, from the right of the picture to the
+    top. It is hatched if less than 1 % of the light is linearly polarized. Pixels without light are
+    hatched in all pictures.
 
     Args:
-        stokes: Stokes vectors: a DataArray (y, x, stokes, channel), like `steady` of a polarised
+        stokes: Stokes vectors: a DataArray (y, x, stokes, channel), like `steady` of a polarized
             render or a bin of its `transient`, or an array (height, width, 4, channels).
-        exposure: Gain of the brightness; `1` is shown as white after it. By default the 98th
-            percentile of the light is white, so that a lamp does not make the rest black.
-        title: Title of the figure; None for none.
+        exposure: Gain of the brightness. The product 1 is white. By default the 98th percentile of
+            the light is white, so that the surroundings of a lamp are not black.
+        title: Title of the figure, or None.
 
     Raises:
         ValueError: Another shape, or a number out of range; one line.
@@ -112,6 +119,7 @@ def polarisation_figure(
         >>> [each.get_title() for each in polarisation_figure(light).axes[::2]]
         ['intensity', 'linear polarisation', 'angle', 'circular polarisation']
     """
+    # Compute the pictures
     checks.text("title", title)
     _, light, gain = _checked(stokes, exposure)
     linear = degree_of_linear_polarization(light, axis=2)
@@ -123,6 +131,8 @@ def polarisation_figure(
         ("angle", np.degrees(angle), phase_map(), 0, 180, "degrees from right to top"),
         ("circular polarisation", circular, "coolwarm", -1, 1, "left to right, degree"),
     )
+
+    # Lay them out
     width = figure_width(7.0)
     columns = 4 if width >= COLUMN else 2
     hatched = any(np.isnan(values).any() for _, values, *_ in panels)
@@ -134,10 +144,12 @@ def polarisation_figure(
         title=title or "",
         hatch="no light, or hardly polarised" if hatched else "",
     )
-    for k, (name, picture, colours, low, high, label) in enumerate(panels):
+
+    # Draw each with its color bar
+    for k, (name, picture, colors, low, high, label) in enumerate(panels):
         row, column = divmod(k, columns)
         axes = grid.axes(row, column, name)
-        shown = map_axes(axes, picture, cmap=colours, vmin=low, vmax=high)
+        shown = map_axes(axes, picture, cmap=colors, vmin=low, vmax=high)
         bar = grid.bar(shown, row, column, label, extend="neither" if k else "max")
         if name == "angle":
             bar.set_ticks([0, 90, 180])

@@ -12,8 +12,11 @@ from ..runtime.plots import wrap_text
 from .tone import auto_exposure, tonemap
 from .transient import picture_aspect
 
-_WIDTH, _LEAST, _WITH_TITLE, _GAP, _ABOVE = 1.2, 0.42, 0.8, 0.07, 0.2
-"""Widths of a picture: usual, least, least with a full title; gaps [inches]."""
+_WIDTH = 1.2  # Usual width of a picture [inches]
+_LEAST = 0.42  # Least width of a picture [inches]
+_WITH_TITLE = 0.8  # Least width of a picture with a full title [inches]
+_GAP = 0.07  # Horizontal gap between pictures [inches]
+_ABOVE = 0.2  # Space for the title above a picture [inches]
 
 
 @in_style()
@@ -28,16 +31,17 @@ def pyramid_figure(
     """Draw the light of each strategy: a row for each number of segments, s grows to the right.
 
     White in the first row is the 98th percentile of the light of all strategies. Pictures are at
-    least 0.42 inches wide, whatever width is set.
+    least 0.42 inches wide, also if the chosen width of figures is smaller.
 
     Args:
         pyramid: The result of `strategy_pyramid`.
         weighting: "mis" for light with MIS weights, "none" for the unweighted light.
-        opl: Path length [m] whose time bin is drawn; None for the light of all time.
-        stops_per_row: Additional exposure of each row, as long paths carry little light; 0 keeps
-            rows comparable.
-        title: Title of the figure; by default the contents. Narrow pictures are only titled by
-            the numbers s and t.
+        opl: Path length [m]. The time bin at this path length is drawn. By default the light of all
+            times is drawn.
+        stops_per_row: Additional exposure of each row, since long paths contain little light. With
+            0, rows are comparable.
+        title: Title of the figure. By default the title describes the contents. Narrow pictures
+            have the numbers s and t as their titles.
 
     Raises:
         ValueError: Not a result of `strategy_pyramid`, or a path length outside its bins.
@@ -49,16 +53,20 @@ def pyramid_figure(
         >>> [axes.get_title() for axes in pyramid_figure(pyramid).axes]
         ['s = 0, t = 2', 's = 1, t = 1', 's = 0, t = 3', 's = 1, t = 2', 's = 2, t = 1']
     """
+    # Choose the light and the exposure
     pyramid = read(pyramid, PYRAMID, "pyramid")
     checks.text("title", title)
     weighting = checks.one_of("weighting", weighting, ("mis", "none"))
     stops = checks.number("stops_per_row", stops_per_row, low=0, high=100)
-    chosen, label = pyramid["steady"], "light of all time"
+    chosen = pyramid["steady"]
+    label = "light of all time"
     if opl is not None:
         index = _bin_of(pyramid, opl)
         chosen = pyramid["transient"].isel(opl=index)
         label = f"bin at {float(pyramid['opl'][index]):.4g} m"
     exposure = auto_exposure(chosen.sel(weighting="mis").sum("strategy").values, percentile=98)
+
+    # Compute the size of the pictures and of the figure [inches]
     rows = int((pyramid["s"] + pyramid["t"]).max()) - 1
     wide = max(figure_width(max(3.4, min(7.0, _WIDTH * (rows + 1)))), _LEAST * (rows + 1))
     each = wide / (rows + 1)
@@ -71,8 +79,11 @@ def pyramid_figure(
     tall = top + rows * (high + _ABOVE) + 0.07
     figure = new_figure(wide, tall, layout=None)
     figure.suptitle(named, y=1 - 0.07 / tall, va="top")
+
+    # Draw the strategies
     for picture in chosen.sel(weighting=weighting):
-        s, t = int(picture["s"]), int(picture["t"])
+        s = int(picture["s"])
+        t = int(picture["t"])
         segments = s + t - 1
         left = (rows - segments + 2 * s) / 2 * each + _GAP / 2
         bottom = tall - top - segments * (high + _ABOVE)
@@ -86,9 +97,10 @@ def pyramid_figure(
 
 
 def _bin_of(pyramid: xr.Dataset, opl: Any) -> int:
-    """Index of the bin of a path length."""
+    """Return the index of the bin with a path length."""
     bins = bins_of(pyramid, "pyramid")
-    start, stop = bins.start_opl, bins.stop_opl
+    start = bins.start_opl
+    stop = bins.stop_opl
     opl = checks.metres("opl", opl)
     if not start <= opl < stop:
         raise ValueError(f"opl = {opl:g} m: must be in the bins, {start:g} m to {stop:g} m")

@@ -15,8 +15,8 @@ from ..runtime.canvas import figure_width, in_style, new_figure
 from ..runtime.plots import color_bar, fit_height, wrap_text
 from .transient import explain_hatch, map_axes, picture_aspect, typeset
 
-DECADES = 4  # Of the colours of light
-CELLS_PER_INCH = 60  # Of a map: low enough that no cell falls between the dots of a picture
+DECADES = 4  # Range of the colors of light, in powers of ten
+CELLS_PER_INCH = 60  # Cells of a map, few enough that each cell covers dots of the picture
 
 
 @in_style()
@@ -33,13 +33,13 @@ def range_velocity_map(
     bins. A single bright bin therefore keeps its color.
 
     Args:
-        film: A Dataset of `range_rate`; of some pixels, `film.isel(x=..., y=...)`.
-        lidar: FMCW lidar whose resolution is drawn as a rectangle; None for none.
-        pixel: Column and row, in the Dataset's coordinates; by default, all pixels are added.
-        title: Title of the figure; by default the scene.
+        film: A Dataset of `range_rate`, or a part of it, `film.isel(x=..., y=...)`.
+        lidar: FMCW lidar. Its resolution is drawn as a rectangle. None omits the rectangle.
+        pixel: Column and row, in the Dataset's coordinates. By default, all pixels are added.
+        title: Title of the figure. By default the name of the scene.
 
     Raises:
-        ValueError: A Dataset of another kind, or a pixel outside.
+        ValueError: A Dataset of another kind, or a pixel outside the image.
 
     Example:
         >>> import tofrender
@@ -48,11 +48,14 @@ def range_velocity_map(
         >>> range_velocity_map(light).axes[0].get_ylabel()
         'velocity, half the rate [m/s]'
     """
+    # Check the arguments
     film = read(film, RANGE_RATES, "film")
     require_consecutive(film, "film")
     light, *axes_of_film = checked_film(film)
     checks.instance("lidar", lidar, Fmcw | None, "an Fmcw or None")
     title = checks.text("title", title)
+
+    # Choose the pixel
     if pixel is None:
         values = light.sum(axis=(0, 1))
     else:
@@ -63,6 +66,8 @@ def range_velocity_map(
             for each, place in zip(found, places, strict=True)
         )
         values = light[row, column]
+
+    # Draw the map
     wide = figure_width(5.5)
     figure = new_figure(wide, 0.75 * wide)
     axes = figure.add_subplot()
@@ -77,12 +82,16 @@ def range_velocity_map(
     cells = largest_of_cells(values, most_cells)
     options = scale | {"origin": "lower", "aspect": "auto", "interpolation": "nearest"}
     shown = axes.imshow(cells.T, extent=extent, **options)
+
+    # Draw a cell of the lidar's resolution
     if lidar is not None:
         along, across = (each / 2 for each in lidar.resolution)
         corner = left + 0.03 * (right - left), low + 0.03 * (high - low)
         cell = Rectangle(corner, along, across, fc="none", ec="white", label="resolution cell")
         axes.add_patch(cell)
         axes.legend(loc="upper right", labelcolor="white", facecolor="black", framealpha=0.5)
+
+    # Label axes and colors
     axes.set(xlabel="range, half the path length [m]", ylabel="velocity, half the rate [m/s]")
     bar = figure.colorbar(shown, ax=axes, extend="min", aspect=22, pad=0.02)
     what = "radiance per bin" if cells.shape == values.shape else "largest radiance per bin"
@@ -94,7 +103,7 @@ def range_velocity_map(
 
 
 def largest_of_cells(values: np.ndarray, most_cells: tuple[int, int]) -> np.ndarray:
-    """Reduce both axes to at most so many cells, each with the largest value that it covers."""
+    """Reduce both axes to `most_cells` or fewer. A cell has the largest value that it covers."""
     for axis, most in enumerate(most_cells):
         count = values.shape[axis]
         cells = min(most, count)
@@ -118,28 +127,31 @@ def velocity_map(
 
     The title states which rate the map shows, as the attribute `long_name` of `rate` describes it:
     `doppler_rate` measures the change of the path length at a fixed pixel, and FMCW lidars measure
-    the change along the moving material. These rates differ where a tilted surface slides through
-    the view. Pixels without light are hatched, and velocities above the limit are clipped.
+    the change along the moving material. These rates differ if a tilted surface slides through the
+    view. Pixels without light are hatched, and velocities above the limit are clipped.
 
     Args:
         rate: Result of `doppler_rate`, or `rate` of `Fmcw.estimates`, (y, x) [m/s].
-        limit_m_s: Velocity at the ends of the scale [m/s], e.g. the fastest of the scene; by
-            default, five percent of the pixels are faster.
-        title: Title of the figure; None for none.
+        limit_m_s: Velocity at the ends of the scale [m/s], for example the largest velocity in the
+            scene. By default, five percent of the pixels are faster.
+        title: Title of the figure, or None.
 
     Raises:
-        ValueError: `rate` is something else.
+        ValueError: `rate` is not a DataArray of rates.
 
     Example:
         >>> import xarray as xr
         >>> velocity_map(xr.DataArray(np.ones((4, 6)), dims=("y", "x"))).axes[0].get_title()
         'receding (red), approaching (blue)'
     """
+    # Check the arguments
     checks.instance("rate", rate, xr.DataArray, "a DataArray of doppler_rate")
     rate = read_array(rate, PIXELS, "rate")
     require_consecutive(rate, "rate")
     checks.require("rate", rate, rate.dtype.kind == "f", "real numbers")
     title = checks.text("title", title)
+
+    # Choose the scale
     velocity = rate.values / 2
     known = np.abs(velocity[np.isfinite(velocity)])
     if limit_m_s is not None:
@@ -147,6 +159,8 @@ def velocity_map(
     else:
         fastest = float(np.percentile(known, 95)) if known.any() else 0.0
         fastest = fastest or float(known.max(initial=0.0)) or 1.0
+
+    # Draw the map
     wide = figure_width(4.6)
     figure = new_figure(
         wide, wide * picture_aspect(*rate.shape, low=0.4, high=2.0) + 1.0, "compressed"

@@ -20,14 +20,14 @@ def reconstruction_figure(
 ) -> Figure:
     """Draw maximum projections of a volume from the front, the side and above, and its depth.
 
-    The front view is that of the wall, with rows downwards if they run down in the world, whose up
-    is y, else upwards. All panels have one scale in metres, the projections one of intensities.
-    Axes are those of the wall's frame.
+    The front view shows the volume as seen at the wall. Rows run downwards if they run down along
+    the world's axis y, otherwise upwards. All panels have the same scale in meters, and all
+    projections have the same scale of intensities. The axes belong to the frame of the wall.
 
     Args:
         volume: A result of `reconstruct`.
-        threshold: As in `depth_map`; without a depth, pixels are hatched.
-        title: Title of the figure; by default the scene and the method.
+        threshold: As in `depth_map`. Pixels without a depth are hatched.
+        title: Title of the figure. By default the scene and the method.
 
     Raises:
         ValueError: Not a result of `reconstruct`, or a threshold out of range.
@@ -40,11 +40,14 @@ def reconstruction_figure(
         >>> [each.get_title() for each in reconstruction_figure(volume).axes[:4]]
         ['front', 'side', 'top', 'depth']
     """
+    # Check the arguments, and compute the depth
     checks.text("title", title)
     volume = read(volume, VOLUME, "volume")
     values = check_volume(volume)
     depth = depth_map(volume, threshold).values
     edges = {axis: _edges(volume[axis].values) for axis in "xyz"}
+
+    # Lay out the panels
     width = figure_width(7.0)
     columns = 4 if width >= COLUMN else 2
     named = ", ".join(filter(None, (volume.attrs.get("scene"), volume.attrs.get("method"))))
@@ -64,6 +67,8 @@ def reconstruction_figure(
         ("top", values.max(axis=1), "x", "z"),
         ("depth", depth, "x", "y"),
     )
+
+    # Choose scales and limits
     brightest = float(values.max()) or 1.0
     known = depth[np.isfinite(depth)]
     near, far = (known.min(), known.max()) if known.size else (0, 1)
@@ -71,6 +76,8 @@ def reconstruction_figure(
     rows_run_down = "frame_axes" in volume and float(volume["frame_axes"].values[1, 1]) < 0
     half = max(high - low for low, high in edges.values()) / 2
     limits = {axis: (sum(each) / 2 - half, sum(each) / 2 + half) for axis, each in edges.items()}
+
+    # Draw the panels
     images = []
     for k, (name, picture, across, along) in enumerate(views):
         axes = grid.axes(k // columns, k % columns, name)
@@ -78,7 +85,8 @@ def reconstruction_figure(
         options: Any = {"cmap": "inferno", "vmin": 0, "vmax": brightest}
         if name == "depth":
             options = {"cmap": "viridis", "vmin": near, "vmax": far}
-            (left, right), (low, high) = edges[across], edges[along]
+            left, right = edges[across]
+            low, high = edges[along]
             area = Rectangle((left, low), right - left, high - low, **HATCH, linewidth=0, zorder=-1)
             axes.add_patch(area)
         image = axes.imshow(
@@ -92,6 +100,8 @@ def reconstruction_figure(
             axes.invert_yaxis()
         few_ticks(axes)
         images.append(image)
+
+    # Add color bars below
     row = 4 // columns - 1
     grid.bar(images[0], row, 0, "intensity [arbitrary]", span=columns - 1)
     grid.bar(images[3], row, columns - 1, "depth z [m]")
@@ -99,6 +109,6 @@ def reconstruction_figure(
 
 
 def _edges(centres: np.ndarray) -> tuple[float, float]:
-    """Outer edges of voxels [m]."""
+    """Return the outer edges of voxels [m]."""
     step = (centres[-1] - centres[0]) / (len(centres) - 1) if len(centres) > 1 else 1.0
     return float(centres[0] - step / 2), float(centres[-1] + step / 2)

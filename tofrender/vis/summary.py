@@ -24,9 +24,9 @@ def summary_figure(dataset: Annotated[xr.Dataset, FILM], pixels: Any = None) -> 
     """Draw a render on one page: steady image, time of the brightest bin, some responses.
 
     Args:
-        dataset: The result of `render`, or a part of it. Of Stokes vectors S0 is drawn.
-        pixels: (x, y) pairs to plot, in the Dataset's pixel coordinates. By default a bright
-            pixel, one that peaks early and one that peaks late.
+        dataset: The result of `render`, or a part of it. For Stokes vectors, S0 is drawn.
+        pixels: (x, y) pairs to plot, in the Dataset's pixel coordinates. By default three pixels: a
+            bright pixel, a pixel with an early peak and a pixel with a late peak.
 
     Raises:
         ValueError: A pixel outside the image.
@@ -37,10 +37,13 @@ def summary_figure(dataset: Annotated[xr.Dataset, FILM], pixels: Any = None) -> 
         >>> [axes.get_title() for axes in summary_figure(dataset).axes[:2]]
         ['steady image', 'time of the brightest bin']
     """
+    # Check the arguments
     dataset = with_energy(intensity(read(dataset, FILM, "dataset"), "dataset"), "dataset")
     for name in ("scene", "spp", "energy_outside_window", "complete"):
         if name not in dataset.attrs:
             raise ValueError(f"dataset: attribute {name} is missing; must be as `render` writes it")
+
+    # Choose the pixels
     sequence = Transient.of(dataset)
     energy, peak_ns = sequence.brightest()
     if pixels is None:
@@ -51,6 +54,7 @@ def summary_figure(dataset: Annotated[xr.Dataset, FILM], pixels: Any = None) -> 
     except ValueError as error:
         raise ValueError(f"pixels: {error}") from None
 
+    # Lay out the figure
     dark = np.isnan(peak_ns)
     width = figure_width(7.0)
     narrow = width < COLUMN
@@ -58,6 +62,8 @@ def summary_figure(dataset: Annotated[xr.Dataset, FILM], pixels: Any = None) -> 
     figure, steady, peak, plot, bar = _panels(
         width, picture_aspect(*sequence.size, low=0.4, high=2.0), title, bool(dark.any())
     )
+
+    # Draw the steady image, and the time of the brightest bin
     steady.imshow(tonemap(dataset["steady"].values, percentile=98), extent=sequence.extent)
     steady.set_title("steady image")
     first, last, beyond = percentile_range(peak_ns)
@@ -69,8 +75,11 @@ def summary_figure(dataset: Annotated[xr.Dataset, FILM], pixels: Any = None) -> 
     pixel_axes(steady)
     peak.set_ylabel("")
     peak.tick_params(labelleft=False)
+
+    # Plot the responses, and mark their pixels
     for index, ((x, y), response) in enumerate(zip(pairs, responses, strict=True)):
-        color, mark = palette().lines[index % 7], "osD^v<>"[index % 7]
+        color = palette().lines[index % 7]
+        mark = "osD^v<>"[index % 7]
         plot.plot(opl_to_ns(sequence.opl), response, color=color)
         plot.plot([], [], color=color, marker=mark, label=f"({x}, {y})")
         for axes in (steady, peak):
@@ -82,7 +91,7 @@ def summary_figure(dataset: Annotated[xr.Dataset, FILM], pixels: Any = None) -> 
 
 
 def _title(dataset: xr.Dataset) -> str:
-    """Scene, samples, and the energy that the window misses."""
+    """Return a title with the scene, the samples, and the energy outside the window."""
     outside = f"{100 * dataset.attrs['energy_outside_window']:.1f} % of the energy outside"
     title = f"{dataset.attrs['scene']}, {dataset.attrs['spp']} spp, {outside} the render's window"
     return title if dataset.attrs["complete"] else f"{title} (interrupted)"
@@ -91,16 +100,20 @@ def _title(dataset: xr.Dataset) -> str:
 def _panels(
     width: float, aspect: float, title: str, hatched: bool
 ) -> tuple[Figure, Axes, Axes, Axes, Axes]:
-    """Figure with the axes of both pictures, of their colour bar, and of the responses [inches].
+    """Return a figure with axes for both pictures, their color bar and the responses.
 
-    Their places are fixed: a layout by Matplotlib draws everything twice.
+    The axes have fixed places [inches]. A layout by Matplotlib would draw the figure twice.
     """
+    # Sizes of the pictures
     narrow = width < COLUMN
     left, right = (0.7, 0.12) if narrow else (0.6, 0.14)
-    gap, beside = 0.12, 0.0 if narrow else 0.62  # The colour bar with its numbers
-    wide = (width - left - gap - beside - right) / 2
+    gap = 0.12
+    bar_width = 0.0 if narrow else 0.62  # Color bar with its numbers
+    wide = (width - left - gap - bar_width - right) / 2
     top = 0.1 + 0.155 * (title.count("\n") + 1) + 0.21
     high = aspect * wide
+
+    # Places below the pictures
     below = top + high + 0.36
     bar_top = below + 0.06
     plot_top = below + (0.85 if narrow else 0.45)
@@ -124,7 +137,7 @@ def _panels(
 
 
 def _pairs(pixels: Any) -> list[tuple[Any, Any]]:
-    """Pixels as pairs of column and row."""
+    """Return pixels as pairs of column and row."""
     try:
         pairs = [(x, y) for x, y in pixels]
     except (TypeError, ValueError):
@@ -135,13 +148,14 @@ def _pairs(pixels: Any) -> list[tuple[Any, Any]]:
 
 
 def _default_pixels(energy: np.ndarray, peak_ns: np.ndarray, sequence: Transient) -> list[Any]:
-    """A bright, an early and a late pixel among those with at least median light."""
+    """Return a bright, an early and a late pixel. All have at least the median light."""
     if not (energy > 0).any():
         return [(sequence.x0 + energy.shape[1] // 2, sequence.y0 + energy.shape[0] // 2)]
     bright = np.flatnonzero(energy >= np.median(energy[energy > 0]))
     by_energy = bright[np.argsort(energy.flat[bright], kind="stable")]
     by_time = bright[np.argsort(peak_ns.flat[bright], kind="stable")]
-    # Not the extremes, which are the light source itself, edges and noise.
+
+    # Avoid the extremes, which are the light source itself, edges and noise
     last = len(bright) - 1
     chosen = [by_energy[int(0.9 * last)], by_time[int(0.05 * last)], by_time[int(0.97 * last)]]
     rows, columns = np.unravel_index(list(dict.fromkeys(map(int, chosen))), energy.shape)

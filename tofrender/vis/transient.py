@@ -28,7 +28,7 @@ class Transient:
     """A transient image with its time axis and the index of its first pixel."""
 
     values: Cube
-    """(height, width, bins, channels), 1 or 3 channels."""
+    """Light (height, width, bins, channels), with 1 or 3 channels."""
     start_opl: float
     bin_width_opl: float
     x0: int = 0
@@ -52,7 +52,7 @@ class Transient:
         bin_width_opl: float | None = None,
         quantity: str | None = None,
     ):
-        """Read a Dataset of `render`, of Stokes vectors S0, or an array with its time axis."""
+        """Read a Dataset of `render`, or an array with its time axis. Stokes vectors become S0."""
         first = (0, 0)
         if quantity is not None:
             checks.one_of("quantity", quantity, QUANTITIES)
@@ -72,7 +72,7 @@ class Transient:
 
     @property
     def bins(self) -> int:
-        """Count of bins."""
+        """Number of bins."""
         return self.values.shape[2]
 
     @property
@@ -82,18 +82,18 @@ class Transient:
 
     @property
     def opl(self) -> np.ndarray:
-        """Bin centres [m]."""
+        """Bin centers [m]."""
         return self.start_opl + (np.arange(self.bins) + 0.5) * self.bin_width_opl
 
     def label(self, index: int) -> str:
-        """Time and path length at the centre of a bin, with the digits to distinguish bins."""
+        """Format time and path length at the center of a bin, with digits that distinguish bins."""
         opl = float(self.opl[index])
         width = self.bin_width_opl
         in_ns, in_m = (max(2, 1 - math.floor(math.log10(w))) for w in (opl_to_ns(width), width))
         return f"t = {opl_to_ns(opl):.{in_ns}f} ns   OPL = {opl:.{in_m}f} m"
 
     def pixel(self, x: Any, y: Any) -> np.ndarray:
-        """Response (bins, channels) of pixel (x, y)."""
+        """Return the response (bins, channels) of the pixel (x, y)."""
         height, width = self.size
         column = checks.integer("x", x, self.x0, self.x0 + width - 1) - self.x0
         row = checks.integer("y", y, self.y0, self.y0 + height - 1) - self.y0
@@ -106,28 +106,38 @@ class Transient:
         return (self.x0 - 0.5, self.x0 + width - 0.5, self.y0 + height - 0.5, self.y0 - 0.5)
 
     def lights(self) -> Iterator[tuple[Place, np.ndarray]]:
-        """Luminance (rows, columns, bins) by pieces with their slices; 0 if not finite or below."""
+        """Yield pieces of the luminance (rows, columns, bins), with their slices.
+
+        Values that are negative or not finite are 0.
+        """
         for slices, values in self.values.pieces():
             light = luminance(values)
             lit = np.isfinite(light) & (light > 0)
             yield slices[:3], np.where(lit, light, np.float32(0))
 
     def brightest(self) -> tuple[np.ndarray, np.ndarray]:
-        """Sum over bins of the light, and the brightest bin's centre [ns], NaN without light."""
-        energy, most = np.zeros(self.size), np.zeros(self.size)
-        peak_ns, centres = np.full(self.size, np.nan), opl_to_ns(self.opl)
+        """Return the sum of the light over bins, and the time of the brightest bin [ns].
+
+        The time is the center of the bin. Without light, the time is NaN.
+        """
+        energy = np.zeros(self.size)
+        most = np.zeros(self.size)
+        peak_ns = np.full(self.size, np.nan)
+        centers = opl_to_ns(self.opl)
         for (*pixels, bins), light in self.lights():
             here = tuple(pixels)
             energy[here] += light.sum(axis=2)
+
+            # Is a bin of this piece brighter than all earlier bins?
             brightest = light.argmax(axis=2)
             value = np.take_along_axis(light, brightest[..., None], axis=2)[..., 0]
             more = value > most[here]
             most[here][more] = value[more]
-            peak_ns[here][more] = centres[bins][brightest[more]]
+            peak_ns[here][more] = centers[bins][brightest[more]]
         return energy, peak_ns
 
     def sums(self, *waves: np.ndarray) -> list[np.ndarray]:
-        """Sum over bins of the light and of its product with each of `waves`, (height, width)."""
+        """Return sums over bins (height, width) of the light, and of its product with each wave."""
         types = [np.result_type(wave, np.float64) for wave in (np.float64(0), *waves)]
         sums = [np.zeros(self.size, dtype) for dtype in types]
         for (*pixels, bins), light in self.lights():
@@ -138,7 +148,7 @@ class Transient:
 
 
 def typeset(units: str) -> str:
-    """Raise the exponents of units.
+    """Write the exponents of units as superscripts.
 
     Example:
         >>> typeset("W m^-2 sr^-1")
@@ -148,7 +158,7 @@ def typeset(units: str) -> str:
 
 
 def _cube(name: str, data: Any) -> Cube:
-    """Real numbers as (height, width, bins, channels)."""
+    """Return real numbers as a cube (height, width, bins, channels)."""
     given = Cube.of(name, data)
     cube = given.view((..., None)) if len(given.shape) == 3 else given
     valid = len(cube.shape) == 4 and cube.shape[3] in (1, 3) and 0 not in cube.shape
@@ -159,7 +169,7 @@ def _cube(name: str, data: Any) -> Cube:
 
 
 def read_light(data: Any) -> xr.Dataset:
-    """Read the parameter `data` of a figure: a film without gaps, of Stokes vectors S0."""
+    """Read the parameter `data` of a figure, a film without gaps. Return S0 of Stokes vectors."""
     film = intensity(read(data, TRANSIENT, "data"), "data")
     require_consecutive(film, "data")
     for name in ("quantity", "units"):
@@ -175,14 +185,15 @@ def pixel_axes(axes: Axes) -> None:
 
 
 def map_axes(axes: Axes, values: Any, **options: Any) -> Any:
-    """Draw values (height, width) like `imshow`, hatched where they are NaN; returns the image."""
+    """Draw values (height, width) with `imshow`, hatch NaN, and return the image."""
     axes.patch.set(**plots.HATCH, linewidth=0)
     pixel_axes(axes)
     return axes.imshow(values, interpolation="nearest", **options)
 
 
 def time_axes(axes: Axes, sequence: Transient) -> None:
-    """Label time below, path length above, quantity on the left; for axes with all curves."""
+    """Label time below, path length above and the quantity on the left, after drawing."""
+    # Quantity, with a factor for large and small numbers
     axes.set_xlabel("time [ns]")
     factor, formatter = plots.tick_scale(max(map(abs, axes.get_ylim())))
     axes.yaxis.set_major_formatter(formatter)
@@ -193,17 +204,19 @@ def time_axes(axes: Axes, sequence: Transient) -> None:
     axes.set_xlim(opl_to_ns(sequence.opl[0]), opl_to_ns(sequence.opl[-1]) + 1e-9)
     axes.grid(alpha=0.3)
     axes.locator_params(axis="x", nbins=7)
+
+    # Path length
     above = axes.secondary_xaxis("top", functions=(ns_to_opl, opl_to_ns))
     above.set_xlabel("optical path length [m]")
 
 
 def picture_aspect(height: float, width: float, low: float, high: float) -> float:
-    """Height over width, clamped to [low, high] so that a figure stays readable."""
+    """Return height over width, clamped to [low, high] so that a figure is readable."""
     return min(high, max(low, height / width))
 
 
 def explain_hatch(figure: Figure, mask: np.ndarray, dark: bool = False) -> None:
-    """Explain the hatch of pixels without a value below, or that of `tonemap`, which is dark."""
+    """Explain the hatch of pixels below a figure. The hatch of `tonemap` is dark."""
     if mask.any():
         handle = plots.hatch_patch("not finished" if dark else plots.NO_VALUE, dark)
         figure.legend(handles=[handle], loc="outside lower center", frameon=False)

@@ -16,24 +16,25 @@ from ..runtime.progress import status
 def unwarp_camera(dataset: Annotated[xr.Dataset, FILM], distance_m: Any) -> xr.Dataset:
     """Subtract the camera segment from the path lengths of every pixel.
 
-    A camera sees a distant surface later than a near one. Here each pixel's time axis moves back
-    by its own distance, so that a video shows every surface when light reaches it. A shift by part
-    of a bin divides each bin's light linearly between two bins, which keeps the sum over bins.
-    A render with `camera_unwarp=True` subtracts each path's own first segment instead, which is
-    exact also where several surfaces share a pixel. See also `true_depth`.
+    A camera sees a distant surface later than a near surface. This function moves the time axis of
+    each pixel back by the pixel's distance, so that a video shows every surface when light reaches
+    it. A shift by part of a bin divides each bin's light linearly between two bins, which keeps the
+    sum over bins. A render with `camera_unwarp=True` subtracts the first segment of each path
+    instead. That is exact, also if several surfaces share a pixel. See also `true_depth`.
 
     Args:
         dataset: The result of `render`, in camera time.
         distance_m: (height, width), distance [m] from the camera's position to the surface in each
-            pixel (not the depth along the axis), at least 0. NaN or infinity where there is none;
-            such a pixel becomes dark, or, if light arrived there, unknown (NaN). The labels of a
-            DataArray must be those of the Dataset; an array has the order of its rows and columns.
+            pixel (not the depth along the axis), at least 0. A pixel without a surface has the
+            distance NaN or infinity. It becomes dark, or unknown (NaN) if it contains light. The
+            labels of a DataArray must be the labels of the Dataset. An array has the order of the
+            Dataset's rows and columns.
 
     Returns:
         A Dataset of the same pixels and bin width. Its window spans the bins in which any pixel
-        has light. The attribute `camera_unwarp` is 1; `fingerprint` is removed, since a render
-        cannot be resumed from this. Standard errors are left out, as those of neighboring bins are
-        not independent, and so are the variables that only `denoise` needs.
+        has light. The attribute `camera_unwarp` is 1. The attribute `fingerprint` is removed, since
+        a render cannot be resumed from the result. Standard errors are omitted, since the errors of
+        neighboring bins are not independent. Variables for `denoise` are omitted, too.
 
     Raises:
         ValueError: A Dataset that is unwarped already or not one of `render`, another shape, or a
@@ -47,6 +48,7 @@ def unwarp_camera(dataset: Annotated[xr.Dataset, FILM], distance_m: Any) -> xr.D
         >>> float(unwarped.opl[0]) < float(dataset.opl[0])
         True
     """
+    # Check the arguments
     distance_m = by_pixel(distance_m, dataset, "distance_m")
     dataset = with_energy(read(dataset, FILM, "dataset"), "dataset")
     if dataset.attrs.get("camera_unwarp"):
@@ -58,14 +60,18 @@ def unwarp_camera(dataset: Annotated[xr.Dataset, FILM], distance_m: Any) -> xr.D
     light = film["transient"]
     cube = Cube(light.data.reshape(*light.shape[:3], -1))  # Stokes components are channels
     distances = checked_distances(distance_m, cube.shape[:2])
+
+    # Split the shift of each pixel into whole bins and a part of a bin
     width = bins_of(film, "dataset").bin_width_opl
     start = float(film["opl"].values[0] - width / 2)
     seen = np.isfinite(distances)
     shift = np.where(seen, distances, 0) / width
-    # Rounding must not spill light of a shift by whole bins into the next one.
+    # Rounding must not move light of a shift by whole bins to the next bin
     shift = np.where(abs(shift - np.rint(shift)) < 1e-6, np.rint(shift), shift)
     whole = np.floor(shift).astype(np.int64)
     part = (shift - whole).astype(np.float32)
+
+    # Shift the light, in the window that contains it
     first, stop, lit, unfinished = _window(cube, seen, whole, part > 0)
     unwarped = _shifted(cube, whole, part, np.arange(first, stop))
     unwarped[unfinished] = np.nan
@@ -85,7 +91,7 @@ def unwarp_camera(dataset: Annotated[xr.Dataset, FILM], distance_m: Any) -> xr.D
 
 
 def _shifted(cube: Cube, whole: np.ndarray, part: np.ndarray, bins: np.ndarray) -> np.ndarray:
-    """Bins of each pixel after a shift back by `whole + part` bins."""
+    """Return the bins of each pixel after a shift back by `whole + part` bins."""
     height, width, count, channels = cube.shape
     memory.require_free("dataset", 4 * height * width * len(bins) * channels)
     shifted = np.empty((height, width, len(bins), channels), np.float32)
@@ -107,23 +113,34 @@ def _shifted(cube: Cube, whole: np.ndarray, part: np.ndarray, bins: np.ndarray) 
 def _window(
     cube: Cube, seen: np.ndarray, whole: np.ndarray, has_part: np.ndarray
 ) -> tuple[int, int, np.ndarray, np.ndarray]:
-    """First bin, and the one after the last, with light of a seen pixel after the shift.
+    """Return the bins with light of seen pixels after the shift, and masks of pixels.
 
-    Also returns which pixels have light or NaN, and which have NaN.
+    Returns:
+        (first, stop, lit, unfinished): the first bin and the end of the range of bins, the pixels
+        with light or NaN, and the pixels with NaN.
     """
-    size, count = cube.shape[:2], cube.shape[2]
-    begin, end = np.zeros(size, np.int64), np.zeros(size, np.int64)
-    lit, unfinished = np.zeros(size, bool), np.zeros(size, bool)
+    # Find the first and the last bin of each pixel with light
+    size = cube.shape[:2]
+    count = cube.shape[2]
+    begin = np.zeros(size, np.int64)
+    end = np.zeros(size, np.int64)
+    lit = np.zeros(size, bool)
+    unfinished = np.zeros(size, bool)
     for rows, values in cube.rows():
-        light, unknown = values != 0, np.isnan(values)
-        lit[rows], unfinished[rows] = light.any(axis=(2, 3)), unknown.any(axis=(2, 3))
+        light = values != 0
+        unknown = np.isnan(values)
+        lit[rows] = light.any(axis=(2, 3))
+        unfinished[rows] = unknown.any(axis=(2, 3))
         light = (light & ~unknown).any(axis=3)
         begin[rows] = light.argmax(axis=2)
         end[rows] = np.where(light.any(axis=2), count - light[..., ::-1].argmax(axis=2), 0)
+
+    # Shift them, and join the ranges of all pixels
     used = (end > 0) & seen
     if not used.any():
         return 0, count, lit, unfinished
-    first, stop = (begin - whole - has_part)[used].min(), (end - whole)[used].max()
+    first = (begin - whole - has_part)[used].min()
+    stop = (end - whole)[used].max()
     if stop - first > checks.MAX_BINS:
         problem = f"spreads the light over {stop - first} bins"
         raise ValueError(f"distance_m {problem}: must be at most {checks.MAX_BINS}")
@@ -131,11 +148,11 @@ def _window(
 
 
 def checked_distances(distance_m: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """Distances [m] of the pixels of a shape, NaN or infinite where there is no surface."""
+    """Return distances [m] in a shape of pixels. NaN or infinity means a pixel without surface."""
     distances = checks.real_array("distance_m", distance_m, np.float64)
     valid = distances.shape == shape
     checks.shape("distance_m", distances, valid, f"{shape}, one number a pixel")
     wrong = distances[(distances < 0) | (np.isfinite(distances) & (distances > checks.MAX_OPL))]
     if wrong.size:
-        raise ValueError(f"distance_m holds {wrong[0]:g}: must be from 0 to 1e12 metres, or NaN")
+        raise ValueError(f"distance_m contains {wrong[0]:g}: must be from 0 to 1e12 metres, or NaN")
     return distances

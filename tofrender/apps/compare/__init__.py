@@ -1,1 +1,1 @@
-"""Two pictures on either side of a divider: techniques of the course, or files."""
+"""Comparison of two pictures, from techniques of the course or from files."""

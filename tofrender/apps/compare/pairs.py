@@ -1,4 +1,4 @@
-"""Two pictures, or two films with one clock, to be compared."""
+"""Comparison of two pictures, or of two films with a common clock."""
 
 import math
 from collections.abc import Callable
@@ -22,12 +22,12 @@ LIGHT = "radiance"  # Start of the quantities of renders
 DENSITY = "radiance per metre"
 WHITE = 0.995  # Part of all lit values that are not brighter than white
 FILMS = (".npz", ".zarr", ".exr", ".nc")  # Suffixes of films and measurements
-LOOKED_AT = 16  # Bins of a film whose values and brightness stand for all
+LOOKED_AT = 16  # Number of bins of a film for the estimate of its brightness
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture, of a film that of all time, and its label."""
+    """A picture and its label. The picture of a film contains the light of all times."""
 
     name: str
     pixels: np.ndarray  # Linear values, float32 (height, width, 1 or 3)
@@ -37,7 +37,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Clock:
-    """Bins that two films share: of the narrower width, where both have light."""
+    """Common bins of two films. Their width is the smaller width of both films."""
 
     start: float  # [m]
     width: float  # [m]
@@ -45,11 +45,12 @@ class Clock:
 
 
 def load(path: Any, load_film: "Callable[[Path], xr.Dataset]") -> Picture:
-    """Load an exr, png or jpg file, or what `tofrender render` or `sense` has written.
+    """Load an exr, png or jpg file, or a result of `tofrender render` or `sense`.
 
-    The taps of an iToF camera are shown as their mean. Of a folder of frames, the first one is
+    The mean of the taps of an iToF camera is shown. For a folder of frames, the first frame is
     shown.
     """
+    # Is it a film or a measurement?
     path = checks.path("picture", path)
     if path.is_dir() or path.suffix.lower() in FILMS:
         try:
@@ -59,6 +60,8 @@ def load(path: Any, load_film: "Callable[[Path], xr.Dataset]") -> Picture:
                 raise
     if not path.is_file():
         raise FileNotFoundError(f"picture = {checks.quote(str(path))}: must be a file that exists")
+
+    # Read a picture
     try:
         bitmap = mi.Bitmap(str(path))
         linear = bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False)
@@ -87,9 +90,9 @@ def _from_film(name: str, data: "xr.Dataset") -> Picture:
 
 
 class Pair:
-    """Two pictures of one size; two films also have a `clock`, and a `quantity` in common.
+    """Two pictures of one size. Two films also have a common `clock` and a common `quantity`.
 
-    Films of other bin widths, or other quantities, are compared as radiance per metre.
+    Films with different bin widths, or different quantities, are compared as radiance per meter.
 
     Raises:
         ValueError: Sizes differ, or bins of films do not overlap in time.
@@ -102,6 +105,7 @@ class Pair:
     """
 
     def __init__(self, one: Picture, other: Picture) -> None:
+        # Do both have the same pixels?
         sizes = [f"{each.pixels.shape[1]} x {each.pixels.shape[0]}" for each in (one, other)]
         if sizes[0] != sizes[1]:
             raise ValueError(f"{other.name}: {sizes[1]} pixels; must be {sizes[0]}, as {one.name}")
@@ -111,21 +115,28 @@ class Pair:
                 f"{other.name} begins at the pixel {other.first_pixel}, and {one.name} at "
                 f"{one.first_pixel}. Compare the same crop of both"
             )
+
+        # Find the common clock of films
         self.pictures = (one, other)
         self.clock: Clock | None = None
-        self.quantity, self._factors = "", [1.0, 1.0]
+        self.quantity = ""
+        self._factors = [1.0, 1.0]
         self._films = [each.film for each in self.pictures if each.film is not None]
         if len(self._films) == 2:
             self.clock = self._common_clock(*self._films)
 
     def _common_clock(self, a: Transient, b: Transient) -> Clock:
+        # Bins that both films contain
         stops = [film.start_opl + film.bins * film.bin_width_opl for film in (a, b)]
-        start, width = max(a.start_opl, b.start_opl), min(a.bin_width_opl, b.bin_width_opl)
+        start = max(a.start_opl, b.start_opl)
+        width = min(a.bin_width_opl, b.bin_width_opl)
         count = math.floor((min(stops) - start) / width + 1e-6)
         if count < 1:
             bins = f"bins from {b.start_opl:.4g} to {stops[1]:.4g} m"
             others = f"{a.start_opl:.4g} to {stops[0]:.4g} m"
             raise ValueError(f"{self.pictures[1].name}: {bins}; must overlap with {others} in time")
+
+        # Quantity that both films can be converted to
         self.quantity = a.quantity
         is_light = [film.quantity.startswith(LIGHT) for film in (a, b)]
         if not all(is_light) and a.quantity != b.quantity:
@@ -138,7 +149,7 @@ class Pair:
         return Clock(start, width, count)
 
     def frames(self, step: int | None) -> list[np.ndarray]:
-        """Both at a step of the clock, or of all time, (height, width, channels)."""
+        """Return both pictures (height, width, channels), at a step of the clock or as a whole."""
         if step is None or self.clock is None:
             return alike([each.pixels for each in self.pictures])
         opl = self.clock.start + (step + 0.5) * self.clock.width
@@ -147,7 +158,7 @@ class Pair:
         return alike([f * np.float32(c) for f, c in zip(frames, self._factors, strict=True)])
 
     def responses(self, x: int, y: int) -> list[np.ndarray]:
-        """Luminance of a pixel of both over the clock, without one nothing."""
+        """Return the luminance of a pixel over the clock, for both films."""
         if self.clock is None:
             return []
         opl = self.clock.start + (np.arange(self.clock.count) + 0.5) * self.clock.width
@@ -158,8 +169,10 @@ class Pair:
         ]
 
     def look(self) -> tuple[float, int]:
-        """Value to be shown as white, and the step that is then the brightest, of a few steps."""
+        """Return the value that is shown as white, and the brightest of a few steps."""
         assert self.clock is not None
+
+        # Read a few steps and pixels
         steps = np.linspace(0, self.clock.count - 1, LOOKED_AT).astype(int).tolist()
         every = max(1, max(self.pictures[0].pixels.shape) // 256)
         some = [[each[::every, ::every] for each in self.frames(step)] for step in steps]
@@ -175,13 +188,13 @@ class Pair:
 
 
 def alike(pictures: list[np.ndarray]) -> list[np.ndarray]:
-    """Pictures with as many channels: grey ones get those of the other."""
+    """Return pictures with equal channels. The channel of a gray picture is repeated."""
     channels = max(each.shape[-1] for each in pictures)
     return [np.repeat(p, channels, -1) if p.shape[-1] < channels else p for p in pictures]
 
 
 def numbers(one: np.ndarray, other: np.ndarray) -> tuple[float, float, float, float]:
-    """Root mean square and largest difference, and both means, of values finite in both."""
+    """Return root mean square and largest difference, and both means, of finite values."""
     known = np.isfinite(one) & np.isfinite(other)
     a, b = (each[known].astype(np.float64) for each in (one, other))
     if not a.size:

@@ -31,12 +31,12 @@ LIGHT_SCENES = (
     "rectangle_light_quad",
     "rectangle_light_triangles",
 )
-OWN_SCENES = ("bust_simple", "bust_ao")  # With an integrator of their own
+OWN_SCENES = ("bust_simple", "bust_ao")  # Scenes with an own integrator
 SCENES = (*LIGHT_SCENES, "cornell_box_steady_state", *OWN_SCENES)
 
 
 def techniques(scene: str) -> dict[str, str]:
-    """Labels of the techniques that can render a scene, and of its reference."""
+    """Return the labels of the techniques that can render a scene, and of its reference."""
     if checks.one_of("scene", scene, SCENES) in OWN_SCENES:
         return {"own": "its own integrator", "reference": f"reference, {REFERENCE_SPP} samples"}
     labels = {name: f"{name}: {label}" for name, (_, label) in TECHNIQUES.items()}
@@ -45,7 +45,7 @@ def techniques(scene: str) -> dict[str, str]:
 
 @lru_cache(maxsize=64)
 def render_technique(scene: str, technique: str, spp: int, seed: int = 0) -> Picture:
-    """Render one of `SCENES` by one of its `techniques`; a reference has its own `spp`."""
+    """Render one of `SCENES` by one of its `techniques`. A reference ignores `spp`."""
     checks.one_of("technique", technique, techniques(scene))
     if technique == "reference":
         with np.load(REFERENCES) as references:
@@ -56,6 +56,7 @@ def render_technique(scene: str, technique: str, spp: int, seed: int = 0) -> Pic
 
 
 def _render(scene: str, technique: str, spp: int, seed: int) -> np.ndarray:
+    # Build the scene at the size of the page
     build: Any = BUILT_IN[scene]
     film = build()["sensor"]["film"]
     shrink = SIDE / max(film["width"], film["height"])
@@ -67,7 +68,9 @@ def _render(scene: str, technique: str, spp: int, seed: int) -> np.ndarray:
         description = build(**size)
         if technique in TECHNIQUES:
             description["integrator"] = description["integrator"] | {"type": kind}
-    with backend.tracing_lock():  # The page renders in a thread
+
+    # The page renders in a thread
+    with backend.tracing_lock():
         loaded: Any = mi.load_dict(description)
         backend.keep_alive(loaded)
         return np.array(mi.render(loaded, spp=spp, seed=mi.UInt32(seed)), np.float32)[..., :3]

@@ -1,4 +1,4 @@
-"""The page that compares two pictures, or two films with one clock."""
+"""The page that compares two pictures, or two films with a common clock."""
 
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import asdict
@@ -14,15 +14,22 @@ from ..ui.page import App, failure
 from .pairs import Pair, alike, numbers
 from .pictures import SCENES, render_technique, techniques
 
-DIFFERENCES = "RdBu_r"  # Matplotlib's colours of what is less and more
+DIFFERENCES = "RdBu_r"  # Matplotlib's colors of negative and positive differences
 
 
 class Comparison(App):
-    """The page of one reader, beginning with a scene of the course, or with a pair of files."""
+    """The page of one reader. It starts with a scene of the course, or with a pair of files."""
 
     _esm = bundle.javascript(
-        *("ui/parts", "ui/app", "explorer/recording", "explorer/words", "explorer/paint"),
-        *("explorer/plot", "explorer/frame", "compare/zoom", "compare/comparison"),
+        "ui/parts",
+        "ui/app",
+        "explorer/recording",
+        "explorer/words",
+        "explorer/paint",
+        "explorer/plot",
+        "explorer/frame",
+        "compare/zoom",
+        "compare/comparison",
     )
     _stylesheets: Any = (bundle.style("compare/comparison"),)
 
@@ -46,8 +53,10 @@ class Comparison(App):
         self.pair = pair
 
     async def draw(self) -> None:
-        """Send both pictures as they are chosen, and their difference in numbers."""
-        chosen, step, pixel = self.chosen, self.chosen.get("step"), self.chosen.get("pixel")
+        """Send both chosen pictures, and their difference in numbers."""
+        chosen = self.chosen
+        step = chosen.get("step")
+        pixel = chosen.get("pixel")
 
         def work() -> tuple[list[str], list[np.ndarray], list[np.ndarray], list[Any]]:
             if self.pair is not None:
@@ -55,12 +64,14 @@ class Comparison(App):
                 x, y = pixel or (frames[0].shape[1] // 2, frames[0].shape[0] // 2)
                 curves = self.pair.responses(x, y)
                 return [p.name for p in self.pair.pictures], frames, curves, _rows(frames)
-            scene, spp = chosen["scene"], chosen["spp"]
+            scene = chosen["scene"]
+            spp = chosen["spp"]
             pictures = [render_technique(scene, chosen[side], spp) for side in "ab"]
             reference = render_technique(scene, "reference", 1)
             frames = alike([each.pixels for each in pictures])
             return [p.name for p in pictures], frames, [], _rows(frames, reference.pixels)
 
+        # Compute the pictures in the thread
         if self.pair is None:
             self.tell(message={"title": "Rendering …"})
         try:
@@ -68,6 +79,8 @@ class Comparison(App):
         except (ValueError, RuntimeError, OSError, LeftOut) as error:
             self.tell(message=failure("There is no picture", error))
             return
+
+        # Send them as bytes
         height, width, channels = frames[0].shape
         planes = [np.ascontiguousarray(f.transpose(2, 0, 1), np.float32).tobytes() for f in frames]
         weights = LUMINANCE.tolist() if channels == 3 else [1.0]
@@ -79,7 +92,7 @@ class Comparison(App):
 
 
 def _rows(frames: list[np.ndarray], reference: np.ndarray | None = None) -> list[list[str]]:
-    """Differences in words and numbers; of pictures of the course also from the reference."""
+    """Return differences in words and numbers, with the reference of pictures of the course."""
     rms, largest, *means = numbers(*frames)
     rows = [
         ["RMS of B − A", f"{rms:.4g}, {percent(rms, means[0])} of A's mean"],
@@ -93,12 +106,12 @@ def _rows(frames: list[np.ndarray], reference: np.ndarray | None = None) -> list
 
 
 def percent(part: float, whole: float) -> str:
-    """A part in percent, in words for the reader."""
+    """Format a part in percent."""
     return f"{100 * part / whole:.3g} %" if whole else "–"
 
 
 def application(scene: str | None = None, pair: Pair | None = None) -> Any:
-    """A function that makes a reader's page, for `serving.serve`."""
+    """Return a function that makes the page of a reader, for `serving.serve`."""
     variant = backend.activate(None)
     executor = ThreadPoolExecutor(1, initializer=backend.activate, initargs=(variant,))
     return lambda: Comparison(executor, scene, pair)

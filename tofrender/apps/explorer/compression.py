@@ -1,7 +1,7 @@
-"""Compression of cubes: reduction of pixels and bins, and quantisation to codes of one byte.
+"""Compression of cubes: reduction of pixels and bins, and quantization to codes of one byte.
 
-Code 0 is darkness; code q from 1 to 255 stands for least * ratio^(q - 1). Of values with a sign,
-q is from 1 to 127, and 128 + q stands for the negative value.
+Code 0 means darkness. Code q from 1 to 255 means the value least * ratio^(q - 1). For values with a
+sign, q is from 1 to 127, and 128 + q means the negative value.
 """
 
 import math
@@ -13,18 +13,19 @@ import numpy as np
 
 from ...rendering.cubes import PIECE_BYTES, Cube
 
-# Joined bins are summed (light per bin) or averaged (densities); standard errors of either are
-# combined as those of independent estimates
+# Joined bins are summed (light per bin) or averaged (densities). Standard errors are combined as
+# errors of independent estimates
 Mode = Literal["sum", "mean", "error", "mean error"]
 
 MAX_SIZE = 64  # Largest edge of a block in pixels, and largest number of joined bins
-CODES = 255  # Number of codes, without that of darkness
-SIGN = 128  # Is added to the code of a negative value
-DARK = 1e-4  # Fraction of all light that may lie in values too small to have a code
-DARK_SMALL = 1e-2  # Likewise if codes have to take less than SMALL bytes
+CODES = 255  # Number of codes, without the code of darkness
+SIGN = 128  # Added to the code of a negative value
+DARK = 1e-4  # Largest fraction of the light in values that are too small to have a code
+DARK_SMALL = 1e-2  # Largest such fraction if codes must be smaller than SMALL bytes
 SMALL = 1_000_000
-DECADES = 7  # Largest range of values that have a code
-_OCTAVES, _PER_OCTAVE = 1100, 16  # Of the histogram of values, on either side of 1
+DECADES = 7  # Largest range of values that have a code, in powers of ten
+_OCTAVES = 1100  # Range of the histogram of values, on each side of 1
+_PER_OCTAVE = 16  # Bins of this histogram in an octave
 
 
 @dataclass(frozen=True)
@@ -35,27 +36,30 @@ class Reduction:
     time: int = 1
 
     def shape(self, cube: Cube) -> tuple[int, int, int, int]:
-        """Rows, columns, bins and channels of a reduced cube."""
+        """Return rows, columns, bins and channels of a reduced cube."""
         height, width, bins, channels = cube.shape[-4:]
         rows, columns = (math.ceil(side / self.space) for side in (height, width))
         return rows, columns, math.ceil(bins / self.time), channels
 
 
 def reductions(bins: int) -> list[Reduction]:
-    """Possible reductions that leave 128 bins or more, the finest first."""
+    """Return the possible reductions to 128 bins or more, the finest reduction first."""
     sizes = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, MAX_SIZE)
     times = [t for t in sizes if t == 1 or bins / t >= 128]
     found = [Reduction(space, time) for space in sizes for time in times]
-    return sorted(found, key=lambda each: each.space**2.5 * each.time)  # Pixels are missed more
+    # Missing pixels disturb more than missing bins
+    return sorted(found, key=lambda each: each.space**2.5 * each.time)
 
 
 def bands(
     cube: Cube, by: Reduction, mode: Mode, every: int = 1
 ) -> Iterator[tuple[tuple[int, slice], np.ndarray]]:
-    """Reduce a cube (..., y, x, bins, channels) by bands of rows, or one of `every` few of them.
+    """Reduce a cube (..., y, x, bins, channels) in bands of rows, all or one of `every` few bands.
 
-    Yields the picture's number along leading axes, rows of the result, and their values.
+    Yields the index of the picture along the leading axes, the rows of the result, and their
+    values.
     """
+    # Choose bands of whole blocks
     *pictures, height, width, bins, channels = cube.shape
     row = 4 * width * bins * channels
     step = by.space * max(1, min(PIECE_BYTES // row, height // 8) // by.space)
@@ -68,14 +72,17 @@ def bands(
 
 
 def _reduced(values: np.ndarray, by: Reduction, mode: Mode) -> np.ndarray:
-    """Values (rows, columns, bins, channels) reduced along the first three axes."""
+    """Reduce values (rows, columns, bins, channels) along the first three axes."""
     if by == Reduction():
         return values.astype(np.float32, copy=False)
+
+    # Squares of independent errors add up
     errors = mode.endswith("error")
     values = np.square(values) if errors else values
     for axis, size in enumerate((by.space, by.space, by.time)):
         if size == 1:
             continue
+        # The last block may be smaller
         starts = np.arange(0, values.shape[axis], size)
         counts = np.diff(starts, append=values.shape[axis]).reshape(
             [-1 if a == axis else 1 for a in range(4)]
@@ -98,19 +105,24 @@ class Scale:
     def of(
         cls, pieces: Iterable[np.ndarray], signed: bool = False, most_bytes: float | None = None
     ) -> "Scale":
-        """Scale for the finite values of all pieces, those above 0 unless `signed`."""
+        """Choose the scale for the finite values of all pieces. Unsigned values must be above 0."""
+        # Sum the light in a histogram over the logarithm of values
         dark = DARK if most_bytes is None or most_bytes >= SMALL else DARK_SMALL
-        sums = np.zeros(2 * _OCTAVES * _PER_OCTAVE)  # Histogram of light over log2 of values
-        low, high = math.inf, 0.0
+        sums = np.zeros(2 * _OCTAVES * _PER_OCTAVE)
+        low = math.inf
+        high = 0.0
         for piece in pieces:
             values = abs(piece) if signed else piece
             lit = values[(values > 0) & np.isfinite(values)].astype(np.float64)
             if lit.size:
-                low, high = min(low, float(lit.min())), max(high, float(lit.max()))
+                low = min(low, float(lit.min()))
+                high = max(high, float(lit.max()))
                 bins = np.floor((np.log2(lit) + _OCTAVES) * _PER_OCTAVE).astype(np.int64)
                 sums += np.bincount(bins, lit, sums.size)
         if not high:
             return cls(1.0, 2.0, signed)
+
+        # Start above the values that contain almost no light
         light = np.cumsum(sums)
         first = int(np.searchsorted(light, dark * light[-1], side="right"))
         low = max(low, 2 ** (first / _PER_OCTAVE - _OCTAVES))
@@ -120,11 +132,11 @@ class Scale:
 
     @property
     def tolerance(self) -> float:
-        """Largest relative error from `least` on; smaller values are off by less than `least`."""
+        """Largest relative error of values above `least`. The error of others is below `least`."""
         return math.sqrt(self.ratio) - 1
 
     def codes(self, values: np.ndarray) -> np.ndarray:
-        """The nearest codes; 0 for values that are not finite."""
+        """Return the nearest codes. Values that are not finite have the code 0."""
         sizes = abs(values) if self.signed else values
         with np.errstate(divide="ignore", invalid="ignore"):
             steps = np.log2(sizes * np.float32(1 / self.least), dtype=np.float32)
@@ -134,7 +146,7 @@ class Scale:
         return codes + SIGN * (values < 0).astype(np.uint8) if self.signed else codes
 
     def values(self, codes: np.ndarray) -> np.ndarray:
-        """Values of codes."""
+        """Return the values of codes."""
         sizes = codes % SIGN if self.signed else codes
         found = np.where(sizes > 0, self.least * self.ratio ** (sizes.astype(np.float64) - 1), 0.0)
         return np.where(codes >= SIGN, -found, found) if self.signed else found

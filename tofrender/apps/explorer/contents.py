@@ -17,30 +17,31 @@ from .data import ExplorerData, explorer_data, facts, wall_of
 from .paths import path_lists
 
 MAPS = {"false": "inferno", "distance": "viridis", "signed": "coolwarm"}
-"""Colour maps of Matplotlib by their use; phases have `phase_map`."""
+"""Color maps of Matplotlib by their use. Phases use `phase_map`."""
 
-SAMPLED_BANDS = 8  # The size of a large cube is estimated from one of so many bands of it
+SAMPLED_BANDS = 8  # The size of a large cube is estimated from one of eight bands of rows
 SAMPLED_BYTES = 100e6
-ALIGNMENT = 8  # Of arrays in the bytes
+ALIGNMENT = 8  # Alignment of arrays in the bytes
 
 
 @dataclass
 class Contents:
-    """A header, and the bytes of the arrays that it names."""
+    """A header, and bytes with all arrays. The header contains their positions."""
 
     header: dict[str, Any]
     data: bytes
 
     def part(self, name: str) -> np.ndarray:
-        """An array of the bytes, flat."""
+        """Return an array of the bytes, with one axis."""
         about = self.header["parts"][name]
         return np.frombuffer(self.data, about["type"], about["length"], about["offset"])
 
     def layer(self, about: dict[str, Any]) -> np.ndarray:
-        """Values of a layer, (pictures, bins, channels, rows, columns)."""
+        """Return the values of a layer, (pictures, bins, channels, rows, columns)."""
         shape = [about[name] for name in ("pictures", "bins", "channels", "height", "width")]
         codes = self.part(about["part"])
         if about["packed"]:
+            # Undo `differences`
             pictures, bins, *picture = shape
             steps = codes.reshape(pictures, *picture, bins).transpose(0, 4, 1, 2, 3)
             codes = np.cumsum(steps, axis=1, dtype=np.uint8)
@@ -50,10 +51,10 @@ class Contents:
 
 
 def differences(codes: np.ndarray) -> np.ndarray:
-    """Codes (pictures, bins, channels, rows, columns) as differences, which deflate packs well.
+    """Convert codes (pictures, bins, channels, rows, columns) to differences, which pack well.
 
-    Red and blue are differences from green, then each bin is the difference from the one before,
-    modulo 256; bins become the last axis.
+    Red and blue become differences from green. Then each bin becomes the difference from the bin
+    before, modulo 256. The bins become the last axis.
     """
     steps = codes.copy()
     if codes.shape[2] == 3:
@@ -76,7 +77,7 @@ def contents_of(
 ) -> Contents:
     """Make the contents of an explorer of at most `most_bytes`, after compression if `packed`.
 
-    Other arguments and errors are those of `explore`.
+    `explore` describes the other arguments and the errors.
     """
     from matplotlib import colormaps
 
@@ -86,22 +87,31 @@ def contents_of(
         options |= {"paths": paths}
         return _with_capture(data, capture, most_bytes, **options)
     found = explorer_data(data, orders, distance_m)
+
+    # Find the finest reduction that fits
     layers = {"light": (found.light, found.mode), **found.layers}
     *spots, height, width, bins, channels = found.light.shape
     is_fine = most_bytes is None or 16 * height * width * channels < most_bytes
     for by in reductions(0 if "frequencies" in found.header else bins):
-        fine = Reduction() if is_fine else by  # Of the pictures of all bins
+        fine = Reduction() if is_fine else by  # Reduction of pictures of all bins
         if most_bytes is None or _fits(layers, by, fine, most_bytes, packed):
             break
     else:
-        raise ValueError("megabytes: must be more, the coarsest page of these data takes more")
+        raise ValueError("megabytes: must be larger; the coarsest page of these data is larger")
+
+    # Describe the data
     arrays = _Arrays()
     axis = {"width": found.axis["width"] * by.time, "count": math.ceil(bins / by.time)}
     header: dict[str, Any] = {
         "version": 1,
-        **{"perMetre": False, "depth": "", "geometry": {}, "orders": [], "stokes": []},
-        **{"counts": False},
-        **{"hatched": found.hatched, "warnings": found.warnings},
+        "perMetre": False,
+        "depth": "",
+        "geometry": {},
+        "orders": [],
+        "stokes": [],
+        "counts": False,
+        "hatched": found.hatched,
+        "warnings": found.warnings,
         "paths": path_lists(paths, found.header["kind"]),
         **found.header,
         "title": str(title or data.attrs.get("scene", "") or found.header["kind"]),
@@ -117,6 +127,8 @@ def contents_of(
         },
         "lasers": math.prod(spots),
     }
+
+    # Add the light of each layer
     for name, (cube, mode) in layers.items():
         if name == "steady":
             layer = _layer(arrays, name, cube, fine, mode, packed, None)
@@ -127,6 +139,8 @@ def contents_of(
             header[group].append(layer)
         else:
             header[name] = layer
+
+    # Add numbers of the pixels, and the color maps
     for name, values in found.arrays.items():
         if name == "distance":
             values = _middles(values, by.space)
@@ -147,16 +161,20 @@ def contents_of(
 
 
 def _with_capture(volume: Any, capture: Any, most_bytes: int | None, **options: Any) -> Contents:
-    """Contents of a capture, with those of its volume as a part of them."""
-    title, packed = options["title"], options["packed"]
+    """Return the contents of a capture, which include the contents of its volume."""
+    # Compute both
+    title = options["title"]
+    packed = options["packed"]
     half = most_bytes and most_bytes // 2
     below = contents_of(volume, **options, most_bytes=half)
     kind = below.header["kind"]
-    checks.require("capture", capture, kind == "volume", f"None, as data is a {kind}")
+    checks.require("capture", capture, kind == "volume", f"None for a {kind}")
     arrays = _Arrays()
     for name, values in wall_of(volume, capture).items():
         arrays.add(name, values, "f4")
     whole = contents_of(capture, title=title, packed=packed, most_bytes=half)
+
+    # Join their bytes, and move the positions of their arrays
     pieces = [*arrays.pieces, whole.data, below.data]
     ahead = arrays.size
     for each in (whole, below):
@@ -168,14 +186,14 @@ def _with_capture(volume: Any, capture: Any, most_bytes: int | None, **options: 
 
 
 def _middles(values: np.ndarray, size: int) -> np.ndarray:
-    """Values (rows, columns) at the middles of blocks."""
+    """Return the values (rows, columns) at the middles of blocks."""
     rows, columns = (-(-side // size) for side in values.shape)
     padded = np.pad(values, (0, size), mode="edge") if values.size else values
     return padded[size // 2 :: size, size // 2 :: size][:rows, :columns]
 
 
 class _Arrays:
-    """Arrays that are joined to bytes, with their positions."""
+    """Arrays that are joined to bytes, and their positions."""
 
     def __init__(self) -> None:
         self.parts: dict[str, dict[str, Any]] = {}
@@ -199,10 +217,13 @@ def _layer(
     packed: bool,
     most_bytes: int | None,
 ) -> dict[str, Any]:
-    """Add the codes of a cube; returns its part of the header."""
+    """Add the codes of a cube, and return its part of the header."""
+    # Choose the scale
     group, _, part = name.partition(" ")
     signed = group == "stokes"
     scale = Scale.of((values for _, values in bands(cube, by, mode)), signed, most_bytes)
+
+    # Encode the values
     rows, columns, bins, channels = by.shape(cube)
     pictures = math.prod(cube.shape[:-4])
     memory.require_free("data", 3 * pictures * bins * channels * rows * columns)
@@ -223,7 +244,7 @@ def _fits(
     most_bytes: int,
     packed: bool,
 ) -> bool:
-    """Whether codes take at most `most_bytes`, estimated from a few bands where compressed."""
+    """Return whether codes fit into `most_bytes`. Packed sizes are estimated from a few bands."""
     total = 0.0
     for name, (cube, mode) in layers.items():
         if name == "steady":
@@ -242,7 +263,8 @@ def _fits(
 
 
 def _notes(header: dict[str, Any], found: ExplorerData, by: Reduction, is_fine: bool) -> list[str]:
-    """Sentences on the precision of values and on what was reduced."""
+    """Return sentences about the precision of values and about reduced axes."""
+    # Precision
     light = header["light"]
     scale = Scale(light["least"], light["ratio"])
     precision = (
@@ -253,6 +275,8 @@ def _notes(header: dict[str, Any], found: ExplorerData, by: Reduction, is_fine: 
     if header["stokes"]:
         scales = [Scale(each["least"], each["ratio"]) for each in header["stokes"]]
         precision += f" S1 to S3 are right to {100 * max(s.tolerance for s in scales):.2g} %."
+
+    # Reduced axes
     reduced = []
     if by.space > 1:
         reduced.append(f"{by.space} x {by.space} pixels are averaged")

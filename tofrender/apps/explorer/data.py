@@ -17,6 +17,7 @@ from ...labels import (
     VOLUME,
     bins_of,
     by_pixel,
+    even_axis,
     intensity,
     read,
     with_energy,
@@ -40,10 +41,10 @@ PIXELS = {"transient": "pixels", "capture": "points", "volume": "columns", "phas
 
 DOWNWARDS = slice(None)
 UPWARDS = slice(None, None, -1)
-"""Orders of the rows of a wall in which the highest row comes first, by where its rows run."""
+"""Orders of the rows of a wall, with the highest row first."""
 
 FACTS = {
-    "mode": "Mode",
+    "capture_mode": "Mode",
     "method": "Method",
     "spp": "Samples per pixel",
     "cycles": "Laser cycles",
@@ -65,16 +66,16 @@ class ExplorerData:
     """A cube of light with everything that an explorer shows of it."""
 
     header: dict[str, Any]  # "kind", "quantity", "depth" (when half a length is one), "geometry"
-    light: Cube  # (..., y, x, bins, channels); leading axes are laser spots
+    light: Cube  # Light (..., y, x, bins, channels). Leading axes are laser spots
     mode: Mode  # How bins are joined
     axis: dict[str, Any]  # "start" and "width" of bins [m], label ("what")
     arrays: dict[str, np.ndarray]  # "peaks" of each pixel [m]; "distance", "points", "hatch"
     layers: dict[str, tuple[Cube, Mode]] = field(default_factory=dict)  # Other cubes
     first: tuple[int, int] = (0, 0)  # Column and row of the first pixel
     down: int = 1  # Step of row numbers from the top of the picture downwards, 1 or -1
-    hatched: str = ""  # What pixels of "hatch" are
+    hatched: str = ""  # Meaning of the pixels of "hatch"
     notes: list[str] = field(default_factory=list)  # Sentences for the reader
-    warnings: list[str] = field(default_factory=list)  # Those that stand above the picture
+    warnings: list[str] = field(default_factory=list)  # Sentences above the picture
 
 
 def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> ExplorerData:
@@ -82,6 +83,8 @@ def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> Expl
     checks.require("data", data, isinstance(data, xr.Dataset), "an xarray.Dataset")
     if distance_m is not None:
         distance_m = by_pixel(distance_m, data, "distance_m")
+
+    # Convert films of rates and taps to light
     rates = None
     if "rate" in data.dims:
         distances = "None, as data is of range_rate"
@@ -89,6 +92,8 @@ def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> Expl
         data, rates = _range_rate(data)
     if "taps" in data:
         data = phasors_of(data)
+
+    # Which kind of Dataset is it?
     kinds = {"intensity": "volume", "sensor_grid": "capture", "I": "phasors"}
     kind = next((kinds[name] for name in kinds if name in data), "transient")
     for name, value in (("orders", orders), ("distance_m", distance_m)):
@@ -96,6 +101,8 @@ def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> Expl
         checks.require(name, value, valid, f"None for a {kind}")
         valid = value is None or "frame" not in data.dims
         checks.require(name, value, valid, "None for frames")
+
+    # Prepare volumes, captures and phasors, or light in time
     if kind != "transient":
         found = {"volume": _volume, "capture": _capture, "phasors": _phasors}[kind](data)
     else:
@@ -130,14 +137,18 @@ def _find_flaws(found: ExplorerData) -> None:
     """Hatch pixels with values that are not finite, and warn of them and of negative values."""
     *_, height, width, _, _ = found.light.shape
     unknown = np.zeros((height, width), bool)
-    negative, least = 0, 0.0
+    negative = 0
+    least = 0.0
     for (*_, rows, columns, _, _), values in found.light.pieces():
         if not np.isfinite(values.sum()):
             bad = ~np.isfinite(values).all(axis=(-2, -1))
             unknown[rows, columns] |= bad.reshape(-1, *bad.shape[-2:]).any(axis=0)
         below = values < 0
         if below.any():
-            negative, least = negative + int(below.sum()), min(least, float(values[below].min()))
+            negative += int(below.sum())
+            least = min(least, float(values[below].min()))
+
+    # Hatch and warn
     if unknown.any():
         found.arrays["hatch"] = unknown | found.arrays.get("hatch", False)
         if found.arrays["peaks"].size:
@@ -152,11 +163,13 @@ def _find_flaws(found: ExplorerData) -> None:
 
 
 def facts(data: xr.Dataset, found: ExplorerData) -> list[tuple[str, str]]:
-    """Size and attributes as labels and texts."""
+    """Return size and attributes as labels and texts."""
+    # The energy of a part differs from the energy of the whole
     kind = found.header["kind"]
-    is_render = "transient" in data and kind == "transient" and "frame" not in data.dims
-    if is_render and "energy_outside_window" in data.attrs:
-        data = with_energy(read(data, TRANSIENT, "data"), "data")
+    if "transient" in data and kind == "transient" and "energy_outside_window" in data.attrs:
+        data = with_energy(read(data, (TRANSIENT, FRAMES), "data"), "data")
+
+    # Describe the size
     *spots, height, width, bins, _ = found.light.shape
     unit = f"{'voxel' if kind == 'volume' else 'bin'}{'s' * (bins > 1)}"
     unit = "MHz" if kind == "phasors" else f"{unit} of {1000 * found.axis['width']:.4g} mm"
@@ -185,6 +198,7 @@ def _transient(data: xr.Dataset, orders: dict[str, Cube], distance_m: Any) -> Ex
     def cube(name: str) -> Cube:
         return Cube.of(f"data: {name}", data[name])
 
+    # Label the axis of time
     unwarped = bool(data.attrs.get("camera_unwarp"))
     per_metre = data.attrs["quantity"] == "radiance per metre"
     mode: Mode = "mean" if per_metre else "sum"
@@ -194,6 +208,8 @@ def _transient(data: xr.Dataset, orders: dict[str, Cube], distance_m: Any) -> Ex
     if frames:
         header["frames"] = [float(time) for time in data["frame"].values]
     axis = {"start": seen.start_opl, "width": seen.bin_width_opl, "what": label}
+
+    # Add light, errors, orders and the steady image
     arrays = {"peaks": np.stack([ns_to_opl(view.brightest()[1]) for view in views])}
     light = cube("transient") if frames else seen.values
     found = ExplorerData(header, light, mode, axis, arrays, first=(seen.x0, seen.y0))
@@ -217,7 +233,10 @@ def _capture(data: xr.Dataset) -> ExplorerData:
     width = bins_of(data, "data").bin_width_opl
     start = float(data["opl"].values[0] - width / 2)
     grid = data["sensor_grid"].values.astype(np.float64)[rows]
-    mode, legs = data.attrs["mode"], bool(data.attrs["counts_first_and_last_legs"])
+
+    # Geometry of the wall and the laser
+    mode = data.attrs["capture_mode"]
+    legs = bool(data.attrs["counts_first_and_last_legs"])
     views = [Transient(light.view(spot), start, width) for spot in np.ndindex(*light.shape[:-4])]
     geometry: dict[str, Any] = {"mode": mode}
     if mode != "confocal":
@@ -226,6 +245,8 @@ def _capture(data: xr.Dataset) -> ExplorerData:
     arrays = {"peaks": peaks, "points": grid}
     if ON_WALL in data:
         arrays["hatch"] = ~data[ON_WALL].values[rows]
+
+    # Labels
     is_confocal = mode == "confocal" and not legs
     header = {"kind": "capture", "quantity": _quantity(data.attrs), "geometry": geometry}
     header["depth"] = "a single bounce in the hidden scene, back to the laser spot" * is_confocal
@@ -271,14 +292,15 @@ def _phasors(data: xr.Dataset) -> ExplorerData:
 def _volume(data: xr.Dataset) -> ExplorerData:
     data = read(data, VOLUME, "data")
     values = check_volume(data)
-    start, step = _axis(data, "z")
-    sides = {axis: _axis(data, axis) for axis in "xy"}
+    start, step = even_axis(data, "z", "data", width=1.0)
+    sides = {axis: even_axis(data, axis, "data", width=1.0) for axis in "xy"}
     rows = _rows_from_top(data["frame_axes"].values) if "frame_axes" in data else UPWARDS
     if rows == UPWARDS:
         low, size = sides["y"]
         sides["y"] = low + size * values.shape[1], -size
     quantity = f"intensity [{data.attrs.get('units', 'arbitrary')}]"
-    handed = -math.copysign(1, sides["y"][1])  # Of x, upwards and away from the wall
+    # Orientation of the axes x, upwards and away from the wall
+    handed = -math.copysign(1, sides["y"][1])
     if "frame_axes" in data:
         handed *= math.copysign(1, np.linalg.det(data["frame_axes"].values))
     header = {"kind": "volume", "quantity": quantity, "geometry": {**sides, "handed": handed}}
@@ -292,7 +314,9 @@ def wall_of(volume: xr.Dataset, capture: Any) -> dict[str, np.ndarray]:
     """Points of a capture's wall, its laser spots and the origins of legs in the volume's frame."""
     capture = read_capture(capture, "capture")
     if not {"frame_origin", "frame_axes"} <= set(volume.data_vars):
-        raise ValueError("data: frame_origin, frame_axes: must be there, as reconstruct has them")
+        raise ValueError(
+            "data: frame_origin or frame_axes is missing; it must be a result of reconstruct"
+        )
     frame = WallFrame(
         *(volume[f"frame_{name}"].values.astype(float) for name in ("origin", "axes"))
     )
@@ -305,7 +329,7 @@ def wall_of(volume: xr.Dataset, capture: Any) -> dict[str, np.ndarray]:
         rule = f"must be the wall of data, at {here} with its axes"
         raise ValueError(f"capture with a wall at {there} m: {rule}")
     found = {"wall": frame(grid)}
-    if capture.attrs["mode"] != "confocal":
+    if capture.attrs["capture_mode"] != "confocal":
         found["spots"] = frame(capture["laser_grid"].values.astype(float))
     if capture.attrs["counts_first_and_last_legs"]:
         ends = [capture[f"{name}_origin"].values for name in ("laser", "sensor")]
@@ -349,7 +373,7 @@ def _orders(orders: Any, data: xr.Dataset) -> dict[str, Cube]:
         for axis in DIMS["transient"]:
             if not np.array_equal(part[axis], data[axis]):
                 raise ValueError(
-                    f"{parameter}: the axis {axis} differs from that of data. Pass light in the "
+                    f"{parameter}: the axis {axis} is another axis than in data. Pass light in the "
                     "pixels, bins and channels of data"
                 )
         found[name] = Cube.of(parameter, part["transient"])
@@ -368,17 +392,6 @@ def _distances(distance_m: Any, size: tuple[int, int], notes: list[str]) -> np.n
             "shown at the mean distance of the others."
         )
     return np.where(seen, distances, distances[seen].mean())
-
-
-def _axis(data: xr.Dataset, axis: str) -> tuple[float, float]:
-    """Start of the first voxel of an axis, and size of a voxel [m]."""
-    if axis not in data.coords:
-        raise ValueError(f"data: coordinate {axis} is missing; must be as reconstruct has it")
-    centres = np.asarray(data[axis].values, np.float64)
-    step = float(centres[-1] - centres[0]) / (len(centres) - 1) if len(centres) > 1 else 1.0
-    if not math.isfinite(step) or step <= 0:
-        raise ValueError(f"data: coordinate {axis}: must be finite and grow")
-    return float(centres[0]) - step / 2, step
 
 
 def _in_grid(points: np.ndarray, grid: np.ndarray) -> list[list[float]]:

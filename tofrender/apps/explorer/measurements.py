@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from ...labels import COUNTS, GATES, STREAK, TAPS, pixel_steps, read
+from ...labels import COUNTS, GATES, STREAK, TAPS, even_axis, pixel_steps, read
 from ...rendering.dataset import QUANTITIES
 from ...runtime import checks
 from ...sensors.config import read_sensor
@@ -17,7 +17,7 @@ LABELS = {
     "delay_opl": "path length at which the gate opens",
     "sweep": "optical path length along the sweep",
 }
-"""Labels of the time axes of measurements; a film's own one if empty."""
+"""Labels of the time axes of measurements. An empty label means the label of a film."""
 
 
 class Measured(NamedTuple):
@@ -30,25 +30,33 @@ class Measured(NamedTuple):
 
 
 def is_film(data: xr.Dataset) -> bool:
-    """Whether a Dataset is a measurement with a time axis: photon counts, or images of a camera."""
+    """Return whether a Dataset has photon counts, or images of a gated or a streak camera."""
     return "counts" in data or "images" in data
 
 
 def film_of(data: xr.Dataset) -> Measured:
     """Convert photon counts of a SPAD, or images of a gated or a streak camera, to a film.
 
-    Images of overlapping gates are densities, which are averaged where bins are joined. Counts, and
-    electrons along a sweep, are summed.
+    Images of overlapping gates are densities. If bins are joined, densities are averaged, and
+    counts and electrons along a sweep are summed.
     """
+    # Find the axis of time
     name = "counts" if "counts" in data else "images"
     data = read(data, (COUNTS, GATES, STREAK), "data")
     axis = next(axis for axis in LABELS if axis in data[name].dims)
-    start, step, centers = _time_axis(data, axis)
+    name_of_centers = "opl" if axis == "bin" else axis
+    width = float(data.attrs.get("bin_width_opl", 1.0))
+    start, step = even_axis(data, name_of_centers, "data", width)
+    centers = np.asarray(data[name_of_centers].values, np.float64)
     attrs = data.attrs | {"start_opl": start, "bin_width_opl": step}
     attrs["quantity"] = QUANTITIES[1] if axis == "delay_opl" else QUANTITIES[0]
+
+    # A larger pixel is labeled by its own index
     coords: dict[str, Any] = {"opl": centers, "channel": ["L"]}
-    for side, distance in pixel_steps(data, "data").items():  # Larger pixels count themselves
+    for side, distance in pixel_steps(data, "data").items():
         coords[side] = data[side].values[0] // distance + np.arange(data.sizes[side])
+
+    # Make films of the measurement and of its expectation
     films = {}
     for variable in (name, "expected"):
         if variable in data:
@@ -60,7 +68,8 @@ def film_of(data: xr.Dataset) -> Measured:
 
 
 def phasors_of(data: xr.Dataset) -> xr.Dataset:
-    """Compute the phasors of the taps of an iToF camera; saturated pixels are NaN."""
+    """Compute the phasors of the taps of an iToF camera. Saturated pixels are NaN."""
+    # Read the camera from the attribute
     described = data.attrs.get("sensor")
     checks.require(
         "data", list(data.attrs), isinstance(described, str), "a result of sense with taps"
@@ -79,14 +88,3 @@ def picture_of_taps(data: xr.Dataset) -> np.ndarray:
     """Return the mean of all taps, (height, width, 1) [electrons]."""
     mean = read(data, TAPS, "data")["taps"].mean(("frequency", "tap"))
     return mean.values[..., None].astype(np.float32)
-
-
-def _time_axis(data: xr.Dataset, axis: str) -> tuple[float, float, np.ndarray]:
-    """Return start and width of bins [m], and their centers."""
-    name = "opl" if axis == "bin" else axis
-    centers = np.asarray(data[name].values, float)
-    steps = np.diff(centers)
-    step = float(steps.mean()) if steps.size else float(data.attrs.get("bin_width_opl", 1.0))
-    even = step > 0 and np.allclose(steps, step, rtol=1e-3, atol=0)
-    checks.require(f"data: {name}", centers, even, "at equal steps that grow")
-    return float(centers[0]) - step / 2, step, centers

@@ -3,16 +3,31 @@
 from ..ui import bundle
 
 MODULES = (
-    *("recording", "words", "stokes", "paint", "plot", "space", "pictures", "volume", "frame"),
-    *("input", "controls", "responses", "link", "gif", "save", "paths", "explorer"),
+    "recording",
+    "words",
+    "stokes",
+    "paint",
+    "plot",
+    "space",
+    "pictures",
+    "volume",
+    "frame",
+    "input",
+    "controls",
+    "responses",
+    "link",
+    "gif",
+    "save",
+    "paths",
+    "explorer",
 )
 
 
 def javascript() -> str:
-    """ES module that exports `mount(element, {header, bytes})`."""
+    """Return an ES module that exports `mount(element, {header, bytes})`."""
     return bundle.javascript("ui/parts", *(f"explorer/{name}" for name in MODULES))
 
 
 def style() -> str:
-    """Style sheet whose rules only apply inside of an explorer."""
+    """Return the style sheet. Its rules apply inside an explorer only."""
     return bundle.style("explorer/explorer")

@@ -35,10 +35,11 @@ def report(
 ) -> Path:
     """Write the explorer of a transient as one HTML file, and return its path.
 
-    The file opens from disk in any browser of 2024 or later; it needs no server and no network,
-    and its policy forbids their use. It appears whole or not at all. Values are stored as one byte
-    on a logarithmic scale; blocks of pixels are averaged, and bins summed, until the file is small
-    enough. The page states the precision of values and what was reduced. See also `explore`.
+    The file opens from disk in any browser of 2024 or later. The page works without a server and
+    without a network, and its security policy forbids both. An incomplete file never appears at
+    `path`. Values are stored as one byte on a logarithmic scale. Blocks of pixels are averaged, and
+    bins are summed, until the file is small enough. The page states the precision of values, and
+    the sizes of joined blocks and bins. See also `explore`.
 
     Args:
         data: As for `explore`.
@@ -46,16 +47,16 @@ def report(
         capture: As for `explore`.
         orders: As for `explore`.
         distance_m: As for `explore`.
-        title: Title; by default the scene.
+        title: Title. By default the name of the scene.
         paths: As for `explore`.
         megabytes: Largest size of the file [1e6 bytes], 0.1 to 1000.
         overwrite: Replace an existing file.
 
     Raises:
-        ValueError: `data` is none of these, or another argument does not fit; one line.
+        ValueError: `data` is another Dataset, or another argument does not fit; one line.
         FileExistsError: The file exists.
         PermissionError: The folder is not writable.
-        OSError: The disk is full; nothing half-written remains.
+        OSError: The disk is full. An unfinished file is removed.
         MemoryError: The codes do not fit into memory.
 
     Example:
@@ -66,11 +67,14 @@ def report(
         ...     report(dataset, folder + "/box.html").name
         'box.html'
     """
+    # Check the arguments
     target = check_file(path, ".html", ".htm", overwrite=overwrite)
     limit = 1e6 * checks.number("megabytes", megabytes, low=0.1, high=1000)
     options: dict[str, Any] = {"orders": orders, "distance_m": distance_m}
     options |= {"capture": capture, "title": title, "paths": paths}
-    margin = 0.96  # The estimated size may be a little too small
+
+    # Reduce the data until the page is small enough. The estimated size may be a little too small
+    margin = 0.96
     while True:
         most = int(margin * 3 / 4 * limit)
         text = page_of(contents_of(data, **options, most_bytes=most, packed=True)).encode()
@@ -84,7 +88,8 @@ def report(
 
 
 def page_of(contents: Contents) -> str:
-    """The page as text. Data are in it as text or JSON, never as markup."""
+    """Return the page as text. The page contains data as text or JSON, never as markup."""
+    # Allow only the page's own script and style
     script = javascript() + text_of("explorer/page.js")
     sheet = style() + text_of("explorer/page.css")
     policy = (
@@ -92,7 +97,9 @@ def page_of(contents: Contents) -> str:
         f"script-src '{_digest(script)}'; style-src '{_digest(sheet)}'"
     )
     header = json.dumps(contents.header, allow_nan=False)
-    for mark in "<>&":  # No markup can begin
+
+    # Escape characters that could begin markup
+    for mark in "<>&":
         header = header.replace(mark, f"\\u{ord(mark):04x}")
     return Template(text_of("explorer/page.html")).substitute(
         policy=policy,

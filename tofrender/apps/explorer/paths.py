@@ -15,13 +15,13 @@ from ...scenes.loading import load_scene
 from ...signals.pulses import GaussianPulse
 
 FIELDS = {"shape", "opl", "radiance", "on_film", "vertex_opl"}
-COUNT = 200  # Paths of a pixel and bin that a live explorer shows
-SAMPLES = 1 << 13  # Camera rays that they are chosen from
+COUNT = 200  # Number of paths of a pixel and bin in a live explorer
+SAMPLES = 1 << 13  # Number of camera rays before the choice of paths
 ALLOWED = "a list of results of paths_of"
 
 
 def path_lists(paths: Any, kind: str) -> list[dict[str, Any]]:
-    """Convert results of `paths_of` for some pixels by `plain_paths`; refuse anything else."""
+    """Convert results of `paths_of` for some pixels by `plain_paths`. Refuse other values."""
     _require_render("paths", paths, kind)
     given = checks.instance("paths", [] if paths is None else paths, list | tuple, ALLOWED)
     for each in given:
@@ -31,14 +31,18 @@ def path_lists(paths: Any, kind: str) -> list[dict[str, Any]]:
 
 
 def plain_paths(found: Any, fraction: Any = 1.0) -> dict[str, Any]:
-    """Return lengths, light, shapes and film positions of a pixel's paths, from the sensor on.
+    """Return lengths, light, shapes and film positions of a pixel's paths.
 
-    Where only some of the paths were chosen, all stand for the same light, here times a fraction.
+    Vertices are ordered from the sensor. If `paths_of` has chosen some of the paths, all chosen
+    paths get the same part of the total light. The light is multiplied by `fraction`.
     """
+    # Light of each path
     light = found["radiance"].mean("channel").values.astype(float)
     if found.attrs["found"] > light.size:
         light = np.full(light.size, float(found["total"].mean()) / light.size)
     light = light * fraction
+
+    # Vertices of each path
     paths = []
     for k, opl in enumerate(found["opl"].values):
         count = int(np.isfinite(found["vertex_opl"].values[k]).sum())
@@ -52,9 +56,10 @@ def plain_paths(found: Any, fraction: Any = 1.0) -> dict[str, Any]:
 def path_tracer(scene: Any, data: Any, kind: str) -> Callable[[Any, Any], dict[str, Any]]:
     """Return a function that traces paths of a pixel with lengths in a range, as `plain_paths`.
 
-    The scene, a loaded one or what `load_scene` loads, must have the film of the data. Paths count
-    by the part of their pulse that is in the range.
+    The scene is a loaded scene or an argument of `load_scene`. Its film must have the pixels of the
+    data. The light of a path is multiplied by the part of the pulse in the range.
     """
+    # Does the film of the scene have the pixels of the data?
     _require_render("scene", scene, kind)
     sensor = int(data.attrs.get("sensor", 0))
     size = data.sizes["x"], data.sizes["y"]
@@ -63,16 +68,20 @@ def path_tracer(scene: Any, data: Any, kind: str) -> Callable[[Any, Any], dict[s
     film = scene.sensors()[sensor].film()
     own = *map(int, film.crop_size()), *map(int, film.crop_offset())
     wanted = *size, int(data["x"].min()), int(data["y"].min())
-    allowed = f"{wanted} (width, height, first column and row), as the data have it"
+    allowed = f"{wanted} (width, height, first column and row), as in data"
     checks.require("film of the scene", own, own == wanted, allowed)
     pulse = _pulse(data, scene)
 
     def trace(pixel: Any, opl: Any) -> dict[str, Any]:
         try:
-            (start, stop), fraction = opl, 1.0
+            # Find paths with a part of their pulse in the range
+            start, stop = opl
+            fraction = 1.0
             low, high = (0.0, 0.0) if pulse is None else pulse.support
             options = {"count": COUNT, "spp": SAMPLES, "sensor": sensor}
             found = paths_of(scene, pixel, opl=(max(0.0, start - high), stop - low), **options)
+
+            # How much of the pulse is in the range?
             if pulse is not None:
                 ends = (mi.Float(end - found["opl"].values) for end in (start, stop))
                 before, after = (np.array(pulse.cdf(end)) for end in ends)
@@ -85,7 +94,10 @@ def path_tracer(scene: Any, data: Any, kind: str) -> Callable[[Any, Any], dict[s
 
 
 def _pulse(data: Any, scene: mi.Scene) -> Any:
-    """Pulse of a render, by its attribute; None for an instant, or if the scene has another one."""
+    """Return the pulse of a render by its attribute.
+
+    None means an instantaneous pulse, or a pulse that differs from the pulse of the scene.
+    """
     text = str(data.attrs.get("pulse", "none"))
     if found := re.fullmatch(r"GaussianPulse\(width_opl=(.+)\)", text):
         return GaussianPulse(float(found[1]))
@@ -95,4 +107,4 @@ def _pulse(data: Any, scene: mi.Scene) -> Any:
 
 def _require_render(name: str, value: Any, kind: str) -> None:
     valid = value is None or kind == "transient"
-    checks.require(name, value, valid, f"None, as data is a {kind}")
+    checks.require(name, value, valid, f"None for a {kind}")

@@ -30,33 +30,36 @@ def explore(
 ) -> AnyWidget:
     """Explore a transient in a notebook: light in time, pixels' responses, gates, phasors.
 
-    Works in Jupyter, VS Code and Colab; the browser needs a few milliseconds for a step in time,
-    even if the kernel is busy. Values are stored as one byte on a logarithmic scale; the widget
-    states their precision, and what was reduced if they would take more than `megabytes`.
-    See also `report`, `visualize_transient`.
+    The widget works in Jupyter, VS Code and Colab. A step in time needs a few milliseconds in the
+    browser, even if the kernel is busy. Values are stored as one byte on a logarithmic scale. If
+    they are larger than `megabytes`, blocks of pixels and bins are joined. The widget states the
+    precision of values and the sizes of joined blocks. See also `report`, `visualize_transient`.
 
     Args:
         data: Result of `render`, `render_frames`, `capture`, `range_rate`, `strategy_pyramid`,
-            `reconstruct` or `sensors.sense`. Error bars are shown where a render has them; a
-            pyramid shows the light by bounces.
-        capture: What the volume `data` was reconstructed from: the wall, laser spots, chosen points
-            of the wall and, in 3D, the ellipsoid that the light of the chosen bin comes from.
-        orders: Parts of a render's light by name, Datasets of the same pixels and bins, to be
-            drawn beside the response: `{"1 bounce": render(..., max_depth=2)}`, for example.
-        distance_m: (height, width) [m] from the camera's position to the surface in each pixel of
-            a render, as for `unwarp_camera`: time can then be shown without the camera segment.
-        title: Title; by default the scene.
-        scene: The scene of a render, loaded or as for `load_scene`: the paths behind the shown bin
-            of the chosen pixel are then listed and drawn into the picture.
-        paths: Results of `paths_of` for some pixels, to show without a scene.
-        megabytes: Largest size of the codes [1e6 bytes], above 0; all go to the browser at once.
+            `reconstruct` or `sensors.sense`. Error bars are shown if a render has standard errors.
+            A pyramid shows the light by bounces.
+        capture: Capture that was the input of the volume `data`. Then the wall, the laser
+            spots and chosen points of the wall are shown. The view in 3D also shows the ellipsoid
+            of possible points for the light of the chosen bin.
+        orders: Parts of a render's light by name, Datasets of the same pixels and bins. They are
+            drawn next to the response, for example `{"1 bounce": render(..., max_depth=2)}`.
+        distance_m: Distance (height, width) [m] from the camera's position to the surface in each
+            pixel of a render, as for `unwarp_camera`. With distances, time can be shown without the
+            camera segment.
+        title: Title. By default the name of the scene.
+        scene: The scene of a render, loaded or as for `load_scene`. With a scene, the paths of the
+            shown bin and the chosen pixel are listed and drawn into the picture.
+        paths: Results of `paths_of` for some pixels, to show paths without a scene.
+        megabytes: Largest size of the codes [1e6 bytes], above 0. All codes are sent to the browser
+            at once.
 
     Returns:
         A widget, shown by a notebook if it is the last line of a cell. Its trait `header`
         describes the contents.
 
     Raises:
-        ValueError: `data` is none of these, or another argument does not fit; one line.
+        ValueError: `data` is another Dataset, or another argument does not fit; one line.
         MemoryError: The codes do not fit into memory.
         ImportError: anywidget is missing.
 
@@ -68,9 +71,12 @@ def explore(
         >>> widget.header["title"], widget.header["axis"]["count"]
         ('Sixteen pixels', 20)
     """
+    # Prepare the data
     most = int(1e6 * checks.number("megabytes", megabytes, positive=True, high=1e6))
     parts: dict[str, Any] = {"capture": capture, "orders": orders, "distance_m": distance_m}
     contents = contents_of(data, **parts, title=title, paths=paths, most_bytes=most)
+
+    # Show them, and answer questions about paths
     trace = None if scene is None else path_tracer(scene, data, contents.header["kind"])
     widget = _widget()(header=contents.header, data=contents.data, traces=trace is not None)
     if trace is not None:

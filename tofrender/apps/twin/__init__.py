@@ -1,1 +1,1 @@
-"""Twin of a real multi-zone sensor: rendered histograms against those of a public data set."""
+"""Twin of a real multi-zone sensor: rendered histograms and histograms of a public data set."""

@@ -1,4 +1,4 @@
-"""Measures of the agreement of rendered histograms with measured ones."""
+"""Measures of the agreement of rendered and measured histograms."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-FIRST_BIN = 10  # Bins that are compared, from this one
-LAST_BIN = 63  # to this one
-PEAK = 0.1  # A first peak has at least this fraction of the largest count
+FIRST_BIN = 10  # First bin that is compared
+LAST_BIN = 63  # Last bin that is compared
+PEAK = 0.1  # Least height of a first peak, as a fraction of the largest count
 NEAR_M = 0.01
 COUNTS_WITHIN = 0.3
 
@@ -26,8 +26,9 @@ class Agreement:
         zone_correlation: Correlation of the counts of each zone over all poses.
         peak_error_m: Median difference of the first peaks, as depth [m].
         peak_error_p90_m: Its 90th percentile.
-        peak_near: Fraction of the zones of all poses whose first peaks differ by less than 10 mm.
-        counts_near: Fraction of the zones of all poses whose sums of counts differ by less than
+        peak_near: Fraction of the zones of all poses with first peaks that differ by less than
+            10 mm.
+        counts_near: Fraction of the zones of all poses with sums of counts that differ by less than
             30 %.
     """
 
@@ -44,7 +45,8 @@ class Agreement:
 
 
 def agreement(expected: np.ndarray, measured: np.ndarray, bin_width_m: float) -> Agreement:
-    """Compare counts (poses, zones, bins) whose bins have a width in metres of depth."""
+    """Compare counts (poses, zones, bins). The width of the bins is in meters of depth."""
+    # Compare the shapes of histograms
     bins = slice(FIRST_BIN, LAST_BIN + 1)
     e = expected[..., bins]
     m = measured[..., bins]
@@ -54,6 +56,8 @@ def agreement(expected: np.ndarray, measured: np.ndarray, bin_width_m: float) ->
     by_zone = correlations(
         e.transpose(1, 0, 2).reshape(zones, -1), m.transpose(1, 0, 2).reshape(zones, -1)
     )
+
+    # Compare the places of first peaks, and the sums of counts
     error = np.abs(first_peaks(e) - first_peaks(m)) * bin_width_m
     ratio = e.sum(axis=-1) / m.sum(axis=-1)
     return Agreement(
@@ -84,12 +88,15 @@ def first_peaks(counts: np.ndarray) -> np.ndarray:
     parabola through the logarithms of the maximum and its neighbors. A histogram without a local
     maximum has its place at the largest count.
     """
+    # Find the first peak
     left = counts[..., 1:-1] >= counts[..., :-2]
     right = counts[..., 1:-1] > counts[..., 2:]
     high = counts[..., 1:-1] >= PEAK * counts.max(axis=-1, keepdims=True)
     peak = left & right & high
     largest = np.clip(counts.argmax(axis=-1), 1, counts.shape[-1] - 2)
     k = np.where(peak.any(axis=-1), peak.argmax(axis=-1) + 1, largest)
+
+    # Refine it by a parabola
     logs = np.log(np.maximum(counts, 1e-3))
     before, at, after = (
         np.take_along_axis(logs, (k + offset)[..., None], axis=-1)[..., 0] for offset in (-1, 0, 1)

@@ -17,7 +17,7 @@ from .agreement import Agreement, agreement, correlations
 from .recordings import FILES, PARTS, ChipRecording, load_recording, training_poses
 
 TRAINED = "tall_block"
-OTHER_MESH = "pyramid"  # Whose mesh is the control with a wrong scene
+OTHER_MESH = "pyramid"  # Recording with the mesh for the control with a wrong scene
 LATER_SESSION = ("pyramid", "pyramid_random")
 """Recordings with another unit of counts, which has one common scale."""
 

@@ -20,6 +20,8 @@ def histogram_figure(result: Experiment, name: str, quantile: float = 0.5) -> Fi
     """
     measured, expected, pose = _pose_at(result, name, quantile)
     bins = np.arange(FIRST_BIN, LAST_BIN + 1)
+
+    # Draw the zones as in the sensor's picture
     width = figure_width(7.0)
     figure = new_figure(width, 0.8 * width)
     grid = figure.subplots(3, 3, sharex=True, sharey=True)

@@ -1,4 +1,4 @@
-"""JavaScript and CSS of applications as text, modules joined to one without imports."""
+"""JavaScript and CSS of applications as text. Modules are joined to one module."""
 
 import re
 from functools import cache
@@ -12,15 +12,16 @@ _EXPORT = re.compile(r"^export (?=(async )?(class|const|function))", re.MULTILIN
 
 @cache
 def text_of(name: str) -> str:
-    """Text of a file below the folder of `tofrender.apps`."""
+    """Return the text of a file below the folder of `tofrender.apps`."""
     return (Path(__file__).parents[1] / name).read_text(encoding="utf-8")
 
 
 @cache
 def javascript(*modules: str) -> str:
-    """Join modules, named in the order of their imports, to one with the last one's exports.
+    """Join modules, named in the order of their imports, to one module.
 
-    Comments and indentation are left out, as pages have the text in them.
+    The result has the exports of the last module. Comments and indentation are omitted, since pages
+    contain the text.
     """
     *others, last = (_IMPORT.sub("", text_of(f"{name}.js")) for name in modules)
     text = "\n".join([*(_EXPORT.sub("", text) for text in others), last])
@@ -31,6 +32,6 @@ def javascript(*modules: str) -> str:
 
 @cache
 def style(*sheets: str) -> str:
-    """Join the shared style sheet and others; rules apply inside of applications only."""
+    """Join the shared style sheet and others. Their rules apply inside applications only."""
     text = "\n".join(text_of(f"{name}.css") for name in ("ui/style", *sheets))
     return _INDENT.sub("", _COMMENT.sub("", text))

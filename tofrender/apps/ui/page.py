@@ -1,4 +1,4 @@
-"""A live page: one component of Panel, whose controls are in JavaScript."""
+"""A live page: one component of Panel, with controls in JavaScript."""
 
 import asyncio
 from abc import abstractmethod
@@ -10,13 +10,13 @@ import panel as pn
 import param
 from panel.io.document import schedule_write_events
 
-WRITTEN_S = 0.1  # From a change until it is written, at the latest [s]
+WRITTEN_S = 0.1  # Longest time from a change until it is written [s]
 
 
 class App(pn.custom.JSComponent):
-    """The page of one reader, which `ui/app.js` shows, with a thread for long tasks.
+    """The page of one reader, with a thread for long tasks. `ui/app.js` shows the page.
 
-    Subclasses have `_esm`, `draw`, and a method `do_name` for each message {"do": "name", ...}.
+    Subclasses define `_esm`, `draw`, and a method `do_name` for each message {"do": "name", ...}.
 
     Example:
         >>> class Counting(App):
@@ -34,8 +34,8 @@ class App(pn.custom.JSComponent):
     """
 
     state = param.Dict(default={}, doc="Numbers and texts to show.")
-    data = param.Dict(default={}, doc="Arrays as bytes, and what they are.")
-    chosen = param.Dict(default={}, doc="What the reader has chosen.")
+    data = param.Dict(default={}, doc="Arrays as bytes, and their descriptions.")
+    chosen = param.Dict(default={}, doc="Choices of the reader.")
     __abstract = True
     PERIOD_MS = 0
 
@@ -43,27 +43,29 @@ class App(pn.custom.JSComponent):
         super().__init__(sizing_mode="stretch_width", chosen=chosen or {}, state=state)
         self._executor = executor
         self._drawing = self._outdated = self._is_open = False
-        self._document: Any = None  # In a notebook it stays so
+        self._document: Any = None  # Remains None in a notebook
         self.param.watch(self.do_redraw, "chosen")
 
     @abstractmethod
     async def draw(self) -> None:
-        """Compute and show what is chosen."""
+        """Compute and show the reader's choice."""
 
     async def refresh(self) -> None:
-        """Look for what is new, each `PERIOD_MS` while the page is open."""
+        """Look for changes, each `PERIOD_MS` while the page is open."""
         await self.do_redraw()
 
     async def do_open(self) -> None:
-        """Begin once the page is there; what is changed before may never get there."""
+        """Start when the page is open. Earlier changes may not reach the page."""
         if self.PERIOD_MS and not self._is_open:
             refresh: Any = self.refresh
             pn.state.add_periodic_callback(refresh, period=self.PERIOD_MS)
-        self._is_open, self._document = True, pn.state.curdoc
+        self._is_open = True
+        self._document = pn.state.curdoc
         await self.do_redraw()
 
     async def do_redraw(self, *_: Any) -> None:
-        """Draw now, or once more after the drawing under way."""
+        """Draw now, or once again after the current drawing."""
+        # Only one drawing at a time
         self._outdated = True
         if self._drawing:
             return
@@ -86,9 +88,9 @@ class App(pn.custom.JSComponent):
             self.send(self.param.update, state=state)
 
     def send(self, function: Callable[..., Any], *arguments: Any, **options: Any) -> None:
-        """Call what changes the page, and write what Panel keeps of it.
+        """Call a function that changes the page, and write the changes that Panel has kept.
 
-        Of two quick changes, Panel 1.9 may keep the second one until there is a third.
+        After two quick changes, Panel 1.9 may keep the second change until the third change.
         """
         function(*arguments, **options)
         if self._document is not None:
@@ -100,6 +102,6 @@ class App(pn.custom.JSComponent):
 
 
 def failure(title: str, error: BaseException) -> dict[str, str]:
-    """A message with an error's first line, and the lines of code below it."""
+    """Return a message with the first line of an error, and its other lines as code."""
     first, _, rest = str(error).partition("\n")
     return {"kind": "bad", "title": title, "text": first, "code": rest}

@@ -22,12 +22,13 @@ from ...runtime.progress import SIGNALS
 from .bundle import text_of
 
 LOOPBACK = "127.0.0.1"
-FIRST_PORT, PORTS = 5006, 100
+FIRST_PORT = 5006
+PORTS = 100  # Number of ports that are tried
 MAX_MESSAGE = 64 << 20  # Largest message from a browser, such as a file [bytes]
 
 
 def require_panel() -> Any:
-    """Import `panel`; a RuntimeError says how to install it."""
+    """Import `panel`, or raise a RuntimeError with the command that installs it."""
     try:
         import panel
     except ImportError:
@@ -38,14 +39,14 @@ def require_panel() -> Any:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine can reach an address."""
+    """Return whether only this machine can reach an address."""
     with suppress(ValueError):
         return ipaddress.ip_address(host).is_loopback
     return host == "localhost"
 
 
 def prepare(host: str, port: int | None) -> None:
-    """Raise the errors of `serve` before long work: panel is missing, or the port is taken."""
+    """Raise the errors of `serve` before long work: panel is missing, or the port is in use."""
     require_panel()
     checks.instance("host", host, str, "an address like 127.0.0.1")
     _probe(host, 0 if port is None else checks.integer("port", port, 1, 65535))
@@ -62,9 +63,10 @@ def serve(
 ) -> None:
     """Serve an application until Ctrl-C, SIGTERM or SIGHUP.
 
-    `make` makes a new reader's page, whose address has a random token and is passed to `tell`. By
-    default the port is the first free one from 5006 on.
+    `make` makes the page of a new reader. The address of the page has a random token and is passed
+    to `tell`. By default the port is the first free port above 5005.
     """
+    # Make the server
     prepare(host, port)
     token = secrets.token_urlsafe(16)
     for noisy in ("bokeh.server.util", "bokeh.server.views.ws", "tornado.access"):
@@ -74,14 +76,19 @@ def serve(
     def end(*_: Any) -> None:
         server.io_loop.add_callback_from_signal(server.io_loop.stop)
 
+    # End at a signal
     handled = [n for n in SIGNALS if n.name != "SIGHUP" or signal.getsignal(n) != signal.SIG_IGN]
     before = {number: signal.signal(number, end) for number in handled}
+
+    # Report the address, and open the browser
     url = _url(host, server.port, token)
     tell(f"{title}: {url}  (Ctrl-C ends it)")
     sys.stdout.flush()
     is_local = sys.platform in ("win32", "darwin") and "SSH_CONNECTION" not in os.environ
     if browser and (is_local or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         server.io_loop.call_later(0.1, webbrowser.open, url)
+
+    # Serve until the end
     server.io_loop.asyncio_loop.set_exception_handler(_ignore_closed_pages)
     try:
         server.start()
@@ -93,7 +100,7 @@ def serve(
 
 
 def _ignore_closed_pages(loop: Any, context: dict[str, Any]) -> None:
-    """Ignore errors of pages closed while data are sent to them; report all other errors."""
+    """Ignore errors of pages that are closed while data are sent. Report all other errors."""
     from tornado.iostream import StreamClosedError
     from tornado.websocket import WebSocketClosedError
 
@@ -102,7 +109,7 @@ def _ignore_closed_pages(loop: Any, context: dict[str, Any]) -> None:
 
 
 def _probe(host: str, port: int) -> None:
-    """Refuse an address or a port that cannot be listened on; a server would leave it open."""
+    """Refuse an address or a port that is not available for listening."""
     try:
         if not host:
             raise UnicodeError("it is empty")
@@ -118,7 +125,7 @@ def _probe(host: str, port: int) -> None:
 
 
 def _free_port(host: str) -> int:
-    """The first of `PORTS` ports that is free, else 0, for which the system finds one."""
+    """Return the first free port, or 0, so that the system chooses a port."""
     for port in range(FIRST_PORT, FIRST_PORT + PORTS):
         with suppress(ValueError):
             _probe(host, port)
@@ -127,7 +134,7 @@ def _free_port(host: str) -> int:
 
 
 def _server(make: Callable[[], Any], title: str, host: str, port: int, token: str) -> Any:
-    """A server whose pages are in the document of all applications."""
+    """Return a server. All applications use the same document."""
     import panel as pn
     from panel.io.server import get_server
 
@@ -154,15 +161,16 @@ def _server(make: Callable[[], Any], title: str, host: str, port: int, token: st
 def _restrict(server: Any, host: str) -> None:
     """Refuse requests that the application's page never makes, before any other handler.
 
-    Panel imports any Python module that an address below /components/ names. A page of another
-    site can reach a server of this machine under its own host name (DNS rebinding); pages on other
-    ports of this machine share its cookies.
+    Panel imports the Python module in an address below /components/. A page of another site can
+    reach a server of this machine under the site's host name (DNS rebinding). Pages on other ports
+    of this machine share the cookies of this server.
     """
     from tornado.routing import Matcher, Rule
     from tornado.web import ErrorHandler
 
     class Refused(Matcher):
         def match(self, request: Any) -> dict[str, Any] | None:
+            # Host, origin and path must belong to the page
             known = not is_loopback(host) or is_loopback(request.host_name.strip("[]"))
             origin = request.headers.get("Origin")
             same = origin is None or urlsplit(origin).netloc.lower() == request.host.lower()
@@ -180,7 +188,7 @@ def _url(host: str, port: int, token: str) -> str:
 
 
 def _token_provider(title: str, token: str) -> Any:
-    """Authentication of readers by the token in the address, and then by a cookie."""
+    """Return the authentication of readers, by the token in the address, later by a cookie."""
     from bokeh.server.auth_provider import AuthProvider
     from tornado.web import RequestHandler
 
@@ -193,6 +201,7 @@ def _token_provider(title: str, token: str) -> Any:
             self.finish(page)
 
     def user(handler: Any) -> str | None:
+        # The first request has the token, later requests have the cookie
         remembered = handler.get_cookie(cookie) or ""
         given = handler.get_argument("token", remembered)
         if not hmac.compare_digest(given.encode(), token.encode()):

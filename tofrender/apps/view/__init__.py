@@ -1,1 +1,1 @@
-"""The explorer as a live application: files of any size, and renders that refine while shown."""
+"""The explorer as a live application, for files of any size and for renders in progress."""

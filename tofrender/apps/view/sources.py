@@ -1,4 +1,4 @@
-"""Sources of the viewer: a saved Dataset, or a render that refines while it is shown."""
+"""Sources of the viewer: a saved Dataset, or a render in progress."""
 
 import math
 import threading
@@ -23,13 +23,15 @@ STEP_S = 4.0  # Time between two updates of a render [s], once it is under way
 
 
 class SavedDataset:
-    """Result of a command, read again when its file changes; large cubes may stay on disk.
+    """Result of a command, which is read again when its file changes.
 
-    Errors of the first reading are raised, those of later ones kept.
+    Large cubes can stay on the disk. Errors of the first reading are raised. Later errors are kept
+    in `error`.
     """
 
     def __init__(self, path: Path, load: Callable[[Path], xr.Dataset]) -> None:
-        self.path, self._load = path, load
+        self.path = path
+        self._load = load
         self.name = path.name or str(path.resolve())
         self._modified: float | None = path.stat().st_mtime
         self.data: xr.Dataset | None = load(path)
@@ -41,7 +43,9 @@ class SavedDataset:
         modified = self.path.stat().st_mtime if self.path.exists() else None
         if modified == self._modified:
             return
-        self._modified, self.data, self.error = modified, None, None
+        self._modified = modified
+        self.data = None
+        self.error = None
         self.version += 1
         try:
             self.data = self._load(self.path)
@@ -50,7 +54,7 @@ class SavedDataset:
 
 
 class LiveRender:
-    """Render in a thread of its own, to ever more samples, up to `spp` of the options."""
+    """Render in a separate thread, with a growing number of samples, up to `spp` of the options."""
 
     def __init__(self, name: str, options: Mapping[str, Any]) -> None:
         self.name = name
@@ -71,7 +75,7 @@ class LiveRender:
 
     @property
     def is_running(self) -> bool:
-        """Whether more samples are being taken."""
+        """Whether the render is running."""
         return self._thread.is_alive()
 
     @property
@@ -80,36 +84,37 @@ class LiveRender:
         return self._thread.ident is not None
 
     def start(self) -> None:
-        """Start to take samples, or go on after a stop."""
+        """Start the render, or continue after a stop."""
         if not self.is_running and self.spp < self.max_spp:
             self._stop.clear()
             self._thread = threading.Thread(target=self._run, name="render", daemon=True)
             self._thread.start()
 
     def stop(self) -> None:
-        """Take no more samples after those under way."""
+        """Stop after the current samples."""
         self._stop.set()
 
     def close(self) -> None:
-        """Stop, and wait for the samples under way."""
+        """Stop, and wait for the current samples."""
         self.stop()
         if self.has_started:
             self._thread.join()
 
     def save(self, path: Path, overwrite: bool = False) -> Path:
-        """Write the samples so far as an npz file."""
+        """Write the current render as an npz file."""
         if self.data is None:
-            raise ValueError("path: there is nothing to save yet")
+            raise ValueError("path: the first samples are not finished yet; save the render later")
         return Path(save_npz(self.data, path, overwrite=overwrite))
 
     @cached_property
     def _trace(self) -> Callable[[Any, Any], dict[str, Any]]:
         settings = RenderSettings(**self._options)
-        changes: Any = settings.scene_changes | {"optimize": False}  # Merged shapes have no names
+        # Merged shapes would lose their names
+        changes: Any = settings.scene_changes | {"optimize": False}
         return path_tracer(load_scene(settings.scene, **changes), self.data, "transient")
 
     def trace(self, pixel: Any, opl: Any) -> dict[str, Any]:
-        """Paths of a pixel with lengths in a range, as `plain_paths`."""
+        """Return paths of a pixel with lengths in a range, as `plain_paths`."""
         try:
             backend.activate(self._variant)
             return self._trace(pixel, opl)
@@ -121,7 +126,10 @@ class LiveRender:
             backend.activate(self._variant)
             while self.spp < self.max_spp and not self._stop.is_set():
                 spp = min(self._next_spp(), self.max_spp)
-                begin, before = time.monotonic(), self.spp
+                begin = time.monotonic()
+                before = self.spp
+
+                # Continue the render with more samples
                 step = {"spp": spp, "resume": self.data, "progress": False}
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore", UserWarning)
@@ -134,7 +142,7 @@ class LiveRender:
             self.version += 1
 
     def _next_spp(self) -> int:
-        """Samples per pixel of the next update: twice as many, unless that takes long."""
+        """Return the samples per pixel of the next update, at most twice the current number."""
         if not self.spp:
             return 1
         return self.spp + max(1, min(self.spp, math.floor(self._samples_per_second * STEP_S)))

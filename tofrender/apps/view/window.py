@@ -1,4 +1,4 @@
-"""The page that shows the explorer, with what only a live application can do."""
+"""The page that shows the explorer, with the controls of a live application."""
 
 from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
@@ -11,13 +11,13 @@ from ..ui.page import App, failure
 from .sources import LiveRender, SavedDataset
 
 MAX_BYTES = {SavedDataset: 24_000_000, LiveRender: 8_000_000}
-"""Codes that go to the browser at once [bytes]; larger cubes are reduced, parts of them are not."""
+"""Codes that are sent to the browser at once [bytes]. Larger cubes are reduced."""
 
 AXES = ("y", "x", "opl")
 
 
 class Viewer(App):
-    """The page of one reader of a source that all readers share; a render is saved as `out`."""
+    """The page of one reader. All readers share the source. A render is saved as `out`."""
 
     _esm = javascript() + bundle.javascript("ui/app", "view/viewer")
     _stylesheets: Any = (style(),)
@@ -25,11 +25,14 @@ class Viewer(App):
 
     def __init__(self, source: SavedDataset | LiveRender, executor: Executor, out: Path) -> None:
         super().__init__(executor)
-        self.source, self.out = source, out
-        self._shown_version, self._was_saved = -1, False
+        self.source = source
+        self.out = out
+        self._shown_version = -1
+        self._was_saved = False
 
     async def draw(self) -> None:
-        """Show the source's state, and its data if they are new."""
+        """Show the state of the source, and its data if they are new."""
+        # Has the source changed?
         source = self.source
         if isinstance(source, LiveRender):
             self._tell_progress(source)
@@ -56,13 +59,15 @@ class Viewer(App):
         self.tell(live=progress)
 
     async def _show(self, data: Any, **region: slice) -> None:
-        name, max_bytes = self.source.name, MAX_BYTES[type(self.source)]
+        name = self.source.name
+        max_bytes = MAX_BYTES[type(self.source)]
         title = str(data.attrs.get("scene") or name)
 
         def work() -> Contents:
             part = data.isel(region) if region else data
             return contents_of(part, title=title, most_bytes=max_bytes)
 
+        # Prepare the contents in the thread
         is_first = not self.data
         if is_first:
             self.tell(message={"title": "Preparing the page …"})
@@ -71,6 +76,8 @@ class Viewer(App):
         except (ValueError, OSError, MemoryError) as error:
             self.tell(message=failure(f"{name} cannot be shown", error))
             return
+
+        # Send them to the page
         if is_first or isinstance(self.source, SavedDataset):
             self.tell(message=None)
         if isinstance(self.source, SavedDataset) and not region:
@@ -97,7 +104,7 @@ class Viewer(App):
         self.send(self._send_msg, {"paths": await self.run(self.source.trace, pixel, range)})
 
     async def do_stop_or_go_on(self) -> None:
-        """Stop a render, or go on with it."""
+        """Stop a render, or continue it."""
         assert isinstance(self.source, LiveRender)
         self._was_saved = False
         self.tell(message=None)
@@ -107,7 +114,7 @@ class Viewer(App):
             self.source.start()
 
     async def do_save(self) -> None:
-        """Save a render; a second time in place of the first."""
+        """Save a render. The second time replaces the first file."""
         live = self.source
         assert isinstance(live, LiveRender)
         try:
@@ -122,7 +129,7 @@ class Viewer(App):
 
 
 def application(source: SavedDataset | LiveRender, out: Path) -> Any:
-    """A function that makes a reader's page, for `serving.serve`."""
+    """Return a function that makes the page of a reader, for `serving.serve`."""
     executor = ThreadPoolExecutor(1)
 
     def page() -> Viewer:

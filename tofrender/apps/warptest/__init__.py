@@ -1,7 +1,8 @@
 """The warp tester: warps, shapes and lights to look at, and their chi-square tests.
 
-`subjects` lists them, `sources` has their functions by this package and by a user, which
-`probes` calls in a process of its own; `engine` draws and tests, `window` is the page.
+`subjects` lists the subjects. `sources` contains their functions, by this package and by a user.
+`probes` calls the user's functions in a separate process. `engine` draws and tests, and `window`
+is the page.
 """
 
 import atexit
@@ -15,19 +16,20 @@ __all__ = ["warptest"]
 def warptest(subject: str = "tent", *, module: Any = None, **parameters: Any) -> Any:
     """Open the interactive warp tester in a notebook.
 
-    It draws warped points and the grid of the unit square, and tests samples against the density.
-    A user's module runs in a process of its own, in a sandbox, and is loaded
-    again when its file changes. `tofrender warptest` opens the same in a browser.
+    The tester draws warped points and the grid of the unit square, and tests samples against the
+    density. A user's module runs in a separate process, with the protection of the judge. The
+    module is loaded again when its file changes. The command `tofrender warptest` opens the tester
+    in a browser.
 
     Args:
         subject: First subject, a name in `tofrender.apps.warptest.subjects.SUBJECTS`: "tent",
             "uniform_disk", "uniform_sphere", "uniform_hemisphere", "cosine_hemisphere", "beckmann",
             "hierarchical", "no_op"; "triangle", "sphere_cap"; "quad_light", "triangle_light",
             "sphere_light", "two_lights".
-        module: A Python file, or folder of files, with functions of the same names. By default
-            the working folder's in an edition that leaves out subjects, otherwise none.
-        **parameters: Of the subject: `alpha` of "beckmann", `image` of "hierarchical" (a path, a
-            bitmap or an array), `apex`, `cos_theta_max`, `distance`.
+        module: A user's Python file, or folder of files, with functions of the course. By
+            default the working folder in an edition that leaves out subjects, otherwise None.
+        **parameters: Parameters of the subject: `alpha` of "beckmann", `image` of "hierarchical" (a
+            path, a bitmap or an array), `apex`, `cos_theta_max`, `distance`.
 
     Returns:
         A component of Panel, which a notebook shows.
@@ -50,7 +52,7 @@ def warptest(subject: str = "tent", *, module: Any = None, **parameters: Any) ->
 
 
 def application(subject: str = "tent", *, module: Any = None, **parameters: Any) -> tuple[Any, Any]:
-    """A function that makes a reader's page, for `serving.serve`, and the engine of all readers."""
+    """Return a function that makes the page of a reader, and the engine of all readers."""
     from ..ui.serving import require_panel
     from .subjects import SUBJECTS
 

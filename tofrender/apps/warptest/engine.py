@@ -27,9 +27,11 @@ from ...vis.warps import warp_figure
 from .sources import Library, Module, find_module, is_left_out
 from .subjects import SUBJECTS
 
-LIBRARY, MODULE = "library", "module"
+LIBRARY = "library"
+MODULE = "module"
 
-CELLS, SEGMENTS = 10, 160  # Cells along a side of the grid, and segments of its lines
+CELLS = 10  # Cells along a side of the grid
+SEGMENTS = 160  # Segments of a line of the grid
 
 NO_PROOF = (
     "Passing is no proof. Sampler and density can be wrong together, and more samples find "
@@ -41,7 +43,7 @@ SUBJECT_ERRORS = (NoAnswer, ValueError, LeftOut, FileNotFoundError)
 
 
 def sobol(count: int, seed: int = 0) -> mi.Point2f:
-    """First points of the sampler of `render`."""
+    """Return the first points of the sampler of `render`."""
     checks.integer("count", count, 1, points.MAX_COUNT)
     checks.integer("seed", seed, 0, checks.MAX_SEED)
     props = mi.Properties("padded_sobol")
@@ -66,11 +68,15 @@ class Drawn:
 
 def draw(case: Case, kind: str, count: int, seed: int) -> Drawn:
     """Warp one of `POINT_SETS` and a grid of lines."""
+    # Warp the points
     numbers = POINT_SETS[checks.one_of("points", kind, POINT_SETS)](count, seed)
     warped = _warped(case, to_numpy(numbers, count))
+
+    # Warp the grid, with NaN after each line
     fine = np.minimum(np.linspace(0, 1, SEGMENTS + 1), 1 - 2.0**-24)
     level = np.minimum(np.linspace(0, 1, CELLS + 1), 1 - 2.0**-24)
-    u, v = np.repeat(level, fine.size), np.tile(fine, level.size)
+    u = np.repeat(level, fine.size)
+    v = np.tile(fine, level.size)
     square = np.concatenate([np.stack([u, v]), np.stack([v, u])], axis=1)
     lines = _warped(case, square).reshape(find(case.domain).dimensions, -1, fine.size)
     gaps = np.full((*lines.shape[:2], 1), np.nan)
@@ -79,7 +85,7 @@ def draw(case: Case, kind: str, count: int, seed: int) -> Drawn:
 
 
 def _warped(case: Case, numbers: np.ndarray) -> np.ndarray:
-    """Warped points, NaN where sampling failed."""
+    """Return warped points. Points are NaN if sampling failed."""
     result = case.sample(mi.Point2f(numbers))
     result = result if isinstance(result, tuple) else (result,)
     warped = to_numpy(result[0], numbers.shape[1])
@@ -91,11 +97,14 @@ def _warped(case: Case, numbers: np.ndarray) -> np.ndarray:
 
 @in_style()
 def panels(verdict: Verdict) -> str:
-    """SVG of observed and expected density and their difference, in the colours of the page."""
+    """Draw observed and expected density and their difference as SVG, in the colors of the page."""
+    # Draw the panels
     grid = PictureGrid(8.0, 1, 3, 1.0, own_y=True)
     density_panels(grid, verdict, [(0, 0), (0, 1), (0, 2)])
     stream = io.StringIO()
     grid.figure.savefig(stream, format="svg", dpi=200, metadata={"Date": None})
+
+    # Replace the colors of paper and ink
     drawn = stream.getvalue()
     colours = palette()
     drawn = drawn[drawn.index("<svg") :].replace(f"fill: {colours.paper}", "fill: none")
@@ -105,20 +114,23 @@ def panels(verdict: Verdict) -> str:
 
 
 def figure(drawn: Drawn, verdict: Verdict, title: str) -> Figure:
-    """A figure of the valid points, with the verdict."""
+    """Return a figure of the valid points, with the verdict."""
     valid = np.isfinite(drawn.points).all(axis=0)
     return warp_figure(drawn.points[:, valid], verdict, title)
 
 
 def save(drawn: Drawn, verdict: Verdict, title: str, format: str) -> bytes:
-    """Bytes of the figure as "png", "pdf" or "svg"."""
+    """Return the figure as the bytes of a "png", "pdf" or "svg" file."""
     stream = io.BytesIO()
     draw_figure(figure(drawn, verdict, title), stream, f".{format}")
     return stream.getvalue()
 
 
 class Engine:
-    """The library, a module (in an edition, that of the working folder), and a thread."""
+    """The library, a user's module, and a thread.
+
+    Without a module, an edition that leaves out subjects uses the working folder.
+    """
 
     def __init__(self, module: Any = None) -> None:
         variant = backend.activate(None)
@@ -136,6 +148,6 @@ class Engine:
         if self.module is not None:
             try:
                 self.executor.submit(self.module.close).result()
-            except RuntimeError:  # The interpreter ends; its threads have
+            except RuntimeError:  # The threads of the interpreter have ended already
                 self.module.close()
         self.executor.shutdown()

@@ -15,11 +15,14 @@ KINDS = {2: "mi.Point2f", 3: "mi.Vector3f"}
 
 
 def sample(theirs: Any, subject: str, values: dict[str, Any], numbers: np.ndarray) -> list[Any]:
-    """Warped points; of a light also which are valid, and their densities."""
+    """Return warped points. A light also returns their validity and their densities."""
+    # Call the sampler
     given = SUBJECTS[subject]
     result: Any = _functions(theirs, subject, values)[0](mi.Point2f(np.ascontiguousarray(numbers)))
     points: Any
     points, *more = result if isinstance(result, tuple) and result else (result,)
+
+    # Check the type of the points
     size = given.dimensions
     if not dr.is_array_v(points) or dr.depth_v(points) != 2 or dr.size_v(points) != size:
         kind = type(points).__name__
@@ -29,10 +32,13 @@ def sample(theirs: Any, subject: str, values: dict[str, Any], numbers: np.ndarra
 
 
 def density(theirs: Any, subject: str, values: dict[str, Any], points: np.ndarray) -> np.ndarray:
-    """Density at points."""
+    """Return the density at points."""
+    # Call the density
     given = SUBJECTS[subject]
     kind: Any = mi.Point2f if given.dimensions == 2 else mi.Vector3f
     value = _functions(theirs, subject, values)[1](kind(np.ascontiguousarray(points)))
+
+    # Check the type of the result
     is_number = isinstance(value, int | float) or (dr.is_array_v(value) and dr.depth_v(value) == 1)
     if not is_number or dr.is_mask_v(value):
         first, *second = given.names
@@ -45,7 +51,7 @@ _last: list[tuple[Any, Functions]] = []
 
 
 def _functions(theirs: Any, subject: str, values: dict[str, Any]) -> Functions:
-    """Sampler and density, made anew only for another subject or other parameters."""
+    """Return sampler and density. They are made again for another subject or other parameters."""
     key = (subject, {k: np.asarray(v).tobytes() for k, v in values.items()})
     if not _last or _last[0][0] != key:
         _last[:] = [(key, SUBJECTS[subject].make(lambda name: getattr(theirs, name), **values))]

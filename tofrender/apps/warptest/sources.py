@@ -21,7 +21,7 @@ from ...sampling.domains import to_numpy
 from .subjects import SUBJECTS, Subject, labelled
 
 MEMORY = 4 << 30  # Memory that a user's module may use [bytes]
-ANSWER_S = 20.0  # Longest time that one call of a user's function may take [s]
+ANSWER_S = 20.0  # Longest time of a call of a user's function [s]
 MAX_SOURCE = 1 << 20  # Largest file that is searched for names [bytes]
 
 _DEFINITION = re.compile(r"^(?:def|class)\s+([A-Za-z_]\w*)", re.MULTILINE)
@@ -31,11 +31,15 @@ class Library:
     """The warps of this package."""
 
     def names(self) -> list[str]:
-        """Names of the subjects, fewer in an edition that leaves some out."""
+        """Return the names of the subjects. An edition may have fewer subjects."""
         return [name for name, subject in SUBJECTS.items() if not is_left_out(subject)]
 
     def case(self, name: str, given: Mapping[str, Any]) -> Case:
-        """Sampler and density of a subject; `LeftOut` if this edition leaves them out."""
+        """Return sampler and density of a subject.
+
+        Raises:
+            LeftOut: This edition leaves out the subject.
+        """
         from ... import sampling
 
         subject = SUBJECTS[name]
@@ -45,7 +49,7 @@ class Library:
 
 
 def is_left_out(subject: Subject) -> bool:
-    """Whether this edition of the package leaves out a subject."""
+    """Return whether this package, as an edition that leaves out subjects, withholds a subject."""
     from ... import sampling
 
     try:
@@ -57,14 +61,16 @@ def is_left_out(subject: Subject) -> bool:
 
 
 class Module:
-    """Warps of a user's Python file, or folder of files, which runs in a process of its own.
+    """Warps of a user's Python file, or folder of files, in a separate process.
 
-    That process has the judge's protection: it writes only in a scratch folder, has no network
-    where the system can refuse it, and is ended when it exceeds limits of time or memory. It is
-    restarted when a file has changed. All calls must come from one thread, which ends last.
+    The process has the protection of the judge. It can write in a scratch folder only. The network
+    is refused if the system supports that. The process is ended if it exceeds limits of time or
+    memory, and restarted when a file has changed. All calls must come from one thread, which ends
+    last.
     """
 
     def __init__(self, path: Any) -> None:
+        # Check the files
         self.path = checks.path("module", path).resolve()
         if not self.path.exists():
             raise ValueError(f"module = {path}: must be a Python file or a folder that exists")
@@ -73,6 +79,8 @@ class Module:
         for file in self._files():
             if os.fsencode(file.name) != file.name.encode(errors="replace"):
                 raise ValueError(f"module = {file.name!r}: must be the name of a file in UTF-8")
+
+        # Find the functions that they define
         self._scratch = tempfile.TemporaryDirectory(prefix="tofrender-warptest-")
         self._worker: Worker | None = None
         self._states: dict[str, tuple[int, int]] = {}
@@ -89,15 +97,16 @@ class Module:
         return self.path if self.path.is_dir() else self.path.parent
 
     def names(self) -> list[str]:
-        """Names of the subjects whose sampler is defined."""
+        """Return the names of the subjects with a defined sampler."""
         return [name for name in SUBJECTS if self.file_of(name)]
 
     def file_of(self, name: str) -> str:
-        """Name of the file that defines a subject's sampler, "" if none does."""
+        """Return the name of the file that defines a subject's sampler, or ""."""
         return self.defined.get(SUBJECTS[name].names[0], "") if SUBJECTS[name].names else ""
 
     def case(self, name: str, given: Mapping[str, Any]) -> Case:
-        """Sampler and density of a subject, which raise `NoAnswer` if the user's functions fail."""
+        """Return sampler and density of a subject. They raise `NoAnswer` if the user's fail."""
+        # Are all functions defined?
         subject = SUBJECTS[name]
         values = subject.values(given)
         for each in subject.names:
@@ -127,7 +136,8 @@ class Module:
         states = {name: (each.st_mtime_ns, each.st_size) for name, each in stats.items()}
         if states == self._states:
             return False
-        self._states, self.defined = states, {}
+        self._states = states
+        self.defined = {}
         for path in self._files():
             if path.stat().st_size <= MAX_SOURCE:
                 text = path.read_text(encoding="utf-8", errors="replace")
@@ -142,7 +152,7 @@ class Module:
         self._scratch.cleanup()
 
     def _files(self) -> list[Path]:
-        """The Python files of the module."""
+        """Return the Python files of the module."""
         others = sorted(path for path in self.folder.glob("*.py") if path.is_file())
         return [self.path] if self.path.is_file() else others
 
@@ -172,17 +182,20 @@ class Module:
 
     def _assignment(self) -> Path:
         """Write an assignment with these files and the warp tester's probes for the judge."""
+        # Write the probes
         folder = Path(self._scratch.name)
         (folder / "tests").mkdir(exist_ok=True)
         names = f"from {__package__}.probes import density, sample\n"
         (folder / "tests" / "probes.py").write_text(names, encoding="utf-8")
+
+        # Write a problem for each file with functions
         files: dict[str, list[str]] = {}
         wanted = {name for subject in SUBJECTS.values() for name in subject.names}
         for name in sorted(wanted & self.defined.keys()):
             files.setdefault(self.defined[name], []).append(name)
         lines = ['[assignment]\nid = "w"\ntitle = "Warps"\n']
         for number, (file, defined) in enumerate(files.items()):
-            toml = json.dumps(file, ensure_ascii=False)  # A JSON string is one of TOML
+            toml = json.dumps(file, ensure_ascii=False)  # A JSON string is a TOML string
             lines.append(f'[[problem]]\nid = "w.{number}"\ntitle = ""\nfile = {toml}')
             lines.append(f"names = {defined!r}\nother_points = 1.0\n")
         (folder / "rubric.toml").write_text("\n".join(lines), encoding="utf-8")
@@ -190,7 +203,7 @@ class Module:
 
 
 def find_module(folder: Path) -> Module | None:
-    """The module of a folder, None if it defines no subject."""
+    """Return the module of a folder, or None if the folder does not define a subject."""
     try:
         return Module(folder)
     except ValueError:

@@ -1,7 +1,7 @@
 """Subjects of the warp tester: warps, shapes and lights, by this package or by a user.
 
-Their functions or classes are looked up by name in `tofrender.sampling` or in a user's file.
-Names and contracts are those of the course's problems.
+Their functions or classes are found by name in `tofrender.sampling` or in a user's file. Names
+and contracts are defined by the problems of the course.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Functions = tuple[Callable[[Any], Any], Callable[[Any], Any]]
 
 # The 2 x 2 image of the course: 80 % of the light in the upper row
 EXAMPLE_IMAGE = np.array([[4.0, 4.0], [1.0, 1.0]])
-MAX_SIDE = 512  # Most pixels along a side of an image; larger ones are averaged
+MAX_SIDE = 512  # Largest side of an image [pixels]. Larger images are averaged
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Parameter:
     low: float
     high: float
     step: float
-    bounds: tuple[float, float] | None = None  # Of the number, by default the slider's
+    bounds: tuple[float, float] | None = None  # Range of the number, by default of the slider
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ class Subject:
 
     title: str
     group: str  # "Warps", "Shapes" or "Lights"
-    domain: str  # Of its points, a name in `tofrender.sampling.domains.DOMAINS`
+    domain: str  # Domain of its points, a name in `tofrender.sampling.domains.DOMAINS`
     density: str  # Formula
-    names: tuple[str, ...]  # That a file has to define, the sampler's first
+    names: tuple[str, ...]  # Names that a file must define. The sampler is first
     make: Callable[..., Functions]  # Called with a lookup of these names, and the parameters
     parameters: tuple[Parameter, ...] = ()
     takes_image: bool = False  # Whether it has the parameter `image`
@@ -58,7 +58,7 @@ class Subject:
         return domains.find(self.domain).dimensions
 
     def values(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Values of all parameters, by default for those that are not given."""
+        """Return the values of all parameters. Missing values are defaults."""
         known = {each.name: each for each in self.parameters}
         values: dict[str, Any] = {name: each.default for name, each in known.items()}
         if self.takes_image:
@@ -76,20 +76,21 @@ class Subject:
 
 
 def density_of(image: Any) -> np.ndarray:
-    """Luminance of an image (path, bitmap, array) on 2^M x 2^M pixels, at most 512 x 512."""
+    """Return the luminance of an image (path, bitmap, array) on 2^M x 2^M pixels, M <= 9."""
     weights = luminance(images.read_image(image))
     side = min(images.power_of_two(max(weights.shape)), MAX_SIDE)
     return weights if weights.shape == (side, side) else images.resized(weights, side)
 
 
 def labelled(name: str, values: Mapping[str, Any]) -> str:
-    """A subject's name with its parameters, like "beckmann (alpha = 0.3)"."""
+    """Return a subject's name with its parameters, for example "beckmann (alpha = 0.3)"."""
     numbers = [f"{key} = {value:g}" for key, value in values.items() if key != "image"]
     return f"{name} ({', '.join(numbers)})" if numbers else name
 
 
 def _two_functions(get: Lookup, name: str, *values: float) -> Functions:
-    sample, pdf = get(name), get(f"{name}_pdf")
+    sample = get(name)
+    pdf = get(f"{name}_pdf")
     return lambda u: sample(u, *values), lambda p: pdf(p, *values)
 
 
@@ -108,7 +109,8 @@ def _hierarchical(get: Lookup, image: Any) -> Functions:
 
 def _triangle(get: Lookup, apex: float) -> Functions:
     corners = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [float(apex), 1.0, 0.0]
-    sample, pdf = get("sample_triangle"), get("sample_triangle_pdf")
+    sample = get("sample_triangle")
+    pdf = get("sample_triangle_pdf")
 
     def in_plane(u: mi.Point2f) -> mi.Point2f:
         p = sample(*corners, u)
@@ -146,7 +148,7 @@ def _warp(title: str, domain: str, density: str, name: str, *parameters: Paramet
 
 
 def _light(title: str, density: str, build: Callable[[Lookup, float], Any], *names: str) -> Subject:
-    """Directions from the origin to a light above it."""
+    """Return the subject of directions from the origin to a light above the origin."""
 
     def make(get: Lookup, distance: float) -> Functions:
         light = build(get, float(distance))
@@ -179,21 +181,32 @@ SUBJECTS: dict[str, Subject] = {
     ),
     "beckmann": _warp("Beckmann", "hemisphere", _BECKMANN, "square_to_beckmann", _ALPHA),
     "hierarchical": Subject(
-        *("Hierarchical (image)", "Warps", "image", "p(x, y) ∝ luminance of the image"),
-        *(("HierarchicalWarp",), _hierarchical),
+        title="Hierarchical (image)",
+        group="Warps",
+        domain="image",
+        density="p(x, y) ∝ luminance of the image",
+        names=("HierarchicalWarp",),
+        make=_hierarchical,
         takes_image=True,
     ),
     "no_op": Subject("No-op", "Warps", "square", "p(x, y) = 1", (), _no_op),
     "triangle": Subject(
-        *("Triangle", "Shapes", "square", "p(x, y) = 1 / area = 2"),
-        *(("sample_triangle", "sample_triangle_pdf"), _triangle),
-        (Parameter("apex", "Third corner, x", 0.3, 0.0, 1.0, 0.05),),
+        title="Triangle",
+        group="Shapes",
+        domain="square",
+        density="p(x, y) = 1 / area = 2",
+        names=("sample_triangle", "sample_triangle_pdf"),
+        make=_triangle,
+        parameters=(Parameter("apex", "Third corner, x", 0.3, 0.0, 1.0, 0.05),),
     ),
     "sphere_cap": Subject(
-        *("Spherical cap", "Shapes", "sphere", "p(ω) = 1 / (2π (1 − cos θmax))"),
-        ("sample_sphere_cap", "sample_sphere_cap_pdf"),
-        lambda get, cos_theta_max: _two_functions(get, "sample_sphere_cap", cos_theta_max),
-        (Parameter("cos_theta_max", "cos θmax", 0.5, -1.0, 0.99, 0.01),),
+        title="Spherical cap",
+        group="Shapes",
+        domain="sphere",
+        density="p(ω) = 1 / (2π (1 − cos θmax))",
+        names=("sample_sphere_cap", "sample_sphere_cap_pdf"),
+        make=lambda get, cos_theta_max: _two_functions(get, "sample_sphere_cap", cos_theta_max),
+        parameters=(Parameter("cos_theta_max", "cos θmax", 0.5, -1.0, 0.99, 0.01),),
     ),
     "quad_light": _light("Rectangle light", _OVER_AREA, _quad_light, "Quad"),
     "triangle_light": _light("Triangle light", _OVER_AREA, _triangle_light, "Triangle"),

@@ -25,17 +25,23 @@ TESTING = "Testing …", ""
 
 
 class Tester(App):
-    """The page of one reader, beginning with a subject and its given parameters."""
+    """The page of one reader. It starts with a subject and its given parameters."""
 
     _esm = bundle.javascript(
-        *("ui/parts", "ui/app", "explorer/recording", "explorer/words", "explorer/plot"),
-        *("warptest/points", "warptest/tester"),
+        "ui/parts",
+        "ui/app",
+        "explorer/recording",
+        "explorer/words",
+        "explorer/plot",
+        "warptest/points",
+        "warptest/tester",
     )
     _stylesheets: Any = (bundle.style("warptest/tester"),)
     PERIOD_MS = 1000
 
     def __init__(self, shared: Engine, subject: str, given: Mapping[str, Any]) -> None:
-        self.engine, self.image = shared, given.get("image")
+        self.engine = shared
+        self.image = given.get("image")
         self.verdict: Verdict | None = None
         self.drawn: Drawn | None = None
         (source, _, names), *_ = sources = self._sources()
@@ -49,21 +55,26 @@ class Tester(App):
         super().__init__(shared.executor, chosen, **lists, **about)
 
     def _sources(self) -> list[tuple[str, str, list[str]]]:
-        """Name, label and subjects of each source; of the library also those that it withholds."""
-        module, library = self.engine.module, (LIBRARY, "This package", [*SUBJECTS])
+        """Return name, label and subjects of each source.
+
+        The library lists all subjects, also if it withholds some of them.
+        """
+        module = self.engine.module
+        library = (LIBRARY, "This package", [*SUBJECTS])
         if module is None:
             return [library]
         return [(MODULE, f"Yours: {module.path.name}", module.names()), library]
 
     def _case(self, chosen: dict[str, Any]) -> Case:
-        subject, values = SUBJECTS[chosen["subject"]], chosen["values"]
+        subject = SUBJECTS[chosen["subject"]]
+        values = chosen["values"]
         given = {p.name: values[p.name] for p in subject.parameters if p.name in values}
         if subject.takes_image and self.image is not None:
             given["image"] = self.image
         return self.engine.sources[chosen["source"]].case(chosen["subject"], given)
 
     def _say(self, title: str, text: str) -> None:
-        """Say something in place of a verdict."""
+        """Show a text instead of a verdict."""
         self.verdict = None
         self.tell(verdict={"title": title, "text": text}, panels="")
 
@@ -76,13 +87,14 @@ class Tester(App):
             self._say(*CHANGED)
 
     async def do_redraw(self, *_: Any) -> None:
-        """Draw points of the current choice, which is not tested yet."""
+        """Draw points of the current choice, without a test."""
         self._say(*UNTESTED)
         await super().do_redraw()
 
     async def draw(self) -> None:
-        """Warp points and grid, and hand them to the canvas."""
-        chosen, subject = self.chosen, SUBJECTS[self.chosen["subject"]]
+        """Warp points and grid, and send them to the page."""
+        chosen = self.chosen
+        subject = SUBJECTS[chosen["subject"]]
 
         def work() -> Drawn:
             return engine.draw(self._case(chosen), chosen["kind"], chosen["count"], chosen["seed"])
@@ -94,7 +106,11 @@ class Tester(App):
             module = self.engine.module if chosen["source"] == MODULE else None
             whose = (module and module.file_of(chosen["subject"])) or "this package"
             self.tell(error=failure(f"{subject.title}: {whose} gives no points", error))
-            self.drawn, shown = None, Drawn(*[np.zeros((subject.dimensions, 0), np.float32)] * 2)
+            self.drawn = None
+            nothing = np.zeros((subject.dimensions, 0), np.float32)
+            shown = Drawn(points=nothing, lines=nothing)
+
+        # Send them with their domain
         domain = find(subject.domain)
         names = ("dimensions", "low", "high", "labels", "down", "upper_only")
         alt = f"{shown.points.shape[1]} points of {subject.title} and the grid of the unit square"
@@ -107,7 +123,7 @@ class Tester(App):
         self.send(self.param.update, data=data)
 
     async def do_image(self, name: str, content: bytes) -> None:
-        """Use an image of the reader's."""
+        """Use an image of the reader."""
         try:
             self.image = await self.run(_density_of_file, content, name)
         except SUBJECT_ERRORS as error:
@@ -121,13 +137,15 @@ class Tester(App):
         await self.do_redraw()
 
     async def do_test(self) -> None:
-        """Test what is chosen, and show the verdict unless something else is chosen by then."""
-        chosen, image = self.chosen, self.image
+        """Test the choice, and show the verdict unless the choice has changed meanwhile."""
+        chosen = self.chosen
+        image = self.image
 
         def work() -> tuple[Verdict, str]:
             verdict = self._case(chosen).test(samples=chosen["samples"], seed=chosen["seed"])
             return verdict, engine.panels(verdict)
 
+        # Run the test in the thread
         self._say(*TESTING)
         self.tell(testing=True)
         try:
@@ -139,6 +157,8 @@ class Tester(App):
             return
         finally:
             self.tell(testing=False)
+
+        # Is it still the reader's choice?
         if self.chosen == chosen and self.image is image:
             self.verdict = verdict
             self.tell(verdict=_told(verdict, chosen["samples"]), panels=panels)
@@ -167,7 +187,7 @@ def _described() -> dict[str, dict[str, Any]]:
 
 
 def _told(verdict: Verdict, samples: int) -> dict[str, Any]:
-    """Message of a verdict in words and numbers."""
+    """Return the message of a verdict in words and numbers."""
     worst = max(verdict.moments, key=lambda moment: abs(moment.z))
     rows = {
         "p-value": f"{verdict.p_value:.3g} (must be {verdict.alpha:.2g} or more)",
@@ -182,7 +202,7 @@ def _told(verdict: Verdict, samples: int) -> dict[str, Any]:
 
 
 def _density_of_file(content: bytes, name: str) -> np.ndarray:
-    """Density of an uploaded image."""
+    """Return the density of an uploaded image."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"image{Path(name).suffix.lower()}"
         path.write_bytes(content)

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import numpy as np
 import xarray as xr
 
-from ...labels import VOLUME, by_pixel, read
+from ...labels import VOLUME, by_pixel, even_axis, read
 from ...runtime import checks
 
 
@@ -19,12 +19,7 @@ def _intensity(volume: Any) -> xr.DataArray:
     """Return the intensities (z, y, x), which must be finite, with even steps of z."""
     intensity = read(volume, VOLUME, "volume")["intensity"]
     checks.finite("volume: intensity", checks.real_array("volume: intensity", intensity.values))
-    steps = np.diff(intensity["z"].values)
-    if steps.size and not np.allclose(steps, steps.mean(), rtol=1e-3, atol=0):
-        raise ValueError(
-            f"volume: the steps along z are {steps.min():g} to {steps.max():g} m. Select voxels "
-            "with a slice"
-        )
+    even_axis(intensity.to_dataset(), "z", "volume", width=1.0)
     return intensity
 
 

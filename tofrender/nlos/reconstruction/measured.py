@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from ...labels import bins_of
 from ...rendering.cubes import Cube
-from ...rendering.dataset import time_axis
 from ..captures import COUNTS, first_and_last_legs
 from .background import Background, find_background
 
@@ -114,7 +114,7 @@ class Measured:
     @classmethod
     def of(cls, capture: xr.Dataset) -> Measured:
         """Convert a checked capture."""
-        mode = str(capture.attrs["mode"])
+        mode = str(capture.attrs["capture_mode"])
         points, normals, spots = (
             capture[name].values.astype(np.float64)
             for name in ("sensor_grid", "sensor_normals", "laser_grid")
@@ -123,7 +123,8 @@ class Measured:
         sensors = frame(points)
         lasers = frame(spots)
         rows, columns = points.shape[:2]
-        start, width = time_axis(capture)
+        width = bins_of(capture, "capture").bin_width_opl
+        start = float(capture["opl"].values[0] - width / 2)
         return cls(
             mode=mode,
             cube=Cube(capture["transient"]),
