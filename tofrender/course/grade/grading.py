@@ -38,6 +38,7 @@ from ...runtime.atomic import replacing
 from .. import edition, mutants
 from ..assignments import PACKAGE, SEED, Assignment
 from ..judge import processes, running, sandbox
+from ..judge.speed import slowness
 from ..material import copy_file
 from ..rubric import MAX_SEED, STAFF_TEST, Problem
 from . import unpacking
@@ -191,7 +192,9 @@ class Grader:
 
                 # Give it much more time than it needs, but leave time for later problems
                 later_s = sum(2 * other.takes_s + 5 for other in problems[number + 1 :])
+                # A slow machine gets more time, within the limit of the whole submission
                 most_s = START_S + 4 * (problem.timeout_s + problem.takes_s)
+                most_s *= slowness()
                 timeout_s = max(LEAST_S, min(most_s, left_s - later_s))
                 timeout_s = min(timeout_s, left_s + GRACE_S)
                 results.grades |= self._judge(problem, folder, package, hidden, timeout_s, uid)
