@@ -3,6 +3,7 @@
 import re
 import subprocess
 import threading
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -204,7 +205,9 @@ def test_class_with_roster_sheet_pages_and_jobs(staff, tmp_path, monkeypatch, ca
     assert (
         "4 of 5 students handed in a submission. Points, of 15: mean" in class_page
     )  # with 4 by hand
-    assert "| `takes_the_difference` | It subtracts. | 1: Ben |" in class_page
+    assert "`takes_the_difference`: It subtracts. |" in class_page
+    assert "| fails | fails the same tests as | what separates these | students |" in class_page
+    assert "| 1: Ben |" in class_page
 
     canvas = ["Student=name", "ID=id", "Section=section", "A0 (17)=total", "Sum=a0.add"]
     of_canvas = [word for name in canvas for word in ("--columns", name)]
@@ -440,14 +443,40 @@ def test_a_page_says_a_missing_file_and_a_day_once(tmp_path):
     assert "The submission was 1 day late: 0.4 points are deducted." in page
 
 
-def test_overview_names_the_likeliest_mutant(staff):
+def test_overview_lists_all_mutants_that_fail_the_same_tests(staff):
     problem = staff.rubric.problems[0]
     known = mutants.read(staff)
     both = {test.id: "the sum" for test in problem.tests}
-    assert overview.likeliest_mutant(both, problem, known).id == "takes_the_difference"
-    assert overview.likeliest_mutant({problem.tests[0].id: "else"}, problem, known) is None
+    assert "takes_the_difference" in [m.id for m in overview.candidates(both, problem, known)]
+    names = tuple(both)
+    twin = replace(known[0], id="twin", problem=problem.id, fails=names, says="the sum")
+    other = replace(twin, id="other", fails=names[:-1], says="never")
+    found = overview.candidates(dict.fromkeys(names[:-1], "the sum"), problem, [twin, other])
+    assert found == [other, twin]  # the same tests come before the text
+    assert overview.candidates({"no test": "x"}, problem, [twin]) == []
+    separating = overview.separating([twin, other], staff.rubric)
+    assert separating == f"only `twin` fails `{names[-1].partition('::')[2]}`"
+    assert overview.separating([twin], staff.rubric) == ""
     missing = overview.Result("x", {}, dict.fromkeys(both, "add.py is missing"))
     assert overview.failures_of(missing, problem) == {}
+
+
+@pytest.mark.parametrize("name", ["a1", "a2", "a3", "a4"])
+def test_the_mistake_is_among_the_mutants_of_the_overview(name):
+    """Also if a variant of the mistake passes or fails one test more."""
+    assignment = find(name)
+    rubric = assignment.rubric
+    known = mutants.read(assignment)
+    hits = []
+    for mutant in known:
+        problem = next(p for p in rubric.problems if p.id == mutant.problem)
+        tests = {test.id for test in problem.tests}
+        fails = tests & set(mutant.fails)
+        variants = [fails, *(fails ^ {test} for test in tests)]
+        for variant in filter(None, variants):
+            found = overview.candidates(dict.fromkeys(variant, ""), problem, known)
+            hits.append(mutant in found)
+    assert np.mean(hits) >= 0.9
 
 
 def test_items_that_separate():
