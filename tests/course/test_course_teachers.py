@@ -479,6 +479,25 @@ def test_the_mistake_is_among_the_mutants_of_the_overview(name):
     assert np.mean(hits) >= 0.9
 
 
+def test_points_by_hand_and_a_late_rule_do_not_grade_again(tmp_path):
+    folder = tiny_assignment.write(tmp_path / "a0_sums", FILES)
+    path = folder / "rubric.toml"
+    text = path.read_text()
+
+    def fingerprint(old, new, seed=4):
+        assert old in text
+        path.write_text(text.replace(old, new, 1))
+        return grading.Grader(Assignment(folder), tmp_path, seed=seed).fingerprint
+
+    before = fingerprint("", "")
+    assert fingerprint("lost_per_day = 0.1", "lost_per_day = 0.2") == before
+    assert fingerprint('title = "Exercises"\npoints = 4', 'title = "Talk"\npoints = 5') == before
+    assert fingerprint("[[by_hand]]", "# Exercises\n[[by_hand]]") == before
+    assert fingerprint("points = 2", "points = 2.5") != before
+    assert fingerprint("timeout_s = 60", "timeout_s = 61") != before
+    assert fingerprint("", "", seed=5) != before
+
+
 def test_items_that_separate():
     scores = np.array([[1, 0, 1], [1, 1, 1], [0, 1, 1], [0, 1, 1.0]])
     separates = overview.separation(scores)
@@ -524,6 +543,19 @@ def test_a_new_term_draws_other_inputs(tmp_path, capsys):
     assert Inputs(file).number("width", 0.5, low=1, high=2) != first
     text = (staff.folder / "rubric.toml").read_text()
     assert text.replace(f"term = {drawn}\n", "") == FILES["rubric.toml"]
+
+
+def test_a_new_term_computes_what_the_tests_expect_or_stays(tmp_path):
+    script = "import pathlib\nfrom tofrender.course import rubric\n"
+    script += "pathlib.Path('tests/expected.txt').write_text(str(rubric.read('.').term))\n"
+    written = FILES | {"tests/expected_staff.py": script}
+    staff = find(tiny_assignment.write(tmp_path / "a0", written))
+    release.new_term(staff, 7)
+    assert (staff.folder / "tests" / "expected.txt").read_text() == "7"
+    (staff.folder / "tests" / "expected_staff.py").write_text("raise KeyError('width')\n")
+    with pytest.raises(ValueError, match=r"expected_staff.py failed, .* still 7: KeyError"):
+        release.new_term(Assignment(staff.folder), 8)
+    assert rubric.read(staff.folder).term == 7
 
 
 @pytest.mark.parametrize(

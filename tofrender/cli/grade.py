@@ -306,8 +306,9 @@ def new_term(
 ) -> None:
     """Draw new inputs for the public tests.
 
-    Answers of an earlier term then fail. The command changes one line of the rubric. Commit this
-    line after `tofrender verify` has passed.
+    Answers of an earlier term then fail. The command changes one line of the rubric, and computes
+    the expected results of the public tests if they are in a file. Commit the changes after
+    `tofrender verify` has passed.
 
     Examples:
         tofrender new-term a1
