@@ -144,9 +144,7 @@ def _mistakes(assignment: Assignment, results: Sequence[Result]) -> list[str]:
         # Frequent groups come first
         lines = []
         for names, members in sorted(groups.items(), key=lambda item: -len(item[1])):
-            texts = {
-                name: "\n".join(result.failures[name] for result in members) for name in names
-            }
+            texts = {name: "\n".join(result.failures[name] for result in members) for name in names}
             found = candidates(texts, problem, known)
             in_problem = {test.id for test in problem.tests}
             mistakes = [

@@ -6,7 +6,9 @@ from functools import cache
 
 import numpy as np
 
-NOMINAL_S = 0.04  # processor time of `_work` on a machine where the rubrics' times were measured [s]
+NOMINAL_S = (
+    0.04  # processor time of `_work` on a machine where the rubrics' times were measured [s]
+)
 MOST = 10.0  # largest factor
 REPEATS = 3
 
