@@ -563,6 +563,21 @@ def test_new_sentences_need_a_contract(tiny):
     assert told() == ["contracts.toml: is missing"]
 
 
+@pytest.mark.parametrize("name", ["a1", "a2", "a3"])
+def test_no_edition_holds_a_solution_of_a_later_assignment(name, tmp_path):
+    staff = assignments.find(name)
+    edition.copy(staff, tmp_path)
+    assert leaks.later_leaks(staff, tmp_path) == []
+
+    # A copied solution and a module of the last assignment are found
+    text = (assignments.find("a4").solutions / "pile_up.py").read_text()
+    (tmp_path / "tofrender" / "sensors" / "counting.py").write_text(text)
+    (tmp_path / "tofrender" / "sensors" / "dead_time.py").write_text("")
+    found = "\n".join(leaks.later_leaks(staff, tmp_path))
+    assert "counting.py: coates is coates of solutions/pile_up.py, which is withheld" in found
+    assert "dead_time.py: tofrender.sensors.dead_time is withheld" in found
+
+
 def test_copied_solutions_are_leaks(tmp_path):
     for name in assignments.known():
         assignment = assignments.find(name)

@@ -118,12 +118,12 @@ def depth_bound(theirs, signal, background, sigma_s, tail_s, width):
     return np.asarray(theirs.depth_bound(signal, background, response, width))
 
 
-def estimate_depth(theirs, counts, sigma_s, tail_s, method, width):
+def estimate_depth(theirs, counts, sigma_s, tail_s, method, width, start=0.0):
     """Depth and its standard deviation."""
     before = counts.copy()
     given = {} if method is None else {"method": method}
     response = Response(sigma_s, tail_s)
-    found = theirs.estimate_depth(counts, response, bin_width_opl=width, **given)
+    found = theirs.estimate_depth(counts, response, start_opl=start, bin_width_opl=width, **given)
     names = ("depth", "depth_std")
     arrays = {name: np.asarray(found[name], np.float64) for name in names}
     return arrays | {"kept": np.array_equal(counts, before)}

@@ -93,7 +93,7 @@ def test_depth(submission):
     off = errors_on_the_back_wall(corrected, file)
     expect.shape(counted, corrected.shape, f"{file}, counted")
     expect.shape(std, corrected.shape, f"{file}, depth_std")
-    hint = "the first bin is at START: add START / 2"
+    hint = "the first bin starts at START"
     what = "median error of the corrected depth of the back wall [m]"
     expect.close(np.nanmedian(off), 0.0, what, atol=0.008, hint=hint)
     near = np.nanmedian(errors_on_the_back_wall(counted, file))

@@ -17,9 +17,15 @@ def drawn(random):
     return bins, width, sigma, random.choice([0.0, 1.0]) * sigma
 
 
-def ask(submission, counts, sigma, tail_s, method, width):
+def ask(submission, counts, sigma, tail_s, method, width, start=0.0):
     came = submission.ask(
-        "estimate_depth", counts=counts, sigma_s=sigma, tail_s=tail_s, method=method, width=width
+        "estimate_depth",
+        counts=counts,
+        sigma_s=sigma,
+        tail_s=tail_s,
+        method=method,
+        width=width,
+        start=start,
     )
     for name in ("depth", "depth_std"):
         expect.shape(came[name], counts.shape[:2], f"{name} ({method})")
@@ -37,9 +43,11 @@ def test_any_returns(submission):
         background = random.uniform(0.05, 2.0, shape)
         counts = formulas.returns(opl, signal, background, sigma, tail_s, width, bins)
         for method, most in (("matched", 0.2), ("ml", 0.05)):
-            came = ask(submission, counts, sigma, tail_s, method, width)
-            off = (2 * came["depth"] - opl) / width
-            expect.close(off, 0 * opl, f"error in bins, {method}", atol=most)
+            start = random.uniform(1, 9)
+            came = ask(submission, counts, sigma, tail_s, method, width, start)
+            off = (2 * came["depth"] - start - opl) / width
+            hint = "depth is half of start_opl and the path length from there"
+            expect.close(off, 0 * opl, f"error in bins, {method}", atol=most, hint=hint)
             wanted = formulas.deviations(
                 submission,
                 came["depth_std"],

@@ -20,7 +20,7 @@ from ...runtime.atomic import replacing
 from ...runtime.child_processes import safe_environment
 from .. import edition, pages, rubric as rubrics
 from ..assignments import PACKAGE, Assignment
-from .leaks import leaks, smoke_test
+from .leaks import later_leaks, leaks, smoke_test
 
 PACKAGE_FOLDER = "package"
 PAGES = ("README.md", "exercises.md")  # also released as HTML, to be read without the package
@@ -71,7 +71,8 @@ def release(assignment: Assignment, out: Path, *, pdf: bool = False) -> Path:
         package = folder / PACKAGE_FOLDER
         edition.copy(assignment, package)
         edition.make_installable(package, assignment.rubric)
-        _refuse([*leaks(assignment, package), *smoke_test(assignment, package)])
+        found = leaks(assignment, package) + later_leaks(assignment, package)
+        _refuse(found + smoke_test(assignment, package))
 
         # Write the pages and figures; links between the pages lead to the HTML files
         inside = package / "tofrender" / "course" / "material" / assignment.name
