@@ -64,6 +64,7 @@ class Extracted:
     folder: Path  # folder of the copies, which the grader may change
     error: str = ""  # why no files were copied, "" if they were
     empty: bool = False  # whether the submission contains none of the requested files
+    notes: Sequence[str] = ()  # sentences on files that were found in an unusual place
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,8 @@ class Grader:
         folder = Path(tempfile.mkdtemp(dir=self.scratch / CLASS)) / "submission"
         rubric = self.assignment.rubric
         try:
-            unpacking.extract(submission, rubric.submit, folder, rubric.files)
+            notes: list[str] = []
+            unpacking.extract(submission, rubric.submit, folder, rubric.files, notes)
         except unpacking.BadSubmission as error:
             remove(folder.parent)
             empty = isinstance(error, unpacking.Nothing)
@@ -90,7 +92,7 @@ class Grader:
         for name in self.assignment.provided_files:
             if not (folder / name).exists():
                 shutil.copyfile(self.assignment.starter / name, folder / name)
-        return Extracted(folder)
+        return Extracted(folder, notes=notes)
 
     def grade(
         self,
@@ -131,6 +133,7 @@ class Grader:
             if files.error:
                 results.remarks.append(files.error)
             else:
+                results.remarks.extend(files.notes)
                 files.folder.rename(folder / "submission")
                 files.folder.parent.rmdir()
                 make_readable(folder / "submission")
