@@ -18,7 +18,7 @@ pytest.importorskip("resource", reason="a grading machine runs Linux or macOS")
 
 from tofrender.cli import app as cli
 from tofrender.course import mutants, pages, rubric
-from tofrender.course.assignments import Assignment, find
+from tofrender.course.assignments import PACKAGE, Assignment, find
 from tofrender.course.author import release
 from tofrender.course.grade import classes, feedback, grading, overview, roster, similarity
 from tofrender.course.grade.results import Grade, Results
@@ -511,16 +511,25 @@ def test_programs_are_put_where_jplag_looks(staff, tmp_path, capsys):
     zipped(there / "empty.zip", {"notes.txt": ""})
     tiny_assignment.write(there / "ada", RIGHT | {"conftest.py": "", "notes/x.py": ""})
     out = tmp_path / "jplag"
+    zips(tmp_path / "last_year", "carl.zip")
     words = ["similarity", str(staff.folder), "--all", str(there), "-o", str(out)]
+    words += ["--old", str(tmp_path / "last_year")]
     assert cli.main(words) == 0
     shown = capsys.readouterr()
     files = {p.relative_to(out).as_posix() for p in out.rglob("*") if p.is_file()}
     assert files == {
         *("base/add.py", "base/check.py", "base/mean.py"),
         *("submissions/ada/add.py", "submissions/ada/mean.py", "submissions/ada_1/add.py"),
+        *(f"old/staff_solutions/{path.name}" for path in staff.solutions.glob("*.py")),
+        *("old/package/nlos/light/__init__.py", "old/carl/add.py"),
+    } | {
+        f"old/package/{path.relative_to(PACKAGE).as_posix()}"
+        for path in (PACKAGE / "nlos" / "light").rglob("*.py")
     }
     assert "'empty.zip': contains none of add.py, mean.py, check.py" in shown.err
-    assert f"-l python3 -bc {out}/base -r {out}/result {out}/submissions" in shown.out
+    assert (
+        f"-l python3 -bc {out}/base -r {out}/result -old {out}/old {out}/submissions" in shown.out
+    )
     assert cli.main(words) == 2
     assert "exists; pass a new folder" in capsys.readouterr().err
     assert similarity.command(Path("a b")).count("'a b/base'") == 1

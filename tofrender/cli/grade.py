@@ -276,21 +276,29 @@ def similarity(
     assignment: Name,
     everyone: Annotated[Path, named("DIR", "Folder with the submissions of a class.", "--all")],
     out: Annotated[Path, named("DIR", "New folder for JPlag.", "--out", "-o")],
+    old: Annotated[
+        Path | None, named("DIR", "Folder with submissions of other terms.", "--old")
+    ] = None,
 ) -> None:
     """Prepare submissions for a comparison with JPlag.
 
     The command copies the programs into a new folder and prints the command that runs JPlag. The
-    stubs are in a separate folder, so that JPlag ignores the given code.
+    stubs are in a separate folder, so that JPlag ignores the given code. JPlag also compares the
+    submissions with the solutions of the staff, the package, and submissions of other terms.
 
     Examples:
         tofrender similarity a1 --all submissions -o jplag
-        tofrender similarity a2 --all class_2026 -o jplag_a2
+        tofrender similarity a2 --all class_2026 --old class_2025 -o jplag_a2
     """
     _require_folder("--all", everyone)
+    if old is not None:
+        _require_folder("--old", old)
     from ..course.grade import classes, similarity
 
     found = find(assignment)
-    written, reasons = similarity.write(found, classes.submissions_in(everyone, found, [out]), out)
+    submissions = classes.submissions_in(everyone, found, [out])
+    earlier = classes.submissions_in(old, found, [out]) if old is not None else []
+    written, reasons = similarity.write(found, submissions, out, earlier)
     for reason in reasons:
         note(f"warning: {reason}")
     next_step = f"  {similarity.command(out)}"
