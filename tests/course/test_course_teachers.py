@@ -205,7 +205,7 @@ def test_class_with_roster_sheet_pages_and_jobs(staff, tmp_path, monkeypatch, ca
     assert (
         "4 of 5 students handed in a submission. Points, of 15: mean" in class_page
     )  # with 4 by hand
-    assert "`takes_the_difference`: It subtracts. |" in class_page
+    assert "`takes_the_difference`: It subtracts." in class_page
     assert "| fails | fails the same tests as | what separates these | students |" in class_page
     assert "| 1: Ben |" in class_page
 
@@ -496,6 +496,25 @@ def test_points_by_hand_and_a_late_rule_do_not_grade_again(tmp_path):
     assert fingerprint("points = 2", "points = 2.5") != before
     assert fingerprint("timeout_s = 60", "timeout_s = 61") != before
     assert fingerprint("", "", seed=5) != before
+
+
+def test_late_days_come_from_time_stamps(toy, tmp_path):
+    late = Late(1, 0.1, "2027-01-31 23:59 +01:00")
+    toys = replace(toy, late=late)
+    class_ = [Member(name, None) for name in ("ada", "ben", "carl")]
+    sheet = tmp_path / "sheet.csv"
+    sheet.write_text(
+        "id,handed_in,late_days\n"
+        "ada,2027-01-31 22:58:00 +0000,\n"
+        "ben,2027-02-02T00:00:00+01:00,\n"
+        "carl,2027-02-09 12:00 UTC,1\n"
+    )
+    found = roster.marks(sheet, toys, class_)
+    assert [found[m.id].late_days for m in class_] == [0, 2, 1]
+    for text, cause in (("2027-02-02 00:00", "with its offset"), ("late", "with its offset")):
+        sheet.write_text(f"id,handed_in\nada,{text}\n")
+        refused(cause, roster.marks, sheet, toys, class_)
+    refused("no deadline", roster.marks, sheet, toy, class_)
 
 
 def test_items_that_separate():

@@ -25,7 +25,8 @@ ROSTER = (
     "and submission."
 )
 SHEET = (
-    "With --all, CSV file of manual entries with the column id, and optionally late_days, note, "
+    "With --all, CSV file of manual entries with the column id, and optionally late_days, "
+    "handed_in (time, compared with the deadline of the rubric), note, "
     "ids of problems (points that replace those of the tests) and of parts graded by hand."
 )
 COLUMNS = (

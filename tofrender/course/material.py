@@ -154,6 +154,8 @@ def points_table(rubric: Rubric) -> str:
         if late.free_days:
             rule = f"The first {days} after the deadline {cost} nothing. Each further day costs "
             rule += f"{percent} % of the points."
+        if late.deadline:
+            rule = f"The deadline is {late.deadline}. {rule}"
     else:
         rule = "Your course states the rule for late submissions."
     return "\n".join([*lines, "", rule])
