@@ -213,7 +213,7 @@ for method in ("matched", "ml"):
     errors[method] = []
     for signal in signals:
         noisy = rng.poisson(signal * part + 0.2)
-        found = estimate_depth(noisy, pulse, method, bin_width_opl=WIDTH)["depth"]
+        found = estimate_depth(noisy, pulse, method, start_opl=0.0, bin_width_opl=WIDTH)["depth"]
         errors[method].append(np.sqrt(np.mean((found - place / 2) ** 2)))
 figure, ax = plt.subplots(figsize=(6, 3.6), layout="constrained")
 for method, error in errors.items():
@@ -226,15 +226,14 @@ save("bound.npz", signal=signals, error=np.array(errors["ml"]), bound=bound, bac
 
 # %% [markdown]
 # ## 6. A depth map from counts
-# The counts of section 3, unchanged and corrected. `estimate_depth` assumes that the first bin starts
-# at the path length 0, but here it starts at `START`.
+# The counts of section 3, unchanged and corrected. The first bin starts at `START`.
 
 # %%
-raw = estimate_depth(counts, pulse, bin_width_opl=WIDTH)
+raw = estimate_depth(counts, pulse, start_opl=START, bin_width_opl=WIDTH)
 corrected = coates(counts, CYCLES) * CYCLES
 corrected[~np.isfinite(corrected)] = 0
-better = estimate_depth(corrected, pulse, bin_width_opl=WIDTH)
-maps = {"counts": raw["depth"] + START / 2, "corrected": better["depth"] + START / 2}
+better = estimate_depth(corrected, pulse, start_opl=START, bin_width_opl=WIDTH)
+maps = {"counts": raw["depth"], "corrected": better["depth"]}
 figure, axes = plt.subplots(1, 3, figsize=(13, 3.8), layout="constrained")
 shown = axes[0].imshow(maps["corrected"], cmap="viridis", vmin=3, vmax=5.1)
 axes[0].set(title="depth, corrected [m]", xticks=[], yticks=[])

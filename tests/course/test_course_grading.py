@@ -500,6 +500,37 @@ def test_files_are_found_where_platforms_put_them(layout, kind, tmp_path):
     assert (tmp_path / "taken" / "p0.py").read_text() == ADD0
 
 
+def test_capitals_deep_folders_and_notebooks_are_found_and_noted(tmp_path):
+    patterns = ["*.py", "notebook.ipynb"]
+    cells = [
+        {"cell_type": "markdown", "source": ["%%solution p0.py\n", "no"]},
+        {"cell_type": "code", "source": ["%%solution p0.py\n", ADD0]},
+        {"cell_type": "code", "source": "%%solution ../evil.py\n1"},
+        {"cell_type": "code", "source": "%%test p0.py"},
+    ]
+    notebook = json.dumps({"cells": cells})
+    for number, (files, note) in enumerate(
+        (
+            ({"P0.PY": ADD0}, "'P0.PY' was graded as p0.py"),
+            ({"a/b/c/p0.py": ADD0}, "3 levels deep"),
+            ({"notebook.ipynb": notebook}, "p0.py: taken from the cells of notebook.ipynb"),
+            ({"p0.py": ADD0, "P0.py": "1"}, ""),
+            ({"top/p0.py": ADD0, "top/notebook.ipynb": "{}"}, ""),
+        )
+    ):
+        path = zipped(tmp_path / f"{number}.zip", files)
+        notes = []
+        target = tmp_path / f"taken{number}"
+        assert "p0.py" in unpacking.extract(path, patterns, target, ["p0.py"], notes)
+        assert (target / "p0.py").read_text() == ADD0
+        assert " ".join(notes) == note if not note else note in " ".join(notes)
+    assert not (tmp_path / "evil.py").exists()
+    for broken in ("[]", "{", '{"cells": [1]}', json.dumps({"cells": []})):
+        path = zipped(tmp_path / "broken.zip", {"notebook.ipynb": broken})
+        target = tmp_path / f"broken{len(broken)}"
+        assert unpacking.extract(path, patterns, target, ["p0.py"]) == ["notebook.ipynb"]
+
+
 def test_files_in_two_folders_are_refused(tmp_path):
     path = zipped(tmp_path / "x.zip", {"a/p0.py": "1", "b/p0.py": "2"})
     refused(path, "contains the files in two folders, 'a' and 'b'")
@@ -507,7 +538,9 @@ def test_files_in_two_folders_are_refused(tmp_path):
 
 def test_a_class_without_files_gets_one_warning(tmp_path, home):
     for name in ("ada", "ben"):
-        tiny_assignment.write(tmp_path / "class" / name, {f"{name}.docx": "", "x/y/z/p0.py": ""})
+        tiny_assignment.write(
+            tmp_path / "class" / name, {f"{name}.docx": "", "1/2/3/4/5/p0.py": ""}
+        )
     said = []
     with grading.open_grader(tiny_assignment.sums(tmp_path / "a0")) as grader:
         table = grade_class(grader, tmp_path / "class", tmp_path / "out", said.append)

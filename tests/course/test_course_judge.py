@@ -17,7 +17,7 @@ from helpers.processes import GUARD_S, wait_for
 from helpers.support import refused
 
 from tofrender.course import rubric
-from tofrender.course.judge import expect, processes, running, wire, worker
+from tofrender.course.judge import expect, processes, running, speed, wire, worker
 from tofrender.course.judge.client import Limits, NoAnswer, Worker
 from tofrender.course.judge.factors import Ratio
 
@@ -291,6 +291,29 @@ def fails(compare, *arguments, says: str | None = None, **options) -> expect.Fai
     with pytest.raises(expect.Failure, match=says and re.escape(says)) as failure:
         compare(*arguments, "what", **options)
     return failure.value
+
+
+def test_a_message_shows_two_different_numbers():
+    for came, wanted in ((1 + 1e-8, 1.0), (0.1 + 2e-9, 0.1), (1e9 + 1, 1e9)):
+        failure = fails(expect.close, came, wanted, rtol=1e-12)
+        shown = dict(line.strip().split(": ") for line in str(failure).splitlines()[1:])
+        actual = shown["actual"].partition(" (")[0].strip()
+        assert actual != shown["expected"].strip()
+        assert float(actual) == pytest.approx(came, rel=1e-12)
+        assert "1 times that" not in str(failure)
+    samples = np.array([[1.0], [-1.0]]) * np.sqrt(0.5) * (1 + 1e-9)
+    text = str(fails(expect.noise, samples, 1.0))
+    assert text.split("at most ")[1].split()[0] != text.split("actual:   ")[1].split()[0]
+
+
+def test_time_limits_grow_on_a_slow_machine(monkeypatch):
+    speed.slowness.cache_clear()
+    assert speed.slowness() >= 1
+    for nominal_s, expected in ((1e9, 1.0), (1e-9, speed.MOST)):
+        monkeypatch.setattr(speed, "NOMINAL_S", nominal_s)
+        speed.slowness.cache_clear()
+        assert speed.slowness() == expected
+    speed.slowness.cache_clear()
 
 
 def test_nothing_is_no_answer():

@@ -220,6 +220,34 @@ def test_handout_names_only_problems(tiny):
     assert material.handout("see [[a0.pulse]] here", tiny.rubric) == "see [[a0.pulse]] here"
 
 
+def test_handout_has_all_points_and_the_late_rule(tiny):
+    talk = rubric.ByHand("a0.talk", "Talk", 6)
+    late = rubric.Late(1, 0.25)
+    rules = dataclasses.replace(tiny.rubric, by_hand=(talk,), late=late)
+    text = material.handout("# A\n\n[[points]]\n", rules)
+    for problem in rules.problems:
+        points = material.points_text(problem.points) + " bonus" * problem.bonus
+        assert f"| {problem.title} | tests | {points} |" in text
+    assert "| Talk | hand | 6 |" in text
+    assert f"| **sum** | | **{material.points_text(rules.points + 6)}** |" in text
+    assert "The first day after the deadline costs nothing. Each further day costs 25 %" in text
+    strict = dataclasses.replace(rules, late=rubric.Late(0, 0.1))
+    assert "Each day after the deadline costs 10 % of the points." in material.points_table(strict)
+
+
+@pytest.mark.parametrize("name", ["a1", "a2", "a3", "a4"])
+def test_points_by_hand_stand_in_the_handout(name, tmp_path):
+    staff = assignments.find(name)
+    ids = [part.id for part in staff.rubric.by_hand]
+    assert f"{name}.exercises" in ids
+    has_questions = "# **Questions" in (staff.folder / "notebook.py").read_text()
+    assert (f"{name}.questions" in ids) == has_questions
+    material.write(staff, tmp_path)
+    text = (tmp_path / "README.md").read_text()
+    for part in staff.rubric.by_hand:
+        assert f"| {part.title} | hand | {material.points_text(part.points)} |" in text
+
+
 def test_students_folder(tiny, tmp_path, run, monkeypatch):
     folder = tmp_path / "my-a0"
     status, out, said = run("start", tiny.folder, folder)
@@ -536,6 +564,21 @@ def test_new_sentences_need_a_contract(tiny):
     assert not any("Three" in line for line in told())
     (tiny.folder / contracts.FILE_NAME).unlink()
     assert told() == ["contracts.toml: is missing"]
+
+
+@pytest.mark.parametrize("name", ["a1", "a2", "a3"])
+def test_no_edition_holds_a_solution_of_a_later_assignment(name, tmp_path):
+    staff = assignments.find(name)
+    edition.copy(staff, tmp_path)
+    assert leaks.later_leaks(staff, tmp_path) == []
+
+    # A copied solution and a module of the last assignment are found
+    text = (assignments.find("a4").solutions / "pile_up.py").read_text()
+    (tmp_path / "tofrender" / "sensors" / "counting.py").write_text(text)
+    (tmp_path / "tofrender" / "sensors" / "dead_time.py").write_text("")
+    found = "\n".join(leaks.later_leaks(staff, tmp_path))
+    assert "counting.py: coates is coates of solutions/pile_up.py, which is withheld" in found
+    assert "dead_time.py: tofrender.sensors.dead_time is withheld" in found
 
 
 def test_copied_solutions_are_leaks(tmp_path):

@@ -3,6 +3,7 @@
 import re
 import subprocess
 import threading
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,7 +18,7 @@ pytest.importorskip("resource", reason="a grading machine runs Linux or macOS")
 
 from tofrender.cli import app as cli
 from tofrender.course import mutants, pages, rubric
-from tofrender.course.assignments import Assignment, find
+from tofrender.course.assignments import PACKAGE, Assignment, find
 from tofrender.course.author import release
 from tofrender.course.grade import classes, feedback, grading, overview, roster, similarity
 from tofrender.course.grade.results import Grade, Results
@@ -204,7 +205,9 @@ def test_class_with_roster_sheet_pages_and_jobs(staff, tmp_path, monkeypatch, ca
     assert (
         "4 of 5 students handed in a submission. Points, of 15: mean" in class_page
     )  # with 4 by hand
-    assert "| `takes_the_difference` | It subtracts. | 1: Ben |" in class_page
+    assert "`takes_the_difference`: It subtracts." in class_page
+    assert "| fails | fails the same tests as | what separates these | students |" in class_page
+    assert "| 1: Ben |" in class_page
 
     canvas = ["Student=name", "ID=id", "Section=section", "A0 (17)=total", "Sum=a0.add"]
     of_canvas = [word for name in canvas for word in ("--columns", name)]
@@ -440,14 +443,78 @@ def test_a_page_says_a_missing_file_and_a_day_once(tmp_path):
     assert "The submission was 1 day late: 0.4 points are deducted." in page
 
 
-def test_overview_names_the_likeliest_mutant(staff):
+def test_overview_lists_all_mutants_that_fail_the_same_tests(staff):
     problem = staff.rubric.problems[0]
     known = mutants.read(staff)
     both = {test.id: "the sum" for test in problem.tests}
-    assert overview.likeliest_mutant(both, problem, known).id == "takes_the_difference"
-    assert overview.likeliest_mutant({problem.tests[0].id: "else"}, problem, known) is None
+    assert "takes_the_difference" in [m.id for m in overview.candidates(both, problem, known)]
+    names = tuple(both)
+    twin = replace(known[0], id="twin", problem=problem.id, fails=names, says="the sum")
+    other = replace(twin, id="other", fails=names[:-1], says="never")
+    found = overview.candidates(dict.fromkeys(names[:-1], "the sum"), problem, [twin, other])
+    assert found == [other, twin]  # the same tests come before the text
+    assert overview.candidates({"no test": "x"}, problem, [twin]) == []
+    separating = overview.separating([twin, other], staff.rubric)
+    assert separating == f"only `twin` fails `{names[-1].partition('::')[2]}`"
+    assert overview.separating([twin], staff.rubric) == ""
     missing = overview.Result("x", {}, dict.fromkeys(both, "add.py is missing"))
     assert overview.failures_of(missing, problem) == {}
+
+
+@pytest.mark.parametrize("name", ["a1", "a2", "a3", "a4"])
+def test_the_mistake_is_among_the_mutants_of_the_overview(name):
+    """Also if a variant of the mistake passes or fails one test more."""
+    assignment = find(name)
+    rubric = assignment.rubric
+    known = mutants.read(assignment)
+    hits = []
+    for mutant in known:
+        problem = next(p for p in rubric.problems if p.id == mutant.problem)
+        tests = {test.id for test in problem.tests}
+        fails = tests & set(mutant.fails)
+        variants = [fails, *(fails ^ {test} for test in tests)]
+        for variant in filter(None, variants):
+            found = overview.candidates(dict.fromkeys(variant, ""), problem, known)
+            hits.append(mutant in found)
+    assert np.mean(hits) >= 0.9
+
+
+def test_points_by_hand_and_a_late_rule_do_not_grade_again(tmp_path):
+    folder = tiny_assignment.write(tmp_path / "a0_sums", FILES)
+    path = folder / "rubric.toml"
+    text = path.read_text()
+
+    def fingerprint(old, new, seed=4):
+        assert old in text
+        path.write_text(text.replace(old, new, 1))
+        return grading.Grader(Assignment(folder), tmp_path, seed=seed).fingerprint
+
+    before = fingerprint("", "")
+    assert fingerprint("lost_per_day = 0.1", "lost_per_day = 0.2") == before
+    assert fingerprint('title = "Exercises"\npoints = 4', 'title = "Talk"\npoints = 5') == before
+    assert fingerprint("[[by_hand]]", "# Exercises\n[[by_hand]]") == before
+    assert fingerprint("points = 2", "points = 2.5") != before
+    assert fingerprint("timeout_s = 60", "timeout_s = 61") != before
+    assert fingerprint("", "", seed=5) != before
+
+
+def test_late_days_come_from_time_stamps(toy, tmp_path):
+    late = Late(1, 0.1, "2027-01-31 23:59 +01:00")
+    toys = replace(toy, late=late)
+    class_ = [Member(name, None) for name in ("ada", "ben", "carl")]
+    sheet = tmp_path / "sheet.csv"
+    sheet.write_text(
+        "id,handed_in,late_days\n"
+        "ada,2027-01-31 22:58:00 +0000,\n"
+        "ben,2027-02-02T00:00:00+01:00,\n"
+        "carl,2027-02-09 12:00 UTC,1\n"
+    )
+    found = roster.marks(sheet, toys, class_)
+    assert [found[m.id].late_days for m in class_] == [0, 2, 1]
+    for text, cause in (("2027-02-02 00:00", "with its offset"), ("late", "with its offset")):
+        sheet.write_text(f"id,handed_in\nada,{text}\n")
+        refused(cause, roster.marks, sheet, toys, class_)
+    refused("no deadline", roster.marks, sheet, toy, class_)
 
 
 def test_items_that_separate():
@@ -463,16 +530,25 @@ def test_programs_are_put_where_jplag_looks(staff, tmp_path, capsys):
     zipped(there / "empty.zip", {"notes.txt": ""})
     tiny_assignment.write(there / "ada", RIGHT | {"conftest.py": "", "notes/x.py": ""})
     out = tmp_path / "jplag"
+    zips(tmp_path / "last_year", "carl.zip")
     words = ["similarity", str(staff.folder), "--all", str(there), "-o", str(out)]
+    words += ["--old", str(tmp_path / "last_year")]
     assert cli.main(words) == 0
     shown = capsys.readouterr()
     files = {p.relative_to(out).as_posix() for p in out.rglob("*") if p.is_file()}
     assert files == {
         *("base/add.py", "base/check.py", "base/mean.py"),
         *("submissions/ada/add.py", "submissions/ada/mean.py", "submissions/ada_1/add.py"),
+        *(f"old/staff_solutions/{path.name}" for path in staff.solutions.glob("*.py")),
+        *("old/package/nlos/light/__init__.py", "old/carl/add.py"),
+    } | {
+        f"old/package/{path.relative_to(PACKAGE).as_posix()}"
+        for path in (PACKAGE / "nlos" / "light").rglob("*.py")
     }
     assert "'empty.zip': contains none of add.py, mean.py, check.py" in shown.err
-    assert f"-l python3 -bc {out}/base -r {out}/result {out}/submissions" in shown.out
+    assert (
+        f"-l python3 -bc {out}/base -r {out}/result -old {out}/old {out}/submissions" in shown.out
+    )
     assert cli.main(words) == 2
     assert "exists; pass a new folder" in capsys.readouterr().err
     assert similarity.command(Path("a b")).count("'a b/base'") == 1
@@ -495,6 +571,19 @@ def test_a_new_term_draws_other_inputs(tmp_path, capsys):
     assert Inputs(file).number("width", 0.5, low=1, high=2) != first
     text = (staff.folder / "rubric.toml").read_text()
     assert text.replace(f"term = {drawn}\n", "") == FILES["rubric.toml"]
+
+
+def test_a_new_term_computes_what_the_tests_expect_or_stays(tmp_path):
+    script = "import pathlib\nfrom tofrender.course import rubric\n"
+    script += "pathlib.Path('tests/expected.txt').write_text(str(rubric.read('.').term))\n"
+    written = FILES | {"tests/expected_staff.py": script}
+    staff = find(tiny_assignment.write(tmp_path / "a0", written))
+    release.new_term(staff, 7)
+    assert (staff.folder / "tests" / "expected.txt").read_text() == "7"
+    (staff.folder / "tests" / "expected_staff.py").write_text("raise KeyError('width')\n")
+    with pytest.raises(ValueError, match=r"expected_staff.py failed, .* still 7: KeyError"):
+        release.new_term(Assignment(staff.folder), 8)
+    assert rubric.read(staff.folder).term == 7
 
 
 @pytest.mark.parametrize(

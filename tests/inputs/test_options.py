@@ -82,7 +82,8 @@ ELSEWHERE = {
     "test_outputs.py has the places": "--out",
     "a switch": "--video --pdf --resume --errors --denoise --json --browser --headless --live "
     "--progress dataset:plan",
-    "the course's tests": "--csv --all --roster --sheet --feedback --columns start:folder",
+    "the course's tests": "--csv --all --roster --sheet --feedback --columns start:folder"
+    " similarity:old",
     "test_warp_images": "--image",
     "any text": "report:title",
     "as of others": "warp:parameters warptest:host compare:two dataset:workers dataset:scheduler",

@@ -25,7 +25,8 @@ ROSTER = (
     "and submission."
 )
 SHEET = (
-    "With --all, CSV file of manual entries with the column id, and optionally late_days, note, "
+    "With --all, CSV file of manual entries with the column id, and optionally late_days, "
+    "handed_in (time, compared with the deadline of the rubric), note, "
     "ids of problems (points that replace those of the tests) and of parts graded by hand."
 )
 COLUMNS = (
@@ -276,21 +277,29 @@ def similarity(
     assignment: Name,
     everyone: Annotated[Path, named("DIR", "Folder with the submissions of a class.", "--all")],
     out: Annotated[Path, named("DIR", "New folder for JPlag.", "--out", "-o")],
+    old: Annotated[
+        Path | None, named("DIR", "Folder with submissions of other terms.", "--old")
+    ] = None,
 ) -> None:
     """Prepare submissions for a comparison with JPlag.
 
     The command copies the programs into a new folder and prints the command that runs JPlag. The
-    stubs are in a separate folder, so that JPlag ignores the given code.
+    stubs are in a separate folder, so that JPlag ignores the given code. JPlag also compares the
+    submissions with the solutions of the staff, the package, and submissions of other terms.
 
     Examples:
         tofrender similarity a1 --all submissions -o jplag
-        tofrender similarity a2 --all class_2026 -o jplag_a2
+        tofrender similarity a2 --all class_2026 --old class_2025 -o jplag_a2
     """
     _require_folder("--all", everyone)
+    if old is not None:
+        _require_folder("--old", old)
     from ..course.grade import classes, similarity
 
     found = find(assignment)
-    written, reasons = similarity.write(found, classes.submissions_in(everyone, found, [out]), out)
+    submissions = classes.submissions_in(everyone, found, [out])
+    earlier = classes.submissions_in(old, found, [out]) if old is not None else []
+    written, reasons = similarity.write(found, submissions, out, earlier)
     for reason in reasons:
         note(f"warning: {reason}")
     next_step = f"  {similarity.command(out)}"
@@ -306,8 +315,9 @@ def new_term(
 ) -> None:
     """Draw new inputs for the public tests.
 
-    Answers of an earlier term then fail. The command changes one line of the rubric. Commit this
-    line after `tofrender verify` has passed.
+    Answers of an earlier term then fail. The command changes one line of the rubric, and computes
+    the expected results of the public tests if they are in a file. Commit the changes after
+    `tofrender verify` has passed.
 
     Examples:
         tofrender new-term a1

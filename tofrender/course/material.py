@@ -12,6 +12,8 @@ from .rubric import STAFF_TEST, Problem, Rubric
 
 BLOCK = re.compile(r"^\[\[([\w.]+)\]\][ \t]*$", re.MULTILINE)
 """Line `[[id]]` of the handout, which is replaced by the table of the problem with this id."""
+POINTS = "points"
+"""The line `[[points]]` is replaced by the table of all points, and the rule for late days."""
 
 FILES = ("README.md", "exercises.md", "notebook.py", "pytest.ini")
 SCENES = "scenes"
@@ -69,12 +71,16 @@ def copy_file(source: Path, target: Path) -> None:
 def handout(text: str, rubric: Rubric) -> str:
     """Replace each line `[[id]]` of a handout by the table of the problem with this id.
 
+    The line `[[points]]` is replaced by the table of all points, see `points_table`.
+
     Raises:
         ValueError: The rubric does not contain one of these ids.
     """
     problems = {problem.id: problem for problem in rubric.problems}
 
     def fill(match: re.Match) -> str:
+        if match[1] == POINTS:
+            return points_table(rubric)
         if match[1] not in problems:
             raise ValueError(f"README.md: [[{match[1]}]]: the rubric does not contain this problem")
         return block(problems[match[1]])
@@ -106,6 +112,53 @@ def block(problem: Problem) -> str:
         "> | points | file | check | takes |\n> |---|---|---|---|\n"
         f"> | {points} | {file} | `pytest -m {problem.marker}` | {problem.takes_s:g} s |{uses}"
     )
+
+
+def points_table(rubric: Rubric) -> str:
+    """Return the table of all points of a rubric, and a sentence on late submissions.
+
+    The table contains the problems, the parts that are graded by hand, and the sum without bonus
+    problems.
+
+    Example:
+        >>> from tofrender.course.rubric import ByHand, GradedTest, Late
+        >>> problem = Problem("a0.pulse", "A pulse", (GradedTest("test_pulse.py::test_area", 4),))
+        >>> talk = ByHand("a0.talk", "Talk", 6)
+        >>> print(
+        ...     points_table(Rubric("a0", "Toys", (problem,), by_hand=(talk,), late=Late(2, 0.1)))
+        ... )
+        | part | graded by | points |
+        |---|---|---|
+        | A pulse | tests | 4 |
+        | Talk | hand | 6 |
+        | **sum** | | **10** |
+        <BLANKLINE>
+        The first 2 days after the deadline cost nothing. Each further day costs 10 % of the points.
+    """
+    lines = ["| part | graded by | points |", "|---|---|---|"]
+    for problem in rubric.problems:
+        bonus = " bonus" * problem.bonus
+        lines.append(f"| {problem.title} | tests | {points_text(problem.points)}{bonus} |")
+    for part in rubric.by_hand:
+        lines.append(f"| {part.title} | hand | {points_text(part.points)} |")
+    total = rubric.points + sum(part.points for part in rubric.by_hand)
+    lines.append(f"| **sum** | | **{points_text(total)}** |")
+
+    # The rule for late submissions
+    late = rubric.late
+    if late.lost_per_day:
+        days = "day" if late.free_days == 1 else f"{points_text(late.free_days)} days"
+        cost = "costs" if late.free_days == 1 else "cost"
+        percent = points_text(round(100 * late.lost_per_day, 6))
+        rule = f"Each day after the deadline costs {percent} % of the points."
+        if late.free_days:
+            rule = f"The first {days} after the deadline {cost} nothing. Each further day costs "
+            rule += f"{percent} % of the points."
+        if late.deadline:
+            rule = f"The deadline is {late.deadline}. {rule}"
+    else:
+        rule = "Your course states the rule for late submissions."
+    return "\n".join([*lines, "", rule])
 
 
 def points_text(points: float) -> str:

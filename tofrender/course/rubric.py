@@ -1,8 +1,10 @@
 """Rubrics: the content of `rubric.toml`, the only file that states points."""
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import datetime
 from fnmatch import fnmatch
 from functools import cached_property
 from pathlib import Path
@@ -10,6 +12,8 @@ from pathlib import Path
 from . import toml
 
 FILE_NAME = "rubric.toml"
+SECONDS_PER_DAY = 86_400
+NOT_JUDGED = ("by_hand", "late")  # tables that do not change the results of tests
 STAFF_TEST = "*_staff.py"
 MAX_SEED = (1 << 31) - 1
 FORBIDDEN = ("warps", "integrators", "sampling")
@@ -78,6 +82,7 @@ class Late:
 
     free_days: float = 0.0  # days without a penalty
     lost_per_day: float = 0.0  # fraction of the points that each further day costs, from 0 to 1
+    deadline: str = ""  # time with its offset, such as "2027-01-31 23:59 +01:00"; "" if unknown
 
     def lost(self, days: float) -> float:
         """Return the fraction of the points that is lost after `days` late days.
@@ -87,6 +92,25 @@ class Late:
             0.3
         """
         return min(1.0, round(self.lost_per_day * max(0.0, days - self.free_days), 10))
+
+    def days(self, handed_in: str) -> int:
+        """Return the number of late days of a time stamp; a day that has begun counts.
+
+        Args:
+            handed_in: Time with its offset, as in the export of a learning management system.
+
+        Raises:
+            ValueError: The text is not such a time, or the rubric has no deadline.
+
+        Example:
+            >>> late = Late(deadline="2027-01-31 23:59 +01:00")
+            >>> late.days("2027-02-01T01:00:00+01:00"), late.days("2027-01-31 22:58:00 +0000")
+            (1, 0)
+        """
+        if not self.deadline:
+            raise ValueError("rubric.toml has no deadline in its table [late]")
+        seconds = (time_of(handed_in) - time_of(self.deadline)).total_seconds()
+        return max(0, math.ceil(seconds / SECONDS_PER_DAY))
 
 
 @dataclass(frozen=True)
@@ -151,6 +175,23 @@ def name_of(test: str) -> str:
     return test.partition("::")[2] or test
 
 
+def time_of(text: str) -> datetime:
+    """Convert a text to a time with its offset from UTC.
+
+    Raises:
+        ValueError: The text is not a time in the format of ISO 8601, or lacks the offset.
+    """
+    try:
+        compact = re.sub(r"\s+(?=[+-]\d\d:?\d\d$)", "", text.strip())
+        found = datetime.fromisoformat(compact.replace(" UTC", "+00:00"))
+    except ValueError:
+        found = None
+    if found is None or found.tzinfo is None:
+        example = "2027-01-31 23:59:00 +01:00"
+        raise ValueError(f"{text[:40]!r}: must be a time with its offset, such as {example}")
+    return found
+
+
 def read(path: str | Path) -> Rubric:
     """Read a rubric.
 
@@ -203,6 +244,11 @@ def _faults(rubric: Rubric) -> Iterator[str]:
     if not isinstance(rubric.term, int) or not 0 <= rubric.term <= MAX_SEED:
         yield f"term = {rubric.term}: must be an integer from 0 to {MAX_SEED}"
     late = rubric.late
+    if late.deadline:
+        try:
+            time_of(late.deadline)
+        except ValueError as error:
+            yield f"[late]: deadline = {error}"
     if not 0 <= late.free_days < math.inf:
         yield f"[late]: free_days = {late.free_days}: must be a number from 0"
     if not 0 <= late.lost_per_day <= 1:

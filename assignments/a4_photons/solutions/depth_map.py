@@ -12,7 +12,9 @@ LEVELS = (0.125, 0.02, 0.003)  # steps of the path length, in bins
 STEPS = 8  # to each side
 
 
-def estimate_depth(counts, response, method: str = "ml", *, bin_width_opl: float) -> dict:
+def estimate_depth(
+    counts, response, method: str = "ml", *, start_opl: float, bin_width_opl: float
+) -> dict:
     """Strongest bin of the matched filter, then a parabola or the greatest likelihood."""
     counts = np.asarray(counts, np.float64)
     delays = distribution("response", response)
@@ -45,5 +47,6 @@ def estimate_depth(counts, response, method: str = "ml", *, bin_width_opl: float
             best = fit.argmax(axis=-1)[..., None]
             offset = np.take_along_axis(tried, best, axis=-1)[..., 0]
     lit = counts.sum(axis=-1) > 0
-    depth = np.where(lit, (peak + 0.5 + offset) * bin_width_opl / 2, np.nan)
+    start = start_opl / 2
+    depth = start + np.where(lit, (peak + 0.5 + offset) * bin_width_opl / 2, np.nan)
     return {"depth": depth, "depth_std": depth_bound(signal * lit, others, response, bin_width_opl)}

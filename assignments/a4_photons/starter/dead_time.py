@@ -30,7 +30,7 @@ def sample_counts(
     Args:
         rng: Source of all random numbers: the same state gives the same counts.
         rates: As for `armed_detections`.
-        cycles: Number of laser cycles.
+        cycles: Number of laser cycles, at least 0.
         dead: Dead time in bins, at least 0; from the number of bins on, only the first photon of a
             cycle is detected.
 

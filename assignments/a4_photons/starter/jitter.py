@@ -43,7 +43,7 @@ def sample_jitter(rng: np.random.Generator, masses: np.ndarray, size: int) -> np
     Args:
         rng: Source of all random numbers: the same state gives the same result.
         masses: Probabilities as `kernel` returns them.
-        size: Number of stamps.
+        size: Number of stamps, at least 0.
 
     Returns:
         Integers from -n to n, shape (size,), independent of each other.

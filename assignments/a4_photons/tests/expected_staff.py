@@ -1,7 +1,7 @@
 """Write expected.npz, with what the public tests expect: `python tests/expected_staff.py`.
 
-Run it again when the tests' inputs have changed, as after `tofrender new-term a4`. The closed forms
-stay with the staff, since they solve the problems.
+Run the script again when inputs of the tests have changed. `tofrender new-term a4` runs it. The
+closed forms stay with the staff, because they solve the problems.
 """
 
 from __future__ import annotations

@@ -6,9 +6,9 @@ import itertools
 import math
 
 import numpy as np
-from formulas import SPEED_OF_LIGHT, cdf, in_groups, kernel, pdf, returns
+from formulas import SPEED_OF_LIGHT, cdf, deviations, in_groups, kernel, pdf, returns
 
-__all__ = ["SPEED_OF_LIGHT", "cdf", "in_groups", "kernel", "pdf", "returns"]
+__all__ = ["SPEED_OF_LIGHT", "cdf", "deviations", "in_groups", "kernel", "pdf", "returns"]
 
 
 # ----------------------------------------------------------------------------------- pile-up

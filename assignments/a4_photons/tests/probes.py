@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import stats
 
 from tofrender.course.judge import trials
 from tofrender.sensors.response import Response, distribution
@@ -65,6 +66,12 @@ def sample_counts(theirs, rates, cycles, dead, seed):
     }
 
 
+def repeated_counts(theirs, rates, cycles, dead, calls, seed):
+    """Counts of several calls with one generator, shape (call, pixel, bin)."""
+    rng = np.random.default_rng(seed)
+    return np.array([theirs.sample_counts(rng, rates, cycles, dead) for _ in range(calls)])
+
+
 # ------------------------------------------------------------------------------------ jitter
 
 
@@ -76,8 +83,19 @@ def kernel(theirs, sigma_s, tail_s, width, **tail):
     return np.asarray(theirs.kernel(delays(sigma_s, tail_s), width, **tail))
 
 
+def kernel_of_early_delays(theirs, scale, width, tail):
+    """Masses of a distribution of SciPy with a tail on the early side."""
+    return np.asarray(theirs.kernel(stats.gumbel_l(0.0, scale), width, tail))
+
+
 def add_jitter(theirs, detections, masses, periodic):
     return kept(theirs.add_jitter, detections, masses, periodic=periodic)
+
+
+def repeated_lags(theirs, masses, size, calls, seed):
+    """Lags of several calls with one generator, shape (call, stamp)."""
+    rng = np.random.default_rng(seed)
+    return np.array([theirs.sample_jitter(rng, masses, size) for _ in range(calls)])
 
 
 def sample_jitter(theirs, masses, size, seed):
@@ -100,12 +118,12 @@ def depth_bound(theirs, signal, background, sigma_s, tail_s, width):
     return np.asarray(theirs.depth_bound(signal, background, response, width))
 
 
-def estimate_depth(theirs, counts, sigma_s, tail_s, method, width):
+def estimate_depth(theirs, counts, sigma_s, tail_s, method, width, start=0.0):
     """Depth and its standard deviation."""
     before = counts.copy()
     given = {} if method is None else {"method": method}
     response = Response(sigma_s, tail_s)
-    found = theirs.estimate_depth(counts, response, bin_width_opl=width, **given)
+    found = theirs.estimate_depth(counts, response, start_opl=start, bin_width_opl=width, **given)
     names = ("depth", "depth_std")
     arrays = {name: np.asarray(found[name], np.float64) for name in names}
     return arrays | {"kept": np.array_equal(counts, before)}
@@ -129,6 +147,12 @@ def sample_taps(theirs, means, seed, **options):
         "kept": np.array_equal(means, before),
         "repeats": np.array_equal(first, again) and not np.array_equal(first, other),
     }
+
+
+def repeated_taps(theirs, means, calls, seed, read_noise):
+    """Electrons of several calls with one generator, shape (call, ...)."""
+    rng = np.random.default_rng(seed)
+    return np.array([theirs.sample_taps(rng, means, read_noise) for _ in range(calls)])
 
 
 def demodulate(theirs, taps, contrast):

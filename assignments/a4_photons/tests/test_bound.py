@@ -57,10 +57,12 @@ def test_much_background(submission):
 
 def test_no_signal(submission):
     """Without signal nothing is known."""
-    found = bound(submission, np.array([0.0, 10.0]), 0.5, 0.02)
-    text = f"bound without signal: infinite; came {found[0]}"
-    expect.true(np.isposinf(found[0]), text)
-    expect.finite(found[1], "bound with signal")
+    for background, width in ((0.5, 0.02), (0.0, 0.02), (0.0, 4 * SIGMA_OPL)):
+        found = bound(submission, np.array([0.0, 10.0]), background, width)
+        text = f"bound without signal: infinite; came {found[0]} for {background} counts of "
+        text += f"background per bin and bins of {width:g} m"
+        expect.true(np.isposinf(found[0]), text, hint="0/0 in bins that expect nothing")
+        expect.finite(found[1], f"bound with signal in bins of {width:g} m")
 
 
 def test_shapes(submission):

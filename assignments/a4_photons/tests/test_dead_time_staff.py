@@ -23,12 +23,15 @@ def test_any_detections(submission):
         for periodic in (False, True):
             rates, dead = drawn(random)
             rates[:, 0] += 0.05
+            dark = rates.shape[0] - 1
+            rates[dark] = 0
             if not periodic:
                 wanted = [formulas.by_patterns(row, dead, paralysable)[0] for row in rates]
             elif paralysable:
                 wanted = [formulas.paralysable_running(row, dead) for row in rates]
             else:
-                wanted = [formulas.free_running(row, dead) for row in rates]
+                wanted = [formulas.free_running(row, dead) for row in rates[:dark]]
+                wanted.append(np.zeros(rates.shape[1]))
             came = submission.ask(
                 "armed_detections",
                 rates=rates,
@@ -38,9 +41,15 @@ def test_any_detections(submission):
             )
             what = f"detections with a dead time of {dead} of {rates.shape[1]} bins"
             what += ", paralyzable" * paralysable + ", periodic" * periodic
-            expect.close(came["found"], np.array(wanted), what, rtol=1e-4, atol=1e-9)
+            hint = "a pixel without light has no detections"
+            expect.close(came["found"], np.array(wanted), what, atol=1e-6, hint=hint)
             text = "rates after the call of armed_detections: as they were"
             expect.true(came["kept"], text)
+            single = np.array([[0.4], [1.3]])
+            came = submission.ask(
+                "armed_detections", rates=single, dead=0, paralysable=paralysable, periodic=periodic
+            )
+            expect.close(came["found"], -np.expm1(-single), "detections of cycles of one bin")
 
 
 def test_any_counts(submission):
@@ -76,8 +85,50 @@ def test_many_cycles(submission):
     random = submission.random
     rates = np.tile(random.uniform(0.3, 1.0, 4), (40, 1))
     cycles = 200_000
-    came = submission.ask("sample_counts", rates=rates, cycles=cycles, dead=4, seed=submission.seed)
+    dead = int(random.integers(4, 40))
+    came = submission.ask(
+        "sample_counts", rates=rates, cycles=cycles, dead=dead, seed=submission.seed
+    )
     wanted = cycles * formulas.first_photon(rates[0])
     expect.estimate(came["found"], wanted, f"first photons of {cycles} cycles")
     text = "detections of a pixel: at most one a cycle"
     expect.true(came["found"].sum(axis=1).max() <= cycles, text)
+
+
+def test_independent_pixels(submission):
+    """The variance of the counts of all pixels together, over many calls."""
+    random = submission.random
+    rates = random.uniform(0.2, 0.9, 5)
+    dead = int(random.integers(1, 4))
+    pixels = 12
+    cycles = 6
+    calls = 500
+    counts = submission.ask(
+        "repeated_counts",
+        rates=np.tile(rates, (pixels, 1)),
+        cycles=cycles,
+        dead=dead,
+        calls=calls,
+        seed=submission.seed,
+    )
+    expect.shape(counts, (calls, pixels, 5), f"counts of {calls} calls")
+    mean, second = formulas.by_patterns(rates, dead)
+    away = counts.sum(axis=(1, 2)) - pixels * cycles * mean.sum()
+    variance = pixels * cycles * (second.sum() - mean.sum() ** 2)
+    hint = "numbers that are spread evenly, as by strata, are not independent"
+    squares = formulas.in_groups((away**2)[:, None])
+    expect.estimate(squares, variance, "variance of the counts of all pixels", hint=hint)
+
+
+def test_edges(submission):
+    """No cycles, one cycle, and a pixel without light."""
+    rates = np.array([[0.0, 0.0, 0.0], [0.7, 0.1, 0.9]])
+    for cycles in (0, 1, 30):
+        came = submission.ask("sample_counts", rates=rates, cycles=cycles, dead=1, seed=3)
+        counts = came["found"]
+        expect.shape(counts, (2, 3), f"counts of {cycles} cycles")
+        expect.close(counts[0], np.zeros(3), f"counts of {cycles} cycles without light")
+        text = (
+            f"counts of {cycles} cycles: from 0 to {cycles}; came {counts.min()} to {counts.max()}"
+        )
+        expect.true(counts.min() >= 0 and counts.max() <= cycles, text)

@@ -38,6 +38,23 @@ def errors_on_the_back_wall(depth, file):
     return (depth - truth)[seen]
 
 
+def factor_of_the_bound(submission):
+    """Factor by which the submission's own `depth_bound` differs from the right one; 1 if unknown.
+
+    The pulse of the deliverables has a standard deviation of 0.06 m.
+    """
+    own = submission.ask(
+        "depth_bound",
+        signal=np.array([1000.0]),
+        background=0.05,
+        sigma_s=0.06 / formulas.SPEED_OF_LIGHT,
+        tail_s=0.0,
+        width=WIDTH,
+    )
+    factor = float(own.reshape(-1)[0]) / (1.03 * 0.06 / (2 * np.sqrt(1000.0)))
+    return factor if 0 < factor < np.inf and abs(factor - 1) > 0.1 else 1.0
+
+
 def test_counts(submission):
     """Counts are first photons of the rates."""
     file = "counts.npz"
@@ -76,7 +93,7 @@ def test_depth(submission):
     off = errors_on_the_back_wall(corrected, file)
     expect.shape(counted, corrected.shape, f"{file}, counted")
     expect.shape(std, corrected.shape, f"{file}, depth_std")
-    hint = "the first bin is at START: add START / 2"
+    hint = "the first bin starts at START"
     what = "median error of the corrected depth of the back wall [m]"
     expect.close(np.nanmedian(off), 0.0, what, atol=0.008, hint=hint)
     near = np.nanmedian(errors_on_the_back_wall(counted, file))
@@ -84,8 +101,11 @@ def test_depth(submission):
     expect.true(-0.06 < near < -0.005, text, hint="pile-up hides the late half of a pulse")
     wide = np.mean(~(np.abs(off) < 0.25))
     expect.close(wide, 0.0, "part of its pixels that are off by 0.25 m", atol=0.05)
+    # A wrong bound loses its points in a4.bound only
     typical = np.median(std)
     text = f"median of depth_std: 0.2 to 3 mm; came {1000 * typical:.2f} mm"
+    if not 2e-4 < typical < 3e-3:
+        typical /= factor_of_the_bound(submission)
     expect.true(2e-4 < typical < 3e-3, text, hint="depth_bound of the counts in the return")
 
 
@@ -101,13 +121,24 @@ def test_bound(submission):
     few = ambient >= 0 and ambient <= 0.3
     expect.true(few, f"{file}, background: from 0 to 0.3 counts per bin; came {ambient:g}")
     strong = signal >= 300
-    wanted = 0.06 / (2 * np.sqrt(signal[strong]))
+    right = 1.03 * 0.06 / (2 * np.sqrt(signal))
+    wanted = formulas.deviations(
+        submission,
+        bound[strong],
+        right[strong],
+        0.03,
+        signal=signal[strong],
+        background=ambient,
+        sigma_s=0.06 / formulas.SPEED_OF_LIGHT,
+        tail_s=0.0,
+        width=WIDTH,
+    )
     hint = "depth_bound of the pulse, 0.06 m wide"
     expect.close(
-        bound[strong], 1.03 * wanted, f"{file}, bound [m] from 300 counts on", rtol=0.03, hint=hint
+        bound[strong], wanted, f"{file}, bound [m] from 300 counts on", rtol=0.03, hint=hint
     )
     many = signal >= 100
-    ratio = error[many] / bound[many]
+    ratio = error[many] / right[many]
     text = f"error over bound from 100 counts on: 0.85 to 1.3; came {np.round(ratio, 2)}"
     expect.true(
         ratio.min() > 0.85 and ratio.max() < 1.3, text, hint="method ml, 400 or more pixels"

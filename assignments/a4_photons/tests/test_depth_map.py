@@ -91,7 +91,17 @@ def test_confidence(submission):
     counts = expected(opl, SIGNALS, BACKGROUND)
     for method in ("matched", "ml"):
         came = estimate(submission, counts, method)["depth_std"]
-        wanted = formulas.expected("bounds_of_pixels")
+        wanted = formulas.deviations(
+            submission,
+            came,
+            formulas.expected("bounds_of_pixels"),
+            0.06,
+            signal=SIGNALS,
+            background=BACKGROUND,
+            sigma_s=SIGMA,
+            tail_s=0.0,
+            width=WIDTH,
+        )
         hint = "signal: counts around the peak less the background there; background: the others"
         expect.close(came, wanted, f"depth_std [m], {method}", rtol=0.06, hint=hint)
 
@@ -103,9 +113,21 @@ def test_dark_pixels(submission):
     counts[0, 1] = 0
     for method in ("matched", "ml"):
         came = estimate(submission, counts, method)
-        dark = np.isnan(came["depth"][0, 1]) and np.isposinf(came["depth_std"][0, 1])
-        text = "depth and depth_std of a dark pixel: NaN and infinite; came "
-        text += f"{came['depth'][0, 1]} and {came['depth_std'][0, 1]}"
-        expect.true(dark, text)
+        depth = came["depth"][0, 1]
+        std = came["depth_std"][0, 1]
+        right = np.isposinf(std)
+        if not right:
+            # Points for a wrong bound without signal are lost in a4.bound
+            own = submission.ask(
+                "depth_bound",
+                signal=np.array([[0.0, 10.0]]),
+                background=0.0,
+                sigma_s=SIGMA,
+                tail_s=0.0,
+                width=WIDTH,
+            )
+            right = np.array_equal(own[0, 0], std, equal_nan=True)
+        text = f"depth and depth_std of a dark pixel: NaN and infinite; came {depth} and {std}"
+        expect.true(np.isnan(depth) and right, text)
         lit = came["depth"][[0, 1, 1], [0, 0, 1]]
         expect.close(lit, opl[[0, 1, 1], [0, 0, 1]] / 2, "depth beside it [m]", atol=0.1 * WIDTH)

@@ -17,9 +17,15 @@ def drawn(random):
     return bins, width, sigma, random.choice([0.0, 1.0]) * sigma
 
 
-def ask(submission, counts, sigma, tail_s, method, width):
+def ask(submission, counts, sigma, tail_s, method, width, start=0.0):
     came = submission.ask(
-        "estimate_depth", counts=counts, sigma_s=sigma, tail_s=tail_s, method=method, width=width
+        "estimate_depth",
+        counts=counts,
+        sigma_s=sigma,
+        tail_s=tail_s,
+        method=method,
+        width=width,
+        start=start,
     )
     for name in ("depth", "depth_std"):
         expect.shape(came[name], counts.shape[:2], f"{name} ({method})")
@@ -37,13 +43,45 @@ def test_any_returns(submission):
         background = random.uniform(0.05, 2.0, shape)
         counts = formulas.returns(opl, signal, background, sigma, tail_s, width, bins)
         for method, most in (("matched", 0.2), ("ml", 0.05)):
-            came = ask(submission, counts, sigma, tail_s, method, width)
-            off = (2 * came["depth"] - opl) / width
-            expect.close(off, 0 * opl, f"error in bins, {method}", atol=most)
-            wanted = formulas.depth_bound(signal, background, sigma, tail_s, width)
+            start = random.uniform(1, 9)
+            came = ask(submission, counts, sigma, tail_s, method, width, start)
+            off = (2 * came["depth"] - start - opl) / width
+            hint = "depth is half of start_opl and the path length from there"
+            expect.close(off, 0 * opl, f"error in bins, {method}", atol=most, hint=hint)
+            wanted = formulas.deviations(
+                submission,
+                came["depth_std"],
+                formulas.depth_bound(signal, background, sigma, tail_s, width),
+                0.1,
+                signal=signal,
+                background=background,
+                sigma_s=sigma,
+                tail_s=tail_s,
+                width=width,
+            )
             expect.close(came["depth_std"], wanted, f"depth_std [m], {method}", rtol=0.1)
             text = "counts after the call of estimate_depth: as they were"
             expect.true(came["kept"], text)
+
+
+def test_many_counts(submission):
+    """Counts of 16 bits whose sum does not fit into 16 bits, and a map without any counts."""
+    random = submission.random
+    width = 0.02
+    sigma = 5.0 * width / formulas.SPEED_OF_LIGHT
+    opl = random.uniform(0.45, 0.55, (1, 3)) * 200 * width
+    counts = formulas.returns(opl, 200_000.0, 300.0, sigma, 0.0, width, 200)
+    counts = np.rint(counts).astype(np.uint16)
+    for method in ("matched", "ml"):
+        came = ask(submission, counts, sigma, 0.0, method, width)
+        off = (2 * came["depth"] - opl) / width
+        hint = "sums of 16-bit integers wrap above 65 535"
+        what = f"error in bins, {method}, counts of uint16"
+        expect.close(off, 0 * opl, what, atol=0.2, hint=hint)
+        expect.true(came["kept"], "counts after the call of estimate_depth: as they were")
+        came = ask(submission, np.zeros((2, 1, 200)), sigma, 0.0, method, width)
+        dark = np.isnan(came["depth"]).all()
+        expect.true(dark, f"depth of a map without counts, {method}: NaN")
 
 
 def test_any_noise(submission):

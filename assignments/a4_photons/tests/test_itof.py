@@ -98,4 +98,4 @@ def test_multipath(submission):
     came = submission.ask("multipath_phase_error", ratio=RATIOS, difference=DIFFERENCES)
     wanted = formulas.expected("multipath")
     hint = "phasors add, phases do not; atan2 knows all quadrants"
-    expect.close(came, wanted, "error of the phase [rad]", atol=1e-9, hint=hint)
+    expect.close(came, wanted, "error of the phase [rad]", atol=1e-6, hint=hint)

@@ -15,27 +15,33 @@ MASSES = np.array([0.1, 0.2, 0.4, 0.2, 0.1])
 LATE = np.array([0.0, 0.3, 0.7])
 DETECTIONS = np.zeros((2, 12))
 CYCLE = np.zeros(9)
-DETECTIONS[[0, 0, 1], [1, 7, 11]] = 3.0, 1.0, 2.0
+DETECTIONS[[0, 0, 0, 1, 1], [1, 7, 11, 0, 11]] = 3.0, 1.0, 2.5, 1.5, 2.0
 CYCLE[[0, 7]] = 1.0, 4.0
 
 
 def compare(found, sigma_s, tail_s, width, tail=1e-6):
-    """Masses by the closed form, for as many bins as came."""
+    """Masses of a response, by its distribution function."""
+    compare_masses(found, lambda opl: formulas.cdf(opl, sigma_s, tail_s), width, tail)
+
+
+def compare_masses(found, cdf, width, tail):
+    """Masses by a distribution function, for as many bins as came."""
     what = f"masses of bins of {width:g} m"
     expect.finite(found, what)
     right = found.ndim == 1 and found.size % 2 and found.size >= 3
     expect.true(right, f"{what}: shape (2 n + 1,), n at least 1; came {found.shape}")
     reach = found.size // 2
-    ends = formulas.cdf((np.array([-1, 1]) * (reach + 0.5)) * width, sigma_s, tail_s)
+    ends = cdf((np.array([-1, 1]) * (reach + 0.5)) * width)
     left_out = max(ends[0], 1 - ends[1])
     text = f"{what}: {left_out:.3g} of the stamps are left out at an end, more than {tail:g}"
     expect.true(left_out <= 1.01 * tail, text, hint="ppf says where the tails begin")
-    expect.close(found.sum(), 1.0, f"sum of the {what}", rtol=1e-9)
-    wanted = formulas.kernel(reach, sigma_s, tail_s, width)
+    # The tolerances allow for sums and differences in single precision
+    expect.close(found.sum(), 1.0, f"sum of the {what}", rtol=3e-6)
+    wanted = np.diff(cdf((np.arange(-reach, reach + 2) - 0.5) * width))
     hint = "cdf at the end of the bin less cdf at its start, (k - 1/2) to (k + 1/2) width for "
     hint += "element n + k, k bins late"
     axis = {"x": np.arange(-reach, reach + 1), "x_label": "bins late"}
-    expect.close(found, wanted, what, rtol=1e-4, atol=3 * tail, hint=hint, **axis)
+    expect.close(found, wanted, what, rtol=1e-4, atol=3 * tail + 1e-6, hint=hint, **axis)
 
 
 def test_gaussian_masses(submission):
@@ -61,8 +67,10 @@ def test_stamps_of_detections(submission):
             "found"
         ]
         wanted = formulas.expected(name)
-        hint = "masses[n + k] goes k bins later; no stamp comes in at the ends"
-        expect.close(found, wanted, "stamps per bin", atol=1e-12, hint=hint)
+        hint = (
+            "masses[n + k] goes k bins later; no stamp comes in at the ends, or from another pixel"
+        )
+        expect.close(found, wanted, "stamps per bin", atol=1e-6, hint=hint)
 
 
 def test_stamps_of_a_cycle(submission):
@@ -70,7 +78,7 @@ def test_stamps_of_a_cycle(submission):
     found = submission.ask("add_jitter", detections=CYCLE, masses=MASSES, periodic=True)
     wanted = formulas.expected("stamps_of_a_cycle")
     hint = "bins are counted modulo their number"
-    expect.close(found["found"], wanted, "stamps per bin of a cycle", atol=1e-12, hint=hint)
+    expect.close(found["found"], wanted, "stamps per bin of a cycle", atol=1e-6, hint=hint)
 
 
 def test_drawn_lags(submission):

@@ -3,7 +3,8 @@
 import formulas_staff as formulas
 import numpy as np
 import pytest
-from test_jitter import compare
+from scipy import stats
+from test_jitter import compare, compare_masses
 
 from tofrender.course.judge import expect
 
@@ -27,18 +28,37 @@ def test_any_response(submission):
             compare(found, sigma, tail_s, width, tail)
 
 
+def test_any_tail(submission):
+    """A very long tail, a tail on the early side, and parts left out of 1e-9 to 1e-2."""
+    random = submission.random
+    sigma = random.uniform(3e-11, 6e-11)
+    tail_s = random.uniform(8, 12) * sigma
+    for tail in (1e-9, 1e-2):
+        found = submission.ask("kernel", sigma_s=sigma, tail_s=tail_s, width=0.03, tail=tail)
+        compare(found, sigma, tail_s, 0.03, tail)
+    scale = random.uniform(0.02, 0.05)
+    found = submission.ask("kernel_of_early_delays", scale=scale, width=0.03, tail=1e-5)
+    compare_masses(found, stats.gumbel_l(0.0, scale).cdf, 0.03, 1e-5)
+
+
 def test_any_detections(submission):
-    """Random detections and masses; the detections are not changed."""
+    """Random detections and masses, which are not changed; pixels do not mix."""
     random = submission.random
     for periodic in (False, True):
-        reach = int(random.integers(1, 5))
-        shape = (*random.integers(1, 4, random.integers(0, 3)).tolist(), 2 * reach + 1 + 3)
-        detections = random.random(shape)
-        masses = drawn_masses(random, reach)
-        came = submission.ask("add_jitter", detections=detections, masses=masses, periodic=periodic)
-        wanted = formulas.jittered(detections, masses, periodic)
-        expect.close(came["found"], wanted, f"stamps of detections of shape {shape}", atol=1e-9)
-        expect.true(came["kept"], "detections after the call of add_jitter: as they were")
+        for pixels in ((), (1,), (3,), (2, 1, 3)):
+            reach = int(random.integers(1, 5))
+            shape = (*pixels, 2 * reach + 1 + int(random.choice([0, 3])))
+            detections = random.random(shape)
+            masses = drawn_masses(random, reach)
+            came = submission.ask(
+                "add_jitter", detections=detections, masses=masses, periodic=periodic
+            )
+            wanted = formulas.jittered(detections, masses, periodic)
+            hint = "each pixel has a window of its own"
+            what = f"stamps of detections of shape {shape}"
+            expect.close(came["found"], wanted, what, atol=1e-6, hint=hint)
+            text = "detections and masses after the call of add_jitter: as they were"
+            expect.true(came["kept"], text)
 
 
 def test_any_lags(submission):
@@ -58,3 +78,26 @@ def test_any_lags(submission):
     away = lags - masses @ np.arange(-reach, reach + 1)
     products = formulas.in_groups((away[1:-1] * away[:-2])[:29_950, None])
     expect.estimate(products, 0.0, "covariance of a lag and the next", hint="each is independent")
+    for size in (0, 1):
+        lags = submission.ask("repeated_lags", masses=masses, size=size, calls=1, seed=1)
+        right = lags.shape == (1, size)
+        text = f"drawn lags for size = {size}: expected shape ({size},), came {lags.shape[1:]}"
+        expect.true(right, text)
+
+
+def test_independent_lags(submission):
+    """Counts of lags are multinomial: their covariances, over many calls."""
+    random = submission.random
+    masses = drawn_masses(random, 2)
+    size = 20
+    lags = submission.ask(
+        "repeated_lags", masses=masses, size=size, calls=2000, seed=submission.seed
+    )
+    expect.shape(lags, (2000, size), "lags of 2000 calls")
+    counts = (lags[..., None] == np.arange(-2, 3)).sum(axis=1)
+    away = counts - size * masses
+    products = away[:, :, None] * away[:, None, :]
+    wanted = size * (np.diag(masses) - np.outer(masses, masses))
+    hint = "numbers that are spread evenly, as by strata, are not independent"
+    what = f"covariances of the numbers of lags among {size}"
+    expect.estimate(formulas.in_groups(products), wanted, what, hint=hint)

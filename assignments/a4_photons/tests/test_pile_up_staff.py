@@ -19,15 +19,21 @@ def drawn(random, most=1.5):
 def test_any_rates(submission):
     """Probabilities and variances of random rates, which are not changed."""
     random = submission.random
-    rates = drawn(random)
-    cycles = int(random.integers(1000, 1_000_000))
-    for probe, wanted, more in (
-        ("first_photon", formulas.first_photon(rates), {}),
-        ("coates_variance", formulas.coates_variance(rates, cycles), {"cycles": cycles}),
-    ):
-        came = submission.ask(probe, rates=rates, **more)
-        expect.close(came["found"], wanted, f"{probe} of rates of shape {rates.shape}")
-        expect.true(came["kept"], f"rates after the call of {probe}: as they were")
+    one_bin = random.uniform(0.1, 1.0, (3, 1))
+    one_pixel = random.uniform(0.1, 1.0, (1, 6))
+    for rates in (drawn(random), one_bin, one_pixel):
+        cycles = int(random.integers(1000, 1_000_000))
+        for probe, wanted, more in (
+            ("first_photon", formulas.first_photon(rates), {}),
+            ("coates_variance", formulas.coates_variance(rates, cycles), {"cycles": cycles}),
+        ):
+            came = submission.ask(probe, rates=rates, **more)
+            expect.close(came["found"], wanted, f"{probe} of rates of shape {rates.shape}")
+            expect.true(came["kept"], f"rates after the call of {probe}: as they were")
+    bright = np.array([0.5, 900.0, 3.0, 1e4])
+    found = submission.ask("first_photon", rates=bright)["found"]
+    hint = "exp of a large sum overflows; exp of its negative does not"
+    expect.close(found, formulas.first_photon(bright), "very bright bins", atol=1e-9, hint=hint)
 
 
 def test_faint_rates(submission):
@@ -57,6 +63,13 @@ def test_any_histogram(submission):
         hint = "unsigned integers wrap below 0: make them floats first"
         expect.close(found[certain], wanted[certain], what, hint=hint)
         expect.true(came["kept"], "counts after the call of coates: as they were")
+    counts = np.array([[40_000, 30_000, 20_000, 5000], [200, 100, 60_000, 39_000]], np.uint16)
+    found = submission.ask("coates", counts=counts, cycles=100_000)["found"]
+    wanted = formulas.coates(counts, 100_000)
+    hint = "sums of 16-bit integers wrap above 65 535"
+    expect.close(found, wanted, "rates from many counts of uint16", hint=hint)
+    found = submission.ask("coates", counts=np.zeros((2, 3), np.int64), cycles=9)["found"]
+    expect.close(found, np.zeros((2, 3)), "rates of dark pixels")
     cycles = int(random.integers(2**31, 2**32))
     counts = np.array([cycles - 3, 2, 1], np.uint32)
     found = submission.ask("coates", counts=counts, cycles=cycles)["found"]

@@ -9,7 +9,7 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -36,34 +36,76 @@ def leaks(assignment: Assignment, folder: Path) -> list[str]:
     Returns:
         A message for each withheld file or function.
     """
-    # Collect the functions of withheld modules and of the solutions
-    modules = {module: path_of(module) for module in chosen(assignment.rubric)}
-    sources = sorted(assignment.solutions.glob("*.py"))
-    for path in modules.values():
-        path = PACKAGE / path
-        sources += sorted(path.rglob("*.py")) if path.is_dir() else [path]
-    stubs = {body for file in assignment.starter.glob("*.py") for _, body in _bodies(file)}
-    secret = {
-        body: f"{name} of {source.parent.name}/{source.name}"
-        for source in sources
-        for name, body in _bodies(source)
-        if body not in stubs
-    }
+    reasons = _found({assignment: chosen(assignment.rubric)}, folder)
+    for pattern in ("mutants.toml", STAFF_TEST, "solutions", "*.pyc"):
+        found = sorted(folder.rglob(pattern))
+        reasons += [f"{path.relative_to(folder)}: is a file of the staff" for path in found]
+    return reasons
 
-    # Search the edition for modules, functions and the staff's files
+
+def later_leaks(assignment: Assignment, folder: Path) -> list[str]:
+    """Find solutions of later assignments in an edition.
+
+    Later assignments are in the same folder and have a greater id. Their solutions are the files of
+    `solutions/`, and the modules that their problems withhold.
+
+    Args:
+        assignment: Assignment of the edition.
+        folder: Folder of the edition.
+
+    Returns:
+        A message for each file or function that solves a problem of a later assignment.
+    """
+    modules = {}
+    for path in sorted(assignment.folder.parent.glob("*/rubric.toml")):
+        later = Assignment(path.parent)
+        if later.rubric.id > assignment.rubric.id:
+            withheld_by = chosen(later.rubric)
+            modules[later] = [module for module, problem in withheld_by.items() if problem]
+    return _found(modules, folder)
+
+
+def _found(modules: Mapping[Assignment, Iterable[str]], folder: Path) -> list[str]:
+    """Search an edition for modules, and for functions of these modules and of the solutions.
+
+    Functions that are also in the stubs are allowed.
+
+    Args:
+        modules: Names of modules and packages, by the assignments that withhold them.
+        folder: Folder of the edition.
+
+    Returns:
+        A message for each module and function that was found.
+    """
     reasons = []
-    for module, path in modules.items():
-        path = "tofrender" / path
-        if (folder / path).exists():
-            reasons.append(f"{path}: {module} is withheld")
+    secret: dict[str, str] = {}
+    for assignment, names in modules.items():
+        # Collect the functions
+        paths = {module: path_of(module) for module in names}
+        sources = sorted(assignment.solutions.glob("*.py"))
+        for path in paths.values():
+            path = PACKAGE / path
+            sources += sorted(path.rglob("*.py")) if path.is_dir() else [path]
+        stubs = {body for file in assignment.starter.glob("*.py") for _, body in _bodies(file)}
+        secret |= {
+            body: f"{name} of {source.parent.name}/{source.name}"
+            for source in sources
+            for name, body in _bodies(source)
+            if body not in stubs
+        }
+
+        # Search the edition for the modules
+        for module, path in paths.items():
+            path = "tofrender" / path
+            if (folder / path).exists():
+                reasons.append(f"{path}: {module} is withheld")
+
+    # Search it for the functions
     for file in sorted(folder.rglob("*.py")):
         for name, body in _bodies(file):
             if body in secret:
                 where = file.relative_to(folder)
                 reasons.append(f"{where}: {name} is {secret[body]}, which is withheld")
-    for pattern in ("mutants.toml", STAFF_TEST, "solutions", "*.pyc"):
-        found = sorted(folder.rglob(pattern))
-        reasons += [f"{path.relative_to(folder)}: is a file of the staff" for path in found]
     return reasons
 
 

@@ -9,6 +9,7 @@ import re
 import secrets
 import shutil
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,10 @@ from typing import Any
 import tomlkit
 
 from ...runtime.atomic import replacing
+from ...runtime.child_processes import safe_environment
 from .. import edition, pages, rubric as rubrics
 from ..assignments import PACKAGE, Assignment
-from .leaks import leaks, smoke_test
+from .leaks import later_leaks, leaks, smoke_test
 
 PACKAGE_FOLDER = "package"
 PAGES = ("README.md", "exercises.md")  # also released as HTML, to be read without the package
@@ -28,6 +30,8 @@ REPOSITORY = {
     "gitignore": ".gitignore",
 }
 """Files of `.ci/repository/`, and their paths in the release."""
+EXPECTED = "tests/expected_staff.py"
+"""Script of an assignment that computes what its public tests expect; optional."""
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 PRINTING_S = 120.0  # longest time to print a page [s]
 LOCAL_LINK = re.compile(r'<a href="(?!https?:|#)[^"]*">(.*?)</a>', re.DOTALL)
@@ -67,7 +71,8 @@ def release(assignment: Assignment, out: Path, *, pdf: bool = False) -> Path:
         package = folder / PACKAGE_FOLDER
         edition.copy(assignment, package)
         edition.make_installable(package, assignment.rubric)
-        _refuse([*leaks(assignment, package), *smoke_test(assignment, package)])
+        found = leaks(assignment, package) + later_leaks(assignment, package)
+        _refuse(found + smoke_test(assignment, package))
 
         # Write the pages and figures; links between the pages lead to the HTML files
         inside = package / "tofrender" / "course" / "material" / assignment.name
@@ -151,9 +156,15 @@ def _print(page: Path, path: Path) -> None:
 def new_term(assignment: Assignment, term: int | None = None) -> tuple[int, int]:
     """Write a new term into the rubric, and return the old and the new term.
 
+    If the assignment has a script `tests/expected_staff.py`, the script then computes what the
+    public tests expect with the inputs of the new term.
+
     Args:
         assignment: Assignment of a checkout.
         term: The new term; by default a random number.
+
+    Raises:
+        ValueError: The script failed. The term is then unchanged.
     """
     assignment.require_staff("new-term")
     path = assignment.folder / rubrics.FILE_NAME
@@ -164,6 +175,26 @@ def new_term(assignment: Assignment, term: int | None = None) -> tuple[int, int]
     # tomlkit keeps the comments and the layout of the file
     content: Any = tomlkit.parse(path.read_text(encoding="utf-8"))
     content["assignment"]["term"] = term
+    old_text = path.read_text(encoding="utf-8")
     with replacing(path) as temporary:
         temporary.write_text(tomlkit.dumps(content), encoding="utf-8")
+
+    # Compute the expected results of the public tests; without them, the term stays as it was
+    script = assignment.folder / EXPECTED
+    if script.is_file():
+        done = subprocess.run(
+            [sys.executable, "-P", "-B", EXPECTED],
+            cwd=assignment.folder,
+            env=safe_environment(
+                PYTHONPATH=os.pathsep.join([str(script.parent), str(PACKAGE.parent)])
+            ),
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if done.returncode:
+            with replacing(path) as temporary:
+                temporary.write_text(old_text, encoding="utf-8")
+            last = (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
+            raise ValueError(f"{EXPECTED} failed, and the term is still {before}: {last}")
     return before, term

@@ -118,6 +118,10 @@ def _handout(assignment: Assignment) -> Iterator[str]:
     text = _read(readme)
     blocks = Counter(material.BLOCK.findall(text))
     ids = {problem.id for problem in assignment.rubric.problems}
+    if (assignment.rubric.by_hand or material.POINTS in blocks) and blocks.pop(
+        material.POINTS, 0
+    ) != 1:
+        yield "README.md: needs one line [[points]], because rubric.toml has points by hand"
     for problem in sorted(ids | blocks.keys()):
         if problem not in ids:
             yield f"README.md: [[{problem}]]: the rubric does not contain this problem"

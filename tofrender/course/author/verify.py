@@ -167,6 +167,7 @@ class _Checks:
         # Contents of the edition
         folder = self._edition
         check.reasons += leaks.leaks(self.assignment, folder)
+        check.reasons += leaks.later_leaks(self.assignment, folder)
         check.reasons += leaks.smoke_test(self.assignment, folder)
         check.detail = f"without {len(edition.withheld(self.assignment.rubric))} modules"
 

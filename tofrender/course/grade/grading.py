@@ -35,9 +35,10 @@ from pathlib import Path
 from typing import Any
 
 from ...runtime.atomic import replacing
-from .. import edition, mutants
+from .. import edition, mutants, rubric as rubrics, toml
 from ..assignments import PACKAGE, SEED, Assignment
 from ..judge import processes, running, sandbox
+from ..judge.speed import slowness
 from ..material import copy_file
 from ..rubric import MAX_SEED, STAFF_TEST, Problem
 from . import unpacking
@@ -63,6 +64,7 @@ class Extracted:
     folder: Path  # folder of the copies, which the grader may change
     error: str = ""  # why no files were copied, "" if they were
     empty: bool = False  # whether the submission contains none of the requested files
+    notes: Sequence[str] = ()  # sentences on files that were found in an unusual place
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,8 @@ class Grader:
         folder = Path(tempfile.mkdtemp(dir=self.scratch / CLASS)) / "submission"
         rubric = self.assignment.rubric
         try:
-            unpacking.extract(submission, rubric.submit, folder, rubric.files)
+            notes: list[str] = []
+            unpacking.extract(submission, rubric.submit, folder, rubric.files, notes)
         except unpacking.BadSubmission as error:
             remove(folder.parent)
             empty = isinstance(error, unpacking.Nothing)
@@ -89,7 +92,7 @@ class Grader:
         for name in self.assignment.provided_files:
             if not (folder / name).exists():
                 shutil.copyfile(self.assignment.starter / name, folder / name)
-        return Extracted(folder)
+        return Extracted(folder, notes=notes)
 
     def grade(
         self,
@@ -130,6 +133,7 @@ class Grader:
             if files.error:
                 results.remarks.append(files.error)
             else:
+                results.remarks.extend(files.notes)
                 files.folder.rename(folder / "submission")
                 files.folder.parent.rmdir()
                 make_readable(folder / "submission")
@@ -150,10 +154,18 @@ class Grader:
 
     @property
     def fingerprint(self) -> str:
-        """Hash of the rubric, the tests and their seed."""
+        """Hash of everything that results depend on: the problems, the tests and their seed.
+
+        Points that are given by hand and the late rule do not change results, so they do not count.
+        """
         digest = hashlib.sha256(str(self.seed).encode())
         for path in judging_files(self.assignment):
-            digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+            content = path.read_bytes()
+            if path.name == rubrics.FILE_NAME:
+                table = toml.read(path)
+                judged = {name: table[name] for name in table if name not in rubrics.NOT_JUDGED}
+                content = json.dumps(judged, sort_keys=True, default=str).encode()
+            digest.update(path.name.encode() + b"\0" + content + b"\0")
         return digest.hexdigest()[:16]
 
     def _judge_all(
@@ -191,7 +203,9 @@ class Grader:
 
                 # Give it much more time than it needs, but leave time for later problems
                 later_s = sum(2 * other.takes_s + 5 for other in problems[number + 1 :])
+                # A slow machine gets more time, within the limit of the whole submission
                 most_s = START_S + 4 * (problem.timeout_s + problem.takes_s)
+                most_s *= slowness()
                 timeout_s = max(LEAST_S, min(most_s, left_s - later_s))
                 timeout_s = min(timeout_s, left_s + GRACE_S)
                 results.grades |= self._judge(problem, folder, package, hidden, timeout_s, uid)

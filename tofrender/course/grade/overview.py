@@ -1,8 +1,9 @@
-"""Overview of a class, in Markdown and HTML: failing tests, likely mistakes, item discrimination.
+"""Overview of a class, in Markdown and HTML: failing tests, possible mistakes, item discrimination.
 
-A submission **looks like** a mutant of `mutants.toml` if it fails the same tests of the problem. If
-the failures also contain the mutant's text, half of the tests in common are enough. A test
-**separates** if students who pass it have more points in other tests.
+Submissions are grouped by the tests of a problem that they fail. Each group lists all mutants of
+`mutants.toml` that fail the same tests, because these tests cannot distinguish the mutants. Mutants
+that fail similar tests follow. A test **separates** students if those who pass the test have more
+points in other tests.
 """
 
 from collections import defaultdict
@@ -23,7 +24,7 @@ from .roster import Standing
 NAME = "overview"
 NO_ANSWER = ("not written yet", "is missing", "not judged")
 """Texts of failures without an answer, which do not identify a mistake."""
-LIKE = 0.5  # smallest overlap of failed tests (intersection over union) that identifies a mutant
+LIKE = 0.5  # smallest overlap of failed tests (intersection over union) of a similar mutant
 SHOWN = 12  # largest number of names in a cell
 
 
@@ -72,7 +73,7 @@ def page(assignment: Assignment, standings: Sequence[Standing], results: Sequenc
         "points of the test and the points of all other tests. A value above 0.3 is good. If r is "
         "below 0, check the test and the handout.",
         _tests(rubric, results),
-        "## What failures look like",
+        "## Which mistakes fail the same tests",
         *_mistakes(assignment, results),
     ]
     return "\n\n".join(parts) + "\n"
@@ -130,36 +131,42 @@ def separation(scores: np.ndarray) -> np.ndarray:
 
 
 def _mistakes(assignment: Assignment, results: Sequence[Result]) -> list[str]:
-    """Return a table for each problem with the mutants that the submissions look like."""
+    """Return a table for each problem with the mutants that fail the same tests."""
     known = mutants.read(assignment) if (assignment.folder / "mutants.toml").is_file() else []
     parts = []
     for problem in assignment.rubric.problems:
-        # Group the members by mutants; without a mutant, by the tests that fail
-        seen: dict[str, list[str]] = defaultdict(list)
-        unknown: dict[tuple[str, ...], list[str]] = defaultdict(list)
+        # Group the members by the tests that fail
+        groups: dict[tuple[str, ...], list[Result]] = defaultdict(list)
         for result in results:
             if failures := failures_of(result, problem):
-                likeliest = likeliest_mutant(failures, problem, known)
-                if likeliest is None:
-                    unknown[tuple(sorted(failures))].append(result.member)
-                else:
-                    seen[likeliest.id].append(result.member)
+                groups[tuple(sorted(failures))].append(result)
 
-        # Frequent mistakes come first
-        lines = [
-            [f"`{mutant.id}`", pages.plain(mutant.why), _names(seen[mutant.id])]
-            for mutant in sorted(known, key=lambda m: -len(seen.get(m.id, ())))
-            if mutant.id in seen
-        ]
-        lines += [
-            ["no mutant", "fails " + ", ".join(f"`{name_of(n)}`" for n in names), _names(members)]
-            for names, members in sorted(unknown.items(), key=lambda item: -len(item[1]))
-        ]
+        # Frequent groups come first
+        lines = []
+        for names, members in sorted(groups.items(), key=lambda item: -len(item[1])):
+            texts = {name: "\n".join(result.failures[name] for result in members) for name in names}
+            found = candidates(texts, problem, known)
+            in_problem = {test.id for test in problem.tests}
+            mistakes = [
+                "(similar tests) " * (in_problem.intersection(mutant.fails) != set(names))
+                + f"`{mutant.id}`: {pages.plain(mutant.why)}"
+                for mutant in found
+            ]
+            lines.append(
+                [
+                    ", ".join(f"`{name_of(name)}`" for name in names),
+                    " · ".join(mistakes) or "no mutant",
+                    separating(found, assignment.rubric),
+                    _names([result.member for result in members]),
+                ]
+            )
         if lines:
             parts.append(f"### {pages.plain(problem.title)}")
-            parts.append(pages.table(["looks like", "mistake", "students"], lines))
+            head = ["fails", "fails the same tests as", "what separates these", "students"]
+            parts.append(pages.table(head, lines))
     parts.append(
-        "Failures that look like no mutant may show a new mistake. Add it to `mutants.toml`."
+        "Several mistakes can fail the same tests, so read the submission before you name a "
+        "mistake. A group without a mutant may show a new mistake. Add it to `mutants.toml`."
         if parts
         else "The tests found no mistakes."
     )
@@ -172,10 +179,10 @@ def failures_of(result: Result, problem: Problem) -> dict[str, str]:
     return {n: text for n, text in texts.items() if not any(no in text for no in NO_ANSWER)}
 
 
-def likeliest_mutant(
+def candidates(
     failures: Mapping[str, str], problem: Problem, known: Iterable[Mutant]
-) -> Mutant | None:
-    """Find the mutant that failures look like.
+) -> list[Mutant]:
+    """Find the mutants that fail the same tests of a problem, or nearly the same tests.
 
     Args:
         failures: Texts of the failed tests, by id.
@@ -183,25 +190,36 @@ def likeliest_mutant(
         known: Mutants of the assignment.
 
     Returns:
-        The mutant with the most similar failures, None if no mutant is similar enough.
+        All mutants with the same failed tests, then those that share half of the tests or more.
+        Among equals, a mutant whose text occurs in the failures comes first.
     """
     tests = {test.id for test in problem.tests}
     text = "\n".join(failures.values())
-    best = None
-    best_score = 0.0
+    overlaps = {}
     for mutant in known:
         fails = tests & set(mutant.fails)
-        if mutant.problem != problem.id or not fails:
-            continue
+        if mutant.problem == problem.id and fails:
+            overlap = len(fails & failures.keys()) / len(fails | failures.keys())
+            if overlap >= LIKE:
+                overlaps[mutant] = overlap
+    return sorted(overlaps, key=lambda m: (-overlaps[m], m.says not in text))
 
-        # Overlap of the failed tests, plus 1 if the mutant's text occurs
-        overlap = len(fails & failures.keys()) / len(fails | failures.keys())
-        has_text = mutant.says in text
-        score = overlap + has_text
-        if overlap >= (LIKE if has_text else 1.0) and score > best_score:
-            best = mutant
-            best_score = score
-    return best
+
+def separating(found: Sequence[Mutant], rubric: Rubric) -> str:
+    """Describe the tests that only some of several mutants fail.
+
+    Args:
+        found: The mutants.
+        rubric: Rubric of the assignment. Tests of all problems count.
+    """
+    if len(found) < 2:
+        return ""
+    parts = []
+    for test in rubric.problem_by_test:
+        fails = [f"`{mutant.id}`" for mutant in found if test in mutant.fails]
+        if 0 < len(fails) < len(found):
+            parts.append(f"only {', '.join(fails)} fails `{name_of(test)}`")
+    return "; ".join(parts) or "no test; the texts of the failures may"
 
 
 def _names(members: Sequence[str]) -> str:

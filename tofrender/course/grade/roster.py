@@ -136,7 +136,10 @@ def _owners(path: Path, rows: Mapping[str, Row]) -> list[str]:
 
 
 def marks(sheet: Path, rubric: Rubric, class_: Sequence[Member]) -> dict[str, Marks]:
-    """Read a sheet of marks, with the columns `id`, `late_days`, `note`, and points by problem.
+    """Read a sheet of marks.
+
+    The columns are `id`, `late_days` or `handed_in`, `note`, and points by problem. `handed_in` is
+    a time stamp, which is compared with the deadline in the rubric.
 
     Args:
         sheet: CSV file.
@@ -150,7 +153,7 @@ def marks(sheet: Path, rubric: Rubric, class_: Sequence[Member]) -> dict[str, Ma
         ValueError: The sheet is wrong, or names an id that is not in the class.
     """
     most = {part.id: part.points for part in (*rubric.problems, *rubric.by_hand)}
-    columns = ("id", "name", "late_days", "note", *most)
+    columns = ("id", "name", "late_days", "handed_in", "note", *most)
     ids = {member.id for member in class_}
     found = {}
     for name, row in _read("--sheet", sheet, columns).items():
@@ -158,7 +161,16 @@ def marks(sheet: Path, rubric: Rubric, class_: Sequence[Member]) -> dict[str, Ma
             raise ValueError(f"{row.where}: id {name[:80]!r} is not one of the class")
         cells = {part: _number(row, part, most[part]) for part in most}
         points = {part: value for part, value in cells.items() if value is not None}
-        late_days = _number(row, "late_days") or 0.0
+        late_days = _number(row, "late_days")
+        handed_in = row.cells.get("handed_in", "")
+        if handed_in:
+            try:
+                counted = rubric.late.days(handed_in)
+            except ValueError as error:
+                raise ValueError(f"{row.where}: handed_in: {error}") from None
+            # A number of days in the sheet replaces the time stamp
+            late_days = float(counted) if late_days is None else late_days
+        late_days = late_days or 0.0
         if late_days > 0 and rubric.late.lost_per_day == 0:
             raise ValueError(
                 f"{row.where}: late_days = {late_days:g} has no effect, because rubric.toml has no "

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ...runtime.atomic import replacing
-from ..assignments import Assignment
+from ..assignments import PACKAGE, Assignment
+from ..edition import path_of
 from ..material import copy_file
 from . import unpacking
 from .roster import folder_name
@@ -19,17 +20,24 @@ from .roster import folder_name
 SUBMISSIONS = "submissions"
 BASE = "base"
 RESULT = "result"
+STAFF = "staff_solutions"
+REFERENCE = "package"
+OLD = "old"  # programs that submissions are compared with, but that are not compared themselves
 
 
 def write(
-    assignment: Assignment, submissions: Sequence[Path], out: Path
+    assignment: Assignment, submissions: Sequence[Path], out: Path, old: Sequence[Path] = ()
 ) -> tuple[list[str], list[str]]:
     """Write the programs to `OUT/submissions/NAME/*.py`, and the stubs to `OUT/base/`.
+
+    The folder `OUT/old/` gets what submissions can be copied from: the solutions of the staff, the
+    package's modules that solve the problems, and submissions of other terms.
 
     Args:
         assignment: The assignment.
         submissions: Paths of the submissions.
         out: New or empty folder.
+        old: Paths of submissions of other terms.
 
     Returns:
         Names of the written submissions, and a message for each submission that was left out.
@@ -48,26 +56,42 @@ def write(
         for file in sorted(assignment.starter.glob("*.py")):
             copy_file(file, folder / BASE / file.name)
 
+        # Solutions of the staff, and the package's modules
+        for file in sorted(assignment.solutions.glob("*.py")):
+            copy_file(file, folder / OLD / STAFF / file.name)
+        for problem in assignment.rubric.problems:
+            for module in problem.withholds:
+                source = PACKAGE / path_of(module)
+                found = sorted(source.rglob("*.py")) if source.is_dir() else [source]
+                for file in found:
+                    copy_file(file, folder / OLD / REFERENCE / file.relative_to(PACKAGE))
+
         # Submissions, without files that all students got
-        for number, submission in enumerate(submissions):
-            name = folder_name(unpacking.stem_of(submission))
-            name = name if name not in written else f"{name}_{number}"
-            target = folder / SUBMISSIONS / name
-            try:
-                names = assignment.rubric.files
-                files = set(unpacking.extract(submission, patterns, target, names))
-                for file in files & provided:
-                    (target / file).unlink()
-                if not files - provided:
-                    raise unpacking.BadSubmission("contains no programs")
-                written.append(name)
-            except unpacking.BadSubmission as error:
-                reasons.append(f"{submission.name!a}: {error}")
-                shutil.rmtree(target, ignore_errors=True)
+        names = assignment.rubric.files
+        for part, paths in ((SUBMISSIONS, submissions), (OLD, old)):
+            taken = {STAFF, REFERENCE} if part == OLD else set()
+            for number, submission in enumerate(paths):
+                name = folder_name(unpacking.stem_of(submission))
+                name = name if name not in taken else f"{name}_{number}"
+                target = folder / part / name
+                try:
+                    files = set(unpacking.extract(submission, patterns, target, names))
+                    for file in files & provided:
+                        (target / file).unlink()
+                    if not files - provided:
+                        raise unpacking.BadSubmission("contains no programs")
+                except unpacking.BadSubmission as error:
+                    reasons.append(f"{submission.name!a}: {error}")
+                    shutil.rmtree(target, ignore_errors=True)
+                    continue
+                taken.add(name)
+                if part == SUBMISSIONS:
+                    written.append(name)
     return written, reasons
 
 
 def command(out: Path) -> str:
     """Return the command that compares the programs that `write` wrote."""
-    base, result, root = (shlex.quote(str(out / name)) for name in (BASE, RESULT, SUBMISSIONS))
-    return f"java -jar jplag.jar -l python3 -bc {base} -r {result} {root}"
+    names = (BASE, RESULT, OLD, SUBMISSIONS)
+    base, result, old, root = (shlex.quote(str(out / name)) for name in names)
+    return f"java -jar jplag.jar -l python3 -bc {base} -r {result} -old {old} {root}"

@@ -8,6 +8,7 @@ import errno
 import fnmatch
 import gzip
 import io
+import json
 import lzma
 import os
 import re
@@ -24,7 +25,8 @@ from typing import IO
 
 MAX_BYTES = 512 << 20  # largest size of all files together, after unpacking [bytes]
 MAX_FILES = 2000
-LEVELS = 2  # largest number of folders around the files
+LEVELS = 4  # largest number of folders around the files
+MAX_NOTEBOOK = 32 << 20  # part of a notebook that is searched for solutions [bytes]
 MAX_NAME = 250  # longest name of a file with its folders [bytes]
 MAX_DIRECTORY = 1 << 20  # largest size of an archive's directory [bytes]
 MAX_XZ_MEMORY = 128 << 20  # largest memory that the header of an xz file may request [bytes]
@@ -71,18 +73,25 @@ class Nothing(BadSubmission):
 
 
 def extract(
-    source: Path, patterns: Sequence[str], target: Path, names: Sequence[str] = ()
+    source: Path,
+    patterns: Sequence[str],
+    target: Path,
+    names: Sequence[str] = (),
+    notes: list[str] | None = None,
 ) -> list[str]:
     """Copy matching files of a submission into a new folder.
 
-    The files may be up to two folders deep, or in the only archive of a folder. If several folders
+    The files may be up to four folders deep, or in the only archive of a folder. If several folders
     contain matching files, the folder with most of `names` is used. Links in a folder are ignored.
+    A file whose name differs from one of `names` only in capitals gets this name. If none of the
+    files has one of `names`, they are taken from the cells `%%solution NAME` of a notebook.
 
     Args:
         source: The submission: a folder, an archive, or a single file.
         patterns: Patterns of the files to copy.
         target: The new folder.
         names: Names of the files that the problems ask for.
+        notes: List to which a sentence is added for each file that was found in an unusual place.
 
     Returns:
         Sorted names of the copied files.
@@ -91,6 +100,43 @@ def extract(
         BadSubmission: There are too many files, the files are too large, or an archive is broken
             or dangerous.
     """
+    notes = [] if notes is None else notes
+    copied = _copy(source, patterns, target, names, notes)
+    if names and not set(names).intersection(copied):
+        for notebook in (name for name in copied if name.endswith(".ipynb")):
+            written = _from_notebook(target / notebook, names)
+            copied = sorted({*copied, *written})
+            if written:
+                notes.append(f"{', '.join(written)}: taken from the cells of {notebook}")
+    return copied
+
+
+def _from_notebook(notebook: Path, names: Sequence[str]) -> list[str]:
+    """Write the cells `%%solution NAME` of a notebook to files next to it, and return their names.
+
+    The result is empty if the file is not a notebook.
+    """
+    try:
+        with notebook.open("rb") as file:
+            cells = json.loads(file.read(MAX_NOTEBOOK))["cells"]
+        texts = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return []
+    written = {}
+    for text in texts:
+        first, _, rest = text.partition("\n")
+        words = first.split()
+        if len(words) == 2 and words[0] == "%%solution" and words[1] in names:
+            written[words[1]] = rest
+    for name, text in written.items():
+        (notebook.parent / name).write_text(text, encoding="utf-8", errors="replace")
+    return sorted(written)
+
+
+def _copy(
+    source: Path, patterns: Sequence[str], target: Path, names: Sequence[str], notes: list[str]
+) -> list[str]:
+    """Copy matching files of a submission, see `extract`."""
     if source.is_file() and not is_archive(source):
         return _extract_single(source, patterns, target, names)
 
@@ -101,7 +147,7 @@ def extract(
         if not chosen:
             archives = [name for name in files if is_archive(Path(name))]
             if source.is_dir() and len(archives) == 1:
-                return extract(source / archives[0], patterns, target, names)
+                return _copy(source / archives[0], patterns, target, names, notes)
             shown = ", ".join(sorted(files)[:3]) + ", ..." * (len(files) > 3)
             wanted = ", ".join(names or patterns)
             raise Nothing(f"contains none of {wanted}; contains {shown or 'no files'}")
@@ -112,6 +158,15 @@ def extract(
         folders = {str(up) for name in chosen.values() for up in PurePosixPath(name).parents}
         for name in folders.intersection(chosen.values()):
             raise BadSubmission(f"contains {name!a} as a file and as a folder")
+
+        # Note unusual names and deep folders
+        deepest = 0
+        for name, new in chosen.items():
+            if not name.endswith(new):
+                notes.append(f"{name.rpartition('/')[2]!a} was graded as {new}")
+            deepest = max(deepest, name.count("/") - new.count("/"))
+        if deepest > 1:
+            notes.append(f"the files were found in a folder that is {deepest} levels deep")
 
         # Copy the files, and measure their real size
         target.mkdir(parents=True)
@@ -209,12 +264,20 @@ def _chosen(files: Iterable[str], patterns: Sequence[str], names: Sequence[str])
     Raises:
         BadSubmission: Two folders match equally well.
     """
-    # Group the matching files by folder
+    # Group the matching files by folder. A file with the exact name comes before one in capitals
     found: dict[str, dict[str, str]] = {}
+    exact = {name.lower(): name for name in names}
+    files = list(files)
+    present = set(files)
     for name in files:
         parts = name.split("/")
         for level in range(min(LEVELS + 1, len(parts))):
             inner = "/".join(parts[level:])
+            asked = exact.get(inner.lower(), inner)
+            inner_exact = "/".join([*parts[:level], asked])
+            if asked != inner and inner_exact not in present:
+                present.add(inner_exact)
+                inner = asked
             if matches(inner, patterns) and not any(part.startswith(".") for part in parts[:level]):
                 found.setdefault("/".join(parts[:level]), {})[name] = inner
     if not found:

@@ -13,5 +13,6 @@ the submission, calls a probe (a function by the author of the test) with it, an
 | `forbidden` | features that an assignment forbids |
 | `factors` | answers that are wrong by a constant factor |
 | `sandbox`, `system_calls`, `processes` | rights of a process, and how its children are ended |
+| `speed` | speed of the machine, which scales time limits |
 | `running` | run an assignment's tests in a separate pytest, and read its report |
 """

@@ -162,7 +162,8 @@ def noise(samples: Any, most: float, what: str, *, hint: str = "") -> None:
     deviation = float(np.sqrt(np.mean(samples.var(axis=0, ddof=1))))
     if not deviation <= most:
         compared = _Comparison(f"standard deviation of {what}", hint)
-        compared.fail(f"at most {_number(most)}", _number(deviation))
+        most_text, deviation_text = _two_numbers(most, deviation)
+        compared.fail(f"at most {most_text}", deviation_text)
 
 
 def histogram(counts: Any, probabilities: Any, what: str, **more: Any) -> None:
@@ -293,8 +294,9 @@ class _Comparison:
         picture = self._picture(actual, expected)
         wrong = actual.reshape(-1)[index]
         right = expected.reshape(-1)[index]
-        ratio = f" ({wrong / right:.4g} times that)" if right else ""
-        text = _number(wrong) + ratio
+        right_text, wrong_text = _two_numbers(right, wrong)
+        ratio = f"{wrong / right:.4g}" if right else "1"
+        text = wrong_text + f" ({ratio} times that)" * (ratio != "1")
         hint = self.hint
         fraction = 0.0
         if factor is not None:
@@ -302,7 +304,7 @@ class _Comparison:
             text += f"\n{FACTOR}{name} times the expected value, everywhere"
             hint = factor_hint or hint
         located = replace(self, what=self.what + where, hint=hint)
-        located.fail(_number(right), text, picture, fraction)
+        located.fail(right_text, text, picture, fraction)
 
     def fail(self, expected: str, actual: str, picture: Any = "", fraction=0.0) -> NoReturn:
         """Raise `Failure` with descriptions of the expected and the actual value."""
@@ -354,3 +356,17 @@ def _hint(hint: str) -> list[str]:
 def _number(value: Any) -> str:
     """Format a number with six digits."""
     return f"{float(value):.6g}"
+
+
+def _two_numbers(one: float, other: float) -> tuple[str, str]:
+    """Format two different numbers with six digits, or with as many digits as they need to differ.
+
+    Example:
+        >>> _two_numbers(1.0, 1.00000012)
+        ('1', '1.0000001')
+    """
+    for digits in range(6, 18):
+        texts = (f"{float(one):.{digits}g}", f"{float(other):.{digits}g}")
+        if texts[0] != texts[1]:
+            break
+    return texts

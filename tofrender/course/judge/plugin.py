@@ -19,6 +19,7 @@ from ..assignments import Assignment
 from . import expect, inputs, wire
 from .client import Limits, NoAnswer, Worker, shortened
 from .processes import MACHINE_FAILED, MachineFailure
+from .speed import slowness
 
 RUBRIC = pytest.StashKey[rubric.Rubric]()
 WORKERS = pytest.StashKey["Workers"]()
@@ -99,6 +100,7 @@ class Submission:
             NoAnswer: The submission failed; the message contains the reason.
         """
         timeout_s = self.problem.timeout_s if self.problem else 60.0
+        timeout_s = round(timeout_s * slowness(), 1)
         try:
             answer = self._worker.ask(probe, arguments, timeout_s)
         except MachineFailure as failure:
