@@ -1,7 +1,7 @@
 """`make bench-lost`: what it costs that nothing is lost, films beyond memory, and workers.
 
 Each figure comes from processes of its own, run in turn; writes `benchmarks/lost.json` and the
-table of `docs/nothing_lost.md`. `python -m benchmarks.lost --write` writes the table alone.
+table of `docs/checkpoints.md`. `python -m benchmarks.lost --write` writes the table alone.
 """
 
 from __future__ import annotations
@@ -213,7 +213,7 @@ def with_tables(text: str, results: dict[str, Any]) -> str:
 
 def write(results: dict[str, Any]) -> None:
     """Put the table into the page."""
-    page = RESULTS.parents[1] / "docs" / "nothing_lost.md"
+    page = RESULTS.parents[1] / "docs" / "checkpoints.md"
     page.write_text(with_tables(page.read_text(encoding="utf-8"), results), encoding="utf-8")
 
 
