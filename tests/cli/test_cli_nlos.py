@@ -110,3 +110,17 @@ def test_the_wall_by_its_id(tmp_path, capsys):
     said = refused(capsys, *arguments, "wand", "--out", tmp_path / "no.h5")
     assert "relay_wall = 'wand': the scene has no such shape; must be one of 'elm__3'" in said
     assert not (tmp_path / "no.h5").exists()
+
+
+def test_bins_hold_the_light_of_the_hidden_letter(tmp_path, capsys):
+    small = ("capture", "nlos-z", "--grid", "5x4", "--spp", "4")
+    status, _, err = run(capsys, *small, "--out", tmp_path / "short.h5")
+    assert status == 0
+    assert "--bins" in err  # The remedy is an option of the command
+    status, told, err = run(capsys, *small, "--bins", "500", "--out", tmp_path / "long.h5")
+    assert (status, err) == (0, "")
+    assert "500 bins of 6 mm" in told
+    assert tofrender.load_capture(tmp_path / "long.h5").sizes["opl"] == 500
+    out = ("--out", tmp_path / "workers.h5")
+    said = refused(capsys, *small, "--bins", "500", "--workers", "2", *out)
+    assert said.startswith("--bins = 500 is not supported with --workers")

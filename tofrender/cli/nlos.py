@@ -42,6 +42,10 @@ def capture(
             show_default="relay_wall",
         ),
     ] = None,
+    bins: Annotated[
+        int | None,
+        opt.integer(1, checks.MAX_BINS, "Number of time bins", show_default=opt.FROM_SCENE),
+    ] = None,
     spp: opt.Spp = None,
     seed: opt.Seed = 0,
     variant: opt.Variant = None,
@@ -59,10 +63,15 @@ def capture(
     continues a stopped capture. A complete capture is not changed.
 
     Examples:
-        tofrender capture nlos_z --out wall.h5
+        tofrender capture nlos_z --bins 500 --out wall.h5
         tofrender capture scene.xml --mode single --grid 32x32 --spp 4096 --out wall.h5
     """
     opt.check_client(workers, scheduler)
+    if bins is not None and (workers or scheduler):
+        raise ValueError(
+            f"--bins = {bins} is not supported with --workers or --scheduler. Set temporal_bins "
+            "in the film of the scene file, or omit --bins"
+        )
     opt.check_file_out(out, ".h5", ".hdf5", overwrite=True)
     if out.exists() and not resume:
         raise ValueError(f"--out = {out} exists already. Choose a new file, or add --resume")
@@ -79,7 +88,7 @@ def capture(
     source = find_scene(scene)
     names = None if wall is None else [each.strip() for each in wall.split(",")]
     columns, rows = grid or (None, None)
-    loaded = load_scene(source, optimize=False, width=columns, height=rows)
+    loaded = load_scene(source, optimize=False, width=columns, height=rows, temporal_bins=bins)
     camera: Any = require_sensor(loaded)
     mode = capture_mode(loaded, camera, mode)
     sampling: dict[str, Any] = {"mode": mode, "spp": spp, "seed": seed}
