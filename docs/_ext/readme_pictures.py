@@ -23,8 +23,8 @@ FRAME_MS = 45
 def make_film(target: Path) -> None:
     """Render a pulse in the Cornell box, without denoising.
 
-    The film ends at 9.4 m, when 96 % of the light has arrived. Later frames would show mostly noise,
-    because few paths are so long.
+    The film ends at 9.4 m, when 96 % of the light has arrived. Later frames would show mostly
+    noise, because few paths are so long.
     """
     film = tofrender.render(
         "cornell_box", spp=1024, size=(192, 192), bins=214, window=(3.5, 14.2), pulse_width=0.06

@@ -113,7 +113,7 @@ def test_the_wall_by_its_id(tmp_path, capsys):
 
 
 def test_bins_hold_the_light_of_the_hidden_letter(tmp_path, capsys):
-    small = ("capture", "nlos-z", "--grid", "5x4", "--spp", "4")
+    small = ("capture", "nlos-z", "--grid", "8x6", "--spp", "4")
     status, _, err = run(capsys, *small, "--out", tmp_path / "short.h5")
     assert status == 0
     assert "--bins" in err  # The remedy is an option of the command

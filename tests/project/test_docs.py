@@ -17,7 +17,10 @@ from tofrender.runtime.lazy import public_names
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted(ROOT.glob("docs/**/*.md"))
-WITH_PYTHON = [page for page in PAGES if "```python" in page.read_text(encoding="utf-8")]
+DOORS = ROOT / "docs/your_field.md"
+WITH_PYTHON = [
+    page for page in PAGES if page != DOORS and "```python" in page.read_text(encoding="utf-8")
+]
 EXAMPLES = sorted(ROOT.glob("docs/gallery/plot_*.py"))
 SITE = ROOT / "build/docs/html"
 NO_SITE = "the site is not built; run: make docs"
@@ -100,6 +103,33 @@ def test_python_of_a_page_runs(page, tmp_path, monkeypatch):
     command = [sys.executable, "-W", "error", str(program)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+def doors() -> dict[str, str]:
+    """Return the example of each section of the page "For your field"."""
+    sections = re.findall(r"^## (.*?)\n(.*?)(?=^## |\Z)", DOORS.read_text("utf-8"), re.M | re.S)
+    found = {}
+    for title, text in sections:
+        (found[title],) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    return found
+
+
+@pytest.mark.parametrize("title", doors())
+def test_each_door_has_a_short_complete_example(title, tmp_path, monkeypatch, capsys):
+    """Each example runs by itself, prints its result, and may not warn."""
+    example = doors()[title]
+    assert len(example.splitlines()) <= 15
+    monkeypatch.chdir(tmp_path)
+    exec(compile(example, title, "exec"), {})
+    said = capsys.readouterr().out
+    expected = {
+        "Teach a course": "FAILED",
+        "Render transients": "m of path",
+        "Simulate a sensor": "the median depth is 3",
+        "Reconstruct hidden scenes": "the letter is 1.00 m",
+    }
+    assert expected[title] in said
+    assert len(doors()) == len(expected)
 
 
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md"], ids=lambda page: page.stem)

@@ -11,7 +11,6 @@ import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -120,10 +119,10 @@ class Clone:
 
 
 @pytest.fixture(scope="module")
-def clone(tmp_path_factory) -> Iterator[Clone]:
+def clone(tmp_path_factory) -> Clone:
     if not (ROOT / ".git").exists() or not shutil.which("git"):
         pytest.skip("this is no clone, or git is not installed")
-    yield Clone(tmp_path_factory.mktemp("readme"))
+    return Clone(tmp_path_factory.mktemp("readme"))
 
 
 def name_of(number: int) -> str:
