@@ -504,7 +504,7 @@ def test_a_gate(tmp_path):
 def test_phasors_below_a_hertz_have_files_of_their_own(tmp_path):
     command = ["phasor", "cornell_box", "--out", str(tmp_path / "out"), "--size", "2x2"]
     for _ in range(2):  # The second replaces the first
-        assert main([*command, "--spp", "1", "--freq", "0.1", "--freq", "0.2"]) == 0
+        assert main([*command, "--spp", "1", "--freq", "0.1Hz", "--freq", "0.2Hz"]) == 0
     assert {"phasor_0.1Hz.exr", "phasor_0.2Hz.exr"} < names(tmp_path / "out")
 
 

@@ -7,8 +7,10 @@ from test_cli import refused, run
 
 import tofrender
 from tofrender.cli.app import main
+from tofrender.cli.nlos import WALL_SCENES
 from tofrender.io.exr import load_exr_layers
 from tofrender.runtime import atomic
+from tofrender.scenes import BUILT_IN
 
 
 @pytest.fixture(scope="module")
@@ -124,3 +126,19 @@ def test_bins_hold_the_light_of_the_hidden_letter(tmp_path, capsys):
     out = ("--out", tmp_path / "workers.h5")
     said = refused(capsys, *small, "--bins", "500", "--workers", "2", *out)
     assert said.startswith("--bins = 500 is not supported with --workers")
+
+
+def test_a_scene_without_relay_wall_is_refused(tmp_path, capsys):
+    said = refused(capsys, "capture", "cornell_box", "--grid", "2x2", "--out", tmp_path / "no.h5")
+    assert "cornell_box has no relay wall" in said
+    assert "nlos_z" in said
+
+
+def test_the_scenes_with_a_relay_wall_are_listed():
+    """All built-in scenes whose integrator makes captures, and no others."""
+    found = set()
+    for name in BUILT_IN:
+        scene = tofrender.load_scene(name, width=2, height=2, optimize=False)
+        if hasattr(scene.integrator(), "capture_plan"):
+            found.add(name)
+    assert found == set(WALL_SCENES)

@@ -78,6 +78,7 @@ def doppler(
         )
     opt.check_out(out)
     loaded, sensor, samples = load(scene, spp, size, max_depth, variant)
+    note_rest(loaded)
     from tofrender import io, vis
     from tofrender.io.netcdf import save_measurement
     from tofrender.motion.doppler_camera import doppler as measure, doppler_rate
@@ -208,6 +209,7 @@ def fmcw(
     """
     opt.check_out(out)
     loaded, sensor, samples = load(scene, spp, size, max_depth, variant)
+    note_rest(loaded)
     from tofrender import io, vis
     from tofrender.io.netcdf import save_measurement
     from tofrender.motion.fmcw import Fmcw
@@ -336,6 +338,17 @@ def _axis(span: tuple[float, float], bins: int | None, resolution: float) -> Axi
         count += 1 - count % 2
     checks.integer("bins", count, 2, checks.MAX_BINS)
     return Axis(count, start, (stop - start) / count)
+
+
+def note_rest(scene: Any) -> None:
+    """Print a note if no part of a scene moves."""
+    from tofrender.motion.range_rate_film import fastest
+
+    if not fastest(scene):
+        opt.note(
+            "note: no part of this scene moves, so that all velocities are 0; the built-in scenes "
+            "fan, corridor and moving_mirror move"
+        )
 
 
 def limit_of(scene: Any) -> dict[str, float]:

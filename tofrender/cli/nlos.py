@@ -19,6 +19,20 @@ if TYPE_CHECKING:
 
 MODES = ("confocal", "single", "exhaustive")
 METHODS = ("lct", "fk", "bp", "fbp", "phasor")
+WALL_SCENES = (
+    "nlos_z",
+    "nlos_bunny",
+    "nlos_patch",
+    "nlos_plane",
+    "nlos_behind_fog",
+    "wall_box_sphere_nlos",
+    "wall_box_spheres_nlos",
+    "wall_box_hi_nlos",
+    "wall_box_behind",
+    "ourbox_confocal",
+)
+"""Built-in scenes that can be captured at a relay wall."""
+
 FROM_FILE = "from the file"
 """Default of options that describe measured data."""
 
@@ -83,6 +97,7 @@ def capture(
     from tofrender.nlos import capture as render_capture
     from tofrender.nlos.capturing import require_same_capture
     from tofrender.nlos.setup import capture_mode
+    from tofrender.scenes import BUILT_IN
     from tofrender.scenes.loading import find_scene, load_scene, require_sensor
 
     source = find_scene(scene)
@@ -90,6 +105,11 @@ def capture(
     columns, rows = grid or (None, None)
     loaded = load_scene(source, optimize=False, width=columns, height=rows, temporal_bins=bins)
     camera: Any = require_sensor(loaded)
+    if source in BUILT_IN and source not in WALL_SCENES:
+        raise ValueError(
+            f"scene = {scene} has no relay wall. Built-in scenes with a relay wall are "
+            f"{', '.join(WALL_SCENES)}"
+        )
     mode = capture_mode(loaded, camera, mode)
     sampling: dict[str, Any] = {"mode": mode, "spp": spp, "seed": seed}
     shape = getattr(camera.film(), "shape", None)

@@ -79,7 +79,10 @@ def diagnose() -> list[Check]:
 
 
 def report(checks: list[Check], console: "Console | None" = None) -> int:
-    """Print a table of the checks and the remedies; returns the exit status, 0 if all will work."""
+    """Print the checks and the remedies; return the exit status, 0 if rendering will work.
+
+    A terminal gets a table. Files and pipes get one line for each check, which is never broken.
+    """
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -88,9 +91,14 @@ def report(checks: list[Check], console: "Console | None" = None) -> int:
     table = Table(show_header=False, box=None, pad_edge=False)
     for check in checks:
         failed = ("FAILED", "red") if check.required else ("missing", "yellow")
-        mark = Text(*(("ok", "green") if check.ok else failed))
-        table.add_row(mark, check.name, Text(check.detail, overflow="fold"))
-    console.print(table)
+        word, style = ("ok", "green") if check.ok else failed
+        if console.is_terminal:
+            table.add_row(Text(word, style), check.name, Text(check.detail, overflow="fold"))
+        else:
+            console.out(f"{word:7} {check.name:12} {check.detail}", highlight=False)
+    if console.is_terminal:
+        console.print(table)
+
     for check in checks:
         if check.remedy:
             text = Text.assemble("\n", (f"{check.name}: ", "bold"), check.remedy)
