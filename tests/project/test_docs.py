@@ -105,6 +105,19 @@ def test_python_of_a_page_runs(page, tmp_path, monkeypatch):
     assert done.returncode == 0, done.stderr
 
 
+def test_the_table_of_packages_is_the_import_contract(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "docs/_ext")
+    packages = importlib.import_module("packages")
+    page = packages.PAGE.read_text(encoding="utf-8")
+    assert packages.with_table(page) == page
+
+    # Rows in another order are sorted, and a missing row is an error
+    rows = packages.TABLE.search(page)[2].splitlines(keepends=True)
+    assert packages.with_table(page.replace("".join(rows), "".join(rows[::-1]))) == page
+    with pytest.raises(ValueError, match="labels"):
+        packages.with_table(page.replace(next(row for row in rows if "labels" in row), ""))
+
+
 def doors() -> dict[str, str]:
     """Return the example of each section of the page "For your field"."""
     sections = re.findall(r"^## (.*?)\n(.*?)(?=^## |\Z)", DOORS.read_text("utf-8"), re.M | re.S)

@@ -115,6 +115,20 @@ def test_citation_and_workflow_are_complete():
     assert "make docs-full" in steps
 
 
+def test_a_tag_is_published_by_a_reviewer_without_a_stored_secret():
+    text = (ROOT / ".github/workflows/release.yml").read_text("utf-8")
+    assert "secrets." not in text
+    jobs = yaml.safe_load(text)["jobs"]
+    commands = [step.get("run", "") for step in jobs["build"]["steps"]]
+    assert "make release-check" in commands
+    publish = jobs["publish"]
+    assert publish["needs"] == "build"
+    assert publish["environment"] == "release"
+    assert publish["permissions"] == {"id-token": "write"}
+    assert not any("run" in step for step in publish["steps"])  # Only files that were checked
+    assert "id-token" not in jobs["build"].get("permissions", {})
+
+
 def test_commands_of_the_readme_are_known(release):
     commands = release.commands_of((ROOT / "README.md").read_text("utf-8"))
     assert len(commands) > 10
