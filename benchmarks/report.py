@@ -70,9 +70,10 @@ def readme_block(results: Results) -> str:
     )
     before = f"""`make bench-full` renders the Cornell box with 64 x 64 pixels, 300 bins and 256
         samples per pixel on {machine["threads"]} threads, alternating between tofrender and
-        mitransient {machine["versions"][PEER]} (with its defaults) in one process. The table shows
-        variance times CPU time of mitransient divided by that of tofrender; above 1, tofrender
-        is more efficient:"""
+        mitransient {machine["versions"][PEER]} (with its defaults) in one process. The last
+        measurement was made at commit {results["commit"]} on {machine["processor"]}. The table
+        shows variance times CPU time of mitransient divided by that of tofrender; above 1,
+        tofrender is more efficient:"""
     rows = [
         ["variance of", "mitransient / tofrender"],
         ["all bins of all pixels", over_ours(box, PEER, "cube")],
