@@ -162,6 +162,13 @@ def test_files_that_a_page_names_exist(page):
     assert not [name for name in named if not any((ROOT / p / name).exists() for p in places)]
 
 
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda page: page.stem)
+def test_numbers_of_a_page_have_a_digit_before_the_point(page):
+    """Write 0.05, not .05, outside of code."""
+    text = re.sub(r"```.*?```", "", page.read_text("utf-8"), flags=re.DOTALL)
+    assert re.findall(r"(?<![\w.`\])/])\.\d+(?![\w`])", text) == []
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_links_of_a_page_lead_to_files(page):
     """As GitHub follows them; what they lead to on the site is looked at when it is built."""
