@@ -349,7 +349,7 @@ def test_the_film_rests_for_readers_who_want_no_motion():
 
 @pytest.mark.skipif(not (SITE / "index.html").exists(), reason=NO_SITE)
 def test_the_landing_page_has_an_explorer():
-    assert (SITE / "_static/made/landing.html").stat().st_size < 5e5
+    assert (SITE / "_static/made/landing.html").stat().st_size < 1.6e6
     with browser.page(offline=True, viewport={"width": 1360, "height": 800}) as page:
         page.goto((SITE / "index.html").as_uri())
         frame = page.locator("iframe.touch")
@@ -357,4 +357,6 @@ def test_the_landing_page_has_an_explorer():
         assert "Cornell box" in frame.get_attribute("title")
         inside = page.frame_locator("iframe.touch")
         inside.locator("canvas.plot").first.wait_for()
+        assert "96 × 96 pixels" in inside.locator("body").inner_text()
+        assert "–" not in inside.locator("table").first.inner_text()  # No blocks of pixels
         assert page.errors == []
