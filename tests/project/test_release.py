@@ -159,3 +159,13 @@ def test_a_command_that_fails_without_a_word_is_found(release, tmp_path):
         else:
             with pytest.raises(release.Problem, match="ended with status 2"):
                 release.outcome(tmp_path, ["tofrender", "dataset"], extras)
+
+
+def test_a_command_that_warns_is_found(release, tmp_path):
+    program = tmp_path / "venv/bin/tofrender"
+    program.parent.mkdir(parents=True)
+    (tmp_path / "work").mkdir()
+    program.write_text("#!/bin/sh\necho 'warning: 2 % of the energy is lost'\n")
+    program.chmod(0o755)
+    with pytest.raises(release.Problem, match="warns: warning: 2 %"):
+        release.outcome(tmp_path, ["tofrender", "scenes"], False)
