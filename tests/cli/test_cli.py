@@ -209,7 +209,7 @@ REFUSALS: dict[str, list[tuple[str, str]]] = {
     ],
     "gate cornell_box": [("--at 1 --size 8x8", "--at = 1: no light")],
     "capture nlos-z": [("--out missing/z.h5", "--out = missing/z.h5: the folder")],
-    "capture cornell_box": [("--out c.h5", "integrator = TransientPath: must be transient_nlos_")],
+    "capture cornell_box": [("--out c.h5", "cornell_box has no relay wall")],
     "warp": [
         ("bekmann", "NAME = 'bekmann': did you mean 'beckmann'? Must be one of tent, uniform_"),
         ("beckmann", "--alpha is missing"),

@@ -237,9 +237,10 @@ def hertz(name: str, value: Any) -> float:
             break
     found = number(text)
     checks.require(name, value, not isinstance(found, str), "hertz, or like 20MHz")
-    if text == str(value) and 0 < found < LEAST_HERTZ:
+    frequency_hz = check_frequency(name, found * factor)
+    if text == str(value) and frequency_hz < LEAST_HERTZ:
         raise ValueError(f"{name} = {value} needs a unit. Write {value}MHz or {value}Hz")
-    return check_frequency(name, found * factor)
+    return frequency_hz
 
 
 def definition(name: str, value: Any) -> tuple[str, str]:
