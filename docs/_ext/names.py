@@ -47,6 +47,7 @@ def _expand(found: re.Match[str]) -> str:
     entries = [_entry(home, name) for name in found[2].split()]
     lines = ["````{eval-rst}", f".. currentmodule:: {found[1]}", "", ".. autosummary::"]
     lines += [
+        "   :nosignatures:",
         "",
         *(f"   ~{_within(name, found[1])}" for _, name in entries),
         "",
