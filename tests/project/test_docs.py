@@ -118,6 +118,15 @@ def test_the_table_of_packages_is_the_import_contract(monkeypatch):
         packages.with_table(page.replace(next(row for row in rows if "labels" in row), ""))
 
 
+def test_signatures_show_no_descriptions_of_datasets(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "docs/_ext")
+    names = importlib.import_module("names")
+    shown = "(a: ~typing.Annotated[xr.Dataset, Kind(axes=('y', 'x'), real=())], *, b: int = 2)"
+    assert names._without_annotations(shown) == "(a: xr.Dataset, *, b: int = 2)"
+    nested = "(a: Annotated[dict[str, Annotated[int, 1]], 'x'], b)"
+    assert names._without_annotations(nested) == "(a: dict[str, int], b)"
+
+
 def doors() -> dict[str, str]:
     """Return the example of each section of the page "For your field"."""
     sections = re.findall(r"^## (.*?)\n(.*?)(?=^## |\Z)", DOORS.read_text("utf-8"), re.M | re.S)
