@@ -132,7 +132,7 @@ def test_a_finished_run_is_replaced_or_stays(tmp_path, capsys, name):
 
     # Another run is named, and files that are missing are rendered again
     said = refused(capsys, *command, "--out", out, "--resume", "--seed", 4)
-    assert f"--resume: {out} was made with seed = 3; must be 4" in said
+    assert f"--resume: {out} was made with seed = 3 instead of 4" in said
     next(out.glob("*.png")).unlink()
     assert "no run that writes" in refused(capsys, *command, "--out", out, "--resume")
     (out / "notes.txt").write_text("mine")

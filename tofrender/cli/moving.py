@@ -78,7 +78,6 @@ def doppler(
         )
     opt.check_out(out)
     loaded, sensor, samples = load(scene, spp, size, max_depth, variant)
-    note_rest(loaded)
     from tofrender import io, vis
     from tofrender.io.netcdf import save_measurement
     from tofrender.motion.doppler_camera import doppler as measure, doppler_rate
@@ -99,6 +98,7 @@ def doppler(
         return
     with checkpoints.checkpointed(out, checkpoint, resume) as file:
         checkpoints.require_begun(resume, checkpoints.unfinished_work(out), out)
+        note_rest(loaded)
         measured = measure(
             loaded, **modulation, waveform=waveform, spp=samples, seed=seed, checkpoint=file
         )
@@ -209,7 +209,6 @@ def fmcw(
     """
     opt.check_out(out)
     loaded, sensor, samples = load(scene, spp, size, max_depth, variant)
-    note_rest(loaded)
     from tofrender import io, vis
     from tofrender.io.netcdf import save_measurement
     from tofrender.motion.fmcw import Fmcw
@@ -260,6 +259,7 @@ def fmcw(
     with checkpoints.checkpointed(out, checkpoint, resume) as file:
         checkpoints.require_begun(resume, file and file.path, out)
         film = range_rate(loaded, **axes, spp=samples, seed=seed, checkpoint=file)
+        note_rest(loaded)
         film.attrs["scene"] = scene
         spectra = lidar.spectra(film, seed)
         estimates = lidar.estimates(spectra)
