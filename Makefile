@@ -60,10 +60,10 @@ lint: setup ## check style, types, and that packages import downwards only
 bench: setup ## time the renderer against Mitsuba's steady path tracer and mitransient
 	.venv/bin/python -m benchmarks $(ARGS)
 
-bench-full: setup ## error at equal time, scene by scene, in about ten minutes; writes docs/how_fast.md
+bench-full: setup ## error at equal time, scene by scene, in about ten minutes; writes docs/performance.md
 	.venv/bin/python -m benchmarks.full $(ARGS)
 
-bench-lost: setup ## cost of checkpoints, films on disk, workers, in about ten minutes; writes docs/nothing_lost.md
+bench-lost: setup ## cost of checkpoints, films on disk, workers, in about ten minutes; writes docs/checkpoints.md
 	.venv/bin/python -m benchmarks.lost $(ARGS)
 
 release-check: setup ## build twice, compare, install on three Pythons, run the README's commands there

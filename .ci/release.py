@@ -284,6 +284,9 @@ def outcome(folder: Path, command: list[str], has_extras: bool) -> None:
                 process.wait()
                 return
     status, shown = process.returncode, f"`{shlex.join(command)}`"
+    warning = re.search(r"^warning: .*", said, re.MULTILINE)
+    if warning:
+        raise Problem(f"{shown} warns: {warning[0]}")
     if status == 0:
         return
     last = said.strip().splitlines()[-1] if said.strip() else ""

@@ -1,6 +1,6 @@
 """`make bench-full`: error at equal time against peers, scene by scene, and where it comes from.
 
-Measures, draws and writes `docs/how_fast.md`, its figure, and the table of the README, all from
+Measures, draws and writes `docs/performance.md`, its figure, and the table of the README, all from
 `benchmarks/results.json`; `python -m benchmarks.full --write` does the last part alone.
 """
 

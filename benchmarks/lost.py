@@ -1,7 +1,7 @@
 """`make bench-lost`: what it costs that nothing is lost, films beyond memory, and workers.
 
 Each figure comes from processes of its own, run in turn; writes `benchmarks/lost.json` and the
-table of `docs/nothing_lost.md`. `python -m benchmarks.lost --write` writes the table alone.
+table of `docs/checkpoints.md`. `python -m benchmarks.lost --write` writes the table alone.
 """
 
 from __future__ import annotations
@@ -203,9 +203,19 @@ def model(results: dict[str, Any]) -> str:
     return rows_of(rows)
 
 
+def origin(results: dict[str, Any]) -> str:
+    """Return where the figures were measured, and at which commit if the results contain it."""
+    machine = results["machine"]
+    text = f"Measured on {machine['processor']} with {machine['threads']} threads"
+    if "commit" in results:
+        text += f", at commit {results['commit']}"
+    return f"{text}."
+
+
 def with_tables(text: str, results: dict[str, Any]) -> str:
     """The page with its tables."""
-    for begin, rows in ((BEGIN, table(results)), (MODEL, model(results))):
+    measured = f"{table(results)}\n\n{origin(results)}"
+    for begin, rows in ((BEGIN, measured), (MODEL, model(results))):
         block = f"{begin}\n{rows}\n{END}"
         text = re.sub(f"{begin}.*?{END}", lambda _, block=block: block, text, flags=re.DOTALL)
     return text
@@ -213,7 +223,7 @@ def with_tables(text: str, results: dict[str, Any]) -> str:
 
 def write(results: dict[str, Any]) -> None:
     """Put the table into the page."""
-    page = RESULTS.parents[1] / "docs" / "nothing_lost.md"
+    page = RESULTS.parents[1] / "docs" / "checkpoints.md"
     page.write_text(with_tables(page.read_text(encoding="utf-8"), results), encoding="utf-8")
 
 
@@ -229,7 +239,7 @@ def main() -> None:
         print(json.dumps(CASES[options.one]()))
         return
     if not options.write:
-        from .full import machine
+        from .full import commit, machine
 
         runs: dict[str, list[Found]] = {name: [] for name in CASES}
         for _ in range(options.runs):
@@ -242,7 +252,7 @@ def main() -> None:
             name: {key: median(run[key] for run in its) for key in its[0]}
             for name, its in runs.items()
         }
-        text = json.dumps({"machine": machine(), "found": found}, indent=1)
+        text = json.dumps({"machine": machine(), "commit": commit(), "found": found}, indent=1)
         RESULTS.write_text(text + "\n", encoding="utf-8")
     write(json.loads(RESULTS.read_text(encoding="utf-8")))
 

@@ -14,11 +14,11 @@ from tofrender.runtime.canvas import new_figure
 from . import denoising
 
 ROOT = Path(__file__).parents[1]
-README, PAGE = ROOT / "README.md", ROOT / "docs" / "how_fast.md"
+README, PAGE = ROOT / "README.md", ROOT / "docs" / "performance.md"
 GPU = ROOT / "benchmarks" / "gpu.json"
 """Results of `python -m benchmarks.gpu --out benchmarks/gpu.json` on a GPU."""
 
-FIGURE = ROOT / "docs" / "pictures" / "how_fast.png"
+FIGURE = ROOT / "docs" / "pictures" / "performance.png"
 BEGIN, END = "<!-- made by make bench-full -->", "<!-- end -->"
 WIDTH = 112
 PEER = "mitransient"
@@ -70,9 +70,10 @@ def readme_block(results: Results) -> str:
     )
     before = f"""`make bench-full` renders the Cornell box with 64 x 64 pixels, 300 bins and 256
         samples per pixel on {machine["threads"]} threads, alternating between tofrender and
-        mitransient {machine["versions"][PEER]} (with its defaults) in one process. The table shows
-        variance times CPU time of mitransient divided by that of tofrender; above 1, tofrender
-        is more efficient:"""
+        mitransient {machine["versions"][PEER]} (with its defaults) in one process. The last
+        measurement was made at commit {results["commit"]} on {machine["processor"]}. The table
+        shows variance times CPU time of mitransient divided by that of tofrender; above 1,
+        tofrender is more efficient:"""
     rows = [
         ["variance of", "mitransient / tofrender"],
         ["all bins of all pixels", over_ours(box, PEER, "cube")],
@@ -84,7 +85,7 @@ def readme_block(results: Results) -> str:
         glass sphere. At 256 x 256 pixels, a sample takes {digits(large["ours"])} times as long as
         one of Mitsuba's steady `path`; with `light_samples = 1`
         {digits(large["one light point"])} times; mitransient's {digits(large[PEER])} times.
-        [Performance](docs/how_fast.md) has all measurements."""
+        [Performance](docs/performance.md) has all measurements."""
     return f"{paragraph(before)}\n\n{rows_of(rows)}\n\n{paragraph(after)}"
 
 
@@ -174,7 +175,7 @@ def page(results: Results) -> str:
             rows_of(capture_rows),
             "## Time per sample",
             paragraph(seconds),
-            "![Time over path by size, bins and samples](pictures/how_fast.png)",
+            "![Time over path by size, bins and samples](pictures/performance.png)",
             "## On a GPU",
             gpu_section(),
         ]

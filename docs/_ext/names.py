@@ -127,6 +127,34 @@ def markdown(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: l
     lines[:] = out
 
 
+def _without_annotations(text: str) -> str:
+    """Replace each `Annotated[X, ...]` in a signature by X."""
+    found = re.search(r"(?:~?typing\.)?Annotated\[", text)
+    if found is None:
+        return text
+
+    # Find the comma after X, and the bracket that ends the annotation
+    depth, comma, end = 1, None, found.end()
+    while depth:
+        letter = text[end]
+        depth += (letter in "[({") - (letter in "])}")
+        if letter == "," and depth == 1 and comma is None:
+            comma = end
+        end += 1
+    kept = text[found.end() : comma if comma is not None else end - 1]
+    return _without_annotations(f"{text[: found.start()]}{kept}{text[end:]}")
+
+
+def signature(
+    app: Sphinx, what: str, name: str, obj: Any, options: Any, arguments: str, returned: str
+) -> tuple[str | None, str | None]:
+    """Show types without the descriptions of Datasets that the package keeps in annotations."""
+    return (
+        arguments and _without_annotations(arguments),
+        returned and _without_annotations(returned),
+    )
+
+
 def without_lists(app: Sphinx, page: str, template: str, context: dict, doctree: Any) -> None:
     """Make the lines of a long signature blocks: lists without terms confuse screen readers."""
 
@@ -141,5 +169,6 @@ def setup(app: Sphinx) -> dict[str, Any]:
     """Connect them to what Sphinx reads and writes."""
     app.connect("source-read", expand)
     app.connect("html-page-context", without_lists)
+    app.connect("autodoc-process-signature", signature)
     app.connect("autodoc-process-docstring", markdown, priority=100)  # Before napoleon
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -161,6 +161,10 @@ def test_reports_of_phasors(tmp_path, capsys):
         page.goto(path.as_uri())
         page.wait_for_selector(".tof-explorer canvas.plane")
         now = set_(page, pixels=[[20, 5]])
+        light = np.array([(parts[0] + 1j * parts[1])[k, 5, 20] @ LUMINANCE for k in range(2)])
+        depth, _ = tofrender.unwrap(np.angle(light), frequencies, amplitudes=abs(light))
+        assert now["phasors"][0]["unwrapped"] == pytest.approx(float(depth), abs=0.01)
+        assert page.get_by_text("unwrapped (below").is_visible()
         for k, frequency in enumerate(frequencies):
             now = state(page)
             light = parts[0][k, 5, 20] @ LUMINANCE + 1j * (parts[1][k, 5, 20] @ LUMINANCE)

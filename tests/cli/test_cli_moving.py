@@ -145,3 +145,10 @@ def test_fmcw_refuses_before_it_renders(tmp_path, capsys):
     ):
         assert said in refused(capsys, "fmcw", *BOX, *options, "--out", tmp_path / "a")
         assert not (tmp_path / "a").exists()
+
+
+@pytest.mark.parametrize("command", ["doppler", "fmcw"])
+def test_a_scene_at_rest_gets_a_note(tmp_path, capsys, command):
+    small = ("--size", "2x2", "--spp", "1")
+    _, told = done(capsys, command, "cornell_box_flash", *small, "--out", tmp_path / "rest")
+    assert "note: no part of this scene moves" in told

@@ -7,8 +7,10 @@ from helpers.commands import refused, run
 
 import tofrender
 from tofrender.cli.app import main
+from tofrender.cli.nlos import WALL_SCENES
 from tofrender.io.exr import load_exr_layers
 from tofrender.runtime import atomic
+from tofrender.scenes import BUILT_IN
 
 
 @pytest.fixture(scope="module")
@@ -110,3 +112,33 @@ def test_the_wall_by_its_id(tmp_path, capsys):
     said = refused(capsys, *arguments, "wand", "--out", tmp_path / "no.h5")
     assert "relay_wall = 'wand': the scene has no such shape; must be one of 'elm__3'" in said
     assert not (tmp_path / "no.h5").exists()
+
+
+def test_bins_hold_the_light_of_the_hidden_letter(tmp_path, capsys):
+    small = ("capture", "nlos-z", "--grid", "8x6", "--spp", "4")
+    status, _, err = run(capsys, *small, "--out", tmp_path / "short.h5")
+    assert status == 0
+    assert "--bins" in err  # The remedy is an option of the command
+    status, told, err = run(capsys, *small, "--bins", "500", "--out", tmp_path / "long.h5")
+    assert (status, err) == (0, "")
+    assert "500 bins of 6 mm" in told
+    assert tofrender.load_capture(tmp_path / "long.h5").sizes["opl"] == 500
+    out = ("--out", tmp_path / "workers.h5")
+    said = refused(capsys, *small, "--bins", "500", "--workers", "2", *out)
+    assert said.startswith("--bins = 500 is not supported with --workers")
+
+
+def test_a_scene_without_relay_wall_is_refused(tmp_path, capsys):
+    said = refused(capsys, "capture", "cornell_box", "--grid", "2x2", "--out", tmp_path / "no.h5")
+    assert "cornell_box has no relay wall" in said
+    assert "nlos_z" in said
+
+
+def test_the_scenes_with_a_relay_wall_are_listed():
+    """All built-in scenes whose integrator makes captures, and no others."""
+    found = set()
+    for name in BUILT_IN:
+        scene = tofrender.load_scene(name, width=2, height=2, optimize=False)
+        if hasattr(scene.integrator(), "capture_plan"):
+            found.add(name)
+    assert found == set(WALL_SCENES)

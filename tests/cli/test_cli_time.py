@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 import OpenEXR
 import pytest
-from helpers.commands import run
+from helpers.commands import refused, run
 
 import tofrender
 
@@ -98,3 +98,11 @@ def test_a_gate_refuses_connections_through_panes(capsys, tmp_path):
     told = run(capsys, "gate", path, "--out", tmp_path / "out", *SETTINGS, *OPTIONS["gate"])
     assert told[0] == 2
     assert "error: integrator = TransientVolpath does not support gates" in told[2]
+
+
+@pytest.mark.parametrize("frequency", ["20", "999.5"])
+def test_a_small_frequency_needs_a_unit(capsys, tmp_path, frequency):
+    out = ("--size", "2x2", "--spp", "1", "--out", tmp_path / "out")
+    said = refused(capsys, "phasor", "cornell_box", "--freq", frequency, *out)
+    assert f"--freq = {frequency} needs a unit. Write {frequency}MHz" in said
+    assert not (tmp_path / "out").exists()

@@ -405,3 +405,18 @@ def test_fields_of_view_are_real_numbers(tmp_path, capsys):
     assert "--pattern = no.csv" in capsys.readouterr().err  # The field of view is accepted
     assert main(["lidar", "cornell_box", "--fov", "40x181", *out]) == 2
     assert "--fov = '40x181': must be width x height in degrees" in capsys.readouterr().err
+
+
+def test_a_dark_border_has_no_depth_and_does_not_widen_the_range():
+    data = measured("counts").copy(deep=True)
+    data["counts"][...] *= 1000
+    border = data["counts"].isel(x=0)
+    border[...] = 0
+    border[{"bin": -1}] = 1  # One count of background light, late
+    figure = vis.measurement_figure(data)
+    image = figure.axes[2].images[0]
+    shown = np.ma.filled(image.get_array().astype(float), np.nan)
+    assert np.isnan(shown[:, 0]).all()
+    assert image.get_clim()[1] < float(data["opl"][-1])
+    assert "bright pixel" in figure.legends[0].get_texts()[0].get_text()
+    assert all(figure.axes[k].get_ylabel() for k in range(5))  # Also the color bars

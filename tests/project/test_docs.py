@@ -17,7 +17,10 @@ from tofrender.runtime.lazy import public_names
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted(ROOT.glob("docs/**/*.md"))
-WITH_PYTHON = [page for page in PAGES if "```python" in page.read_text(encoding="utf-8")]
+DOORS = ROOT / "docs/your_field.md"
+WITH_PYTHON = [
+    page for page in PAGES if page != DOORS and "```python" in page.read_text(encoding="utf-8")
+]
 EXAMPLES = sorted(ROOT.glob("docs/gallery/plot_*.py"))
 SITE = ROOT / "build/docs/html"
 NO_SITE = "the site is not built; run: make docs"
@@ -102,6 +105,55 @@ def test_python_of_a_page_runs(page, tmp_path, monkeypatch):
     assert done.returncode == 0, done.stderr
 
 
+def test_the_table_of_packages_is_the_import_contract(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "docs/_ext")
+    packages = importlib.import_module("packages")
+    page = packages.PAGE.read_text(encoding="utf-8")
+    assert packages.with_table(page) == page
+
+    # Rows in another order are sorted, and a missing row is an error
+    rows = packages.TABLE.search(page)[2].splitlines(keepends=True)
+    assert packages.with_table(page.replace("".join(rows), "".join(rows[::-1]))) == page
+    with pytest.raises(ValueError, match="labels"):
+        packages.with_table(page.replace(next(row for row in rows if "labels" in row), ""))
+
+
+def test_signatures_show_no_descriptions_of_datasets(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "docs/_ext")
+    names = importlib.import_module("names")
+    shown = "(a: ~typing.Annotated[xr.Dataset, Kind(axes=('y', 'x'), real=())], *, b: int = 2)"
+    assert names._without_annotations(shown) == "(a: xr.Dataset, *, b: int = 2)"
+    nested = "(a: Annotated[dict[str, Annotated[int, 1]], 'x'], b)"
+    assert names._without_annotations(nested) == "(a: dict[str, int], b)"
+
+
+def doors() -> dict[str, str]:
+    """Return the example of each section of the page "For your field"."""
+    sections = re.findall(r"^## (.*?)\n(.*?)(?=^## |\Z)", DOORS.read_text("utf-8"), re.M | re.S)
+    found = {}
+    for title, text in sections:
+        (found[title],) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    return found
+
+
+@pytest.mark.parametrize("title", doors())
+def test_each_door_has_a_short_complete_example(title, tmp_path, monkeypatch, capsys):
+    """Each example runs by itself, prints its result, and may not warn."""
+    example = doors()[title]
+    assert len(example.splitlines()) <= 15
+    monkeypatch.chdir(tmp_path)
+    exec(compile(example, title, "exec"), {})
+    said = capsys.readouterr().out
+    expected = {
+        "Teach a course": "FAILED",
+        "Render transients": "m of path",
+        "Simulate a sensor": "the median depth is 3",
+        "Reconstruct hidden scenes": "the letter is 1.00 m",
+    }
+    assert expected[title] in said
+    assert len(doors()) == len(expected)
+
+
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md"], ids=lambda page: page.stem)
 def test_files_that_a_page_names_exist(page):
     named = set(re.findall(r"`([\w./]+/[\w.]*)`", page.read_text(encoding="utf-8")))
@@ -117,6 +169,13 @@ def test_files_that_a_page_names_exist(page):
         "assignments/a2_time_of_flight",
     )
     assert not [name for name in named if not any((ROOT / p / name).exists() for p in places)]
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda page: page.stem)
+def test_numbers_of_a_page_have_a_digit_before_the_point(page):
+    """Write 0.05, not .05, outside of code."""
+    text = re.sub(r"```.*?```", "", page.read_text("utf-8"), flags=re.DOTALL)
+    assert re.findall(r"(?<![\w.`\])/])\.\d+(?![\w`])", text) == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
@@ -240,7 +299,7 @@ def test_the_site_is_read_without_a_network(dark, width):
 
 @pytest.mark.skipif(not (SITE / "index.html").exists(), reason=NO_SITE)
 def test_the_site_is_searched_without_a_network():
-    """What is looked for is among the first three pages."""
+    """What is looked for is among the first three pages, or the first five of the second table."""
     sought = {
         "caustic": "plot_07_caustic.html",
         "light_samples": "faq.html",
@@ -253,14 +312,23 @@ def test_the_site_is_searched_without_a_network():
         "macOS": "install.html",
         "cite": "cite.html",
     }
+    widely = {
+        "dead time": "glossary.html#dead-time",
+        "NumPy array": "faq.html#as-a-numpy-array",
+        "lidar": "glossary.html#lidar",
+        "multipath": "glossary.html#multipath",
+        "GPU": "install.html#gpu",
+    }
     with browser.page(offline=True) as page:
-        for words, target in sought.items():
+        for words, target in (sought | widely).items():
             query = words.replace(" ", "+")
             page.goto((SITE / "search.html").as_uri() + f"?q={query}")
             page.wait_for_selector("#search-results a")
             page.wait_for_function("!document.querySelector('#search-progress')?.textContent")
             links = page.locator("#search-results li > a, #search-results li > span a")
-            first = [link.get_attribute("href") for link in links.all()[:3]]
+            first = [
+                link.get_attribute("href") for link in links.all()[: 5 if words in widely else 3]
+            ]
             assert any(target in link for link in first), (words, first)
 
 
@@ -290,7 +358,7 @@ def test_the_film_rests_for_readers_who_want_no_motion():
 
 @pytest.mark.skipif(not (SITE / "index.html").exists(), reason=NO_SITE)
 def test_the_landing_page_has_an_explorer():
-    assert (SITE / "_static/made/landing.html").stat().st_size < 5e5
+    assert (SITE / "_static/made/landing.html").stat().st_size < 1.6e6
     with browser.page(offline=True, viewport={"width": 1360, "height": 800}) as page:
         page.goto((SITE / "index.html").as_uri())
         frame = page.locator("iframe.touch")
@@ -298,4 +366,6 @@ def test_the_landing_page_has_an_explorer():
         assert "Cornell box" in frame.get_attribute("title")
         inside = page.frame_locator("iframe.touch")
         inside.locator("canvas.plot").first.wait_for()
+        assert "96 × 96 pixels" in inside.locator("body").inner_text()
+        assert "–" not in inside.locator("table").first.inner_text()  # No blocks of pixels
         assert page.errors == []

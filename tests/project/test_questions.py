@@ -27,7 +27,7 @@ QUESTIONS = {
     "What is light_samples?": ("faq", "What does `light_samples` do"),
     "How do I get less noise?": ("faq", "How do I get less noise"),
     "How much memory does it need?": ("faq", "How much memory"),
-    "Can I go on after a crash?": ("nothing_lost", "--resume"),
+    "Can I go on after a crash?": ("checkpoints", "--resume"),
     "How do I change bins later?": ("faq", "rebin"),
     "Where is a bug reported?": ("faq", "Something is wrong"),
     "What is a transient?": ("glossary", "### Transient"),

@@ -65,7 +65,7 @@ def test_the_page_on_what_is_lost_has_its_figures(monkeypatch):
     monkeypatch.syspath_prepend(ROOT)
     lost = importlib.import_module("benchmarks.lost")
     results = json.loads((ROOT / "benchmarks" / "lost.json").read_text(encoding="utf-8"))
-    page = (ROOT / "docs" / "nothing_lost.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "checkpoints.md").read_text(encoding="utf-8")
     assert lost.with_tables(page, results) == page
     assert lost.table(results) in page
     results["found"]["saving"]["save_s"] *= 2

@@ -53,7 +53,7 @@ BORDER = {"crop_width": 9, "crop_height": 7, "crop_offset_x": 2, "crop_offset_y"
 
 @pytest.mark.parametrize("rfilter", ["tent", "gaussian"])
 def test_parts_with_a_filter_differ_by_less_than_the_noise(rfilter):
-    """docs/nothing_lost.md has these numbers. A checkpoint keeps sums, so that nothing differs."""
+    """docs/checkpoints.md has these numbers. A checkpoint keeps sums, so that nothing differs."""
     described = filtered(rfilter)
     whole = render(described, spp=32)
     noise = off(render(described, spp=32, seed=1), whole)

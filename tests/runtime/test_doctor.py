@@ -117,3 +117,14 @@ def test_the_status_counts_what_rendering_needs(check, status):
     assert doctor.report([Check("Python", True, "3.11"), check], console) == status
     if check.remedy:
         assert f"{check.name}: {check.remedy}\n" in output.getvalue()
+
+
+def test_pipes_get_one_line_for_each_check():
+    output = io.StringIO()
+    detail = "19 at " + "/usr/lib/a-long-folder" * 12
+    checks = [Check("Python", True, "3.11"), Check("LLVM", True, detail)]
+    doctor.report(checks, Console(file=output, width=60))
+    assert output.getvalue().splitlines()[:2] == [
+        "ok      Python       3.11",
+        f"ok      LLVM         {detail}",
+    ]

@@ -327,3 +327,17 @@ def test_another_thread_keeps_the_handler():
     thread.start()
     thread.join()
     assert seen == [(before, False)]
+
+
+def test_ctrl_c_in_a_terminal_is_answered_at_once(monkeypatch):
+    """A pipe gets no line, and the second Ctrl-C interrupts."""
+    ours, theirs = os.openpty()
+    with os.fdopen(theirs, "w") as terminal:
+        monkeypatch.setattr(sys, "stderr", terminal)
+        with deferred_stop() as stop:
+            signal.raise_signal(signal.SIGINT)
+            assert stop.requested
+            assert b"press Ctrl-C again" in os.read(ours, 1000)
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+    os.close(ours)

@@ -110,7 +110,7 @@ def test_every_edit_counts(tmp_path, load):
     found = {of(scene_in(tmp_path), load): "nothing"}
     for name, edit in EDITS.items():
         if load is mi.load_dict and name in SILENT:
-            continue  # docs/nothing_lost.md says so
+            continue  # docs/checkpoints.md says so
         scene = scene_in(tmp_path)
         edit(scene, tmp_path)
         same = found.setdefault(of(scene, load), name)

@@ -98,6 +98,7 @@ def doppler(
         return
     with checkpoints.checkpointed(out, checkpoint, resume) as file:
         checkpoints.require_begun(resume, checkpoints.unfinished_work(out), out)
+        note_rest(loaded)
         measured = measure(
             loaded, **modulation, waveform=waveform, spp=samples, seed=seed, checkpoint=file
         )
@@ -258,6 +259,7 @@ def fmcw(
     with checkpoints.checkpointed(out, checkpoint, resume) as file:
         checkpoints.require_begun(resume, file and file.path, out)
         film = range_rate(loaded, **axes, spp=samples, seed=seed, checkpoint=file)
+        note_rest(loaded)
         film.attrs["scene"] = scene
         spectra = lidar.spectra(film, seed)
         estimates = lidar.estimates(spectra)
@@ -336,6 +338,17 @@ def _axis(span: tuple[float, float], bins: int | None, resolution: float) -> Axi
         count += 1 - count % 2
     checks.integer("bins", count, 2, checks.MAX_BINS)
     return Axis(count, start, (stop - start) / count)
+
+
+def note_rest(scene: Any) -> None:
+    """Print a note if no part of a scene moves."""
+    from tofrender.motion.range_rate_film import fastest
+
+    if not fastest(scene):
+        opt.note(
+            "note: no part of this scene moves, so that all velocities are 0; the built-in scenes "
+            "fan, corridor and moving_mirror move"
+        )
 
 
 def limit_of(scene: Any) -> dict[str, float]:

@@ -19,6 +19,20 @@ if TYPE_CHECKING:
 
 MODES = ("confocal", "single", "exhaustive")
 METHODS = ("lct", "fk", "bp", "fbp", "phasor")
+WALL_SCENES = (
+    "nlos_z",
+    "nlos_bunny",
+    "nlos_patch",
+    "nlos_plane",
+    "nlos_behind_fog",
+    "wall_box_sphere_nlos",
+    "wall_box_spheres_nlos",
+    "wall_box_hi_nlos",
+    "wall_box_behind",
+    "ourbox_confocal",
+)
+"""Built-in scenes that can be captured at a relay wall."""
+
 FROM_FILE = "from the file"
 """Default of options that describe measured data."""
 
@@ -42,6 +56,10 @@ def capture(
             show_default="relay_wall",
         ),
     ] = None,
+    bins: Annotated[
+        int | None,
+        opt.integer(1, checks.MAX_BINS, "Number of time bins", show_default=opt.FROM_SCENE),
+    ] = None,
     spp: opt.Spp = None,
     seed: opt.Seed = 0,
     variant: opt.Variant = None,
@@ -59,10 +77,15 @@ def capture(
     continues a stopped capture. A complete capture is not changed.
 
     Examples:
-        tofrender capture nlos_z --out wall.h5
+        tofrender capture nlos_z --bins 500 --out wall.h5
         tofrender capture scene.xml --mode single --grid 32x32 --spp 4096 --out wall.h5
     """
     opt.check_client(workers, scheduler)
+    if bins is not None and (workers or scheduler):
+        raise ValueError(
+            f"--bins = {bins} is not supported with --workers or --scheduler. Set temporal_bins "
+            "in the film of the scene file, or omit --bins"
+        )
     opt.check_file_out(out, ".h5", ".hdf5", overwrite=True)
     if out.exists() and not resume:
         raise ValueError(f"--out = {out} exists already. Choose a new file, or add --resume")
@@ -74,13 +97,19 @@ def capture(
     from tofrender.nlos import capture as render_capture
     from tofrender.nlos.capturing import require_same_capture
     from tofrender.nlos.setup import capture_mode
+    from tofrender.scenes import BUILT_IN
     from tofrender.scenes.loading import find_scene, load_scene, require_sensor
 
     source = find_scene(scene)
     names = None if wall is None else [each.strip() for each in wall.split(",")]
     columns, rows = grid or (None, None)
-    loaded = load_scene(source, optimize=False, width=columns, height=rows)
+    loaded = load_scene(source, optimize=False, width=columns, height=rows, temporal_bins=bins)
     camera: Any = require_sensor(loaded)
+    if source in BUILT_IN and source not in WALL_SCENES:
+        raise ValueError(
+            f"scene = {scene} has no relay wall. Built-in scenes with a relay wall are "
+            f"{', '.join(WALL_SCENES)}"
+        )
     mode = capture_mode(loaded, camera, mode)
     sampling: dict[str, Any] = {"mode": mode, "spp": spp, "seed": seed}
     shape = getattr(camera.film(), "shape", None)

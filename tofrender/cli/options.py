@@ -41,6 +41,9 @@ FIGURE_BYTES = 1 << 20
 SCENE_TIME = "scene"
 """Value of --window and --pulse-width that keeps what the scene defines."""
 
+LEAST_HERTZ = 1000.0
+"""Frequency [Hz] from which a number without a unit is accepted."""
+
 FROM_SCENE = "from the scene"
 """Default of options that change a scene."""
 
@@ -221,7 +224,10 @@ def sides(name: str, value: Any) -> tuple[float, float]:
 
 
 def hertz(name: str, value: Any) -> float:
-    """Check a frequency with or without a unit, and return it in hertz."""
+    """Check a frequency with or without a unit, and return it in hertz.
+
+    A small number without a unit is refused, because it is probably meant in megahertz.
+    """
     text = str(value)
     factor = 1.0
     for unit, size in (("GHz", 1e9), ("MHz", 1e6), ("kHz", 1e3), ("Hz", 1.0)):
@@ -231,7 +237,10 @@ def hertz(name: str, value: Any) -> float:
             break
     found = number(text)
     checks.require(name, value, not isinstance(found, str), "hertz, or like 20MHz")
-    return check_frequency(name, found * factor)
+    frequency_hz = check_frequency(name, found * factor)
+    if text == str(value) and frequency_hz < LEAST_HERTZ:
+        raise ValueError(f"{name} = {value} needs a unit. Write {value}MHz or {value}Hz")
+    return frequency_hz
 
 
 def definition(name: str, value: Any) -> tuple[str, str]:

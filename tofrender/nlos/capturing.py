@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 POINTS = "laser points"
-WINDOW_SETTINGS = "temporal_bins, start_opl and bin_width_opl of its film"
+WINDOW_SETTINGS = "`temporal_bins`, `start_opl` and `bin_width_opl` of its film"
 RENDER_ATTRIBUTES = ("pulse", "spp", "energy_outside_window", "complete")
 
 

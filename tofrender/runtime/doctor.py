@@ -90,7 +90,10 @@ def diagnose() -> list[Check]:
 
 
 def report(checks: list[Check], console: "Console | None" = None) -> int:
-    """Print a table of checks, and remedies. Return the exit status, 0 if rendering works."""
+    """Print the checks and the remedies. Return the exit status, 0 if rendering works.
+
+    A terminal gets a table. Files and pipes get one line for each check, which is never broken.
+    """
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -100,9 +103,13 @@ def report(checks: list[Check], console: "Console | None" = None) -> int:
     table = Table(show_header=False, box=None, pad_edge=False)
     for check in checks:
         failed = ("FAILED", "red") if check.required else ("missing", "yellow")
-        mark = Text(*(("ok", "green") if check.ok else failed))
-        table.add_row(mark, check.name, Text(check.detail, overflow="fold"))
-    console.print(table)
+        word, style = ("ok", "green") if check.ok else failed
+        if console.is_terminal:
+            table.add_row(Text(word, style), check.name, Text(check.detail, overflow="fold"))
+        else:
+            console.out(f"{word:7} {check.name:12} {check.detail}", highlight=False)
+    if console.is_terminal:
+        console.print(table)
 
     # Print the remedies
     for check in checks:

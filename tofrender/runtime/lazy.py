@@ -11,9 +11,11 @@ A module that cannot be imported makes its own names unavailable, and no others.
 """
 
 import ast
+import difflib
 import importlib
 import sys
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +36,34 @@ def public_names(package: str, file: str) -> dict[str, str | None]:
     return found
 
 
+@cache
+def _hint(package: str, file: str, name: str) -> str:
+    """Return the end of the message for an unknown name: where it is, or a similar name."""
+    if name in _REPLACEMENTS:
+        return f"; {_REPLACEMENTS[name]}"
+
+    # Names of all packages with a stub, the package itself first
+    root = package.partition(".")[0]
+    folder = Path(file).parents[package.count(".")]
+    homes = {package: public_names(package, file)}
+    for stub in [*sorted(folder.glob("*/__init__.pyi")), folder / "__init__.pyi"]:
+        home = root if stub.parent == folder else f"{root}.{stub.parent.name}"
+        homes.setdefault(home, public_names(home, str(stub)))
+
+    # The same name in another package
+    for home, names in homes.items():
+        if name in names:
+            return f"; use {home}.{name}"
+
+    # A similar name, in this package if possible
+    for home, names in homes.items():
+        spelled = {known.lower(): known for known in names}
+        similar = difflib.get_close_matches(name.lower(), spelled, n=1, cutoff=0.75)
+        if similar:
+            return f"; did you mean {home}.{spelled[similar[0]]}?"
+    return ""
+
+
 def attach_stub(
     package: str, file: str
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
@@ -42,7 +72,7 @@ def attach_stub(
 
     def get(name: str) -> Any:
         if name not in modules:
-            hint = f"; {_REPLACEMENTS[name]}" if name in _REPLACEMENTS else ""
+            hint = "" if name.startswith("_") else _hint(package, file, name)
             raise AttributeError(f"module {package!r} has no attribute {name!r}{hint}")
         if (parent := modules[name]) is None:
             return importlib.import_module(f"{package}.{name}")

@@ -91,9 +91,14 @@ def percentile_range(values: np.ndarray) -> tuple[float, float, str]:
     """Return the 1st and the 99th percentile, and the ends of the color bar that need arrows."""
     finite = values[np.isfinite(values)]
     low, high = map(float, np.percentile(finite, (1, 99))) if finite.size else (0.0, 1.0)
-    below = bool((finite < low).any())
-    above = bool((finite > high).any())
-    return low, high, ("neither", "max", "min", "both")[2 * below + above]
+    return low, high, ends_beyond(values, low, high)
+
+
+def ends_beyond(values: np.ndarray, low: float, high: float) -> str:
+    """Return the ends of a color bar that need arrows, as the argument `extend` names them."""
+    below = bool((values < low).any())
+    above = bool((values > high).any())
+    return ("neither", "max", "min", "both")[2 * below + above]
 
 
 def _ticks(low: float, high: float, most: int) -> list[float]:

@@ -196,13 +196,18 @@ class Stop:
             signal.raise_signal(self.by)
 
 
+FINISHING = b"\nfinishing this step; press Ctrl-C again to stop now\n"
+"""Answer to the first Ctrl-C in a terminal."""
+
+
 @contextmanager
 def deferred_stop() -> Iterator[Stop]:
     """Turn the first Ctrl-C, SIGTERM or SIGHUP into a request to stop after the current step.
 
-    A second signal ends the work at once. In nested blocks, the first signal is a request to all
-    blocks. The block has no effect outside of the main thread, and for signals that the process
-    ignores, for example Ctrl-C in background jobs of a shell script and SIGHUP under nohup.
+    In a terminal, Ctrl-C prints a line at once. A second signal ends the work at once. In nested
+    blocks, the first signal is a request to all blocks. The block has no effect outside of the main
+    thread, and for signals that the process ignores, for example Ctrl-C in background jobs of a
+    shell script and SIGHUP under nohup.
     """
     stop = Stop()
     if threading.current_thread() is not threading.main_thread():
@@ -222,6 +227,9 @@ def deferred_stop() -> Iterator[Stop]:
         if hasattr(outer, "defers"):
             stop.passed_on = True
             outer(number, frame)
+        elif number == signal.SIGINT and sys.stderr.isatty():
+            # A handler may interrupt a print, which `os.write` does not disturb
+            os.write(sys.stderr.fileno(), FINISHING)
 
     vars(request)["defers"] = True  # Inner blocks recognize this handler and call it
     for number in handled:

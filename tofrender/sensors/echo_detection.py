@@ -55,7 +55,7 @@ def echoes(
 
     Fog and light of several scatterings are not separate returns. Therefore a known b is replaced
     with an estimate in two cases: it leads to more than 5 returns in a pixel, or the counts outside
-    of strong returns are too many for it, with a probability below .001.
+    of strong returns are too many for it, with a probability below 0.001.
 
     `echo_bounds` computes the least errors of returns.
 

@@ -24,6 +24,9 @@ from .transient import map_axes, picture_aspect
 
 MIN_DEGREE = 0.01  # Least degree of linear polarization of pixels with an angle
 
+ANGLE = "angle [°] from right to top"
+"""Label of the color bar of the angle."""
+
 SHOWN = ("intensity", "degree", "angle", "circular", "colours")
 
 
@@ -116,8 +119,8 @@ def polarisation_figure(
 
     Example:
         >>> light = np.ones((4, 6, 4, 1)) * np.array([1.0, 0.5, 0.0, 0.0])[:, None]
-        >>> [each.get_title() for each in polarisation_figure(light).axes[::2]]
-        ['intensity', 'linear polarisation', 'angle', 'circular polarisation']
+        >>> [each.get_title().split()[0] for each in polarisation_figure(light).axes[::2]]
+        ['intensity', 'linear', 'linear', 'circular']
     """
     # Compute the pictures
     checks.text("title", title)
@@ -126,10 +129,17 @@ def polarisation_figure(
     angle = np.where(linear >= MIN_DEGREE, angle_of_linear_polarization(light, axis=2), np.nan)
     circular = degree_of_circular_polarization(light, axis=2)
     panels = (
-        ("intensity", light[:, :, 0], "gray", 0, 1 / gain, "radiance [W m⁻² sr⁻¹]"),
-        ("linear polarisation", linear, "viridis", 0, 1, "degree"),
-        ("angle", np.degrees(angle), phase_map(), 0, 180, "degrees from right to top"),
-        ("circular polarisation", circular, "coolwarm", -1, 1, "left to right, degree"),
+        ("intensity S0", light[:, :, 0], "gray", 0, 1 / gain, "radiance [W m⁻² sr⁻¹]"),
+        ("linear degree", linear, "viridis", 0, 1, "degree of linear polarization"),
+        ("linear angle", np.degrees(angle), phase_map(), 0, 180, ANGLE),
+        (
+            "circular degree",
+            circular,
+            "coolwarm",
+            -1,
+            1,
+            "degree, from left to right",
+        ),
     )
 
     # Lay them out
@@ -151,7 +161,7 @@ def polarisation_figure(
         axes = grid.axes(row, column, name)
         shown = map_axes(axes, picture, cmap=colors, vmin=low, vmax=high)
         bar = grid.bar(shown, row, column, label, extend="neither" if k else "max")
-        if name == "angle":
+        if label == ANGLE:
             bar.set_ticks([0, 90, 180])
         grid.trim(axes, row, column)
     return grid.figure

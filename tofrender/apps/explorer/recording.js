@@ -8,6 +8,8 @@
 
 export const SPEED_OF_LIGHT = 299_792_458; // m/s
 
+const MOST_RANGES = 4096; // of the highest frequency, that are searched for a depth
+
 /** Codes and the values that they stand for. */
 class Layer {
   constructor(about, codes, whole = false) {
@@ -290,9 +292,14 @@ export class Recording {
 
   /** The phasor of one pixel. */
   phasor(pixel, frequency) {
-    if (this.about.frequencies) {
-      const { re, im } = this.phasors(frequency);
-      return phasorParts(re[pixel], im[pixel], frequency);
+    const { frequencies } = this.about;
+    if (frequencies) {
+      const partsOf = (each) => {
+        const { re, im } = this.phasors(each);
+        return phasorParts(re[pixel], im[pixel], each);
+      };
+      if (frequencies.length < 2) return partsOf(frequency);
+      return { ...partsOf(frequency), unwrapped: unwrapped(frequencies.map(partsOf), frequencies) };
     }
     const turn = (2 * Math.PI * frequency) / SPEED_OF_LIGHT;
     const scale = this.about.perMetre ? this.width : 1;
@@ -304,6 +311,37 @@ export class Recording {
     });
     return phasorParts(re, im, frequency);
   }
+}
+
+/** Range of depths [m] that frequencies [Hz] tell apart together: c / 2 over their common divisor. */
+export function combinedRange(frequencies) {
+  const divisor = (a, b) => (b < 0.5 ? a : divisor(b, a % b));
+  return SPEED_OF_LIGHT / (2 * frequencies.map(Math.round).reduce((a, b) => divisor(a, b)));
+}
+
+/**
+ * The depth [m] that explains phases at several frequencies best, NaN if there is none.
+ *
+ * Each range of the highest frequency has one candidate, the depth at which this frequency's phase
+ * fits. The other phases get the whole turns that are nearest to the candidate. The weights are those
+ * of `tofrender.unwrap`. The result is the weighted mean of the candidate that disagrees least.
+ */
+export function unwrapped(parts, frequencies) {
+  const highest = frequencies.indexOf(Math.max(...frequencies));
+  const ranges = frequencies.map((frequency) => SPEED_OF_LIGHT / (2 * frequency));
+  const count = Math.round(combinedRange(frequencies) / ranges[highest]);
+  const weights = frequencies.map((frequency, k) => (frequency * parts[k].amplitude) ** 2);
+  const total = weights.reduce((sum, weight) => sum + weight, 0);
+  if (!(total > 0) || count > MOST_RANGES) return NaN;
+  let best = { depth: NaN, error: Infinity };
+  for (let turn = 0; turn < count; turn++) {
+    const candidate = parts[highest].depth + turn * ranges[highest];
+    const depths = parts.map(({ depth }, k) => depth + ranges[k] * Math.round((candidate - depth) / ranges[k]));
+    const mean = depths.reduce((sum, depth, k) => sum + weights[k] * depth, 0) / total;
+    const error = depths.reduce((sum, depth, k) => sum + weights[k] * (depth - mean) ** 2, 0) / total;
+    if (error < best.error) best = { depth: mean, error };
+  }
+  return best.depth;
 }
 
 /** Amplitude, phase in (-pi, pi] and depth in [0, c / 2f). */

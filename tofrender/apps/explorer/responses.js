@@ -5,7 +5,7 @@ import { canvasOf, hasPixels } from "./frame.js";
 import { removePixel } from "./input.js";
 import { largestOfCells, paintMap } from "./paint.js";
 import { colourOf, dotsOf, drawCurves, drawMap, drawPhasors } from "./plot.js";
-import { SPEED_OF_LIGHT } from "./recording.js";
+import { SPEED_OF_LIGHT, combinedRange } from "./recording.js";
 import { STOKES } from "./stokes.js";
 import { hertz, named, nanoseconds, raised, short, signed, when } from "./words.js";
 
@@ -133,14 +133,18 @@ export class Responses {
   }
 
   drawPhasors(dark, ink) {
-    const { now, parts } = this.explorer;
+    const { now, parts, recording } = this.explorer;
     const phasors = this.phasors();
     drawPhasors(parts.plane, phasors, { dark, ink });
-    const rows = phasors.map(({ amplitude, phase, depth }, k) => [
+    const { frequencies } = recording.about;
+    const hasSeveral = frequencies?.length > 1;
+    const rows = phasors.map(({ amplitude, phase, depth, unwrapped }, k) => [
       ...[this.chip(k, dark), short(amplitude), `${signed(phase.toFixed(3))} rad`, `${depth.toFixed(3)} m`],
+      ...(hasSeveral ? [Number.isFinite(unwrapped) ? `${unwrapped.toFixed(3)} m` : "none"] : []),
     ]);
-    const ambiguous = `depth (below ${short(SPEED_OF_LIGHT / (2 * now.frequency))} m)`;
-    fill(parts.phasors, [["", "amplitude", "phase", ambiguous], ...rows]);
+    const heads = [`depth (below ${short(SPEED_OF_LIGHT / (2 * now.frequency))} m)`];
+    if (hasSeveral) heads.push(`unwrapped (below ${short(combinedRange(frequencies))} m)`);
+    fill(parts.phasors, [["", "amplitude", "phase", ...heads], ...rows]);
     const said = phasors.map(({ phase }, k) => `${k + 1}: ${signed(phase.toFixed(2))} rad`).join(", ");
     parts.plane.setAttribute("aria-label", `Phasors of pixels in their plane, phases ${said}`);
   }

@@ -122,6 +122,18 @@ function save({ recording }, blob, suffix) {
   return "Saved";
 }
 
+/** The largest font in which a line fits into a width. Narrower letters would be hard to read. */
+function fontFor(pen, line, width) {
+  const font = (size) => `${size}px system-ui, sans-serif`;
+  let size = 13;
+  pen.font = font(size);
+  while (size > 9 && pen.measureText(line).width > width) {
+    size -= 1;
+    pen.font = font(size);
+  }
+  return font(size);
+}
+
 /** A picture with its colour bar and what it says; its longer side has `least` pixels or more. */
 function poster(explorer, { scene, bytes, says, bar, ...picture }, least) {
   const { paper, soft } = inkOf(explorer.root);
@@ -139,7 +151,7 @@ function poster(explorer, { scene, bytes, says, bar, ...picture }, least) {
   pen.imageSmoothingEnabled = Boolean(scene) || explorer.now.smooth;
   pen.drawImage(drawn, 0, 0, wide, high);
   pen.fillStyle = soft;
-  pen.font = "13px system-ui, sans-serif";
+  pen.font = fontFor(pen, says, wide - 12);
   pen.textBaseline = "middle";
   pen.fillText(says, 6, canvas.height - LINE / 2, wide - 12);
   if (!bar) return canvas;
