@@ -155,7 +155,7 @@ def test_a_medium_of_two_shapes_that_move_differently():
     other = box | {"interior": {"type": "ref", "id": "air"}, "velocity": [0.0, 0.0, 1.0]}
     loaded = tofrender.load_scene(described(one=box, two=other), optimize=False)
     line = refusal(tofrender.range_rate, loaded, integrator="transient_volpath", progress=False)
-    assert line.startswith("two: ")
+    assert "'two'" in line
     assert "medium" in line
 
 
