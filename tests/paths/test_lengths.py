@@ -357,5 +357,5 @@ def test_around_the_corner_a_camera_in_glass_is_refused():
     parts = {"relay_wall": plane(bsdf=diffuse(0.5)), "ball": glass_ball(1.0)}
     eye = camera((0, 0, 2), (0, 0, 0), film())
     loaded = load(scene(parts, eye, type="confocal_transient_path"))
-    text = r"sensor: .* glass or water of index 1\.5; must be in air"
+    text = r"sensor: .* glass or water of index 1\.5"
     refused(text, loaded.integrator().plan, loaded, loaded.sensors()[0])

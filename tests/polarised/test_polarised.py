@@ -550,7 +550,7 @@ def test_degrees_and_angles_of_a_render():
     assert np.isnan(degree.values[dataset["transient"].sel(stokes="S0").values <= 0]).all()
     assert degree.values[lit].max() <= 1 + 1e-4
     figure = tofrender.polarisation_figure(dataset["steady"])
-    assert [axes.get_title() for axes in figure.axes[::2]][2] == "angle"
+    assert [axes.get_title() for axes in figure.axes[::2]][2] == "linear angle"
 
 
 def test_a_lamp_in_the_picture_does_not_make_the_rest_black():

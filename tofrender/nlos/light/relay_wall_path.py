@@ -174,7 +174,7 @@ class RelayWallPath(TransientPath):
         space = self.space(scene, sensor)
         if space.index != 1:
             raise ValueError(
-                f"sensor: the sensor is in glass or water of index {space.index:g}, which "
+                f"sensor: it is in glass or water of index {space.index:g}, which "
                 f"{type(self).__name__} does not support. Move it into air"
             )
 
