@@ -252,7 +252,7 @@ def test_backprojection_keeps_rows_and_others_say_what_they_need(monkeypatch):
     with at_most(size, monkeypatch, free=2 * size):
         found = nlos.reconstruct(lazy, "bp", progress=False)["intensity"]
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-5 * float(expected.max()))
-    with at_most(size, monkeypatch), refused(r"takes .* GiB", MemoryError):
+    with at_most(size, monkeypatch), refused(r"needs .* GiB", MemoryError):
         nlos.reconstruct(lazy, "fk", progress=False)
 
 

@@ -146,7 +146,8 @@ def capture(
 
 def _facts(captured: xr.Dataset, out: Path) -> dict[str, Any]:
     rows, columns = captured["sensor_grid"].shape[:2]
-    return dataset_facts("capture", captured, {"out": out, "rows": rows, "columns": columns})
+    facts = {"out": out, "mode": captured.attrs["capture_mode"], "rows": rows, "columns": columns}
+    return dataset_facts("capture", captured, facts)
 
 
 def reconstruct(
