@@ -179,7 +179,6 @@ def test_gates_at_uneven_delays_are_refused(tmp_path, capsys):
     save_measurement(tofrender.sensors.sense(data, sensor), tmp_path / "sensed.nc")
     said = refused(capsys, "report", tmp_path, "-o", tmp_path / "a.html")
     assert "delay_opl" in said
-    assert "must be at equal steps" in said
 
 
 def frames_in(folder, count=3):

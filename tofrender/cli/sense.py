@@ -34,7 +34,7 @@ def sense(
     with the measurement and its expectation, and the figure summary.png.
 
     Examples:
-        tofrender sense box --sensor spad --out counts
+        tofrender sense box --sensor flash_dtof --out counts
         tofrender sense box --sensor camera.toml --seed 1 --out taps
     """
     opt.check_out(out)
