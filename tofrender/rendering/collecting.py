@@ -190,4 +190,4 @@ def collect(
     store.collect(results, progress)
     seconds = time.perf_counter() - start
     not_finite = int(arrays.pop("not_finite")[0])
-    return WorkResult(arrays, count, not_finite, seconds)
+    return WorkResult(arrays=arrays, done=count, not_finite=not_finite, seconds=seconds)

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 def denoise(dataset: Annotated[xr.Dataset, FILM]) -> xr.Dataset:
     """Remove noise from a render with `denoise`, which contains two halves of the samples.
 
-    The filter uses the same weights for all Stokes components as for S0. The result has no standard
-    errors, because the two halves do not determine the noise that remains after the filter. See
+    The filter uses the same weights for all Stokes components as for S0. Standard errors are not
+    available, because the two halves do not determine the noise that remains after the filter. See
     also `denoise_film`, which describes the method.
 
     Args:

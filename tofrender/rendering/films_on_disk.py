@@ -123,8 +123,8 @@ def load_zarr(path: str | os.PathLike) -> xr.Dataset:
 def list_files(film: Path, arrays: Iterable[str] = DIMS | ERRORS) -> None:
     """Write the list of the files of a finished film.
 
-    Tiles of zeros have no file. Each block of the large `arrays` contains a checksum already, so
-    the list contains checksums of the other files.
+    Tiles of zeros are not stored. Each block of the large `arrays` contains a checksum already, so
+    the list contains checksums of the other files only.
     """
     own = tuple(f"{name}/c/" for name in arrays)
     files = {}

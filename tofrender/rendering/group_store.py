@@ -55,7 +55,7 @@ class GroupStore(ABC, Generic[Part, Receipt]):
     # Name of the group in the folder
     group_name: ClassVar[str]
 
-    # What the group is, for messages
+    # Noun for the group, for messages
     what: ClassVar[str]
 
     # Class of the receipts
@@ -76,7 +76,7 @@ class GroupStore(ABC, Generic[Part, Receipt]):
 
         Args:
             folder: Folder of the group and its receipts.
-            recipe: What the group is made of. An unfinished group must have the same recipe.
+            recipe: Values that determine the group. An unfinished group must have the same recipe.
             create: Function that creates the arrays of an empty group.
         """
         # Convert the recipe to JSON's types, for the comparison with a saved recipe
@@ -102,7 +102,7 @@ class GroupStore(ABC, Generic[Part, Receipt]):
 
     @classmethod
     def planned(cls, folder: Path) -> dict[str, Any]:
-        """Return the recipe of an unfinished group; it is empty if there is no such group."""
+        """Return the recipe of an unfinished group, or an empty dict if the group is missing."""
         # The process may have been killed after the group moved to its place
         if not (folder / cls.group_name / "zarr.json").exists():
             return {}
@@ -195,7 +195,7 @@ class GroupStore(ABC, Generic[Part, Receipt]):
 
         Args:
             target: Path of the group.
-            checked: Names of the arrays whose blocks have checksums, see `list_files`.
+            checked: Names of the arrays that have checksums in their blocks, see `list_files`.
         """
         # Complete the group
         with warnings.catch_warnings():

@@ -181,13 +181,13 @@ class Job:
 
     def require_memory(self, spp: int) -> None:
         """Raise a MemoryError if a render of `spp` samples per pixel does not fit into memory."""
-        # Copies of the bins on the device. Long renders also need the sum of finished samples
+        # Copies of the bins on the device. Long renders also need sums of flushed samples
         channels = self.film.shape[3]
         flushed = 2 if spp > MAX_ADDED else 1
         films = 2 if self.plan.splats else 1
         copies = flushed * films
 
-        # Arrays on the host, as a fraction of a film's memory, whose channels are padded
+        # Further arrays on the host, in units of a film. The channels of a film are padded
         packed = channels / memory.stride(channels)
         more = 2 * packed if self.settings.errors else DENOISING * packed * self.settings.denoise
         memory.require_film(
@@ -201,7 +201,14 @@ class Job:
 def whole(job: Job, first: int = 0) -> WorkItem:
     """Return the work item of all pixels and of all samples after the `first` samples."""
     height, width, _, _ = job.film.shape
-    return WorkItem(0, 0, height, width, first, job.points(first).sample_count())
+    return WorkItem(
+        y=0,
+        x=0,
+        height=height,
+        width=width,
+        first=first,
+        count=job.points(first).sample_count(),
+    )
 
 
 def decide(
@@ -238,7 +245,16 @@ def decide(
             check_window(film, arrivals, profile)
 
     # Is the number of samples suitable for batches, or for two halves?
-    job = Job(plan, integrator, scene, settings, film, profile, arrivals, origin)
+    job = Job(
+        plan=plan,
+        integrator=integrator,
+        scene=scene,
+        settings=settings,
+        film=film,
+        profile=profile,
+        arrivals=arrivals,
+        origin=origin,
+    )
     if settings.errors:
         batches_of(whole(job).count)
     if settings.denoise:
@@ -394,9 +410,10 @@ def sampler_for(camera: mi.Sensor, sampler: object, spp: int | None, first: int 
     """Return a sampler with the number of samples that are missing after `first` samples.
 
     Args:
-        camera: Sensor. Its sampler defines the number of samples if `spp` is missing.
+        camera: The sensor.
         sampler: A sampler, the name of a plugin, or None for the default plugin.
-        spp: Samples per pixel, including the `first` samples.
+        spp: Samples per pixel, including the `first` samples. If it is missing, the given sampler
+            or the sensor's sampler defines the number.
         first: Samples per pixel of an earlier render.
     """
     # Find the number of samples

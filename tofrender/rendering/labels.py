@@ -100,7 +100,7 @@ def labelled(dataset: xr.Dataset) -> xr.Dataset:
 def with_time(dataset: xr.Dataset) -> xr.Dataset:
     """Compute the coordinate `time` of a Dataset again from the coordinate `opl`.
 
-    If `opl` is not an axis, the result has no `time`.
+    If `opl` is not an axis, the function removes `time`.
     """
     if "opl" not in dataset.dims or "opl" not in dataset.coords:
         return dataset.drop_vars(TIME) if TIME in dataset.coords else dataset

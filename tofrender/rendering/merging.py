@@ -87,7 +87,7 @@ def merge(renders: Sequence[Annotated[xr.Dataset, FILM]]) -> xr.Dataset:
     for name in ("render_seconds", "contributions_not_finite"):
         attrs[name] = sum(render.attrs.get(name, 0) for render in renders)
 
-    # Remove what does not describe the merged render: the file, the halves, and missing errors
+    # Remove the path of the file, the halves of the first render, and errors that were not merged
     merged = first.assign(variables).assign_attrs(attrs).drop_encoding()
     merged = merged.drop_vars(list(HALVES), errors="ignore")
     if len(variables) == len(DIMS):

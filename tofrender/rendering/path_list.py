@@ -179,7 +179,7 @@ class _Found:
     Args:
         camera: The camera rays.
         low: Smallest optical path length [m].
-        high: Optical path length that is no longer included [m].
+        high: Upper bound of the optical path length, exclusive [m].
 
     Attributes:
         points: For each vertex index, the positions on all rays, shape (ray, xyz) [m].
@@ -217,7 +217,8 @@ class _Found:
             emission, *connections = measured.found
             self._add(emission)
 
-            # Add the vertex. The list also shows boundaries that a ray has passed
+            # Add the vertex. It may be a boundary that the ray has passed, so that emitters on
+            # boundaries are listed
             point = path.prev.p
             length = path.opl
             if path.passed is not None:

@@ -89,7 +89,7 @@ def render(
             sampler best; Mitsuba's samplers round to what they can do.
         seed: Seed of all random numbers. Two renders with the same seed agree to float rounding.
         size: Width and height of the picture [pixels]; by default the film's.
-        bins: Number of time bins; by default the film's. A scene whose film is steady becomes
+        bins: Number of time bins; by default the film's. A scene with a steady film becomes
             transient, with 300 bins by default. Its window is "auto" by default. Its pulse is
             "auto" if neither a window nor a pulse is given.
         start_opl: Start of the first time bin, optical path length [m]; by default the film's.
@@ -102,8 +102,8 @@ def render(
         integrator: Integrator plugin: a name, a dict or an integrator; by default the scene's. A
             name or a dict keeps the scene's values of `max_depth`, `rr_depth` and `hide_emitters`
             unless it changes them. For a loaded scene it has its own defaults.
-        sampler: Plugin of random numbers: a name or a sampler, by default `padded_sobol`, also if
-            the scene has another one. The steady picture of the Cornell box has about half the
+        sampler: Plugin of random numbers: a name or a sampler, by default `padded_sobol`, even if
+            the scene contains a sampler. The steady picture of the Cornell box has about half the
             variance of Mitsuba's default sampler. A sampler is cloned, and its `sample_count` is
             used if `spp` is not given.
         sensor: Index of the sensor.

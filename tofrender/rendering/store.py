@@ -191,7 +191,14 @@ def save_zarr(dataset: Annotated[xr.Dataset, RENDERED], path: str | os.PathLike[
             for x in range(0, shape[1], columns):
                 part = dataset.isel(y=slice(y, y + rows), x=slice(x, x + columns))
                 arrays = {str(name): part[name].values for name in part.data_vars}
-                item = WorkItem(y, x, part.sizes["y"], part.sizes["x"], 0, 1)
+                item = WorkItem(
+                    y=y,
+                    x=x,
+                    height=part.sizes["y"],
+                    width=part.sizes["x"],
+                    first=0,
+                    count=1,
+                )
                 store.write(item, WorkResult(arrays, 1))
 
         # Write the coordinates and the attributes

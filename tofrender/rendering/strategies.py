@@ -57,8 +57,8 @@ def strategy_pyramid(
     """Render each strategy (s, t) of `transient_bdpt` alone, weighted and unweighted.
 
     Strategy (s, t) samples paths with s vertices from a light and t vertices from the lens. These
-    paths have s + t - 1 segments. An unweighted picture shows the estimate that one strategy makes
-    of all light of this length. The strategies of one length agree where they can sample the light,
+    paths have s + t - 1 segments. An unweighted picture is the estimate of a single strategy for
+    all light of this length. The strategies of one length agree where they can sample the light,
     and differ in noise. Weighted by MIS, the pictures of all strategies add up to the picture of
     `transient_bdpt`. See also `pyramid_figure`.
 
@@ -98,7 +98,14 @@ def strategy_pyramid(
     variants.require_unpolarized()
     kind = {"type": KIND, "max_depth": max_depth}
     settings = RenderSettings(
-        scene, spp, seed, size, bins, window=window, integrator=kind, sensor=sensor
+        scene=scene,
+        spp=spp,
+        seed=seed,
+        size=size,
+        bins=bins,
+        window=window,
+        integrator=kind,
+        sensor=sensor,
     )
     checks.one_of("mis", mis, ("power", "balance"))
     checks.boolean("progress", progress)

@@ -24,7 +24,14 @@ def tiles(job: "Job", size: tuple[int, int]) -> list[WorkItem]:
     rows, columns = size
     count = job.points().sample_count()
     return [
-        WorkItem(y, x, min(rows, height - y), min(columns, width - x), 0, count)
+        WorkItem(
+            y=y,
+            x=x,
+            height=min(rows, height - y),
+            width=min(columns, width - x),
+            first=0,
+            count=count,
+        )
         for y in range(0, height, rows)
         for x in range(0, width, columns)
     ]

@@ -170,7 +170,12 @@ def _render_in_batches(
             # Continue with a batch that was interrupted
             begun = None
             if saved and batch == first and before < saved.done:
-                begun = SavedState(saved.done - before, count, 0.0, saved.arrays)
+                begun = SavedState(
+                    done=saved.done - before,
+                    of=count,
+                    seconds=0.0,
+                    arrays=saved.arrays,
+                )
 
             # Render the batch
             seed = job.settings.seed if halves else seed_of(job.settings.seed, item.first, batch)
@@ -217,8 +222,9 @@ def _render_in_batches(
 def _by_depth(plan: Plan) -> tuple[Plan, Plan] | None:
     """Split a plan into direct light and longer paths, if the filter cannot denoise direct light.
 
-    Direct light of point lights reaches only one or two bins of a pixel, so the filter keeps its
-    noise. The same applies to scenes with media. The result is None for other scenes.
+    Direct light of point lights reaches only one or two bins of a pixel, so its noise remains after
+    the filter. Direct light in media remains noisy too. The result is None for scenes without media
+    that have other emitters than point lights.
     """
     at_points = mi.EmitterFlags.DeltaPosition
     flags = [emitter.flags() for emitter in plan.scene.emitters()]

@@ -144,8 +144,9 @@ class Order:
 def local_workers(count: int, threads: int | None = None) -> Iterator[Client]:
     """Start a scheduler and workers on this machine, and yield a client.
 
-    The processes listen only on the loopback interface. They use TLS with a temporary certificate,
-    so other processes cannot connect. With a `cuda_*` variant, each worker uses one GPU.
+    The processes listen only on the loopback interface. They use TLS with a temporary certificate.
+    Without this certificate, other processes cannot connect. With a `cuda_*` variant, each worker
+    uses one GPU.
 
     Args:
         count: Number of processes, 1 to 1024. With GPUs, at most the number of GPUs.
@@ -174,7 +175,8 @@ def local_workers(count: int, threads: int | None = None) -> Iterator[Client]:
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(settings))
 
-        # Protect the workers, their resource tracker, and workers that start again later
+        # Child processes must not import from the working folder: workers, their resource tracker,
+        # and workers that start again later
         stack.enter_context(safe_children())
 
         # Start the workers, and report the first cause of an error
@@ -200,7 +202,7 @@ def visible_devices(count: int) -> list[dict[str, str]]:
     if backend_name is None:
         return [{} for _ in range(count)]
 
-    # Metal uses one GPU, and CUDA those that this process may use
+    # Metal uses one GPU, and CUDA uses all GPUs that are visible to this process
     devices = gpu.devices() if backend_name == gpu.CUDA else ["0"]
     if count > max(1, len(devices)):
         raise ValueError(
@@ -440,7 +442,7 @@ def _next(client: Client, futures: list[Future], wait_s: float | None) -> set[Fu
     Args:
         client: The client of the workers.
         futures: The futures.
-        wait_s: Time after which the function returns an empty set [s]; None for no limit.
+        wait_s: Longest time [s]. Afterwards, the function returns an empty set. None for no limit.
     """
     distributed = require_distributed()
     until = time.monotonic() + (math.inf if wait_s is None else wait_s)
