@@ -58,8 +58,9 @@ def paths_of(
 
     Returns:
         A Dataset of paths, the brightest path first. The vertices of a path begin at the sensor and
-        end at the emitter. `position (path, vertex, xyz)` [m]. `shape (path, vertex)` is the
-        identifier of the shape or of an emitter without a shape, or "sensor" or "medium".
+        end at the emitter. `position (path, vertex, xyz)` contains their positions [m]. `shape
+        (path, vertex)` is the identifier of the shape or of an emitter without a shape, or "sensor"
+        or "medium".
         `vertex_opl (path, vertex)` and `opl (path)` are optical path lengths [m]. `radiance (path,
         channel)` is the contribution of the path to the pixel's radiance [W m^-2 sr^-1]. `on_film
         (path, vertex, xy)` is the projection of the vertices onto the film of a camera with a lens

@@ -1,8 +1,8 @@
 """Rendering of single work items: tiles of pixels and ranges of samples.
 
 With the sampler `padded_sobol`, a work item uses the same sample points as a render of the whole
-film. The sum of all work items therefore equals the whole render up to rounding. With other
-samplers, each work item has different sample points.
+film. Together, the work items therefore give the same result up to rounding. With other samplers,
+each work item has different sample points.
 """
 
 from __future__ import annotations
