@@ -20,6 +20,7 @@ from .workers import check_client, render_by_workers
 if TYPE_CHECKING:
     from distributed import Client
 
+# Types of a work item and of its result
 Item = TypeVar("Item", bound=Hashable)
 Result = TypeVar("Result")
 ItemT = TypeVar("ItemT", bound=Hashable, contravariant=True)
@@ -189,5 +190,7 @@ def collect(
     results = render_by_workers(client, job, store.left, partial(render_item, progress=False))
     store.collect(results, progress)
     seconds = time.perf_counter() - start
+
+    # Separate the number of ignored contributions from the film
     not_finite = int(arrays.pop("not_finite")[0])
     return WorkResult(arrays=arrays, done=count, not_finite=not_finite, seconds=seconds)

@@ -28,6 +28,7 @@ from .tiling import tile_size
 if TYPE_CHECKING:
     import xarray as xr
 
+# Suffix of a film's folder
 SUFFIX = ".zarr"
 
 
@@ -35,7 +36,7 @@ SUFFIX = ".zarr"
 class TileReceipt(PartReceipt):
     """Checksums and sums of a tile on disk."""
 
-    # Sums of all values of the two variables
+    # Sums of the intensity of the two variables
     steady: float
     transient: float
 
@@ -105,6 +106,7 @@ class StoredFilm(GroupStore[WorkItem, TileReceipt]):
 
     def write(self, item: WorkItem, result: WorkResult) -> TileReceipt:
         """Write the result of a work item that consists of whole tiles."""
+        # The sums of the intensity give the energy outside the window
         steady, transient = (
             float(of_intensity(result.arrays[name]).sum(dtype=np.float64))
             for name in ("steady", "transient")
