@@ -1,1 +1,1 @@
-"""From a scene to a labelled Dataset."""
+"""Rendering of a scene to a labeled Dataset, in this process or with workers."""

@@ -1,4 +1,4 @@
-"""Collecting the results of work items that are rendered by many workers."""
+"""Collection of the results of work items that several workers render."""
 
 import time
 from abc import ABC, abstractmethod
@@ -20,6 +20,7 @@ from .workers import check_client, render_by_workers
 if TYPE_CHECKING:
     from distributed import Client
 
+# Types of a work item and of its result
 Item = TypeVar("Item", bound=Hashable)
 Result = TypeVar("Result")
 ItemT = TypeVar("ItemT", bound=Hashable, contravariant=True)
@@ -27,58 +28,88 @@ ResultT = TypeVar("ResultT", contravariant=True)
 
 
 class ResultStore(ABC, Generic[Item, Result]):
-    """Keeps the results of work items as they are finished, in memory or on disk.
+    """Store of the results of finished work items, in memory or on disk.
 
-    Messages call the items by `unit`, and say by `again` how stopped work goes on.
+    Args:
+        items: All work items.
+        unit: Plural noun for the items, for messages.
+        again: Text for messages that describes how to resume interrupted work.
     """
 
     def __init__(self, items: Sequence[Item], unit: str, again: str = "") -> None:
-        self.items, self.unit, self.again = items, unit, again
+        self.items = items
+        self.unit = unit
+        self.again = again
         self.finished: set[Item] = set()
 
     @property
     def left(self) -> list[Item]:
-        """Items that are not finished."""
+        """Work items that are not finished."""
         return [item for item in self.items if item not in self.finished]
 
     @abstractmethod
     def put(self, item: Item, result: Result) -> None:
-        """Keep the result of an item."""
+        """Store the result of a work item."""
 
     @abstractmethod
     def save(self, force: bool = False) -> None:
-        """Write a checkpoint, where results are not on disk, if it is time to or if forced."""
+        """Write a checkpoint if it is due or if `force` is True.
+
+        Stores on disk do not need a checkpoint.
+        """
 
     def collect(self, results: Iterator[tuple[Item, Result]], progress: bool = True) -> None:
-        """Keep the results of the items that are left, and show how many there are."""
-        total, unit = len(self.items), self.unit.removesuffix("s")
+        """Store the results of the unfinished items.
+
+        Args:
+            results: Pairs of item and result, as the items are finished.
+            progress: Show a progress bar.
+
+        Raises:
+            KeyboardInterrupt: The work was stopped. Finished items are saved.
+        """
+        total = len(self.items)
+        unit = self.unit.removesuffix("s")
         with ProgressBar("Rendering", total, unit=unit, enabled=progress) as bar:
             bar.update(len(self.finished))
             try:
                 for item, result in results:
-                    with deferred_stop() as stop:  # A result is kept whole or not at all
+                    # Delay signals, so that a result is stored completely or not at all
+                    with deferred_stop() as stop:
                         self.put(item, result)
                         self.finished.add(item)
+
+                    # Save a checkpoint, and stop after a signal
                     bar.update()
                     self.save()
                     if stop.requested and len(self.finished) < total:
                         raise KeyboardInterrupt
             except (KeyboardInterrupt, Exception) as error:
+                # Save the finished items before the error is reported
                 self.save(force=True)
                 done = len(self.finished)
                 raise stopped(error, done, total, self.unit, self.again) from None
 
 
 class Work(Protocol[ItemT, ResultT]):
-    """Work whose items are rendered apart, and whose results add up in arrays."""
+    """Work of independent items. The results are added to arrays."""
 
     def add(self, arrays: dict[str, np.ndarray], item: ItemT, result: ResultT, /) -> None:
-        """Add the result of an item to the arrays of the whole."""
+        """Add the result of an item to the arrays of the whole result."""
         ...
 
 
 class ArrayStore(ResultStore[Item, Result]):
-    """Keeps results in arrays, and these in a checkpoint."""
+    """Store of results in arrays, which are saved in a checkpoint.
+
+    Args:
+        work: Object that adds the result of an item to the arrays.
+        items: All work items.
+        arrays: Arrays of zeros, by name. The store changes the arrays.
+        recipe: Values that determine the result. A checkpoint must have the same recipe.
+        unit: Plural noun for the items, for messages.
+        checkpoint: Checkpoint to continue from and to save to.
+    """
 
     def __init__(
         self,
@@ -90,7 +121,11 @@ class ArrayStore(ResultStore[Item, Result]):
         checkpoint: Checkpoint | None = None,
     ) -> None:
         super().__init__(items, unit, checkpoint.again if checkpoint else "")
-        self._work, self._arrays, self._checkpoint = work, arrays, checkpoint
+        self._work = work
+        self._arrays = arrays
+        self._checkpoint = checkpoint
+
+        # Restore the finished items of an earlier call
         saved = None if checkpoint is None else checkpoint.begin(recipe, len(items), unit)
         if saved is not None:
             done = saved.arrays.pop("done")
@@ -99,7 +134,7 @@ class ArrayStore(ResultStore[Item, Result]):
                 arrays[name][...] = array
 
     def put(self, item: Item, result: Result) -> None:
-        """Add the result of an item."""
+        """Add the result of an item to the arrays."""
         self._work.add(self._arrays, item, result)
 
     def save(self, force: bool = False) -> None:
@@ -116,29 +151,46 @@ def collect(
     checkpoint: Checkpoint | str | PathLike[str] | None = None,
     progress: bool = True,
 ) -> WorkResult:
-    """Render a job by workers, and add up their results."""
+    """Render a job with workers, and add the results of the work items.
+
+    Args:
+        job: The job.
+        client: The client of the workers.
+        checkpoint: Checkpoint to continue from and to save to.
+        progress: Show a progress bar.
+    """
+    # Are the workers, the settings and the memory suitable?
     workers = check_client(client)
     if job.plan.splats and job.settings.errors:
         raise ValueError("errors = True: must be False with a client for light that lands anywhere")
-    count, checkpoint = whole(job).count, Checkpoint.of(checkpoint)
+    count = whole(job).count
+    checkpoint = Checkpoint.of(checkpoint)
     job.require_memory(count)
-    if checkpoint is not None:  # The work items are those that were begun with
+
+    # Divide the job into work items. A checkpoint must continue with the same work items
+    if checkpoint is not None:
         workers = int(checkpoint.recipe().get("workers", workers))
     if job.plan.splats:
         items = sample_ranges(job, workers)
     else:
         items = tiles(job, tile_size(job.film.shape, workers))
+
+    # Allocate the arrays of the whole film
     height, width, _, channels = job.film.shape
     arrays = {}
     for suffix in ("", "_error") if job.settings.errors else ("",):
         arrays[f"transient{suffix}"] = np.zeros(job.film.shape, np.float32)
         arrays[f"steady{suffix}"] = np.zeros((height, width, channels), np.float32)
     arrays["not_finite"] = np.zeros(1, int)
+
+    # Render the work items that are not finished
     recipe = job.full_recipe | {"spp": count, "workers": workers}
     start = time.perf_counter()
     store = ArrayStore(job, items, arrays, recipe, "pieces", checkpoint)
     results = render_by_workers(client, job, store.left, partial(render_item, progress=False))
     store.collect(results, progress)
     seconds = time.perf_counter() - start
+
+    # Separate the number of ignored contributions from the film
     not_finite = int(arrays.pop("not_finite")[0])
-    return WorkResult(arrays, count, not_finite, seconds)
+    return WorkResult(arrays=arrays, done=count, not_finite=not_finite, seconds=seconds)

@@ -1,8 +1,9 @@
-"""The Dataset that `render` returns: how it is labelled, and how others read it.
+"""The Dataset that `render` returns: labels, checks, and conversion for files.
 
-`transient (y, x, opl, channel)` and `steady (y, x, channel)`, float32; coordinates are pixels, bin
-centres as `opl` [m] and `time` [ns], and channel names; attributes are text, ints and floats. In
-polarised variants, an axis `stokes` with the components S0 to S3 stands before the channels.
+The variables are `transient (y, x, opl, channel)` and `steady (y, x, channel)`, float32. The
+coordinates are pixels, bin centers as `opl` [m] and `time` [ns], and channel names. Attributes are
+text, ints and floats. In polarized variants, an axis `stokes` with the components S0 to S3 precedes
+the channels.
 """
 
 from __future__ import annotations
@@ -31,41 +32,43 @@ if TYPE_CHECKING:
 
     from ..films.transient import TransientHDRFilm
 
+# Quantities of a transient: energy of each bin, or density at the center of each bin
 QUANTITIES = ("radiance per bin", "radiance per metre")
-"""Quantities of a transient: energy of each bin, or density at its centre."""
 
-LOST_ENERGY = 0.01  # Energy outside the window, as a fraction, above which users are warned
+# Fraction of the energy outside the window above which users are warned
+LOST_ENERGY = 0.01
 
+# Variables with their dimensions
 DIMS = {"transient": ("y", "x", "opl", "channel"), "steady": ("y", "x", "channel")}
 
+# Optional standard errors with their dimensions
 ERRORS = {f"{name}_error": dims for name, dims in DIMS.items()}
-"""Standard errors, where a render has them."""
 
+# Variables that `denoise` needs, with their dimensions
 HALVES = {
     "raw": DIMS["transient"],
     "half_difference": DIMS["transient"],
     "direct": DIMS["transient"],
     "features": ("y", "x", "feature"),
 }
-"""Variables that `denoise` needs, with their dimensions."""
 
 
 def coordinates(film: TransientHDRFilm) -> dict[str, np.ndarray]:
-    """Pixels, bin centres [m], Stokes components and channels of a film's crop window."""
+    """Return pixels, bin centers [m], Stokes components and channels of a film's crop window."""
     opl = film.start_opl + (np.arange(film.shape[2]) + 0.5) * film.bin_width_opl
     polarised = {"stokes": np.array(STOKES)} if film_stokes(film) > 1 else {}
     return polarised | pixels_and_channels(film, film.base_channels_count()) | {"opl": opl}
 
 
 def pixels_and_channels(film: mi.Film, channels: int) -> dict[str, np.ndarray]:
-    """Rows and columns of a film's crop window, and the names of its channels."""
+    """Return rows and columns of a film's crop window, and the names of `channels` channels."""
     (x, y), (width, height) = (map(int, each) for each in (film.crop_offset(), film.crop_size()))
     names = np.array(["L"] if channels == 1 else ["R", "G", "B"])
     return {"y": np.arange(y, y + height), "x": np.arange(x, x + width), "channel": names}
 
 
 def channel_coordinates(film: TransientHDRFilm) -> dict[str, np.ndarray]:
-    """`coordinates`, with Stokes components among the channels, as in `in_channels`."""
+    """Return `coordinates` with Stokes components as channels, see `in_channels`."""
     found = coordinates(film)
     names = [f"{s}.{c}" for s in found.pop("stokes", ()) for c in found["channel"]]
     return found | ({"channel": np.array(names)} if names else {})
@@ -74,7 +77,13 @@ def channel_coordinates(film: TransientHDRFilm) -> dict[str, np.ndarray]:
 def transient_dataset(
     arrays: Mapping[str, np.ndarray], film: TransientHDRFilm, attrs: dict[str, str | int | float]
 ) -> xr.Dataset:
-    """Make the Dataset of what a film has collected, with attributes that say how it was made."""
+    """Make the Dataset of a rendered film.
+
+    Args:
+        arrays: Arrays with the Stokes components among the channels, by the name of the variable.
+        film: Film that defines the coordinates.
+        attrs: Attributes that describe the render.
+    """
     import xarray as xr
 
     defer_dask()
@@ -83,6 +92,8 @@ def transient_dataset(
     variables = {}
     for name, array in arrays.items():
         dims = (DIMS | ERRORS | HALVES)[name]
+
+        # Separate the Stokes components from the channels
         if count > 1:
             dims = (*dims[:-1], "stokes", dims[-1])
             array = array.reshape(*array.shape[:-1], count, -1)
@@ -91,19 +102,25 @@ def transient_dataset(
 
 
 def film_stokes(film: TransientHDRFilm) -> int:
-    """Stokes components that a film has, 1 if it does not tell them apart."""
+    """Return the number of a film's Stokes components, 1 without polarization."""
     return film.shape[3] // film.base_channels_count()
 
 
 def in_channels(dataset: Any, halves: bool = False) -> Any:
-    """A Dataset as files have it: Stokes components are channels, "S0.R", "S0.G" and so on.
+    """Convert a Dataset to the layout of files: Stokes components become channels "S0.R" etc.
 
-    `HALVES` are dropped, unless `halves`. Anything else without an axis `stokes` stays as it is.
+    Objects without an axis `stokes` keep their axes.
+
+    Args:
+        dataset: The Dataset.
+        halves: Whether to keep the variables `HALVES`.
     """
     if not halves and "half_difference" in getattr(dataset, "data_vars", ()):
         dataset = dataset.drop_vars(list(HALVES), errors="ignore")
     if "stokes" not in getattr(dataset, "dims", ()):
         return dataset
+
+    # Join the last two axes of each variable
     names = [f"{s}.{c}" for s in dataset["stokes"].values for c in dataset["channel"].values]
     variables = {}
     for name, variable in dataset.data_vars.items():
@@ -112,6 +129,8 @@ def in_channels(dataset: Any, halves: bool = False) -> Any:
             continue
         data = variable.data.reshape(*variable.shape[:-2], len(names))
         variables[name] = (*variable.dims[:-2], "channel"), data, variable.attrs
+
+    # Replace the coordinates of the two axes
     coords = {
         name: each for name, each in dataset.coords.items() if name not in ("stokes", "channel")
     }
@@ -121,17 +140,25 @@ def in_channels(dataset: Any, halves: bool = False) -> Any:
 
 
 def for_file(dataset: Any, halves: bool = False) -> xr.Dataset:
-    """A Dataset of `render`, or a part of one, in the order and with the labels that files have.
+    """Convert a Dataset of `render`, or a part of it, to the layout and the labels of files.
 
-    The energy outside of the window is that of the part. `halves` is that of `in_channels`.
+    The attribute `energy_outside_window` is updated for the part.
+
+    Args:
+        dataset: The Dataset.
+        halves: Whether to keep the variables `HALVES`.
 
     Raises:
-        ValueError: Another Dataset, or one whose bins or pixels xarray has coarsened.
+        ValueError: The Dataset is not of `render`, or its bins or pixels have gaps.
     """
     dataset = read(dataset, FILM, "dataset")
     require_whole_stokes(dataset, "dataset")
-    if "channel" not in dataset.coords:  # A single one, of a sum that has kept its axis
+
+    # A sum over channels with keepdims=True has an axis without a coordinate
+    if "channel" not in dataset.coords:
         dataset = dataset.assign_coords(channel=["L"])
+
+    # Update the energy outside the window
     outside = energy_outside_window(dataset, "dataset")
     if outside is not None:
         dataset = dataset.assign_attrs(energy_outside_window=outside)
@@ -141,11 +168,14 @@ def for_file(dataset: Any, halves: bool = False) -> xr.Dataset:
 
 
 def in_components(dataset: xr.Dataset) -> xr.Dataset:
-    """The reverse of `in_channels`, for channels that have such names."""
+    """Reverse `in_channels`. A Dataset with other channel names is returned unchanged."""
+    # Do the channels contain Stokes components?
     names = [str(name) for name in dataset["channel"].values]
     colours = [name.partition(".")[2] for name in names[: len(names) // 4]]
     if names != [f"{s}.{c}" for s in STOKES for c in colours] or not colours:
         return dataset
+
+    # Divide the last axis of each variable
     variables = {}
     for name, variable in dataset.data_vars.items():
         if "channel" not in variable.dims:
@@ -153,6 +183,8 @@ def in_components(dataset: xr.Dataset) -> xr.Dataset:
             continue
         data = variable.data.reshape(*variable.shape[:-1], 4, len(colours))
         variables[name] = (*variable.dims[:-1], "stokes", "channel"), data, variable.attrs
+
+    # Add the coordinates of the two axes
     coords = {name: each for name, each in dataset.coords.items() if name != "channel"}
     channel = ("channel", colours, dataset["channel"].attrs)
     coords = {"stokes": list(STOKES)} | coords | {"channel": channel}
@@ -160,20 +192,20 @@ def in_components(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def of_intensity(values: np.ndarray) -> np.ndarray:
-    """Channels of a film that are no less than 0: all, or those of S0 in polarised variants."""
+    """Return the channels of the intensity: all, or the channels of S0 in polarized variants."""
     count = values.shape[-1]
     return values[..., : count // 4] if count in (4, 12) else values
 
 
 def components_of(dataset: xr.Dataset) -> list[xr.Dataset]:
-    """A polarised Dataset's Stokes components, else the only one."""
+    """Return a list of a Dataset's Stokes components, or of the Dataset without polarization."""
     if "stokes" not in getattr(dataset, "dims", ()):
         return [dataset]
     return [dataset.sel(stokes=each, drop=True) for each in dataset["stokes"].values]
 
 
 def require_storable(dataset: xr.Dataset) -> None:
-    """Refuse a film that `read` accepts, but that files do not support.
+    """Raise a ValueError if files do not support a film that `read` accepts.
 
     Files contain float32 values of a rectangle of pixels, standard errors of both variables, and
     attributes that are text or numbers.
@@ -197,21 +229,21 @@ def require_storable(dataset: xr.Dataset) -> None:
 
 
 def require_plain_attributes(dataset: xr.Dataset) -> None:
-    """Refuse attributes that are neither text nor numbers, as files do not support others."""
+    """Raise a ValueError if an attribute is neither text nor a number."""
     for name, value in plain_attributes(dataset).items():
         if not isinstance(value, str | int | float):
             raise ValueError(f"attribute {name} = {value!r}: must be text, an int or a float")
 
 
 def require_finite(dataset: xr.Dataset) -> None:
-    """Refuse a Dataset, of a render or a capture, with light that is NaN or infinite."""
+    """Raise a ValueError if a render or a capture contains NaN or infinite light."""
     for name in DIMS | ERRORS | HALVES:
         if name in dataset:
             Cube(dataset[name]).require_finite(name)
 
 
 def plain_attributes(labelled: xr.Dataset | xr.Variable) -> dict[str, Any]:
-    """Attributes of a Dataset or one of its variables by name, NumPy's scalars as Python's."""
+    """Return the attributes of a Dataset or a variable; NumPy scalars become Python numbers."""
     return {
         str(name): value.item() if isinstance(value, np.generic) else value
         for name, value in labelled.attrs.items()

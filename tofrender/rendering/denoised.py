@@ -1,4 +1,4 @@
-"""Renders without noise: two halves of the samples, features of the first hits, and the filter."""
+"""Denoising of renders, from two halves of the samples and features of the first hits."""
 
 from __future__ import annotations
 
@@ -22,22 +22,23 @@ if TYPE_CHECKING:
 
 @status("Removing noise")
 def denoise(dataset: Annotated[xr.Dataset, FILM]) -> xr.Dataset:
-    """Remove noise from a render whose samples are known in two halves.
+    """Remove noise from a render with `denoise`, which contains two halves of the samples.
 
-    See also `denoise_film`, which has the method. Stokes components are mixed as S0 is. Errors
-    stay unknown: what the filter leaves of the noise cannot be told from the halves.
+    The filter uses the same weights for all Stokes components as for S0. Standard errors are not
+    available, because the two halves do not determine the noise that remains after the filter. See
+    also `denoise_film`, which describes the method.
 
     Args:
-        dataset: The result of `render` with `denoise`; its `raw` film is filtered again.
+        dataset: The result of `render` with `denoise`. The function filters its film `raw` again.
 
     Returns:
-        The Dataset with `transient` and `steady` without much of their noise, and the same energy.
-        `raw` has the film as it was rendered, `direct` its part that the filter leaves, and
-        `half_difference` and `features` what that goes by; `dataset.drop_vars(["raw", "direct",
-        "half_difference", "features"])` saves their memory.
+        The Dataset with less noise in `transient` and `steady`, and the same energy. `raw` is the
+        film before the filter. `direct` is the part of the film that the filter does not change.
+        `half_difference` and `features` are the inputs of the filter. To save memory, remove them:
+        `dataset.drop_vars(["raw", "direct", "half_difference", "features"])`.
 
     Raises:
-        ValueError: The Dataset has no halves or features, its pixels are not a rectangle without
+        ValueError: The halves or the features are missing, the pixels are not a rectangle without
             gaps, or values are not finite.
 
     Example:
@@ -47,18 +48,23 @@ def denoise(dataset: Annotated[xr.Dataset, FILM]) -> xr.Dataset:
         >>> denoise(once).identical(once)
         True
     """
+    # Check the Dataset
     dataset = with_energy(read(dataset, FILM, "dataset"), "dataset")
     require_whole_stokes(dataset, "dataset")
     require_consecutive(dataset, "dataset")
     missing = [name for name in HALVES if name not in dataset]
     if missing:
         raise ValueError(f"dataset: has no {missing[0]}; must be of render(..., denoise=True)")
+
+    # Filter the film without direct light
     mean, noise, direct = (
         dataset[name].values.reshape(*dataset[name].shape[:3], -1)
         for name in ("raw", "half_difference", "direct")
     )
     features = by_name(dataset["features"].values)
     found = direct + denoise_film(mean - direct, noise, features, dataset.sizes["channel"])
+
+    # Change the steady picture by the same energy
     earlier, steady = (dataset[name].variable for name in ("transient", "steady"))
     change = np.ones(mean.shape[2], np.float32) @ (found - earlier.values.reshape(mean.shape))
     variables = {
@@ -71,6 +77,6 @@ def denoise(dataset: Annotated[xr.Dataset, FILM]) -> xr.Dataset:
 def denoised(
     dataset: xr.Dataset, scene: mi.Scene, camera: mi.Sensor, film: TransientHDRFilm
 ) -> xr.Dataset:
-    """Add the features that a camera of the scene sees to a Dataset, and remove its noise."""
+    """Render the features of a scene for a camera, add them to a Dataset, and denoise it."""
     features = HALVES["features"], render_features(scene, camera, film)
     return denoise(dataset.assign(raw=dataset["transient"].variable, features=features))

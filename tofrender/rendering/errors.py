@@ -1,9 +1,9 @@
-"""Error bars from the scatter of batches of samples, each with points of its own.
+"""Standard errors from the scatter of batches of samples with independent seeds.
 
-Parts of one even point set are no independent draws: together they are evener than apart, and
-their scatter would tell too large an error. So each batch has its own seed. That costs some of the
-evenness: the error bar is that of what is returned, which is a little noisier than the same number
-of samples in one point set.
+Parts of one low-discrepancy point set are not independent. Their mean has less noise than the
+scatter of the parts suggests, so the scatter would overestimate the error. Therefore each batch has
+its own seed. The standard error describes the mean of these batches. This mean is slightly noisier
+than the same number of samples from one point set.
 """
 
 from __future__ import annotations
@@ -16,14 +16,18 @@ import numpy as np
 
 from ..samplers.padded_sobol import mix
 
-BATCHES, LEAST_BATCHES = 16, 4
-"""Batches of a render, if its number of samples can be divided by so many, and at least."""
+# Number of batches, if the number of samples is a multiple of it
+BATCHES = 16
 
-ROWS = 1 << 22  # Values that are worked on at a time
+# Smallest number of batches
+LEAST_BATCHES = 4
+
+# Number of values that are processed together, so that temporary arrays stay small
+ROWS = 1 << 22
 
 
 def batches_of(spp: int) -> int:
-    """Number of batches of so many samples per pixel."""
+    """Return the number of batches for `spp` samples per pixel."""
     found = math.gcd(spp, BATCHES)
     if found < LEAST_BATCHES:
         raise ValueError(f"spp = {spp}: must be a multiple of {LEAST_BATCHES} with errors")
@@ -31,44 +35,56 @@ def batches_of(spp: int) -> int:
 
 
 def seed_of(seed: int, first: int, batch: int) -> mi.UInt32:
-    """Seed of a batch of the samples that come after the `first` ones."""
+    """Return the seed of a batch.
+
+    Args:
+        seed: Seed of the render.
+        first: Samples per pixel that precede the work item.
+        batch: Index of the batch.
+    """
     own = mix(mix(mi.UInt32(seed), mi.UInt32(first)), mi.UInt32(batch + 1))
-    dr.make_opaque(own)  # One kernel for all seeds
+
+    # Use one kernel for all seeds
+    dr.make_opaque(own)
     return own
 
 
 class Scatter:
-    """Mean and scatter of arrays of one shape, of which each is seen once (B. P. Welford, 1962).
+    """Running mean and scatter of named arrays, by the algorithm of B. P. Welford (1962).
 
     Attributes:
-        count: How many of each name were added.
-        means: Their means.
-        squares: Sums of squared distances to the means.
+        count: Number of arrays that were added for each name.
+        means: Means of the arrays, by name.
+        squares: Sums of squared distances to the means, by name.
     """
 
     def __init__(self, arrays: dict[str, np.ndarray]) -> None:
-        self.count, self.means = 1, arrays
+        self.count = 1
+        self.means = arrays
         self.squares = {name: np.zeros_like(array) for name, array in arrays.items()}
 
     def add(self, arrays: dict[str, np.ndarray]) -> None:
-        """Add one of each name; the arrays are used up."""
+        """Add one array for each name."""
         self.count += 1
         for name, array in arrays.items():
-            mean, square = self.means[name], self.squares[name]
+            mean = self.means[name]
+            square = self.squares[name]
+
+            # Update the mean, then the sum of squares with the distances to both means
             for lines in _lines(array):
                 off = array[lines] - mean[lines]
                 mean[lines] += off / np.float32(self.count)
                 square[lines] += off * (array[lines] - mean[lines])
 
     def errors(self) -> dict[str, np.ndarray]:
-        """Standard errors of the means, in the memory of the scatter, which is gone afterwards."""
+        """Return the standard errors of the means. The arrays of `squares` are overwritten."""
         scale = np.float32(1 / (self.count * (self.count - 1)))
         for square in self.squares.values():
             np.sqrt(np.multiply(square, scale, out=square), out=square)
         return {f"{name}_error": square for name, square in self.squares.items()}
 
     def state(self) -> dict[str, np.ndarray]:
-        """All of it as arrays, for `restored`."""
+        """Return the complete state as arrays, for `restored`."""
         return {"batches": np.array(self.count)} | {
             f"{what}.{name}": array
             for what, arrays in (("mean", self.means), ("square", self.squares))
@@ -77,36 +93,40 @@ class Scatter:
 
     @classmethod
     def restored(cls, state: dict[str, np.ndarray]) -> Scatter | None:
-        """The scatter of a `state`, None of one in which nothing was added."""
+        """Return the scatter of a `state`, or None if the state contains no arrays."""
         if "batches" not in state:
             return None
+
+        # Collect the arrays, named as in "mean.transient"
         both: dict[str, dict[str, np.ndarray]] = {"mean": {}, "square": {}}
         for key, array in state.items():
             what, _, name = key.partition(".")
             if what in both:
                 both[what][name] = array
         found = cls(both["mean"])
-        found.count, found.squares = int(state["batches"]), both["square"]
+        found.count = int(state["batches"])
+        found.squares = both["square"]
         return found
 
 
 class Halves(Scatter):
-    """Mean of two halves of each name, and half their difference: the noise of the mean."""
+    """Mean of two halves of the samples, and their difference, which measures the noise."""
 
     def add(self, arrays: dict[str, np.ndarray]) -> None:
-        """Add the second half; the arrays are used up."""
+        """Add the second half. The arrays are overwritten."""
         self.count += 1
         for name, second in arrays.items():
+            # Reuse the memory of the second half: first the difference, then half of it
             self.squares[name] = np.subtract(self.means[name], second, out=second)
             second *= np.float32(0.5)
             self.means[name] -= second
 
     def errors(self) -> dict[str, np.ndarray]:
-        """Half the difference of the transients."""
+        """Return half of the difference between the transients of the two halves."""
         return {"half_difference": self.squares["transient"]}
 
 
 def _lines(array: np.ndarray) -> list[slice]:
-    """Slices of the first axis that hold a few values each."""
+    """Return slices of the first axis that contain about `ROWS` values each."""
     step = max(1, ROWS // max(1, array[:1].size))
     return [slice(k, k + step) for k in range(0, len(array), step)]

@@ -1,4 +1,4 @@
-"""Reading films from disk: Zarr 3 groups that `render(out=...)` has written."""
+"""Reading of films on disk: Zarr 3 groups that `render(out=...)` has written."""
 
 from __future__ import annotations
 
@@ -18,30 +18,41 @@ from .labels import labelled
 if TYPE_CHECKING:
     import xarray as xr
 
+# List of all files of a film, with sizes and checksums. Zarr reads missing files as zeros
 FILES = "files.json"
-"""File that names all files of a film, with sizes and checksums: missing ones read as zeros."""
 
+# Number of bytes that are read together to compute a checksum
 READ_BYTES = 1 << 24
 
+# Supported codecs. Other codecs, for example numcodecs.pickle, may run code from the file
 CODECS = {
-    *("bytes", "vlen-utf8", "vlen-bytes", "transpose", "sharding_indexed"),
-    *("crc32c", "zstd", "gzip", "blosc"),
+    "bytes",
+    "vlen-utf8",
+    "vlen-bytes",
+    "transpose",
+    "sharding_indexed",
+    "crc32c",
+    "zstd",
+    "gzip",
+    "blosc",
 }
-"""Codecs that are read: others, like numcodecs.pickle, may run code that is in the file."""
 
-
+# Largest number of values of an axis. Axes are read when a film is opened
 MOST_LABELS = 1 << 22
-"""Values of an axis, which is read when a film is opened."""
 
+# Largest number of blocks of an array. Each block needs memory when a film is opened
 MOST_BLOCKS = 1 << 22
-"""Blocks of an array, each of which has an entry in memory when a film is opened."""
 
+# Largest number of values of a block. Blocks are read as a whole
 MOST_BLOCK_VALUES = 1 << 30
-"""Values of a block, which is read as a whole."""
 
 
 def require_zarr() -> Any:
-    """The package zarr."""
+    """Return the package zarr.
+
+    Raises:
+        ImportError: The package is not installed.
+    """
     try:
         import zarr
     except ImportError:
@@ -52,13 +63,13 @@ def require_zarr() -> Any:
 
 
 def is_film(path: str | os.PathLike) -> bool:
-    """Whether a folder is a finished film on disk."""
+    """Return whether a folder is a finished film on disk."""
     folder = Path(path)
     return (folder / "zarr.json").is_file() and (folder / FILES).is_file()
 
 
 def load_zarr(path: str | os.PathLike) -> xr.Dataset:
-    """Open a film that `render(out=...)` has written, without reading it.
+    """Open a film that `render(out=...)` has written. The values are not read yet.
 
     See also `save_zarr`.
 
@@ -66,14 +77,14 @@ def load_zarr(path: str | os.PathLike) -> xr.Dataset:
         path: The folder.
 
     Returns:
-        A Dataset as `render` returns it, whose variables are read from disk when they are used
-        (dask arrays), which raises an OSError that names the folder where a block is damaged. All
-        functions of this package read it by pieces.
+        A Dataset as `render` returns it. Its variables are Dask arrays, which read their values
+        from disk when they are used. Reading a damaged block raises an OSError that names the
+        folder. All functions of this package read the film in pieces.
 
     Raises:
-        FileNotFoundError: There is nothing at `path`.
-        ValueError: It is not a finished film of this package, or files of it are missing or cut;
-            one line.
+        FileNotFoundError: `path` does not exist.
+        ValueError: The folder is not a finished film of this package, or files are missing or
+            incomplete; one line.
         ImportError: The packages zarr and dask are missing; one line.
 
     Example:
@@ -85,6 +96,7 @@ def load_zarr(path: str | os.PathLike) -> xr.Dataset:
     """
     import xarray as xr
 
+    # Is the folder a complete film?
     folder = checks.path("path", path)
     if not folder.exists():
         raise FileNotFoundError(f"path = {path}: does not exist; must be a film on disk")
@@ -92,6 +104,8 @@ def load_zarr(path: str | os.PathLike) -> xr.Dataset:
     if not is_film(folder):
         raise ValueError(f"path = {path}: must be a finished film that `render` wrote")
     require_whole(folder)
+
+    # Open the film
     try:
         dataset = xr.open_zarr(folder, chunks={}, consolidated=True, zarr_format=3)
         dataset = dataset.assign_coords(channel=list(map(str, dataset["channel"].values)))
@@ -107,9 +121,10 @@ def load_zarr(path: str | os.PathLike) -> xr.Dataset:
 
 
 def list_files(film: Path, arrays: Iterable[str] = DIMS | ERRORS) -> None:
-    """Write down which files a finished film has; those of tiles that are zero are not there.
+    """Write the list of the files of a finished film.
 
-    Blocks of its large `arrays` have a checksum each, other files get one here.
+    Tiles of zeros are not stored. Each block of the large `arrays` contains a checksum already, so
+    the list contains checksums of the other files only.
     """
     own = tuple(f"{name}/c/" for name in arrays)
     files = {}
@@ -121,12 +136,13 @@ def list_files(film: Path, arrays: Iterable[str] = DIMS | ERRORS) -> None:
 
 
 def require_whole(film: Path, listed: bool = True) -> None:
-    """Refuse a film with other codecs, sizes that do not fit, or files that differ from its list.
+    """Raise a ValueError if a film has unsupported codecs, large arrays or damaged files.
 
     Args:
         film: Folder of a Zarr group.
         listed: Whether the group has a list of its files.
     """
+    # Check the metadata of the group and of each array
     for file in (film / "zarr.json", *sorted(film.glob("*/zarr.json"))):
         place = file.relative_to(film)
         try:
@@ -144,13 +160,16 @@ def require_whole(film: Path, listed: bool = True) -> None:
             )
         if too_large:
             raise ValueError(f"path = {film}: {place}: {too_large[0]}")
+
+    # Compare the files with the list
     if not listed:
         return
     try:
         files = json.loads((film / FILES).read_text())
         wrong = [name for name, known in files.items() if not _is_whole(film / name, *known)]
     except (OSError, ValueError, TypeError, AttributeError):
-        files, wrong = [FILES], [FILES]
+        files = [FILES]
+        wrong = [FILES]
     if wrong:
         raise ValueError(
             f"path = {film}: {len(wrong)} of {len(files)} files are missing, cut or damaged, the "
@@ -159,10 +178,11 @@ def require_whole(film: Path, listed: bool = True) -> None:
 
 
 def _nodes(metadata: Any, name: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield a group or an array and all nodes within, without the attributes of users.
+    """Yield the name and the metadata of a node and of all nodes inside, without user attributes.
 
-    Only a node has attributes: an array may have the name "attributes".
+    Nodes are groups and arrays.
     """
+    # Remove the key only from nodes, because an array may have the name "attributes"
     known = ("attributes", "consolidated_metadata")
     yield name, {key: value for key, value in metadata.items() if key not in known}
     within = metadata.get("consolidated_metadata") or {}
@@ -171,7 +191,7 @@ def _nodes(metadata: Any, name: str) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def _codecs(metadata: object) -> set[str]:
-    """Names of all codecs that metadata have, those within others too."""
+    """Return the names of all codecs in metadata, including nested codecs."""
     if isinstance(metadata, list):
         return set().union(*map(_codecs, metadata))
     if not isinstance(metadata, dict):
@@ -184,9 +204,11 @@ def _codecs(metadata: object) -> set[str]:
 
 
 def _too_large(name: str, node: Mapping[str, Any]) -> Iterator[str]:
-    """Describe sizes of an array that would take gigabytes when the film is opened or read."""
+    """Yield a description of each size that would need gigabytes of memory."""
     if node["node_type"] != "array":
         return
+
+    # Find the sizes of the array and of its blocks, which may be inside shards
     shape = [int(side) for side in node["shape"]]
     blocks = [int(side) for side in node["chunk_grid"]["configuration"]["chunk_shape"]]
     for codec in node["codecs"]:
@@ -194,6 +216,8 @@ def _too_large(name: str, node: Mapping[str, Any]) -> Iterator[str]:
             blocks = [int(side) for side in codec["configuration"]["chunk_shape"]]
     if len(blocks) != len(shape) or min(shape, default=0) < 0 or min(blocks, default=1) < 1:
         raise ValueError
+
+    # Compare with the limits
     if len(shape) == 1 and shape[0] > MOST_LABELS:
         yield f"{name} has {shape[0]} values; must have at most {MOST_LABELS}"
     count = math.prod(-(-side // block) for side, block in zip(shape, blocks, strict=True))
@@ -205,7 +229,7 @@ def _too_large(name: str, node: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _is_whole(file: Path, size: int, crc: int | None) -> bool:
-    """Whether a file is there, of this size and, if it is given, this CRC-32C."""
+    """Return whether a file exists and has the given size and, unless None, the given CRC-32C."""
     try:
         return file.stat().st_size == size and (crc is None or checksum(file) == crc)
     except OSError:
@@ -213,8 +237,9 @@ def _is_whole(file: Path, size: int, crc: int | None) -> bool:
 
 
 def checksum(path: Path) -> int:
-    """CRC-32C of a file, which processors have an instruction for."""
-    import google_crc32c  # zarr brings it
+    """Return the CRC-32C of a file. Processors compute this checksum with one instruction."""
+    # A dependency of zarr
+    import google_crc32c
 
     value = 0
     with open(path, "rb") as file:
@@ -224,7 +249,13 @@ def checksum(path: Path) -> int:
 
 
 def naming_files(dataset: xr.Dataset, folder: Path, what: str) -> xr.Dataset:
-    """The Dataset of a group, with numbers as dask arrays that say which file is damaged."""
+    """Replace the variables of a Dataset by Dask arrays that name damaged files in errors.
+
+    Args:
+        dataset: Dataset of a Zarr group.
+        folder: Folder of the group.
+        what: Noun for the group, for messages.
+    """
     import dask.array
 
     group = require_zarr().open_group(folder, mode="r", zarr_format=3)
@@ -238,16 +269,25 @@ def naming_files(dataset: xr.Dataset, folder: Path, what: str) -> xr.Dataset:
 
 
 class _Checked:
-    """An array on disk that names its file where a block cannot be read."""
+    """Array on disk. If a block cannot be read, the error names its file.
+
+    Args:
+        array: The Zarr array.
+        owner: Noun and path of the group, for messages.
+    """
 
     def __init__(self, array: Any, owner: str) -> None:
-        self._array, self._owner = array, owner
-        self.shape, self.dtype, self.ndim = array.shape, array.dtype, array.ndim
+        self._array = array
+        self._owner = owner
+        self.shape = array.shape
+        self.dtype = array.dtype
+        self.ndim = array.ndim
 
     def __getitem__(self, index: Any) -> np.ndarray:
         try:
             return self._array[index]
         except (OSError, RuntimeError, ValueError) as error:
+            # Find the file of the first value
             reason = str(error).split(". ")[0].splitlines()[0]
             sizes = self._array.shards or self._array.chunks
             starts = (int(getattr(each, "start", each) or 0) for each in index)

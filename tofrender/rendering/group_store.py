@@ -23,8 +23,14 @@ import numpy as np
 from ..runtime import atomic
 from .films_on_disk import checksum, list_files, require_whole, require_zarr
 
-RECEIPTS, RECIPE = "receipts", "plan.json"
-BLOCK_BYTES = 4 << 20  # Most bytes of a block that is read and checked by itself
+# Folder of the receipts
+RECEIPTS = "receipts"
+
+# File of the recipe
+RECIPE = "plan.json"
+
+# Largest size of a block, which is read and checked as a whole [bytes]
+BLOCK_BYTES = 4 << 20
 
 
 @dataclass(kw_only=True)
@@ -49,7 +55,7 @@ class GroupStore(ABC, Generic[Part, Receipt]):
     # Name of the group in the folder
     group_name: ClassVar[str]
 
-    # What the group is, for messages
+    # Noun for the group, for messages
     what: ClassVar[str]
 
     # Class of the receipts
@@ -70,9 +76,10 @@ class GroupStore(ABC, Generic[Part, Receipt]):
 
         Args:
             folder: Folder of the group and its receipts.
-            recipe: What the group is made of. An unfinished group must have the same recipe.
+            recipe: Values that determine the group. An unfinished group must have the same recipe.
             create: Function that creates the arrays of an empty group.
         """
+        # Convert the recipe to JSON's types, for the comparison with a saved recipe
         recipe = json.loads(json.dumps(dict(recipe)))
         found = cls.planned(folder)
         if found:
@@ -84,6 +91,7 @@ class GroupStore(ABC, Generic[Part, Receipt]):
                 atomic.remove(left)
             return cls(folder)
 
+        # Create an empty group. The recipe is written last: without it, the next call starts again
         atomic.remove(folder)
         group = require_zarr().open_group(folder / cls.group_name, mode="w", zarr_format=3)
         create(group)
@@ -94,7 +102,7 @@ class GroupStore(ABC, Generic[Part, Receipt]):
 
     @classmethod
     def planned(cls, folder: Path) -> dict[str, Any]:
-        """Return the recipe of an unfinished group; it is empty if there is no such group."""
+        """Return the recipe of an unfinished group, or an empty dict if the group is missing."""
         # The process may have been killed after the group moved to its place
         if not (folder / cls.group_name / "zarr.json").exists():
             return {}
@@ -161,6 +169,8 @@ class GroupStore(ABC, Generic[Part, Receipt]):
         """Return the receipt of a finished part; warn of a damaged part, and return None."""
         if not self.receipt_path(part).exists():
             return None
+
+        # Do the files have the checksums of the receipt?
         with suppress(OSError, ValueError, TypeError, AttributeError):
             receipt = self.unchecked_receipt(part)
             found = {name: checksum(self.group_path / name) for name in self._files(part)}
@@ -185,12 +195,15 @@ class GroupStore(ABC, Generic[Part, Receipt]):
 
         Args:
             target: Path of the group.
-            checked: Names of the arrays whose blocks have checksums, see `list_files`.
+            checked: Names of the arrays that have checksums in their blocks, see `list_files`.
         """
+        # Complete the group
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Consolidated metadata is currently not part")
             require_zarr().consolidate_metadata(self.group_path)
         list_files(self.group_path, checked)
+
+        # Write all data to the disk before the group moves
         atomic.sync(self.group_path)
         os.rename(self.group_path, target)
         atomic.sync(target.parent, deep=False)
@@ -213,7 +226,14 @@ def put_labels(group: Any, name: str, values: np.ndarray, axes: list[str]) -> No
 def _require_same(
     what: str, folder: Path, found: Mapping[str, Any], recipe: Mapping[str, Any]
 ) -> None:
-    """Refuse to continue with another recipe, and name the first difference."""
+    """Raise a ValueError that names the first difference between two recipes.
+
+    Args:
+        what: Noun for the group, for messages.
+        folder: Folder of the unfinished group.
+        found: Recipe of the unfinished group.
+        recipe: Recipe of the new call.
+    """
     old = _flat(found)
     new = _flat(recipe)
     for key in {**new, **old}:

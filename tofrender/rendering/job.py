@@ -1,4 +1,4 @@
-"""A render that is decided to the last detail, and carrying it out."""
+"""Fully specified render jobs, their work items and their results."""
 
 from __future__ import annotations
 
@@ -42,24 +42,33 @@ if TYPE_CHECKING:
     from ..integrators.base import TransientIntegrator
     from ..signals.pulses import Pulse
 
+# Plugin of the sampler, if the settings do not contain a sampler
 DEFAULT_SAMPLER = "padded_sobol"
 
-DENOISING = 7  # Films that the filter works on besides the one that is rendered
+# Films that the denoising filter needs in memory, in addition to the rendered film
+DENOISING = 7
 
 
 @dataclass(frozen=True, order=True)
 class WorkItem:
-    """Some samples of some pixels."""
+    """Rectangle of pixels and range of samples that are rendered together."""
 
-    y: int  # first row of the pixels in the film's crop window
-    x: int  # first column
-    height: int  # rows
-    width: int  # columns
-    first: int  # samples per pixel before the first of these
-    count: int  # samples per pixel
+    # First row and first column of the pixels in the film's crop window
+    y: int
+    x: int
+
+    # Number of rows and columns
+    height: int
+    width: int
+
+    # Number of samples per pixel that precede the item's samples
+    first: int
+
+    # Number of samples per pixel
+    count: int
 
     def pixels(self, array: np.ndarray) -> np.ndarray:
-        """The item's pixels of an array of the whole film, (height, width, ...), as a view."""
+        """Return a view of the item's pixels in an array (height, width, ...) of the whole film."""
         return array[self.y : self.y + self.height, self.x : self.x + self.width]
 
 
@@ -68,40 +77,59 @@ class WorkResult:
     """Result of a work item."""
 
     # `transient` (height, width, temporal_bins, channels), `steady` (height, width, channels), and
-    # their standard errors, `transient_error` and `steady_error`, if wanted
+    # optionally their standard errors `transient_error` and `steady_error`
     arrays: dict[str, np.ndarray]
-    done: int  # samples per pixel that were taken: fewer than the item's if it was stopped
-    not_finite: int = 0  # contributions that were left out
-    seconds: float = 0.0  # time that it took [s]
+
+    # Number of rendered samples per pixel; smaller than the item's count after an interruption
+    done: int
+
+    # Number of ignored contributions, which were NaN or infinite
+    not_finite: int = 0
+
+    # Duration of the work [s]
+    seconds: float = 0.0
 
 
 @dataclass
 class Job:
-    """A render, decided."""
+    """A fully specified render job."""
 
+    # The integrator and its plan for the scene and the sensor
     plan: Plan
-    integrator: TransientIntegrator  # Whose plan that is
+    integrator: TransientIntegrator
+
     scene: mi.Scene
     settings: RenderSettings
-    film: TransientHDRFilm  # With its window, empty
-    profile: Pulse | None  # Pulse that the film sees light with
-    arrivals: Arrivals | None  # When light arrives, None if that was decided elsewhere
-    # Function that makes the same job in a worker, and its arguments but the time axis
+
+    # Empty film with the final window
+    film: TransientHDRFilm
+
+    # Temporal profile of a contribution on the film; None for an instantaneous contribution
+    profile: Pulse | None
+
+    # Energy over path length; None if the caller has chosen the window
+    arrivals: Arrivals | None
+
+    # Function that makes the same job in a worker, and its arguments without the time axis
     origin: tuple[Callable[..., Job], Mapping[str, object]]
-    more: Mapping[str, object] = field(default_factory=dict)  # What else the result depends on
-    window_option: str = WINDOW_OPTION  # What decides on the window, for a warning
+
+    # Further values that the result depends on, by name
+    more: Mapping[str, object] = field(default_factory=dict)
+
+    # Setting that finds a better window, for warnings
+    window_option: str = WINDOW_OPTION
 
     @property
     def camera(self) -> mi.Sensor:
-        """The sensor."""
+        """Sensor of the job."""
         return self.scene.sensors()[self.settings.sensor]
 
     def points(self, first: int = 0) -> mi.Sampler:
-        """The sampler for what is missing after `first` samples per pixel."""
+        """Return the sampler of the samples that are missing after `first` samples per pixel."""
         return sampler_for(self.camera, self.settings.sampler, self.settings.spp, first)
 
     def recording(self, film: TransientHDRFilm) -> Recording:
-        """Recording of the integrator's light on a film."""
+        """Return the measurement that records the integrator's light on a film."""
         record = recording(film, self.integrator.exposure())
         if is_user_defined(self.integrator):
             record.require_no_lengths(type(self.integrator).__name__)
@@ -109,8 +137,12 @@ class Job:
 
     @cached_property
     def recipe(self) -> dict[str, Any]:
-        """All that the picture depends on, but for the number of samples."""
-        film, integrator, points = self.film, self.integrator, self.points()
+        """All values that determine the picture, without the number of samples."""
+        film = self.film
+        integrator = self.integrator
+        points = self.points()
+
+        # Samplers in Python are named by their class, samplers of Mitsuba by their plugin
         own = type(points) is not mi.Sampler
         return {
             "quantity": "radiance per bin",
@@ -132,12 +164,15 @@ class Job:
 
     @property
     def full_recipe(self) -> dict[str, Any]:
-        """All that the result depends on: the recipe, the film's pixels, and more."""
+        """All values that determine the result: `more`, the recipe and the film."""
         named = {**self.more, **self.recipe, "film": str(self.film)}
-        return named | {"fingerprint": named.pop("fingerprint")}  # What has a name is told first
+
+        # Report settings with a name before the fingerprint
+        return named | {"fingerprint": named.pop("fingerprint")}
 
     def add(self, arrays: dict[str, np.ndarray], item: WorkItem, result: WorkResult) -> None:
         """Add the result of a work item to the arrays of the whole film."""
+        # Weight the item by its fraction of the samples
         fraction = np.float32(item.count / self.points().sample_count())
         for name, part in result.arrays.items():
             pixels = item.pixels(arrays[name])
@@ -145,12 +180,15 @@ class Job:
         arrays["not_finite"] += result.not_finite
 
     def require_memory(self, spp: int) -> None:
-        """Refuse a film that does not fit."""
+        """Raise a MemoryError if a render of `spp` samples per pixel does not fit into memory."""
+        # Copies of the bins on the device. Long renders also need sums of flushed samples
         channels = self.film.shape[3]
         flushed = 2 if spp > MAX_ADDED else 1
         films = 2 if self.plan.splats else 1
         copies = flushed * films
-        packed = channels / memory.stride(channels)  # Of an array in a film's memory
+
+        # Further arrays on the host, in units of a film. The channels of a film are padded
+        packed = channels / memory.stride(channels)
         more = 2 * packed if self.settings.errors else DENOISING * packed * self.settings.denoise
         memory.require_film(
             *self.film.shape,
@@ -161,9 +199,16 @@ class Job:
 
 
 def whole(job: Job, first: int = 0) -> WorkItem:
-    """All pixels, and all samples after the `first` ones."""
+    """Return the work item of all pixels and of all samples after the `first` samples."""
     height, width, _, _ = job.film.shape
-    return WorkItem(0, 0, height, width, first, job.points(first).sample_count())
+    return WorkItem(
+        y=0,
+        x=0,
+        height=height,
+        width=width,
+        first=first,
+        count=job.points(first).sample_count(),
+    )
 
 
 def decide(
@@ -176,23 +221,45 @@ def decide(
     may_be_dark: bool = False,
     look: Look | None = None,
 ) -> Job:
-    """Find the window, and refuse what makes no sense in it, unless it `may_be_dark`.
+    """Find the window of a render and return the job.
 
-    The arguments are as a `Job` has them; `axis` is the number, start and width [m] of the bins, if
-    they were decided elsewhere. `look` makes test renders, if there is such a function already.
+    Args:
+        plan: Plan of the integrator for the scene.
+        integrator: The integrator.
+        scene: The scene.
+        settings: Settings of the render.
+        origin: Function that makes the same job in a worker, and its arguments.
+        axis: Number, start and width [m] of the time bins, if the caller has chosen them.
+        may_be_dark: Accept a window that no light reaches.
+        look: Function for test renders. If it is missing, a new function is made.
     """
+    # Find the window
     camera = scene.sensors()[settings.sensor]
     if axis is not None:
-        film, profile, arrivals = transient_film(camera.film(), *axis), None, None
+        film = transient_film(camera.film(), *axis)
+        profile = None
+        arrivals = None
     else:
         film, profile, arrivals = film_of_light(plan, integrator, camera, settings, look)
         if not may_be_dark:
             check_window(film, arrivals, profile)
-    job = Job(plan, integrator, scene, settings, film, profile, arrivals, origin)
+
+    # Is the number of samples suitable for batches, or for two halves?
+    job = Job(
+        plan=plan,
+        integrator=integrator,
+        scene=scene,
+        settings=settings,
+        film=film,
+        profile=profile,
+        arrivals=arrivals,
+        origin=origin,
+    )
     if settings.errors:
         batches_of(whole(job).count)
     if settings.denoise:
-        points, count = job.points(), whole(job).count
+        points = job.points()
+        count = whole(job).count
         points.set_sample_count(max(count // 2, 1))
         halves = "even with denoise, each half one for the sampler"
         checks.require("spp", count, 2 * points.sample_count() == count, halves)
@@ -200,10 +267,17 @@ def decide(
 
 
 def remaining(job: Job, resume: xr.Dataset | None = None) -> WorkItem:
-    """All pixels, and the samples that an earlier render lacks; refuses what cannot be resumed."""
+    """Return the work item of all pixels and of the samples that an earlier render lacks.
+
+    Raises:
+        ValueError: The earlier render does not match the job.
+        MemoryError: The film does not fit into memory.
+    """
     earlier, first = (None, 0) if resume is None else _read_earlier(resume)
     item = whole(job, first)
     job.require_memory(item.count)
+
+    # Is the earlier render a part of this render?
     if earlier is not None:
         check_resume(earlier, job)
         if job.settings.denoise:
@@ -212,14 +286,21 @@ def remaining(job: Job, resume: xr.Dataset | None = None) -> WorkItem:
 
 
 def dataset_of(job: Job, result: WorkResult, resume: xr.Dataset | None = None) -> xr.Dataset:
-    """The Dataset of a whole film and of an earlier render; warns of what is missing in it."""
+    """Return the Dataset of a rendered film, combined with an earlier render.
+
+    Warns of missing samples, contributions and energy.
+    """
+    # Are all samples finished?
     earlier, first = (None, 0) if resume is None else _read_earlier(resume)
     count = whole(job, first).count
     if result.done < count:
         what = f"returning {result.done} of {count} samples per pixel"
         warnings.warn(f"interrupted: {what}", stacklevel=3)
+
+    # Average with the earlier render, weighted by samples; errors add in quadrature
     arrays = result.arrays
-    seconds, not_finite = result.seconds, result.not_finite
+    seconds = result.seconds
+    not_finite = result.not_finite
     if earlier is not None:
         earlier_part = np.float32(first / (first + result.done))
         for name, array in arrays.items():
@@ -230,11 +311,15 @@ def dataset_of(job: Job, result: WorkResult, resume: xr.Dataset | None = None) -
                 array += earlier_part * (before - array)
         seconds += earlier.attrs["render_seconds"]
         not_finite += int(earlier.attrs.get("contributions_not_finite", 0))
-    colours = job.film.base_channels_count()  # Of S0, the others may be negative
+
+    # Find the energy of the intensity S0; the other Stokes components may be negative
+    colours = job.film.base_channels_count()
     steady, transient = (
         float(np.sum(arrays[name][..., :colours], dtype=np.float64))
         for name in ("steady", "transient")
     )
+
+    # Make the Dataset
     attrs = render_attributes(job, steady, transient) | {
         "spp": first + result.done,
         "complete": int(result.done == count),
@@ -245,13 +330,21 @@ def dataset_of(job: Job, result: WorkResult, resume: xr.Dataset | None = None) -
     dataset = transient_dataset(arrays, job.film, attrs)
     if not job.settings.denoise:
         return dataset
-    from .denoised import denoised  # Imports much of SciPy
+
+    # The import of SciPy is slow, so import only when needed
+    from .denoised import denoised
 
     return denoised(dataset, job.scene, job.camera, job.film)
 
 
 def render_attributes(job: Job, steady: float, transient: float) -> dict[str, Any]:
-    """Attributes of a Dataset, by the sums of its variables, but for what its samples took."""
+    """Return the attributes of a Dataset that do not depend on the number of samples.
+
+    Args:
+        job: The job.
+        steady: Sum of the steady picture.
+        transient: Sum of all time bins.
+    """
     outside = 1 - transient / steady if steady else 0.0
     return job.recipe | {
         "scene": job.settings.scene_label,
@@ -260,7 +353,7 @@ def render_attributes(job: Job, steady: float, transient: float) -> dict[str, An
 
 
 def warn_of_missing(job: Job, attrs: Mapping[str, Any], stacklevel: int) -> None:
-    """Warn of contributions and of energy that are missing in a render with these attributes."""
+    """Warn of ignored contributions and of energy outside the window, given the attributes."""
     warn_not_finite(attrs["contributions_not_finite"], stacklevel=stacklevel + 1)
     if attrs["complete"] and job.arrivals is not None:
         outside = attrs["energy_outside_window"]
@@ -282,12 +375,21 @@ def film_of_light(
     settings: RenderSettings,
     look: Look | None = None,
 ) -> tuple[TransientHDRFilm, Pulse | None, Arrivals]:
-    """The film with its window, the pulse that it sees, and when light arrives."""
+    """Return the film with its final window, its temporal profile, and the energy over path length.
+
+    Raises:
+        ValueError: The film does not suit the integrator, or an automatic window finds no light.
+    """
+    # Make the film of the settings. This step also checks that film and integrator fit together
     exposure = integrator.exposure()
     film = windowed_film(camera.film(), *settings.time_axis)
-    profile = seen_pulse(film, exposure)  # Refuses what does not fit together
+    profile = seen_pulse(film, exposure)
+
+    # Make a test render
     look = look or looking_once(plan, camera, film)
     arrivals = look(ARRIVALS_SEED)
+
+    # Choose an automatic window
     if is_auto(settings.window):
         allowed = "must be (start, stop) in metres"
         if not arrivals.any:
@@ -297,18 +399,31 @@ def film_of_light(
             raise ValueError(f"window = 'auto': {late}; {allowed}")
         arrivals = enlarged(arrivals, profile, look)
         film = windowed_film(camera.film(), arrivals.window(integrator.pulse), settings.bins)
-        profile = seen_pulse(film, exposure)  # A filter's width is known when that of a bin is
+
+        # The width of a temporal filter depends on the width of a bin, so choose the window again
+        profile = seen_pulse(film, exposure)
         film = windowed_film(camera.film(), arrivals.window(profile), settings.bins)
     return film, profile, arrivals
 
 
 def sampler_for(camera: mi.Sensor, sampler: object, spp: int | None, first: int = 0) -> mi.Sampler:
-    """The sampler to use, its sample count set to what is missing after `first` samples."""
+    """Return a sampler with the number of samples that are missing after `first` samples.
+
+    Args:
+        camera: The sensor.
+        sampler: A sampler, the name of a plugin, or None for the default plugin.
+        spp: Samples per pixel, including the `first` samples. If it is missing, the given sampler
+            or the sensor's sampler defines the number.
+        first: Samples per pixel of an earlier render.
+    """
+    # Find the number of samples
     given = sampler if isinstance(sampler, mi.Sampler) else camera.sampler()
     count = given.sample_count() if spp is None else spp
     count = checks.integer("spp", count, 1, checks.MAX_SPP)
     if count <= first:
         raise ValueError(f"spp = {count}: must be above {first}, which resume has already")
+
+    # Clone a given sampler, or load a plugin
     if isinstance(sampler, mi.Sampler):
         points = sampler.clone()
         points.set_sample_count(count - first)
@@ -318,7 +433,7 @@ def sampler_for(camera: mi.Sensor, sampler: object, spp: int | None, first: int 
 
 
 def _read_earlier(resume: object) -> tuple[xr.Dataset, int]:
-    """Read a Dataset to continue from. Return it with its samples per pixel."""
+    """Read the Dataset of an earlier render. Return the Dataset and its samples per pixel."""
     earlier = read(resume, FILM, "resume")
     try:
         require_finite(earlier)
@@ -328,7 +443,7 @@ def _read_earlier(resume: object) -> tuple[xr.Dataset, int]:
 
 
 def check_resume(resume: xr.Dataset, job: Job) -> None:
-    """Refuse to go on with a render that was made in another way."""
+    """Raise a ValueError if an earlier render has other settings or coordinates than the job."""
     for name, value in job.recipe.items():
         its = resume.attrs.get(name)
         if its != value:

@@ -1,7 +1,7 @@
-"""Units and names of all variables and coordinates of Datasets, and `time` beside `opl`.
+"""Units and names of all variables and coordinates of Datasets, and the coordinate `time`.
 
-`time` [ns] is a second coordinate along `opl` [m] with an index of its own: `sel(time=...)` works
-as `sel(opl=...)` does. It is always made from `opl`, never kept in files.
+`time` [ns] is a second coordinate along the axis `opl` [m]. It has an index, so `sel(time=...)`
+works like `sel(opl=...)`. `time` is computed from `opl` and not stored in files.
 """
 
 from __future__ import annotations
@@ -16,8 +16,10 @@ from ..signals.units import opl_to_ns
 if TYPE_CHECKING:
     import xarray as xr
 
+# Name of the second coordinate along the axis `opl`
 TIME = "time"
 
+# Units and names of coordinates
 AXES: dict[str, dict[str, str]] = {
     "x": {"units": "pixel", "long_name": "column"},
     "y": {"units": "pixel", "long_name": "row"},
@@ -39,8 +41,8 @@ AXES: dict[str, dict[str, str]] = {
     "s": {"units": "1", "long_name": "vertices from a light"},
     "t": {"units": "1", "long_name": "vertices from the lens"},
 }
-"""Units and names of coordinates."""
 
+# Units and names of variables. The attributes of the Dataset define them for light
 VARIABLES: dict[str, dict[str, str]] = {
     "sensor_grid": {"units": "m", "long_name": "points looked at"},
     "sensor_normals": {"units": "1", "long_name": "normals of the wall where it is looked at"},
@@ -59,17 +61,26 @@ VARIABLES: dict[str, dict[str, str]] = {
     "frame_origin": {"units": "m", "long_name": "origin of the volume"},
     "frame_axes": {"units": "1", "long_name": "axes of the volume"},
 }
-"""Those of variables, but for light, which the Dataset's attributes say."""
 
 
 def labels_of(name: str, attrs: Mapping[str, Any]) -> dict[str, str]:
-    """Units and long name of a variable or coordinate of a Dataset with these attributes."""
+    """Return the units and the long name of a variable or coordinate.
+
+    Args:
+        name: Name of the variable.
+        attrs: Attributes of the Dataset.
+    """
+    # Is the variable in a table?
     known = AXES.get(name) or VARIABLES.get(name)
     if known is not None:
         return known
+
+    # Is the variable light, or its standard error?
     what, _, error = name.partition("_")
     if what not in ("transient", "steady") or error not in ("", "error"):
         return {}
+
+    # Find the quantity and the units. A steady picture is integrated over the path length
     quantity = "radiance" if what == "steady" else str(attrs.get("quantity", "radiance per bin"))
     units = str(attrs.get("units", "W m^-2 sr^-1"))
     if what == "steady" and units == "W m^-3 sr^-1":
@@ -78,7 +89,7 @@ def labels_of(name: str, attrs: Mapping[str, Any]) -> dict[str, str]:
 
 
 def labelled(dataset: xr.Dataset) -> xr.Dataset:
-    """The Dataset with units and names where there are none, and `time` where there is `opl`."""
+    """Add missing units and names to a Dataset, and the coordinate `time` along `opl`."""
     dataset = with_time(dataset)
     for name, variable in dataset.variables.items():
         for key, text in labels_of(str(name), dataset.attrs).items():
@@ -87,7 +98,10 @@ def labelled(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def with_time(dataset: xr.Dataset) -> xr.Dataset:
-    """The Dataset with `time` made anew from its `opl`, if it has that along an axis."""
+    """Compute the coordinate `time` of a Dataset again from the coordinate `opl`.
+
+    If `opl` is not an axis, the function removes `time`.
+    """
     if "opl" not in dataset.dims or "opl" not in dataset.coords:
         return dataset.drop_vars(TIME) if TIME in dataset.coords else dataset
     time = opl_to_ns(np.asarray(dataset["opl"].values, np.float64))

@@ -1,4 +1,4 @@
-"""Datasets of arrays in memory without an import of Dask, which takes as long as a small render."""
+"""Datasets of arrays in memory without the import of Dask, which is slow."""
 
 import sys
 from functools import cache
@@ -6,16 +6,16 @@ from typing import Any
 
 
 class _Dask:
-    """Entry of xarray's cache for Dask: its array type once `dask.array` is imported."""
+    """Entry for Dask in xarray's cache of array modules, without an import of Dask."""
 
     @property
     def type(self) -> tuple[type, ...]:
-        """Types of Dask's arrays that may exist in this process."""
+        """Dask's array type as a tuple; empty while `dask.array` is not imported."""
         array = getattr(sys.modules.get("dask.array"), "Array", None)
         return () if array is None else (array,)
 
     def __getattr__(self, name: str) -> Any:
-        """Module, version and availability, as xarray finds them by importing Dask."""
+        """Return any other attribute of xarray's original entry, which imports Dask."""
         from xarray.namedarray.pycompat import DuckArrayModule
 
         return getattr(DuckArrayModule("dask"), name)
@@ -23,13 +23,16 @@ class _Dask:
 
 @cache
 def defer_dask() -> None:
-    """Keep xarray from importing Dask only to see that an array is none of its arrays.
+    """Prevent xarray from importing Dask to check whether an array is a Dask array.
 
-    xarray does so for the first array of a process, wherever Dask is installed.
+    If Dask is installed, xarray would import Dask for the first array of a process.
     """
     from xarray.namedarray import pycompat, utils
 
+    # Replace the entry of the cache
     pycompat._cached_duck_array_modules.setdefault("dask", _Dask())  # pyright: ignore
+
+    # Without an import of Dask, no object is a Dask collection
     ask = utils.is_dask_collection
 
     def is_dask_collection(x: object) -> bool:

@@ -1,4 +1,4 @@
-"""Lists of paths: how light reaches a pixel, vertex by vertex."""
+"""Lists of the paths along which light reaches a pixel, with all vertices."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ from ..scenes.checking import check_view
 from ..scenes.loading import load_plugin, load_scene, require_sensor
 from ..signals.polarisation import components, scaled
 
+# Largest number of paths in a list
 MOST_PATHS = 10_000
 
 
@@ -40,59 +41,67 @@ def paths_of(
     seed: int = 0,
     sensor: int = 0,
 ) -> xr.Dataset:
-    """List paths by which light reaches a pixel.
+    """List the paths along which light reaches a pixel.
 
-    Camera rays are uniform in the pixel. Of all paths whose length is in range, `count` are chosen
+    Camera rays are uniform in the pixel. The function chooses `count` paths with a length in range,
     with probabilities proportional to their radiance, without repetition.
 
     Args:
-        scene: As for `render`; its integrator's `max_depth` and other limits hold.
-        pixel: Column and row on the film, crop offset included.
-        opl: Least and greatest optical path length [m], with the camera segment unless the
-            integrator leaves that out; None for all.
+        scene: As for `render`. The limits of its integrator apply, for example `max_depth`.
+        pixel: Column and row on the film, including the crop offset.
+        opl: Smallest and largest optical path length [m]. The length includes the camera segment
+            unless the integrator excludes it. None includes all lengths.
         count: Largest number of paths that are returned, 1 to 10 000.
         spp: Number of camera rays, 1 to 2^20.
         seed: Seed of all random numbers.
-        sensor: Number of the sensor.
+        sensor: Index of the sensor.
 
     Returns:
-        A Dataset of paths, the brightest first, whose vertices begin at the sensor and end at the
-        emitter: `position (path, vertex, xyz)` [m], `shape (path, vertex)`, the identifier of the
-        shape, or "sensor", "medium" or that of an emitter without a shape; `vertex_opl (path,
-        vertex)` and `opl (path)`, optical path lengths [m]; `radiance (path, channel)`, what the
-        path adds to the pixel's radiance [W m^-2 sr^-1]; `on_film (path, vertex, xy)`, where a
-        camera with a lens projects vertices [pixels], NaN behind it and for other sensors. Paths
-        that are shorter than others end with NaN and "". `total (channel)` is the radiance of all
-        paths in range, of which `found` (an attribute) were found. In polarised variants, radiance
-        is S0.
+        A Dataset of paths, the brightest path first. The vertices of a path begin at the sensor and
+        end at the emitter. `position (path, vertex, xyz)` contains their positions [m]. `shape
+        (path, vertex)` is the identifier of the shape or of an emitter without a shape, or "sensor"
+        or "medium".
+        `vertex_opl (path, vertex)` and `opl (path)` are optical path lengths [m]. `radiance (path,
+        channel)` is the contribution of the path to the pixel's radiance [W m^-2 sr^-1]. `on_film
+        (path, vertex, xy)` is the projection of the vertices onto the film of a camera with a lens
+        [pixels]. The projection is NaN behind the camera and for other sensors. Shorter paths are
+        padded with NaN and "". `total (channel)` is the radiance of all paths in range. The
+        attribute `found` is the number of these paths. In polarized variants, radiance is S0.
 
     Raises:
         ValueError: An argument or the scene is wrong; one line.
-        BackendError: The active variant cannot render in time.
+        BackendError: The active variant does not support transient rendering.
 
     Example:
         >>> paths = paths_of("cornell_box", (128, 200), opl=(0, 8), count=4, spp=256)
         >>> paths["shape"].values[0, 0].item(), bool((paths["opl"] < 8).all())
         ('sensor', True)
     """
+    # Check the arguments
     variants.require_vectorized()
     count = checks.integer("count", count, 1, MOST_PATHS)
     spp = checks.integer("spp", spp, 1, 1 << 20)
     checks.integer("seed", seed, 0, checks.MAX_SEED)
-    low, high = 0.0, np.inf
+    low = 0.0
+    high = np.inf
     if opl is not None:
         low, high = (checks.metres("opl", each) for each in checks.items("opl", opl, 2, "lengths"))
         checks.require("opl", (low, high), low < high, "(least, greatest), least below greatest")
+
+    # Load the scene, and plan camera paths
     loaded = scene if isinstance(scene, mi.Scene) else load_scene(scene, optimize=False)
     camera = require_sensor(loaded, sensor)
     index = _index_of(pixel, camera.film())
     plan = _plan(loaded, camera)
     with backend.tracing_lock(), dr.suspend_grad():
+        # Sample camera rays in the pixel
         sampler: Any = best_sampler(spp)
         sampler.set_samples_per_wavefront(spp)
         sampler.seed(seed, spp)
         pixels = dr.full(mi.UInt32, index, spp)
         rays = sample_camera(camera, camera.film(), sampler, pixels, scene=loaded)
+
+        # Trace the paths, and choose some of them
         found = _Found(rays, low, high)
         found.trace(plan, sampler)
         chosen = found.chosen(loaded, count, seed)
@@ -105,30 +114,50 @@ def paths_of(
 
 
 def _index_of(pixel: Any, film: mi.Film) -> int:
-    """Number of a pixel of the film in its sampled area."""
-    names, offset, size = ("column", "row"), film.crop_offset(), film.crop_size()
+    """Return the index of a pixel in the sampled area of the film.
+
+    Args:
+        pixel: Column and row, including the crop offset.
+        film: The film.
+    """
+    # Convert the pixel to the crop window
+    names = ("column", "row")
+    offset = film.crop_offset()
+    size = film.crop_size()
     numbers = checks.items("pixel", pixel, 2, "its column and row")
     x, y = (
         checks.integer(f"pixel {name}", k, int(first), int(first + n) - 1) - int(first)
         for name, k, first, n in zip(names, numbers, offset, size, strict=True)
     )
-    width, border = sampled_size(film)[0], film.rfilter().border_size() * film.sample_border()
+
+    # The sampled area may have a border around the crop window
+    width = sampled_size(film)[0]
+    border = film.rfilter().border_size() * film.sample_border()
     return (y + border) * width + x + border
 
 
 def _plan(scene: mi.Scene, camera: mi.Sensor) -> Plan:
-    """Plan of camera paths with one emitter sample per vertex, by the scene's integrator."""
+    """Return the scene's plan of camera paths with one emitter sample per vertex.
+
+    Raises:
+        ValueError: The integrator is not supported.
+    """
+    # Is the integrator supported?
     integrator: Any = scene.integrator()
     valid = isinstance(integrator, TransientIntegrator)
     name = type(integrator).__name__
     checks.require("integrator", name, valid, "one of this package, as `load_scene` sets it")
     check_view(scene, camera, **follows(integrator))
+
+    # Replace a bidirectional plan: camera paths find the same light
     plan = integrator.plan(scene, camera)
-    if isinstance(plan, BidirectionalPlan):  # Any light that it finds, camera paths find, too
+    if isinstance(plan, BidirectionalPlan):
         plan = load_plugin("integrator", {"type": "transient_path"} | integrator.traits).plan(
             scene, camera
         )
     checks.require("integrator", name, type(plan) is Plan, "one whose paths begin at a camera")
+
+    # Use one emitter sample per vertex
     endpoint = copy(plan.endpoint)
     endpoint.further = None
     return plan.with_endpoint(endpoint)
@@ -136,55 +165,90 @@ def _plan(scene: mi.Scene, camera: mi.Sensor) -> Plan:
 
 @dataclass
 class _Step:
-    """Measurement that keeps the contributions of a step: emission first, then a connection."""
+    """Measurement that stores the contributions of a step: emission first, then connections."""
 
     found: list[Contribution] = field(default_factory=list)
 
     def add(self, contribution: Contribution) -> None:
+        """Store a contribution."""
         self.found.append(contribution)
 
 
 class _Found:
-    """All contributions of some camera rays whose length is in range."""
+    """Paths of some camera rays with an optical path length in range.
+
+    Args:
+        camera: The camera rays.
+        low: Smallest optical path length [m].
+        high: Upper bound of the optical path length, exclusive [m].
+
+    Attributes:
+        points: For each vertex index, the positions on all rays, shape (ray, xyz) [m].
+        lengths: For each vertex index, the optical path lengths of all rays [m].
+        vertices: For each path, the index of its last vertex.
+        lanes: For each path, the index of its ray.
+        opl: For each path, the optical path length [m].
+        radiance: For each path, the radiance, shape (path, channel).
+        ends: For each path, the position of its last vertex, shape (path, xyz) [m].
+    """
 
     def __init__(self, camera: CameraSample, low: float, high: float) -> None:
-        self.camera, self.low, self.high = camera, low, high
+        self.camera = camera
+        self.low = low
+        self.high = high
+
+        # The first vertex is the sensor
         self.points = [np.array(camera.origin).T + np.zeros((dr.width(camera.ray), 1))]
         self.lengths = [np.zeros(dr.width(camera.ray))]
         self._rows: list[tuple[np.ndarray, ...]] = []
 
     def trace(self, plan: Plan, sampler: mi.Sampler) -> None:
-        """Trace the rays, and keep vertices and contributions of each step."""
-        camera, self.index = self.camera, plan.space.index
+        """Trace the rays, and store vertices and contributions of each step."""
+        camera = self.camera
+        self.index = plan.space.index
         path = plan.start(plan.endpoint, camera.ray, camera.origin, True, camera.frame)
         while dr.any(path.active):
+            # Extend all paths by one vertex
             measured = _Step()
             path = step(sampler, path, plan, measured)
             sampler.schedule_state()
             dr.eval(path, *(vars(each) for each in measured.found))
+
+            # Emission ends at the new vertex, so add it before the vertex
             emission, *connections = measured.found
             self._add(emission)
+
+            # Add the vertex. It may be a boundary that the ray has passed, so that emitters on
+            # boundaries are listed
             point = path.prev.p
             length = path.opl
-            if path.passed is not None:  # List emitters on boundaries that the ray has passed
+            if path.passed is not None:
                 passes = path.passed > 0
                 point = dr.select(passes, path.ray.o, point)
                 length = dr.select(passes, dr.fma(path.η, path.passed, length), length)
             self.points.append(np.array(point).T)
             self.lengths.append(np.array(length))
+
+            # Connections end one vertex later
             for connection in connections:
                 self._add(connection)
+
+        # Join the contributions of all steps
         vertices, lanes, opl, radiance, ends = zip(*self._rows, strict=True)
         self.vertices, self.lanes, self.opl = map(np.concatenate, (vertices, lanes, opl))
-        self.radiance, self.ends = np.concatenate(radiance), np.concatenate(ends)
+        self.radiance = np.concatenate(radiance)
+        self.ends = np.concatenate(ends)
 
     def _add(self, contribution: Contribution) -> None:
-        """Add lanes of a contribution that ends after the vertices so far."""
+        """Add the paths of a contribution. They end one vertex after the current vertices."""
+        # Convert the light to channels
         lanes = len(self.points[0])
         wavelengths = self.camera.ray.wavelengths
         light = components(scaled(contribution.spectrum, self.camera.weight / lanes))[0]
         channels = [np.broadcast_to(np.array(c), lanes) for c in kept(to_rgb(light, wavelengths))]
         radiance = np.nan_to_num(np.stack(channels, axis=-1))
+
+        # Choose paths with a length in range that contain light
         opl = np.broadcast_to(np.array(contribution.opl), lanes)
         inside = (opl >= self.low) & (opl < self.high) & np.array(contribution.active)
         chosen = np.flatnonzero(inside & (radiance.sum(axis=1) > 0))
@@ -193,24 +257,40 @@ class _Found:
         self._rows.append((vertices, chosen, opl[chosen], radiance[chosen], ends[chosen]))
 
     def chosen(self, scene: mi.Scene, count: int, seed: int) -> xr.Dataset:
-        """Dataset of a random choice of the paths, in proportion to their radiance."""
+        """Return a Dataset of random paths, with probabilities proportional to their radiance.
+
+        Args:
+            scene: The scene.
+            count: Largest number of paths.
+            seed: Seed of the choice.
+        """
+        # Choose paths, and sort them by radiance
         light = self.radiance.sum(axis=1)
         rows = np.arange(light.size)
         if light.size > count:
             rows = np.random.default_rng(seed).choice(rows, count, False, light / light.sum())
         rows = rows[np.argsort(-light[rows], kind="stable")]
-        lanes, vertices = self.lanes[rows], self.vertices[rows]
+
+        # Collect the vertices of each path, with NaN after the last vertex
+        lanes = self.lanes[rows]
+        vertices = self.vertices[rows]
         longest = int(vertices.max(initial=0)) + 1
         position = np.full((rows.size, longest, 3), np.nan)
         vertex_opl = np.full((rows.size, longest), np.nan)
         for k in range(longest):
-            before, last = vertices > k, vertices == k
+            before = vertices > k
+            last = vertices == k
             if before.any():
                 position[before, k] = self.points[k][lanes[before]]
                 vertex_opl[before, k] = self.lengths[k][lanes[before]]
-            position[last, k], vertex_opl[last, k] = self.ends[rows[last]], self.opl[rows[last]]
+            position[last, k] = self.ends[rows[last]]
+            vertex_opl[last, k] = self.opl[rows[last]]
+
+        # Name the shapes, and move emitters from infinity to a finite distance
         names = _shapes(scene, position, vertices)
         self._shorten(scene, position, vertex_opl, vertices, names)
+
+        # Make the Dataset
         channels = {1: ["Y"], 3: ["R", "G", "B"]}[self.radiance.shape[1]]
         return xr.Dataset(
             {
@@ -232,12 +312,24 @@ class _Found:
         last: np.ndarray,
         names: np.ndarray,
     ) -> None:
-        """Move ends at emitters infinitely far away to where their light starts for lengths."""
+        """Move the ends at infinitely distant emitters to the point where the path length starts.
+
+        Args:
+            scene: The scene.
+            position: Positions (path, vertex, xyz) [m], which are changed.
+            vertex_opl: Optical path lengths (path, vertex) [m].
+            last: Index of the last vertex of each path.
+            names: Identifiers of the shapes (path, vertex).
+        """
+        # Find the paths that end at such an emitter
         infinite = mi.EmitterFlags.Infinite
         distant = [e.id() for e in scene.emitters() if mi.has_flag(e.flags(), infinite)]
         row = np.arange(len(last))
         far = np.isin(names[row, last], distant)
-        row, last = row[far], last[far]
+        row = row[far]
+        last = last[far]
+
+        # Move the last vertex along its segment
         ahead = position[row, last] - position[row, last - 1]
         ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
         length = (vertex_opl[row, last] - vertex_opl[row, last - 1]) / self.index
@@ -253,7 +345,13 @@ def _on_film(camera: mi.Sensor, position: np.ndarray) -> np.ndarray:
 
 
 def _shapes(scene: mi.Scene, position: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Identifiers of the shapes at vertices (path, vertex, xyz), whose last numbers are given."""
+    """Return the identifiers of the shapes at vertices, as an array (path, vertex) of text.
+
+    Args:
+        scene: The scene.
+        position: Positions (path, vertex, xyz) [m].
+        last: Index of the last vertex of each path.
+    """
     names = np.full(position.shape[:2], "", dtype=object)
     names[:, 0] = "sensor"
     shapes = scene.shapes()
@@ -261,28 +359,41 @@ def _shapes(scene: mi.Scene, position: np.ndarray, last: np.ndarray) -> np.ndarr
     for k in range(1, position.shape[1]):
         rows = np.flatnonzero(last >= k)
         start, stop = (mi.Point3f(*position[rows, j].T) for j in (k - 1, k))
-        # Intersect the end of the segment: null surfaces may be in between
+
+        # Intersect the end of the segment, because null surfaces may be in between
         distance = dr.norm(stop - start)
         gap = dr.minimum(1e-3 * (1 + dr.max(dr.abs(stop))), 0.5 * distance)
         ray = mi.Ray3f(start, mi.Vector3f(stop - start) / distance)
         ray.o = ray(distance - gap)
         si = scene.ray_intersect(ray)
+
+        # Name the shapes at the intersections
         there = si.is_valid() & (si.t < 2 * gap)
         for shape, pointer in zip(shapes, pointers, strict=False):
             name = shape.id() or type(shape).__name__
             names[rows[np.array(there & (si.shape == pointer))], k] = name
+
+        # The other vertices are in media, or at emitters without a shape
         for row in rows[~np.array(there)]:
             names[row, k] = _emitter(scene, position[row, k]) if last[row] == k else "medium"
     return names.astype(str)
 
 
 def _emitter(scene: mi.Scene, p: np.ndarray) -> str:
-    """Identifier of an emitter without a shape at a point, or else of one infinitely far away."""
-    emitters, origin = scene.emitters(), dr.zeros(mi.Interaction3f)
+    """Return the identifier of the emitter without a shape at a point.
+
+    If no point light is at the point, the function returns the identifier of the infinitely distant
+    emitter. The result is "emitter" if the scene does not have exactly one such emitter.
+    """
+    # Is a point light at the point?
+    emitters = scene.emitters()
+    origin = dr.zeros(mi.Interaction3f)
     for emitter in emitters:
         if mi.has_flag(emitter.flags(), mi.EmitterFlags.DeltaPosition):
             own = emitter.sample_direction(origin, mi.Point2f(0.5))[0].p
             if np.allclose(np.array(own).ravel(), p, atol=1e-3):
                 return str(emitter.id())
+
+    # Is the light infinitely distant?
     distant = [e.id() for e in emitters if mi.has_flag(e.flags(), mi.EmitterFlags.Infinite)]
     return distant[0] if len(distant) == 1 else "emitter"

@@ -1,4 +1,7 @@
-"""`render`: from a scene to a labelled Dataset, with everything checked before work starts."""
+"""Function `render`, which renders a scene and returns a labeled Dataset.
+
+All arguments and the scene are checked before the work starts.
+"""
 
 from __future__ import annotations
 
@@ -37,9 +40,10 @@ if TYPE_CHECKING:
 
     from ..integrators.base import TransientIntegrator
 
+# Changes of a scene, in the argument `settings`, that set time bins
 WINDOW_CHANGES = {"temporal_bins", "start_opl", "bin_width_opl"}
-"""Changes of a scene, in `settings`, that set time bins."""
 
+# Argument `integrator` of `render`
 Integrator = str | Mapping[str, object] | mi.Integrator | None
 
 
@@ -72,10 +76,10 @@ def render(
 ) -> xr.Dataset:
     """Render a scene in time.
 
-    The arguments are called as the options of the command `tofrender render`. Arguments up to
-    `denoise` define what is rendered. Arguments from `resume` on define how the work is done: from
-    which earlier result, where it is saved, and by which processes. The result has no derivatives:
-    for these, call `mi.render(scene, params)`.
+    The arguments have the names of the options of the command `tofrender render`. Arguments up to
+    `denoise` define the picture. Arguments from `resume` on define how the work is done: the
+    earlier result, the place of the film, and the processes. The result does not support
+    derivatives. Call `mi.render(scene, params)` for derivatives.
     See also `load_scene`, `merge`, `explore`, `report`.
 
     Args:
@@ -85,7 +89,7 @@ def render(
             sampler best; Mitsuba's samplers round to what they can do.
         seed: Seed of all random numbers. Two renders with the same seed agree to float rounding.
         size: Width and height of the picture [pixels]; by default the film's.
-        bins: Number of time bins; by default the film's. A scene whose film is steady becomes
+        bins: Number of time bins; by default the film's. A scene with a steady film becomes
             transient, with 300 bins by default. Its window is "auto" by default. Its pulse is
             "auto" if neither a window nor a pulse is given.
         start_opl: Start of the first time bin, optical path length [m]; by default the film's.
@@ -98,8 +102,8 @@ def render(
         integrator: Integrator plugin: a name, a dict or an integrator; by default the scene's. A
             name or a dict keeps the scene's values of `max_depth`, `rr_depth` and `hide_emitters`
             unless it changes them. For a loaded scene it has its own defaults.
-        sampler: Plugin of random numbers: a name or a sampler, by default `padded_sobol`, also if
-            the scene has another one. The steady picture of the Cornell box has about half the
+        sampler: Plugin of random numbers: a name or a sampler, by default `padded_sobol`, even if
+            the scene contains a sampler. The steady picture of the Cornell box has about half the
             variance of Mitsuba's default sampler. A sampler is cloned, and its `sample_count` is
             used if `spp` is not given.
         sensor: Index of the sensor.
@@ -128,18 +132,19 @@ def render(
 
     Returns:
         A Dataset with `transient (y, x, opl, channel)`, the radiance that arrives in each bin, and
-        `steady (y, x, channel)`, that of all time [W m^-2 sr^-1]. Coordinates are pixels and bin
-        centres, as `opl` [m] and as `time` [ns]; in polarised variants, both have an axis `stokes`
-        before the channels, with S0, S1, S2 and S3. Attributes say how it was made, among them
-        `energy_outside_window`, the fraction of the steady energy that no bin holds. With `errors`,
-        `transient_error` and `steady_error` are standard errors: the truth is within one of them in
-        2 of 3 bins that many paths reach. Ctrl-C, SIGTERM and SIGHUP return what is finished, with
-        `complete` = 0 and `spp` as far as it got; a second one ends it at once.
+        `steady (y, x, channel)`, the radiance over all time [W m^-2 sr^-1]. Coordinates are pixels
+        and bin centers, as `opl` [m] and as `time` [ns]. In polarized variants, both variables have
+        an axis `stokes` before the channels, with S0, S1, S2 and S3. The attributes describe the
+        render. `energy_outside_window` is the fraction of the steady energy outside all bins. With
+        `errors`, `transient_error` and `steady_error` are standard errors: in bins that many paths
+        reach, the error is below one standard error in 2 of 3 bins. After Ctrl-C, SIGTERM or
+        SIGHUP, the Dataset contains the finished samples, with `complete` = 0 and the number of
+        finished samples in `spp`. A second signal ends the render at once.
 
     Raises:
         ValueError: An argument or the scene is wrong, or no light can reach the window.
-        MemoryError: The bins do not fit; the message says what would.
-        BackendError: The active variant cannot render in time.
+        MemoryError: The bins do not fit into memory. The message names settings that fit.
+        BackendError: The active variant does not support transient rendering.
         KeyboardInterrupt: A render with `out` or workers was stopped; one line.
 
     Warns:
@@ -152,7 +157,10 @@ def render(
         >>> dataset["transient"].sel(time=20.0, method="nearest").dims
         ('y', 'x', 'channel')
     """
-    arguments = locals().copy()  # All of them, by name
+    # All arguments by name; this line must be the first
+    arguments = locals().copy()
+
+    # Check the settings, and which arguments may occur together
     variants.require_vectorized()
     checks.boolean("progress", progress)
     wanted = RenderSettings(**{each.name: arguments[each.name] for each in fields(RenderSettings)})
@@ -165,18 +173,23 @@ def render(
         raise ValueError("denoise = True: must be False with `out` and with workers")
     if resume is not None and (out is not None or by_workers):
         raise ValueError("resume: must be left out with `out` and with workers; see `merge`")
+
+    # Can the scene be sent to workers?
     if by_workers:
-        packed("scene", scene)  # Refuses what cannot be sent
+        packed("scene", scene)
+
     with without_bars(not progress), status("Rendering"):
         job = make_job(wanted)
         given = nullcontext(client) if client is not None else workers_for(workers, scheduler)
         with given as client:
+            # Render to disk, by workers or in this process
             if out is not None:
                 return stream(job, out, client=client)
             if client is not None:
                 result = collect(job, client, checkpoint)
             else:
-                item, checkpoint = remaining(job, resume), Checkpoint.of(checkpoint)
+                item = remaining(job, resume)
+                checkpoint = Checkpoint.of(checkpoint)
                 result = render_item(job, item, checkpoint=checkpoint)
             return dataset_of(job, result, resume)
 
@@ -186,10 +199,16 @@ def make_job(
     axis: tuple[int, float, float] | None = None,
     may_be_dark: bool = False,
 ) -> Job:
-    """Load the scene once, look for its light once, and find its window and pulse.
+    """Load the scene, find its window and pulse, and return the job.
 
-    `axis` and `may_be_dark` are as for `decide`.
+    The scene is loaded once, and each test render is made once.
+
+    Args:
+        settings: Settings of the render.
+        axis: Number, start and width [m] of the time bins, if the caller has chosen them.
+        may_be_dark: Accept a window that no light reaches.
     """
+    # Load the scene. Without an automatic pulse, the settings define the job
     settings = with_default_window(settings)
     scene, integrator = open_scene(settings)
     if not is_auto(settings.pulse_width):
@@ -220,14 +239,14 @@ def _job_of(
     may_be_dark: bool,
     look: Look | None = None,
 ) -> Job:
-    """Return the job of a loaded scene; `look` is as for `decide`."""
+    """Return the job of a loaded scene. See `decide` for the arguments."""
     plan = integrator.plan(scene, scene.sensors()[settings.sensor])
     origin = _job_in_worker, settings.values
     return decide(plan, integrator, scene, settings, origin, axis, may_be_dark, look)
 
 
 def _require_own_integrator(settings: RenderSettings, integrator: TransientIntegrator) -> None:
-    """Refuse to set the pulse of an integrator that the caller put into a dict."""
+    """Raise a ValueError if the integrator is an object that the caller put into a dict."""
     parts = settings.scene.values() if isinstance(settings.scene, Mapping) else ()
     if any(part is integrator for part in parts):
         raise ValueError(
@@ -237,27 +256,34 @@ def _require_own_integrator(settings: RenderSettings, integrator: TransientInteg
 
 
 def _job_in_worker(axis: tuple[int, float, float], **settings: Any) -> Job:
-    """The job of these settings in a worker."""
+    """Make the job of these settings in a worker, with the given time axis."""
     return make_job(RenderSettings(**settings), axis)
 
 
 def with_default_window(settings: RenderSettings) -> RenderSettings:
-    """Add what is missing of the time axis of a steady scene.
+    """Add the missing settings of the time axis of a steady scene.
 
-    The number of bins is 300 by default, the window is "auto". The pulse is "auto" if neither
-    a window nor a pulse is given.
+    By default, the number of bins is 300 and the window is "auto". The pulse is "auto" if the
+    settings contain neither a window nor a pulse.
     """
+    # Does the scene have time bins?
     changes = set(settings.settings or ())
     if changes & WINDOW_CHANGES or not _is_steady(settings):
         return settings
+
+    # If only one of start and width is given, loading the scene fails and names the missing setting
     has_start = settings.start_opl is not None
     has_width = settings.bin_width is not None
     if has_start != has_width:
-        return settings  # Refused when the scene is loaded, by a message that names the other
+        return settings
+
+    # Set the bins, and the window if it is missing
     settings = replace(settings, bins=settings.bins or BINS)
     if has_start or settings.window is not None:
         return settings
     settings = replace(settings, window="auto")
+
+    # Set the pulse, unless a pulse is given or the caller made the integrator
     has_pulse = settings.pulse_width is not None or "pulse_width_opl" in changes
     is_fixed = isinstance(settings.scene, mi.Scene) or not isinstance(
         settings.integrator, str | Mapping | None
@@ -266,33 +292,48 @@ def with_default_window(settings: RenderSettings) -> RenderSettings:
 
 
 def _is_steady(settings: RenderSettings) -> bool:
-    """Whether the films of a scene, loaded or not, have no time bins."""
+    """Return whether the films of a scene lack time bins; the scene need not be loaded."""
     if isinstance(settings.scene, mi.Scene):
         return {sensor.film().class_name() for sensor in settings.scene.sensors()} == {"HDRFilm"}
     return is_steady(settings.scene, settings.define or {})
 
 
 def open_scene(settings: RenderSettings) -> tuple[mi.Scene, TransientIntegrator]:
-    """Load and check a scene, and its integrator or the one that is used instead."""
+    """Load and check the scene and the integrator of the settings, and return both.
+
+    Raises:
+        ValueError: The scene, the sensor, the time axis or the integrator is wrong.
+    """
     variants.require_vectorized()
-    scene, integrator = settings.scene, settings.integrator
+    scene = settings.scene
+    integrator = settings.integrator
+
+    # Load the scene, with the integrator if it is given by a name or a dict
     if not isinstance(scene, mi.Scene):
-        if isinstance(integrator, Mapping):  # Mitsuba's own message depends on earlier loads
+        # Check a dict first, as Mitsuba's message for a whole scene depends on earlier loads
+        if isinstance(integrator, Mapping):
             load_plugin("integrator", integrator, mi.Integrator)
         try:
             scene = load_scene(scene, **settings.scene_changes)
         except ValueError as error:
             error.args = (settings.translate(str(error)),)
             raise
+        # The scene now contains the integrator
         if isinstance(integrator, str | Mapping):
-            integrator = None  # It is the scene's now
+            integrator = None
+
+    # Does the integrator support all parts of the scene? Foreign integrators are refused later
     camera = require_sensor(scene, settings.sensor)
     own = None if integrator is None else _integrator(scene, integrator)
     chosen = scene.integrator() if own is None else own
     does = {name: getattr(chosen, f"follows_{name}", True) for name in ("media", "polarisation")}
     does["beams"] = follows_beams(chosen)
-    check_scene(scene, camera, **does)  # Those of others are refused later
-    windowed_film(camera.film(), *settings.time_axis)  # Refuses a wrong window
+    check_scene(scene, camera, **does)
+
+    # Is the window valid?
+    windowed_film(camera.film(), *settings.time_axis)
+
+    # Is the integrator supported, and does the scene have a light?
     own = _integrator(scene, own)
     if own.needs_lights:
         require_light(scene)
@@ -300,15 +341,28 @@ def open_scene(settings: RenderSettings) -> tuple[mi.Scene, TransientIntegrator]
 
 
 def _integrator(scene: mi.Scene, integrator: Any) -> TransientIntegrator:
-    """The integrator to use."""
+    """Return the given integrator, or the integrator of the scene if `integrator` is None.
+
+    Args:
+        scene: The scene.
+        integrator: Name, dict, integrator or None.
+
+    Raises:
+        ValueError: The integrator does not support transient rendering.
+    """
+    # Load the integrator
     if isinstance(integrator, str):
         integrator = {"type": checks.one_of("integrator", integrator, INTEGRATORS)}
     if isinstance(integrator, Mapping):
         integrator = load_plugin("integrator", integrator)
     found: Any = scene.integrator() if integrator is None else integrator
+
+    # Is the integrator part of this edition of the package?
     left_out = getattr(found, "left_out", None)
     if left_out is not None:
         raise LeftOut(f"integrator = {left_out}")
+
+    # Does the integrator fill time bins?
     if not getattr(found, "fills_bins", False):
         cls = type(found)
         foreign = cls.__module__.partition(".")[0] not in ("mitsuba", "builtins", "tofrender")

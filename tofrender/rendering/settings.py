@@ -1,6 +1,6 @@
-"""Settings of a render: one table, from which checks, command-line options and tests follow.
+"""Settings of a render: one table that defines checks, command-line options and tests.
 
-Nothing here imports NumPy or Mitsuba before a render begins: `tofrender --help` answers at once.
+The module does not import NumPy or Mitsuba before a render begins, so `tofrender --help` is fast.
 """
 
 import os
@@ -20,12 +20,16 @@ from ..runtime.settings import (
     unchecked,
 )
 
+# Largest index of a sensor
 MAX_SENSOR = 1 << 16
+
+# Largest number of worker processes
 MAX_WORKERS = 1024
 
+# Settings that change a scene while it is loaded. A loaded scene does not support them
 FIXED_WHEN_LOADED = ("size", "pulse_width", "max_depth", "define", "settings")
-"""Settings that change a scene while it loads; the others suit one that is loaded, too."""
 
+# Names of settings, and the names of the arguments of `load_scene`
 SCENE_NAMES = {
     "bins": "temporal_bins",
     "start_opl": "start_opl",
@@ -34,34 +38,36 @@ SCENE_NAMES = {
     "max_depth": "max_depth",
     "define": "parameters",
 }
-"""Names in `load_scene` of settings that change the scene."""
 
+# Settings that correspond to two arguments of `load_scene` each
 PAIRS = ("size", "width"), ("size", "height"), ("window", "start_opl"), ("window", "bin_width_opl")
-"""Settings that are two in `load_scene`."""
 
 
 def start_and_width(window: object, bins: int, name: str = "window") -> tuple[float, float]:
-    """Start and bin width of a window given as (start, stop)."""
+    """Return the start and the bin width of a window (start, stop) [m]."""
     start, stop = checks.interval(name, window, "'auto' or (start, stop) in metres")
     return start, (stop - start) / bins
 
 
 def is_auto(value: object) -> bool:
-    """Whether a window or a pulse's width is to be found."""
+    """Return whether a window or a pulse width is "auto"."""
     return isinstance(value, str) and value == "auto"
 
 
 def _check_window(name: str, value: object) -> None:
+    """Raise a ValueError if a window is neither "auto" nor (start, stop)."""
     if not is_auto(value):
         start_and_width(value, 1, name)
 
 
 def _check_pulse_width(name: str, value: object) -> None:
+    """Raise a ValueError if a pulse width is neither "auto" nor a width [m]."""
     if not is_auto(value):
         checks.width(name, value)
 
 
 def _check_size(name: str, value: object) -> None:
+    """Raise a ValueError if a size is not (width, height) in pixels."""
     if not isinstance(value, tuple | list) or len(value) != 2:
         raise ValueError(f"{name} = {checks.quote(value)}: must be (width, height) in pixels")
     for side in value:
@@ -70,9 +76,10 @@ def _check_size(name: str, value: object) -> None:
 
 @dataclass(frozen=True, eq=False)
 class RenderSettings:
-    """Settings of a render, checked; None leaves the scene's own.
+    """Checked settings of a render.
 
-    `SETTINGS` has the description of each. `settings` are more of what `load_scene` can change.
+    The table `SETTINGS` describes each setting. For a setting that is None, the value of the scene
+    is used. `settings` contains further arguments of `load_scene`.
 
     Example:
         >>> RenderSettings("cornell_box", size=(64, 48), bins=100).scene_changes
@@ -113,10 +120,13 @@ class RenderSettings:
     denoise: Annotated[bool, Setting("Remove noise from the film", checks.boolean)] = False
 
     def __post_init__(self) -> None:
+        # Check each value. None is valid if it is the default
         for each in fields(self):
             value = getattr(self, each.name)
             if value is not None or each.default is not None:
                 SETTINGS[each.name].check(each.name, value)
+
+        # Check combinations of settings
         if self.window is not None:
             for name in ("start_opl", "bin_width"):
                 value = getattr(self, name)
@@ -127,13 +137,20 @@ class RenderSettings:
         self._check_scene_changes()
 
     def _check_scene_changes(self) -> None:
-        """Refuse changes that are wrong, given twice, or impossible as the scene is loaded."""
+        """Check the changes of the scene.
+
+        Raises:
+            ValueError: A change is wrong, given twice, or not supported for a loaded scene.
+        """
         import mitsuba as mi
 
+        # Does `settings` contain arguments of `render`?
         settings = dict(self.settings or {})
         for name in ("source", "integrator", "sampler"):
             if name in settings:
                 raise ValueError(f"settings with {name!r}: must be others, this is an argument")
+
+        # A loaded scene cannot be changed
         if isinstance(self.scene, mi.Scene):
             for name in FIXED_WHEN_LOADED:
                 value = getattr(self, name)
@@ -142,6 +159,8 @@ class RenderSettings:
                     raise ValueError(
                         f"{shown}: must be left out with a loaded scene, which cannot be changed"
                     )
+
+        # An integrator object has a pulse and a depth already
         if not isinstance(self.integrator, str | Mapping | None):
             for name in ("pulse_width", "max_depth"):
                 value = getattr(self, name)
@@ -150,64 +169,75 @@ class RenderSettings:
                         f"{name} = {checks.quote(value)}: must be left out with an integrator that "
                         "is made, which has its own"
                     )
+
+        # Is a change given twice?
         for name, scene_name in (*SCENE_NAMES.items(), *PAIRS):
             if scene_name in settings and getattr(self, name) is not None:
                 raise ValueError(f"{name}: must be left out, settings has {scene_name}")
-        own = {"optimize", "parameters"}  # Arguments of `load_scene`, which checks them
+
+        # Check the remaining changes. `load_scene` checks the two that are excluded here
+        own = {"optimize", "parameters"}
         check_settings({name: value for name, value in settings.items() if name not in own})
 
     def translate(self, message: str) -> str:
-        """A message of `load_scene` with the names that the settings have here."""
+        """Replace the names of arguments in a message of `load_scene` by the names of settings."""
+        # A name in `settings` is already the name that the user wrote
         names = {
             own: name for name, own in SCENE_NAMES.items() if name not in (self.settings or {})
         }
         given = {own for own, name in names.items() if getattr(self, name) is not None}
+
+        # Replace the name at the start of the message, and names in backticks
         start = re.compile(r"\A(\w+)(?= = )")
         message = start.sub(lambda m: names[m[1]] if m[1] in given else m[1], message)
         return re.sub(r"`(\w+)`", lambda m: f"`{names.get(m[1], m[1])}`", message)
 
     @property
     def values(self) -> dict[str, Any]:
-        """All settings by name, nothing copied."""
+        """All settings by name, without copies of the values."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
     @property
     def scene_label(self) -> str:
-        """Name or path of the scene, else "scene"."""
+        """Name or path of the scene; "scene" for other scenes."""
         is_name = isinstance(self.scene, str | os.PathLike)
         return os.fspath(self.scene) if is_name else "scene"
 
     @property
     def time_axis(self) -> tuple[Any, int | None, float | None, float | None]:
-        """Window, bins, start and bin width, for `windowed_film`."""
+        """Window, number of bins, start and bin width, as arguments of `windowed_film`."""
         return self.window, self.bins, self.start_opl, self.bin_width
 
     @property
     def scene_changes(self) -> dict[str, Any]:
-        """Arguments of `load_scene`; with a window and bins, a steady scene turns transient."""
+        """Arguments of `load_scene`. With a window and bins, a steady scene becomes transient."""
+        # Add the size and the settings with other names
         given: dict[str, Any] = dict(self.settings or {})
         if self.size is not None:
             given |= dict(zip(("width", "height"), self.size, strict=True))
         values = {own: getattr(self, name) for name, own in SCENE_NAMES.items()}
-        if is_auto(self.pulse_width):  # Known once the light was looked at
+        if is_auto(self.pulse_width):
+            # The pulse is set after the test render
             values["pulse_width_opl"] = None
         given |= {own: value for own, value in values.items() if value is not None}
+
+        # Add the window. A preliminary window is used until an automatic window is found
         if self.window is not None and self.bins is not None:
-            # A window that is still to be found replaces this one
             start, width = (
                 (0.0, 1.0) if is_auto(self.window) else start_and_width(self.window, self.bins)
             )
             given |= {"start_opl": start, "bin_width_opl": width}
+
+        # Add the integrator. An object replaces the integrator later, so any plugin can be loaded
         if self.integrator is not None:
-            # An object is used instead of any other: the scene's own need not even load
             named = isinstance(self.integrator, str | Mapping)
             given["integrator"] = self.integrator if named else INTEGRATORS[0]
         return given
 
 
+# All settings: fields of `RenderSettings`, and settings of how the work is done
 SETTINGS = settings_of(RenderSettings) | {
     "workers": integer("Number of local worker processes", 1, MAX_WORKERS),
     "scheduler": Setting("Address of a Dask scheduler. Its workers render", checks.address),
     "progress": Setting("Show progress bars of long work", checks.boolean),
 }
-"""The table of settings: those of `RenderSettings`, and of how the work is done."""

@@ -1,7 +1,7 @@
 """Films on disk: Zarr 3 groups that grow by work items, see `GroupStore`.
 
-A tile of pixels is a shard of the array `transient`. A shard is one file, in which blocks of bins
-can be read alone. Each block has a CRC-32C.
+A tile of pixels is a shard of the array `transient`. A shard is one file. It consists of blocks of
+bins that can be read separately. Each block has a CRC-32C.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from .tiling import tile_size
 if TYPE_CHECKING:
     import xarray as xr
 
+# Suffix of a film's folder
 SUFFIX = ".zarr"
 
 
@@ -35,14 +36,19 @@ SUFFIX = ".zarr"
 class TileReceipt(PartReceipt):
     """Checksums and sums of a tile on disk."""
 
-    steady: float  # sum of all values
-    transient: float  # sum of all values
-    not_finite: int  # contributions that were left out
-    seconds: float  # time that it took [s]
+    # Sums of the intensity of the two variables
+    steady: float
+    transient: float
+
+    # Number of ignored contributions, which were NaN or infinite
+    not_finite: int
+
+    # Duration of the render [s]
+    seconds: float
 
 
 class StoredFilm(GroupStore[WorkItem, TileReceipt]):
-    """A film on disk that is being rendered, begun by `StoredFilm.begin`."""
+    """Unfinished film on disk, made by `StoredFilm.begin`."""
 
     group_name = "film.zarr"
     what = "film"
@@ -57,14 +63,22 @@ class StoredFilm(GroupStore[WorkItem, TileReceipt]):
         tile: tuple[int, int],
         errors: bool = False,
     ) -> StoredFilm:
-        """Continue with an unfinished film, or begin one."""
+        """Continue with an unfinished film, or make an empty film.
+
+        Args:
+            folder: Folder of the film and its receipts.
+            recipe: Values that determine the film.
+            shape: Shape of the film, (height, width, temporal_bins, channels).
+            tile: Rows and columns of a tile.
+            errors: Whether the film has standard errors.
+        """
         recipe = dict(recipe) | {"shape": shape, "tile": tile, "errors": errors}
         create = partial(_create_arrays, shape=shape, tile=tile, errors=errors)
         return cls.continued(folder, recipe, create)
 
     @property
     def tile(self) -> tuple[int, int]:
-        """Size of a tile: rows and columns."""
+        """Number of rows and columns of a tile."""
         rows, columns = self.recipe["tile"]
         return rows, columns
 
@@ -92,6 +106,7 @@ class StoredFilm(GroupStore[WorkItem, TileReceipt]):
 
     def write(self, item: WorkItem, result: WorkResult) -> TileReceipt:
         """Write the result of a work item that consists of whole tiles."""
+        # The sums of the intensity give the energy outside the window
         steady, transient = (
             float(of_intensity(result.arrays[name]).sum(dtype=np.float64))
             for name in ("steady", "transient")
@@ -115,7 +130,14 @@ class StoredFilm(GroupStore[WorkItem, TileReceipt]):
         target: Path,
         labels: Mapping[str, Mapping[str, object]] | None = None,
     ) -> None:
-        """Write coordinates and attributes, also of variables, and move the film to its place."""
+        """Write coordinates and attributes, and move the film to its place.
+
+        Args:
+            coordinates: Coordinates of the Dataset, by name.
+            attrs: Attributes of the Dataset.
+            target: Path of the film.
+            labels: Attributes of variables, by the name of the variable.
+        """
         group = require_zarr().open_group(self.group_path, mode="r+", zarr_format=3)
         for name, values in coordinates.items():
             if name != TIME:
@@ -134,13 +156,13 @@ def save_zarr(dataset: Annotated[xr.Dataset, RENDERED], path: str | os.PathLike[
 
     Args:
         dataset: The Dataset, in memory or on disk.
-        path: Name of a new folder that ends in .zarr; it appears whole.
+        path: Name of a new folder that ends in .zarr. The folder appears when the film is complete.
 
     Returns:
         The film as `load_zarr` opens it.
 
     Raises:
-        ValueError: Not such a Dataset, or not such a name; one line.
+        ValueError: The Dataset is not a result of `render`, or the name is wrong; one line.
         FileExistsError: The folder exists; one line.
         ImportError: The packages zarr and dask are missing; one line.
 
@@ -151,24 +173,37 @@ def save_zarr(dataset: Annotated[xr.Dataset, RENDERED], path: str | os.PathLike[
         >>> film.sizes["opl"]
         50
     """
+    # Check the Dataset and the path
     dataset = for_file(dataset)
     target = check_film(path, "path")
     shape: Any = dataset["transient"].shape
     rows, columns = tile = tile_size(shape)
     errors = "transient_error" in dataset
     with atomic.locked(target):
+        # Does an unfinished render use the folder?
         folder = under_way(target)
         if StoredFilm.planned(folder):
             what = f"{folder} is of a stopped render"
             raise FileExistsError(f"path = {path}: {what}; must be another, or remove that")
+
+        # Write the tiles
         atomic.remove(folder)
         store = StoredFilm.begin(folder, {}, shape, tile, errors)
         for y in range(0, shape[0], rows):
             for x in range(0, shape[1], columns):
                 part = dataset.isel(y=slice(y, y + rows), x=slice(x, x + columns))
                 arrays = {str(name): part[name].values for name in part.data_vars}
-                item = WorkItem(y, x, part.sizes["y"], part.sizes["x"], 0, 1)
+                item = WorkItem(
+                    y=y,
+                    x=x,
+                    height=part.sizes["y"],
+                    width=part.sizes["x"],
+                    first=0,
+                    count=1,
+                )
                 store.write(item, WorkResult(arrays, 1))
+
+        # Write the coordinates and the attributes
         coordinates = {axis: dataset[axis].values for axis in DIMS["transient"]}
         labels = {str(name): plain_attributes(each) for name, each in dataset.variables.items()}
         store.finish(coordinates, plain_attributes(dataset), target, labels)
@@ -176,7 +211,16 @@ def save_zarr(dataset: Annotated[xr.Dataset, RENDERED], path: str | os.PathLike[
 
 
 def check_film(out: object, name: str = "out") -> Path:
-    """Refuse a name that a film cannot stream to."""
+    """Return the path of a new film.
+
+    Args:
+        out: Name of the folder.
+        name: Name of the argument, for messages.
+
+    Raises:
+        ValueError: The name does not end in .zarr.
+        FileExistsError: The folder exists.
+    """
     target = checks.path(name, out)
     if target.suffix != SUFFIX:
         raise ValueError(f"{name} = {out}: must be the name of a folder that ends in {SUFFIX}")
@@ -187,7 +231,7 @@ def check_film(out: object, name: str = "out") -> Path:
 
 
 def under_way(out: str | os.PathLike[str]) -> Path:
-    """Folder of a film that streams to `out`, until it is finished."""
+    """Return the folder of the film `out` while the film is unfinished."""
     return atomic.sibling(out, ".film")
 
 
@@ -199,8 +243,12 @@ def _create_arrays(
 
     height, width, bins, channels = shape
     rows, columns = tile
+
+    # Find the number of bins of a block, and of a shard that consists of whole blocks
     block = max(1, min(bins, BLOCK_BYTES // (4 * rows * columns * channels)))
     along = -(-bins // block) * block
+
+    # Create the arrays
     common: dict[str, Any] = {"dtype": "float32", "compressors": [Crc32cCodec()], "fill_value": 0.0}
     for suffix in ("", "_error") if errors else ("",):
         group.create_array(

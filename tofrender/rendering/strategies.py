@@ -1,4 +1,4 @@
-"""Pyramid of pictures, one by each strategy of bidirectional path tracing."""
+"""Pyramid of pictures, with one picture for each strategy of bidirectional path tracing."""
 
 from __future__ import annotations
 
@@ -27,10 +27,17 @@ if TYPE_CHECKING:
     from ..films.transient import TransientHDRFilm
     from ..integrators.base import TransientIntegrator
 
+# Plugin of the integrator
 KIND = "transient_bdpt"
+
+# Default of the longest path in segments
 DEFAULT_DEPTH = 4
-OWN = ("rr_depth", "hide_emitters")  # Parameters that stay as the scene's integrator has them
-VARIED = ("type", "strategy", "mis", "camera_connections", "max_depth")  # Others are passed on
+
+# Parameters that are copied from the scene's integrator
+OWN = ("rr_depth", "hide_emitters")
+
+# Parameters that the pyramid sets, so that the argument `parameters` must not contain them
+VARIED = ("type", "strategy", "mis", "camera_connections", "max_depth")
 
 
 def strategy_pyramid(
@@ -49,10 +56,11 @@ def strategy_pyramid(
 ) -> xr.Dataset:
     """Render each strategy (s, t) of `transient_bdpt` alone, weighted and unweighted.
 
-    Strategy (s, t) finds paths of s vertices from a light and t from the lens, of s + t - 1
-    segments. Unweighted, it shows what it makes of all light of its length: the strategies of one
-    length agree where they see the light at all, and differ in noise. Weighted by MIS, the pictures
-    of all strategies add up to that of `transient_bdpt`. See also `pyramid_figure`.
+    Strategy (s, t) samples paths with s vertices from a light and t vertices from the lens. These
+    paths have s + t - 1 segments. An unweighted picture is the estimate of a single strategy for
+    all light of this length. The strategies of one length agree where they can sample the light,
+    and differ in noise. Weighted by MIS, the pictures of all strategies add up to the picture of
+    `transient_bdpt`. See also `pyramid_figure`.
 
     Args:
         scene: As for `render`.
@@ -63,16 +71,16 @@ def strategy_pyramid(
         spp: Samples per pixel of each picture, 1 to 2^24; by default the scene's.
         seed: Seed of all random numbers.
         size: Width and height [pixels]; by default the film's.
-        sensor: Number of the sensor.
-        window: As for `render`; "auto" is found from all strategies together.
+        sensor: Index of the sensor.
+        window: As for `render`; "auto" uses the light of all strategies together.
         bins: Number of bins; by default the film's.
-        progress: Whether to show a bar for work that takes more than two seconds.
+        progress: Whether to show a progress bar for work of more than two seconds.
 
     Returns:
         A Dataset with `transient (weighting, strategy, y, x, opl, channel)` and `steady
         (weighting, strategy, y, x, channel)` [W m^-2 sr^-1]. `weighting` is "mis" or "none",
-        `strategy` is "s,t", with s and t as coordinates too; attributes are those that `render`
-        and these arguments share.
+        `strategy` is "s,t", with s and t as coordinates too. The attributes describe the window,
+        the samples and the arguments, with the names that `render` uses.
 
     Raises:
         ValueError: An argument or the scene is wrong; one line.
@@ -85,11 +93,19 @@ def strategy_pyramid(
         >>> [str(name) for name in pyramid.strategy.values]
         ['0,2', '1,1', '0,3', '1,2', '2,1']
     """
+    # Check the arguments
     variants.require_vectorized()
     variants.require_unpolarized()
     kind = {"type": KIND, "max_depth": max_depth}
     settings = RenderSettings(
-        scene, spp, seed, size, bins, window=window, integrator=kind, sensor=sensor
+        scene=scene,
+        spp=spp,
+        seed=seed,
+        size=size,
+        bins=bins,
+        window=window,
+        integrator=kind,
+        sensor=sensor,
     )
     checks.one_of("mis", mis, ("power", "balance"))
     checks.boolean("progress", progress)
@@ -98,11 +114,17 @@ def strategy_pyramid(
         if name in shared:
             raise ValueError(f"parameters with {name!r}: must be others, a pyramid gives this one")
     shared |= kind
-    load_plugin("integrator", shared | {"mis": mis})  # Refuses wrong parameters
+
+    # Are the parameters of the integrator valid?
+    load_plugin("integrator", shared | {"mis": mis})
+
+    # Load the scene, and complete the parameters with the scene's values
     scene, _ = open_scene(settings)
     own = scene.integrator()
     shared = {name: getattr(own, name) for name in OWN if hasattr(own, name)} | shared
     tracer = load_plugin("integrator", shared | {"mis": mis})
+
+    # Find the window, the sampler and the strategies
     camera = scene.sensors()[sensor]
     plan = tracer.plan(scene, camera)
     film, profile, arrivals = film_of_light(plan, tracer, camera, settings)
@@ -111,9 +133,14 @@ def strategy_pyramid(
     strategies = [
         (s, segments + 1 - s) for segments in range(1, max_depth + 1) for s in range(segments + 1)
     ]
+
+    # Do all pictures fit into memory?
     copies = 2 * len(strategies) + 2
     memory.require_film(*film.shape, copies=copies, device_copies=2, host_copies=copies)
-    steady, transient = [], []
+
+    # Render each strategy, weighted and unweighted
+    steady = []
+    transient = []
     total = 2 * len(strategies)
     with ProgressBar("Rendering", total, unit="picture", enabled=progress) as bar:
         for weighting, (s, t) in itertools.product((mis, "none"), strategies):
@@ -123,6 +150,8 @@ def strategy_pyramid(
             steady.append(picture[0])
             transient.append(picture[1])
             bar.update(1)
+
+    # Make the Dataset
     variables = {}
     for name, pictures in (("transient", transient), ("steady", steady)):
         stacked = np.stack(pictures).reshape(2, len(strategies), *pictures[0].shape)
@@ -155,7 +184,7 @@ def _picture(
     points: mi.Sampler,
     seed: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The steady and the transient picture of a strategy, on a film like `film`."""
+    """Render a strategy on a new film like `film`. Return the steady and the transient picture."""
     window = film.start_opl, film.end_opl()
     own = windowed_film(film, window, film.shape[2])
     record = recording(own, tracer.exposure())

@@ -1,4 +1,4 @@
-"""The window of a render's time bins, and whether light is in it."""
+"""Time window of a render: make, choose, enlarge and check the window."""
 
 from __future__ import annotations
 
@@ -18,22 +18,33 @@ if TYPE_CHECKING:
     from ..films.transient import TransientHDRFilm
     from ..signals.pulses import Pulse
 
+# Number of contributions for one check of an automatic window. Dark scenes may give fewer
 CHECK_HITS = 1 << 12
-"""Contributions that check an automatic window, fewer if the scene has so little light."""
 
-CHECK_RENDERS = 16  # Most test renders in one check of an automatic window
-CHECKS = 4  # Most times that an automatic window is checked and enlarged
-UNCONFIRMED = LOST_ENERGY / 2  # Fraction of lost energy above which a window is enlarged
+# Largest number of test renders in one check of an automatic window
+CHECK_RENDERS = 16
 
+# Largest number of checks. Each check can enlarge the window
+CHECKS = 4
+
+# Fraction of the energy outside the window above which the window is enlarged
+UNCONFIRMED = LOST_ENERGY / 2
+
+# Number of contributions near an empty window above which the window is not empty by chance
 MANY_HITS = 250
-"""Contributions near an empty window from which on chance cannot explain that it is empty."""
 
+# Seed of the first test render. With one seed, all renders of a scene have the same window, so
+# that `merge` can join them
 ARRIVALS_SEED = 0
-"""Seed with which light is looked for: renders of all seeds have one window, and can be joined."""
 
-BINS = 300  # Bins of a scene that has none
-WINDOW_OPTION = "`window='auto'`"  # Setting that finds a better window, for warnings
-PULSES = 128  # Standard deviations of the pulse that is chosen for a window, in that window
+# Default number of bins of a steady scene
+BINS = 300
+
+# Setting that finds a better window, for warnings
+WINDOW_OPTION = "`window='auto'`"
+
+# Width of the window divided by the standard deviation of an automatic pulse
+PULSES = 128
 
 
 def windowed_film(
@@ -43,7 +54,16 @@ def windowed_film(
     start_opl: float | None = None,
     bin_width: float | None = None,
 ) -> TransientHDRFilm:
-    """An empty film of the same pixels as `film`, with the time axis of some `RenderSettings`."""
+    """Return an empty film with the pixels of `film` and the given time axis.
+
+    Args:
+        film: Film of the scene. It also defines the values of the time axis that are missing.
+        window: Start and stop [m], "auto" for a preliminary window, or None.
+        bins: Number of bins.
+        start_opl: Start of the first bin [m].
+        bin_width: Width of a bin [m].
+    """
+    # Replace the values of the film. A given window replaces start and width below
     own = time_bins(film) or (None, None, None)
     given = (bins, start_opl, bin_width) if window is None else (bins, 0.0, 1.0)
     axis: Any = [old if new is None else new for old, new in zip(own, given, strict=True)]
@@ -52,6 +72,8 @@ def windowed_film(
             f"film = {film.class_name()}: has no time bins; must be transient_hdr_film, or give "
             "`bins` and `window`"
         )
+
+    # Make the film
     if window is not None and not is_auto(window):
         axis[1:] = start_and_width(window, axis[0])
     windowed = transient_film(film, *axis)
@@ -60,19 +82,26 @@ def windowed_film(
 
 
 def check_window(film: TransientHDRFilm, arrivals: Arrivals, profile: Pulse | None) -> None:
-    """Refuse a window that no light reaches, and doubt one that none of the test paths reached.
+    """Raise a ValueError if no light reaches the window, and warn if light may be rare there.
 
-    No light reaches a window where none was found while much was nearby, within a quarter of the
-    path length, or where there was none nearby either. In between, light may be too rare.
+    An empty window is an error in two cases: many contributions arrive nearby, or no contribution
+    arrives nearby. Nearby means within a quarter of the path length. With few contributions nearby,
+    the window may be empty by chance, so the function only warns.
     """
-    start, stop = film.start_opl, film.end_opl()
+    # Did the test render find any light?
+    start = film.start_opl
+    stop = film.end_opl()
     if not arrivals.any:
         warnings.warn(
             f"no light found on {PATHS} test paths: the picture may be black", stacklevel=5
         )
         return
+
+    # Is the light within the window?
     if arrivals.between(start, stop, profile):
         return
+
+    # Is the window empty by chance?
     first, last = arrivals.window(profile, 1.0)
     if not 0 < arrivals.between(start / 1.25, stop * 1.25, profile) < MANY_HITS:
         raise ValueError(
@@ -89,14 +118,14 @@ def check_window(film: TransientHDRFilm, arrivals: Arrivals, profile: Pulse | No
 def enlarged(
     arrivals: Arrivals, profile: Pulse | None, look: Callable[[int], Arrivals]
 ) -> Arrivals:
-    """Add light of further test renders until they confirm the window of the arrivals.
+    """Add the light of further test renders until they confirm the window of the arrivals.
 
-    One test render can miss light that few paths bring. While much of the energy of other test
-    renders is outside the window, their light is added, which enlarges the window.
+    One test render can miss light of rare paths. If much of the energy of further test renders is
+    outside the window, their light is added. This enlarges the window.
 
     Args:
         arrivals: Light that the first test render found.
-        profile: Pulse that the film sees light with.
+        profile: Temporal profile of a contribution on the film.
         look: Function that makes the test render of a seed.
     """
     seed = ARRIVALS_SEED
@@ -125,13 +154,23 @@ def warn_of_losses(
     automatic: bool = False,
     stacklevel: int = 4,
 ) -> None:
-    """Warn if light is missing, and name a better window or the setting that finds one.
+    """Warn if much energy is outside the window, and name a better window or a setting.
 
-    Set `automatic` if that setting has found the window.
+    Args:
+        film: Film with the window.
+        outside: Fraction of the energy outside the window.
+        arrivals: Energy over path length, to find a better window.
+        profile: Temporal profile of a contribution on the film.
+        window_option: Setting that finds a better window.
+        automatic: Whether this setting has chosen the window already.
+        stacklevel: As for `warnings.warn`.
     """
     if outside <= LOST_ENERGY:
         return
-    start, stop = film.start_opl, film.end_opl()
+    start = film.start_opl
+    stop = film.end_opl()
+
+    # Choose a remedy
     remedy = f"another one may hold it ({window_option})"
     if automatic:
         more = 0.5 * (stop - start)
@@ -148,11 +187,11 @@ def warn_of_losses(
 
 
 def pulse_width_for(film: TransientHDRFilm, pulse: Pulse | None) -> float | None:
-    """Return the width of a pulse that makes few paths smooth and still shows wavefronts.
+    """Return the width of a pulse that smooths noise and still shows wavefronts.
 
-    The width is the standard deviation [m], a 128th of the window, rounded to two digits. A path
-    then lights about five of 300 bins. The result is None if the light already has a `pulse`, or if
-    the bins are wider than twice that width.
+    The width is the standard deviation [m]. It is a 128th of the window, rounded to two digits. One
+    path then contributes to about five of 300 bins. The result is None if the light already has a
+    `pulse`, or if the bins are wider than twice the width.
     """
     width = float(f"{(film.end_opl() - film.start_opl) / PULSES:.2g}")
     return None if pulse or width < film.bin_width_opl / 2 else width

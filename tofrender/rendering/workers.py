@@ -1,7 +1,7 @@
-"""Renders on many processes or machines: a Dask scheduler hands work items to workers.
+"""Renders on several processes or machines: a Dask scheduler sends work items to workers.
 
-A worker that dies costs the item that it had, which another renders; one that takes ten times as
-long as others is not waited for. The result is that of one process but for rounding.
+If a worker dies, another worker renders its item again. If an item needs ten times as long as
+usual, a second worker also renders it. The result equals the result of one process up to rounding.
 """
 
 from __future__ import annotations
@@ -34,47 +34,78 @@ if TYPE_CHECKING:
 
     from .job import Job
 
-PATIENCE, LEAST_WAIT_S = 10.0, 60.0
-"""An item is given to a second worker after so many times the usual time, but not before [s]."""
+# An item is sent to a second worker after this multiple of the usual time
+PATIENCE = 10.0
 
-ANSWER_S = 10.0  # Time that a scheduler has to answer [s]
-SILENT = "CRITICAL"  # Level of the log messages of workers that are printed
-POLL_S = 2.0  # Time between checks whether workers are left, while no item is finished [s]
+# Shortest time before an item is sent to a second worker [s]
+LEAST_WAIT_S = 60.0
 
+# Longest time until a scheduler answers [s]
+ANSWER_S = 10.0
+
+# Lowest level of log messages of workers that are printed
+SILENT = "CRITICAL"
+
+# Time between two checks whether any worker is alive, while no item is finished [s]
+POLL_S = 2.0
+
+# Time until a worker that does not start again is removed
 RESTART_TIMEOUT = "10 minutes"
-"""Time after which a worker that has died, and does not start again, is given up."""
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 Made = TypeVar("Made")
 
+# Environment variable of a worker that contains its number of threads
 THREADS = "TOFRENDER_THREADS"
-"""Variable of a worker's environment with the number of threads that it renders on."""
 
 
 @dataclass(frozen=True)
 class Order:
-    """All that a worker needs to make the same job."""
+    """Description of a job that is sent to workers, which make the same job from it."""
 
-    # Functions that make a job of `arguments`, and render an item of the job. Workers find both by
-    # their names in their own package
+    # Functions that make a job from `arguments`, and render an item of the job. They are pickled by
+    # name, so workers use the functions of their installed package
     make: Callable[..., Job]
     render_item: Callable[[Job, Any], Any]
-    arguments: Mapping[str, object]  # plain values, by name
-    variant: str  # Mitsuba's variant
-    axis: tuple[int, float, float]  # number of the bins, their start and width [m]
-    fingerprint: str  # of scene, sensor and integrator
-    folder: str | None  # a film on disk that workers write to; without, results are sent back
-    key: str  # tells orders apart
+
+    # Arguments of `make` as plain values, by name
+    arguments: Mapping[str, object]
+
+    # Mitsuba's variant
+    variant: str
+
+    # Number, start and width [m] of the time bins
+    axis: tuple[int, float, float]
+
+    # Fingerprint of scene, sensor and integrator
+    fingerprint: str
+
+    # Film on disk that the workers write to. Without a folder, the workers return their results
+    folder: str | None
+
+    # Unique text for each order
+    key: str
 
     @classmethod
     def of(cls, job: Job, folder: Path | None, render_item: Callable[[Job, Any], Any]) -> Order:
-        """Return the order for a job, whose items a function renders."""
+        """Return the order for a job.
+
+        Args:
+            job: The job.
+            folder: Film on disk that the workers write to, or None.
+            render_item: Function that renders an item of the job.
+
+        Raises:
+            ValueError: An argument of the job cannot be sent to workers.
+        """
+        # Can the integrator and the sampler be sent?
         make, arguments = job.origin
         for name in ("integrator", "sampler"):
             if not isinstance(arguments.get(name), str | Mapping | None):
                 kind = type(arguments[name]).__name__
                 raise ValueError(f"{name} = {kind}: cannot be sent to workers; must be a name")
+
         film = job.film
         return cls(
             make=make,
@@ -88,7 +119,7 @@ class Order:
         )
 
     def render(self, item: WorkItem) -> WorkResult | TileReceipt:
-        """Render a work item here, in a worker: gives its result, or the receipt of its tile."""
+        """Render a work item in a worker. Return its result, or the receipt of its tile on disk."""
         job = kept_by_worker(self.key, self.variant, self._make_job)
         if self.folder is None:
             return self.render_item(job, item)
@@ -98,7 +129,11 @@ class Order:
         return store.receipt(item) or store.write(item, self.render_item(job, item))
 
     def _make_job(self) -> Job:
-        """Make the job in a worker."""
+        """Make the job in a worker.
+
+        Raises:
+            ValueError: The scene differs, for example because a file differs.
+        """
         job = self.make(**unpacked(self.arguments), axis=self.axis)
         if job.recipe["fingerprint"] != self.fingerprint:
             raise ValueError("scene: differs on this worker's machine; must be the same there")
@@ -107,20 +142,22 @@ class Order:
 
 @contextmanager
 def local_workers(count: int, threads: int | None = None) -> Iterator[Client]:
-    """A scheduler and workers on this machine, and a client of them.
+    """Start a scheduler and workers on this machine, and yield a client.
 
-    They listen on the loopback interface, by TLS, and only to holders of a certificate that is made
-    for them. Under a `cuda_*` variant, each worker has one GPU.
+    The processes listen only on the loopback interface. They use TLS with a temporary certificate.
+    Without this certificate, other processes cannot connect. With a `cuda_*` variant, each worker
+    uses one GPU.
 
     Args:
-        count: Number of processes, 1 to 1024; on GPUs, at most their number.
-        threads: Threads of each, 1 to 1024; by default the cores are shared among them.
+        count: Number of processes, 1 to 1024. With GPUs, at most the number of GPUs.
+        threads: Threads of each process, 1 to 1024. By default, the processes share the cores.
 
     Raises:
         ValueError: A number is out of range; one line.
         ImportError: The package distributed or cryptography is missing; one line.
-        RuntimeError: A worker cannot start; one line that says why.
+        RuntimeError: A worker cannot start. One line describes the cause.
     """
+    # Check the arguments
     checks.integer("count", count, 1, MAX_WORKERS)
     if threads is not None:
         checks.integer("threads", threads, 1, MAX_WORKERS)
@@ -128,16 +165,21 @@ def local_workers(count: int, threads: int | None = None) -> Iterator[Client]:
     distributed = require_distributed()
     import dask.config
 
+    # Configure Dask. The web servers cannot be disabled, so remove all their pages
     each = max(1, backend.cores() // count) if threads is None else threads
     settings = {
         "distributed.deploy.lost-worker-timeout": RESTART_TIMEOUT,
-        "distributed.scheduler.http.routes": [],  # Their web servers cannot be left out
+        "distributed.scheduler.http.routes": [],
         "distributed.worker.http.routes": [],
     }
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(settings))
-        # The workers, their tracker, and workers that start again later
+
+        # Child processes must not import from the working folder: workers, their resource tracker,
+        # and workers that start again later
         stack.enter_context(safe_children())
+
+        # Start the workers, and report the first cause of an error
         try:
             cluster = _cluster([{THREADS: str(each)} | each_visible for each_visible in visible])
         except RuntimeError as error:
@@ -160,7 +202,7 @@ def visible_devices(count: int) -> list[dict[str, str]]:
     if backend_name is None:
         return [{} for _ in range(count)]
 
-    # Metal uses one GPU, and CUDA those that this process may use
+    # Metal uses one GPU, and CUDA uses all GPUs that are visible to this process
     devices = gpu.devices() if backend_name == gpu.CUDA else ["0"]
     if count > max(1, len(devices)):
         raise ValueError(
@@ -184,7 +226,8 @@ def _cluster(environments: Sequence[Mapping[str, str]]) -> Any:
         "security": distributed.Security.temporary(),
         "dashboard": False,
     }
-    # Without an address, the scheduler would take port 8787, which may be in use
+
+    # Without an address, the scheduler would use port 8787, which may be occupied
     scheduler = shared | {"port": 0, "dashboard_address": "127.0.0.1:0"}
     worker = shared | {
         "nthreads": 1,
@@ -208,7 +251,11 @@ def _cluster(environments: Sequence[Mapping[str, str]]) -> Any:
 
 @contextmanager
 def workers_of(scheduler: str) -> Iterator[Client]:
-    """A client of the workers of a scheduler, by its address."""
+    """Connect to a scheduler by its address, and yield a client.
+
+    Raises:
+        ValueError: The scheduler does not answer.
+    """
     distributed = require_distributed()
     from distributed.utils import silence_logging_cmgr
 
@@ -227,14 +274,21 @@ def workers_of(scheduler: str) -> Iterator[Client]:
 def workers_for(
     workers: int | None, scheduler: str | None
 ) -> AbstractContextManager[Client | None]:
-    """A client of processes here, or of a scheduler's workers; None if neither is asked for."""
+    """Return a context with a client of local processes, or of the workers of a scheduler.
+
+    The context contains None if both arguments are None.
+    """
     if workers is not None:
         return local_workers(workers)
     return nullcontext() if scheduler is None else workers_of(scheduler)
 
 
 def check_workers(**given: object) -> bool:
-    """Whether workers are asked for, by one of `workers`, `scheduler` and `client`."""
+    """Return whether one of `workers`, `scheduler` and `client` is given, and check its value.
+
+    Raises:
+        ValueError: More than one of them is given, or the value is wrong.
+    """
     names = [name for name, value in given.items() if value is not None]
     if len(names) > 1:
         raise ValueError(f"{names[1]}: must be left out with `{names[0]}`")
@@ -247,7 +301,11 @@ def check_workers(**given: object) -> bool:
 
 
 def require_distributed() -> Any:
-    """The package distributed."""
+    """Return the package distributed.
+
+    Raises:
+        ImportError: The package distributed or cryptography is not installed.
+    """
     try:
         import cryptography  # noqa: F401  # for certificates
         import distributed
@@ -257,7 +315,7 @@ def require_distributed() -> Any:
 
 
 def require_client(client: object) -> Any:
-    """Refuse what is no client of workers, or is closed."""
+    """Return the client if it is connected; otherwise raise a ValueError."""
     kind = require_distributed().Client
     found = checks.instance("client", client, kind, "a distributed.Client")
     if found.asynchronous or found.status != "running":
@@ -266,19 +324,29 @@ def require_client(client: object) -> Any:
 
 
 def check_client(client: object) -> int:
-    """Number of a client's workers, all of which can render with the versions of this process.
+    """Check that all workers of a client can render, and return the number of workers.
 
-    Workers that end meanwhile are left out; they start again.
+    Workers that end during the check are ignored, because they start again.
+
+    Raises:
+        ValueError: The client has no workers, or package versions of a worker differ.
+        RuntimeError: A worker cannot render.
     """
+    # Ask all workers for their versions, and ignore workers that were lost
     checked = require_client(client)
-    lost, own = require_distributed().comm.CommClosedError, versions()
+    lost = require_distributed().comm.CommClosedError
+    own = versions()
     found = checked.run(versions, on_error="return")
     found = {worker: its for worker, its in found.items() if not isinstance(its, lost)}
     if not found:
         raise ValueError("client: has no workers; must have one")
+
+    # Are the versions equal?
     for worker, its in found.items():
         if not isinstance(its, Exception) and its != own:
             raise ValueError(f"client: worker {worker} has {its}; must have {own}")
+
+    # Can all workers activate the variant?
     active = checked.run(backend.activate, mi.variant(), on_error="return")
     for worker, its in [*found.items(), *active.items()]:
         if isinstance(its, Exception) and not isinstance(its, lost):
@@ -299,8 +367,8 @@ def render_by_workers(
         client: The client of the workers.
         job: The job.
         items: The items.
-        render_item: Function that renders an item of the job. Workers find it by its name.
-        folder: A film on disk that the workers write to. Results are receipts then.
+        render_item: Function that renders an item of the job. It must be importable by name.
+        folder: Film on disk that the workers write to. With a folder, the results are receipts.
 
     Yields:
         Each item with its result, when it is finished.
@@ -311,42 +379,71 @@ def render_by_workers(
 def distribute(
     client: Client, work: partial[Result], items: Sequence[Item]
 ) -> Iterator[tuple[Item, Result]]:
-    """Have work done on some items, each by one worker; gives item and result as they are done."""
+    """Let workers process items, and yield each item with its result when it is finished.
+
+    Args:
+        client: The client of the workers.
+        work: Function of an item.
+        items: The items.
+
+    Raises:
+        ConnectionError: The scheduler or all workers are lost.
+        RuntimeError: A worker failed.
+    """
     workers = len(client.scheduler_info()["workers"])
 
     def submit(item: Item, priority: int = 0) -> Future:
+        """Send an item to the scheduler."""
         return client.submit(work.func, *work.args, item, priority=priority, pure=False)
 
     pending = {submit(item): item for item in items}
-    started, left, usual_s = time.monotonic(), set(items), math.inf
+
+    # The usual time of an item is unknown until the first item is finished
+    started = time.monotonic()
+    left = set(items)
+    usual_s = math.inf
     try:
         while left:
+            # Wait for the next items
             wait = max(LEAST_WAIT_S, PATIENCE * usual_s) if usual_s < math.inf else None
             done = _next(client, list(pending), wait)
-            if not done:  # All that are pending take much longer than the others did
+
+            # If the remaining items need much longer than usual, send them to other workers too
+            if not done:
                 pending |= {submit(item, 1): item for item in left}
                 continue
+
             for future in done:
                 item = pending.pop(future)
                 if future.status == "error":
                     _raise(future)
-                if future.status != "finished":  # Its worker died with it: it is made again
+                if future.status != "finished":
+                    # The worker died, and the scheduler sends the item to another worker
                     pending[future] = item
                 elif item in left:
+                    # Yield the first result of the item, and update the usual time
                     left.remove(item)
                     usual_s = (time.monotonic() - started) * workers / (len(items) - len(left))
                     yield item, future.result()
     except Exception as error:
+        # Was the connection lost?
         if client.status == "running" and not isinstance(error, CancelledError):
             raise
         raise ConnectionError("the scheduler of the workers is lost") from None
     finally:
+        # Cancel items that a second worker still renders
         if client.status == "running":
             client.cancel(list(pending), force=True)
 
 
 def _next(client: Client, futures: list[Future], wait_s: float | None) -> set[Future]:
-    """Futures that are done; none if none was for a time [s]."""
+    """Wait for a future, and return all futures that are done.
+
+    Args:
+        client: The client of the workers.
+        futures: The futures.
+        wait_s: Longest time [s]. Afterwards, the function returns an empty set. None for no limit.
+    """
     distributed = require_distributed()
     until = time.monotonic() + (math.inf if wait_s is None else wait_s)
     while (left_s := until - time.monotonic()) > 0:
@@ -354,12 +451,13 @@ def _next(client: Client, futures: list[Future], wait_s: float | None) -> set[Fu
             wait = distributed.wait(futures, min(POLL_S, left_s), return_when="FIRST_COMPLETED")
             return wait.done
         except TimeoutError:
+            # Is any worker alive?
             _require_workers(client)
     return set()
 
 
 def _require_workers(client: Client) -> None:
-    """Refuse to wait for workers of this machine, all of which have ended for good."""
+    """Raise a ConnectionError if all workers of this machine have ended and cannot start again."""
     cluster: Any = client.cluster
     if isinstance(cluster, require_distributed().SpecCluster) and all(
         worker.status.name in ("closed", "failed") for worker in cluster.workers.values()
@@ -368,6 +466,7 @@ def _require_workers(client: Client) -> None:
 
 
 def _raise(future: Future) -> None:
+    """Raise the error of a future as an error with one line."""
     error = future.exception()
     if type(error).__name__ == "KilledWorker":
         raise RuntimeError("several workers died of a piece; is their memory enough?")
@@ -376,6 +475,8 @@ def _raise(future: Future) -> None:
     raise RuntimeError(f"a worker failed: {type(error).__name__}: {error}")
 
 
+# Preload script of a local worker. If the command `tofrender` started the worker, the script sees
+# its `sys.argv`, so an import of tofrender does not activate a variant
 _START = """
 refused = None
 try:
@@ -386,20 +487,16 @@ except Exception as error:
 if refused is not None:  # Its own error cannot be sent: the package could not be imported
     raise RuntimeError(refused)
 """
-"""Preload script of a local worker.
 
-It has the `sys.argv` of the process that started it: if that is the command, an import of
-tofrender alone activates no variant.
-"""
-
+# Job of the current order in this worker, by the order's key
 _kept: dict[str, Any] = {}
 
 
 def kept_by_worker(key: str, variant: str, make: Callable[[], Made]) -> Made:
-    """Return what a worker makes once for all items with the same key.
+    """Return an object that a worker makes once for all items with the same key.
 
     Args:
-        key: Key of the items. What was made for another key is dropped.
+        key: Key of the items. The object of another key is deleted.
         variant: Mitsuba's variant, which is activated.
         make: Function that loads what the items need, for example a job.
     """
