@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..nlos.captures import MODES
+from ..nlos.modes import MODES
 from ..rendering.settings import SETTINGS
 from ..runtime import checks
 from ..runtime.settings import CHECKS

@@ -16,7 +16,8 @@ import numpy as np
 import xarray as xr
 
 from ..labels import CAPTURE, bins_of
-from ..nlos.captures import COUNTS, DEVICES, MODES, ON_WALL, as_capture, make_capture, read_capture
+from ..nlos.captures import COUNTS, DEVICES, ON_WALL, as_capture, make_capture, read_capture
+from ..nlos.modes import MODES
 from ..rendering.cubes import Cube
 from ..rendering.dataset import plain_attributes
 from ..rendering.labels import TIME, labelled, labels_of

@@ -20,12 +20,10 @@ from ..rendering.cubes import Cube
 from ..rendering.dataset import plain_attributes, require_plain_attributes
 from ..rendering.labels import TIME, labelled, with_time
 from ..runtime import checks, memory
+from .modes import MODES
 
 if TYPE_CHECKING:
     import xarray as xr
-
-MODES = ("single", "confocal", "exhaustive")
-"""One laser spot for all pixels, the laser at each pixel's point, or a grid of laser spots."""
 
 COUNTS = "photon counts per bin"
 QUANTITIES = {"radiance per bin": "W m^-2 sr^-1", COUNTS: "1"}

@@ -27,9 +27,10 @@ from ..runtime.progress import ProgressBar, Stop, deferred_stop, status, without
 from ..runtime.versions import versions
 from ..scenes.fingerprint import fingerprint
 from ..scenes.packing import packed
-from .captures import MODES, first_and_last_legs, make_capture, subtract_legs
+from .captures import first_and_last_legs, make_capture, subtract_legs
 from .device.laser import find_laser, focus_laser, position_of, restored_pose
 from .device.relay_wall import trace_laser_spot
+from .modes import MODES
 from .setup import CaptureSetup, prepare_capture
 
 if TYPE_CHECKING:

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
 from ..runtime import checks
 from .units import SPEED_OF_LIGHT, check_frequencies
@@ -44,6 +43,8 @@ def phase_of(I: Any, Q: Any) -> np.ndarray:
 
 def _frequencies_first(name: str, values: Any, frequencies: Sequence[float]) -> Any:
     """Bring the axis `frequency` of a DataArray to the front; others stay as they are."""
+    import xarray as xr  # Slow: rendering does not need it
+
     if not isinstance(values, xr.DataArray):
         return values
     if "frequency" not in values.dims:
@@ -62,6 +63,8 @@ def _frequencies_first(name: str, values: Any, frequencies: Sequence[float]) -> 
 
 def _of_same_axes(I: Any, Q: Any) -> Any:
     """Return Q in the order of the axes of I. Refuse DataArrays with different axes or labels."""
+    import xarray as xr  # Slow: rendering does not need it
+
     if not (isinstance(I, xr.DataArray) and isinstance(Q, xr.DataArray)):
         return Q
     if set(I.dims) != set(Q.dims):

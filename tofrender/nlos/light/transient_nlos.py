@@ -15,9 +15,9 @@ from ...paths.surfaces import first_surface
 from ...runtime import checks
 from ...runtime.backend import tracing_lock
 from ...signals.illuminants import white
-from ..captures import MODES
 from ..device.laser import apply_meters, axis, find_laser, position_of, require_aim, solid_angle
 from ..device.relay_wall import first_hits, trace_laser_spot
+from ..modes import MODES
 from .laser_spot import (
     OffWallHistory,
     Spot,
