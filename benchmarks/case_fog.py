@@ -106,7 +106,8 @@ def _headlight(size: int, sigma_t: float) -> dict[str, Any]:
 
 def _gate(scene: mi.Scene, target: float, spp: int, ahead: bool) -> Callable[[int], np.ndarray]:
     gate: Any = {"type": "time_gated_transient_path", "max_depth": 20, "rr_depth": 50}
-    integrator, sensor = mi.load_dict(gate | {"pulse_width_opl": 0.03}), scene.sensors()[0]
+    integrator = mi.load_dict(gate | {"pulse_width_opl": 0.03})
+    sensor = scene.sensors()[0]
 
     def draw(seed: int) -> np.ndarray:
         with mock.patch.object(GatedFog, "serves", staticmethod(lambda _: ahead)):

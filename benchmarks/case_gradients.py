@@ -24,8 +24,14 @@ from .misuka_sphere import closed_form
 from .timing import Row
 
 COLUMNS = (
-    *("parameter", "scene", "of", "closed form", "forward", "reverse"),
-    *("differences", "mitransient"),
+    "parameter",
+    "scene",
+    "of",
+    "closed form",
+    "forward",
+    "reverse",
+    "differences",
+    "mitransient",
 )
 NOISY_DIFFERENCES = {"index": 64}
 """Rows that need more samples in differences: light takes the other way at an interface."""
@@ -191,7 +197,8 @@ def _misuka(seeds: int) -> str:
         return f"misuka: failed: {(ran.stderr.strip().splitlines() or ['without a word'])[-1]}"
     table = ["| misuka | of | frequencies [Hz] | closed form | reverse |\n" + "|---" * 5 + "|"]
     for row in json.loads(ran.stdout):
-        by, of = row["by"], row["of"]
+        by = row["by"]
+        of = row["of"]
         exact = f"{closed_form(by)[of]:.6g}"
         cells = by, of, row["frequencies"], exact, _cell(np.array(row["values"]), np.ones(1))
         table.append("| " + " | ".join(cells) + " |")

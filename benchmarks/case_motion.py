@@ -12,7 +12,9 @@ import tofrender
 
 from .timing import Row, in_turn
 
-FREQUENCY_HZ, EXPOSURE_S, TIMES = 30e6, 1.5e-3, 16
+FREQUENCY_HZ = 30e6
+EXPOSURE_S = 1.5e-3
+TIMES = 16
 MOTIONS = {"small-box": tofrender.Motion(velocity=(5.0, 0.0, 10.0))}
 
 
@@ -25,7 +27,8 @@ def box(size: int, moves: bool) -> mi.Scene:
 
 def naive(scene: mi.Scene, spp: int, seed: int) -> np.ndarray:
     """Heterodyne light at random times of the exposure, by samples of their own."""
-    total, sensor = 0.0, scene.sensors()[0]
+    total = 0.0
+    sensor = scene.sensors()[0]
     for k, t in enumerate(np.random.default_rng(seed).random(TIMES)):
         with tofrender.posed(scene, t * EXPOSURE_S):
             i, q, *_ = tofrender.render_amcw_phasor(
@@ -60,7 +63,8 @@ def variance_by_time(function: Callable[[int], np.ndarray], runs: int) -> float:
 def motion(runs: int, quick: bool) -> list[Row]:
     """Variance times processor time over `doppler`'s; time of rates over that at rest."""
     size, spp = (16, 32) if quick else (64, 256)
-    moves, rest = box(size, True), box(size, False)
+    moves = box(size, True)
+    rest = box(size, False)
     seeds = max(runs, 4)
     by_naive, by_poses = (
         variance_by_time(lambda seed, each=each: each(moves, spp, seed), seeds)

@@ -16,7 +16,8 @@ WIDTH = 0.02
 def naive(rates: np.ndarray, cycles: int, dead: int, seed: int) -> np.ndarray:
     """Histogram (bin,) of a free-running detector, photon by photon."""
     rng = np.random.default_rng(seed)
-    bins, armed = rates.size, 0
+    bins = rates.size
+    armed = 0
     counts = np.zeros(bins, np.int64)
     for cycle in range(cycles):
         for k in np.repeat(np.arange(bins), rng.poisson(rates)):
@@ -37,7 +38,9 @@ def film(size: int, bins: int) -> np.ndarray:
 def photons(runs: int, quick: bool) -> list[Row]:
     """Seconds of a histogram of 1e5 cycles; photons a second of lists; over the plain loop."""
     size, side = (32, 16) if quick else (256, 64)
-    rates, cycles, few = film(size, 1000), 100_000, 200 if quick else 6000
+    rates = film(size, 1000)
+    cycles = 100_000
+    few = 200 if quick else 6000
     part = rates[:side, :side]
     total = float(part.sum()) * few
     chain = Spad(mode="free_running", dead_time_s=20e-9, jitter=Response(50e-12, 80e-12))

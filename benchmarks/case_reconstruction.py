@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 VOXELS = {False: (32, 32, 16), True: (8, 8, 4)}
-X, Y, Z = (-1.0, 1.0), (-1.0, 1.0), (0.5, 1.5)
+X = (-1.0, 1.0)
+Y = (-1.0, 1.0)
+Z = (0.5, 1.5)
 
 
 def _capture(size: int, bins: int) -> xr.Dataset:
@@ -87,7 +89,8 @@ def reconstruction(runs: int, quick: bool) -> list[Row]:
     size, bins, long = (16, 60, 64) if quick else (64, 300, 512)
     voxels = VOXELS[quick]
     axes = tuple((*edges, count) for edges, count in zip((X, Y, Z), voxels, strict=True))
-    short, full = _capture(size, bins), _capture(size, long)
+    short = _capture(size, bins)
+    full = _capture(size, long)
     functions = {
         "bp": _ours(short, "bp", volume=axes),
         "lct": _ours(full, "lct"),

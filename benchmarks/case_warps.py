@@ -28,7 +28,8 @@ def _warp(warp: Callable, *numbers: object) -> None:
 
 
 def _both(times: dict[str, Times], name: str) -> Times:
-    first, second = times[name], times[f"{name} again"]
+    first = times[name]
+    second = times[f"{name} again"]
     return Times(first.wall + second.wall, first.cpu + second.cpu)
 
 

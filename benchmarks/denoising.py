@@ -24,7 +24,9 @@ import tofrender
 from .case_lights import plain_pixels
 from .six_scenes import SCENES as TABLE, SIZE, box
 
-SPP, MANY, PARTS = 64, 1024, 4
+SPP = 64
+MANY = 1024
+PARTS = 4
 FREQUENCY_HZ = 50e6
 LENS = {"type": "thinlens", "aperture_radius": 0.12, "focus_distance": 3.4}
 LEAST = 1e-6  # Error of a region, over that of the worst one, below which it has no noise
@@ -55,8 +57,14 @@ SCENES: dict[str, Callable[[], Any] | str] = {
     **{
         name.replace("_", " "): name
         for name in (
-            *("mirror_and_glass", "light_through_hole", "small_box", "headlight_in_fog"),
-            *("smoke_corridor", "lamp_in_milk", "wall_box_hi_nlos", "brewster_window"),
+            "mirror_and_glass",
+            "light_through_hole",
+            "small_box",
+            "headlight_in_fog",
+            "smoke_corridor",
+            "lamp_in_milk",
+            "wall_box_hi_nlos",
+            "brewster_window",
         )
     },
 }
@@ -101,7 +109,12 @@ def measure(name: str, seeds: int, cache: Path) -> dict[str, float]:
         plain = plain_pixels(scene, lamps_alone=True)
     for kind in ({}, {"denoise": True}):
         timed(scene, spp=SPP, **kind, **options)
-    raws, founds, phasors, gates, own, denoised = [], [], [], [], [], []
+    raws = []
+    founds = []
+    phasors = []
+    gates = []
+    own = []
+    denoised = []
     for seed in range(seeds):
         raw, seconds = timed(scene, spp=SPP, seed=seed, **options)
         own.append(seconds)
@@ -114,7 +127,8 @@ def measure(name: str, seeds: int, cache: Path) -> dict[str, float]:
         gates.append([(np.array(part) ** 2).sum() for part in parts])
         raws.append(off[0] ** 2)
         founds.append(off[1] ** 2)
-    raw, found = np.mean(raws, axis=0), np.mean(founds, axis=0)
+    raw = np.mean(raws, axis=0)
+    found = np.mean(founds, axis=0)
     cost = min(denoised) / min(own)  # Others slow some of them down
     more = (timed(scene, spp=round(SPP * cost), seed=k, **options)[0] for k in range(seeds))
     longer = [(film(each) - truth) ** 2 for each in more]

@@ -57,7 +57,9 @@ def measured(draws: Mapping[str, peers.Draw], seeds: int) -> dict[str, Any]:
 
 def figures(found: Mapping[str, Any], plain: np.ndarray) -> dict[str, float]:
     """Variance times CPU time: of the cube, without pixels that see a lamp, relative per bin."""
-    variance, mean, seconds = found["variance"], found["mean"], found["seconds"]
+    variance = found["variance"]
+    mean = found["mean"]
+    seconds = found["seconds"]
     light = (mean[plain] ** 2).sum(axis=(0, 2))
     bins = light > 1e-4 * light.max()  # 1 % of the brightest bin's light
     relative = variance[plain].sum(axis=(0, 2))[bins] / light[bins]

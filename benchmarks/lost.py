@@ -23,11 +23,17 @@ from typing import Any
 RESULTS = Path(__file__).with_name("lost.json")
 LARGE = {"width": 512, "height": 512, "temporal_bins": 2000}
 USUAL = {"width": 256, "height": 256, "temporal_bins": 300}
-LARGE_SPP, USUAL_SPP = 16, 64
+LARGE_SPP = 16
+USUAL_SPP = 64
 WORKERS_TIMES = 4  # as many samples: else the fixed costs of a render hide what workers gain
-INTERVAL_S, COST = 30.0, 0.02
-BEGIN, MODEL, END = "<!-- made by make bench-lost -->", "<!-- its model -->", "<!-- end -->"
-FILMS, WORKERS, DISK_MB_PER_S = 1_000_000, 1000, 1000
+INTERVAL_S = 30.0
+COST = 0.02
+BEGIN = "<!-- made by make bench-lost -->"
+MODEL = "<!-- its model -->"
+END = "<!-- end -->"
+FILMS = 1_000_000
+WORKERS = 1000
+DISK_MB_PER_S = 1000
 
 Found = dict[str, float]
 
@@ -63,7 +69,8 @@ def on_disk(size: dict[str, int], spp: int) -> Found:
     """A render that streams to disk."""
     import tofrender
 
-    scene, folder = box(size), tempfile.mkdtemp(dir=".")
+    scene = box(size)
+    folder = tempfile.mkdtemp(dir=".")
     try:
         start = time.perf_counter()
         tofrender.render(scene, spp=spp, out=f"{folder}/film.zarr", progress=False)
@@ -99,7 +106,9 @@ def by_workers() -> Found:
 
     import tofrender
 
-    scene, window, spp = box(USUAL), (3.5, 19.5), WORKERS_TIMES * USUAL_SPP
+    scene = box(USUAL)
+    window = (3.5, 19.5)
+    spp = WORKERS_TIMES * USUAL_SPP
     alone: list[float] = []
     shared: list[float] = []
     dr.set_thread_count(1)
@@ -179,7 +188,8 @@ def model(results: dict[str, Any]) -> str:
     """What a million films would take, from one."""
     from .report import digits, rows_of
 
-    size, one_s = film_mb(USUAL), results["found"]["workers"]["alone_s"] / WORKERS_TIMES
+    size = film_mb(USUAL)
+    one_s = results["found"]["workers"]["alone_s"] / WORKERS_TIMES
     written_s = size / DISK_MB_PER_S
     rows = [
         ["", "a film of 256 x 256 x 300 RGB", "a million of them"],

@@ -11,9 +11,14 @@ import json
 import math
 from collections.abc import Callable
 
-LAMP_RADIUS, OFFSET, INTENSITY, LONGEST_PATH = 0.01, 0.3, 2.0, 4
-RADIUS, ALBEDO = 1.2, 0.8
-BINS, BIN_WIDTH = 137, 0.1
+LAMP_RADIUS = 0.01
+OFFSET = 0.3
+INTENSITY = 2.0
+LONGEST_PATH = 4
+RADIUS = 1.2
+ALBEDO = 0.8
+BINS = 137
+BIN_WIDTH = 0.1
 FREQUENCIES = ("250, 500", "1, 2")
 """Bands [Hz]: usual ones, and those at which all of its derivatives are right."""
 

@@ -14,12 +14,14 @@ from tofrender.runtime.canvas import new_figure
 from . import denoising
 
 ROOT = Path(__file__).parents[1]
-README, PAGE = ROOT / "README.md", ROOT / "docs" / "performance.md"
+README = ROOT / "README.md"
+PAGE = ROOT / "docs" / "performance.md"
 GPU = ROOT / "benchmarks" / "gpu.json"
 """Results of `python -m benchmarks.gpu --out benchmarks/gpu.json` on a GPU."""
 
 FIGURE = ROOT / "docs" / "pictures" / "performance.png"
-BEGIN, END = "<!-- made by make bench-full -->", "<!-- end -->"
+BEGIN = "<!-- made by make bench-full -->"
+END = "<!-- end -->"
 WIDTH = 112
 PEER = "mitransient"
 MEASURES = ("cube", "without lamps", "relative per bin")
@@ -62,7 +64,8 @@ def paragraph(text: str) -> str:
 
 def readme_block(results: Results) -> str:
     """What the README says."""
-    scenes, large = results["scenes"], results["times"]["size"]["256"]
+    scenes = results["scenes"]
+    large = results["times"]["size"]["256"]
     machine = results["machine"]
     box = scenes["Cornell box"]
     mirror, glass = (

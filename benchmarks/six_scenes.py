@@ -9,7 +9,9 @@ import mitsuba as mi
 
 import tofrender
 
-SIZE, BINS, DEPTH = 64, 300, 6
+SIZE = 64
+BINS = 300
+DEPTH = 6
 Described = dict[str, Any]
 
 

@@ -19,7 +19,8 @@ from .tofbench.cases import Case
 from .tofbench.references import DATA
 from .tofbench.running import describe, rendered
 
-RUNS, SAMPLES = 16, 8192
+RUNS = 16
+SAMPLES = 8192
 TAGS = {
     "integrator": ("transient_path", "transient_volpath"),
     "sensor": ("perspective",),
@@ -72,14 +73,16 @@ def main(names: list[str]) -> None:
     renderer = describe("tofrender")
     for path in [DATA / f"{name}.json" for name in names] or sorted(DATA.glob("*.json")):
         described = json.loads(path.read_text(encoding="utf-8"))
-        scene, bins = described["scene"], described["bins"]
+        scene = described["scene"]
+        bins = described["bins"]
         write_xml(scene, bins, path.with_suffix(".xml"))
         case = Case(path.stem, "", "", scene, bins, lambda: np.zeros(0), samples=SAMPLES)
         with tempfile.TemporaryDirectory() as folder:
             [(_, result)] = rendered(renderer, [case], RUNS, 1.0, Path(folder))
         if isinstance(result, str):
             sys.exit(f"{path.stem}: {result}")
-        mean, error = result[0].mean(axis=0), result[0].std(axis=0, ddof=1) / np.sqrt(RUNS)
+        mean = result[0].mean(axis=0)
+        error = result[0].std(axis=0, ddof=1) / np.sqrt(RUNS)
         np.savez_compressed(
             path.with_suffix(".npz"),
             mean=mean.astype(np.float32),

@@ -73,7 +73,8 @@ def renderers(names: list[str], pythons: list[str]) -> list[Renderer]:
 
 def main() -> None:
     """Run the command."""
-    options, cases = parser().parse_args(), all_cases()
+    options = parser().parse_args()
+    cases = all_cases()
     if options.list:
         for case in cases:
             print(f"{case.name:24s} {case.title}: {case.form}")

@@ -18,14 +18,17 @@ DATA = json.loads(Path(__file__).with_name("cases.json").read_text(encoding="utf
 
 def lamp_path(scene: dict, eye=None, x=None) -> tuple[float, float]:
     """OPL and radiance of the path by a point of the floor, the camera's target by default."""
-    camera, lamp = scene["camera"], scene["lights"]["lamp"]
+    camera = scene["camera"]
+    lamp = scene["lights"]["lamp"]
     albedo = scene["shapes"]["floor"]["material"]["albedo"]
-    eye, x = eye or camera["origin"], x or camera["target"]
+    eye = eye or camera["origin"]
+    x = x or camera["target"]
     return forms.point_on_floor(eye, x, lamp["position"], lamp["intensity"], albedo)
 
 
 def floor_paths(scene: dict, size: tuple[int, int] = (1, 1)) -> tuple:
-    camera, lamp = scene["camera"], scene["lights"]["lamp"]
+    camera = scene["camera"]
+    lamp = scene["lights"]["lamp"]
     view = camera["origin"][2], camera["fov"], size
     albedo = scene["shapes"]["floor"]["material"]["albedo"]
     return forms.floor_in_view(*view, lamp["position"], lamp["intensity"], albedo)
@@ -52,7 +55,8 @@ def gates(scene: dict, bins: dict) -> np.ndarray:
 
 def pixels(scene: dict, bins: dict) -> np.ndarray:
     camera = scene["camera"]
-    width, height = camera["width"], camera["height"]
+    width = camera["width"]
+    height = camera["height"]
     opl, radiance, pixel = floor_paths(scene, (width, height))
     masks = (pixel == k for k in range(width * height))
     parts = [forms.histogram(bins, opl[mask], radiance[mask]) for mask in masks]
@@ -63,7 +67,8 @@ def pixels(scene: dict, bins: dict) -> np.ndarray:
 
 def under(scene: dict) -> tuple[dict, float, float]:
     """The light, the way from camera to floor, and the floor's albedo."""
-    shapes, camera = scene["shapes"], scene["camera"]
+    shapes = scene["shapes"]
+    camera = scene["camera"]
     seen = forms.distance(camera["origin"], camera["target"])
     return shapes["light"], seen, shapes["floor"]["material"]["albedo"]
 
@@ -76,7 +81,9 @@ def disk_light(scene: dict, bins: dict) -> np.ndarray:
 
 def rectangle_light(scene: dict, bins: dict) -> np.ndarray:
     light, seen, albedo = under(scene)
-    (x, y, h), a, b = light["center"], abs(light["u"][0]), abs(light["v"][1])
+    x, y, h = light["center"]
+    a = abs(light["u"][0])
+    b = abs(light["v"][1])
     ranges = (x - a, x + a), (y - b, y + b)
     return forms.rectangle_light(bins, seen, h, *ranges, light["radiance"], albedo)
 
@@ -90,7 +97,9 @@ def sphere_light(scene: dict, bins: dict) -> np.ndarray:
 def absorption(scene: dict, bins: dict) -> np.ndarray:
     """Through the box's height, both ways."""
     opl, radiance = lamp_path(scene)
-    box, x, lamp = scene["shapes"]["fog"], scene["camera"]["target"], scene["lights"]["lamp"]
+    box = scene["shapes"]["fog"]
+    x = scene["camera"]["target"]
+    lamp = scene["lights"]["lamp"]
     through = 2 * box["half"][2] * (1 + forms.distance(x, lamp["position"]) / lamp["position"][2])
     loss = np.exp(-scene["media"]["fog"]["absorption"] * through)
     return forms.histogram(bins, opl, radiance * loss)
@@ -98,7 +107,8 @@ def absorption(scene: dict, bins: dict) -> np.ndarray:
 
 def gradient(scene: dict, bins: dict) -> np.ndarray:
     """By the floor's height at 0 (dH/dz = -1), or by its albedo."""
-    lamp, h = scene["lights"]["lamp"], scene["camera"]["origin"][2]
+    lamp = scene["lights"]["lamp"]
+    h = scene["camera"]["origin"][2]
     albedo = scene["shapes"]["floor"]["material"]["albedo"]
     r = float(np.hypot(lamp["position"][0], h))
     light = lamp["intensity"] / np.pi * h / r**3
@@ -112,7 +122,9 @@ def gradient(scene: dict, bins: dict) -> np.ndarray:
 
 
 def furnace(scene: dict, bins: dict) -> np.ndarray:
-    wall, lamp, segments = scene["shapes"]["wall"], scene["lights"]["lamp"], scene["segments"]
+    wall = scene["shapes"]["wall"]
+    lamp = scene["lights"]["lamp"]
+    segments = scene["segments"]
     bounces = 60 if segments < 0 else segments - 2
     albedo = wall["material"]["albedo"]
     return forms.furnace(bins, bounces, wall["radius"], albedo, lamp["intensity"])
@@ -120,7 +132,9 @@ def furnace(scene: dict, bins: dict) -> np.ndarray:
 
 def furnace_ear(scene: dict, bins: dict) -> np.ndarray:
     """Light leaves the lamp's surface, a radius nearer to the wall."""
-    wall, lamp, ear = scene["shapes"]["wall"], scene["shapes"]["lamp"], scene["camera"]["origin"]
+    wall = scene["shapes"]["wall"]
+    lamp = scene["shapes"]["lamp"]
+    ear = scene["camera"]["origin"]
     intensity = np.pi * lamp["radius"] ** 2 * lamp["radiance"]
     bins = bins | {"start": bins["start"] + lamp["radius"]}
     albedo = wall["material"]["albedo"]
@@ -129,7 +143,8 @@ def furnace_ear(scene: dict, bins: dict) -> np.ndarray:
 
 def mirror_room(scene: dict, bins: dict) -> np.ndarray:
     """Direct light and its images in five walls."""
-    room, source = scene["room"], scene["shapes"]["source"]
+    room = scene["room"]
+    source = scene["shapes"]["source"]
     images = [room["source"]]
     for axis, size in enumerate(room["size"]):
         for wall in (0.0, size)[axis == 2 :]:
@@ -148,7 +163,8 @@ def chords(scene: dict, bins: dict) -> np.ndarray:
 
 
 def sky(scene: dict, bins: dict) -> np.ndarray:
-    albedo, light = scene["shapes"]["ball"]["material"]["albedo"], scene["lights"]["sky"]
+    albedo = scene["shapes"]["ball"]["material"]["albedo"]
+    light = scene["lights"]["sky"]
     return albedo * light["radiance"] * np.eye(bins["count"])[0]
 
 
@@ -161,7 +177,8 @@ def only_sum(scene: dict, bins: dict) -> np.ndarray:
 
 def at_mirror(scene: dict) -> tuple[list[float], list[float]]:
     """The camera's image in a horizontal mirror, and the floor's point that it sees."""
-    camera, z = scene["camera"], scene["shapes"]["mirror"]["center"][2]
+    camera = scene["camera"]
+    z = scene["shapes"]["mirror"]["center"][2]
     image = np.array(camera["origin"]) * [1, 1, -1] + [0, 0, 2 * z]
     away = np.array(camera["target"]) - image
     return image.tolist(), (image - away * image[2] / away[2]).tolist()
@@ -179,7 +196,8 @@ def mirror(scene: dict, bins: dict) -> np.ndarray:
 
 def slab_orders(scene: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """OPL, S0 and S1 of the orders of a slab or a ball, and S0 without polarisation."""
-    camera, light = scene["camera"], scene["shapes"]["light"]
+    camera = scene["camera"]
+    light = scene["shapes"]["light"]
     glass = scene["shapes"].get("slab") or scene["shapes"]["ball"]
     away = np.subtract(camera["target"], camera["origin"])
     angle = float(np.degrees(np.arccos(-away[2] / np.linalg.norm(away))))
@@ -224,8 +242,10 @@ def phasors(scene: dict, bins: dict) -> np.ndarray:
 
 
 def thin_lens(scene: dict, bins: dict) -> np.ndarray:
-    light, camera = scene["shapes"]["light"], scene["camera"]
-    patch, lens = (light["u"][0], light["center"]), (camera["aperture_radius"], camera["fov"])
+    light = scene["shapes"]["light"]
+    camera = scene["camera"]
+    patch = (light["u"][0], light["center"])
+    lens = (camera["aperture_radius"], camera["fov"])
     return forms.lens_patch(bins, *patch, *lens, light["radiance"])
 
 
@@ -265,7 +285,9 @@ def by_readings(weights, values) -> np.ndarray:
 
 
 def fog(scene: dict, bins: dict) -> np.ndarray:
-    medium, lamp, box = scene["media"]["fog"], scene["lights"]["lamp"], scene["shapes"]["fog"]
+    medium = scene["media"]["fog"]
+    lamp = scene["lights"]["lamp"]
+    box = scene["shapes"]["fog"]
     phase = forms.rayleigh if medium["phase"] == "rayleigh" else forms.hg(medium.get("g", 0.0))
     scattering = medium["scattering"]
     ends = box["center"][0] - box["half"][0], box["center"][0] + box["half"][0]
@@ -308,7 +330,8 @@ def nodes(plate: dict, turn: int = 1) -> tuple:
 
 def hidden(scene: dict, bins: dict) -> np.ndarray:
     """By the first plate's side that the wall sees."""
-    wall, plate = scene["wall"], scene["shapes"]["plate"]
+    wall = scene["wall"]
+    plate = scene["shapes"]["plate"]
     turn = -1 if plate["material"].get("two_sided") else 1
     lit = (0, 0, 0) if wall["capture"] == "confocal" else wall["lit"]
     scale = wall["power"] * wall["albedo"] ** 2 / np.pi**2
@@ -318,7 +341,9 @@ def hidden(scene: dict, bins: dict) -> np.ndarray:
 
 
 def occluder(scene: dict, bins: dict) -> np.ndarray:
-    camera, lamp, plate = scene["camera"], scene["lights"]["lamp"], scene["shapes"]["plate"]
+    camera = scene["camera"]
+    lamp = scene["lights"]["lamp"]
+    plate = scene["shapes"]["plate"]
     scale = lamp["intensity"] * scene["shapes"]["floor"]["material"]["albedo"] / np.pi
     ends = lamp["position"], camera["target"]
     albedo = plate["material"]["albedo"]
@@ -334,7 +359,8 @@ def made(name: str, described: dict) -> Case:
     """A case of cases.json: `exact` and `readings` name functions of this module."""
     data = dict(described)
     scene = {"shapes": {}, "lights": {}, "media": {}} | data.pop("scene")
-    bins, needs = data["bins"], tuple(data.pop("needs", ()))
+    bins = data["bins"]
+    needs = tuple(data.pop("needs", ()))
     weights = globals()[data.pop("readings")](scene, bins) if "readings" in data else None
     value = partial(globals()[data.pop("exact")], scene, bins)
     return Case(name, scene=scene, exact=value, needs=needs, readings=weights, **data)

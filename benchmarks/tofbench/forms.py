@@ -77,7 +77,8 @@ def floor_in_view(
     u, v = lattice(1 << 20, 2)
     half = math.tan(math.radians(fov) / 2)
     scale = np.array([max(width / rows, 1.0), max(rows / width, 1.0)]) * half
-    x, y = (2 * u - 1) * scale[0] * height, (1 - 2 * v) * scale[1] * height
+    x = (2 * u - 1) * scale[0] * height
+    y = (1 - 2 * v) * scale[1] * height
     d = np.sqrt((x - light[0]) ** 2 + (y - light[1]) ** 2 + light[2] ** 2)
     radiance = albedo / math.pi * intensity * light[2] / d**3
     seen = np.sqrt(height**2 + x**2 + y**2)
@@ -100,7 +101,8 @@ def rectangle_light(bins: dict, seen: float, h: float, x, y, radiance: float, al
     """Floor under a parallel rectangle at height h, ranges x, y: dE/dr = Le h²/r³ phi(s)."""
     masses = []
     for low, high in pairwise(np.maximum(edges(bins) - seen, h)):
-        r, w = low + (high - low) * (np.arange(4000) + 0.5) / 4000, (high - low) / 4000
+        r = low + (high - low) * (np.arange(4000) + 0.5) / 4000
+        w = (high - low) / 4000
         s = np.sqrt(np.maximum(r**2 - h**2, 1e-18))
         phi = sum(
             i * j * math.copysign(1, x[k] * y[m]) * _corner(s, abs(x[k]), abs(y[m]))
@@ -135,13 +137,16 @@ def furnace(
     fine = 2000
     step = 2 * radius / fine
     chord = np.diff((np.arange(fine + 1) / fine) ** 2)
-    masses, result, first = np.ones(1), np.zeros(bins["count"]), 2 * radius
+    masses = np.ones(1)
+    result = np.zeros(bins["count"])
+    first = 2 * radius
     if offset:
         mu = (np.arange(1 << 16) + 0.5) / (1 << 15) - 1
         leg = np.sqrt(radius**2 - offset**2 * (1 - mu**2)) - offset * mu
         cells = math.ceil(2 * offset / step) + 1
         grid = radius - offset + step * (np.arange(cells + 1) - 0.5)
-        masses, first = np.histogram(leg, grid)[0] / leg.size, 2 * radius - offset
+        masses = np.histogram(leg, grid)[0] / leg.size
+        first = 2 * radius - offset
     for n in range(bounces + 1):
         # n cells of a step sum to a spread of n steps, whose centre is n/2 steps further
         grid = first + (np.arange(masses.size + 1) - 0.5 + 0.5 * n) * step
@@ -182,8 +187,10 @@ def lens_patch(
     evenly spread points of patch and lens have equal parts.
     """
     a, b, c, d = lattice()
-    r, phi = radius * np.sqrt(c), 2 * math.pi * d
-    x, y = center[0] + half * (2 * a - 1), center[1] + half * (2 * b - 1)
+    r = radius * np.sqrt(c)
+    phi = 2 * math.pi * d
+    x = center[0] + half * (2 * a - 1)
+    y = center[1] + half * (2 * b - 1)
     opl = np.sqrt((x - r * np.cos(phi)) ** 2 + (y - r * np.sin(phi)) ** 2 + center[2] ** 2)
     area = 4 * math.tan(math.radians(fov) / 2) ** 2
     return histogram(bins, opl, radiance * 4 * half**2 / (area * center[2] ** 2) / opl.size)
@@ -242,7 +249,8 @@ def around_corner(lit, seen, hidden, albedo: float, scale: float, wall_cosine: b
     scale albedo/pi int cos cos cos cos/(r1² r2²) dA; without `wall_cosine`, `lit` is a point light.
     """
     points, normal, area = hidden
-    r, cos = [], []
+    r = []
+    cos = []
     for end in (lit, seen):
         away = np.asarray(end, float) - points
         r.append(np.linalg.norm(away, axis=1))

@@ -28,7 +28,8 @@ def reference(path: Path) -> Case:
     described = json.loads(path.read_text(encoding="utf-8"))
     with np.load(path.with_suffix(".npz")) as file:
         mean, error = (file[key].astype(float) for key in ("mean", "standard_error"))
-    scene, pixels = described["scene"], mean[..., 0].size
+    scene = described["scene"]
+    pixels = mean[..., 0].size
     kinds = {each["material"]["kind"] for each in scene["shapes"].values()}
     in_time = np.tile(grouped(mean.sum(axis=(0, 1))), (1, pixels))
     return Case(

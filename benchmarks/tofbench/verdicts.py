@@ -22,17 +22,21 @@ PART = 0.05
 
 def grouped(expected: np.ndarray) -> np.ndarray:
     """Readings of one pixel's bins, as rows of weights: the sum, dark stretches, groups of PART."""
-    rows, row, held = [np.ones(expected.size)], np.zeros(expected.size), 0.0
+    rows = [np.ones(expected.size)]
+    row = np.zeros(expected.size)
+    held = 0.0
     total = expected.sum()
     for k, value in enumerate(expected):
         if k and (value == 0) != (expected[k - 1] == 0) and row.any():
             rows.append(row)
-            row, held = np.zeros(expected.size), 0.0
+            row = np.zeros(expected.size)
+            held = 0.0
         row[k] = 1
         held += value
         if held >= PART * total:
             rows.append(row)
-            row, held = np.zeros(expected.size), 0.0
+            row = np.zeros(expected.size)
+            held = 0.0
     return np.array([*rows, row] if row.any() else rows)
 
 
@@ -92,7 +96,9 @@ def judge(case, runs: np.ndarray, cpu_s: float, allowed: float) -> Verdict:
         cpu_s: Processor time of one run [s].
         allowed: The smallest p-value that passes, see `threshold`.
     """
-    form, expected, weights = case.bins["quantity"], case.expected, readings_of(case)
+    form = case.bins["quantity"]
+    expected = case.expected
+    weights = readings_of(case)
     flat = runs.mean(axis=(1, 2)) if expected.ndim == 1 and runs.ndim == 4 else runs
     if flat.shape[1:] != expected.shape:
         note = f"result of shape {runs.shape[1:]}, expected {(*case.pixels, expected.shape[-1])}"

@@ -48,7 +48,8 @@ def main() -> None:
     for case in json.loads((folder / "cases.json").read_text()):
         (folder / "now.txt").write_text(case["name"])
         try:
-            runs, seconds = [], 0.0
+            runs = []
+            seconds = 0.0
             for seed in range(case["runs"] + 1):  # The first one compiles
                 start = sum(os.times()[:4])  # Of programs that it starts, too
                 run = module.render(case["scene"], case["bins"], case["samples"], seed)

@@ -38,7 +38,8 @@ def change(scene: Dict, sensor: int, varied: Iterable[Varied], drawn: Mapping[st
 
 
 def _set_path(scene: Dict, varied: Varied, value: Any) -> None:
-    where, (*parents, last) = f"vary.{varied.name}.path", varied.part.split(".")
+    where = f"vary.{varied.name}.path"
+    *parents, last = varied.part.split(".")
     part: Any = scene
     for key in parents:
         part = _entry(where, varied.part, part, key)
@@ -215,7 +216,8 @@ def _like(where: str, varied: Varied, old: Any, value: Any) -> Any:
     if isinstance(old, dict) and old.get("type") == "rgb" and _is_numeric(value):
         return rgb(_like(where, varied, old["value"], value))
     if _is_numeric(old) and _is_numeric(value):
-        before, numbers = np.asarray(old, float), np.asarray(value, float)
+        before = np.asarray(old, float)
+        numbers = np.asarray(value, float)
         if numbers.ndim and numbers.shape != before.shape:
             raise ValueError(
                 f"{where} = {varied.part!r}: has {before.size} numbers, {numbers.size} are drawn"
@@ -267,7 +269,8 @@ def _middle(shape: Any) -> np.ndarray:
 def _transform_mesh(mesh: Any, matrix: np.ndarray) -> None:
     """Transform a ready-made mesh, which nobody else may hold."""
     parameters = mi.traverse(mesh)
-    linear, shift = matrix[:3, :3], matrix[:3, 3]
+    linear = matrix[:3, :3]
+    shift = matrix[:3, 3]
     set_rows(parameters, POSITIONS, rows(parameters, POSITIONS) @ linear.T + shift)
     normals = rows(parameters, NORMALS)
     if normals.size:

@@ -283,7 +283,8 @@ def parse_config(given: dict[str, Any], folder: Path) -> Config:
             raise ValueError(f"{name}: must be given")
     found = checked("", DEFAULTS | given, CONFIG)
     scene: Any = found["scene"]
-    varied, render = found.pop("vary"), found.pop("render")
+    varied = found.pop("vary")
+    render = found.pop("render")
     if not isinstance(scene, Mapping):
         scene = os.fspath(scene)
         scene = find_scene(str(folder / scene) if scene.lower().endswith(".xml") else scene)
@@ -298,7 +299,8 @@ def parse_config(given: dict[str, Any], folder: Path) -> Config:
         raise ValueError(
             "normalize_each_record has no effect without photons_per_cycle in the sensor; remove it"
         )
-    built_in, is_xml = isinstance(scene, str), isinstance(scene, Path)
+    built_in = isinstance(scene, str)
+    is_xml = isinstance(scene, Path)
     if found["arguments"] and not built_in:
         raise ValueError("arguments: must be left out, only built-in scenes have them")
     if found["parameters"] and not is_xml:
@@ -331,7 +333,8 @@ def _require_once(varied: Mapping[str, Varied], fixed: Mapping[str, Mapping[str,
     """Refuse a part of the scene that is varied twice, or is varied and has a fixed value."""
     owners: dict[tuple[str, str], str] = {}
     for name, each in varied.items():
-        part, where = (each.target, str(each.part)), f"vary.{name}.{each.target} = {each.part!r}"
+        part = (each.target, str(each.part))
+        where = f"vary.{name}.{each.target} = {each.part!r}"
         if each.part in fixed.get(each.target, ()):
             raise ValueError(f"{where}: is in [{each.target}s] too; must be in one of both")
         if each.target not in REPEATABLE and part in owners:

@@ -153,7 +153,8 @@ def _on_sphere(where: str, table: Table) -> Distribution:
     """A point on a sphere or on a cap of it, uniform by area; its radius is uniform, too."""
     center = checks.point(f"{where}.center", table.get("center", [0.0, 0.0, 0.0]))
     radius = _numbers(f"{where}.radius", table.get("radius"))
-    low, high = min(radius), max(radius)
+    low = min(radius)
+    high = max(radius)
     valid = low > 0 and list(radius) in ([high], [low, high])
     checks.require(f"{where}.radius", table.get("radius"), valid, "above 0, or [least, largest]")
     axis = checks.point(f"{where}.axis", table.get("axis", [0.0, 1.0, 0.0]))
@@ -168,7 +169,8 @@ def _on_sphere(where: str, table: Table) -> Distribution:
     def draw(source: Source) -> list[float]:
         r = low + (high - low) * source.number(2)
         cos = 1 - source.number(0) * (1 - math.cos(math.radians(angle)))
-        sin, phi = math.sqrt(max(0.0, 1 - cos * cos)), 2 * math.pi * source.number(1)
+        sin = math.sqrt(max(0.0, 1 - cos * cos))
+        phi = 2 * math.pi * source.number(1)
         local = sin * math.cos(phi), sin * math.sin(phi), cos
         return [
             c + r * (local[0] * u + local[1] * v + local[2] * w)

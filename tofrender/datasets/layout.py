@@ -21,7 +21,9 @@ from ..sensors import sense
 from .config import Config, Outputs
 from .scene import load, scene_of
 
-PIXELS, WALL, LASERS = ("y", "x"), ("wall_y", "wall_x"), ("laser_y", "laser_x")
+PIXELS = ("y", "x")
+WALL = ("wall_y", "wall_x")
+LASERS = ("laser_y", "laser_x")
 GEOMETRY = ("sensor_grid", "sensor_normals", "laser_grid", "laser_normals")
 ORIGINS = ("sensor_origin", "laser_origin")
 RADIANCE = "W m^-2 sr^-1"
@@ -103,10 +105,12 @@ def layout_of(config: Config, records: list[int]) -> DatasetLayout:
     scene = _first_scene(config, records)
     camera: Any = require_sensor(scene, config.sensor, "render.sensor")
     film = camera.film()
-    outputs, capture = config.outputs, config.outputs.capture
+    outputs = config.outputs
+    capture = config.outputs.capture
     width, height = (int(v) for v in film.crop_size())
     channels = 1 if mi.is_monochromatic else 3
-    window, opl = None, np.zeros(0)
+    window = None
+    opl = np.zeros(0)
     if outputs.rendered or outputs.noisy or capture or config.sense is not None:
         if time_bins(film) is None:
             raise ValueError(
@@ -130,7 +134,8 @@ def layout_of(config: Config, records: list[int]) -> DatasetLayout:
         "laser_y": np.arange(1 if single else height),
         "laser_x": np.arange(1 if single else width),
     }
-    arrays, axes = [], {}
+    arrays = []
+    axes = {}
     for name in _names(outputs, mode):
         kind = KINDS[name]
         its = kind.axes

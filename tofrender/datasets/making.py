@@ -172,7 +172,8 @@ def require_complete(
     only: Iterable[int] | None = None,
 ) -> xr.Dataset:
     """Load a finished data set, and refuse one of another config or of other files."""
-    found, plan = load_dataset(out), plan_dataset(config, only)
+    found = load_dataset(out)
+    plan = plan_dataset(config, only)
     wanted = {
         "config": json.dumps(plan.config.plain),
         "variant": mi.variant(),
@@ -300,7 +301,8 @@ def _time(seconds: float) -> str:
 
 
 def _attributes(plan: DatasetPlan, receipts: Mapping[int, RecordReceipt]) -> dict[str, Any]:
-    config, window = plan.config, plan.layout.window
+    config = plan.config
+    window = plan.layout.window
     found: dict[str, Any] = {
         "kind": KIND,
         "config": json.dumps(config.plain),

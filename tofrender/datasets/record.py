@@ -105,7 +105,8 @@ def _rendered(
         _require_window(layout, *bins[1:])
     seed = config.render_seed(record, attempt)
     spp = config.settings.get("spp") or camera.sampler().sample_count()
-    outputs, arrays = config.outputs, {}
+    outputs = config.outputs
+    arrays = {}
     about: dict[str, Any] = {
         "record": record,
         "attempt": attempt,

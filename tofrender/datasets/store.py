@@ -129,7 +129,8 @@ def _create_array(group: Any, array: Array, count: int) -> None:
     from zarr.codecs import Crc32cCodec
 
     shape = (1, *array.shape)
-    chunks, shards = list(shape), None
+    chunks = list(shape)
+    shards = None
     for position, axis in enumerate(array.axes, 1):
         if axis in TIME_AXES:
             bins = shape[position]

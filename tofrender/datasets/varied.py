@@ -30,9 +30,31 @@ REPEATABLE = ("turn", "move", "scale", "present")
 CAMERA = ("origin", "target", "fov")
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 RESERVED = (
-    *("record", "y", "x", "opl", "channel", "xyz", "frequency", "part", "transient", "steady"),
-    *("noisy", "phasor", "depth", "normals", "capture", "hidden_depth", "made_with", "attempt"),
-    *("energy_outside_window", "render_seed", "time", "wall_x", "wall_y", "laser_x", "laser_y"),
+    "record",
+    "y",
+    "x",
+    "opl",
+    "channel",
+    "xyz",
+    "frequency",
+    "part",
+    "transient",
+    "steady",
+    "noisy",
+    "phasor",
+    "depth",
+    "normals",
+    "capture",
+    "hidden_depth",
+    "made_with",
+    "attempt",
+    "energy_outside_window",
+    "render_seed",
+    "time",
+    "wall_x",
+    "wall_y",
+    "laser_x",
+    "laser_y",
 )
 """Names of arrays and axes that a quantity cannot have, nor any with `capture_` or `sensor_`."""
 
@@ -117,7 +139,8 @@ LENGTHS: dict[str, tuple[tuple[int, ...], str]] = {
 
 def _require_fit(where: str, varied: Varied, kind: str) -> None:
     """Refuse a distribution whose length, values or bounds do not suit its target."""
-    target, distribution = varied.target, varied.distribution
+    target = varied.target
+    distribution = varied.distribution
     lengths, allowed = LENGTHS.get(target, (None, ""))
     if target == "camera":
         checks.one_of(f"{where}.camera", varied.part, CAMERA)
@@ -139,7 +162,8 @@ def _require_fit(where: str, varied: Varied, kind: str) -> None:
     ranges = {"fov": (0.0, 180.0), "scale": (0.0, float("inf")), "reflectance": (0.0, 1.0)}
     least, most = ranges.get(str(quantity), (float("-inf"), float("inf")))
     if varied.times:
-        least, most = 0.0, float("inf")
+        least = 0.0
+        most = float("inf")
     strict = quantity in ("fov", "scale")
     below = low <= least if strict else low < least
     above = high >= most if quantity == "fov" else high > most

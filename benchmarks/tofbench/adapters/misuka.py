@@ -58,7 +58,8 @@ def _load(count: int, width: float, segments: int, ear: tuple, parts: tuple):
 def render(scene: dict, bins: dict, samples: int, seed: int) -> np.ndarray:
     import misuka
 
-    wall, lamp = scene["shapes"]["wall"], scene["shapes"]["lamp"]
+    wall = scene["shapes"]["wall"]
+    lamp = scene["shapes"]["lamp"]
     parts = ((wall["radius"], wall["material"]["albedo"]), (lamp["radius"], lamp["radiance"]))
     ear = tuple(scene["camera"]["origin"])
     loaded = _load(bins["count"], bins["width"], scene["segments"], ear, parts)

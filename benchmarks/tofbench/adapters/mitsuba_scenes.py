@@ -55,7 +55,8 @@ def material(described: dict) -> dict:
 
 
 def medium(described: dict) -> dict:
-    scattering, absorption = described["scattering"], described["absorption"]
+    scattering = described["scattering"]
+    absorption = described["absorption"]
     extinction = scattering + absorption
     phase: dict = {"type": described["phase"]}
     if phase["type"] == "hg":
@@ -86,7 +87,8 @@ def shape(described: dict, media: dict) -> dict:
         place = mi.ScalarTransform4f().translate(described["center"]).scale(described["half"])
         result |= {"type": "cube", "to_world": place}
     else:
-        u, v = np.array(described["u"], float), np.array(described["v"], float)
+        u = np.array(described["u"], float)
+        v = np.array(described["v"], float)
         normal = np.cross(u, v)
         matrix = np.eye(4)
         matrix[:3] = np.stack([u, v, normal / np.linalg.norm(normal), described["center"]], axis=1)
@@ -190,7 +192,8 @@ def derivative(scene: dict, bins: dict, loaded: Any, samples: int, seed: int) ->
     import mitsuba as mi
 
     name, kind, value = bins["by"]
-    parameters, θ = mi.traverse(loaded), mi.Float(value)
+    parameters = mi.traverse(loaded)
+    θ = mi.Float(value)
     dr.enable_grad(θ)
     if kind == "albedo":
         parameters[f"{name}.bsdf.reflectance.value"] = mi.Color3f(θ)

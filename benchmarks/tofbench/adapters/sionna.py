@@ -21,7 +21,8 @@ def version() -> str:
 
 
 def _wall(name: str, shape: dict) -> str:
-    u, v = np.array(shape["u"], float), np.array(shape["v"], float)
+    u = np.array(shape["u"], float)
+    v = np.array(shape["v"], float)
     normal = np.cross(u, v)
     matrix = np.eye(4)
     matrix[:3] = np.stack([u, v, normal / np.linalg.norm(normal), shape["center"]], axis=1)

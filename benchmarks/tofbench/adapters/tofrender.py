@@ -40,7 +40,8 @@ def _locate(scene: dict, bins: dict) -> np.ndarray:
     """The brightest voxel's centre by backprojection."""
     import tofrender
 
-    opl, grid = np.array(scene["opl"]), np.array(scene["grid"])
+    opl = np.array(scene["opl"])
+    grid = np.array(scene["grid"])
     film = np.zeros((*opl.shape, bins["count"]))
     k = ((opl - bins["start"]) / bins["width"]).astype(int)
     np.put_along_axis(film, k[..., None], np.array(scene["light"])[..., None], axis=-1)

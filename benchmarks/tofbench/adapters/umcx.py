@@ -14,7 +14,9 @@ import numpy as np
 
 INSTALL = "build umcx from source (make -C src omp) and name the program in UMCX"
 ABILITIES = frozenset({"bins", "half-space"})
-MM, SIDE, LIGHT_M_S = 5.0, 100, 299_792_458.0
+MM = 5.0
+SIDE = 100
+LIGHT_M_S = 299_792_458.0
 """Voxels of a millimetre per metre of the scene, voxels of an edge, speed of light."""
 SIZES = {"i": "<i1", "U": "<u1", "I": "<i2", "u": "<u2", "l": "<i4", "m": "<u4"}
 
@@ -34,7 +36,8 @@ def version() -> str:
 def _photons(data: bytes) -> np.ndarray:
     """Detected photons, (photons, columns), of BJData's packed array `[$d#[#i 2 rows columns`."""
     at = data.index(b"PhotonRawData[$d#[") + len(b"PhotonRawData[$d#[")
-    shape, at = [], at + 3  # Behind "#i" and the number of axes
+    shape = []
+    at += 3  # Skip "#i" and the number of axes
     for _ in range(2):
         kind = np.dtype(SIZES[chr(data[at])])
         shape.append(int(np.frombuffer(data, kind, 1, at + 1)[0]))
