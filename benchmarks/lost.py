@@ -150,7 +150,7 @@ def table(results: dict[str, Any]) -> str:
         for name in ("usual film in memory", "large film on disk", "large film in memory")
     )
     saved = found["saving"]
-    every_s = max(INTERVAL_S, saved["save_s"] / COST)  # The same rule as in `Checkpoint`
+    every_s = max(INTERVAL_S, saved["save_s"] / COST)  # This is the rule of `Checkpoint`
     rows = [
         ["quantity", "target", "measured"],
         [

@@ -260,7 +260,7 @@ def half_space(albedo: float, mu: float) -> float:
 
 
 def nodes(center, u, v, count: int = 300) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the centers of equal cells of a rectangle, the normal u x v, and the area of a cell."""
+    """Return centers of equal cells of a rectangle, the normal u x v, and the area of a cell."""
     s = (2 * np.arange(count) + 1) / count - 1
     s, t = (a.ravel() for a in np.meshgrid(s, s))
     points = np.asarray(center) + np.outer(s, u) + np.outer(t, v)

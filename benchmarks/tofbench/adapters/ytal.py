@@ -18,15 +18,17 @@ def version() -> str:
 
 
 def render(scene: dict, bins: dict, samples: int, seed: int) -> np.ndarray:
-    """The brightest voxel's centre by `tal.reconstruct.bp`."""
+    """Return the center of the brightest voxel of `tal.reconstruct.bp`."""
     import tal
     from tal.enums import GridFormat, HFormat, VolumeFormat
 
+    # Transpose to axes x, y
     count = bins["count"]
     grid = np.array(scene["grid"])
-    # Axes x, y
     opl = np.array(scene["opl"]).T
     light = np.array(scene["light"]).T
+
+    # Make a capture
     data = tal.io.capture_data.NLOSCaptureData()
     data.H = np.zeros((count, *opl.shape), np.float32)  # Time first
     k = ((opl - bins["start"]) / bins["width"]).astype(int)
@@ -42,6 +44,8 @@ def render(scene: dict, bins: dict, samples: int, seed: int) -> np.ndarray:
     data.delta_t = bins["width"]
     data.t_start = bins["start"]
     data.t_accounts_first_and_last_bounces = False
+
+    # Reconstruct
     axes = [np.linspace(low, high, int(n)) for low, high, n in scene["volume"]]
     volume = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     found = tal.reconstruct.bp.solve(
